@@ -50,7 +50,7 @@ def remus(
     part = shown.take(test)
     answer = method.answer(made.learnt, part)
     assert answer.run is not None
-    bill = price(answer.run(), len(part), ["loihi"]).bills["loihi"]
+    bill = price(answer.run(), len(part), ["loihi"], duration_s=answer.duration_s).bills["loihi"]
     right = float((choose(answer.scores) == part.labels).mean())
     joules = {"loihi_uJ": 1e6 * bill.total_j, "loihi_real_time_mJ": 1e3 * bill.real_time.total_j}
     return {"accuracy": right, **joules, "recordings": len(part)}

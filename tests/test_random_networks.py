@@ -1,4 +1,9 @@
-"""Random small networks: the event backend equals the reference, spike for spike."""
+"""Random small networks: the event backend equals the reference, spike for spike.
+
+`NEURO_QUIET_NETWORKS` says how many networks with long silences there are.
+"""
+
+import os
 
 import numpy as np
 from hypothesis import HealthCheck, given, settings, strategies as st
@@ -8,7 +13,7 @@ from neuro.model.network import Network
 from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
-from neuro.testing.strategies import networks
+from neuro.testing.strategies import SILENCE, networks, quiet_networks
 
 STEPS = 100
 SETTINGS = settings(
@@ -36,6 +41,20 @@ def steered(sim: Simulation, cuts: list[int]) -> dict[str, np.ndarray]:
 def test_event_equals_reference(net: Network, seed: int, cuts: list[int]):
     expected, found = (neuro.compile(net, backend, seed=seed) for backend in ("reference", "event"))
     assert differences(steered(expected, []), steered(found, cuts), exact=False) == []
+
+
+@settings(SETTINGS, max_examples=int(os.environ.get("NEURO_QUIET_NETWORKS", "20")))
+@given(net=quiet_networks(), seed=st.integers(0, 5), cuts=st.lists(st.integers(1, SILENCE), max_size=3))
+def test_long_silences_change_nothing(net: Network, seed: int, cuts: list[int]):
+    found = []
+    for backend, stops in (("reference", []), ("event", cuts)):
+        sim = neuro.compile(net, backend, seed=seed)
+        done = 0
+        for stop in sorted({*stops, SILENCE + 40}):
+            run_on(sim, (stop - done) * net.resolution)
+            done = stop
+        found.append(observe(sim))
+    assert differences(*found, exact=False) == []
 
 
 def test_a_generator_of_many_rates_has_no_table_of_probabilities():

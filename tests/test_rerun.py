@@ -1,22 +1,30 @@
 """Files say where they come from, and are made again to the bit; what changed is told."""
 
+import html
 import json
 import os
 import shutil
+import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
+import typer
 
 import neuro
+from neuro.cli.commands import app
+from neuro.cli.recorded import ALLOWED, command_of
 from neuro.cli.start import shipped
 from neuro.core import provenance as provenances
 from neuro.core.hdf5 import seal
 from neuro.core.inputs import digest_of, gathering, record_input
 from neuro.core.provenance import ATTRIBUTE, differences, provenance
 from neuro.rerun.again import first_difference
+from neuro.rerun.new_folder import copy_input
+from neuro.sweeps.folder import SWEEP, Folder
 
 NET = """\
 neuro: 1
@@ -327,3 +335,149 @@ def test_what_is_refused_does_not_steer(call):
     assert sim.get("cells", "V_m")[0] == -70.0
     sim.set("cells", V_m=-60.0)
     assert list(sim.steered) == ["set"]
+
+
+def page_of(folder, command, *inputs):
+    """A page that says it was made by a command."""
+    told = {"command": command, "folder": str(folder), "inputs": {str(folder / name): "x" for name in inputs}}
+    (folder / "p.html").write_text(f'<meta name="{ATTRIBUTE}" content="{html.escape(json.dumps(told))}">')
+
+
+EVIL = [
+    ("neuro check net.yaml --with=evil.py", "asks for 'neuro check net.yaml', which no file may ask for"),
+    ("neuro report a.h5 --with=evil.py", "it was made with evil.py"),
+    ("neuro report --with evil.py -- a.h5", "it was made with evil.py"),
+    ("neuro report a.h5 --wit=evil.py", "unknown option '--wit'"),
+    ("neuro convert s.py out.yaml --run-script", "asks for 'neuro convert s.py', which no file may ask for"),
+    ("neuro agent train evil:Env --steps 1", "it was made with evil.py"),
+    ("neuro events view tcp://127.0.0.1:9", "asks for the address tcp://127.0.0.1:9, which no file may ask for"),
+    ("neuro report a.h5 --help", "asks for --help of 'neuro report', which no file may ask for"),
+    ("neuro report a.h5 b.h5", "asks for 'b.h5' of 'neuro report', which no file may ask for"),
+]
+
+
+@pytest.mark.parametrize(("command", "told"), EVIL)
+def test_a_record_asks_for_nothing_that_is_not_on_the_list(folder, run, capsys, command, told):
+    (folder / "evil.py").write_text("open('CODE_RAN', 'w')")
+    page_of(folder, command, "evil.py", "net.yaml")
+    run("rerun", "p.html", status=2)
+    assert told in capsys.readouterr().err
+    assert not (folder / "CODE_RAN").exists()
+
+
+def test_the_list_has_parameters_of_commands_that_are_there():
+    commands = typer.main.get_command(app)
+    for name, allowed in ALLOWED.items():
+        options = {each.name: each for each in command_of(commands, name.split()).params}
+        assert set(allowed.split()) <= options.keys(), name
+        assert not {"run_script", "page", "on", "host"} & set(allowed.split())
+
+
+def test_a_path_that_leads_out_leads_into_the_new_folder(folder, run, again):
+    """Also where it is absolute, or passes through a link in an input folder, and no input is written."""
+    run("run", "net.yaml", "--for", 20, "--out", "a.h5")
+    run("report", "a.h5")
+    (folder / "elsewhere").mkdir()
+    page, out = (folder / "a.html").read_bytes(), folder / "elsewhere" / "a.html"
+    for path in (out, "../" * 40 + str(out)[1:], "elsewhere/a.html"):
+        out.write_bytes(page)
+        before = out.stat()
+        page_of(folder, f"neuro report a.h5 --out {path}", "a.h5", "elsewhere")
+        again("p.html", status=1)
+        assert (out.stat().st_ino, out.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
+
+
+def test_a_link_out_of_an_input_folder_is_refused(folder, run, capsys):
+    (folder / "data").mkdir()
+    (folder / "data" / "in").symlink_to("/etc")
+    page_of(folder, "neuro report a.h5", "data")
+    run("rerun", "p.html", status=2)
+    assert f"{folder}/data/in: a link that leads out of {folder}/data: expected files" in capsys.readouterr().err
+
+
+def test_more_than_the_disk_holds_is_not_copied(folder, run, capsys, monkeypatch):
+    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=10))
+    page_of(folder, "neuro report a.h5", "net.yaml")
+    run("rerun", "p.html", status=2)
+    assert f"{folder}/net.yaml: has {(folder / 'net.yaml').stat().st_size:,} bytes to copy" in capsys.readouterr().err
+
+
+def test_python_files_and_settings_are_not_copied(folder):
+    for name in ("evil.py", "evil.so", "evil.pyc", "matplotlibrc", ".numba_config.yaml", "w2.npy"):
+        (folder / name).touch()
+    copies = [*copy_input(folder, folder.parent / "copies")]
+    assert sorted(path.name for path in copies) == ["net.yaml", "w.npy", "w2.npy"]
+
+
+def test_a_function_of_a_sweep_is_that_of_a_file_that_the_user_names(folder, run, capsys, registries):
+    (folder / "my_study.py").write_text("import os\ndef f(command):\n    return len(command)\n")
+    sys.path.insert(0, str(folder))
+    from my_study import f
+
+    neuro.sweep(f, {"command": ["touch CODE_RAN"]}, out=folder / "runs", on="here", progress=False)
+    runs = Folder(folder / "runs", SWEEP)
+    key = runs.read()["runs"][0][0]
+    run("rerun", f"runs/runs/{key}", status=2)
+    assert (
+        "it was made with my_study.py\n  hint: say so, if you trust it: --with my_study.py" in capsys.readouterr().err
+    )
+    run("rerun", f"runs/runs/{key}", "--with", "my_study.py")
+    for name, module in (("system", "posix"), ("os.system", "my_study"), ("os.path.exists", "my_study")):
+        content = {word: value for word, value in runs.read().items() if word not in ("format", "digest")}
+        content["what"] |= {"name": name, "module": module}
+        runs.write(content)
+        run("rerun", f"runs/runs/{key}", "--with", "my_study.py", status=2)
+        assert ("it was made with posix.py", "my_study.py: defines no function")[module == "my_study"] in (
+            capsys.readouterr().err
+        )
+    assert not (folder / "CODE_RAN").exists()
+
+
+def test_a_sweep_goes_on_by_the_definition_of_the_user(folder, run):
+    """Worker processes read the folder, in which somebody else may have written another function."""
+    (folder / "sweep.yaml").write_text("network: net.yaml\nfor: 20 ms\nseeds: 1\nbackend: reference\n")
+    run("sweep", "run", "sweep.yaml", "--on", "here")
+    runs = Folder(folder / "runs", SWEEP)
+    content = {word: value for word, value in runs.read().items() if word not in ("format", "digest")}
+    what = content["what"]
+    content["what"] = {"kind": "function", "name": "system", "module": "posix", "file": "", "set": {}, "paths": []}
+    runs.write(content | {"with": {"evil.py": "x"}})
+    run("sweep", "run", "sweep.yaml", "--on", "here")
+    assert (runs.read()["what"], runs.read()["with"]) == (what, {})
+
+
+def test_a_sweep_writes_through_no_link(folder, run, capsys):
+    (folder / "sweep.yaml").write_text("network: net.yaml\nfor: 20 ms\nseeds: 1\nbackend: reference\n")
+    (folder / "runs").mkdir()
+    (folder / "away").mkdir()
+    (folder / "runs" / "runs").symlink_to(folder / "away")
+    run("sweep", "run", "sweep.yaml", "--on", "here", status=2)
+    assert "runs/runs: is a link: expected a folder that holds its own runs" in capsys.readouterr().err
+
+
+def test_a_message_steers_no_terminal(folder, run, capsys):
+    page_of(folder, "python \x1b]0;owned\x07")
+    run("rerun", "p.html", status=2)
+    told = capsys.readouterr().err
+    assert "\\x1b]0;owned\\x07" in told
+    assert "\x1b" not in told
+
+
+def test_no_stream_is_opened_while_a_file_is_made_again(folder, run, capsys, monkeypatch):
+    """Also where the network of a record listens."""
+    streamed = '{stream: "udp://127.0.0.1:0", format: spif, sensor: [9, 7], first_within: 10 ms}'
+    (folder / "streamed.yaml").write_text(PLAYS.replace("{file: walk.dat}", streamed))
+    page_of(folder, "neuro compare streamed.yaml --backends reference,event --html p.html", "streamed.yaml")
+    run("rerun", "p.html", status=2)
+    assert "udp://127.0.0.1:0: is not opened while a file is made again" in capsys.readouterr().err
+
+
+def test_results_copy_no_file_out_of_the_new_folder(folder, played, run, capsys):
+    (folder / "source.dat").write_bytes(b"mine")
+    with h5py.File("a.h5", "r+") as opened:
+        text = bytes(opened["network"][()]).decode()
+        del opened["network"]
+        opened["network"] = text.replace("walk.dat", "../../stolen.dat")
+    record("a.h5", inputs={f"{folder}/source.dat/../../stolen.dat": "x"})
+    run("rerun", "a.h5", status=2)
+    assert "expected a file beside the network" in capsys.readouterr().err

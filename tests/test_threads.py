@@ -123,7 +123,7 @@ class Timed(threads.Threads):
         """How long what takes so many seconds on one thread takes, in units of that."""
         began, steps = self.now, round(alone_s / self.slice_s / pieces)
         for _ in range(pieces):
-            self.run(0, 1, 1 + steps, 1, 1, 0.1)
+            self.run(0, 1, 1 + steps, 1, 1, 0.1, np.zeros(1, np.int64))
         return (self.now - began) * self.held / (steps * pieces * self.slice_s)
 
 

@@ -188,6 +188,8 @@ def _environment(file: Path, chosen: str | None) -> str:
     from neuro_agent import worlds
 
     name = chosen or worlds.remembered(file)
+    if chosen is None:
+        worlds.check_remembered(file, name)
     if not name:
         raise ModelError(f"{file}: does not say in which environment it was trained: expected ENV behind the file")
     return name

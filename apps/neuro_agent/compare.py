@@ -248,9 +248,9 @@ def _baseline(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
     import torch
 
     torch.set_num_threads(1)
-    space, start = env.action_space, _starts(env.action_space)
-    if start.any():  # stable-baselines3 acts from 0 on
-        zeros = spaces.Discrete(int(space.n)) if isinstance(space, spaces.Discrete) else spaces.MultiDiscrete(space.nvec)
+    space: Any = env.action_space
+    if _starts(space).any():  # stable-baselines3 acts from 0 on
+        zeros = spaces.Discrete(space.n) if isinstance(space, spaces.Discrete) else spaces.MultiDiscrete(space.nvec)
         env = gymnasium.wrappers.TransformAction(env, lambda action: action + space.start, zeros)
     policy = "MultiInputPolicy" if isinstance(env.observation_space, spaces.Dict) else "MlpPolicy"
     try:

@@ -20,10 +20,10 @@ import gymnasium
 from gymnasium.vector import SyncVectorEnv, VectorEnv
 
 from neuro import ModelError
-from neuro.apps import hdf5, install, output, record_input, unknown
+from neuro.apps import extensions, hdf5, install, output, record_input, unknown
 from neuro_agent.files import FORMAT
 
-__all__ = ["bar_of", "make", "make_many", "remember", "remembered", "why"]
+__all__ = ["bar_of", "check_remembered", "make", "make_many", "remember", "remembered", "why"]
 
 for _name, _value in (("PYGAME_HIDE_SUPPORT_PROMPT", "1"), ("SDL_VIDEODRIVER", "dummy"), ("SDL_AUDIODRIVER", "dummy")):
     os.environ.setdefault(_name, _value)  # pygame greets on standard output, and looks for a screen that nobody needs
@@ -94,7 +94,7 @@ def _find(name: str) -> Any:
 
 def _imported(module: str, name: str) -> Any:
     here = str(Path.cwd())
-    if here not in sys.path:
+    if here not in sys.path and module != MINIGRID:
         sys.path.append(here)  # the user's own files are found, and hide nothing
     try:
         found = importlib.import_module(module)
@@ -169,3 +169,15 @@ def remembered(path: Path) -> str:
     """
     with hdf5.reading(path, FORMAT) as file:
         return str(json.loads(file.attrs[ATTRIBUTE])) if ATTRIBUTE in file.attrs else ""
+
+
+def check_remembered(path: Path, name: str) -> None:
+    """Refuse the module that an agent's file names, as anybody may have written it, unless the user names it as well.
+
+    Raises:
+        ModelError: the module is not that of a file given by `--with`.
+    """
+    module = name.rpartition(":")[0]
+    if module and module not in {Path(file).stem for file in extensions()}:
+        message = f"{path}: was trained in '{name}', which runs the module {module}"
+        raise ModelError(message, hint=f"say so, if you trust it: {name} behind the file, or --with {module}.py")

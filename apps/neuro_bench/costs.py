@@ -20,7 +20,7 @@ network has none.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +54,7 @@ class Costs:
         joules: of one example, by what it is computed on.
         joules_of_spikes: the part of these that grows with the spikes.
         refused: why a chip cannot run it, by the chip; it is in no bill.
+        unpriced: names of the costs that are missing from `joules`, as no figure is published, by what has some.
     """
 
     parameters: int | None
@@ -66,6 +67,7 @@ class Costs:
     joules: Mapping[str, float] = field(default_factory=dict)
     joules_of_spikes: Mapping[str, float] = field(default_factory=dict)
     refused: Mapping[str, str] = field(default_factory=dict)
+    unpriced: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def as_words(self) -> dict[str, Any]:
         """All of it as plain data."""
@@ -116,10 +118,10 @@ def spiking_costs(
 
 
 def on_chips(sim: neuro.Simulation, taken: Any, examples: int, clock: bool = True) -> dict[str, Any]:
-    """The words `joules`, `joules_of_spikes` and `refused` of a spiking network; see `spiking_costs`."""
+    """The words `joules`, `joules_of_spikes`, `refused` and `unpriced` of a spiking network; see `spiking_costs`."""
     from neuro.chips import chip, place, quantise
 
-    joules, moved, refused = {}, {}, {}
+    joules, moved, refused, unpriced = {}, {}, {}, {}
     for target, title in CHIPS.items():
         problems = (*quantise(sim.program, chip(target)).problems, *place(sim.program, chip(target)).problems)
         if why := [f"{each.what}: {each.why}" for each in problems if each.refused]:
@@ -128,8 +130,10 @@ def on_chips(sim: neuro.Simulation, taken: Any, examples: int, clock: bool = Tru
         bill = sim.energy(target, of=taken).per(examples, "example")
         for name, one in (("as fast as it can", bill), ("in real time", bill.real_time))[: 2 if clock else 1]:
             joules[f"{title}, {name}"] = one.total_j
+            if one.missing:
+                unpriced[f"{title}, {name}"] = list(one.missing)
             moved[f"{title}, {name}"] = sum(value for what, value in one.by_cost().items() if what in BY_SPIKES)
-    return {"joules": joules, "joules_of_spikes": moved, "refused": refused}
+    return {"joules": joules, "joules_of_spikes": moved, "refused": refused, "unpriced": unpriced}
 
 
 def break_even(joules: float, of_spikes: float, opponent: float) -> float:

@@ -190,6 +190,7 @@ class _Coded:
             dense=costs.dense + members * cells + self._weights.size,
             joules={named(k): v + sums for k, v in costs.joules.items()},
             joules_of_spikes={named(k): v + sums for k, v in costs.joules_of_spikes.items()},
+            unpriced={named(k): v for k, v in costs.unpriced.items()},
         )
         return made
 

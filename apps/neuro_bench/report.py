@@ -122,13 +122,16 @@ def show(results: Sequence[Mapping[str, Any]]) -> None:
         console().print(line, soft_wrap=True)
     machines = list(dict.fromkeys(name for one in ordered for name in one["costs"]["joules"]))
     if machines:
-        bills = [
-            [one["method"]["name"], *(_uj(one["costs"]["joules"].get(each)) for each in machines)] for one in ordered
-        ]
+        bills = [[one["method"]["name"], *(_uj(one["costs"], each) for each in machines)] for one in ordered]
         console().print(table(("method", *(f">{each}" for each in machines)), bills, title="uJ of an example"))
     for one in ordered:
-        for chip, why in one["costs"].get("refused", {}).items():
-            console().print(f"{one['method']['name']}: {chip} refuses it: {why}", soft_wrap=True)
+        name, costs = one["method"]["name"], one["costs"]
+        for machine, missing in costs.get("unpriced", {}).items():
+            console().print(
+                f"{name}: {machine}: > without {', '.join(missing)}: no figure is published", soft_wrap=True
+            )
+        for chip, why in costs.get("refused", {}).items():
+            console().print(f"{name}: {chip} refuses it: {why}", soft_wrap=True)
 
 
 def sensitivity(results: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -162,8 +165,10 @@ def row(result: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _uj(joules: float | None) -> str:
-    return "-" if joules is None else f"{1e6 * joules:.3g}"
+def _uj(costs: Mapping[str, Any], machine: str) -> str:
+    """Microjoules of an example on a machine, behind ">" where a cost has no published figure."""
+    joules = costs["joules"].get(machine)
+    return "-" if joules is None else "> " * (machine in costs.get("unpriced", {})) + f"{1e6 * joules:.3g}"
 
 
 def _finite(value: Any) -> Any:

@@ -304,7 +304,7 @@ def _bills(answer: Answer, recordings: int, targets: Iterable[str]) -> dict[str,
     run = answer.run()
     for target in targets:
         try:
-            priced = price(run, recordings, [target], answer.neurons_per_core)
+            priced = price(run, recordings, [target], answer.neurons_per_core, answer.duration_s)
             bills |= {name: bill.as_dict() for name, bill in priced.bills.items()}
             bills |= {name: {"refused": why} for name, why in priced.refused.items()}
         except ModelError as error:
@@ -313,9 +313,9 @@ def _bills(answer: Answer, recordings: int, targets: Iterable[str]) -> dict[str,
 
 
 def _priced(kept: Mapping[str, Any], targets: Iterable[str]) -> bool:
-    """Whether a result has a bill for each target at both clocks, if it has any."""
+    """Return whether a result has a bill for each target, if it has any, and not one of an earlier form."""
     bills = kept["bills"]
-    return bills is None or all({"real_time", "refused"} & set(bills.get(target, ())) for target in targets)
+    return bills is None or all({"missing", "refused"} & set(bills.get(target, ())) for target in targets)
 
 
 def _observing_ms(method: Method, data: Recordings) -> float:

@@ -30,7 +30,13 @@ class Priced:
     refused: Mapping[str, str]
 
 
-def price(run: Run, recordings: int, targets: Iterable[str], neurons_per_core: int | None = None) -> Priced:
+def price(
+    run: Run,
+    recordings: int,
+    targets: Iterable[str],
+    neurons_per_core: int | None = None,
+    duration_s: float | None = None,
+) -> Priced:
     """The bill of a recording on each target.
 
     Args:
@@ -38,6 +44,7 @@ def price(run: Run, recordings: int, targets: Iterable[str], neurons_per_core: i
         recordings: how many were shown.
         targets: chips, processors or table files, see `neuro.Simulation.energy`.
         neurons_per_core: of a chip, see `Answer`.
+        duration_s: of all recordings, see `Answer`.
 
     Raises:
         ModelError: there is no such target, or it has no published costs.
@@ -45,21 +52,22 @@ def price(run: Run, recordings: int, targets: Iterable[str], neurons_per_core: i
     sim = run[0]
     reasons = {name: refusal(sim, name) for name in targets}
     bills = {
-        name: _bill(run, name, neurons_per_core).per(recordings, "recording")
+        name: _bill(run, name, neurons_per_core, duration_s).per(recordings, "recording")
         for name, why in reasons.items()
         if not why
     }
     return Priced(run, recordings, bills, {name: why for name, why in reasons.items() if why})
 
 
-def _bill(run: Run, target: str, neurons_per_core: int | None) -> Energy:
+def _bill(run: Run, target: str, neurons_per_core: int | None, duration_s: float | None) -> Energy:
     """What a run takes; on a chip with so many neurons on a core."""
     from neuro.chips import chip, place, price as of_counts
 
     (sim, taken), asked = run, chip(target)
     if neurons_per_core is None or asked.mesh is None or not asked.costs:
-        return sim.energy(target, of=taken)
-    return of_counts(sim.program, taken.raw_counts, place(sim.program, asked, neurons_per_core=neurons_per_core), asked)
+        return sim.energy(target, of=taken, duration_s=duration_s)
+    placement = place(sim.program, asked, neurons_per_core=neurons_per_core)
+    return of_counts(sim.program, taken.raw_counts, placement, asked, duration_s=duration_s)
 
 
 def refusal(sim: neuro.Simulation, target: str) -> str:

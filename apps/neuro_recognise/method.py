@@ -103,12 +103,15 @@ class Answer:
         run: gives the run of the network on the same recordings, for bills; None without a network. A method that
             answers by less than its whole network runs that only when asked.
         neurons_per_core: of a chip, for bills, fewer than it allows; None for as many.
+        duration_s: how long the recordings last together, s, for bills in real time, where the network runs in a time
+            of its own, e.g. so many steps a frame; None where a step of the network is as long as on the recording.
     """
 
     scores: Floats
     votes: Mapping[str, Floats] = field(default_factory=dict)
     run: Callable[[], Run] | None = None
     neurons_per_core: int | None = None
+    duration_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,6 +200,12 @@ class Method(Settings):
     def place(cls) -> str:
         """``method`` and its name."""
         return f"method '{cls.called()}'"
+
+    def way_out_of_silence(self) -> str:
+        """Return what to change where recordings get no decision, with the settings that are thresholds."""
+        thresholds = [f"--set {row.name}={row.value:g}" for row in self.rows() if "threshold" in row.doc]
+        lower = f"expected lower values than {', '.join(thresholds)}, or " if thresholds else "expected "
+        return f"{lower}recordings with more events"
 
     def preset(self, name: str) -> Self:
         """These settings with those of a preset.

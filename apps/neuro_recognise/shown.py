@@ -87,6 +87,12 @@ class Features:
         values = np.concatenate(parts) if parts else np.empty(0)
         return Ragged(values, np.concatenate(([0], np.cumsum(lengths, dtype=np.int64))).astype(np.int64))
 
+    def duration_s(self) -> float | None:
+        """Return how long the recordings last together, s, by their ``lasts`` in us; None where one has none."""
+        if not all("lasts" in one for one in self.evidence):
+            return None
+        return float(self.column("lasts").values.sum()) * 1e-6
+
     def stacked(self, name: str) -> Array:
         """One array of all recordings that is equally large for all, (recordings, ...), in memory."""
         return np.stack([one[name] for one in self.evidence])

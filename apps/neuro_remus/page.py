@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from neuro.apps import html, quantity, sealed, write_text
+from neuro.apps import html, sealed, write_text
 from neuro.chips import COLUMNS, footnotes
 from neuro_recognise.evaluate import Priced
 from neuro_recognise.recogniser import Recogniser
@@ -73,6 +73,6 @@ def _cards(found: Mapping[str, tuple[Tried, Priced]]) -> Iterator[Any]:
         yield html.card(f"right, {name}", f"{tried.own.accuracy:.1%}", f"95 % interval {low:.1%} to {high:.1%}")
         if CHIP in priced.bills:
             bill = priced.bills[CHIP]
-            slow = quantity(bill.real_time.total_j, "J", 3)
+            slow = bill.real_time.total(3)
             below = f"a recording on {CHIP}, as fast as the chip can; {slow} in real time"
-            yield html.card(f"energy, {name}", quantity(bill.total_j, "J", 3), below)
+            yield html.card(f"energy, {name}", bill.total(3), below)

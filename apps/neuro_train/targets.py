@@ -90,4 +90,4 @@ def r_squared(said: Array, wanted: Array) -> float:
 
 def r_squared_text(value: float) -> str:
     """Return R2 with three digits, or why there is none."""
-    return "no R2, as the targets are constant" if np.isnan(value) else f"R2 {value:.3f}"
+    return "no R2 (constant targets)" if np.isnan(value) else f"R2 {value:.3f}"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.apps import console, html, quantity, sealed, table, warn_of_overflows, wilson, write_text
+from neuro.apps import console, html, sealed, table, warn_of_overflows, wilson, write_text
 from neuro.chips import COLUMNS, footnotes
 from neuro_train.room import MARGIN, MemoryRoom, told
 from neuro_train.tested import TestedNetwork, summed
@@ -187,9 +187,9 @@ def _cards(trained: Trained, tried: Sequence[TestedNetwork], share: str) -> Iter
         yield html.card(share, f"{trained.curves['right'][-1]:.1%}", "on the recordings that it learnt from")
     for one in tried:
         if one.bill:
-            slow = quantity(one.bill.real_time.total_j, "J", 3)
+            slow = one.bill.real_time.total(3)
             below = f"a recording, as fast as the chip can; {slow} in real time; {one.grade}"
-            yield html.card(f"energy on {one.backend}", quantity(one.bill.total_j, "J", 3), below)
+            yield html.card(f"energy on {one.backend}", one.bill.total(3), below)
 
 
 def _own(room: MemoryRoom) -> str:

@@ -296,8 +296,8 @@ class _Training:
         if self._has_fired or self._has_warned:
             return
         self._has_warned = True
-        output, epochs = self._plan.output, f"epoch{'s' * (self.done > 1)} 1{f' to {self.done}' * (self.done > 1)}"
-        message = f"population '{output}': no neuron fired in {epochs}, so the network learns nothing"
+        output = self._plan.output
+        message = f"population '{output}': no neuron fired in epoch {self.done}, so the network learns nothing"
         if reason := why_silent(self._module.network(), self._shown, self._plan):
             message += f": {reason}"
         warnings.warn(message, neuro.ModelWarning, stacklevel=3)

@@ -51,7 +51,7 @@ class NestRecord:
             for name in ("steps", "ids", "multiplicity")
         )
         begin = int(np.searchsorted(steps, step, side="right"))
-        return Spikes(steps[begin:], ids[begin:], multiplicity[begin:].astype(np.int32))
+        return Spikes(steps[begin:], ids[begin:], multiplicity[begin:].astype(np.int64))
 
     def forget(self, before: int) -> None:
         """Drop spikes up to a step."""

@@ -15,6 +15,7 @@ from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.backend import Sent, Spikes
 from neuro.program.drives import filtered_current
 from neuro.program.program import Floats, Ints, Program
+from neuro.program.spikes import too_many
 from neuro_reference.decisions import LocalWinners
 from neuro_reference.moves import MoveLearning
 from neuro_reference.pairs import PairLearning
@@ -221,6 +222,8 @@ class ReferenceNetwork:
             self.ids[index] = ((reached > 0) & ~self.silenced[index]).nonzero()[0]
             cells.fire(self.ids[index])
             sent = x[0] if cells.part.model.relay else cells.payloads() if cells.part.model.graded else reached
+            if cells.part.model.relay and np.any(x[0] + self.records[index].spikes >= 2.0**63):
+                raise too_many(cells.part)
             self.multiplicity[index] = sent[self.ids[index]].astype(np.int64)
             return
         numbers = cells.generate(step)
@@ -284,7 +287,7 @@ class SpikeRecord:
         return Spikes(
             np.array(self.steps[first:], dtype=np.int64),
             np.array(self.ids[first:], dtype=np.int64),
-            np.array(self.multiplicity[first:], dtype=np.int32),
+            np.array(self.multiplicity[first:], dtype=np.int64),
         )
 
     def forget(self, before: int) -> None:

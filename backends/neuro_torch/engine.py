@@ -65,7 +65,7 @@ class TensorRecord:
         none = np.zeros(0, dtype=np.int64)
         columns = (np.concatenate([none, *column[first:]]) for column in (self.steps, self.ids, self.multiplicity))
         steps, ids, multiplicity = columns
-        return Spikes(steps, ids, multiplicity.astype(np.int32))
+        return Spikes(steps, ids, multiplicity.astype(np.int64))
 
     def forget(self, before: int) -> None:
         """Drop spikes up to a step."""

@@ -37,7 +37,9 @@ def telling() -> Iterator[None]:
         if message is None:
             raise
         if message and speaks():
-            typer.echo(f"error: {message}", err=True)
+            from neuro.core.values import printable
+
+            typer.echo(f"error: {printable(message)}", err=True)
         sys.exit(2)
 
 
@@ -58,7 +60,9 @@ def _of_output(error: Exception) -> str | None:
 def _tell(message: Warning | str, category: type[Warning], filename: str, *more: object, **named: object) -> None:
     """Print a warning for the user, without the place in our sources that raised it."""
     if speaks():
-        typer.echo(f"warning: {message}", err=True)
+        from neuro.core.values import printable
+
+        typer.echo(f"warning: {printable(str(message))}", err=True)
 
 
 def mistake(error: Exception) -> str | None:

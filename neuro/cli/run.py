@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -344,20 +345,24 @@ Against = Annotated[Path | None, typer.Option(metavar="OTHER", help="Compare wit
 
 
 def rerun(
+    context: typer.Context,
     file: Made,
     backend: OtherBackend = "",
     moved_to: MovedTo = [],  # noqa: B006
     against: Against = None,
 ) -> None:
     """Make a file again from what it holds; report whether it has the same bits, or what differs and what changed."""
+    from neuro.cli.recorded import repeated
     from neuro.core.progress import Bar
+    from neuro.core.values import printable
     from neuro.rerun.again import rerun as again
 
+    repeat = partial(repeated, context.find_root().command)
     with Bar() as bar:
         bar.say("running again")
-        verdict = again(file, backend=backend, inputs=moved_to, against=against, bar=bar)
-    typer.echo(f"{file}: " + ("the same bits" if verdict.same else f"not the same: {verdict.difference}"))
+        verdict = again(file, backend=backend, inputs=moved_to, against=against, bar=bar, repeat=repeat)
+    typer.echo(printable(f"{file}: " + ("the same bits" if verdict.same else f"not the same: {verdict.difference}")))
     for line in verdict.changed:
-        typer.echo(f"changed: {line}")
+        typer.echo(printable(f"changed: {line}"))
     if not verdict.same:
         raise typer.Exit(1)

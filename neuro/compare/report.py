@@ -11,7 +11,7 @@ from neuro.chips.description import Chip, Mesh
 from neuro.chips.known import chip
 from neuro.chips.placing.mesh import mesh_of
 from neuro.chips.placing.placement import Core, Placement
-from neuro.chips.pricing.energy import FASTEST, quantity
+from neuro.chips.pricing.energy import FASTEST
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.compare import cells
 from neuro.compare.result import Comparison, Run
@@ -33,8 +33,9 @@ DISTANCE = (
 ENERGY = (
     "Counts times published figures, and static power times the time of the emulated chip, which works as fast as it "
     "can or waits for each step in real time; in brackets the range of the figures. cpu and gpu do the same "
-    "work as dense layers: every synapse in every step. Behind > static energy is missing, for lack of a figure; - "
-    "stands where no time is known."
+    "work as dense layers: every synapse in every step. A total behind > lacks costs for which no figure is published: "
+    "static power, or learning; the notes name them. A chip that refuses the network has no total. - stands where no "
+    "time is known."
 )
 ROUNDED = ("population", "quantity", ">described", ">on the chip", "unit", ">error")
 SCALED = ("projection", ">exponent", "signs", ">bits", ">step", ">saturated", ">turned to 0", ">largest error", ">rms")
@@ -81,7 +82,7 @@ def _card(comparison: Comparison, run: Run) -> Html:
         big, below = f"{equal} of {len(run.neurons)}", "populations fire exactly the same spikes"
         facts += [("first difference", cells.earliest(comparison, run)), ("distance", cells.far(run.per_spike))]
     if run.own is not None:
-        facts.append((f"energy, {FASTEST}", quantity(run.own.total_j, "J", 3)))
+        facts.append((f"energy, {FASTEST}", run.own.total(3)))
     rows = [part for what, value in facts for part in (tag("dt", what), tag("dd", value))]
     return tag("section", name, tag("p", big, class_="big"), tag("p", below), tag("dl", *rows), class_="card")
 

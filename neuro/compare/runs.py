@@ -11,10 +11,9 @@ from os import PathLike
 from typing import Any
 
 from neuro.chips.description import Chip
-from neuro.chips.known import chip
 from neuro.chips.placing.place import place
 from neuro.chips.placing.placement import Placement
-from neuro.chips.pricing.price import unrunnable
+from neuro.chips.pricing.price import RULES_APPLIED
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.quantise import quantise
 from neuro.compare import spikes
@@ -242,10 +241,11 @@ def _notes(runs: list[Run], ms: float) -> Iterable[str]:
     if any(part.distance is None for _, part in populations):
         yield f"spike-train distances are left out: {install('compare')} installs what computes them"
     yield from dict.fromkeys(_measured(name, part, ms) for name, part in populations if _in_part(part, ms))
-    program = ran[0].program
-    assert program is not None
-    for target in (chip(bill.target) for bill in ran[0].bills if bill.energy is not None):
-        yield from unrunnable(program, target, target.mesh is not None)
+    for bill in ran[0].bills:
+        if bill.energy is not None and bill.energy.refused:
+            yield f"no total for {bill.target}, which refuses the network: {bill.energy.refused}"
+    if any(name.startswith("rules applied") for run in ran if run.counts for name in run.counts.native):
+        yield RULES_APPLIED
 
 
 def _in_part(part: PopulationResult, ms: float) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import warnings
 from importlib.machinery import PathFinder
@@ -14,7 +15,7 @@ from neuro.core.errors import ModelError, Where
 from neuro.core.paths import existing
 from neuro.core.registry import registered
 
-__all__ = ["extensions", "run_extension", "run_extensions"]
+__all__ = ["extensions", "named_by_user", "run_extension", "run_extensions"]
 
 _run: dict[Path, bytes] = {}
 """The files that were run, and what they held."""
@@ -56,6 +57,20 @@ def run_extension(file: Any) -> None:
 def extensions() -> tuple[str, ...]:
     """The files that were run, for processes that are started: they know nothing of it."""
     return tuple(map(str, _run))
+
+
+def named_by_user(file: str) -> str:
+    """Return the path of the Python file that the user named by `--with`, for one that a record names.
+
+    A record never runs code by itself. Of the recorded path only the name counts: the code is that of the user's file.
+
+    Raises:
+        ModelError: the user named no file of that name.
+    """
+    for path in extensions():
+        if Path(path).name == Path(file).name:
+            return path
+    raise ModelError(f"it was made with {file}", hint=f"say so, if you trust it: --with {shlex.quote(file)}")
 
 
 def run_extensions(files: tuple[str, ...]) -> None:

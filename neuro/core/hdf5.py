@@ -350,8 +350,8 @@ def reading(path: Path, format: str, hint: str = "", what: str = "") -> Iterator
             yield file
     except ModelError:
         raise
-    except (OSError, KeyError, TypeError, AttributeError, ValueError, RuntimeError) as error:  # h5py has all of these
-        raise ModelError(f"{path}: damaged {format}: {error}", hint=hint) from None
+    except (OSError, KeyError, TypeError, AttributeError, ValueError, RuntimeError, MemoryError) as error:
+        raise ModelError(f"{path}: damaged {format}: {error}", hint=hint) from None  # h5py has all of these
 
 
 def put(file: Any, name: str, part: npt.NDArray[Any] | Mapping[str, npt.NDArray[Any]]) -> None:

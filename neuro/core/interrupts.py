@@ -1,12 +1,17 @@
-"""Being asked to end while there is something to finish."""
+"""Being asked to end while there is something to finish, or while compiled code runs."""
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 @contextmanager
@@ -40,3 +45,88 @@ def ending_by(end: Callable[[], object]) -> Iterator[None]:
     finally:
         for each, handler in before.items():
             signal.signal(each, handler)
+
+
+# Python calls the handler of a signal between two instructions of its own, so never while compiled code runs. But the
+# signal writes its number into a pipe at once. A thread reads it there and sets a number that compiled loops look at.
+BETWEEN_STEPS, AT_ONCE = 1, 2
+"""Where a compiled loop shall end; at once leaves a step unfinished."""
+
+PATIENCE_S = 0.25
+"""Seconds after which a loop that has not ended between two steps shall end at once."""
+
+_ASKING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+
+
+class _Watch:
+    """The pipe, the thread that reads it, and the process that they belong to.
+
+    Attributes:
+        stop: what the compiled code looks at that the main thread runs now.
+        before: the descriptor that others had set; what is read is passed on to it.
+    """
+
+    def __init__(self) -> None:
+        self.process = os.getpid()
+        self.read, self.write = os.pipe()
+        os.set_blocking(self.write, False)
+        self.before = -1
+        self.stop: NDArray[np.int64] | None = None
+        threading.Thread(target=self._watch, name="neuro interrupts", daemon=True).start()
+
+    def _watch(self) -> None:
+        while numbers := os.read(self.read, 64):
+            if self.before >= 0:
+                with suppress(OSError):  # closed since
+                    os.write(self.before, numbers)
+            stop = self.stop
+            if stop is None or _ASKING.isdisjoint(numbers):
+                continue
+            stop[0] = BETWEEN_STEPS
+            time.sleep(PATIENCE_S)
+            if self.stop is stop and stop[0] == BETWEEN_STEPS:
+                stop[0] = AT_ONCE
+
+
+_watch: _Watch | None = None
+
+
+class Interruptible:
+    """A block in which compiled code of the main thread is told to end when the program is asked to.
+
+    Signals reach the main thread only; in another one this does nothing.
+
+    Args:
+        stop: one number, which is set to `BETWEEN_STEPS`, and to `AT_ONCE` where that has no effect.
+    """
+
+    def __init__(self, stop: NDArray[np.int64]) -> None:
+        self._stop = stop
+
+    def __enter__(self) -> None:
+        global _watch
+        self._stop[0] = 0
+        if threading.current_thread() is not threading.main_thread():
+            return
+        if _watch is None or _watch.process != os.getpid():
+            _watch = _Watch()
+        before = signal.set_wakeup_fd(_watch.write, warn_on_full_buffer=False)
+        if before != _watch.write:
+            _watch.before = before
+        _watch.stop = self._stop
+
+    def __exit__(self, *error: object) -> None:
+        if _watch is not None and _watch.stop is self._stop:
+            _watch.stop = None
+        self._stop[0] = 0
+
+
+def end_if_stopped(stop: NDArray[np.int64]) -> None:
+    """Clear a stop between two steps; to be called when compiled code has returned, after handlers of the signal.
+
+    Raises:
+        KeyboardInterrupt: a step is unfinished.
+    """
+    if stop[0] == AT_ONCE:
+        raise KeyboardInterrupt
+    stop[0] = 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 _LONGEST = 60
 _BIG = 10**_LONGEST
+_STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,3 +80,8 @@ def _text(value: Any) -> str:
 def literal(text: str) -> str:
     """A text as matplotlib shows it letter by letter, also with what would be a formula between two dollars."""
     return text.replace("$", r"\$")
+
+
+def printable(text: str) -> str:
+    """Replace each character that would steer a terminal or turn the order of letters by its escape of Python."""
+    return _STEERING.sub(lambda match: match[0].encode("unicode_escape").decode(), text)

@@ -19,6 +19,7 @@ from neuro.files.finished_runs import FinishedRun
 from neuro.model.parts import Part
 from neuro.model.views import Shaped, View, named
 from neuro.program.program import Floats, Ints, Program
+from neuro.program.spikes import one_by_one
 
 Window = tuple[float, float]
 SMALL = 1_000_000
@@ -242,8 +243,8 @@ class _OfResults:
         part = self._run.populations[population]
         times = part.times_ms
         first = up_to(times, since) if since > 0 else 0
-        several = part.multiplicity[first:]
-        return np.repeat(times[first:], several), np.repeat(part.ids[first:], several)
+        found = one_by_one(population, part.multiplicity[first:], times[first:], part.ids[first:])
+        return found[0], found[1]
 
     def trace(self, name: str) -> StateTrace:
         return _trace(self._run.traces[name])

@@ -9,7 +9,7 @@
 /populations/NAME   attributes: model, shape, recorded, emits, resolution_ms, counts.*
     steps           int64, sorted; a step times resolution_ms is its time in ms
     ids             int64
-    multiplicity    int32, spikes of that neuron in that step
+    multiplicity    int64, spikes of that neuron in that step
     payloads        int32, of a graded population what each spike carries
     spike_counts    int64, spikes of each neuron
     event_counts    int64, steps of each neuron with spikes
@@ -58,6 +58,7 @@ from neuro.model.parts import Part
 from neuro.model.views import Shaped, View, named
 from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
 from neuro.program.program import Floats, Ints
+from neuro.program.spikes import one_by_one
 
 if TYPE_CHECKING:
     import neo
@@ -210,8 +211,7 @@ class Results:
             some = np.isin(neurons, ids)
             steps, neurons, multiplicity = steps[some], neurons[some], multiplicity[some]
             payloads = None if payloads is None else payloads[some]
-        if multiplicity.size and multiplicity.max() > 1:
-            steps, neurons = np.repeat(steps, multiplicity), np.repeat(neurons, multiplicity)
+        steps, neurons = one_by_one(name, multiplicity, steps, neurons)
         return clock.array_ms(steps), neurons, payloads
 
     def trace(self, of: Any) -> tuple[Floats, Any]:

@@ -184,10 +184,13 @@ def _bill(program: Program, counts: EngineCounts, chip: Chip, placement: Any) ->
         energy = price(program, counts, placement, chip).real_time
     except ModelError as error:
         return about | {"refused": "; ".join(dict.fromkeys(each.message for each in (error.others or (error,))))}
+    if energy.refused:
+        return about | {"refused": energy.refused}
     seconds = energy.duration_s
     static = energy.static_j / seconds if energy.static_known else None
     late = (energy.chip_time_s or 0.0) / seconds if energy.late else None
-    return about | {"dynamic": energy.dynamic_j / seconds, "static": static, "chips": energy.chips, "late": late}
+    joules = {"dynamic": energy.dynamic_j / seconds, "static": static, "missing": list(energy.missing)}
+    return about | joules | {"chips": energy.chips, "late": late}
 
 
 def curve_of(sim: Simulation, population: str, neuron: int) -> Network:

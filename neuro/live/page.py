@@ -227,7 +227,7 @@ class Page:
             self.sim.forget(self.sim.time - KEPT_MS)
 
     def _parts(self, ms: float) -> Iterator[float]:
-        """Divide a stretch, in ms, so that the watched state is sampled every `WATCH_MS` where the run has time to wait."""
+        """Divide a stretch of the run, ms; a watched state is sampled every `WATCH_MS` where there is time to wait."""
         clock = Clock(self.sim.program.resolution)
         steps = clock.step(ms, "run")
         is_watched = bool(self.frames.watched) and self._ahead and time.perf_counter() < self._seen_until

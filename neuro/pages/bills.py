@@ -33,7 +33,10 @@ def joules(bills: Bills) -> Html:
         return tag("p", "There is no bill.")
     kinds = list(dict.fromkeys(name for _, e in bills for name in e.by_cost() if name != STATIC))
     details = (_details(about, e) for about, e in bills)
-    return html.join([_totals(bills), _shares(bills, kinds), _figures(bills), *details])
+    # A chip that refuses the network has no total to be drawn: its lines say why.
+    drawn = [(about, e) for about, e in bills if not e.refused]
+    pictures = [_totals(drawn), _shares(drawn, kinds)] if drawn else []
+    return html.join([*pictures, _figures(bills), *details])
 
 
 def _row(about: str, e: Energy, *parts: object) -> Html:

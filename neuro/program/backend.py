@@ -63,7 +63,7 @@ class Spikes:
 
     steps: Ints
     ids: Ints
-    multiplicity: NDArray[np.int32]
+    multiplicity: Ints
     payloads: NDArray[np.int32] | None = None
 
 

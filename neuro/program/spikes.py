@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.errors import ModelError
+from neuro.core.memory import free_memory
 from neuro.kernels.jit import kernel
 from neuro.program.backend import Spikes
 from neuro.program.program import Ints, Population, Program
@@ -45,7 +47,7 @@ class RecordedSpikes:
             found += [_chosen(part, begin, end, since) for part in reversed(chunk)]
         found = [part for part in reversed(found) if part[0].size]
         if not found:
-            return Spikes(_NO_INTS, _NO_INTS, np.zeros(0, dtype=np.int32))
+            return Spikes(_NO_INTS, _NO_INTS, _NO_INTS)
         steps, neurons, counts = found[0] if len(found) == 1 else _joined(found)
         ids = neurons.astype(np.int64) - begin
         if ids_at is not None:
@@ -53,7 +55,7 @@ class RecordedSpikes:
         if ids_at is not None or len(found) > 1:
             order = np.lexsort((ids, steps))
             steps, ids, counts = steps[order], ids[order], counts[order]
-        return Spikes(steps, ids, counts.astype(np.int32, copy=False))
+        return Spikes(steps, ids, counts.astype(np.int64, copy=False))
 
     def forget(self, before: int) -> None:
         """Drop spikes with step <= before."""
@@ -66,7 +68,7 @@ class RecordedSpikes:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """All chunks joined."""
-        empty = (_NO_INTS, np.zeros(0, np.int32), np.zeros(0, np.int32))
+        empty = (_NO_INTS, np.zeros(0, np.int32), _NO_INTS)
         steps, ids, counts = _joined([empty, *(part for chunk in self._chunks for part in chunk)])
         order = np.lexsort((ids, steps))
         return dict(zip(_NAMES, (steps[order], ids[order], counts[order]), strict=True))
@@ -75,7 +77,35 @@ class RecordedSpikes:
         """Take over a snapshot."""
         steps, ids, counts = (arrays[name] for name in _NAMES)
         self._chunks = []
-        self.take([(steps, ids.astype(np.int32), counts.astype(np.int32))])
+        self.take([(steps, ids.astype(np.int32), counts.astype(np.int64))])
+
+
+def too_many(part: Population) -> ModelError:
+    """Return the error of a population one of whose neurons sent more spikes than 64 bits count."""
+    return ModelError(
+        f"population '{part.name}': a neuron sent 2^63 spikes or more, in a step or in all: expected fewer",
+        where=part.origin,
+        hint="of parrot neurons that reach each other the spikes multiply in every round",
+    )
+
+
+def one_by_one(name: str, multiplicity: Ints, *columns: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+    """List several spikes of a neuron in a step as often.
+
+    Raises:
+        ModelError: the memory does not hold so many.
+    """
+    if not multiplicity.size or multiplicity.max() == 1:
+        return columns
+    number, free = sum(multiplicity.tolist()), free_memory()
+    needed = 16 * len(columns) * number
+    if free is not None and needed > free:
+        raise ModelError(
+            f"spikes of '{name}': {number:,} spikes one by one need {needed:,} bytes: expected at most {free:,}, which "
+            "are free",
+            hint="sim.counts() has their number; in results `multiplicity` has that of each neuron and step",
+        )
+    return tuple(np.repeat(column, multiplicity) for column in columns)
 
 
 def _chosen(part: Part, begin: int, end: int, since: int) -> Part:
@@ -217,7 +247,7 @@ def carrying(part: Population, found: Spikes) -> Spikes:
     """Recorded spikes of a population, whose numbers are payloads where it is graded."""
     if not part.model.graded:
         return found
-    return Spikes(found.steps, found.ids, np.ones_like(found.multiplicity), found.multiplicity)
+    return Spikes(found.steps, found.ids, np.ones_like(found.multiplicity), found.multiplicity.astype(np.int32))
 
 
 def _with_multiplicity(steps: Ints, neurons: Ints) -> Ints:

@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from neuro.chips.pricing.energy import Energy, quantity
+from neuro.chips.pricing.energy import Energy
 from neuro.core import html
 from neuro.core.english import some
 from neuro.core.errors import ModelError
@@ -108,8 +108,8 @@ def _cards(results: Results, said: Described, bill: Energy | None, target: str) 
     line = f"in {some(len(projections), 'projection')} carried {carried}"
     yield html.card("synapses", f"{synapses:,}", line)
     if bill is not None:
-        joules = quantity(bill.total_j, "J")
-        yield html.card(f"energy on {target}", joules, bill.totals().removeprefix(f"{joules} "))
+        joules = bill.total()
+        yield html.card(f"energy on {target}", joules, bill.totals().removeprefix(joules).lstrip(" :"))
 
 
 def _spikes(results: Results, said: Described) -> Iterator[Html]:

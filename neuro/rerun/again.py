@@ -7,33 +7,39 @@ import json
 import os
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-import yaml
 
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
-from neuro.core.extension import extensions
 from neuro.core.hdf5 import check, has_format
 from neuro.core.inputs import digest_of
 from neuro.core.paths import file_path
 from neuro.core.progress import Bar
 from neuro.core.provenance import ATTRIBUTE, differences, provenance
 from neuro.core.values import shown
+from neuro.events.streams._address import CLOSED
 from neuro.files.parts import Weights
 from neuro.files.results import KIND, RECORDING, YAML, Results, read, write
 from neuro.files.state import FORMAT as STATE
 from neuro.model.language import load
+from neuro.model.language.nodes import plain
+from neuro.model.language.reader import read as read_yaml
 from neuro.model.network import Network
+from neuro.model.neurons import event_camera
+from neuro.rerun.new_folder import NewFolder, copy_input
+
+Repeat = Callable[[Sequence[str], Callable[[str], str]], list[str]]
+"""Gives the arguments by which a recorded command is run again; see `neuro.cli.recorded.repeated`."""
 
 _WAYS = "make it again yourself, then neuro rerun FILE --against OTHER compares the two"
 
@@ -57,9 +63,18 @@ class Verdict:
 
 
 def rerun(
-    path: Path, *, backend: str = "", inputs: Sequence[Path] = (), against: Path | None = None, bar: Bar | None = None
+    path: Path,
+    *,
+    backend: str = "",
+    inputs: Sequence[Path] = (),
+    against: Path | None = None,
+    bar: Bar | None = None,
+    repeat: Repeat | None = None,
 ) -> Verdict:
     """Make a file again from what it holds, beside it, and compare.
+
+    The file may be a stranger's. It runs no code but that of files which the user named by `--with`, opens no
+    connection, and writes into a new folder only.
 
     Args:
         path: results, a model, a page, or the folder of a run of a sweep or a tuning.
@@ -67,28 +82,43 @@ def rerun(
         inputs: folders in which inputs are looked for, by content, that are not where they were.
         against: a file that was made again by other means.
         bar: shows how far it is.
+        repeat: decides on the command of a page or a model; without it these are refused.
 
     Raises:
         ModelError: it does not say where it comes from, or cannot be made again from that.
     """
     path = file_path(path, "path")
     if path.name == "run.json" or (path / "run.json").is_file():
-        return _of_run(path.parent if path.name == "run.json" else path, backend, inputs)
+        with _closed_streams():
+            return _of_run(path.parent if path.name == "run.json" else path, backend, inputs)
     if not path.is_file():
         raise ModelError(f"{path}: no such file: expected results, a model, a page, or the folder of a run")
     if against is not None:
         return Verdict(first_difference(path, against), tuple(differences(record_of(path), record_of(against))))
-    if KIND.ours(path):
-        return _of_results(path, backend, inputs, bar)
-    record = record_of(path)
-    if backend:
-        raise ModelError(f"backend = '{backend}': only results and runs of networks can be made again on another")
-    return _of_command(path, record, inputs)
+    with _closed_streams():
+        if KIND.ours(path):
+            return _of_results(path, backend, inputs, bar)
+        record = record_of(path)
+        if backend:
+            raise ModelError(f"backend = '{backend}': only results and runs of networks can be made again on another")
+        return _of_command(path, record, inputs, repeat)
+
+
+@contextmanager
+def _closed_streams() -> Iterator[None]:
+    """Let neither this process nor those that it starts open the address of a stream."""
+    before = os.environ.get(CLOSED)
+    os.environ[CLOSED] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[CLOSED]
 
 
 def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | None) -> Verdict:
     then = read(path)
-    record = json.loads(str(then.about.get(ATTRIBUTE) or "{}")) or record_of(path)
+    record = record_of(path, str(then.about.get(ATTRIBUTE) or ""))
     if record.get("steered"):
         calls = ", ".join(f"sim.{name}" for name in record["steered"])
         raise ModelError(f"{path}: was changed while it ran by {calls}: expected a run without", hint=_by(record))
@@ -139,29 +169,38 @@ def _network(results: Results, record: Mapping[str, Any], elsewhere: Mapping[str
     """
     for name, content in results.files.items():
         (folder / name).write_bytes(content)
-    description = yaml.safe_load(results.files[YAML])
-    parts = [*description.get("populations", {}).values(), *description.get("projections", {}).values()]
-    choices = [choice for part in parts for word in ("model", "rule") if isinstance(choice := part.get(word), dict)]
-    said = [*(words or {} for choice in choices for words in choice.values()), *(p.get("neurons", {}) for p in parts)]
-    if url := next((words["stream"] for words in said if "stream" in words), ""):
-        hint = "'neuro events listen' keeps a stream as a recording, which can be played again"
-        raise ModelError(f"listens to {url}: what came from there does not come again", hint=hint)
-    for name in {words["file"] for words in said if "file" in words}:
-        if (folder / name).exists():
-            continue
+    for name in {file for file in _files_of(plain(read_yaml(folder / YAML))) if not (folder / file).exists()}:
+        if os.path.isabs(name) or ".." in Path(name).parts:
+            raise ModelError(f"plays {shown(name)}: expected a file beside the network")
         was = next((each for each in record.get("inputs", {}) if each.endswith(f"{os.sep}{name}")), name)
         now = Path(elsewhere.get(was, was))
         if not now.exists():
             hint = "--moved-to FOLDER looks for it there, by its content"
             raise ModelError(f"plays {was}, which is not there any more", hint=hint)
-        _copy(now, folder / name)
-    return load(folder / YAML)
+        for _ in copy_input(now, folder / name):
+            pass
+    net = load(folder / YAML)
+    for part in net.populations.values():
+        if isinstance(part.model, event_camera) and part.model.stream:
+            hint = "'neuro events listen' keeps a stream as a recording, which can be played again"
+            raise ModelError(f"listens to {part.model.stream}: what came from there does not come again", hint=hint)
+    return net
+
+
+def _files_of(value: Any) -> Iterator[str]:
+    """Yield the files that a description in plain YAML names."""
+    if isinstance(value, Mapping):
+        if isinstance(value.get("file"), str):
+            yield value["file"]
+        value = list(value.values())
+    if isinstance(value, list):
+        for each in value:
+            yield from _files_of(each)
 
 
 def _of_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
     """A run of a sweep or a tuning: its metrics, and its results where it has kept these."""
-    from neuro.core.extension import run_extensions
-    from neuro.sweeps.definition import run_of
+    from neuro.sweeps.definition import recorded_run
     from neuro.sweeps.folder import PRUNED, Folder
     from neuro.sweeps.network import NetworkRun
 
@@ -174,12 +213,8 @@ def _of_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
         raise ModelError(f"{folder}: has failed: {outcome.error}: expected a run that is done")
     if outcome.outcome == PRUNED:
         raise ModelError(f"{folder}: was pruned: expected a run that is done")
-    record, content = outcome.provenance, runs.read()
+    record, run = _checked(folder, outcome.provenance), recorded_run(runs, runs.read())
     elsewhere = moved(record["inputs"], inputs)
-    for file in content["with"]:
-        _ask_for(file)
-    run_extensions(tuple(content["with"]))
-    run = run_of(content["what"])
     if isinstance(run, NetworkRun):
         place = Path(elsewhere.get(str(run.file), run.file))
         run = replace(run, file=place, backend=backend or run.backend)
@@ -203,75 +238,41 @@ def _of_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
     return Verdict(difference, (*differences(record, now), *edited(record["inputs"], elsewhere)))
 
 
-def _ask_for(file: str) -> None:
-    """A file never runs code that its reader did not name."""
-    if os.path.realpath(file) not in {os.path.realpath(each) for each in extensions()}:
-        raise ModelError(f"it was made with {file}", hint=f"say so, if you trust it: --with {shlex.quote(file)}")
-
-
-def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path]) -> Verdict:
+def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path], repeat: Repeat | None) -> Verdict:
     """What a command of ours made: the same command in an empty folder."""
-    words = shlex.split(str(record.get("command", "")))
-    if words[:1] != ["neuro"] or has_format(path, STATE):
+    try:
+        words = shlex.split(record["command"])
+    except ValueError:
+        words = []
+    if words[:1] != ["neuro"] or has_format(path, STATE) or repeat is None:
         raise ModelError(f"{path}: was not made by a command of neuro: expected one", hint=_by(record))
-    for k, word in enumerate(words):
-        if word == "--with" and k + 1 < len(words):
-            _ask_for(os.path.join(record["folder"], words[k + 1]))
-    elsewhere = moved(record.get("inputs", {}), inputs)
-    with tempfile.TemporaryDirectory() as folder:
-        asked = [_placed(word, record, elsewhere, Path(folder)) for word in words[1:]]
-        for name in record.get("inputs", {}):  # also those that others name, such as included files
-            if not (inside := os.path.relpath(name, str(record["folder"]))).startswith(".."):
-                _copy(Path(elsewhere.get(name, name)), Path(folder) / inside)
+    elsewhere = moved(record["inputs"], inputs)
+    with tempfile.TemporaryDirectory() as root:
+        try:
+            folder = NewFolder(root, record["folder"])
+            for name in record["inputs"]:
+                folder.add(name, Path(elsewhere.get(name, name)))
+            asked = repeat(words[1:], folder.place)
+        except ModelError as error:
+            raise error.but(message=f"{path}: {error.message}", hint=error.hint or _by(record), where=None) from None
+        except OSError as error:
+            raise ModelError(f"{path}: cannot be made again: {error.strerror or error}", hint=_by(record)) from None
         env = {**os.environ, "PYTHONPATH": os.pathsep.join(os.path.abspath(each) for each in sys.path)}
         done = subprocess.run(
-            [sys.executable, "-P", "-m", "neuro", *asked], cwd=folder, env=env, capture_output=True, text=True
+            [sys.executable, "-P", "-m", "neuro", *asked], cwd=folder.current, env=env, capture_output=True, text=True
         )
         # A verdict is written, too: `neuro doctor` ends with 1 where it finds a fault, as it did the first time.
         if done.returncode and not (done.returncode == 1 and words[1:2] == ["doctor"]):
             last = (done.stderr.strip() or "no word").splitlines()[-1]
             raise ModelError(f"{shlex.join(words)}: ended with {done.returncode}: {last}")
-        made = _found(Path(folder), path)
+        made = next(iter(folder.made(path.name)), None)
+        if made is None:
+            raise ModelError(f"{path}: its command writes no file of that name now")
         if path.suffix in (".html", ".htm"):
             difference = _of_texts(path, made)
         else:
             difference = first_difference(path, made)
         return Verdict(difference, (*differences(record, record_of(made)), *edited(record["inputs"], elsewhere)))
-
-
-def _placed(word: str, record: Mapping[str, Any], elsewhere: Mapping[str, str], folder: Path) -> str:
-    """A word of a command: all paths lead into the new folder, into which inputs are copied."""
-    head, equals, tail = word.partition("=") if word.startswith("--") else ("", "", word)
-    if not tail or (word.startswith("-") and not equals):
-        return word
-    there = os.path.normpath(os.path.join(str(record["folder"]), tail))
-    inside = os.path.relpath(there, str(record["folder"]))
-    if os.path.isabs(tail) or inside.startswith(".."):
-        tail = inside = os.path.join("outside", there.lstrip(os.sep))
-    (folder / inside).parent.mkdir(parents=True, exist_ok=True)
-    for name in record.get("inputs", {}):
-        if name == there or name.startswith(there + os.sep):
-            _copy(Path(elsewhere.get(name, name)), folder / inside / os.path.relpath(name, there))
-    return f"{head}{equals}{tail}"
-
-
-def _copy(path: Path, to: Path) -> None:
-    if to.exists() or not path.exists():
-        return
-    to.parent.mkdir(parents=True, exist_ok=True)
-    if path.is_dir():
-        to.symlink_to(path)
-    else:
-        shutil.copy2(path, to)
-
-
-def _found(folder: Path, path: Path) -> Path:
-    """The file of that name among what a command wrote."""
-    made = sorted(folder.rglob(path.name)) or sorted(folder.rglob(f"*{path.suffix}"))
-    made = [each for each in made if not each.is_symlink()]
-    if not made:
-        raise ModelError(f"{path}: its command writes no file of that name now")
-    return made[0]
 
 
 def _of_texts(then: Path, now: Path) -> str:
@@ -290,33 +291,49 @@ def _counts(line: str) -> bool:
 
 
 def _by(record: Mapping[str, Any]) -> str:
-    return f"it was made by: {record.get('command', 'a program')}, in {record.get('folder', 'a folder')}; {_WAYS}"
+    return f"it was made by: {record['command'] or 'a program'}, in {record['folder'] or 'a folder'}; {_WAYS}"
 
 
 _ON_PAGE = re.compile(rf'<meta name="{ATTRIBUTE}" content="([^"]*)">')
 
 
-def record_of(path: Path) -> dict[str, Any]:
-    """The record in an HDF5 file or in a page.
+def record_of(path: Path, text: str = "") -> dict[str, Any]:
+    """The record in an HDF5 file or in a page; of results that were read, `text`.
 
     Raises:
         ModelError: it holds none, or is damaged.
     """
-    text = ""
-    if path.suffix in (".html", ".htm"):
+    if not text and path.suffix in (".html", ".htm"):
         found = _ON_PAGE.search(path.read_text("utf-8", "replace"))
         text = html.unescape(found[1]) if found else ""
-    elif path.is_file() and check(path):
+    elif not text and path.is_file() and check(path):
         with h5py.File(path) as file:
             text = str(file.attrs.get(ATTRIBUTE, ""))
     try:
         record = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         record = None
-    if not isinstance(record, dict):
+    return _checked(path, record)
+
+
+def _checked(path: Path, record: Any) -> dict[str, Any]:
+    """Return a record whose inputs, command and folder are what they ought to be.
+
+    Raises:
+        ModelError: it is none.
+    """
+    if not isinstance(record, dict) or not record:
         hint = "files that neuro wrote since it records where they come from have it; runs of sweeps are folders"
         raise ModelError(f"{path}: does not say where it comes from", hint=hint)
-    return record
+    whole: dict[str, Any] = {"inputs": {}, "command": "", "folder": "", **record}
+    names, texts = whole["inputs"], (whole["command"], whole["folder"])
+    if (
+        not isinstance(names, dict)
+        or not all(isinstance(each, str) for each in (*names, *names.values(), *texts))
+        or "\0" in "".join((*names, *texts))
+    ):
+        raise ModelError(f"{path}: where it comes from is damaged: expected a command, its folder and inputs by name")
+    return whole
 
 
 def moved(inputs: Mapping[str, str], folders: Iterable[Path]) -> dict[str, str]:

@@ -53,6 +53,9 @@ class RunSource(Protocol):
     def spikes(self, of: str) -> tuple[Floats, Ints]:
         """Times and neurons of a population."""
 
+    def train(self, of: str) -> tuple[Ints, Ints, Ints]:
+        """Steps, neurons and multiplicities of the spikes of a population."""
+
     def payloads(self, of: str) -> tuple[Floats, Ints, Ints]:
         """Likewise of a graded population, with payloads."""
 
@@ -169,15 +172,10 @@ def _train(sim: RunSource, part: Population, kept: bool, counts: Counts) -> Trai
         return train
     if part.model.graded:
         times, ids, payloads = sim.payloads(part.name)
-        steps, once = Clock(train.resolution_ms).steps(times, "spikes"), np.ones(ids.size, np.int32)
+        steps, once = Clock(train.resolution_ms).steps(times, "spikes"), np.ones(ids.size, np.int64)
         return replace(train, steps=steps, ids=ids, multiplicity=once, payloads=payloads.astype(np.int32))
-    times, ids = sim.spikes(part.name)
-    steps = Clock(train.resolution_ms).steps(times, "spikes")
-    first = np.ones(steps.size, bool)
-    first[1:] = (steps[1:] != steps[:-1]) | (ids[1:] != ids[:-1])
-    at = np.flatnonzero(first)
-    multiplicity = np.diff(at, append=steps.size).astype(np.int32)
-    return replace(train, steps=steps[at], ids=ids[at], multiplicity=multiplicity)
+    steps, ids, multiplicity = sim.train(part.name)
+    return replace(train, steps=steps, ids=ids, multiplicity=multiplicity)
 
 
 def no_spikes(sim: RunSource, part: Population, kept: bool, counts: Counts) -> Train:
@@ -187,7 +185,7 @@ def no_spikes(sim: RunSource, part: Population, kept: bool, counts: Counts) -> T
     emits = "current" if part.kind == "current" else "spikes"
     words = (part.said, part.shape, count, kept and part.records, sim.program.resolution)
     payloads = none.astype(np.int32) if part.model.graded else None
-    return Train(*words, none, none, none.astype(np.int32), zeros, zeros, emits, payloads)
+    return Train(*words, none, none, none, zeros, zeros, emits, payloads)
 
 
 def weights_of(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from neuro.compiler.memory import Need, check_room
 from neuro.program.backend import Engine, Notes, Samples, Sent
 from neuro.program.program import Floats, Ints, Probe, Program, SynapseProbe
+from neuro.program.spikes import one_by_one
 
 
 class Series:
@@ -248,7 +249,8 @@ class PreSpikes:
     def _followed(self, engine: Engine) -> Sent:
         """The synapses of neurons that have fired, with their weights of now."""
         spikes = engine.spikes(self._source, self._seen)
-        steps, ids = np.repeat(spikes.steps, spikes.multiplicity), np.repeat(spikes.ids, spikes.multiplicity)
+        name = self._program.populations[self._source].name
+        steps, ids = one_by_one(name, spikes.multiplicity, spikes.steps, spikes.ids)
         steps, ids = np.concatenate((self._waiting[0], steps)), np.concatenate((self._waiting[1], ids))
         gone, self._seen = steps < engine.step, engine.step
         self._waiting = steps[~gone], ids[~gone]

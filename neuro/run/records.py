@@ -20,6 +20,7 @@ from neuro.model.neurons import Generator
 from neuro.model.parts import Probe
 from neuro.program.backend import Engine
 from neuro.program.program import Floats, Ints, Program
+from neuro.program.spikes import one_by_one
 from neuro.run.handles import Handles, Neurons
 from neuro.run.recorder import Recorder
 from neuro.run.turn import Turn, held
@@ -143,12 +144,20 @@ class Records:
         return times, ids, payloads
 
     def _spikes(self, of: Neurons, since: float | None, until: float | None) -> tuple[Floats, Ints, Ints | None]:
+        if (results := self._file()) is not None and of.part.records:
+            return results.graded_spikes_of(of.part.name, of.ids, since, until)
+        steps, ids, multiplicity, payloads = self.train(of, since, until)
+        steps, ids = one_by_one(of.part.name, multiplicity, steps, ids)
+        return self._clock.array_ms(steps), ids, payloads
+
+    def train(
+        self, of: Neurons, since: float | None = None, until: float | None = None
+    ) -> tuple[Ints, Ints, Ints, Ints | None]:
+        """Steps, neurons, multiplicities and payloads of the spikes that are held, sorted by step, then neuron."""
         part = of.part
         if not part.records:
             hint = f"net.probe('name', '{part.name}') records them" if isinstance(part.model, Generator) else ""
             raise ModelError(f"spikes of '{part.name}', {a(part.said)}, are not recorded", hint=hint)
-        if (results := self._file()) is not None:
-            return results.graded_spikes_of(part.name, of.ids, since, until)
         self._notice_drained()
         after = -1 if since is None else self._clock.floor(since, "since")
         to = NEVER if until is None else self._clock.floor(until, "until")
@@ -162,9 +171,7 @@ class Records:
             kept = of.among()[ids]
             steps, ids, multiplicity = steps[kept], ids[kept], multiplicity[kept]
             payloads = None if payloads is None else payloads[kept]
-        if multiplicity.size and multiplicity.max() > 1:
-            steps, ids = np.repeat(steps, multiplicity), np.repeat(ids, multiplicity)
-        return self._clock.array_ms(steps), ids, payloads
+        return steps, ids, multiplicity, payloads
 
     def _notice_drained(self) -> None:
         """What a live run has sent to its file is held no longer."""

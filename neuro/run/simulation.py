@@ -489,6 +489,18 @@ class Simulation:
         return self._records.spikes(self.handles.neurons(of), since, until)
 
     @alone
+    def train(self, of: Population | View | str) -> tuple[Ints, Ints, Ints]:
+        """Recorded spikes as `spikes` gives them, but several of one neuron in one step as one entry.
+
+        Returns:
+            steps, neurons, and how many spikes each entry has, sorted by step, then neuron.
+
+        Raises:
+            ModelError: as `spikes`.
+        """
+        return self._records.train(self.handles.neurons(of))[:3]
+
+    @alone
     def payloads(
         self, of: Population | View | str, since: float | None = None, until: float | None = None
     ) -> tuple[Floats, Ints, Ints]:
@@ -649,6 +661,7 @@ class Simulation:
         *,
         step_s: float | None = None,
         chips: int | None = None,
+        duration_s: float | None = None,
     ) -> Energy:
         """What the run would take on a chip: the counts of any backend x published figures, and static power.
 
@@ -658,20 +671,22 @@ class Simulation:
             step_s: how long a step takes on the chip in s, e.g. 1e-3 for a step of 1 ms in real time; the chip's own
                 time if not given.
             chips: that are on, e.g. all of a board; those that the network needs if not given.
+            duration_s: how long the run lasts in real time in s, if not as long as its steps, e.g. the time of
+                recordings whose frames are shown over more steps.
 
         Returns:
             the bill: `total_j`, `dynamic_j`, `static_j`, `low_j` and `high_j`, `items` with count, joules each and
-            source, `extrapolated`; `per(n, what)` divides it; `str` prints it.
+            source, `missing`, `refused`, `extrapolated`; `per(n, what)` divides it; `str` prints it.
 
         Raises:
-            ModelError: there is no such target, the network does not fit on it, it has no published costs, or `step_s`
-                or `chips` cannot be.
+            ModelError: there is no such target, the network does not fit on it, it has no published costs, or
+                `step_s`, `chips` or `duration_s` cannot be.
         """
         from neuro.chips.pricing.price import bill
 
         counts = self._engine.counts() if of is None else of.raw_counts
         self.program.refuse_share("energy")
-        return bill(self.program, counts, target, step_s=step_s, chips=chips)
+        return bill(self.program, counts, target, step_s=step_s, chips=chips, duration_s=duration_s)
 
     @alone
     def memory(self) -> dict[str, int]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import shlex
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from neuro.core.errors import ModelError
-from neuro.core.extension import extensions
+from neuro.core.extension import extensions, named_by_user
 from neuro.core.inputs import digest_of, record_input
 from neuro.core.measures import in_ms
 from neuro.core.values import shown
@@ -155,10 +154,25 @@ class Search(Definition):
 
 
 def run_of(what: Mapping[str, Any]) -> Run:
-    """What is run, from the plain data in the file of a folder."""
+    """What is run, from the plain data in the file of a folder that this user has begun."""
     kinds: dict[str, Any] = {"network": NetworkRun, "function": FunctionRun}
     made: Run = kinds[what["kind"]].from_dict(what)
     return made
+
+
+def recorded_run(folder: Folder, content: Mapping[str, Any]) -> Run:
+    """Return what a folder runs, which anybody may have written: code is only that of files which the user named.
+
+    Raises:
+        ModelError: a file of the folder has to be named by `--with`, or what it says is damaged.
+    """
+    try:
+        for file in content["with"]:
+            named_by_user(file)
+        run = run_of(content["what"])
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ModelError(f"{folder.path / folder.holding.file}: damaged: {error}") from None
+    return run.named_by_user() if isinstance(run, FunctionRun) else run
 
 
 def search_of(folder: Folder) -> Search:
@@ -168,12 +182,10 @@ def search_of(folder: Folder) -> Search:
         ModelError: there is none, or a file of it was edited, or has to be named by `--with` again.
     """
     content = folder.read()
+    run = recorded_run(folder, content)
     for file, digest in content["with"].items():
-        if file not in extensions():
-            raise ModelError(f"it was made with {file}", hint=f"say so, if you trust it: --with {shlex.quote(file)}")
-        if digest_of(file) != digest:
+        if digest_of(named_by_user(file)) != digest:
             raise ModelError(f"{file}: was edited since the tuning began: expected the file that it was")
-    run = run_of(content["what"])
     run.check_inputs()
     return Search(content["name"], run, Limits(**content["limits"]), SearchPlan.from_dict(content["plan"]))
 

@@ -135,6 +135,9 @@ class Folder:
         Raises:
             ModelError: it is the folder of another sweep, or of something else, or cannot be written.
         """
+        for link in (self.path / name for name in ("runs", "claims", "journal.log", self.holding.file)):
+            if link.is_symlink():  # others may have made it, and what is written there would leave the folder
+                raise ModelError(f"{link}: is a link: expected a folder that holds its own runs")
         foreign = self._foreign()  # first: what another process makes meanwhile is not foreign
         file = self.path / self.holding.file
         if file.exists():
@@ -151,6 +154,10 @@ class Folder:
         if not file.exists():
             self.write(content)
             self._check_same(content, same, what)
+        there = self.read()
+        if _code(there) != _code(content):  # worker processes run what stands there, which anybody may have written
+            kept = {word: value for word, value in there.items() if word not in ("format", "digest")}
+            self.write(kept | {word: content[word] for word in ("what", "with")})
 
     def write(self, content: Mapping[str, Any]) -> None:
         """Write its file, in place of one that was written here."""
@@ -289,6 +296,12 @@ class Folder:
             yield
         except OSError as error:
             raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
+
+
+def _code(content: Mapping[str, Any]) -> object:
+    """The words of the file of a folder that name code."""
+    what = content.get("what", {})
+    return content.get("with"), what if not isinstance(what, Mapping) or what.get("kind") != "network" else None
 
 
 def sum_of(content: Mapping[str, Any], before: str = "") -> str:

@@ -9,12 +9,13 @@ import os
 import runpy
 import sys
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from neuro.core.errors import ModelError, unknown
+from neuro.core.extension import named_by_user
 from neuro.core.registry import Registry
 from neuro.core.values import shown
 from neuro.sweeps.metrics import numbers
@@ -59,6 +60,22 @@ class FunctionRun:
         """What `as_dict` has written."""
         words = {name: value for name, value in content.items() if name != "kind"}
         return cls(**{**words, "paths": tuple(words["paths"])})
+
+    def named_by_user(self) -> FunctionRun:
+        """Return the same call of the function in a file that the user named by `--with`; a study stays as it is.
+
+        Raises:
+            ModelError: the user named no such file, or it defines no such function.
+        """
+        if not self.module:
+            return self
+        file = self.file or f"{self.module.replace('.', os.sep)}.py"
+        module = Path(named_by_user(file)).stem
+        run = replace(self, module=module, file="", paths=())
+        # A name such as "os.system" leads to a function that the file has imported.
+        if getattr(run.function, "__module__", None) != module:
+            raise ModelError(f"{file}: defines no function '{self.name}'")
+        return run
 
     @cached_property
     def function(self) -> Callable[..., Any]:

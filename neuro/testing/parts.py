@@ -31,7 +31,7 @@ from neuro.program.backend import Backend
 from neuro.program.program import Floats
 from neuro.run.compiled import compile
 from neuro.run.simulation import Simulation
-from neuro.testing.case import Found, differences, observe
+from neuro.testing.case import Found, differences, observe, run_on
 from neuro.testing.trials import batch, trial_results
 
 Part = Model | Synapse | Rule
@@ -43,11 +43,14 @@ _DRIVES = ((1.0, 80.0), (20.0, 5.0), (400.0, 80.0))  # weights and rates for neu
 _LEVELS = np.linspace(-1.0, 1.0, _N)  # of a signal: each neuron has another
 
 
-def check_part(part: str | Part, backend: str | Backend = "event", *, ms: float = 40.0) -> None:
+_USUAL = 40.0
+
+
+def check_part(part: str | Part, backend: str | Backend = "event", *, ms: float = _USUAL) -> None:
     """Run networks around a part on a backend and on the reference, and compare all that can be read.
 
     They are nearly silent and busy, are cut and reset on the way, have all that can be set set to another value, and
-    run on one thread and on two.
+    run on one thread and on two. Neurons are also compared at every step of silences that grow longer.
     A rule for trials teaches a batch of them; one that is modulated is so by a signal, and by spikes if it has tau_n.
 
     Args:
@@ -60,6 +63,8 @@ def check_part(part: str | Part, backend: str | Backend = "event", *, ms: float 
         ModelError: there is no such part, or it cannot be tried so.
     """
     chosen = _made(part) if isinstance(part, str) else part
+    if isinstance(chosen, Neuron):
+        check_silences(chosen, backend, ms)
     for net in _networks(chosen):
         expected = _found(compile(net, "reference", seed=1), chosen, ms)
         for threads in (1, 2):
@@ -149,6 +154,45 @@ def _of_neuron(model: Neuron, weight: float, rate: float) -> Network:
         net.connect("cells", "cells", pairwise_bernoulli(p=0.1), weight=-0.5 * weight, delay=1.5)
     _probe(net, model)
     return net
+
+
+_SILENCES = (1, 20, 24, 60, 150, 600)
+"""Steps between spikes where `check_part` has its usual `ms`. The event backend lets neurons sleep after 16."""
+_WEIGHTS = np.array([0.3, 20.0, 500.0, -60.0])
+"""Weights for neurons of unknown units: of some one spike makes them fire, of others it stays below the threshold."""
+
+
+def check_silences(model: Neuron, backend: str | Backend = "event", ms: float = _USUAL) -> None:
+    """Compare all states at every step of silences that grow longer.
+
+    Args:
+        model: the neuron.
+        backend: its name, or the backend itself.
+        ms: as of `check_part`; with the usual number the longest silence has 600 steps.
+
+    Raises:
+        AssertionError: the backend and the reference differ.
+    """
+    net = Network("silences", resolution=0.1)
+    times = np.cumsum([max(1, round(steps * ms / _USUAL)) for steps in _SILENCES]) * net.resolution
+    net.population("source", 1, spike_generator(spike_times=[times.tolist()]))
+    net.population("cells", _WEIGHTS.size, model)
+    names = model.named_receptors() if model.receptors > 2 or not model.signed else ()
+    for name in names:
+        weight = np.abs(_WEIGHTS) if name in model.conductances else _WEIGHTS
+        net.connect("source", "cells", all_to_all(), static(receptor=name), weight=weight[None], delay=0.1, name=name)
+    if not names:
+        net.connect("source", "cells", all_to_all(), weight=_WEIGHTS[None], delay=0.1)
+    for state in model.states:
+        if not state.hidden:
+            net.probe(f"{state.name}_of_cells", "cells", state.name, every=net.resolution)
+    runs = []
+    for each in ("reference", backend):
+        sim = compile(net, each, seed=1)
+        run_on(sim, float(times[-1]))
+        runs.append(observe(sim))
+    apart = differences(runs[0], runs[1], exact=False)
+    assert not apart, f"{model.name} in '{net.name}'\n  " + "\n  ".join(apart)
 
 
 def _connect_by_name(net: Network, model: Neuron, weight: float) -> None:

@@ -16,7 +16,10 @@ from hypothesis import strategies as st
 from neuro.model.distributions import Distribution, lognormal, normal, uniform
 from neuro.model.network import Network
 from neuro.model.neurons import (
+    INTEGRATED,
+    NEURONS,
     Model,
+    Neuron,
     dc_generator,
     iaf_psc_alpha,
     iaf_psc_delta,
@@ -296,3 +299,67 @@ def _add_group(draw: st.DrawFn, net: Network, cells: list[str]) -> None:
     wanted = draw(st.booleans())
     if able and wanted:
         net.group("choice", draw(groups(net, able)))
+
+
+SILENCE = 2000
+"""Steps of the longest silence that is drawn."""
+
+_SLOW = (0.3, 1.0, 7.0)
+"""Factors of time constants."""
+
+
+@st.composite
+def quiet_networks(draw: st.DrawFn) -> Network:
+    """A network of up to three populations of any neurons, whose only input are a few spikes long after each other.
+
+    Neurons that are integrated step by step in plain Python come alone.
+    """
+    h = draw(st.sampled_from([0.1, 0.5, 1.0]))
+    net = Network("quiet", resolution=h)
+    silences = draw(st.lists(st.one_of(st.integers(1, 40), st.integers(17, SILENCE)), min_size=1, max_size=6))
+    steps = [step for step in np.cumsum(silences).tolist() if step <= SILENCE]
+    rows = [[step * h for step in steps if draw(st.integers(0, 3))] for _ in range(draw(st.integers(1, 3)))]
+    net.population("listed", len(rows), spike_generator(spike_times=rows))
+    quick = [model for model in NEURONS if model not in INTEGRATED]
+    alone = draw(st.integers(0, 11)) == 0
+    several = st.lists(st.sampled_from(quick), min_size=1, max_size=3)
+    kinds = [draw(st.sampled_from(INTEGRATED))] if alone else draw(several)
+    for index, kind in enumerate(kinds):
+        name = f"cells{index}"
+        net.population(name, 1 if alone else draw(st.integers(1, 4)), draw(_quiet_neurons(kind)))
+        for source in dict.fromkeys(["listed", draw(st.sampled_from([*net.populations][:-1]))]):
+            _connect_quietly(draw, net, source, name)
+        for state in net.populations[name].model.states:
+            if not state.hidden:
+                net.probe(f"{state.name}_of_{name}", name, state.name, every=h)
+    return net
+
+
+@st.composite
+def _quiet_neurons(draw: st.DrawFn, kind: type[Neuron]) -> Neuron:
+    """A model with other time constants and a small constant current."""
+    words: dict[str, Any] = {}
+    for word, value in kind.defaults().items():
+        if word.startswith("tau_") and isinstance(value, float) and value > 0.0:
+            words[word] = value * draw(st.sampled_from(_SLOW))
+        elif word in ("eta_sum", "refractory_input", "reset_by_subtraction"):
+            words[word] = draw(st.booleans())
+        elif word == "I_e":
+            words[word] = draw(st.sampled_from([0.0, 0.0, 100.0, uniform(low=0.0, high=200.0)]))
+        elif word == "tau_m" and kind.linear:
+            words[word] = draw(st.sampled_from([value, math.inf]))
+    return kind(**words)
+
+
+def _connect_quietly(draw: st.DrawFn, net: Network, pre: str, post: str) -> None:
+    model = net.populations[post].model
+    assert isinstance(model, Neuron)
+    names = model.named_receptors() if model.receptors > 2 or not model.signed else ("",)
+    for name in names:
+        weight = draw(st.sampled_from([1.0, 15.0, 80.0, 400.0, -30.0, uniform(low=0.0, high=300.0)]))
+        if name in model.conductances and isinstance(weight, float):
+            weight = abs(weight)
+        synapse = static(receptor=name) if name else static()
+        delay = draw(st.integers(1, 20)) * net.resolution
+        rule = draw(st.sampled_from([all_to_all(), fixed_indegree(n=2)]))
+        net.connect(pre, post, rule, synapse, weight=weight, delay=delay, name=f"{pre}_{post}_{name or 'all'}")

@@ -56,12 +56,12 @@ def test_a_world_of_the_users_own_is_trained_tested_and_watched(neuro, walk):
     agent = neuro_agent.ActorCritic.load("walk.h5")
     assert (agent.seed, agent.settings.critics, agent.log.solved) == (1, 10, True)
     assert worlds.remembered(Path("walk.h5")) == "my_walk:Walk-v0"
-    code, out, _ = neuro("test", "walk.h5", "--episodes", 5)
+    code, out, _ = neuro("test", "walk.h5", "my_walk:Walk-v0", "--episodes", 5)
     assert (code, out) == (0, "my_walk:Walk-v0: 5 episodes, mean return 1, 95 % 1 to 1; it counts as solved at 0.9\n")
     told = json.loads(neuro("test", "walk.h5", "my_walk:Walk", "--episodes", 3, "--seed", 7, "--json")[1])
     assert (told["environment"], told["seed"], told["mean"], told["bar"]) == ("my_walk:Walk", 7, 1.0, None)
     assert told["returns"] == [1.0] * 3
-    code, out, _ = neuro("watch", "walk.h5", "--out", "page.html", "--learning")
+    code, out, _ = neuro("watch", "walk.h5", "my_walk:Walk-v0", "--out", "page.html", "--learning")
     assert code == 0
     assert out.startswith("page.html: ")
     assert out.endswith(" steps, return 1, terminated; no frames, the environment renders no rgb_array\n")
@@ -87,7 +87,10 @@ def test_a_wrapper_is_watched_and_so_is_what_takes_no_mode(neuro, walk):
         file.write(PICTURED)
     few = ("--set", "critics=5", "--set", "explore=30")
     assert neuro("train", "my_walk:Pictured", "--out", "walk.h5", "--steps", 60, *few).status == 0
-    assert " frames" in neuro("watch", "walk.h5", "--out", "page.html").out
+    refused = neuro("watch", "walk.h5", "--out", "page.html")
+    assert refused.status == 2
+    assert "was trained in 'my_walk:Pictured', which runs the module my_walk" in refused.err
+    assert " frames" in neuro("watch", "walk.h5", "my_walk:Pictured", "--out", "page.html").out
     told = neuro("watch", "walk.h5", "my_walk:Blank", "--out", "page.html").out
     assert told.endswith("no frames, the environment's render_mode is None: expected 'rgb_array'\n")
 
@@ -113,18 +116,20 @@ def test_an_interruption_is_told(neuro, walk, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*Overriding environment")  # of my_walk.py, which this process runs twice
 def test_agents_and_pages_are_made_again_to_the_bit(neuro, answer, walk):
     words = ("--steps", 300, "--set", "critics=5", "--set", "explore=30")
     assert neuro("train", "my_walk:Walk", "--out", "walk.h5", *words).status == 0
-    assert neuro("watch", "walk.h5", "--out", "page.html").status == 0
+    assert neuro("watch", "walk.h5", "my_walk:Walk", "--out", "page.html").status == 0
+    assert "it was made with my_walk.py\n  hint: say so, if you trust it" in answer("rerun", "walk.h5").err
     for name in ("walk.h5", "page.html"):
-        assert answer("rerun", name).out == f"{name}: the same bits\n"
+        assert answer("rerun", name, "--with", "my_walk.py").out == f"{name}: the same bits\n"
 
 
 def test_one_episode_tells_nothing_of_others(neuro, walk):
     neuro("train", "my_walk:Walk", "--out", "walk.h5", "--steps", 30, "--set", "critics=5")
-    assert neuro("test", "walk.h5", "--episodes", 1).out.startswith("my_walk:Walk: 1 episode, return ")
-    assert json.loads(neuro("test", "walk.h5", "--episodes", 1, "--json").out)["interval"] is None
+    assert neuro("test", "walk.h5", "my_walk:Walk", "--episodes", 1).out.startswith("my_walk:Walk: 1 episode, return ")
+    assert json.loads(neuro("test", "walk.h5", "my_walk:Walk", "--episodes", 1, "--json").out)["interval"] is None
 
 
 def test_side_by_side_and_the_end_by_episodes(neuro, walk):

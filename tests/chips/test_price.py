@@ -1,14 +1,18 @@
 """Bills worked out by hand."""
 
+import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
 import neuro
-from bills import AB_OPS, ACTIVE, IN_OPS, INACTIVE, LEARNT, STEPS, Moves, Placed, counted, ints, lines, placed
-from neuro.chips import chip, place, price
+from bills import AB_OPS, ACTIVE, IN_OPS, INACTIVE, LEARNT, STEPS, Moves, Placed, counted, ints, lines, pair, placed
+from neuro.chips import chip, neurobench, place, price
+from neuro.chips.pricing.energy import quantity
+from neuro.chips.pricing.price import RULES_APPLIED
 from neuro.core.errors import ModelError, Where
 from neuro.program.backend import EngineCounts, Problem
 from neuro.program.counts import Tally
@@ -172,19 +176,86 @@ def test_what_does_not_fit_has_no_price(run):
     assert price(*run, placed(problems=problems[1:2]), chip("loihi")) == price(*run, placed(), chip("loihi"))
 
 
-def test_a_network_that_the_chip_cannot_run_is_noted(run):
+def test_a_chip_that_refuses_the_network_has_no_total(run):
     net = neuro.Network("odd", resolution=1.0)
     net.population("one", 1, neuro.izhikevich())
     net.population("two", 1, neuro.iaf_psc_exp(tau_m=math.inf))
     sim = neuro.compile(net, "reference")
     sim.run(5.0)
-    for target, refusals in (("loihi", "1 refusal"), ("spinnaker", "2 refusals")):
-        note = f"{target} cannot run this network ({refusals}, see neuro fit): priced as if it could"
-        assert sim.energy(target).notes[0] == note
+    why = "population 'one': izhikevich: {} has no such neuron: it has iaf_psc_exp, iaf_psc_delta and parrot_neuron"
+    for target, more in (("loihi", ""), ("spinnaker", " (and 1 more, see neuro fit)")):
+        bill, reason = sim.energy(target).per(5, "step"), why.format(target) + more
+        assert bill.refused == bill.real_time.refused == reason
+        assert bill.notes[0] == f"{target} refuses the network, so there is no total: {reason}"
+        assert bill.dynamic_j > 0.0
+        assert np.isnan([bill.total_j, bill.low_j, bill.high_j, bill.real_time.total_j]).all()
+        assert bill.total() == "refused"
+        assert bill.totals() == f"refused: {reason}"
+        assert bill.cells()[1:3] == ("refused", "refused")
+        (total,) = (line.split() for line in str(bill).splitlines() if line.startswith("total"))
+        assert total == ["total", "refused", "refused"]
+        told = json.loads(json.dumps(bill.as_dict(), allow_nan=False))
+        assert told["refused"] == reason
+        assert {told[f"total{end}_j"] for end in ("", "_low", "_high")} == {None}
+        assert told["real_time"]["total_j"] is None
+        counts = sim._engine.counts()
+        placement = None if target == "spinnaker" else place(sim.program, chip(target))
+        metrics = neurobench(sim.program, counts, samples=1, placement=placement, energy=sim.energy(target))
+        assert (metrics["energy_j"]["total"], metrics["energy_j"]["real_time"]["high"]) == (None, None)
     for target in ("cpu", "truenorth", "spinnaker2"):
-        assert not any("cannot run" in text for text in sim.energy(target).notes)
-    assert not any("cannot run" in text for text in price(*run, placed(), chip("loihi")).notes)
-    assert price(*run, placed(), chip("spinnaker")).notes[0].startswith("spinnaker cannot run this network (1 refusal,")
+        assert sim.energy(target).refused == ""
+    assert price(*run, placed(), chip("loihi")).refused == ""
+    refused = price(*run, placed(), chip("spinnaker")).refused
+    assert refused == "projection 'ab': stdp: pairwise learning is not emulated on spinnaker"
+    late = pair()
+    late.projections["ab"] = replace(late.projections["ab"], delay=40.0)
+    sim = neuro.compile(late, "reference")
+    sim.run(5.0)
+    assert sim.energy("truenorth").total() == "refused"
+
+
+@pytest.mark.parametrize("target", ["spinnaker2", "truenorth", "loihi", "cpu"])
+def test_a_total_without_a_price_for_learning_or_static_power_says_so(run, target):
+    bill = price(*run, placed() if target == "loihi" else None, chip(target)).per(2, "half")
+    learns = {"spinnaker2": ("learning_update", "static_per_chip"), "truenorth": ("learning_update",), "loihi": ()}
+    expected = learns.get(target, ("static_per_chip",))
+    assert bill.missing == bill.real_time.missing == expected
+    mark = "> " if expected else ""
+    assert bill.total(3) == mark + quantity(bill.total_j, "J", 3)
+    assert [cell.startswith("> ") for cell in bill.cells()[1:3]] == [bool(expected)] * 2
+    assert bill.totals().startswith("> ") == bool(expected)
+    assert bill.as_dict()["missing"] == bill.as_dict()["real_time"]["missing"] == list(expected)
+    (total,) = (line for line in str(bill).splitlines() if line.startswith("total"))
+    assert total.count(">") == 2 * bool(expected)
+
+
+def test_loihis_own_count_of_learning_is_told_apart_from_the_priced_one():
+    """u0 visits all of a rule's synapses in every step; a bill prices those of each spike."""
+    net = neuro.Network("learning", resolution=1.0)
+    net.population("in", 2, neuro.spike_generator(spike_times=[[1.0, 4.0], [2.0]]))
+    net.population("out", 3, neuro.loihi_lif(vth=1000))
+    rule = neuro.loihi_learning(dw="2^-2*x1*y0", dt="- 2^-4*t*u0", x1_impulse=10, x1_tau=5)
+    net.connect("in", "out", neuro.all_to_all(), rule, weight=10.0, delay=1.0, name="rule")
+    sim = neuro.compile(net, "loihi")
+    sim.run(10.0)
+    assert sim.counts().learning_updates == 3 * 3
+    assert sim.counts().native["rules applied in rule"] == 10 * 6
+    assert RULES_APPLIED in sim.energy("loihi").notes
+    assert RULES_APPLIED in str(sim.energy("loihi"))
+    assert RULES_APPLIED not in price(*counted(), placed(), chip("loihi")).notes
+
+
+def test_a_run_may_last_as_long_as_its_recordings_and_not_as_its_steps(run):
+    """10 steps of 1 ms that show 4 ms of events: in real time the chip is on for 4 ms, and one tick a step is late."""
+    fast = price(*run, placed(), chip("loihi"), duration_s=4e-3)
+    assert (fast.duration_s, fast.late, fast.real_time.chip_time_s) == (4e-3, False, 4e-3)
+    assert fast.real_time.static_j == pytest.approx(4e-3 * 0.104)
+    late = price(*run, None, chip("truenorth"), duration_s=4e-3)
+    assert (late.late, late.real_time.chip_time_s) == (True, 10e-3)
+    assert "late: real time is not kept, the chip takes 10 ms for 4 ms" in late.notes
+    assert late.cells()[3] == "10 ms of 4 ms"
+    with pytest.raises(ModelError, match=r"^duration_s = -1: expected a number >= 0 in s$"):
+        price(*run, None, chip("truenorth"), duration_s=-1)
 
 
 def test_the_real_placement(run):

@@ -20,7 +20,7 @@ STEPS = 20
 def sim():
     net = neuro.Network("pair", resolution=1.0)
     net.population("in", 3, neuro.spike_generator(spike_times=((1.0, 4.0, 9.0), (2.0,), ())))
-    net.population("out", 4, neuro.iaf_psc_delta(V_th=-60.0))
+    net.population("out", 4, neuro.iaf_psc_delta(V_th=-60.0, t_ref=0.0))
     net.connect("in", "out", neuro.all_to_all(), weight=20.0, delay=1.0, name="w")
     sim = neuro.compile(net, "reference")
     sim.run(float(STEPS))

@@ -47,14 +47,14 @@ def test_sources_if_asked_for(run, bill):
 
 
 def test_several_bills_and_a_row_of_each(run, bill):
-    status, out, _ = run(*RUN, "--chips", "truenorth,cpu")
+    status, out, _ = run(*RUN, "--chips", "spinnaker2,cpu")
     assert status == 0
-    bills = f"{bill('truenorth')}\n\n{bill('cpu')}\n\n"
+    bills = f"{bill('spinnaker2')}\n\n{bill('cpu')}\n\n"
     assert out.startswith(bills)
     rows = [line.split() for line in out.removeprefix(bills).splitlines() if line.strip()]
     assert rows[0] == ["energy", "per", "run"]
     assert " ".join(rows[1]) == "chip dynamic as fast as the chip can in real time chip time chips"
-    assert rows[3] == ["truenorth", *" ".join(bill("truenorth").cells()).split()]
+    assert rows[3] == ["spinnaker2", *" ".join(bill("spinnaker2").cells()).split()]
     assert " ".join(rows[3]).endswith("late 500 ms of 50 ms 1")  # 500 steps of 0.1 ms, each a tick
     assert rows[4][:4] == ["cpu", *bill("cpu").cells()[0].split(), *bill("cpu").cells()[1].split()[:1]]
 
@@ -75,15 +75,15 @@ def test_the_time_of_a_step_and_the_chips_that_are_on(run, bill):
 
 
 def test_json(run, bill, network):
-    words = ("--chips", "truenorth,gpu", "--per", "3", "recording", "--json", "--seed", "0")
+    words = ("--chips", "spinnaker2,gpu", "--per", "3", "recording", "--json", "--seed", "0")
     status, out, _ = run(*RUN, *words)
     assert status == 0
     told = json.loads(out)
     assert (told["network"], told["backend"], told["seed"], told["ms"]) == ("small", "reference", 0, 50.0)
-    assert told["bills"] == [bill(name).per(3, "recording").as_dict() for name in ("truenorth", "gpu")]
+    assert told["bills"] == [bill(name).per(3, "recording").as_dict() for name in ("spinnaker2", "gpu")]
     metrics = told["neurobench"]
     assert (metrics["samples"], metrics["steps_per_sample"]) == (3, 166)
-    assert metrics["energy_j"]["model"] == "truenorth"
+    assert metrics["energy_j"]["model"] == "spinnaker2"
     assert metrics["energy_j"]["total"] == pytest.approx(told["bills"][0]["total_j"], rel=1e-12)
 
 

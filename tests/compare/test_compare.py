@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import neuro
+from neuro.chips.pricing.price import RULES_APPLIED
 from neuro.compare import compare, spikes
+from neuro.compare.cells import bills
 from neuro.compare.runs import _against, _gather, _recording
 from neuro.core.errors import ModelError
 from neuro.core.extras import install
@@ -139,10 +141,24 @@ def test_a_refusal_is_a_result():
     assert [run.backend for run in found.ran] == ["event", "reference"]
 
 
-def test_a_bill_of_a_chip_that_cannot_run_the_network_is_noted():
+def test_a_bill_of_a_chip_that_cannot_run_the_network_has_no_total():
     found = compare(unfit(), ["event", "reference"], 20.0)
-    as_if = "cannot run this network (1 refusal, see neuro fit): priced as if it could"
-    assert [note for note in found.notes if "cannot run" in note] == [f"loihi {as_if}", f"spinnaker {as_if}"]
+    why = "izhikevich: {} has no such neuron: it has iaf_psc_exp, iaf_psc_delta and parrot_neuron"
+    assert [note for note in found.notes if "no total" in note] == [
+        f"no total for {name}, which refuses the network: population 'cells': {why.format(name)}"
+        for name in ("loihi", "spinnaker")
+    ]
+    assert [row[3:5] for row in bills(found)][:2] == [("refused", "refused")] * 2
+    assert [bill.as_dict()["total_j"] is None for bill in found.bills] == [True, True, False, False]
+
+
+def test_why_loihis_own_count_of_learning_differs_is_said_once():
+    net = neuro.Network("learning", resolution=1.0)
+    net.population("in", 2, neuro.spike_generator(spike_times=[[1.0, 4.0], [2.0]]))
+    net.population("out", 3, neuro.iaf_psc_delta(t_ref=1.0))
+    net.connect("in", "out", neuro.all_to_all(), neuro.stdp(Wmax=20.0), weight=10.0, delay=1.0, name="learns")
+    assert list(compare(net, ["event", "loihi"], 10.0).notes).count(RULES_APPLIED) == 1
+    assert RULES_APPLIED not in compare(net, ["event", "reference"], 10.0).notes
 
 
 def test_where_the_first_refuses_others_are_compared_with_the_next():

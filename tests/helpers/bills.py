@@ -39,7 +39,7 @@ def ints(*values):
     return np.array(values, dtype=np.int64)
 
 
-def pair():
+def pair(learns=True):
     """Two inputs, of which one spikes three times and one once; all to three neurons, of which each goes to one more.
 
     Every input spike makes all three of `a` fire one step later, and these make `b` fire.
@@ -50,7 +50,15 @@ def pair():
     net.population("a", 3, lif)
     net.population("b", 3, lif)
     net.connect("input", "a", neuro.all_to_all(), weight=1.5, delay=1.0, name="in")
-    net.connect("a", "b", neuro.one_to_one(), neuro.stdp(Wmax=10.0), weight=1.5, delay=1.0, name="ab")
+    net.connect(
+        "a",
+        "b",
+        neuro.one_to_one(),
+        neuro.stdp(Wmax=10.0) if learns else neuro.static(),
+        weight=1.5,
+        delay=1.0,
+        name="ab",
+    )
     return net
 
 
@@ -77,8 +85,8 @@ def lines(energy):
     return {(item.what, item.of): (item.count, item.joules) for item in energy.items}
 
 
-def counted():
+def counted(learns=True):
     """The program of the pair and what it counts in its steps."""
-    sim = neuro.compile(pair(), "reference")
+    sim = neuro.compile(pair(learns), "reference")
     sim.run(float(STEPS))
     return sim.program, sim._engine.counts()

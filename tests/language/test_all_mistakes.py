@@ -216,3 +216,17 @@ def test_a_long_description_with_many_mistakes_is_checked_in_seconds(folder):
     found = mistakes("net.yaml", None, 0).mistakes
     assert time.process_time() - began < 5.0
     assert [error.where.line for error in found] == [k + 3 for k in wrong]
+
+
+@pytest.mark.parametrize("content", [None, b"no HDF5", b"\x89HDF\r\n\x1a\n" + bytes(64)])
+def test_a_file_of_an_array_that_cannot_be_read_is_one_mistake(folder, content):
+    """Neither of its words is read by itself then, wherever the array stands."""
+    array = "{file: w.h5, key: w}"
+    text = RIGHT.replace("weight: $w", f"weight: {array}").replace("C_m: 250.0", f"C_m: {array}")
+    (folder / "net.yaml").write_text(text.replace("delay: 1.5", f"delay: {array}"))
+    if content is not None:
+        (folder / "w.h5").write_bytes(content)
+    wanted = "no file 'w.h5' beside" if content is None else "file 'w.h5': expected an HDF5 file that can be read"
+    told = [str(error) for error in mistakes("net.yaml", None, 0).mistakes]
+    assert len(told) == 3
+    assert all(wanted in each for each in told)

@@ -42,6 +42,14 @@ def test_train_test_predict(neuro, folder, tmp_path):
     assert re.search(rf"{files[0].parent.name}\s+\d+ of \d+ ms", out.replace(str(files[0]), ""))
 
 
+def test_silent_decisions_are_named_with_a_way_out(neuro, folder):
+    assert neuro("train", "hfirst", "--data", folder, "--set", "s1_threshold=100000", "--out", "mute.h5")[0] == 0
+    code, out, _ = neuro("test", "mute.h5", "--data", folder)
+    assert code == 0
+    way = "expected lower values than --set s1_threshold=100000, --set s2_threshold=150, or recordings with more events"
+    assert f"recordings are silent, which counts as wrong: {way}" in out
+
+
 def test_files_of_any_format_are_predicted(neuro, folder, model, tmp_path):
     events = load(next((folder / "Test" / "lying").glob("*.bin")))
     files = [f"one.{ending}" for ending in ("aedat", "npz", "csv", "dat", "raw")]

@@ -1,14 +1,19 @@
 """What a recording takes: the bill of what was shown, its sources, and what it leaves out."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from neuro.apps import evaluate
+from neuro.events import Events
 from neuro_recognise.method import choose
 from neuro_recognise.methods.hats import Hats
+from neuro_recognise.methods.hfirst import HFirst
+from neuro_recognise.methods.remus import Remus
 from neuro_recognise.recogniser import Recogniser
+from neuro_recognise.shown import unlabelled
 from neuro_recognise.telling.energy import FRONT_END, bills, check_targets, counted, notes, show, words
 from neuro_recognise.telling.tried import Tried
 from refused import refused
@@ -48,6 +53,36 @@ def test_counts_of_a_recording(letters, model, tried):
     assert told["steps"] * 26 == ticks.sum()
     assert told["input_spikes"] * 26 == in_time.sum()
     assert told["neuron_updates"] * 26 == pytest.approx(NEURONS * ticks.sum())
+
+
+def test_in_real_time_a_chip_is_on_as_long_as_the_recordings_last(letters, model):
+    """Frames of 10 steps of 1 ms each, of recordings of 40 ms or, the empty ones, of 0 ms."""
+    lasting = [one | {"lasts": np.array([40_000] if len(one["ends"]) else [], np.int64)} for one in letters.evidence]
+    told = bills(tried_on(model, replace(letters, evidence=lasting)), ("loihi", "spinnaker", "truenorth"))
+    mean, steps = 24 * 40e-3 / 26, counted(told)["steps"] * 1e-3
+    assert told.bills["loihi"].duration_s == told.bills["loihi"].real_time.chip_time_s == pytest.approx(mean)
+    assert told.bills["loihi"].real_time.static_j == pytest.approx(mean * 0.104)
+    for name in ("spinnaker", "truenorth"):
+        bill = told.bills[name]
+        assert bill.chip_time_s == pytest.approx(steps)
+        assert bill.real_time.chip_time_s == pytest.approx(max(steps, mean))
+    brief = [one | {"lasts": np.array([1_000], np.int64)} for one in letters.evidence]
+    late = bills(tried_on(model, replace(letters, evidence=brief)), ("spinnaker",)).bills["spinnaker"]
+    assert late.late
+    assert late.cells()[3].endswith(" of 1 ms")
+
+
+@pytest.mark.parametrize("method", [Remus().changed({"size": [34, 34]}), HFirst().changed({"size": [34, 34]})])
+def test_what_is_observed_says_how_long_a_recording_lasts(method):
+    rng = np.random.default_rng(4)
+    t = np.sort(rng.integers(7_000, 90_000, 900))
+    events = Events(t, rng.integers(0, 34, 900), rng.integers(0, 34, 900), rng.integers(0, 2, 900), (34, 34))
+    assert method.observe(events)["lasts"].tolist() == [t[-1] - t[0]]
+    cut = int(t[0]) + 20_000
+    (before,) = method.observe_until(events, [20_000])
+    assert 19_000 < before["lasts"][0] <= cut - t[0]
+    two = unlabelled([method.observe(events), method.observe(events[:500])], ("a",))
+    assert two.duration_s() == pytest.approx(1e-6 * (t[-1] + t[499] - 2 * t[0]))
 
 
 def test_a_bill_by_hand(tried):

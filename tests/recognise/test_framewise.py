@@ -431,7 +431,12 @@ def test_mozafari_learns_less_from_what_it_knows():
 
 def test_silence_is_no_mistake(letters):
     """With a threshold that no input reaches all frames are silent: neither right nor wrong in any epoch."""
-    learnt = learn(with_small("mozafari", theta=1e4), letters, "letters").learnt
+    message = (
+        r"mozafari: no neuron fired in any of the \d+ frames of epoch 1, .* lower values than --set \S*theta=10000"
+    )
+    with pytest.warns(neuro.ModelWarning, match=message) as warned:
+        learnt = learn(with_small("mozafari", theta=1e4), letters, "letters").learnt
+    assert len(warned) == 1
     assert learnt["history"].tolist() == learnt["mistakes"].tolist() == [0.0] * 3
 
 

@@ -12,6 +12,7 @@ from hypothesis import given, settings, strategies as st
 
 import neuro
 from neuro import ModelError
+from neuro.core.extension import run_extensions
 from neuro.rerun.again import rerun
 from neuro.sweeps.claims import Claims, claimed
 from neuro.sweeps.folder import Folder
@@ -149,9 +150,12 @@ def test_a_trial_of_which_a_run_fails_fails(searches, tmp_path):
     assert table.best()[0].point == {"x": 0}
 
 
-def test_a_run_of_a_tuning_is_made_again(searches, tmp_path):
+def test_a_run_of_a_tuning_is_made_again(searches, tmp_path, registries):
     table = tune(searches.bowl, RANGE, tmp_path / "out", trials=2)
     key = table.runs().keys[1]
+    with pytest.raises(ModelError, match=r"^it was made with my_searches.py\n"):
+        rerun(tmp_path / "out" / "runs" / key)
+    run_extensions((str(FOLDER / "my_searches.py"),))
     assert rerun(tmp_path / "out" / "runs" / key).same
     with pytest.raises(ModelError, match=r"^backend = 'event': this tuning is over a function, which says"):
         rerun(tmp_path / "out" / "runs" / key, backend="event")

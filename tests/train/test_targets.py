@@ -83,9 +83,44 @@ def test_r2_of_what_is_asked():
     assert r_squared(np.array([2.0, 2.0]), wanted) == 0.0
 
 
+def test_constant_targets_have_no_r2(neuro, files):
+    """In float32, 0.1 differs from its own mean, so the variance is not exactly 0."""
+    for name in ("learn", "unseen"):
+        content = made(40, 0)
+        content["targets"] = np.where(np.isnan(content["targets"]), np.nan, 0.1)
+        np.savez(files / f"{name}.npz", **content)
+    words = ("--loss", "mse", "--input", "channels", "--epochs", 1, "--test", files / "unseen.npz")
+    status, out, err = neuro(files / "decoder.yaml", "--data", files / "learn.npz", *words)
+    assert (status, err) == (0, "")
+    assert "no R2 (constant targets) on 40" in out
+    assert np.isnan(r_squared(np.ones((2, 3, 2)), np.full((2, 3, 2), 0.1)))
+
+
+def test_a_recording_that_asks_nothing_teaches_nothing(net, files):
+    """Alone in a batch, too; and a neuron that nothing is asked of."""
+    content = made(6, 0)
+    content["targets"][2] = np.nan
+    content["targets"][..., 1] = np.nan
+    np.savez(files / "learn.npz", **content)
+    plan = TrainingPlan(input="channels", output="out", loss="mse", duration=STEPS * 4.0, epochs=2, batch=1)
+    shown = read(files / "learn.npz", net, plan)
+    trained = trainer.learn(net, shown, plan)
+    assert np.isfinite([trained.curves["loss"], trained.curves["right"]]).all()
+    kept = shown.take(np.array([0, 1, 3, 4, 5]))
+    assert shown.variance == pytest.approx(kept.variance)
+    assert np.isfinite(r_squared(np.zeros(content["targets"].shape), content["targets"]))
+
+
 @pytest.mark.parametrize(
     ("changes", "options", "message"),
     [
+        (
+            {"targets": np.where(np.arange(40 * STEPS * 2).reshape(40, STEPS, 2) == 250, np.inf, 0.0)},
+            (),
+            "targets: recording 2, step 5: found an infinite value: expected numbers in mV, or NaN where",
+        ),
+        ({"targets": np.full((40, STEPS, 2), np.nan)}, (), "targets: all are NaN, so nothing is asked"),
+        ({"spikes": np.zeros((40, STEPS, CHANNELS))}, (), "spikes: all are 0: expected a recording with an event"),
         ({"targets": None}, (), "targets is not a file in the archive: expected spikes and targets"),
         (
             {"targets": np.zeros((40, STEPS, 3))},

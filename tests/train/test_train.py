@@ -150,6 +150,36 @@ def test_a_loss_that_is_nan_stops_and_keeps_what_was_good(neuro, folder, file, m
     assert snn.load("trained.yaml") == snn.load("other.yaml")
 
 
+@pytest.mark.filterwarnings("default::neuro.ModelWarning")
+@pytest.mark.parametrize(
+    ("option", "reason"),
+    [
+        ("V_th=1e5", "the largest V_m was "),
+        ("out_delay=500 ms", "a spike takes up to 500 ms"),
+    ],
+)
+def test_an_output_that_cannot_fire_is_reported_with_the_reason(neuro, folder, tmp_path, option, reason):
+    net = snn.Network("mute", resolution=5.0)
+    values = {"V_th": 1.0, "out_delay": 5.0} | dict([option.removesuffix(" ms").split("=")])
+    cells = snn.iaf_psc_delta(tau_m=20.0, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=float(values["V_th"]))
+    net.population("pixels", (2, 12, 12), snn.spike_generator())
+    net.population("out", 3, cells)
+    weight = snn.normal(mean=0.05, std=0.05)
+    net.connect("pixels", "out", snn.all_to_all(), weight=weight, delay=float(values["out_delay"]))
+    net.save(tmp_path / "mute.yaml")
+    status, _, err = neuro(tmp_path / "mute.yaml", "--data", folder / "Train", "--epochs", 2, "--out", "o.yaml")
+    assert status == 0
+    first = "warning: population 'out': no neuron fired in epoch 1, so the network learns nothing: "
+    (line,) = [line for line in err.splitlines() if line.startswith(first)]
+    assert reason in line
+
+
+def test_recordings_without_an_event_in_the_used_time_are_refused(neuro, folder, file):
+    status, _, err = neuro(file, "--data", folder / "Train", "--start", 5000, "--epochs", 1)
+    assert status == 2
+    assert "Train: no recording has an event from 5000 to 5100 ms: expected some to learn from" in err
+
+
 def test_joules_that_cost_something_are_fewer(told):
     taken = {}
     for price in (0.0, 500.0):

@@ -6,6 +6,7 @@ A training is epochs over all frames, kept after each, so that it can go on afte
 from __future__ import annotations
 
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -113,7 +114,7 @@ class Framewise(Method):
 
         Returns:
             ``codes`` and ``ids`` (spikes,); ``lengths`` (frames,) their number; ``ends`` (frames,) when a frame is
-            known to be complete, us after the first event.
+            known to be complete, us after the first event; ``lasts`` (1,) us from the first event to the last.
         """
         first = int(events.t[0]) if len(events) else 0
         seen = self.inside(events)
@@ -122,7 +123,8 @@ class Framewise(Method):
         codes, ids, lengths = self.encoder.encode(self.pool.passed(responses, self.bank.sizes))
         ends = self.segmenter.complete_at(seen.t, bounds) - first
         fitting = np.min_scalar_type(int(np.prod(self.inputs.shape)))
-        return {"codes": codes, "ids": ids.astype(fitting), "lengths": lengths, "ends": ends}
+        lasts = events.t[-1:] - events.t[:1]
+        return {"codes": codes, "ids": ids.astype(fitting), "lengths": lengths, "ends": ends, "lasts": lasts}
 
     def observe_until(self, events: Events, times_us: Sequence[int]) -> list[Evidence]:
         """The frames that were complete by then; where the last may end elsewhere later, each beginning by itself."""
@@ -149,12 +151,19 @@ class Framewise(Method):
         codes = self.encoder.learn(frames.codes)
         sim = neuro.compile(net, backend=course.backend, seed=course.seed)
         shares: list[Shares] = []
+        has_warned = False
         if found := course.resume():
             shares = shares_of(found)
             restore(sim, found["state"])
         for epoch in range(len(shares), self.epochs):
             self.layer.begin(sim, epoch, shares[-1] if shares else None)
             shares.append(self._epoch(sim, frames, shown.labels, codes, epoch, course))
+            if shares[-1] == Shares(right=0.0, wrong=0.0) and not has_warned:
+                has_warned = True
+                message = f"{self.called()}: no neuron fired in any of the {len(frames)} frames of epoch {epoch + 1}"
+                warnings.warn(
+                    f"{message}, so nothing is decided: {self.way_out_of_silence()}", neuro.ModelWarning, stacklevel=2
+                )
             course.keep(**told_of(shares), state=state_of(sim))
         learnt: dict[str, Array | str] = {name: sim.weights(name) for name in taught(net)}
         learnt |= {"network": to_text(net), **told_of(shares), "seed": np.array(course.seed)}
@@ -232,7 +241,7 @@ class Framewise(Method):
                     found.setdefault(name, []).append(scores)
                 taken.append(results.taken)
             votes = {name: np.concatenate(scores) for name, scores in found.items()}
-            return Answer(votes[self.vote], votes, lambda: (sim, reduce(add, taken)))
+            return Answer(votes[self.vote], votes, lambda: (sim, reduce(add, taken)), duration_s=shown.duration_s())
 
         return ask
 

@@ -425,14 +425,16 @@ class HFirst(Method, HFirstSettings):
 
         Returns:
             Of C1 ``times`` in ms and ``ids``, (spikes,); of each input ``on_events`` and ``off_events``, (spikes, 2)
-            the step and the neuron.
+            the step and the neuron. ``lasts`` (1,) us from the first event to the last.
         """
         inputs = shown(self, self.inside(events))
         c1 = c1_spikes(_c1(self), self, s1_spikes(self, inputs))
         steps = {name: np.rint(spikes.times / self.resolution) for name, spikes in inputs.items()}
-        return c1._asdict() | {
-            name: np.stack([steps[name], spikes.ids], axis=1).astype(np.uint32) for name, spikes in inputs.items()
-        }
+        return (
+            c1._asdict()
+            | {"lasts": events.t[-1:] - events.t[:1]}
+            | {name: np.stack([steps[name], spikes.ids], axis=1).astype(np.uint32) for name, spikes in inputs.items()}
+        )
 
     def fit(self, shown: Features, course: Course) -> Learnt:
         """Sum what C1 sent for each class."""
@@ -450,7 +452,8 @@ class HFirst(Method, HFirstSettings):
         def ask(shown: Features) -> Answer:
             heard = [s2_heard(sim, self, _spikes(one)) for one in shown.evidence]
             votes = {reading: np.stack([decisive(one, reading) for one in heard]) for reading in READINGS}
-            return Answer(votes[self.reading], votes, partial(self.run_whole, learnt, shown, backend))
+            run = partial(self.run_whole, learnt, shown, backend)
+            return Answer(votes[self.reading], votes, run, duration_s=shown.duration_s())
 
         return ask
 

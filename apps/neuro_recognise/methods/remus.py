@@ -26,7 +26,13 @@ class Remus(Framewise):
 
     title = "reward-modulated STDP on the first spikes of pseudo-frames"
     source = "Mosca, MSc thesis, 2020, section 6.2"
-    presets = {"best": {}, "adapted": ADAPTED, "thesis": THESIS, "poker": {"theta": 30.0, "size": [34, 34]}, "early": EARLY}
+    presets = {
+        "best": {},
+        "adapted": ADAPTED,
+        "thesis": THESIS,
+        "poker": {"theta": 30.0, "size": [34, 34]},
+        "early": EARLY,
+    }
     measured = {"N-MNIST": "91.4 %", "POKER-DVS": "98.5 %"}
 
     order: str = setting(

@@ -54,7 +54,9 @@ def ended_by(evidence: Evidence, us: int) -> Evidence:
     n = int(np.searchsorted(evidence["ends"], us, "right"))
     spikes = int(evidence["lengths"][:n].sum())
     per_frame, per_spike = ("lengths", "ends"), ("codes", "ids")
-    return {name: evidence[name][:n] for name in per_frame} | {name: evidence[name][:spikes] for name in per_spike}
+    lasts = {name: np.minimum(evidence[name], us) for name in ("lasts",) if name in evidence}
+    per_frame_parts = {name: evidence[name][:n] for name in per_frame}
+    return per_frame_parts | {name: evidence[name][:spikes] for name in per_spike} | lasts
 
 
 def _offsets(lengths: Array) -> Ints:

@@ -30,8 +30,8 @@ BILLS = ("method", "chip", *COLUMNS)
 BILL = (
     "Joules of a recording: what the network does, and what the chip takes while it does; the host that turns events "
     "into its input is not in the bill. Counts times published figures, in brackets the range of these. The chip is on "
-    "for as long as it works, or, in real time, for as long as the network's steps last; behind > its static energy is "
-    "missing, of which no figure is published."
+    "for as long as it works, or, in real time, for as long as the recording lasts. A total behind > lacks costs for "
+    "which no figure is published: static power, or learning."
 )
 
 
@@ -123,12 +123,12 @@ def _bills(found: Sequence[Compared]) -> Iterator[tuple[str, ...]]:
     for one in found:
         for target, bill in (one.bills or {}).items():
             refused = ("refused", *["-"] * (len(COLUMNS) - 1))
-            yield one.contestant.name, target, *(refused if "refused" in bill else cells(bill))
+            yield one.contestant.name, target, *(refused if bill.get("refused") else cells(bill))
 
 
 def _unpriced(found: Sequence[Compared]) -> Iterator[str]:
     """Networks that a target refuses, and why."""
     for one in found:
         for target, bill in (one.bills or {}).items():
-            if "refused" in bill:
+            if bill.get("refused"):
                 yield f"{target} refuses {one.contestant.name}: {bill['refused']}"

@@ -50,7 +50,8 @@ def bills(tried: Tried, targets: Iterable[str]) -> Priced:
         ModelError: as of `check_targets`.
     """
     assert tried.answer.run is not None, "of a network only"
-    return price(tried.answer.run(), tried.own.n, targets, tried.answer.neurons_per_core)
+    answer = tried.answer
+    return price(tried.answer.run(), tried.own.n, targets, answer.neurons_per_core, answer.duration_s)
 
 
 def counted(priced: Priced) -> dict[str, float]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuro.apps import Bar as Line, Evaluation, console, install, number, table, write_picture
+from neuro.apps import Bar as Line, Evaluation, console, echo, install, number, table, write_picture
 from neuro_recognise.deciding.stopping import ASSUMES, ASSURANCE, Outcome, least_allowed, outcome
 from neuro_recognise.method import METHODS, SILENT, Progress
 from neuro_recognise.methods import method_of
@@ -110,6 +110,10 @@ def show(recogniser: Recogniser, tried: Tried) -> None:
     columns = ("shown", *(f">{one}" for one in (*own.classes, "silent")))
     cells = ((one, *(n or "." for n in row)) for one, row in zip(own.classes, own.confusion.tolist(), strict=True))
     out.print(table(columns, cells, title=f"decided by {name}"))
+    silent, total = int(own.confusion[:, -1].sum()), int(own.confusion.sum())
+    if 4 * silent > total:
+        way_out = recogniser.method.way_out_of_silence()
+        echo(f"{silent} of {total} recordings are silent, which counts as wrong: {way_out}")
 
 
 def show_predicted(

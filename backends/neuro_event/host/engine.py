@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from neuro.core.clock import NEVER
 from neuro.core.english import a
 from neuro.core.errors import ModelError
+from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wins
 from neuro.program.currents import Currents
 from neuro.program.drives import Rates
 from neuro.program.program import Floats, Ints, Program, Trials
-from neuro.program.spikes import ListedSpikes, RecordedSpikes, carrying
+from neuro.program.spikes import ListedSpikes, RecordedSpikes, carrying, too_many
 from neuro.program.together import Engines
 from neuro_event.building import (
     build,
@@ -55,7 +56,7 @@ class EventEngine:
     ) -> None:
         cut = () if edges is None else (edges, joined)
         self._a = build.build(self._program, self._n_threads, eager, *cut)
-        self._step = 0
+        self._step, self._torn = 0, False
         self._changes = ChangedValues(self._program)
         self._record = RecordedSpikes()
         self._currents = Currents(self._program)
@@ -85,7 +86,7 @@ class EventEngine:
         build.link(self._a)
         self._table = table_of(net, self._a.plastic)
         self._view = self._table.ctypes.data
-        self._overrun = net["clock"][:, t.OVERRUN]
+        self._overrun, self._uncounted = net["clock"][:, t.OVERRUN], net["clock"][:, t.UNCOUNTED]
         self._copy, self._cells = reading.SynapseReader(self._a, self._table), reading.NeuronReader(self._a)
 
     @property
@@ -95,10 +96,16 @@ class EventEngine:
 
     def run(self, steps: int) -> None:
         """Advance; stops at the steps where a current or a rate changes and where the record must be emptied."""
+        if self._torn:
+            raise ModelError(
+                "the network was interrupted within a step: expected whole steps",
+                hint="sim.reset() begins anew; sim.restore continues from a saved state",
+            )
         end = self._step + steps
         self.join_rows()
-        while self._step < end:
-            self._run_to(end if self._steady else min(end, self._prepare(self._step)))
+        with Interruptible(self._a.net["stop"]):
+            while self._step < end:
+                self._run_to(end if self._steady else min(end, self._prepare(self._step)))
 
     def join_rows(self) -> None:
         """Lay out joined rows before a run: weights that were set have parted them, and many may be set in turn."""
@@ -118,12 +125,20 @@ class EventEngine:
         return min(until, self._currents.next_change(step), self._rates.next_change(step))
 
     def _run_to(self, end: int) -> None:
-        first = self._step + 1
+        first, stop = self._step + 1, self._a.net["stop"]
         while first <= end:
             last = self._next_stop(first, end) if self._stops else end
-            reached = self._threads.run(
-                self._view, first, last + 1, self._a.longest_slice, self._a.reach, self._program.resolution
-            )
+            self._torn = True
+            try:
+                reached = self._threads.run(
+                    self._view, first, last + 1, self._a.longest_slice, self._a.reach, self._program.resolution, stop
+                )
+                end_if_stopped(stop)
+            except BaseException:  # Ctrl-C is heard as soon as a kernel returns
+                self._torn = self._threads.several or int(stop[0]) == AT_ONCE
+                self._step = int(self._a.net["reached"][0]) - 1
+                raise
+            self._torn, self._step = False, int(reached) - 1
             if reached <= last:
                 self._drain()
                 if reached == first and steps.has_room(self._view, first, 1, self._a.reach) < 1:
@@ -132,7 +147,7 @@ class EventEngine:
                 self._samples.read(self._view, last)
             first = int(reached)
         self._step = end
-        self._check_histories()
+        self._check_flags()
 
     def _next_stop(self, first: int, end: int) -> int:
         """The last step that may be run at once: with notes one by one, for these must have room before."""
@@ -142,8 +157,14 @@ class EventEngine:
             end = first
         return min(end, self._samples.next_due(first))
 
-    def _check_histories(self) -> None:
-        """Histories are as long as refractoriness lets them grow: a model that fires earlier has lost spikes."""
+    def _check_flags(self) -> None:
+        """Refuse what kernels could not do.
+
+        They count spikes with 64 bits. Histories are as long as refractoriness lets them grow: a model that fires
+        earlier has lost spikes.
+        """
+        if uncounted := int(self._uncounted.max()):
+            raise too_many(self._program.populations[uncounted - 1])
         overrun = max(self._overrun.tolist())
         if overrun:
             part = self._program.populations[overrun - 1]
@@ -157,7 +178,7 @@ class EventEngine:
         net = self._a.net
         old = net["log_ids"].shape[1]
         for name in ("log_ids", "log_counts"):
-            bigger = np.zeros((net[name].shape[0], 2 * old), dtype=np.int32)
+            bigger = np.zeros((net[name].shape[0], 2 * old), dtype=net[name].dtype)
             for thread in range(bigger.shape[0]):
                 places = np.arange(max(0, int(net["log_at"][thread, 0]) - old), int(net["log_at"][thread, 0]))
                 bigger[thread, places & (2 * old - 1)] = net[name][thread, places & (old - 1)]

@@ -31,6 +31,8 @@ _EMPTY = {
     "tally",
     "none",
     "spots",
+    "stop",
+    "reached",
 }
 _LISTS = {"incoming", "in_synapse", "in_source"}
 _NOTES = {"note_this", "note_at", "note_steps", "note_synapses", "note_y"}
@@ -132,7 +134,7 @@ def restore(a: EventArrays, arrays: Mapping[str, NDArray[Any]]) -> None:
         elif part == "net" and a.net[rest].shape == value.shape:
             a.net[rest][...] = value  # where it lies is well chosen, see `memory`
         elif part == "net":
-            a.net[rest] = value.copy()
+            a.net[rest] = value.astype(a.net[rest].dtype)  # a copy; counts of older states have 32 bits
         elif name == "plastic.table":
             a.plastic["table"][:, : t.RULE_NUMBER] = value
         elif part == "plastic":

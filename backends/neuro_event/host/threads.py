@@ -8,6 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from neuro.core.interrupts import AT_ONCE, end_if_stopped
+from neuro.program.program import Ints
 from neuro_event.loop import steps
 
 STRETCH = 20e-3
@@ -58,21 +60,32 @@ class Threads:
         self._alone_slices = self._alone_s = self._since = 0.0
         self._spare, self._slices = ENOUGH - SHARE * STRETCH, 1
 
-    def run(self, view: int, first: int, last: int, longest: int, reach: int, h: float) -> int:
-        """Run the steps first:last; return where there was no room for a whole slice, or `last`."""
+    @property
+    def several(self) -> bool:
+        """Return whether there is more than one thread."""
+        return self._pool is not None
+
+    def run(self, view: int, first: int, last: int, longest: int, reach: int, h: float, stop: Ints) -> int:
+        """Run the steps first:last; return where there was no room for a whole slice, or `last`.
+
+        `stop` is what the kernels look at, see `neuro.core.interrupts`.
+        """
         if self._pool is None:
             return int(steps.run(view, first, last, longest, reach, h))
         if not self._begun:  # no steps: the kernels are compiled, which is not to be weighed
             steps.run(view, first, first, longest, reach, h)
-            self._share(view, first, first, longest, reach, h)
+            self._share(view, first, first, longest, reach, h, stop)
             self._begun = True
         step = first
         while step < last:
             together = self._together and self._since < AGAIN
             end = min(last, step + self._slices * longest)
             began, cpu = time.perf_counter(), time.thread_time()
-            reached = (self._share if together else steps.run)(view, step, end, longest, reach, h)
-            done = int(reached) - step
+            if together:
+                reached = self._share(view, step, end, longest, reach, h, stop)
+            else:
+                reached = int(steps.run(view, step, end, longest, reach, h))
+            done = reached - step
             cpu, taken = time.thread_time() - cpu, time.perf_counter() - began
             self._weigh(together, done / longest, taken, cpu < HELD * taken)
             step += done
@@ -99,23 +112,28 @@ class Threads:
             stretch = max(self._spare, ENOUGH) if self._together else STRETCH
             self._slices = max(1, int(stretch * self._alone_slices / self._alone_s))
 
-    def _share(self, view: int, first: int, last: int, longest: int, reach: int, h: float) -> int:
+    def _share(self, view: int, first: int, last: int, longest: int, reach: int, h: float, stop: Ints) -> int:
         """Run on all threads; return the step that was reached."""
         if self._process != os.getpid():  # a process that was forked has none of the threads
             self._pool, self._process = ThreadPoolExecutor(self._n - 1), os.getpid()
         assert self._pool is not None
         self._progress[:, 0] = first
-        given = (view, last, longest, reach, h)
+        given = (view, last, longest, reach, h, stop)
         others = [self._pool.submit(self._work, thread, *given) for thread in range(1, self._n)]
         try:
             self._work(0, *given)
+        except BaseException:
+            stop[0] = AT_ONCE  # the others are somewhere else
+            raise
         finally:
             self._progress[self._n, 0] = steps.HALT
             for other in others:
                 other.result()
         return int(self._progress[0, 0])
 
-    def _work(self, thread: int, view: int, last: int, longest: int, reach: int, h: float) -> None:
+    def _work(self, thread: int, view: int, last: int, longest: int, reach: int, h: float, stop: Ints) -> None:
         """One thread's part, which rests where it waits for long."""
         while not steps.share(view, self._progress, thread, last, longest, reach, h):
             time.sleep(REST)
+            if thread == 0:  # a handler of a signal has had its turn
+                end_if_stopped(stop)

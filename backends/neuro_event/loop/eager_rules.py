@@ -201,8 +201,10 @@ def eager_entry(model, own_rows):
         # The k-th synapse of the next neuron's list while the k-th of this one's learns: requests spread over the whole
         # pass.
         on, last = p.incoming[table[t.INCOMING] + ahead] - begin, p.in_synapse.shape[0] - 1
-        weights = address(p.y) + 8 * first
+        weights, stop = address(p.y) + 8 * first, net_of(view).stop
         for k in range(m):
+            if stop[0] == 2:
+                return
             # A spike of multiplicity m acts as m spikes one after the other, as in NEST.
             post = values_after(before, k)
             for i in range(np.uint64(begin), np.uint64(end)):

@@ -220,7 +220,7 @@ def rule_entry(model, own_rows):
     @inlined
     def flow(view, q, z, own, thread, history, target, upto, whole, delay, h):
         """Let the post spikes up to step `upto` act on a synapse; with `whole` also what flows after the last."""
-        p = plastic_of(view)
+        net, p = net_of(view), plastic_of(view)
         # Lazily, a neuron's spikes go into a short history of its own, and a synapse reads it at its next pre spike:
         # 10,000 synapses onto a neuron cost nothing while their sources are silent.
         past, column = p.past[history], p.table[q, t.COLUMN]
@@ -238,6 +238,8 @@ def rule_entry(model, own_rows):
             since = time + delay
             pre = pre_values(p, q, thread, own, since, h)
             for m in range(past[NEWEST + ENTRY * k + 2]):
+                if net.stop[0] == 2:
+                    return
                 on_post(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, kept_values(p, column, history, k, m))
         if whole and since < upto:
             pass_time(view, q, z, target, since, upto, h)

@@ -51,6 +51,17 @@ def post_trace(decay, past, traces, before, h, tau_minus, neuron):
     return 0.0
 
 
+@inlined
+def repeat(on_post, view, y, z, c, k, m):
+    """Let m post spikes of one step act on a synapse."""
+    for _ in range(m):
+        weight = y[0, z]
+        on_post(y, z, c, (k,), (0.0,))
+        # What changes nothing once changes nothing again: the spikes of a runaway network are no turns of a loop.
+        if y[0, z] == weight or net_of(view).stop[0] == 2:
+            return
+
+
 def _modulated(model, on_post):
     """What a synapse under dopamine does with a history; see `_plain`."""
     advance = taking(model, "advance", "y, e, c, begin, end, n, grid")
@@ -71,8 +82,7 @@ def _modulated(model, on_post):
             # Without a pre trace a post spike changes nothing, but the flow of dopamine has to be cut at it.
             if k_plus != 0.0:
                 k = k_plus * decayed(p.decay[q, PLUS], arrival - then, h, p.tau[q], 0)
-                for _ in range(past[NEWEST + ENTRY * i + 2]):
-                    on_post(p.y, z, c, (k,), (0.0,))
+                repeat(on_post, view, p.y, z, c, k, past[NEWEST + ENTRY * i + 2])
         return since
 
     @inlined
@@ -122,8 +132,7 @@ def _plain(on_post):
             if arrival > upto:
                 break
             k = k_plus * decayed(plus, arrival - last, h, tau, 0)
-            for _ in range(past[NEWEST + ENTRY * i + 2]):
-                on_post(y, z, c, (k,), (0.0,))
+            repeat(on_post, view, y, z, c, k, past[NEWEST + ENTRY * i + 2])
 
     @inlined
     def bring_one(view, q, z, c, own, thread, target, past, upto, whole, delay, h):

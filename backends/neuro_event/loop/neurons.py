@@ -15,6 +15,7 @@ IDLE = 16
 
 _SIGN = np.int64(-(2**63))
 _ONE = np.uint64(1)
+_MOST = 2.0**63
 
 
 @subkernel
@@ -48,10 +49,10 @@ def wake(view, thread, pop, block, last, h):
     # threshold without input? A bound answers, not stepping. If none can, the block sleeps until input is due or
     # something is set. These moments follow from steps and events alone, so cutting a run changes nothing.
     n = last - net.slept[block]
-    # One step of n h is exact for linear models; of others nothing changed while they slept.
+    # Linear models do n steps at once; of others nothing changed while they slept.
     if n > 0 and row[t.LINEAR] == 1:
         lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
-        call_entry(view, row, CATCH_UP, lo, hi, thread, last, n * h)
+        call_entry(view, row, CATCH_UP, lo, hi, thread, n, h)
     net.awake[block] = 1
     net.busy[block] = last
 
@@ -124,6 +125,17 @@ def take_arrivals(view, lo, receptors):
 
 
 @subkernel
+def arrived(view, thread, pop, i):
+    """How many spikes arrive at a neuron that repeats them; the engine reports a number that 64 bits do not count."""
+    net = net_of(view)
+    number = net.x[0, i]
+    if number + np.float64(net.spikes[i]) < _MOST:
+        return np.int64(number)
+    net.clock[thread, t.UNCOUNTED] = pop + 1
+    return np.int64(1)
+
+
+@subkernel
 def step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all):
     """Wake the due blocks among begin:end, take in what their rings hold, and step all that are awake.
 
@@ -191,7 +203,7 @@ def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
                     fired &= fired - _ONE
                     came = heard(view, i, receptors)
                     if row[t.GROUP] < 0:
-                        m = np.int64(net.x[0, i]) if row[t.RELAY] == 1 else np.int64(net.fired[i])
+                        m = arrived(view, thread, pop, i) if row[t.RELAY] == 1 else np.int64(net.fired[i])
                         if row[t.PAYLOAD] >= 0:
                             m = np.int64(net.state[row[t.PAYLOAD], i])
                         spike(view, pop, i)

@@ -97,23 +97,35 @@ def operations(model):
     # Ours take single items of input and current, so a placeholder will do; a third-party step may slice them.
     foreign = model not in NEURONS
 
+    own_catch_up = getattr(model.arithmetic, "catch_up", None)
+    if own_catch_up is None:
+
+        @inlined
+        def skip(net, p, c, lo, hi, h, n):
+            """One step of n h in place of n steps."""
+            constants(p, n * h, c)
+            step(net.state, c, net.empty_input, net.current, np.uint64(lo), np.uint64(hi), net.fired, net.draws)
+
+    else:
+        advance = compiled(own_catch_up)
+
+        @inlined
+        def skip(net, p, c, lo, hi, h, n):
+            advance(net.state, p, c, net.current, np.uint64(lo), np.uint64(hi), h, n)
+
     @subkernel
-    def catch_up(view, thread, pop, lo, hi, interval):
-        """One step of `interval` ms without input, for neurons that slept so long."""
+    def catch_up(view, thread, pop, lo, hi, h, n):
+        """Advance neurons that slept for n steps of h ms."""
         net = net_of(view)
         row = net.pops[pop]
         # Room of the thread: kernels allocate nothing.
         c = net.scratch[thread]
         if row[t.CONSTANT_STRIDE] == 0:
-            # Constants of the whole interval: one step of n h in place of n steps.
-            constants(net.parameters[row[t.CONSTANT]], interval, c)
-            step(net.state, c, net.empty_input, net.current, np.uint64(lo), np.uint64(hi), net.fired, net.draws)
+            skip(net, net.parameters[row[t.CONSTANT]], c, lo, hi, h, n)
         else:
             # Constants differ between neurons: one at a time, with its own row.
             for i in range(lo, hi):
-                constants(net.parameters[row[t.CONSTANT] + i - row[t.BEGIN]], interval, c)
-                u = np.uint64(i)
-                step(net.state, c, net.empty_input, net.current, u, u + _ONE, net.fired, net.draws)
+                skip(net, net.parameters[row[t.CONSTANT] + i - row[t.BEGIN]], c, i, i + 1, h, n)
 
     @inlined
     def step_run(view, pop, lo, hi):
@@ -198,9 +210,9 @@ def entry(model):
     draws, linear, foreign = model.draws, model.linear, model not in NEURONS
 
     @kernel
-    def run(view, pop, operation, lo, hi, thread, step, interval):
-        if linear and operation == CATCH_UP:  # of others nothing changes while they sleep
-            catch_up(view, thread, pop, lo, hi, interval)
+    def run(view, pop, operation, lo, hi, thread, step, h):
+        if linear and operation == CATCH_UP:  # of others nothing changes while they sleep; `step`: how many they slept
+            catch_up(view, thread, pop, lo, hi, h, step)
         elif operation == STEP:
             if draws:
                 draw(view, pop, lo, hi, step)
@@ -224,7 +236,7 @@ def generator_entry(model):
     emit = compiled(model.arithmetic.emit)
 
     @kernel
-    def run(view, pop, operation, lo, hi, thread, step, interval):
+    def run(view, pop, operation, lo, hi, thread, step, h):
         net = net_of(view)
         row = net.pops[pop]
         base = step_word(net.keys[pop], step)

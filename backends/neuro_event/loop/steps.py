@@ -199,6 +199,7 @@ def run(view, first, last, longest, reach, h):
     net = net_of(view)
     threads = net.edges.shape[1] - 1
     step = first
+    net.reached[0] = step
     while step < last:
         # Asked once for many steps: tests for room at each spike cost more than the space that an exact bound would
         # save.
@@ -206,10 +207,13 @@ def run(view, first, last, longest, reach, h):
         if until == step:
             return step
         while step < until:
+            if net.stop[0] != 0:
+                return step
             # No spike needs less than `longest` steps, so within a slice no population waits for another one's spikes.
             end = min(step + longest, until)
             advance(view, 0, threads, step, end, h)
             step = end
+            net.reached[0] = step
     # A read at the last step shows dopamine and post spikes up to it, but not the pre spikes emitted in it.
     for thread in range(threads):
         act_at_emission(view, thread, last - 2, last - 1, h)
@@ -277,6 +281,8 @@ def share(view, progress, thread, last, longest, reach, h):
         step, end = load_acquire(progress, thread), load_acquire(progress, threads)
         if end == HALT:
             return 1
+        if net_of(view).stop[0] != 0:
+            return 0
         end = min(step + stride, end)
         if step < end and least >= (end - longest if free else step):
             advance(view, thread, thread + 1, step, end, h)
@@ -339,7 +345,7 @@ def run_trial(view, group, first, last, at_decision, reach, h):
     net = net_of(view)
     for step in range(first, last):
         # One step at a time: a decision ends a trial in the step in which it falls.
-        if room(view, step, 1, reach) < 1:
+        if net.stop[0] != 0 or room(view, step, 1, reach) < 1:
             return step
         advance(view, 0, net.edges.shape[1] - 1, step, step + 1, h)
         if at_decision and net.closed[group] == 1:
@@ -396,6 +402,8 @@ def learn_step(view, step, done_arrivals, thread, h, arrivals_only):
             for place in range(net.log_ends[sender, slot, source], net.log_ends[sender, slot, source + 1]):
                 local = np.int64(net.log_ids[sender, place & mask]) - net.pops[source, t.BEGIN]
                 for nth in range(net.log_counts[sender, place & mask]):
+                    if net.stop[0] == 2:
+                        return
                     call_rule(view, p.table[q], PRE_SPIKE + nth, local, step, thread, h)
                     if p.table[q, t.NOTED] == 1:
                         note(view, q, local, step, thread)

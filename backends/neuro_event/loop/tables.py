@@ -167,7 +167,7 @@ MOVE_TRACES = 4
 TO_ALL, TO_EACH, AS_LISTED = range(3)
 
 # threads
-DONE, DONE_DOPAMINE, HORIZON, OVERRUN = range(4)
+DONE, DONE_DOPAMINE, HORIZON, OVERRUN, UNCOUNTED = range(5)
 
 # groups
 FIRST_TO_FIRE, IN_TRIAL, WINNER, DECIDED, RIVALS, APART, GROUP_COLUMNS = range(1, 8)
@@ -256,12 +256,12 @@ weights f8 1       of all projections
 delays i4 1        of all projections, steps
 tau_minus f8 1     of each neuron
 log_ids i4 2       (threads, capacity) spikes under way, a ring
-log_counts i4 2
+log_counts i8 2
 log_ends i8 3      (threads, steps, populations + 1) where each population's spikes of a step begin
 log_at i8 2        (threads, cache line) where each thread writes next
 rec_steps i8 2     recorded spikes of each thread
 rec_ids i4 2
-rec_counts i4 2
+rec_counts i8 2
 rec_at i8 2         (threads, a cache line)
 found i8 2         neurons of a group that reached threshold
 found_arrived u1 2
@@ -274,6 +274,8 @@ standing i8 2      how many of each of these may still win, and have won in this
 map_wins i8 2      (groups, maps) how often each of their maps has won
 won i8 2           (neurons of the trials' output, 2) winners of this trial, in order, and the step
 clock i8 2         (threads, columns of `tables`)
+stop i8 1          whether to end, see `neuro.core.interrupts`
+reached i8 1       the step before which a run ended
 map_of i8 1        map of each neuron of the trials' output
 potential f8 1     largest V_m of each map
 best i8 1          the neuron that has it
@@ -375,9 +377,9 @@ def call_moves(view, k, operation, index, step, thread, h):
 
 
 @subkernel
-def call_entry(view, row, operation, lo, hi, thread, step, interval):
+def call_entry(view, row, operation, lo, hi, thread, step, h):
     """Let the entry of a population's model do an operation, see `operations`."""
-    return _call_entry(row[ENTRY], (view, row[NUMBER], operation, lo, hi, thread, step, interval))
+    return _call_entry(row[ENTRY], (view, row[NUMBER], operation, lo, hi, thread, step, h))
 
 
 net_of = viewer(Views("Net", 0, _NET))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -15,6 +16,8 @@ CHIP_TIME = "chip time: "
 """How notes begin that say where figures of the chip time come from."""
 FASTEST, AS_GIVEN, REAL_TIME = "as fast as the chip can", "at the given steps", "in real time"
 """What clock static energy goes by: steps follow each other at once, or in a given time, or each lasts its own time."""
+REFUSED = "refused"
+"""What stands in place of a total on a chip that cannot run the network."""
 COLUMNS = (">dynamic", f">{FASTEST}", f">{REAL_TIME}", ">chip time", ">chips")
 """Heads of the columns of a bill in a table, see `Energy.cells`."""
 
@@ -67,9 +70,10 @@ class Energy:
         notes: what is assumed, and what is not in the sums.
         of: what the bill is of: "run", or what it was divided by.
         chip_time_range_s: between what the chip time lies, by the ranges of its figures.
-        duration_s: how long the run is in the network's own time, in s.
+        duration_s: how long the run is in real time, in s: steps x resolution, or what the caller of `price` gave.
         clock: what the chip time goes by: `FASTEST`, `AS_GIVEN` or `REAL_TIME`.
         waiting: the bill of a chip that waits for the end of each step, None where it has nothing to wait for.
+        refused: why the chip cannot run the network, "" if it can. A bill that is refused has lines and no total.
     """
 
     target: str
@@ -84,6 +88,7 @@ class Energy:
     duration_s: float = 0.0
     clock: str = FASTEST
     waiting: Energy | None = None
+    refused: str = ""
 
     @property
     def real_time(self) -> Energy:
@@ -92,8 +97,8 @@ class Energy:
 
     @property
     def total_j(self) -> float:
-        """Joules in all."""
-        return self.dynamic_j + self.static_j
+        """Joules in all, without the costs in `missing`; NaN on a chip that refuses the network."""
+        return math.nan if self.refused else self.dynamic_j + self.static_j
 
     @property
     def dynamic_j(self) -> float:
@@ -107,13 +112,13 @@ class Energy:
 
     @property
     def low_j(self) -> float:
-        """Joules in all if every figure is at the low end of its range."""
-        return _ends(self.items)[0]
+        """Joules in all if every figure is at the low end of its range; NaN as `total_j`."""
+        return math.nan if self.refused else _ends(self.items)[0]
 
     @property
     def high_j(self) -> float:
-        """Joules in all if every figure is at the high end of its range."""
-        return _ends(self.items)[1]
+        """Joules in all if every figure is at the high end of its range; NaN as `total_j`."""
+        return math.nan if self.refused else _ends(self.items)[1]
 
     @property
     def extrapolated(self) -> dict[str, tuple[str, ...]]:
@@ -128,6 +133,12 @@ class Energy:
     def static_known(self) -> bool:
         """Whether there is a figure of static power, and a time that it lasts."""
         return any(item.what == STATIC for item in self.items)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Names of the costs that the total lacks, as no figure is published: totals with any are shown behind ">"."""
+        unpriced = dict.fromkeys(item.what for item in self.items if item.joules is None)
+        return (*unpriced, *(() if self.static_known else (STATIC,)))
 
     @property
     def late(self) -> bool:
@@ -150,8 +161,20 @@ class Energy:
 
     def totals(self) -> str:
         """The total with its range at both clocks, in one line."""
+        if self.refused:
+            return f"{REFUSED}: {self.refused}"
         one, other = _totals(self._both())
         return f"{one} {self.clock}, {'the same' if one == other else other} {REAL_TIME}"
+
+    def total(self, digits: int = 4) -> str:
+        """The total of this clock without its range, e.g. "8.234 uJ", "> 8.234 uJ" or "refused".
+
+        Args:
+            digits: how many.
+        """
+        if self.refused:
+            return REFUSED
+        return "> " * bool(self.missing) + quantity(self.total_j, "J", digits)
 
     def by_population(self) -> dict[str, float]:
         """Dynamic joules of each population's neurons."""
@@ -210,7 +233,8 @@ class Energy:
         about = {"target": self.target, "title": self.title, "of": self.of, "clock": self.clock}
         items = [asdict(item) for item in self.items]
         extrapolated = [{"why": why, "costs": list(names)} for why, names in self.extrapolated.items()]
-        return {**about, **self._both(), "items": items, "extrapolated": extrapolated, "notes": list(self.notes)}
+        rest = {"items": items, "extrapolated": extrapolated, "notes": list(self.notes)}
+        return {**about, **self._both(), "refused": self.refused or None, **rest}
 
     def _both(self) -> dict[str, Any]:
         """The figures of both clocks."""
@@ -218,19 +242,20 @@ class Energy:
         real = {"duration_s": self.duration_s, "late": self.late, "real_time": self.real_time._figures()}
         return {**self._figures(), **machine, **real}
 
-    def _figures(self) -> dict[str, float | None]:
+    def _figures(self) -> dict[str, Any]:
         """Sums with their ranges and the chip time, of one clock."""
         static = self.static_j if self.static_known else None
-        sums = {"total_j": self.total_j, "dynamic_j": self.dynamic_j, "static_j": static}
+        sums = {"total_j": None if self.refused else self.total_j, "dynamic_j": self.dynamic_j, "static_j": static}
         dynamic, chips_on = self._dynamic(), self._static()
+        unknown = ("total",) * bool(self.refused) + ("static",) * (static is None)
         ranges = {
-            f"{name}_{end}_j": None if name == "static" and static is None else value
+            f"{name}_{end}_j": None if name in unknown else value
             for name, items in (("total", self.items), ("dynamic", dynamic), ("static", chips_on))
             for end, value in zip(("low", "high"), _ends(items), strict=True)
         }
         ends = self.chip_time_range_s or (None, None)
         time = {"chip_time_s": self.chip_time_s, "chip_time_low_s": ends[0], "chip_time_high_s": ends[1]}
-        return {**sums, **ranges, **time}
+        return {**sums, **ranges, **time, "missing": list(self.missing)}
 
     def _dynamic(self) -> tuple[BillItem, ...]:
         return tuple(item for item in self.items if item.what != STATIC)
@@ -335,9 +360,11 @@ def cells(bill: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _totals(bill: Mapping[str, Any]) -> tuple[str, str]:
-    """The total with its range at both clocks; ">" where static energy is not known and so not in it."""
+    """The total with its range at both clocks: behind ">" where it lacks a cost, "refused" where there is none."""
+    if bill["total_j"] is None:
+        return REFUSED, REFUSED
     one, other = (
-        "> " * (each["static_j"] is None) + between(*(each[f"total{end}_j"] for end in ("", "_low", "_high")))
+        "> " * bool(each["missing"]) + between(*(each[f"total{end}_j"] for end in ("", "_low", "_high")))
         for each in (bill, bill["real_time"])
     )
     return one, other + " late" * bill["late"]

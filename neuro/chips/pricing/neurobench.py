@@ -215,8 +215,10 @@ def _joules(energy: Energy, samples: int) -> dict[str, Any]:
     for what, joules in energy.by_cost().items():
         sums[_COSTS[what]] += joules / samples
     one, real = ({"total": e.total_j, "low": e.low_j, "high": e.high_j} for e in (energy, energy.real_time))
-    one, real = ({name: joules / samples for name, joules in each.items()} for each in (one, real))
-    return {"model": energy.target, "clock": energy.clock, **one, **sums, "real_time": real}
+    clocks = [
+        {name: None if energy.refused else joules / samples for name, joules in each.items()} for each in (one, real)
+    ]
+    return {"model": energy.target, "clock": energy.clock, **clocks[0], **sums, "real_time": clocks[1]}
 
 
 def _sources(energy: Energy) -> list[str]:

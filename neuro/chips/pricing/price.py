@@ -16,7 +16,7 @@ In real time the steps of the network last their own time, as events come: a chi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING
@@ -53,6 +53,13 @@ LARGE_BARRIER = "barrier_768_chips_time"
 WORK = ("synaptic_op_time", "neuron_update_active_time", "neuron_update_inactive_time", "learning_update_time")
 TILES = 32
 CHIPS = 768
+
+RULES_APPLIED = (
+    "learning updates, which are priced, count the plastic synapses of each pre and each post spike, as the published "
+    "figure is of one pairwise update; 'rules applied' count the synapses that the chip's learning engine visits at "
+    "the end of an epoch: all of them where a product with u_k is due, else each once whose neurons spiked"
+)
+"""Why Loihi's own count of learning differs from the one in its bill."""
 
 Pick = Callable[[Figure], float]
 """Which number of a figure is taken: its value, or an end of its range."""
@@ -97,11 +104,11 @@ def chip_time(
 
 
 def waited(time: Duration | None, seconds: float) -> Duration:
-    """How long a chip is on in real time: as long as the steps last, or longer where it is late.
+    """How long a chip is on in real time: as long as the run lasts, or longer where it is late.
 
     Args:
         time: that it takes, None where that is not known: then it is taken to be in time.
-        seconds: that the steps last.
+        seconds: that the run lasts.
     """
     if time is None:
         return Duration(seconds, seconds, seconds)
@@ -237,6 +244,7 @@ def price(
     *,
     step_s: float | None = None,
     chips: int | None = None,
+    duration_s: float | None = None,
 ) -> Energy:
     """The bill of a run.
 
@@ -247,15 +255,20 @@ def price(
         chip: the target.
         step_s: how long a step takes on the chip in s, where that is known or demanded, e.g. by real time.
         chips: that are on, if not those that the placement uses, e.g. all of a board.
+        duration_s: how long the run lasts in real time in s, if not as long as its steps, e.g. the time of recordings
+            whose frames are shown over more steps.
 
     Raises:
         ModelError: no cost of the chip is published, it needs a placement, the program does not fit on it, or
-            `step_s` or `chips` cannot be.
+            `step_s`, `chips` or `duration_s` cannot be.
     """
     check_costs(chip)
     _check_machine(chip, placement, step_s, chips)
+    if duration_s is not None and not (isinstance(duration_s, (int, float)) and 0.0 <= duration_s < math.inf):
+        raise ModelError(f"duration_s = {duration_s!r}: expected a number >= 0 in s")
     used = 1 if placement is None else placement.chips_used
-    bill = _Bill(program, Tally(program).between(None, counts), chip, placement, chips or used, step_s)
+    tally = Tally(program).between(None, counts)
+    bill = _Bill(program, tally, chip, placement, chips or used, step_s, duration_s)
     if "mac" in chip.costs:
         return bill.dense()
     if chip.mesh is not None and placement is None:
@@ -292,16 +305,14 @@ def check_fits(program: Program, placement: Placement, chip: Chip) -> None:
         raise ModelError(f"network '{program.name}' does not fit on chip '{chip.name}'", others=refused)
 
 
-def unrunnable(program: Program, chip: Chip, placed: bool) -> Iterator[str]:
-    """Notes that what is priced cannot run on the chip, as far as that is known of it."""
-    as_if = "priced as if it could"
+def unrunnable(program: Program, chip: Chip, placed: bool) -> str:
+    """Return why a chip cannot run a network, as far as that is known of the chip; "" if it can."""
     if chip.arithmetic in ARITHMETICS:
-        if refused := len(refusals(program, chip)):
-            count = f"{refused} refusal" + "s" * (refused > 1)
-            yield f"{chip.name} cannot run this network ({count}, see neuro fit): {as_if}"
-    elif not placed:
-        for problem in too_late(program, chip):
-            yield f"{chip.name} cannot run this network: {problem.what}: {problem.why}: {as_if}"
+        problems = refusals(program, chip)
+    else:
+        problems = () if placed else tuple(too_late(program, chip))
+    more = f" (and {len(problems) - 1} more, see neuro fit)" if len(problems) > 1 else ""
+    return f"{problems[0].what}: {problems[0].why}{more}" if problems else ""
 
 
 class _Bill:
@@ -315,11 +326,13 @@ class _Bill:
         placement: Placement | None,
         chips: int,
         step_s: float | None,
+        duration_s: float | None,
     ) -> None:
         self.program, self.counts, self.chip = program, counts, chip
         self.placement, self.chips, self.step_s = placement, chips, step_s
         self.run = run_of(program, counts, placement, chips)
-        self.seconds = counts.steps * program.resolution * 1e-3
+        self.seconds = counts.steps * program.resolution * 1e-3 if duration_s is None else duration_s
+        self.refused = "" if "mac" in chip.costs else unrunnable(program, chip, placement is not None)
         self.items: list[BillItem] = []
         self.notes: list[str] = []
 
@@ -396,7 +409,8 @@ class _Bill:
     def explain(self, raw: EngineCounts, time: Duration | None) -> None:
         """Note what is assumed and what is left out."""
         placement = self.placement
-        self.notes += unrunnable(self.program, self.chip, placement is not None)
+        if self.refused:
+            self.notes.append(f"{self.chip.name} refuses the network, so there is no total: {self.refused}")
         if time is not None:
             self.notes += told_times(self.program, self.chip, self.run, self.step_s)
         if placement is not None and self.chips != placement.chips_used:
@@ -415,6 +429,8 @@ class _Bill:
             self.notes.append("generators are the host's: their spikes are priced, their updates are not")
         if any(item.what == "weight_write" for item in self.items):
             self.notes.append("the rule for trials is applied by the host, which writes each weight that changes")
+        if any(name.startswith("rules applied") for name in raw.native):
+            self.notes.append(RULES_APPLIED)
         bare = sorted({item.what for item in self.items if item.joules_each is None})
         if bare:
             self.notes.append(f"not priced, as no figure is published: {', '.join(bare)}")
@@ -437,7 +453,7 @@ class _Bill:
         best, ends = (None, None) if time is None else (time.best, (time.low, time.high))
         lines = (*self.items, *self.on(time)), tuple(self.notes)
         about = chip.name, chip.title, self.chips, best, steps
-        return Energy(*about, *lines, "run", ends, self.seconds, clock, waiting)
+        return Energy(*about, *lines, "run", ends, self.seconds, clock, waiting, self.refused)
 
 
 def bill(
@@ -447,6 +463,7 @@ def bill(
     *,
     step_s: float | None = None,
     chips: int | None = None,
+    duration_s: float | None = None,
 ) -> Energy:
     """What a run would take on a target.
 
@@ -456,12 +473,13 @@ def bill(
         target: the name of a chip or processor, or a table file.
         step_s: how long a step takes on the chip in s, if not as its table says.
         chips: that are on, if not those that the network needs.
+        duration_s: how long the run lasts in real time in s, if not as long as its steps.
 
     Raises:
-        ModelError: there is no such target, the network does not fit on it, it has no published costs, or `step_s` or
-            `chips` cannot be.
+        ModelError: there is no such target, the network does not fit on it, it has no published costs, or `step_s`,
+            `chips` or `duration_s` cannot be.
     """
     priced = chip(target)
     placed = priced.mesh is not None or priced.arithmetic in ARITHMETICS
     placement = place(program, priced) if placed else None
-    return price(program, counts, placement, priced, step_s=step_s, chips=chips)
+    return price(program, counts, placement, priced, step_s=step_s, chips=chips, duration_s=duration_s)

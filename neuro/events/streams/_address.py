@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import socket
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,6 +13,8 @@ from urllib.parse import urlsplit
 from neuro.core.errors import ModelError, unknown
 
 SCHEMES = ("udp", "tcp")
+CLOSED = "NEURO_STREAMS_CLOSED"
+"""An environment variable: a process that has it, and those that it starts, open no stream."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +84,8 @@ def address(url: str) -> Address:
         ModelError: it is none, or its host is not known.
     """
     scheme, host, port = parsed(url)
+    if os.environ.get(CLOSED):
+        raise ModelError(f"{url}: is not opened while a file is made again")
     kind = socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM
     try:
         family, _, _, _, place = socket.getaddrinfo(host, port, type=kind)[0]

@@ -11,6 +11,11 @@ bound the neurons of one call, which share one vector of constants `c`.
     fire(s, c, i)                         what a spike does to neuron i
     quiet(s, c, i_0, lo, hi)              whether none of them can fire before its next input
 
+A model that says `linear`, and for which n steps without input are not one step of n h, has a fifth function:
+
+    catch_up(s, p, c, i_0, lo, hi, h, n)  advance n steps of h ms without input, in which none fires; `c` is room for
+                                          constants
+
 A neuron that fires at random says `draws`; then it is `step(s, c, x, i_0, lo, hi, fired, u)`, where `u[i]` is a number
 in [0, 1) that is drawn anew for each neuron and step, and `quiet` is false wherever a draw can make a neuron fire.
 
@@ -34,6 +39,7 @@ from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, here
 from neuro.core.quantities import Quantity, Value, quantity
 from neuro.model.arithmetic import OfModule, check_functions, fill
+from neuro.model.neurons.sleep import check_sleep
 
 FUNCTIONS = {"constants": 3, "step": 7, "fire": 3, "quiet": 5}
 """The functions of a neuron model's arithmetic and how many arguments each takes."""
@@ -156,7 +162,7 @@ class Neuron(Model):
             otherwise.
         weight_unit: of the weights onto it, "" where they have none.
         relay: whether a spike carries the multiplicity that arrived, whatever the weight.
-        linear: whether n steps of h without input equal one step of length n h.
+        linear: whether n steps of h without input can be done at once: by `catch_up`, or by one step of length n h.
         resets_in_step: whether `step` itself resets a neuron that spikes, and `fire` does nothing; a winner-take-all
             group, which chooses between the two, cannot have such neurons.
         takes_current: whether currents of generators act on it.
@@ -256,8 +262,13 @@ def _complete_neuron(model: type[Neuron]) -> None:
         raise TypeError(f"{message} is graded: expected a state '{PAYLOAD}'")
     _check_receptors(message, model)
     c = _complete_numbers(message, model)
-    if c is not None and "V_m" in names and "V_th" in model.quantities() and c[0] != model.defaults()["V_th"]:
+    if c is None:
+        return
+    if "V_m" in names and "V_th" in model.quantities() and c[0] != model.defaults()["V_th"]:
         raise TypeError(f"{message}: its first constant is {c[0]:g}: expected V_th = {model.defaults()['V_th']:g}")
+    if hasattr(model.arithmetic, "catch_up"):
+        check_functions(message, model, {"catch_up": 8})
+    check_sleep(model, {word: float(model.defaults()[word]) for word in model.quantities()})
 
 
 def _check_receptors(prefix: str, model: type[Neuron]) -> None:

@@ -1,0 +1,603 @@
+"""Files that a stranger may have written to run code, write elsewhere or open a connection, and a process that notices.
+
+`cases(base, place)` writes each case into a folder of its own; `run(cases, ...)` runs them one after the other in
+processes whose audit hook reports code, files outside and connections. Nothing is drawn: each run has the same bytes.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from neuro.core.hdf5 import seal
+from neuro.core.provenance import ATTRIBUTE
+from neuro.sweeps.folder import SWEEP, TUNING, Folder, sum_of
+
+NET = """\
+neuro: 1
+name: pair
+populations:
+  noise: {model: {poisson_generator: {rate: 900.0}}, shape: 4}
+  exc: {model: iaf_psc_exp, shape: 3}
+projections:
+  noise_exc: {from: noise, to: exc, rule: all_to_all, weight: 300.0, delay: 1.0}
+probes:
+  v: {of: exc, record: V_m, every: 5.0}
+"""
+STREAMED = """\
+neuro: 1
+name: streamed
+resolution: 1.0
+populations:
+  eye: {model: {event_camera: {stream: "tcp://127.0.0.1:9", sensor: [9, 7]}}, shape: auto}
+probes: {seen: {of: eye}}
+"""
+TUNE = """\
+network: net.yaml
+for: 20 ms
+parameters: {noise.rate: {from: 100.0, to: 900.0}}
+objectives: {rate.exc: maximise}
+trials: 2
+sampler: random
+backend: reference
+"""
+SWEEP_YAML = "network: net.yaml\nfor: 20 ms\nseeds: 2\nbackend: reference\n"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One hostile file and a command that reads it.
+
+    Attributes:
+        name: of the attack.
+        kind: page, results, state, model, sweep, journal, description, recording or exchange.
+        folder: the current folder of the command.
+        words: the command without "neuro"; of a state the network and the state, which Python restores.
+    """
+
+    name: str
+    kind: str
+    folder: Path
+    words: tuple[str, ...]
+
+
+class Writer:
+    """Writes cases below a folder.
+
+    Args:
+        base: a folder with what is made well, see `make_base`.
+        place: where cases are written.
+        outside: a folder that no case may change; its file `victim.html` is a page of ours.
+    """
+
+    def __init__(self, base: Path, place: Path, outside: Path) -> None:
+        self.base, self.place, self.outside = base, place, outside
+        self.cases: list[Case] = []
+
+    @property
+    def code(self) -> str:
+        """Python that leaves a mark outside."""
+        return f"open({str(self.outside / 'CODE_RAN')!r}, 'w').write('ran')\n"
+
+    def folder(self, name: str) -> Path:
+        """A new folder with all that is made well, and Python files that leave a mark when they are run."""
+        folder = self.place / re.sub(r"\W+", "_", name)
+        shutil.copytree(self.base, folder)
+        (folder / "evil.py").write_text(self.code)
+        (folder / "minigrid.py").write_text(self.code)
+        return folder
+
+    def add(self, name: str, kind: str, folder: Path, *commands: str | tuple[str, ...]) -> None:
+        """A case for each command."""
+        for each in commands:
+            words = tuple(each.split()) if isinstance(each, str) else each
+            self.cases.append(Case(f"{name}: {' '.join(words[:3])}", kind, folder, words))
+
+    def page(self, name: str, command: Any, inputs: Any = None, folder: Any = None) -> Path:
+        """A page whose record asks for a command."""
+        here = self.folder(name)
+        kept = {"net.yaml": "x", "a.h5": "x"} if inputs is None else inputs
+        if isinstance(kept, dict):
+            kept = {str(here / path) if isinstance(path, str) else path: digest for path, digest in kept.items()}
+        record = {"command": command, "folder": str(here) if folder is None else folder, "inputs": kept}
+        text = html.escape(json.dumps(record))
+        (here / "page.html").write_text(f'<html><meta name="{ATTRIBUTE}" content="{text}"></html>')
+        self.add(name, "page", here, "rerun page.html")
+        return here
+
+    def edited(self, name: str, kind: str, file: str, edit: Callable[[Any], object], *commands: str) -> Path:
+        """A file of HDF5 with something else in it, and a digest that fits."""
+        here = self.folder(name)
+        with h5py.File(here / file, "r+") as opened:
+            edit(opened)
+        seal(here / file)
+        self.add(name, kind, here, *commands)
+        return here
+
+    def swept(self, name: str, file: str, edit: Callable[[dict[str, Any]], object], *commands: str) -> Path:
+        """The folder of a sweep or a tuning whose file says something else, with a digest that fits."""
+        here = self.folder(name)
+        holding = SWEEP if file == "runs" else TUNING
+        folder = Folder(here / file, holding)
+        content = {word: value for word, value in folder.read().items() if word not in ("format", "digest")}
+        edit(content)
+        folder.write(content)
+        key = sorted(os.listdir(folder.runs))[0]
+        self.add(name, "sweep", here, *(each.replace("KEY", f"{file}/runs/{key}") for each in commands))
+        return here
+
+
+def make_base(folder: Path, run: Callable[..., object]) -> None:
+    """Write a network, results, a page, a state, a sweep, a tuning and models, as `run(*words)` makes them."""
+    import neuro
+
+    (folder / "net.yaml").write_text(NET)
+    (folder / "streamed.yaml").write_text(STREAMED)
+    (folder / "tune.yaml").write_text(TUNE)
+    (folder / "sweep.yaml").write_text(SWEEP_YAML)
+    run("run", "net.yaml", "--for", 20, "--backend", "reference", "--out", "a.h5")
+    run("report", "a.h5")
+    sim = neuro.compile(neuro.load(folder / "net.yaml"), backend="reference")
+    sim.run(5.0)
+    sim.save(folder / "state.h5")
+    run("sweep", "run", "sweep.yaml", "--on", "here")
+    run("tune", "run", "tune.yaml", "--on", "here")
+    run("drone", "train", "--steps", 60, "--out", "fly.h5")
+    run("agent", "train", "CartPole-v1", "--steps", 60, "--out", "agent.h5", "--set", "critics=5")
+
+
+def attacks(writer: Writer) -> list[Case]:
+    """Write all cases."""
+    _pages(writer)
+    _results(writer)
+    _states(writer)
+    _models(writer)
+    _sweeps(writer)
+    _journals(writer)
+    _descriptions(writer)
+    return writer.cases
+
+
+def _pages(w: Writer) -> None:
+    out, run = w.outside, "neuro report a.h5"
+    code = {"net.yaml": "x", "a.h5": "x", "evil.py": "x", "minigrid.py": "x"}
+    for k, option in enumerate(("--with evil.py", "--with=evil.py", "--wit=evil.py", "--w evil.py", "-with evil.py")):
+        w.page(f"page with {k}", f"{run} {option}", code)
+        w.page(f"page check with {k}", f"neuro check net.yaml {option}", code)
+    w.page("page doctor with", "neuro doctor net.yaml --html page.html --with evil.py --with=./evil.py", code)
+    w.page("page option as value", "neuro report a.h5 --chip --with=evil.py", code)
+    w.page("page after dashes", "neuro report --with=evil.py -- a.h5", code)
+    w.page("page of another program", "python evil.py", code)
+    w.page("page of a shell", f"neuro; touch {out}/CODE_RAN", code)
+    w.page("page run script", "neuro convert evil.py out.yaml --run-script", code)
+    w.page("page rerun", "neuro rerun page.html --with evil.py", code)
+    w.page("page environment", "neuro agent train evil:Env --steps 10 --out page.html", code)
+    w.page("page minigrid", "neuro agent train MiniGrid-X-v0 --steps 10 --out page.html", code)
+    w.page("page environment of the library", "neuro agent train antigravity:X --steps 1 --out page.html", code)
+    w.page("page out absolute", f"neuro report a.h5 --out {out}/new.html")
+    w.page("page out replaces", f"neuro report a.h5 --out={out}/victim.html")
+    w.page("page out upward", f"neuro report a.h5 --out {'../' * 30}{str(out)[1:]}/new.html")
+    w.page("page out of doctor", f"neuro doctor net.yaml --html {out}/new.html")
+    w.page("page out of compare", f"neuro compare net.yaml --for 5 --out {out}/new.json --html {out}/new.html")
+    w.page("page results outside", f"neuro run net.yaml --out {out}/new.h5")
+    w.page("page agent outside", f"neuro agent train CartPole-v1 --steps 10 --out {out}/new.h5")
+    w.page("page force", f"neuro events view a.dat --out {out}/victim.html --force")
+    w.page("page listen", "neuro events listen udp://127.0.0.1:9 a.dat --from spif --first-within 1ms")
+    w.page("page send", "neuro events send a.dat tcp://127.0.0.1:9")
+    w.page("page live", "neuro live net.yaml --page --for 10 --no-browser")
+    w.page("page address", "neuro report tcp://127.0.0.1:9/a.h5")
+    w.page("page stream in a network", "neuro doctor streamed.yaml --html page.html", {"streamed.yaml": "x"})
+    w.page("page stream compared", "neuro compare streamed.yaml --html page.html", {"streamed.yaml": "x"})
+    w.page("page dask", "neuro sweep run sweep.yaml --on tcp://127.0.0.1:9", {"sweep.yaml": "x"})
+    w.page("page force into an input", "neuro report a.h5 --out data/victim.html", {"a.h5": "x", str(out): "x"})
+    linked = w.page("page linked folder", "neuro report a.h5 --out data/victim.html", {"a.h5": "x", "data": "x"})
+    (linked / "data").symlink_to(out)
+    inner = w.page("page link in a folder", "neuro report a.h5 --out data/in/new.html", {"a.h5": "x", "data": "x"})
+    (inner / "data").mkdir()
+    (inner / "data" / "in").symlink_to(out)
+    w.page("page device", "neuro report a.h5", {"a.h5": "x", "/dev/zero": "x"})
+    w.page("page disk", "neuro report a.h5", {"/proc/kcore": "x", "/proc/self": "x"})
+    pipe = w.page("page pipe", "neuro report a.h5", {"a.h5": "x", "pipe": "x"})
+    os.mkfifo(pipe / "pipe")
+    settings = w.page("page settings", "neuro doctor net.yaml --html page.html", {"net.yaml": "x", "matplotlibrc": "x"})
+    (settings / "matplotlibrc").write_text("backend: module://evil\n")
+    w.page("page damaged command", ["neuro", "report"])
+    w.page("page damaged inputs", run, ["a.h5"])
+    w.page("page damaged digest", run, {"a.h5": 3})
+    w.page("page damaged folder", run, None, 3)
+    w.page("page zero byte", "neuro report a.h5\0", None)
+    w.page("page open quote", "neuro report 'a.h5")
+    w.page("page steers the terminal", "neuro \x1b]0;owned\x07 --with evil.py")
+    deep = w.page("page deep", run)
+    (deep / "page.html").write_text(f'<meta name="{ATTRIBUTE}" content="{"[" * 100_000}">')
+
+
+def _described(text: str, files: dict[str, str] | None = None, **record: Any) -> Callable[[Any], None]:
+    """Give results another network, and words of their record."""
+
+    def edit(opened: Any) -> None:
+        del opened["network"]
+        opened["network"] = text
+        for name, content in (files or {}).items():
+            opened[f"network_files/{name}"] = np.frombuffer(content.encode(), np.uint8)
+        told = json.loads(opened.attrs[ATTRIBUTE]) | record
+        opened.attrs[ATTRIBUTE] = json.dumps(told)
+
+    return edit
+
+
+def _results(w: Writer) -> None:
+    reads = ("rerun a.h5", "plot a.h5", "report a.h5 --out new.html")
+    plays = STREAMED.replace('stream: "tcp://127.0.0.1:9", sensor: [9, 7]', "file: FILE")
+    outside = os.path.relpath(w.outside, "/")
+    w.edited("results tag", "results", "a.h5", _described("!!python/object/apply:os.system [ls]"), *reads)
+    w.edited("results stream", "results", "a.h5", _described(STREAMED), *reads)
+    hidden = _described("neuro: 1\ninclude: [b.yaml]\n", {"b.yaml": STREAMED.replace("neuro: 1\n", "")})
+    w.edited("results included stream", "results", "a.h5", hidden, *reads)
+    w.edited("results plays outside", "results", "a.h5", _described(plays.replace("FILE", "/etc/passwd")), *reads)
+    upward = f"{'../' * 12}{outside}/new.dat"
+    source = {f"{w.base}/{upward}": "x", f"/{upward}": "x"}
+    w.edited(
+        "results copies outside", "results", "a.h5", _described(plays.replace("FILE", upward), inputs=source), *reads
+    )
+    w.edited("results names a table", "results", "a.h5", lambda f: f.attrs.modify("backend", "evil.yaml"), *reads)
+    w.edited("results backend", "results", "a.h5", lambda f: f.attrs.modify("backend", "evil:backend"), *reads)
+
+    w.edited("results file is a group", "results", "a.h5", lambda f: f.require_group("network_files/x.py"), *reads)
+    w.edited(
+        "results link outside",
+        "results",
+        "a.h5",
+        lambda f: f.__setitem__("network_files/b.yaml", h5py.ExternalLink(str(w.outside / "victim.html"), "/")),
+        *reads,
+    )
+
+    def huge(opened: Any) -> None:
+        del opened["populations/exc"]
+        group = opened.create_group("populations/exc")
+        group.create_dataset("steps", (2**48,), "i8", chunks=(1024,))
+
+    w.edited("results huge", "results", "a.h5", huge, *reads)
+    w.edited("results record", "results", "a.h5", lambda f: f.attrs.modify(ATTRIBUTE, "[1]"), *reads)
+    w.edited("results many threads", "results", "a.h5", lambda f: f.attrs.modify("threads", -3), *reads)
+    names = NET.replace("exc:", '"<script>alert(1)</script>":').replace("exc,", '"<script>alert(1)</script>",')
+    w.edited("results script in a name", "results", "a.h5", _described(names), *reads)
+
+
+def _states(w: Writer) -> None:
+    restore = ("RESTORE net.yaml state.h5", "rerun state.h5")
+
+    def state(name: str, edit: Callable[[Any], object]) -> None:
+        w.edited(name, "state", "state.h5", edit, *restore)
+
+    state("state command", lambda f: _command(f, "neuro check net.yaml --with=evil.py"))
+    state("state network", lambda f: _network_of(f, "!!python/name:os.system"))
+    state("state huge", lambda f: f.create_dataset("more", (2**50,), "i8", chunks=(64,)))
+    state("state pickled", lambda f: f.attrs.modify("format", _pickled(w)))
+
+
+def _command(opened: Any, command: str, **words: Any) -> None:
+    told = json.loads(opened.attrs[ATTRIBUTE]) | {"command": command, **words}
+    opened.attrs[ATTRIBUTE] = json.dumps(told)
+
+
+def _network_of(opened: Any, text: str) -> None:
+    del opened["network_files/network.yaml"]
+    opened["network_files/network.yaml"] = np.frombuffer(text.encode(), np.uint8)
+
+
+def _pickled(w: Writer) -> str:
+    return f"cbuiltins\nexec\n(V{w.code.strip()}\ntR."
+
+
+def _models(w: Writer) -> None:
+    agent = ("agent test agent.h5 --episodes 1", "agent watch agent.h5 --out new.html", "rerun agent.h5")
+    for k, world in enumerate(("evil:Env", "antigravity:X", "MiniGrid-X-v0", "os:system", "a.b:C", "minigrid:X")):
+        text = json.dumps(world)
+        w.edited(
+            f"agent environment {k}", "model", "agent.h5", lambda f, t=text: f.attrs.modify("environment", t), *agent
+        )
+    trains = "neuro agent train evil:Env --out agent.h5 --steps 10"
+    w.edited("agent command", "model", "agent.h5", lambda f: _command(f, trains), *agent)
+    outside = f"neuro agent train CartPole-v1 --steps 10 --out {w.outside}/new.h5"
+    w.edited("agent outside", "model", "agent.h5", lambda f: _command(f, outside), "rerun agent.h5")
+    drone = ("drone energy fly.h5", "rerun fly.h5")
+    w.edited("drone with", "model", "fly.h5", lambda f: _command(f, "neuro drone train --with evil.py"), *drone)
+    w.edited(
+        "drone outside",
+        "model",
+        "fly.h5",
+        lambda f: _command(f, f"neuro drone train --steps 40 --out {w.outside}/new.h5"),
+        "rerun fly.h5",
+    )
+    w.edited("drone controller", "model", "fly.h5", lambda f: f.attrs.modify("controller", "evil:Controller"), *drone)
+    ppo = w.folder("model of pickles")
+    (ppo / "fly.h5").write_bytes(_pickled(w).encode())
+    more = ("drone test fly.h5", "drone watch fly.h5", "recognise test fly.h5 --data .", "agent test fly.h5")
+    w.add("model of pickles", "model", ppo, *drone, *more)
+
+
+def _function(w: Writer, name: str, module: str, file: str = "") -> Callable[[dict[str, Any]], None]:
+    def edit(content: dict[str, Any]) -> None:
+        paths = [str(w.place / "evil"), str(w.outside)]
+        what = {"kind": "function", "name": name, "module": module, "file": file, "source": "x"}
+        content["what"] = {**what, "set": {"command": f"touch {w.outside}/CODE_RAN"}, "paths": paths}
+
+    return edit
+
+
+def _sweeps(w: Writer) -> None:
+    reads = (
+        "rerun KEY",
+        "sweep status runs",
+        "sweep table runs",
+        "sweep page runs",
+        "sweep plot runs",
+        "sweep run sweep.yaml --out runs --workers 1 --retry-failed",
+    )
+    tuned = (
+        "rerun KEY",
+        "tune status tuned",
+        "tune table tuned",
+        "tune page tuned",
+        "tune test tuned --workers 1",
+        "tune run tune.yaml --out tuned --workers 1 --retry-failed",
+    )
+    kinds = [("system", "posix", ""), ("system", "os", ""), ("f", "evil", ""), ("f", "__main__", "evil.py")]
+    for k, (name, module, file) in enumerate(kinds):
+        w.swept(f"sweep function {k}", "runs", _function(w, name, module, file), *reads)
+        w.swept(f"tuning function {k}", "tuned", _function(w, name, module, file), *tuned)
+    w.swept("sweep with", "runs", lambda c: c.update({"with": {"evil.py": "x"}}), *reads)
+    w.swept("tuning with", "tuned", lambda c: c.update({"with": {"evil.py": "x"}}), *tuned)
+    w.swept("sweep of nothing", "runs", lambda c: c.update(what={"kind": "evil"}), *reads)
+    w.swept("sweep backend", "runs", lambda c: c["what"].update(backend="evil:backend"), *reads)
+    w.swept("sweep unlike", "runs", lambda c: c.update(what=[1]), "rerun KEY")
+    here = w.swept("sweep forgotten runs", "runs", lambda c: c.update({"with": {"evil.py": "x"}}))
+    for each in sorted((here / "runs" / "runs").iterdir()):
+        shutil.rmtree(each)
+    w.add("sweep forgotten runs", "sweep", here, "sweep run sweep.yaml --out runs --workers 1")
+    here = w.swept("tuning forgotten", "tuned", _function(w, "system", "posix"))
+    for each in sorted((here / "tuned" / "runs").iterdir()):
+        shutil.rmtree(each)
+    (here / "tuned" / "journal.log").unlink()
+    w.add("tuning forgotten", "sweep", here, "tune run tune.yaml --out tuned --workers 1")
+    here = w.swept("sweep page of a link", "runs", lambda c: None)
+    (here / "runs" / "sweep.html").unlink()
+    (here / "runs" / "sweep.html").symlink_to(w.outside / "victim.txt")
+    w.add("sweep page of a link", "sweep", here, "sweep page runs")
+    for name in ("runs", "claims"):
+        here = w.swept(f"sweep link of {name}", "runs", lambda c: None)
+        shutil.rmtree(here / "runs" / name)
+        (here / "runs" / name).symlink_to(w.outside)
+        w.add(f"sweep link of {name}", "sweep", here, "sweep run sweep.yaml --out runs --workers 1")
+    here = w.swept("tuning link of its journal", "tuned", lambda c: None)
+    (here / "tuned" / "journal.log").unlink()
+    (here / "tuned" / "journal.log").symlink_to(w.outside / "empty.txt")
+    w.add("tuning link of its journal", "journal", here, "tune run tune.yaml --out tuned --workers 1")
+    here = w.swept("sweep study", "runs", lambda c: None)
+    (here / "sweep.yaml").write_text("study: evil:f\nparameters: {command: [ls]}\n")
+    w.add("sweep study", "sweep", here, "sweep run sweep.yaml --out new")
+    (here / "s2.yaml").write_text("network: !!python/name:os.system\n")
+    w.add("sweep tag", "sweep", here, "sweep run s2.yaml --out new", "tune run s2.yaml --out new")
+
+
+def _journals(w: Writer) -> None:
+    reads = (
+        "tune status tuned",
+        "tune table tuned",
+        "tune page tuned",
+        "tune plot tuned",
+        "tune run tune.yaml --out tuned --workers 1",
+    )
+
+    def journal(name: str, edit: Callable[[dict[str, Any]], object]) -> None:
+        here = w.folder(name)
+        path = here / "tuned" / "journal.log"
+        before, lines = "search", []
+        for line in path.read_text().splitlines():
+            log = {word: value for word, value in json.loads(line).items() if word != "sum"}
+            edit(log)
+            before = sum_of(log, before)
+            lines.append(json.dumps({**log, "sum": before}))
+        path.write_text("\n".join(lines) + "\n")
+        w.add(name, "journal", here, *reads)
+
+    pickled = _pickled(w)
+    distribution = json.dumps({"name": "__import__('os').system", "attributes": {"choices": [pickled]}})
+    words = {"distribution": distribution, "user_attr": {"x": pickled}, "values": [pickled]}
+    words["study_name"] = f"../../{w.outside}/x"
+    for word, value in words.items():
+        journal(f"journal {word}", lambda log, word=word, value=value: log.update({word: value} if word in log else {}))
+    journal("journal operation", lambda log: log.update(op_code=99))
+    here = w.folder("journal pickle")
+    (here / "tuned" / "journal.log").write_bytes(pickled.encode())
+    w.add("journal pickle", "journal", here, *reads)
+
+
+def _descriptions(w: Writer) -> None:
+    reads = ("check net.yaml", "run net.yaml --for 1 --backend reference", "show net.yaml", "doctor net.yaml --for 1")
+
+    def described(name: str, text: str, *commands: str) -> Path:
+        here = w.folder(name)
+        (here / "net.yaml").write_text(text)
+        w.add(name, "description", here, *(commands or reads))
+        return here
+
+    described("yaml tag", "!!python/object/apply:os.system ['touch x']\n")
+    described("yaml include", f"neuro: 1\ninclude: [{w.outside}/victim.html]\n")
+    described("yaml arithmetic", NET.replace("300.0", "\"$(__import__('os').system('ls'))\""))
+    described("yaml name", NET.replace("iaf_psc_exp", "evil:Neuron"))
+    pickles = described("yaml pickle", NET.replace("300.0", "{file: w.npy}"))
+    np.save(pickles / "w.npy", np.array([_Runs(w.code)], dtype=object), allow_pickle=True)
+    here = w.folder("events pickle")
+    np.savez(here / "a.npz", t=np.array([_Runs(w.code)], dtype=object))
+    w.add("events pickle", "recording", here, "events info a.npz", "events view a.npz --out new.html")
+    here = w.folder("scenario tag")
+    (here / "s.yaml").write_text("!!python/name:os.system\n")
+    w.add("scenario tag", "description", here, "drone train --scenario s.yaml --steps 10", "fit net.yaml --chip s.yaml")
+    here = w.folder("exchange pickle")
+    for name in ("a.nir", "a.net", "a.sonata.h5"):
+        (here / name).write_bytes(_pickled(w).encode())
+        w.add(f"exchange {name}", "exchange", here, f"convert {name} out.yaml")
+
+
+class _Runs:
+    """Runs code when it is unpickled."""
+
+    def __init__(self, code: str) -> None:
+        self.code = code
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return exec, (self.code,)
+
+
+WATCH = '''\
+"""Reports what a process and all that it starts do and must not: this file is imported by each as it begins."""
+import os
+import sys
+
+LOG, STRANGER = os.environ["HOSTILE_LOG"], os.environ["HOSTILE_CASES"]
+ROOTS = os.environ["HOSTILE_ROOTS"].split(os.pathsep)
+WRITES = {"os.rename": (0, 1), "os.remove": (0,), "os.mkdir": (0,), "os.rmdir": (0,), "os.symlink": (1,),
+          "os.link": (1,), "os.truncate": (0,), "os.chmod": (0,), "os.utime": (0,)}
+CONNECTS = ("socket.connect", "socket.bind", "socket.sendto", "socket.sendmsg", "socket.getaddrinfo")
+PROGRAMS = ("git", "fc-list", "uname", os.path.basename(sys.executable), "python", "python3")
+
+def outside(path):
+    if not isinstance(path, (str, bytes)):
+        return False
+    path = os.path.realpath(os.path.abspath(os.fsdecode(path)))
+    return not any(path == root or path.startswith(root + os.sep) for root in ROOTS)
+
+def tell(*what):
+    descriptor = os.open(LOG, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    os.write(descriptor, (" ".join(map(str, what))[:500] + "\\n").encode())
+    os.close(descriptor)
+
+busy = False
+
+def watch(event, arguments):
+    global busy
+    if busy:
+        return
+    busy = True
+    try:
+        if event == "open" and arguments[0] != LOG:
+            flags = arguments[2] if isinstance(arguments[2], int) else 0
+            if flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT) and outside(arguments[0]):
+                tell("writes", arguments[0])
+        elif event in WRITES:
+            for k in WRITES[event]:
+                beside = isinstance(arguments[-1], int) and arguments[-1] > 2 and event in ("os.rmdir", "os.remove")
+                if not beside and outside(arguments[k]):  # shutil.rmtree names what it removes by an open folder
+                    tell(event, arguments[k])
+        elif event in CONNECTS:
+            tell(event, arguments[1:])
+        elif event in ("os.system", "os.exec", "os.posix_spawn"):
+            tell(event, arguments)
+        elif event == "subprocess.Popen":
+            if os.path.basename(os.fsdecode(arguments[0])) not in PROGRAMS:
+                tell(event, arguments[:2])
+        elif event == "exec" and hasattr(arguments[0], "co_filename"):
+            name = os.path.abspath(arguments[0].co_filename)
+            if name.startswith(STRANGER + os.sep) and os.path.isfile(name):
+                tell("runs", name)
+        elif event == "import" and arguments[0] in ("evil", "antigravity"):
+            tell("imports", arguments[0])
+    finally:
+        busy = False
+
+sys.addaudithook(watch)
+'''
+
+DRIVER = '''\
+"""Run each case in a process of its own, which begins with all modules there."""
+import json, os, signal, sys, time, traceback, warnings
+import neuro.cli.commands, neuro.rerun.again, neuro.sweeps.definition, neuro.files.results, neuro, matplotlib.figure
+
+cases, log = json.load(open(sys.argv[1])), os.environ["HOSTILE_LOG"]
+for number, (folder, words) in enumerate(cases):
+    before = os.path.getsize(log) if os.path.exists(log) else 0
+    begin = time.monotonic()
+    child = os.fork()
+    if not child:
+        signal.alarm(100)
+        os.chdir(folder)
+        for stream in (1, 2):
+            os.dup2(os.open(os.path.join(folder, f".printed-{number}"), os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream)
+        status = 99
+        try:
+            if words[0] == "RESTORE":
+                try:
+                    sim = neuro.compile(neuro.load(words[1]), backend="reference")
+                    sim.restore(words[2])
+                    status = 0
+                except neuro.ModelError as error:
+                    print(error)
+                    status = 2
+            else:
+                sys.argv = ["neuro", *words]
+                from neuro.cli import main
+                main()
+        except SystemExit as leaving:
+            status = leaving.code or 0
+        except BaseException:
+            traceback.print_exc()
+        sys.stdout.flush(), sys.stderr.flush()
+        os._exit(status)
+    _, ended = os.waitpid(child, 0)
+    printed = open(os.path.join(folder, f".printed-{number}"), errors="replace").read()
+    after = os.path.getsize(log) if os.path.exists(log) else 0
+    done = open(log, "rb").read()[before:after].decode() if after > before else ""
+    print(json.dumps([os.waitstatus_to_exitcode(ended), printed, done, time.monotonic() - begin]), flush=True)
+'''
+
+
+def run(cases: list[Case], place: Path, roots: list[Path], timeout_s: float) -> Iterator[tuple[Case, int, str, str]]:
+    """Run cases, and yield for each the exit status, what it printed, and what it did that it must not.
+
+    Args:
+        cases: to run.
+        place: a folder for the files of the watch.
+        roots: folders into which the commands may write.
+        timeout_s: for all.
+    """
+    watch = place / "watch"
+    watch.mkdir(parents=True)
+    (watch / "sitecustomize.py").write_text(WATCH)
+    (place / "driver.py").write_text(DRIVER)
+    (place / "cases.json").write_text(json.dumps([[str(case.folder), case.words] for case in cases]))
+    temporary = place / "temporary"
+    temporary.mkdir()
+    from neuro.kernels.kept import folder
+
+    allowed = [temporary, *roots, Path("/dev"), *([kept] if (kept := folder()) else [])]
+    env = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(watch), *filter(None, sys.path)]),
+        "TMPDIR": str(temporary),
+        "HOME": str(temporary),
+        "XDG_CACHE_HOME": str(Path(os.path.realpath(allowed[-1])).parents[1]),
+        "MPLCONFIGDIR": str(temporary),
+        "HOSTILE_LOG": str(place / "log"),
+        "HOSTILE_ROOTS": os.pathsep.join(os.path.realpath(each) for each in allowed),
+        "HOSTILE_CASES": os.path.realpath(cases[0].folder.parent),
+    }
+    command = [sys.executable, "-P", str(place / "driver.py"), str(place / "cases.json")]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=timeout_s)
+    lines = done.stdout.splitlines()
+    assert len(lines) == len(cases), done.stderr[-2000:]
+    for case, line in zip(cases, lines, strict=True):
+        status, printed, did, _ = json.loads(line)
+        yield case, status, printed, did

@@ -1,0 +1,161 @@
+"""No file of a stranger runs code, writes outside of the folder, or opens a connection, whatever command reads it."""
+
+import hashlib
+import os
+import pickle
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hostile
+
+pytest.importorskip("optuna", reason="the extra tune is not installed")
+pytest.importorskip("gymnasium", reason="the extra agent is not installed")
+
+
+QUICK = (
+    "page_with_1",
+    "page_run_script",
+    "page_out_replaces",
+    "results_stream",
+    "state_command",
+    "agent_environment_0",
+    "sweep_function_0",
+    "tuning_function_0",
+    "journal_distribution",
+    "yaml_tag",
+    "events_pickle",
+)
+"""Folders of cases whose first command is run in every test."""
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory, status_of):
+    """All cases, the folder that none may change, and a folder for the watch."""
+    top = tmp_path_factory.mktemp("hostile")
+    base, place, outside = (top / name for name in ("base", "cases", "outside"))
+    for folder in (base, place, outside):
+        folder.mkdir()
+    before = os.getcwd()
+    os.chdir(base)
+    try:
+        hostile.make_base(base, lambda *words: status_of(*words) in (0, 1) or pytest.fail(str(words)))
+    finally:
+        os.chdir(before)
+    (outside / "victim.html").write_bytes((base / "a.html").read_bytes())
+    (outside / "victim.txt").write_text("mine")
+    (outside / "empty.txt").touch()
+    return hostile.attacks(hostile.Writer(base, place, outside)), top, outside
+
+
+def contents(folder):
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()}
+
+
+def judge(cases, top, outside, name):
+    """What went wrong, a line for each."""
+    before, wrong = contents(outside), []
+    for case, status, printed, did in hostile.run(cases, top / name, [top / "cases"], 3000.0):
+        if did:
+            wrong.append(f"{case.name}: {did}")
+        if status not in (0, 1, 2) or "Traceback" in printed:
+            wrong.append(f"{case.name}: status {status}: {printed[-1500:]}")
+        if "\x1b" in printed:
+            wrong.append(f"{case.name}: steers the terminal")
+    if contents(outside) != before:
+        wrong.append(f"outside was changed: {sorted(contents(outside).items() ^ before.items())}")
+    return wrong
+
+
+def of_kind(written, *kinds):
+    return [case for case in written[0] if case.kind in kinds]
+
+
+def test_the_watch_sees_code_files_and_connections(written):
+    """Commands that do so, because their user asks for it."""
+    cases, top, outside = written
+    case = next(case for case in cases if case.kind == "page")
+    asked = [
+        hostile.Case("code", "", case.folder, ("check", "net.yaml", "--with", "evil.py")),
+        hostile.Case("file", "", case.folder, ("report", "a.h5", "--out", str(outside / "asked.html"))),
+        hostile.Case("connection", "", case.folder, ("run", "streamed.yaml", "--for", "1", "--backend", "reference")),
+    ]
+    code, file, connection = hostile.run(asked, top / "seen", [top / "cases"], 300.0)
+    (outside / "CODE_RAN").unlink()
+    (outside / "asked.html").unlink()
+    assert "runs " in code[3]
+    assert "CODE_RAN" in code[3]
+    assert "asked.html" in file[3]
+    assert "socket." in connection[3]
+
+
+def test_a_few_of_each_kind(written):
+    first = {}
+    for case in written[0]:
+        first.setdefault(case.folder.name, case)
+    cases = [first[name] for name in QUICK]
+    assert judge(cases, *written[1:], "few") == []
+
+
+@pytest.mark.slow
+def test_pages(written):
+    assert judge(of_kind(written, "page"), *written[1:], "pages") == []
+
+
+@pytest.mark.slow
+def test_results_and_states(written):
+    assert judge(of_kind(written, "results", "state"), *written[1:], "results") == []
+
+
+@pytest.mark.slow
+def test_models(written):
+    assert judge(of_kind(written, "model"), *written[1:], "models") == []
+
+
+@pytest.mark.slow
+def test_sweeps_and_journals(written):
+    assert judge(of_kind(written, "sweep", "journal"), *written[1:], "sweeps") == []
+
+
+@pytest.mark.slow
+def test_descriptions_recordings_and_networks_of_other_tools(written):
+    assert judge(of_kind(written, "description", "recording", "exchange"), *written[1:], "descriptions") == []
+
+
+def test_optimisers_hold_no_code(torch, tmp_path):
+    """Of a checkpoint of `dqn`."""
+    from neuro_drone.controllers import make
+    from neuro_drone.scenario import load
+
+    class Runs:
+        def __reduce__(self):
+            return exec, (f"open({str(tmp_path / 'CODE_RAN')!r}, 'w')",)
+
+    controller = make("dqn", load("B60"), 0, {})
+    state = controller.state()
+    state["optimizers"] = np.frombuffer(pickle.dumps([Runs()]), np.uint8)
+    with pytest.raises(pickle.UnpicklingError):
+        controller.restore(state)
+    assert not (tmp_path / "CODE_RAN").exists()
+
+
+def test_every_promise_of_the_page_is_held_by_a_test_that_is_there():
+    root = Path(__file__).parents[1]
+    rows = [line for line in (root / "SECURITY.md").read_text().splitlines() if line.startswith("| ")]
+    promises = [row for row in rows if not row.startswith(("| from somebody", "| ---"))]
+    assert len(promises) >= 17
+    for row in promises:
+        named = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", row)
+        assert named, row
+        for file, test in named:
+            assert f"\ndef {test}(" in (root / file).read_text(), f"{file}::{test}"
+
+
+@pytest.mark.slow
+def test_there_are_many(written):
+    """At least sixty hostile files, and every kind through every command that reads it."""
+    cases = written[0]
+    assert len({case.folder for case in cases}) >= 60
+    assert {case.kind for case in cases} >= {"page", "results", "state", "model", "sweep", "journal"}
