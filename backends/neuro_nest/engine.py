@@ -90,9 +90,8 @@ class NestEngine:
             raise ModelError(f"{RK4} of '{part.name}' cannot change: {RKF45_ONLY}", hint=ELSEWHERE)
         if has_new_current(self.net.cells[population].parameters, values):
             raise ModelError(f"I_e of '{part.name}' cannot change: {NO_LEAK}", hint=FINITE)
-        for limit, text in refused_values(
-            part, self.net.cells[population].parameters | values, self.program.resolution
-        ):
+        changed = {**self.net.cells[population].parameters, **values}
+        for limit, text in refused_values(part, changed, self.program.resolution):
             raise ModelError(
                 f"'{part.name}' cannot change: {text}: {limit.why}", hint=f"{limit.way_out}, or {ELSEWHERE}"
             )
