@@ -228,9 +228,9 @@ def _values(text: str) -> list[str]:
 
 def _has_decimal_commas(text: str) -> bool:
     """Whether the commas of a line are decimal: semicolons, or spaces between numbers, part the columns."""
-    text = text.rstrip(",; \t")
-    parts = text.split()
-    return "," in text and (";" in text or (len(parts) > 1 and all(map(_WITH_COMMA.fullmatch, parts))))
+    if "," not in text or not (";" in text or " " in text or "\t" in text):
+        return False
+    return ";" in text or all(map(_WITH_COMMA.fullmatch, text.split()))
 
 
 def _sensor(size: list[int], number: int, at: int) -> Size:
@@ -248,7 +248,7 @@ def _of_rows(
     texts = [line.decode("utf-8", "replace").strip() for line in rows.splitlines()]
     first = texts[0].rstrip(",; \t") if texts else ""
     commas = ("," not in first or _has_decimal_commas(first)) and (
-        ";" in first or any(_has_decimal_commas(text) for text in texts if not text.startswith(("#", "%")))
+        ";" in first or any(_has_decimal_commas(text) and text[0] not in "#%" for text in texts)
     )
     lines = [line for line in map(_values, texts) if len(line) == columns]
     if order is not None and columns == len(order):
@@ -295,7 +295,7 @@ def _pointed(lines: list[list[str]], columns: Sequence[int]) -> list[bool]:
 
 def _is_pointed(text: str) -> bool:
     """Whether a number has a decimal point or an exponent."""
-    return _NUMBER.fullmatch(text) is not None and not text.lstrip("+-").isdecimal()
+    return not text.lstrip("+-").isdecimal() and _NUMBER.fullmatch(text) is not None
 
 
 def _float(text: str) -> float:
