@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from neuro.core.provenance import provenance as provenance
     from neuro.core.quantities import Quantity as Quantity
     from neuro.core.registry import Registry as Registry
+    from neuro.core.settings import Part as Part, Settings as Settings, part as part, setting as setting
     from neuro.core.tables import console as console, echo as echo, table as table
     from neuro.core.values import literal as literal
     from neuro.files.state import Checkpoint as Checkpoint, fingerprint as fingerprint
