@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         assignments as assignments,
         resumable as resumable,
         whole as whole,
+        with_settings as with_settings,
     )
     from neuro.core import hdf5 as hdf5, html as html
     from neuro.core.checks import check as check, check_fields as check_fields

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import fields
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -46,6 +49,42 @@ def group(name: str, about: str) -> typer.Typer:
             typer.echo(context.get_help())
 
     return app
+
+
+def with_settings(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command options for the fields of the settings that it takes, and call it with the settings.
+
+    ``def train(file: Path, plan: TrainingPlan)`` gets an option for each field of `TrainingPlan` that `setting` made
+    with ``option=``: its value on the command line, its help from the meaning, its default. All are passed by name.
+    """
+    from neuro.core.settings import Settings
+
+    parameters: list[inspect.Parameter] = []
+    names: dict[str, tuple[type[Any], list[str]]] = {}
+    hints = get_type_hints(command, include_extras=True)
+    for each in inspect.signature(command).parameters.values():
+        kind, options = hints[each.name], {each.name: (hints[each.name], each.default)}
+        if isinstance(kind, type) and issubclass(kind, Settings):
+            types, options = get_type_hints(kind), {}
+            for one in fields(kind):
+                if option := one.metadata.get("option"):
+                    *declared, metavar = option.split()
+                    doc = one.metadata["quantity"].doc
+                    words = typer.Option(*declared, metavar=metavar, help=f"{doc[0].upper()}{doc[1:]}.")
+                    options[one.name] = (Annotated[types[one.name], words], one.default)
+            names[each.name] = kind, [*options]
+        for name, (annotation, default) in options.items():
+            parameters.append(inspect.Parameter(name, each.KEYWORD_ONLY, default=default, annotation=annotation))
+
+    @wraps(command)
+    def called(**values: Any) -> Any:
+        for name, (kind, own) in names.items():
+            values[name] = kind(**{word: values.pop(word) for word in own})
+        return command(**values)
+
+    called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    called.__annotations__ = {each.name: each.annotation for each in parameters}
+    return called
 
 
 def milliseconds(text: str) -> float:
