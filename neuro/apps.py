@@ -22,7 +22,9 @@ if TYPE_CHECKING:
         Seed as Seed,
         Set as Set,
         assignments as assignments,
+        at_least as at_least,
         resumable as resumable,
+        seeds as seeds,
         whole as whole,
         with_settings as with_settings,
     )

@@ -19,12 +19,12 @@ from neuro.apps import (
     Seed,
     Set,
     assignments,
+    at_least,
     check_output,
     install,
     plain,
     read,
     resumable,
-    whole,
     with_settings,
 )
 from neuro_train.plan import TrainingPlan, augmentation, costs
@@ -43,18 +43,13 @@ app = typer.Typer(
 Option = typer.Option
 
 
-def folds(text: str) -> int:
-    """A whole number >= 2."""
-    return whole(text, 2)
-
-
 # recordings
 Data = Annotated[Path, Option("--data", metavar="PATH", help="Recordings: a folder, zip or HDF5; for mse a .npz.")]
 Part = Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train.")]
 Without = Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")]
 Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")]
 Folds = Annotated[
-    int | None, Option(metavar="N", parser=folds, help="Test each Nth on what the others taught instead.")
+    int | None, Option(metavar="N", parser=at_least(2), help="Test each Nth on what the others taught instead.")
 ]
 
 # how it learns, beside the plan
@@ -66,16 +61,7 @@ Augment = Annotated[
         help="shift=2: move by up to 2 px; warp=0.1: turn, scale, shear; mirror=0.5: every second; repeatable.",
     ),
 ]
-Learn = Annotated[
-    list[str],
-    Option(
-        "--learn",
-        metavar="NAME",
-        help="A projection whose weights learn, NAME=weight,delay, or POPULATION=tau_m,V_th; repeatable.",
-    ),
-]
 Threads = Annotated[int, Option(metavar="N", min=1, help="Threads to compute with.")]
-
 Cost = Annotated[list[str], Option(metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")]
 
 # what comes of it
@@ -100,7 +86,6 @@ def train(
     test: Test = None,
     backends: Backends = "event,loihi,spinnaker",
     folds: Folds = None,
-    learn: Learn = [],  # noqa: B006
     augment: Augment = [],  # noqa: B006
     cost: Cost = [],  # noqa: B006
     search: Search = None,
@@ -118,7 +103,7 @@ def train(
         raise ModelError("neuro train learns by PyTorch, which is not installed", hint=install("torch"))
     import torch
 
-    plan = plan.changed({**augmentation(augment), "trainable": tuple(learn), "cost": costs(cost), "seed": seed})
+    plan = plan.changed({**augmentation(augment), "cost": costs(cost), "seed": seed})
     net = neuro.load(file, params=assignments(set))
     torch.set_num_threads(threads)
     if plan.loss == "mse":

@@ -55,7 +55,10 @@ class TrainingPlan(Settings):
 
     input: str = setting("pixels", "", "the population of the pixels", option="NAME")
     output: str = setting("out", "", "the population with a neuron a class", option="NAME")
-    trainable: tuple[str, ...] = ()
+    trainable: tuple[str, ...] = setting(
+        (), "", "a projection whose weights learn, NAME=weight,delay, or POPULATION=tau_m,V_th; repeatable",
+        kind="names", option="--learn NAME",
+    )  # fmt: skip
     epochs: int = setting(60, "", "how often each recording is shown; 0 tests only", at_least=0, option="N")
     duration: float = setting(100.0, "ms", "of each recording, in ms", above=0, option="--for MS")
     start: float = setting(0.0, "", "what is left out before that, in ms", at_least=0, option="MS")

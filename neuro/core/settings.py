@@ -21,7 +21,7 @@ def setting(default: Any, unit: str = "", doc: str = "", source: str = "", *, op
     """Make a field for a value, or a tuple of values, within bounds.
 
     Args:
-        default: a tuple takes lists of values; None may stay None.
+        default: a tuple takes lists of values, with kind "names" also empty ones; None may stay None.
         unit: physical unit.
         doc: meaning of the value.
         source: origin of the default.
@@ -29,7 +29,7 @@ def setting(default: Any, unit: str = "", doc: str = "", source: str = "", *, op
             "N", or "--for MS". Without it the command line has no option for the field.
         more: bounds and words of `Quantity`; its `kind` follows from the default if not given.
     """
-    example = default[0] if isinstance(default, tuple) else default
+    example = default[0] if isinstance(default, tuple) and default else default
     kinds = {bool: "boolean", int: "integer", str: "word" if more.get("words") else "name"}
     more.setdefault("kind", kinds.get(type(example), "number"))
     q = Quantity(unit=unit, doc=doc, optional=default is None, **more)
@@ -84,7 +84,7 @@ class Settings:
         Raises:
             ModelError: the value is out of bounds, or no list where the default is one.
         """
-        if not isinstance(one.default, tuple):
+        if not isinstance(one.default, tuple) or q.kind == "names":
             return check(q, value, what)
         if not isinstance(value, (list, tuple)) or not value:
             raise ModelError(f"{what} = {value!r}: expected a list, each of it {q.expected()}")
