@@ -89,7 +89,8 @@ def _options_of(kind: type[Any]) -> list[inspect.Parameter]:
             *names, metavar = option.split()
             doc = one.metadata["quantity"].doc
             words = typer.Option(*names, metavar=metavar, help=f"{doc[0].upper()}{doc[1:]}.")
-            annotation = Annotated[list[str] if isinstance(one.default, tuple) else types[one.name], words]
+            value: Any = list[str] if isinstance(one.default, tuple) else types[one.name]
+            annotation: Any = Annotated[value, words]
             parameter = inspect.Parameter
             options.append(parameter(one.name, parameter.KEYWORD_ONLY, default=one.default, annotation=annotation))
     return options
