@@ -18,6 +18,7 @@ import numpy as np
 
 import neuro
 from neuro import ModelError
+from neuro.apps import part, setting
 from neuro.events import Events
 from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Pictures, Progress, TrialView, View
 from neuro_recognise.parts.banks import Bank, Gabors, Max, Pool
@@ -26,7 +27,6 @@ from neuro_recognise.parts.frames import VOTES, Frames, ended_by, votes
 from neuro_recognise.parts.layers import FOLLOWS, Inputs, Layer, RemusLayer, Shares, from_text, taught, to_text
 from neuro_recognise.parts.representations import Counts, Representation
 from neuro_recognise.parts.segmenters import Msd, Segmenter
-from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints, unlabelled
 
 ORDERS = ("recordings", "frames")
