@@ -356,7 +356,10 @@ def check_tree(file: Any, several_names: bool = False) -> None:
                 return name
         return name if part.rc > 1 and not several_names else None
 
-    name = file.id.links.visit(linked, info=True) or h5o.visit(file.id, placed, info=True)
+    try:
+        name = file.id.links.visit(linked, info=True) or h5o.visit(file.id, placed, info=True)
+    except (KeyError, RuntimeError):
+        raise ValueError("it has a name that leads to no part of it") from None
     if name:
         raise ValueError(f"{name.decode('utf-8', 'replace')[:60]!r} lies elsewhere: expected a part of the file")
 
