@@ -39,7 +39,7 @@ WAYS = {
 }
 """Hints for what a training knows by a hash alone, where that is not the same."""
 
-PATIENCE = 3
+PATIENCE = 10
 """Epochs in which no output neuron fires, after which a training warns."""
 
 CURVES = ("loss", "right", "joules", "rate")
