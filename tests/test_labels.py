@@ -26,7 +26,7 @@ def test_static_joules_are_those_of_their_clock():
 def test_values_of_a_map_lie_beside_their_axes():
     axes = [[1, 2, 3], [10, 20]]
     grid = np.array([[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]])
-    data = SimpleNamespace(grid=lambda: grid, axis=axes.__getitem__, names=["a", "b"], metric="m")
+    data = SimpleNamespace(grid=lambda: grid, axis=axes.__getitem__, names=["a", "b"], metric="m", mean_of="")
     drawn = str(page._map(data))
     ticks = {told: float(y) for y, told in re.findall(r'<text[^>]* y="([\d.]+)"[^>]*>(\d+)</text>', drawn)}
     for y, told in re.findall(r'<rect[^>]* y="([\d.]+)".*?b = (\d+):', drawn):

@@ -180,6 +180,7 @@ def test_recordings_without_an_event_in_the_used_time_are_refused(neuro, folder,
     assert "Train: no recording has an event from 5000 to 5100 ms: expected some to learn from" in err
 
 
+@pytest.mark.filterwarnings("ignore:population 'out'. no neuron fired")  # spikes cost too much
 def test_joules_that_cost_something_are_fewer(told):
     taken = {}
     for price in (0.0, 500.0):
