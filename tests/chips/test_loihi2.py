@@ -59,7 +59,7 @@ def sent(sim, population):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_graded_networks_are_equal_everywhere(seed):
+def test_graded_networks_are_equal_everywhere(seed, torch):
     net, parts, wires = network(seed)
     expected = twin(parts, wires)
     for backend in ("reference", "event", "torch", "loihi2"):
