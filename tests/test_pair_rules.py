@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import neuro
+from closed_forms import FIXED_POINTS, drifted, expected_triplets, triplets
 from neuro.model.synapses import Synapse
 from neuro.testing import check_part, observe
 from neuro.testing.case import differences
-from neuro.testing.closed_forms import FIXED_POINTS, drifted, expected_triplets, triplets
 from neuro.verify.verify import verify
 
 RULES: dict[str, Synapse] = {
