@@ -50,9 +50,6 @@ def test_marks_of_a_figure_in_a_page_say_what_they_are():
     assert "var(--ink)" in drawn
     assert COLOURS[0].lower() not in drawn
     assert not re.search(r"#ffffff|DejaVu|\bid=\"(figure|axes|line)", drawn)
-    assert "<img" not in html.picture(figure, "two points")
-    figure.set_facecolor("#eeeeee")
-    assert "<img" in html.picture(figure, "paper of its own")
 
 
 def test_bars_of_importance_stand_at_their_names(monkeypatch):

@@ -135,12 +135,12 @@ def figure(picture: Html, caption: object, title: str = "", class_: str | None =
 
 
 def picture(drawing: Figure, label: str) -> Html:
-    """A figure of Matplotlib inside the page, at most as wide as its place; `label` is for screen readers.
+    """A figure of Matplotlib as an image, in its own colours, at most as wide as its place; `drawn` takes the page's.
 
-    A figure on white paper becomes a part of the page, see `drawn`; one on paper of another colour is an image.
+    Args:
+        drawing: the figure.
+        label: for screen readers.
     """
-    if drawing.get_facecolor() == (1.0, 1.0, 1.0, 1.0):
-        return tag("figure", drawn(drawing, label))
     file = io.BytesIO()
     drawing.savefig(file, format="png", metadata={"Software": "neuro"})
     data = base64.b64encode(file.getvalue()).decode()

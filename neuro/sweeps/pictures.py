@@ -15,7 +15,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
 from neuro.core.values import literal
-from neuro.pages.scales import few, prefixed
+from neuro.pages.scales import few, prefixed, ticks
 from neuro.plots._canvas import COLOURS, Picture, tidy
 from neuro.sweeps.folder import TUNING, Folder
 from neuro.sweeps.journal import OPTUNAS, optuna, quietly, trials_of
@@ -25,6 +25,7 @@ from neuro.sweeps.table import SweepTable
 from neuro.sweeps.trials import FoundTrial, TuneTable
 
 KINDS = ("history", "front", "importance", "parallel")
+MOST_MARKS = 6
 ENOUGH = 8
 """Trials from which on something can be said of how much a parameter matters."""
 
@@ -148,9 +149,9 @@ def _parallel(data: PlotData, title: str, wide: float) -> Figure:
         low, high = float(min(at.values())), float(max(at.values()))
         heights.append((y - low) / (high - low) if high > low else np.full_like(y, 0.5))
         axis.axvline(k, color="0.6", linewidth=0.8, zorder=0)
-        for value in every if len(every) <= 6 else (every[0], every[-1]):
-            share = (at[repr(value)] - low) / (high - low) if high > low else 0.5
-            axis.text(k, share, f" {literal(told(value))}", fontsize=8, va="center")
+        for place, text in _marks(every):
+            share = (place - low) / (high - low) if high > low else 0.5
+            axis.text(k, share, f" {literal(text)}", fontsize=8, va="center")
     order = np.argsort(metric)
     lines = np.stack([np.broadcast_to(np.arange(len(names)), (metric.size, len(names))), np.array(heights).T], axis=2)
     share = heights[-1]
@@ -164,6 +165,18 @@ def _parallel(data: PlotData, title: str, wide: float) -> Figure:
     axis.set_xticks(range(len(names)), [literal(name) for name in names])
     axis.set_yticks([])
     return figure
+
+
+def _marks(values: Sequence[Any]) -> list[tuple[float, str]]:
+    """Marks on an axis, at places as of `scaled`: the values where these are few or no numbers, else round numbers."""
+    each = list(zip(scaled(values).tolist(), map(told, values), strict=True))
+    if len(values) <= MOST_MARKS or not all(map(is_number, values)):
+        return each[:: -(-len(each) // MOST_MARKS)]
+    marks = ticks(each[0][0], each[-1][0], 5)
+    if not is_log(values):
+        return [(mark, few(mark)) for mark in marks]
+    decades = [mark for mark in marks if mark == int(mark)]
+    return [(mark, few(10.0**mark)) for mark in decades] if len(decades) > 1 else [each[0], each[-1]]
 
 
 def _named(side: Any, values: list[Any]) -> None:
