@@ -150,8 +150,8 @@ def _parallel(data: PlotData, title: str, wide: float) -> Figure:
         heights.append((y - low) / (high - low) if high > low else np.full_like(y, 0.5))
         axis.axvline(k, color="0.6", linewidth=0.8, zorder=0)
         for place, text in _marks(every):
-            share = (place - low) / (high - low) if high > low else 0.5
-            axis.text(k, share, f" {literal(text)}", fontsize=8, va="center")
+            height = (place - low) / (high - low) if high > low else 0.5
+            axis.text(k, height, f" {literal(text)}", fontsize=8, va="center")
     order = np.argsort(metric)
     lines = np.stack([np.broadcast_to(np.arange(len(names)), (metric.size, len(names))), np.array(heights).T], axis=2)
     share = heights[-1]
