@@ -12,11 +12,11 @@ from neuro.model.network import Network
 from neuro.program.program import Ints
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
-from neuro.testing.strategies import networks
 from neuro_event.building import joined_rows, layout, thread_partition
 from neuro_event.host import engine
 from neuro_event.host.threads import LINE
 from neuro_event.loop import steps, tables as t
+from strategies import networks
 
 
 class InTurn:

@@ -21,7 +21,7 @@ from neuro.core.errors import ModelError
 from neuro.exchange.netx import examine_netx
 from neuro.results import read
 from neuro.run.present import present
-from neuro.verify.verify import verify
+from neuro.testing.verify import verify
 
 
 @pytest.fixture(scope="module")
