@@ -13,7 +13,7 @@ from neuro import ModelError, plots
 from neuro.files.parts import Trace, Train, Weights
 from neuro.files.recorded import SpikeTrain as Spikes, intervals, recorded, trains, variation
 from neuro.files.results import Results
-from neuro.plots import _spikes, _traces, _traces
+from neuro.plots import _spikes, _traces
 
 
 def results(size=10, spikes=100, traced=1, recorded=True, duration=1000.0):

@@ -24,7 +24,7 @@ from neuro_torch.scan import kernels as rows
 from neuro_torch.surrogates import Surrogate
 
 CELLS = ("iaf_psc_delta", "iaf_psc_exp")
-"""Models that are scanned, beside graded ones without circles (`neuro_torch.scan.graded`)."""
+"""Models that are scanned, beside graded ones without circles (`neuro_torch.cells`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -232,7 +232,7 @@ def ways(part: Synapses, weight: Tensor, steps: Tensor, exact: bool) -> list[Way
     Args:
         part: its synapses, listed.
         weight: as a user sees it.
-        steps: the delay, of all or of each, of `neuro_torch.bounds.in_steps`.
+        steps: the delay, of all or of each, of `neuro_torch.trainable.in_steps`.
         exact: whether a spike arrives in the two steps between which the delay lies, in shares that say how near it is
             to each, so that a gradient moves it; else it arrives in the nearest step.
     """
