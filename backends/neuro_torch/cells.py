@@ -131,18 +131,15 @@ class TensorCells:
             x, free = margin / self.scale(), free if free is not None else torch.ones_like(who)
             apply: Any = Surrogated.apply
             spikes = apply(spikes, x, free, surrogate)
-        self._fire(who)
+        if not self.model.resets_in_step and bool(who.any()):
+            states = LaneRows(self.states, self.shape)
+            Lanes(self.device, who).run(arithmetic.fire, states, self.constants, ALL)
+            self.states = states.rows
         return spikes
 
     def _gate(self, surrogate: Surrogate) -> Callable[[Tensor], Tensor]:
         unit = self.scale()
         return lambda margin: surrogate.derivative(margin / unit) / unit
-
-    def _fire(self, who: Tensor) -> None:
-        if not self.model.resets_in_step and bool(who.any()):
-            states = LaneRows(self.states, self.shape)
-            Lanes(self.device, who).run(self.model.arithmetic.fire, states, self.constants, ALL)
-            self.states = states.rows
 
 
 def constants_of(part: Population, parameters: dict[str, Floats], resolution: float) -> Floats:

@@ -300,17 +300,16 @@ class Plan:
         if not self.parts:
             return "\n".join(["all populations: step by step, since", *(f"  {why}" for why in self.why)])
         how = {"kernels": "by compiled kernels", "torch": "by torch's operations"}[self.by]
-        return "\n".join(f"{self._named(part)}: {self._told(part)} {how}" for part in self.parts)
-
-    def _named(self, part: Component) -> str:
-        return ", ".join(f"'{self.program.populations[k].name}'" for k in part.cells)
-
-    def _told(self, part: Component) -> str:
-        if any(self.program.populations[k].model.graded for k in part.cells):
-            return "graded neurons step by step, their input"
-        if not part.inside:
-            return "one scan over all steps"
-        return f"a recurrent scan, {some(part.stretch, 'step')} at once"
+        lines = []
+        for part in self.parts:
+            populations = [self.program.populations[k] for k in part.cells]
+            names = ", ".join(f"'{each.name}'" for each in populations)
+            scan = (
+                f"a recurrent scan, {some(part.stretch, 'step')} at once" if part.inside else "one scan over all steps"
+            )
+            is_graded = any(each.model.graded for each in populations)
+            lines.append(f"{names}: {'graded neurons step by step, their input' if is_graded else scan} {how}")
+        return "\n".join(lines)
 
 
 def plan_of(program: Program, by: str | None, learning: Iterable[str]) -> Plan:
