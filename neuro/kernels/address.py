@@ -3,6 +3,7 @@
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
+import inspect
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -57,9 +58,9 @@ class Entry:
 
 def _refused(model: Any, said: str) -> ModelError:
     """What numba says of a model, without the way by which it came there."""
-    file = str(model.arithmetic.__file__)
+    file = inspect.getfile(model.arithmetic)
     reasons = [line for line in said.splitlines() if line.strip() and not line.startswith("Failed in")]
-    function = re.search(r"<function (\w+)\.", said)
+    function = re.search(r"<function (?:\w+\.)*?(\w+)\.[0-9a-f]{32}", said)
     line = re.search(re.escape(file.rpartition("/")[2]) + r'(?:", line |:| \()(\d+)', said)
     why = f"{function[1]}: {reasons[0].strip(' -')}" if function else reasons[0].strip(" -")
     return ModelError(

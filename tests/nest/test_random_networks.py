@@ -23,6 +23,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
 import neuro
+from neuro.model.neurons import currents, potentials
 from neuro.testing.case import Found
 from scenarios import SILENCE, Scenario, amplifies_rounding, differences, read, scenarios
 
@@ -86,11 +87,10 @@ def nest_constant(tau_m: float, c_m: float, h: float) -> float:
 @contextmanager
 def propagators_of_nest() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        for model in (neuro.iaf_psc_exp, neuro.iaf_psc_alpha):
-            patch.setattr(model.arithmetic, "from_exponential", nest_exponential)
-        patch.setattr(neuro.iaf_psc_alpha.arithmetic, "from_alpha", nest_alpha)
-        for leaky in (neuro.iaf_psc_delta, neuro.iaf_psc_exp):
-            patch.setattr(leaky.arithmetic, "from_constant", nest_constant)
+        patch.setattr(currents, "from_exponential", nest_exponential)
+        patch.setattr(currents, "from_alpha", nest_alpha)
+        for module in (currents, potentials):
+            patch.setattr(module, "from_constant", nest_constant)
         yield
 
 

@@ -20,8 +20,8 @@ from neuro.model.equations.exact import REST, System, system
 from neuro.model.equations.functions import PUBLIC
 from neuro.model.equations.writing import Constants, function, module
 from neuro.model.neurons.base import Neuron
-from neuro.model.neurons.iaf_psc_delta import iaf_psc_delta
-from neuro.model.neurons.iaf_psc_exp import iaf_psc_exp
+from neuro.model.neurons.currents import iaf_psc_exp
+from neuro.model.neurons.potentials import iaf_psc_delta
 
 _HEAD = f"from neuro.model.equations.functions import {', '.join(PUBLIC)}\n"
 _CURRENTS = ("I_syn_ex", "I_syn_in")

@@ -1,6 +1,6 @@
 """Rules that learn from move to move of an agent: what is common to those whose eligibility a signal teaches.
 
-Beside `constants`, the module of such a rule has
+Beside `constants`, the class of such a rule, or its module, has
 
     gather(y, e, c, pre, spikes, seen, gate)    what a step of the post neuron adds to the eligibility of synapse e
     teach(y, e, c, n)                           what the signal n of the post neuron does at the end of a move
@@ -10,6 +10,7 @@ traces are not 0, where the neuron has spiked (`spikes`, how often) or the state
 do nothing where both are 0. `teach` is asked when the signal is set, of the synapses with a state that is not 0.
 """
 
+# mypy: disable-error-code="no-untyped-def,no-untyped-call", check-untyped-defs=False
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from typing import ClassVar
 
 from neuro.core.quantities import quantity
 from neuro.model.arithmetic import OfModule
+from neuro.model.neurons.base import State
 from neuro.model.synapses.base import Synapse, Trace
 
 GATHERING = {"constants": 3, "gather": 7, "teach": 4}
@@ -51,3 +53,73 @@ class MoveRule(Synapse):
     x_min: float = quantity(
         1e-3, "", "pre trace below which a source counts as silent, and eligibility below which it is 0", above=0
     )
+
+
+ETA, DECAY, W_MIN, W_MAX, LEAST = range(5)
+WEIGHT, E, Z = range(3)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class td_lambda(MoveRule):
+    """A critic's rule: the error n of a move teaches the synapses that brought its neuron to spike, now and before.
+
+    A pre spike adds 1 to x, which decays with `tau`, best that of the neuron's membrane. At a post spike e grows by x.
+    When the signal sets n: w += eta n z, then z = decay z + e and e = 0. So n acts on all moves but the last, whose
+    outcome is not known yet; at the end of an episode it is set a second time. `decay` is the discount of the reward
+    times lambda; z below `x_min` is 0. The weight is within Wmin and Wmax at all times.
+
+    Source: Sutton & Barto, Reinforcement Learning, 2nd ed., 2018, section 12.2 (TD(lambda)), with the spike-triggered
+    eligibility of Fremaux, Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013, eq. 17.
+    """
+
+    equation: ClassVar[str] = "e += x at post spikes; at a signal n: w += eta n z, z = decay z + e, e = 0"
+    source: ClassVar[str] = "Sutton & Barto 2018, section 12.2; Fremaux et al., PLoS Comput. Biol. 9:e1003024, 2013"
+    pre: ClassVar[tuple[Trace, ...]] = (Trace("tau"),)
+    ordered: ClassVar[tuple[tuple[str, str], ...]] = (("Wmin", "Wmax"),)
+    states: ClassVar[tuple[State, ...]] = (
+        State("e", "", "eligibility gathered in the present move"),
+        State("z", "", "eligibility of the moves before, which a signal teaches"),
+    )
+
+    tau: float = quantity(10.0, "ms", "time constant of the pre trace", above=0)
+    eta: float = quantity(0.01, "", "learning rate, in the unit of the weight", at_least=0, of_value=True)
+    decay: float = quantity(0.9, "", "what is left of z from one move to the next", at_least=0, at_most=1)
+    Wmin: float = quantity(-100.0, "", "smallest weight, in the unit of the weight", of_value=True)
+    Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight", of_value=True)
+
+    def constants(p, h, c):
+        """Learning rate, decay over a move, bounds; `p` is x_min, then the parameters above in order."""
+        c[ETA], c[DECAY], c[W_MIN], c[W_MAX], c[LEAST] = p[2], p[3], p[4], p[5], p[0]
+
+    def gather(y, e, c, pre, spikes, seen, gate):
+        """What the pre spikes gave to the potential is counted at post spikes."""
+        y[E, e] += gate * spikes * pre[0]
+
+    def teach(y, e, c, n):
+        """The error moves the weight along z, which then takes over the present move."""
+        w = y[WEIGHT, e] + c[ETA] * n * y[Z, e]
+        y[WEIGHT, e] = min(max(w, c[W_MIN]), c[W_MAX])
+        z = c[DECAY] * y[Z, e] + y[E, e]
+        y[Z, e] = z if abs(z) >= c[LEAST] else 0.0
+        y[E, e] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class reinforce(td_lambda):
+    """An actor's rule: as `td_lambda`, but e grows by (S - p) x in each step.
+
+    S is whether the neuron spikes in the step, and p the probability with which it does, a state of its model
+    (`soft_wta`, `pp_psc_delta`): a spike that was not expected counts in full, one that was sure not at all. In the
+    mean over draws that is the gradient of the log probability of the spikes with respect to the weight.
+
+    Source: Williams, Machine Learning 8:229, 1992 (characteristic eligibility); for spikes Pfister, Toyoizumi, Barber
+    & Gerstner, Neural Comput. 18:1318, 2006.
+    """
+
+    equation: ClassVar[str] = "e += (S - p) x in each step; at a signal n: w += eta n z, z = decay z + e, e = 0"
+    source: ClassVar[str] = "Williams, Machine Learning 8:229, 1992; Pfister et al., Neural Comput. 18:1318, 2006"
+    sees: ClassVar[str] = "p"
+
+    def gather(y, e, c, pre, spikes, seen, gate):
+        """What was done less what was expected."""
+        y[E, e] += gate * (spikes - seen) * pre[0]
