@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.coding.pixels import check_pixels, pixel_spikes
+from neuro.coding.encoders import check_pixels, pixel_spikes
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 

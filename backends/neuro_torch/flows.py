@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from neuro.program.drives import Emission, filtered_current
+from neuro.program.currents import Emission, filtered_current
 from neuro.program.program import Floats, Program
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from neuro.coding.pixels import pixel_spikes
+from neuro.coding.encoders import pixel_spikes
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.values import shown

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro.coding.pixels import check_pixels
+from neuro.coding.encoders import check_pixels
 from neuro.core.errors import ModelError, unknown
 from neuro.exchange.nir.nodes import NEVER
 from neuro.model.network import Network

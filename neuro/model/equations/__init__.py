@@ -8,9 +8,8 @@ from typing import Any
 from neuro.core.errors import ModelError, here
 from neuro.model.equations.definition import WORDS, check_name, mapping
 from neuro.model.equations.neuron import EquationNeuron, neuron
-from neuro.model.equations.pairs import WORDS as RULE_WORDS
 from neuro.model.equations.parameters import NAME
-from neuro.model.equations.rule import EquationSynapse, is_rule, rule
+from neuro.model.equations.rule import WORDS as RULE_WORDS, EquationSynapse, is_rule, rule
 from neuro.model.neurons import MODELS
 from neuro.model.synapses import SYNAPSES
 

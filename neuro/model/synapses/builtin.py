@@ -9,7 +9,12 @@ from neuro.model.synapses.loihi_learning import (
     loihi_static as loihi_static,
 )
 from neuro.model.synapses.modulated import hedonistic as hedonistic, mstdpet as mstdpet, stdp_dopa as stdp_dopa
-from neuro.model.synapses.moves import reinforce as reinforce, td_lambda as td_lambda
+from neuro.model.synapses.moves import (
+    reinforce as reinforce,
+    td_lambda as td_lambda,
+    td_ltp as td_ltp,
+    td_moves as td_moves,
+)
 from neuro.model.synapses.pairs import (
     stddp as stddp,
     stdp as stdp,
@@ -22,7 +27,6 @@ from neuro.model.synapses.pairs import (
     tsodyks2 as tsodyks2,
     vogels_sprekeler as vogels_sprekeler,
 )
-from neuro.model.synapses.temporal_difference import td_ltp as td_ltp, td_moves as td_moves
 from neuro.model.synapses.trials import (
     first_spike_stdp as first_spike_stdp,
     mozafari as mozafari,

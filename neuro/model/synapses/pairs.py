@@ -12,9 +12,9 @@ from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import State
 from neuro.model.synapses.base import DELAY, K_MINUS, K_PLUS, OF_EACH, DelayRule, Synapse, Trace
 
-W_MAX, LAMBDA, ALPHA, MU_PLUS, MU_MINUS = range(5)
+TAU_PLUS, LAMBDA, ALPHA, MU_PLUS, MU_MINUS, W_MAX = range(6)
 DEPRESSION, MU = 2, 3
-A_PLUS, A_PLUS_TRIPLET, A_MINUS, A_MINUS_TRIPLET = range(1, 5)
+LIMIT, A_PLUS, A_PLUS_TRIPLET, A_MINUS, A_MINUS_TRIPLET = range(5)
 ETA = 1
 """Constants; those of the later lines belong to rules that are not `WeightDependent`."""
 
@@ -48,7 +48,7 @@ class WeightDependent(Synapse):
     """Parameters of rules between additive (mu = 0) and multiplicative (mu = 1): Guetig et al., 2003."""
 
     learns: ClassVar[str] = "pairs"
-    width: ClassVar[int] = 5
+    width: ClassVar[int] = 6
 
     tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
     lambda_: Value = quantity(0.01, "", "step size", at_least=0, **OF_EACH)
@@ -65,8 +65,8 @@ class WeightDependent(Synapse):
     )
 
     def constants(p, h, c):
-        """The parameters but the time constant."""
-        c[W_MAX], c[1:5] = p[5], p[1:5]
+        """The constants are the parameters."""
+        c[:6] = p[:6]
 
     def on_post(y, e, c, pre, post):
         """Potentiate, up to Wmax."""
@@ -281,15 +281,15 @@ class stdp_triplet(Synapse):
         """Step sizes of the sign of Wmax, and Wmax."""
         for k in range(1, 5):
             c[k] = math.copysign(p[2 + k], p[7])
-        c[W_MAX] = p[7]
+        c[LIMIT] = p[7]
 
     def on_post(y, e, c, pre, post):
         """Potentiate, up to Wmax."""
-        y[0, e] = within(y[0, e] + pre[0] * (c[A_PLUS] + c[A_PLUS_TRIPLET] * post[1]), c[W_MAX])
+        y[0, e] = within(y[0, e] + pre[0] * (c[A_PLUS] + c[A_PLUS_TRIPLET] * post[1]), c[LIMIT])
 
     def on_pre(y, e, c, pre, post):
         """Depress, down to 0."""
-        y[0, e] = within(y[0, e] - post[0] * (c[A_MINUS] + c[A_MINUS_TRIPLET] * pre[1]), c[W_MAX])
+        y[0, e] = within(y[0, e] - post[0] * (c[A_MINUS] + c[A_MINUS_TRIPLET] * pre[1]), c[LIMIT])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -324,15 +324,15 @@ class vogels_sprekeler(Synapse):
     def constants(p, h, c):
         """Step sizes of the sign of Wmax, and Wmax."""
         c[ETA], c[DEPRESSION] = math.copysign(p[1], p[3]), math.copysign(p[1] * p[2], p[3])
-        c[W_MAX] = p[3]
+        c[LIMIT] = p[3]
 
     def on_post(y, e, c, pre, post):
         """Strengthen, up to Wmax."""
-        y[0, e] = within(y[0, e] + c[ETA] * pre[0], c[W_MAX])
+        y[0, e] = within(y[0, e] + c[ETA] * pre[0], c[LIMIT])
 
     def on_pre(y, e, c, pre, post):
         """Strengthen, up to Wmax; then weaken, down to 0."""
-        y[0, e] = within(within(y[0, e] + c[ETA] * post[0], c[W_MAX]) - c[DEPRESSION], c[W_MAX])
+        y[0, e] = within(within(y[0, e] + c[ETA] * post[0], c[LIMIT]) - c[DEPRESSION], c[LIMIT])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
