@@ -238,7 +238,10 @@ def _refractory(said: Any, states: Mapping[str, Any], parameters: Mapping[str, P
             message = f"time = {shown(given.get('time'))}: expected t_ref, a parameter on the grid of steps"
             raise ModelError(message, hint=hint, path=("time",), about=("t_ref",))
         if parameters["t_ref"].unit != "ms":
-            raise _not_in_ms(parameters["t_ref"])
+            period = parameters["t_ref"]
+            hint = f"write t_ref: {period.default * period.factor:g} ms" if period.dimension == TIME else ""
+            message = f"t_ref is in '{period.unit}': expected ms"
+            raise ModelError(message, hint=hint, path=("time",), about=("t_ref",))
         hold = given.get("hold", [])
         if not isinstance(hold, list | tuple):
             raise ModelError(f"hold = {shown(hold)}: expected a list of states", path=("hold",))
@@ -246,11 +249,6 @@ def _refractory(said: Any, states: Mapping[str, Any], parameters: Mapping[str, P
             if not isinstance(name, str) or name not in states:
                 raise unknown("state", name, states, path=("hold",))
         return tuple(hold)
-
-
-def _not_in_ms(period: Parameter) -> ModelError:
-    hint = f"write t_ref: {period.default * period.factor:g} ms" if period.dimension == TIME else ""
-    return ModelError(f"t_ref is in '{period.unit}': expected ms", hint=hint, path=("time",), about=("t_ref",))
 
 
 def _integrator(said: Any) -> tuple[str, dict[str, float]]:

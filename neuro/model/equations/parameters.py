@@ -146,7 +146,11 @@ def _parameter(name: Any, words: Any) -> Parameter:
         raise ModelError("a parameter needs 'default', e.g. {default: 10 ms, above: 0}")
     default, text = measured(words["default"])
     factor, dimension = unit(text)
-    bounds = {word: _bound(word, words[word]) for word in BOUNDS if word in words}
+    bounds = {word: words[word] for word in BOUNDS if word in words}
+    for word, value in bounds.items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ModelError(f"{word} = {shown(value)}: expected a number, in the unit of the default", path=(word,))
+        bounds[word] = float(value)
     doc = words.get("doc", "")
     if not isinstance(doc, str):
         raise ModelError(f"doc = {shown(doc)}: expected text", path=("doc",))
@@ -173,9 +177,3 @@ def refuse_attributes(parameters: Iterable[str], base: type[Choice]) -> None:
 
 def _taken(name: str) -> ModelError:
     return ModelError(f"'{name}' has a meaning in every model: expected another name")
-
-
-def _bound(word: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ModelError(f"{word} = {shown(value)}: expected a number, in the unit of the default", path=(word,))
-    return float(value)

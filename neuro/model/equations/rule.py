@@ -6,9 +6,8 @@ what decays exponentially, so its integral is exact.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, make_dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from neuro.core.errors import ModelError, here, unknown
@@ -223,7 +222,6 @@ def _refuse(expression: Expression, names: Collection[str], what: str, way: str)
             raise expression.mistake(part.at, f"'{part.name}' {what}", way)
 
 
-_CLASSES: dict[str, type[EquationSynapse]] = {}
 _HEAD = f"from neuro.model.equations.functions import {', '.join(PUBLIC)}\n"
 _OF_RULES = ("traces", "states", *SPIKES, "on_signal")
 
@@ -257,76 +255,61 @@ def is_rule(said: Mapping[str, Any]) -> bool:
 
 
 def rule(name: str, said: Mapping[str, Any]) -> type[EquationSynapse]:
-    """The class of a rule in equations; the same words give the same class.
+    """Make the class of a rule in equations.
 
     Raises:
         ModelError: the first mistake in the words.
     """
-    key = json.dumps([name, said], default=repr)
-    if key not in _CLASSES:
-        _CLASSES[key] = _made(read(name, said))
-    return _CLASSES[key]
-
-
-def _made(pairs: Pairs) -> type[EquationSynapse]:
+    pairs = read(name, said)
     base = _Between if pairs.between else EquationSynapse
     refuse_attributes(pairs.parameters, base)
-    for name in pairs.states:
-        with at("states", name):
-            if name in base.quantities():
-                raise ModelError(f"'{name}' is a parameter of such rules, too: expected another name")
+    for state in pairs.states:
+        with at("states", state):
+            if state in base.quantities():
+                raise ModelError(f"'{state}' is a parameter of such rules, too: expected another name")
     constants = Constants(pairs.parameters, 0, {WEIGHT, *pairs.traces, *pairs.states}, lambda tree: tree)
     lasting = {trace.tau for _, trace in pairs.traces.values()} | {DECAY_OF_SIGNAL}
     taus = lasting | {*pairs.states.values()}  # a state may last no time, where its author says so
-    divisions = Divisions(pairs.parameters, constants.variables, {}, *_expressions(pairs, lasting))
+    tree_of: dict[Words, Expression] = {
+        ("parameters", word): Expression(word, Name(word, 0)) for word in pairs.parameters if word in lasting
+    }
+    constants_of_time = [*tree_of]
+    if pairs.drift is not None:
+        tree_of["on_signal", WEIGHT] = pairs.drift
+    for section, named in (*pairs.spikes.items(), ("initial", pairs.initial)):
+        tree_of |= {(section, word): expression for word, expression in named.items()}
+    divisions = Divisions(pairs.parameters, constants.variables, {}, tree_of, constants_of_time)
     refuse(divisions.mistakes({name: p.default for name, p in pairs.parameters.items()}))
     arithmetic = module(_text(pairs, constants))
     fields = [
         (field_of(word), float, field(default=p.default, metadata={"quantity": p.quantity(word in taus, arrays=False)}))
         for word, p in pairs.parameters.items()
     ]
-    namespace = {
-        "__doc__": pairs.plain.get("doc") or "A rule of spike pairs in equations.",
-        "definition": pairs.plain,
-        "divisions": divisions,
-        "equation": _told(pairs),
-        "source": pairs.plain.get("source", ""),
-        "learns": "pairs",
-        "pre": tuple(pairs.side("pre").values()),
-        "post": tuple(pairs.side("post").values()),
-        "states": tuple(_state(pairs, name) for name in pairs.states),
-        "width": max(Synapse.width, len(constants.places)),
-    }
-    made: Any = make_dataclass(
-        pairs.name, fields, bases=(base,), namespace=namespace, frozen=True, kw_only=True, eq=False
+    texts = [f"{word[3:]}: {name} = {e.text}" for word in pairs.spikes for name, e in pairs.spikes[word].items()]
+    texts += [] if pairs.drift is None else [f"{WEIGHT}' = {pairs.drift.text}"]
+    result: type[EquationSynapse] = base.made(
+        pairs.name,
+        fields,
+        arithmetic,
+        __doc__=pairs.plain.get("doc") or "A rule of spike pairs in equations.",
+        definition=pairs.plain,
+        divisions=divisions,
+        equation="; ".join(texts),
+        source=pairs.plain.get("source", ""),
+        learns="pairs",
+        pre=tuple(pairs.side("pre").values()),
+        post=tuple(pairs.side("post").values()),
+        states=tuple(
+            State(
+                name,
+                unit_of(dimension) if (dimension := pairs.dimensions[name]) else "",
+                f"decays with {tau}" if tau else "as spikes leave it",
+            )
+            for name, tau in pairs.states.items()
+        ),
+        width=max(Synapse.width, len(constants.places)),
     )
-    made.__module__ = arithmetic.__name__
-    result: type[EquationSynapse] = made
     return result
-
-
-def _expressions(pairs: Pairs, taus: Collection[str]) -> tuple[dict[Words, Expression], list[Words]]:
-    """All expressions by the words that lead to them, and which of them are time constants."""
-    found: dict[Words, Expression] = {
-        ("parameters", word): Expression(word, Name(word, 0)) for word in pairs.parameters if word in taus
-    }
-    last = [*found]
-    if pairs.drift is not None:
-        found["on_signal", WEIGHT] = pairs.drift
-    for section, changes in (*pairs.spikes.items(), ("initial", pairs.initial)):
-        found |= {(section, name): expression for name, expression in changes.items()}
-    return found, last
-
-
-def _told(pairs: Pairs) -> str:
-    parts = [f"{word[3:]}: {name} = {e.text}" for word in pairs.spikes for name, e in pairs.spikes[word].items()]
-    parts += [] if pairs.drift is None else [f"{WEIGHT}' = {pairs.drift.text}"]
-    return "; ".join(parts)
-
-
-def _state(pairs: Pairs, name: str) -> State:
-    dimension, tau = pairs.dimensions[name], pairs.states[name]
-    return State(name, unit_of(dimension) if dimension else "", f"decays with {tau}" if tau else "as spikes leave it")
 
 
 def _text(pairs: Pairs, constants: Constants) -> str:
@@ -339,7 +322,9 @@ def _text(pairs: Pairs, constants: Constants) -> str:
         with at("on_signal", WEIGHT):
             lines = advance_lines(pairs, constants)
         functions.append(function("advance(y, e, c, begin, end, n, grid)", "What happens between spikes.", lines))
-    functions.append(function("begin(p, z)", "The states at step 0.", _begin_lines(pairs, constants)))
+    rows = {name: k for k, name in enumerate(pairs.states)}
+    begin = [f"z[{rows[name]}] = {constants.of_parameters(e.tree)}" for name, e in pairs.initial.items()]
+    functions.append(function("begin(p, z)", "The states at step 0.", [*constants.locals(), *begin] or ["pass"]))
     filled = list(constants.lines()) or ["pass"]
     functions.insert(0, function("constants(p, h, c)", "What is worked out once.", filled))
     return "\n\n".join([f'"""{pairs.name}"""\n{_HEAD}', *functions])
@@ -353,18 +338,8 @@ def _spike_lines(pairs: Pairs, word: str, constants: Constants) -> list[str]:
         variables |= {name: f"{side}[{k}]" for k, name in enumerate(pairs.side(side))}
     used = {name for expression in changes.values() for name in names(expression.tree)}
     lines = [f"{local(name)} = y[{row}, e]" for name, row in rows.items() if name in used]
-    lines += [f"y[{rows[name]}, e] = {_value(e, constants, variables)}" for name, e in changes.items()]
+    lines += [f"y[{rows[name]}, e] = {written(e.tree, constants.leaf(variables))}" for name, e in changes.items()]
     return lines or ["pass"]
-
-
-def _value(expression: Expression, constants: Constants, variables: Mapping[str, str]) -> str:
-    return written(expression.tree, constants.leaf(variables))
-
-
-def _begin_lines(pairs: Pairs, constants: Constants) -> list[str]:
-    rows = {name: k for k, name in enumerate(pairs.states)}
-    lines = [f"z[{rows[name]}] = {constants.of_parameters(e.tree)}" for name, e in pairs.initial.items()]
-    return [*constants.locals(), *lines] or ["pass"]
 
 
 DEGREE = 4

@@ -28,6 +28,7 @@ A generator has, beside `constants`,
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -150,6 +151,16 @@ class Generator(Model):
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
         """The state at time 0, by name; a state that is not named starts at 0."""
         return {}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Timed(Generator):
+    """Base of the generators that emit within some time alone."""
+
+    timed: ClassVar[bool] = True
+
+    start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
+    stop: float = quantity(math.inf, "ms", "and up to this one", at_least=0, infinite=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

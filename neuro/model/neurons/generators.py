@@ -18,13 +18,13 @@ from neuro.core.errors import ModelError, Where, here
 from neuro.core.paths import file_path
 from neuro.core.quantities import Value, quantity
 from neuro.core.values import FromFile, shown
-from neuro.model.neurons.base import Generator, State
+from neuro.model.neurons.base import Generator, State, Timed
 
 _OF_FILE = ("file", "key")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class poisson_generator(Generator):
+class poisson_generator(Timed):
     """Emits a Poisson number of spikes each step, independently for each neuron of the population.
 
     All targets of one of its neurons see the same train. Source: NEST 3.10, `poisson_generator` behind
@@ -34,11 +34,8 @@ class poisson_generator(Generator):
     equation: ClassVar[str] = "number of spikes in a step ~ Poisson(rate h / 1000)"
     source: ClassVar[str] = "NEST 3.10 poisson_generator"
     role: ClassVar[str] = "poisson"
-    timed: ClassVar[bool] = True
 
     rate: Value = quantity(0.0, "Hz", "mean rate", at_least=0, arrays=True)
-    start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
-    stop: float = quantity(math.inf, "ms", "and up to this one", at_least=0, infinite=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,7 +107,7 @@ class graded_spike_train(Generator):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class inhomogeneous_poisson_generator(Generator):
+class inhomogeneous_poisson_generator(Timed):
     """Emits a Poisson number of spikes each step, at a rate that changes at listed times and is 0 before the first.
 
     One list of rates is for all neurons; an array of shape [neurons, times] has a row for each. All targets of
@@ -123,13 +120,10 @@ class inhomogeneous_poisson_generator(Generator):
     )
     source: ClassVar[str] = "NEST 3.10 inhomogeneous_poisson_generator"
     role: ClassVar[str] = "poisson"
-    timed: ClassVar[bool] = True
     schedule: ClassVar[tuple[str, ...]] = ("rate_times", "rate_values")
 
     rate_times: Any = quantity(unit="ms", doc="when the rate changes", kind="moments")
     rate_values: Any = quantity(unit="Hz", doc="the rate from each of these times on", kind="series", at_least=0)
-    start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
-    stop: float = quantity(math.inf, "ms", "and up to this one", at_least=0, infinite=True)
 
 
 def poisson(u, mean, nothing):
@@ -228,7 +222,7 @@ MEAN, AMPLITUDE, PER_STEP, PHASE = range(4)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class sinusoidal_poisson_generator(Generator):
+class sinusoidal_poisson_generator(Timed):
     """Emits a Poisson number of spikes each step, at a rate that follows a sine; below 0 it counts as 0.
 
     In NEST one generator sends each target a train of its own, unless `individual_spike_trains` is false. Here each
@@ -240,7 +234,6 @@ class sinusoidal_poisson_generator(Generator):
         "h / 1000)"
     )
     source: ClassVar[str] = "NEST 3.10 sinusoidal_poisson_generator"
-    timed: ClassVar[bool] = True
     fixed: ClassVar[tuple[str, ...]] = ("individual_spike_trains",)
 
     rate: Value = quantity(0.0, "Hz", "mean rate", at_least=0, arrays=True)
@@ -248,8 +241,6 @@ class sinusoidal_poisson_generator(Generator):
     frequency: Value = quantity(0.0, "Hz", "of the sine", at_least=0, arrays=True)
     phase: Value = quantity(0.0, "deg", "of the sine at t = 0", arrays=True)
     individual_spike_trains: bool = quantity(True, "", "whether targets must not share a train", kind="boolean")
-    start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
-    stop: float = quantity(math.inf, "ms", "and up to this one", at_least=0, infinite=True)
 
     def constants(p, h, c):
         """Spikes a step, and the sine's angle a step; `p` are the parameters above in order but start and stop."""
@@ -271,7 +262,7 @@ CHANCE, STAGES = range(2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class gamma_sup_generator(Generator):
+class gamma_sup_generator(Timed):
     """Emits the spikes of many independent gamma processes together, as the input from a population of neurons.
 
     A process goes through `gamma_shape` stages and spikes when it leaves the last; in a step it leaves its stage with
@@ -283,7 +274,6 @@ class gamma_sup_generator(Generator):
         "rate gamma_shape h / 1000; from the last one it spikes"
     )
     source: ClassVar[str] = "NEST 3.10 gamma_sup_generator; Deger, Helias, Boucsein & Rotter 2012"
-    timed: ClassVar[bool] = True
     fixed: ClassVar[tuple[str, ...]] = ("gamma_shape", "n_proc")
     states: ClassVar[tuple[State, ...]] = tuple(
         State(f"in_stage_{k}", "", "processes in a stage", hidden=True) for k in range(LARGEST_SHAPE)
@@ -292,8 +282,6 @@ class gamma_sup_generator(Generator):
     rate: Value = quantity(0.0, "Hz", "mean rate of each process", at_least=0, arrays=True)
     gamma_shape: int = quantity(1, "", "stages of a process", kind="integer", at_least=1, at_most=LARGEST_SHAPE)
     n_proc: int = quantity(1, "", "number of processes", kind="integer", at_least=1)
-    start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
-    stop: float = quantity(math.inf, "ms", "and up to this one", at_least=0, infinite=True)
 
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:

@@ -19,6 +19,12 @@ ETA = 1
 """Constants; those of the later lines belong to rules that are not `WeightDependent`."""
 
 
+def largest_weight(default: float) -> Any:
+    """Return the parameter Wmax, with a value for all synapses or for each."""
+    doc = "largest weight, in the unit of the weight; below 0 it inhibits"
+    return quantity(default, "", doc, nonzero=True, of_value=True, **OF_EACH)
+
+
 def power(share, mu):
     """A share of Wmax to a power above 0; the common one costs nothing."""
     return share if mu == 1.0 else share**mu
@@ -55,14 +61,7 @@ class WeightDependent(Synapse):
     alpha: Value = quantity(1.0, "", "depression relative to potentiation", at_least=0, **OF_EACH)
     mu_plus: Value = quantity(1.0, "", "weight dependence of potentiation", at_least=0, **OF_EACH)
     mu_minus: Value = quantity(1.0, "", "weight dependence of depression", at_least=0, **OF_EACH)
-    Wmax: Value = quantity(
-        100.0,
-        "",
-        "largest weight, in the unit of the weight; below 0 it inhibits",
-        nonzero=True,
-        of_value=True,
-        **OF_EACH,
-    )
+    Wmax: Value = largest_weight(100.0)
 
     def constants(p, h, c):
         """The constants are the parameters."""
@@ -273,9 +272,7 @@ class stdp_triplet(Synapse):
     Aminus_triplet: Value = quantity(
         2.3e-4, "", "depression by a triplet, likewise", at_least=0, of_value=True, **OF_EACH
     )
-    Wmax: Value = quantity(
-        100.0, "", "largest weight, in the unit of the weight", nonzero=True, of_value=True, **OF_EACH
-    )
+    Wmax: Value = largest_weight(100.0)
 
     def constants(p, h, c):
         """Step sizes of the sign of Wmax, and Wmax."""
@@ -312,14 +309,7 @@ class vogels_sprekeler(Synapse):
     alpha: Value = quantity(
         0.12, "", "depression by a pre spike, in steps: 2 tau times the rate to hold", at_least=0, **OF_EACH
     )
-    Wmax: Value = quantity(
-        -100.0,
-        "",
-        "largest weight, in the unit of the weight; below 0 it inhibits",
-        nonzero=True,
-        of_value=True,
-        **OF_EACH,
-    )
+    Wmax: Value = largest_weight(-100.0)
 
     def constants(p, h, c):
         """Step sizes of the sign of Wmax, and Wmax."""
