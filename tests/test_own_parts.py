@@ -278,10 +278,10 @@ class late(Neuron):
 
     def quiet(s, c, i_0, lo, hi):
         """As long as nothing came."""
+        came = 0
         for i in range(lo, hi):
-            if s[0, i] != 0.0:
-                return False
-        return True
+            came += s[0, i] != 0.0
+        return came == 0
 
 
 class silent_once(late):

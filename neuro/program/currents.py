@@ -1,7 +1,7 @@
-"""What generators of currents are set to, and the currents that are constant between a few steps.
+"""What generators of currents are set to, and the currents that follow.
 
-These are written by whoever runs a network when they change, so that no loop over time need carry them. Those that
-change at every step are worked out by `neuro.program.currents`.
+Currents that are constant between a few steps are written by whoever runs a network when they change (`Currents`), so
+that no loop over time need carry them. Others are worked out for each step (`Emission`).
 """
 
 from __future__ import annotations
@@ -140,18 +140,16 @@ class Currents:
             p, weights = self._program.projections[q], self._weights[q]
             if p.target == population:
                 pre, post = self._program.connections(q)
-                value = np.broadcast_to(
-                    instead.get(p.source, self._largest(p.source)), self._program.populations[p.source].size
-                )
+                source = self._program.populations[p.source]
+                if p.source in instead:
+                    largest = instead[p.source]
+                elif source.schedule is None:
+                    largest = self.parameter(p.source, "amplitude")
+                else:
+                    largest = np.abs(source.schedule.values).max(axis=0, initial=0.0)
+                value = np.broadcast_to(largest, source.size)
                 np.add.at(current, post, value[pre] * weights[-1][1])
         return current
-
-    def _largest(self, population: int) -> Floats:
-        schedule = self._program.populations[population].schedule
-        if schedule is None:
-            return self.parameter(population, "amplitude")
-        largest: Floats = np.abs(schedule.values).max(axis=0, initial=0.0)
-        return largest
 
     def _add(self, current: Floats, q: int, step: int) -> None:
         p = self._program.projections[q]
