@@ -341,14 +341,9 @@ def _checked(d: Definition) -> Definition:
             raise unit_unknown(name)
         found[name] = dimension
     receptors = tuple(
-        Receptor(r.name, r.kernel, r.tau, r.kernel != "delta" and is_conductance(found[r.name])) for r in d.receptors
+        Receptor(r.name, r.kernel, r.tau, r.kernel != "delta" and found[r.name] == CONDUCTANCE) for r in d.receptors
     )
     return Definition(**{**vars(d), "dimensions": found, "receptors": receptors})
-
-
-def is_conductance(dimension: Dimension) -> bool:
-    """Whether a quantity is one that is never negative."""
-    return dimension == CONDUCTANCE
 
 
 def _check_spike(d: Definition, dims: Dimensions) -> None:
