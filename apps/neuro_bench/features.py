@@ -12,8 +12,7 @@ from neuro import ModelError
 from neuro.events import Events
 from neuro.events.representations import hats
 from neuro_bench.costs import UNKNOWN, Costs, arithmetic
-from neuro_bench.method import Method, check_installed
-from neuro_bench.task import Examples
+from neuro_bench.task import Examples, Method, check_installed
 
 
 def _versions(train: Examples, count: int) -> Examples:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import record_input
 from neuro_bench.task import Fold, Recording, Task
-from neuro_train.targets import r_squared
+from neuro_train.data import r_squared
 
 STEP = 4.0
 """ms between two positions of the cursor, as they were recorded."""

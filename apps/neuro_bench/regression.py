@@ -13,10 +13,9 @@ import numpy as np
 import neuro
 from neuro_bench.artificial import Network, optimised
 from neuro_bench.costs import Costs, arithmetic, spiking_costs
-from neuro_bench.method import Method, check_installed
 from neuro_bench.spiking import CHIP, INPUT, OUTPUT
-from neuro_bench.task import Floats, Recording
-from neuro_train.targets import probe
+from neuro_bench.task import Floats, Method, Recording, check_installed
+from neuro_train.data import probe
 
 AT_ONCE = 10_000
 """Steps."""

@@ -135,7 +135,7 @@ def try_model(
 ) -> None:
     """Test a recogniser on recordings: accuracy, its 95 % interval, and the confusion of the classes."""
     from neuro_recognise.telling import report
-    from neuro_recognise.telling.tried import try_out
+    from neuro_recognise.telling.report import try_out
 
     _refuse_network(model, [str(data), "--labels", "--part", part])
     trained = _loaded(model, set)
@@ -163,7 +163,7 @@ def predict(
     Damaged files are reported after the others; then the exit status is 1.
     """
     from neuro_recognise.telling import report
-    from neuro_recognise.telling.tried import predict_files
+    from neuro_recognise.telling.report import predict_files
 
     _refuse_network(model, [str(file) for file in recordings])
     trained = _loaded(model, set)
@@ -190,7 +190,7 @@ def early(
 
     After a kill the same command goes on where it was.
     """
-    from neuro_recognise.deciding.learn_early import learn_early
+    from neuro_recognise.early import learn_early
     from neuro_recognise.telling import report
 
     trained = _loaded(model)
@@ -253,13 +253,12 @@ def compare(
 
     What is in the folder already is not done again.
     """
-    from neuro_recognise.compare import MethodComparison, compare as side_by_side, contestants
-    from neuro_recognise.telling.compare_report import show, write
+    from neuro_recognise.compare import MethodComparison, compare as compare_methods, contestants, show, write
     from neuro_train.data import but
 
     plan = MethodComparison(contestants(method), folds, tuple(range(repeats)), tuple(chips), out, backend, workers)
     with _learning() as shown:
-        found = side_by_side(but(_recordings(data, part), without), plan, shown)
+        found = compare_methods(but(_recordings(data, part), without), plan, shown)
     show(found, plan)
     for file in write(found, plan, data.name):
         typer.echo(file)
@@ -276,8 +275,8 @@ def energy(
     backend: Backend = "event",
 ) -> None:
     """Show recordings to a network and print what one of them takes on chips: joules and time."""
-    from neuro_recognise.telling import energy
-    from neuro_recognise.telling.tried import try_out
+    from neuro_recognise import energy
+    from neuro_recognise.telling.report import try_out
 
     trained = _loaded(model)
     energy.check_targets(trained, chips)
@@ -347,8 +346,7 @@ def crops(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Cut single objects out of scenes, as a detector sees them: recordings for 'neuro recognise train'."""
-    from neuro_recognise.detection.following import Detecting
-    from neuro_recognise.detection.learning import write_crops
+    from neuro_recognise.detection.detector import Detecting, write_crops
     from neuro_recognise.detection.scenes import Scenes
 
     settings = Detecting().changed(assignments(set))
@@ -371,8 +369,7 @@ def detect(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Find several objects in a recording, with boxes and identities; or measure that on scenes."""
-    from neuro_recognise.detection.detector import Detector
-    from neuro_recognise.detection.following import Detecting
+    from neuro_recognise.detection.detector import Detecting, Detector
 
     if (recording is None) == (data is None):
         raise typer.BadParameter("expected either a RECORDING or --data SCENES")
@@ -388,7 +385,7 @@ def detect(
 
 def _measure(detector: Detector, folder: Path, as_json: bool) -> None:
     from neuro_recognise.detection import report
-    from neuro_recognise.detection.measures import try_out
+    from neuro_recognise.detection.detector import try_out
     from neuro_recognise.detection.scenes import Scenes
 
     scenes = Scenes(folder)

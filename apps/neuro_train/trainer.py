@@ -23,9 +23,8 @@ import neuro
 import neuro_torch
 from neuro import ModelError
 from neuro.apps import Checkpoint, fingerprint
-from neuro_train.data import BatchData, moved
+from neuro_train.data import BatchData, moved, probe
 from neuro_train.plan import TrainingPlan
-from neuro_train.targets import probe
 
 Array = npt.NDArray[Any]
 

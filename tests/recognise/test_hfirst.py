@@ -12,7 +12,8 @@ from neuro.apps import evaluate
 from neuro.chips import cells
 from neuro.events import Events, recordings
 from neuro_recognise.compare import MethodComparison, compare, contestants
-from neuro_recognise.method import choose
+from neuro_recognise.energy import bills, counted, show as show_energy
+from neuro_recognise.method import Features, choose
 from neuro_recognise.methods.hfirst import (
     READINGS,
     HFirstSettings,
@@ -34,10 +35,8 @@ from neuro_recognise.methods.hfirst import (
     templates,
 )
 from neuro_recognise.recogniser import learn, method_of
-from neuro_recognise.shown import Features
 from neuro_recognise.telling import compare_report
-from neuro_recognise.telling.energy import bills, counted, show as show_energy
-from neuro_recognise.telling.tried import Tried
+from neuro_recognise.telling.report import Tried
 from refused import refused
 
 SMALL = HFirstSettings(size=(14, 11))

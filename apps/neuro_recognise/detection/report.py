@@ -13,8 +13,7 @@ from neuro import ModelError
 from neuro.apps import console, output, table, write_picture
 from neuro.events import Events
 from neuro_recognise.detection.boxes import COLOURS, UNKNOWN, Boxes, read_boxes, write_boxes
-from neuro_recognise.detection.detector import Detector
-from neuro_recognise.detection.measures import DetectionTrial
+from neuro_recognise.detection.detector import DetectionTrial, Detector
 from neuro_recognise.detection.scenes import Scenes
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.telling.watch import PAGE, check_page, filled, shown, watchable

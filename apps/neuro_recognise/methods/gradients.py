@@ -5,7 +5,7 @@ Learning needs torch, by `neuro_train`; what was learnt runs on every backend wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -20,9 +20,8 @@ from neuro import ModelError
 from neuro.apps import install, setting
 from neuro.events import Events
 from neuro_models import path
-from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
-from neuro_recognise.parts.layers import from_text, to_text
-from neuro_recognise.shown import Array, Evidence, Features, Floats
+from neuro_recognise.method import Answer, Array, Course, Evidence, Features, Learnt, Method, Progress
+from neuro_recognise.methods.framewise import from_text, to_text
 from neuro_torch import Events as Spikes
 from neuro_train.data import BatchData as Taught
 from neuro_train.plan import TrainingPlan
@@ -103,6 +102,16 @@ class Gradients(Method):
         from neuro_train.trainer import learn
 
         before = self.before(len(shown.classes))
+        words: Any = ("duration", "scale", "epochs", "batch", "rate", "temperature", "slope", "shift", "warp", "mirror")
+        plan = TrainingPlan(
+            input=INPUT,
+            output=OUTPUT,
+            trainable=tuple(f"{name}={','.join(each)}" for name, each in self.learns.items()),
+            decay=self.weight_decay,
+            bits=self.bits or None,
+            seed=course.seed,
+            **{word: getattr(self, word) for word in words},
+        )
 
         def report(epoch: int, noted: Mapping[str, float]) -> None:
             course.report(Progress("learning", epoch, self.epochs, noted.get("right")))
@@ -110,7 +119,7 @@ class Gradients(Method):
         threads = torch.get_num_threads()
         torch.set_num_threads(1)
         try:
-            trained = learn(before, self._taught(shown), self._plan(course.seed), course.checkpoint, report)
+            trained = learn(before, self._taught(shown), plan, course.checkpoint, report)
         finally:
             torch.set_num_threads(threads)
         return self.learnt_of(trained.net) | {"history": trained.curves["right"]}
@@ -165,7 +174,11 @@ class Gradients(Method):
                 sim.reset()
                 sim.inject(INPUT, (one["step"] + 1.0) * h, one["neuron"].astype(np.int64))
                 sim.run(end)
-                scores.append(_scores(*sim.spikes(OUTPUT), len(shown.classes), end))
+                times, ids = sim.spikes(OUTPUT)
+                counts, first = np.zeros(len(shown.classes)), np.full(len(shown.classes), end)
+                np.add.at(counts, ids, 1.0)
+                np.minimum.at(first, ids, times)  # the earliest spike counts less than one
+                scores.append(counts + (1.0 - first / end) / 2.0 if len(ids) else np.full_like(counts, np.nan))
                 taken.append(sim.taken())
             return Answer(np.array(scores), {}, lambda: (sim, reduce(add, taken)), self.neurons_per_core or None)
 
@@ -178,18 +191,6 @@ class Gradients(Method):
         spikes = {INPUT: (recording, step.values.astype(np.int64), neuron.values.astype(np.int64))}
         events = Spikes(len(shown), round(self.duration / self.step), spikes)
         return Taught(events, shown.labels, shown.classes, self.pixels, "")
-
-    def _plan(self, seed: int) -> TrainingPlan:
-        words: Any = ("duration", "scale", "epochs", "batch", "rate", "temperature", "slope", "shift", "warp", "mirror")
-        return TrainingPlan(
-            input=INPUT,
-            output=OUTPUT,
-            trainable=tuple(f"{name}={','.join(each)}" for name, each in self.learns.items()),
-            decay=self.weight_decay,
-            bits=self.bits or None,
-            seed=seed,
-            **{word: getattr(self, word) for word in words},
-        )
 
 
 @dataclass(frozen=True)
@@ -249,11 +250,3 @@ class LearntDelays(Gradients):
     learns = {"in_hidden": ("weight",), "hidden_out": ("weight", "delay")}
 
     hidden: int = setting(128, "", "neurons of the hidden layer", ON_FOLDS, at_least=1)
-
-
-def _scores(times: Floats, ids: Iterable[int], classes: int, end: float) -> Floats:
-    """Spikes of each class, and less than one for the earliest; NaN of all where there is none."""
-    counts, first = np.zeros(classes), np.full(classes, end)
-    np.add.at(counts, np.asarray(ids), 1.0)
-    np.minimum.at(first, np.asarray(ids), times)
-    return counts + (1.0 - first / end) / 2.0 if counts.any() else np.full(classes, np.nan)

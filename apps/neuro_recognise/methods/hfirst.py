@@ -22,9 +22,8 @@ from neuro import ModelError
 from neuro.apps import Settings, allocating, setting
 from neuro.events import Events
 from neuro.events.filters import BackgroundActivity
-from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Run
+from neuro_recognise.method import Answer, Course, Drawings, Evidence, Features, Floats, Ints, Learnt, Method, Run
 from neuro_recognise.parts.banks import gabor_bank
-from neuro_recognise.shown import Evidence, Features, Floats, Ints
 
 CODE = "HFIRST.m of the authors' code"
 READINGS = ("hard", "soft", "potentials")
@@ -113,9 +112,15 @@ def shown(settings: HFirstSettings, events: Events) -> dict[str, LayerSpikes]:
     Raises:
         ModelError: an event lies outside of the camera.
     """
-    events = _without_noise(events, settings)
+    width, height = settings.size
+    if len(events) and (events.x.max() >= width or events.y.max() >= height):
+        raise ModelError(
+            f"an event at ({events.x.max()}, {events.y.max()}): expected a sensor of at most {width} x {height} px",
+            hint="set size",
+        )
+    events = BackgroundActivity(sensor_size=events.sensor_size, dt_us=settings.noise_us)(events)
     steps = 1 + np.rint((events.t - (events.t[0] if len(events) else 0)) / (1000.0 * settings.resolution))
-    places = events.y.astype(np.int64) * settings.size[0] + events.x
+    places = events.y.astype(np.int64) * width + events.x
     which = {"on_events": events.p == 1, "off_events": events.p == 0}
     return {name: LayerSpikes(steps[some] * settings.resolution, places[some]) for name, some in which.items()}
 
@@ -145,16 +150,6 @@ def s1_spikes(settings: HFirstSettings, inputs: dict[str, LayerSpikes]) -> dict[
         steps, ids = first_spikes(arrive, rows, columns, bank, *numbers)
         found[layer] = LayerSpikes(steps * h, ids)
     return found
-
-
-def _without_noise(events: Events, settings: HFirstSettings) -> Events:
-    width, height = settings.size
-    if len(events) and (events.x.max() >= width or events.y.max() >= height):
-        raise ModelError(
-            f"an event at ({events.x.max()}, {events.y.max()}): expected a sensor of at most {width} x {height} px",
-            hint="set size",
-        )
-    return BackgroundActivity(sensor_size=events.sensor_size, dt_us=settings.noise_us)(events)
 
 
 @allocating

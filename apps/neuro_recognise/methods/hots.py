@@ -22,9 +22,20 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import Part, Quantity, Registry, check, part, setting
 from neuro.events import Events
-from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Progress
+from neuro_recognise.method import (
+    Answer,
+    Course,
+    Drawings,
+    Evidence,
+    Features,
+    Floats,
+    Ints,
+    Lazy,
+    Learnt,
+    Method,
+    Progress,
+)
 from neuro_recognise.parts.readouts import Readout, Svm
-from neuro_recognise.shown import Evidence, Features, Floats, Ints, Lazy
 
 Report: TypeAlias = Callable[["Layers", int, int], None]
 
@@ -316,7 +327,19 @@ class Hots(Method):
 
     def fit(self, shown: Features, course: Course) -> Learnt:
         """Learn prototypes layer by layer, then teach the readout."""
-        layers = self._taught(shown, course)
+        layers = Layers(self.hierarchy, self.size, seed=course.seed)
+        if kept := course.resume():
+            layers = Layers.from_state(self.hierarchy, self.size, kept["layers"])
+        chosen = np.arange(len(shown))
+        if 0 < self.learn_from < len(shown):
+            chosen = np.sort(np.random.default_rng([course.seed, 3]).permutation(len(shown))[: self.learn_from])
+
+        def tell(reached: Layers, done: int, total: int) -> None:
+            if done % EVERY == 0 or done == total:
+                course.keep(layers=reached.state())
+            course.report(Progress("learning prototypes", done, total))
+
+        layers.learn(_Recordings(self, shown.take(chosen)), tell)
         x = self._histograms(layers, shown)
         return {**layers.state(), **self.readout.fit(x, shown.labels, len(shown.classes), course)}
 
@@ -342,30 +365,11 @@ class Hots(Method):
             drawn[f"layer-{layer + 1}"] = images(seen, [""] * len(seen), title, about)
         return drawn
 
-    def _taught(self, shown: Features, course: Course) -> Layers:
-        kept = course.resume()
-        layers = Layers(self.hierarchy, self.size, seed=course.seed)
-        if kept:
-            layers = Layers.from_state(self.hierarchy, self.size, kept["layers"])
-        chosen = np.arange(len(shown))
-        if 0 < self.learn_from < len(shown):
-            chosen = np.sort(np.random.default_rng([course.seed, 3]).permutation(len(shown))[: self.learn_from])
-
-        def tell(reached: Layers, done: int, total: int) -> None:
-            if done % EVERY == 0 or done == total:
-                course.keep(layers=reached.state())
-            course.report(Progress("learning prototypes", done, total))
-
-        layers.learn(_Recordings(self, shown.take(chosen)), tell)
-        return layers
-
     def _histograms(self, layers: Layers, shown: Features) -> Floats:
         """(recordings, cells and prototypes) shares of a recording's events."""
-        found: Floats = np.stack(
-            [layers.features(events, cell=self.cell).ravel() for events in _Recordings(self, shown)]
-        ).astype(np.float64)
-        shares: Floats = found / np.maximum(found.sum(axis=1, keepdims=True), 1.0)
-        return shares
+        counts = [layers.features(events, cell=self.cell).ravel() for events in _Recordings(self, shown)]
+        found = np.stack(counts).astype(np.float64)
+        return np.asarray(found / np.maximum(found.sum(axis=1, keepdims=True), 1.0))
 
 
 class _Recordings(Lazy[Events]):

@@ -18,7 +18,7 @@ from scipy.signal import convolve
 from neuro.apps import Evaluation, literal, wilson
 from neuro.events import Events, representations
 from neuro_recognise.detection.boxes import COLOURS, UNKNOWN, Boxes
-from neuro_recognise.shown import Floats
+from neuro_recognise.method import Floats
 
 
 def reconstructed(kernels: Floats, filters: Floats, side: int) -> Floats:
