@@ -11,7 +11,7 @@ import numpy as np
 from neuro import ModelError
 from neuro.events import Events
 from neuro.events.representations import hats
-from neuro_bench.costs import UNKNOWN, Costs, arithmetic
+from neuro_bench.costs import UNKNOWN, Costs, product_costs
 from neuro_bench.task import Examples, Method, check_installed
 
 
@@ -132,8 +132,7 @@ class _HATS:
         effective = seen + float((surfaces(shown, self.settings) != 0).sum() / len(shown)) * len(weights)
         dense = seen + weights.size
         size = weights.size + len(weights)
-        words: Any = {"effective_macs": effective, "dense": dense, "joules": arithmetic("float32", effective, dense)}
-        return Costs(parameters=size, footprint_bytes=8 * size, **words)
+        return product_costs(size, 8 * size, effective, dense)
 
 
 class _Classifier:
@@ -152,6 +151,5 @@ class _Classifier:
         used = (self._weights != 0).sum(axis=0)
         effective = float(((_rows(shown, self._pooled) != 0) * used).sum() / len(shown))
         zeros = 1.0 - np.count_nonzero(self._weights) / self._weights.size
-        words: Any = {"connection_sparsity": zeros, "effective_macs": effective, "dense": float(self._weights.size)}
-        words |= {"joules": arithmetic("float32", effective, float(self._weights.size))}
-        return Costs(parameters=size, footprint_bytes=self._weights.itemsize * size, **words)
+        footprint, dense = self._weights.itemsize * size, float(self._weights.size)
+        return product_costs(size, footprint, effective, dense, connection_sparsity=zeros)

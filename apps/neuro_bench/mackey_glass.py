@@ -53,7 +53,15 @@ class MackeyGlass(Task):
             ModelError: a file of the data is missing or too short.
         """
         taus = list(PARAMETERS) if self.split == "all" else [int(self.split.removeprefix("tau"))]
-        return [each for tau in taus for each in _folds(tau, self._series(tau))]
+        train, test, folds = TRAIN * POINTS, TEST * POINTS, []
+        for tau in taus:
+            values, own = self._series(tau), solution(tau, _points())[APART * POINTS :]
+            tuned = [own[k * train : (k + 1) * train] for k in range(TUNING)]
+            asked = [own[k * train :][:test] for k in range(1, TUNING + 1)]
+            for repeat in range(REPEATS):
+                seen, name = values[repeat * POINTS // 2 :], f"tau {tau} series {repeat + 1}"
+                folds.append(Fold(name, tuned, asked, seen[:train], seen[train : train + test]))
+        return folds
 
     def _series(self, tau: int) -> Series:
         wanted = (TRAIN + TEST) * POINTS + (REPEATS - 1) * POINTS // 2 + 1
@@ -78,17 +86,6 @@ class MackeyGlass(Task):
 
 def _points() -> int:
     return (APART + TRAIN * TUNING + TEST) * POINTS
-
-
-def _folds(tau: int, values: Series) -> list[Fold]:
-    own, train, test = solution(tau, _points())[APART * POINTS :], TRAIN * POINTS, TEST * POINTS
-    tuned = [own[k * train : (k + 1) * train] for k in range(TUNING)]
-    asked = [own[k * train :][:test] for k in range(1, TUNING + 1)]
-    folds = []
-    for repeat in range(REPEATS):
-        seen = values[repeat * POINTS // 2 :]
-        folds.append(Fold(f"tau {tau} series {repeat + 1}", tuned, asked, seen[:train], seen[train : train + test]))
-    return folds
 
 
 @cache

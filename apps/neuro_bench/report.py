@@ -77,18 +77,13 @@ def verdict(results: Sequence[Mapping[str, Any]]) -> str:
     if other is None:
         return f"{line}; nothing {_kind(not spiking)} was compared"
     gap = abs(best["mean"] - other["mean"])
-    also = "; their intervals overlap" if _overlap(best, other) else ""
+    (a, b), (c, d) = _interval(best), _interval(other)  # NaN of a single score
+    also = "; their intervals overlap" if a <= d and c <= b else ""
     return f"{line}; the best {_kind(not spiking)} is {other['method']['name']}, {_number(gap, best)} behind{also}"
 
 
 def _kind(spiking: bool) -> str:
     return "spiking" if spiking else "non-spiking"
-
-
-def _overlap(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether both have intervals, which a single score lacks, and these overlap."""
-    (a, b), (c, d) = _interval(one), _interval(other)
-    return a <= d and c <= b
 
 
 def _interval(result: Mapping[str, Any]) -> tuple[float, float]:

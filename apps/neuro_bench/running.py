@@ -158,7 +158,11 @@ def run(
     for seed, k in each[len(found) :]:
         fold = folds[k]
         report(f"{fold.name}, seed {seed}", len(found), len(each))
-        known = _settings(found, folds, k, task.kind)
+        if len(found) >= len(folds):  # another seed: the settings that were chosen for this fold
+            known = found[k]["settings"]
+        else:  # or those of a fold with the same series to choose by
+            same = (j for j in range(len(found)) if task.kind == "series" and folds[j].validation is fold.validation)
+            known = next((found[j]["settings"] for j in same), None)
         tried = tries(method, asked["changes"], request.tries, seed) if known is None else [known]
         found.append(_fold(task, method, fold, tried, seed))
         if kept is not None:
@@ -185,14 +189,6 @@ def run(
         "cpu_s": sum(each["cpu_s"] for each in found),
         "provenance": made,
     }
-
-
-def _settings(found: Sequence[Mapping[str, Any]], folds: Sequence[Fold], k: int, kind: str) -> Any:
-    """Settings that were chosen before for this fold, or for one with the same series to choose by; else None."""
-    if len(found) >= len(folds):
-        return found[k]["settings"]
-    shared = (j for j in range(len(found)) if kind == "series" and folds[j].validation is folds[k].validation)
-    return next((found[j]["settings"] for j in shared), None)
 
 
 def _fold(task: Task, method: Method, fold: Fold, tried: Sequence[dict[str, Any]], seed: int) -> dict[str, Any]:

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro_bench.costs import PICOJOULES, Costs, arithmetic, spiking_costs
+from neuro_bench.costs import PICOJOULES, Costs, product_costs, spiking_costs
 from neuro_bench.task import Method, Series
 
 EMPTYING, SHOWN = 2, 16
@@ -166,8 +166,7 @@ class _Coded:
         for k in range(shown):
             said[k] = np.clip(coming[:, 0], -1.0, 1.0)
             coming = self._heard(coming, self._cells.left(said[k]))
-        mean: Series = self._middle + self._reach * said.mean(axis=1)
-        return mean
+        return np.asarray(self._middle + self._reach * said.mean(axis=1))
 
     def costs(self, shown: int) -> Costs:
         """The bills of chips for the neurons, and the sums of the readout, by the first values that are said."""
@@ -233,8 +232,7 @@ class Members:
 
     def predict(self, shown: int) -> Series:
         """The next values, the mean of what the members say."""
-        said: Series = np.mean([model.predict(shown) for model in self._models], axis=0)
-        return said
+        return np.asarray(np.mean([model.predict(shown) for model in self._models], axis=0))
 
     def costs(self, shown: int) -> Costs:
         """Those of the first, as often as there are members."""
@@ -264,15 +262,14 @@ class EchoState(Method):
 
     def fit(self, train: Series, settings: Mapping[str, Any], seed: int) -> Members:
         """Learn to say the next value; see `Method`."""
-        return Members(
-            [self._one(train, settings, np.random.default_rng((seed, k, 4))) for k in range(settings["members"])]
-        )
-
-    def _one(self, train: Series, settings: Mapping[str, Any], rng: np.random.Generator) -> _Reservoir:
-        units = settings["units"]
-        inside = rng.uniform(-1.0, 1.0, (units, units)) * (rng.random((units, units)) < settings["connected"])
-        inside *= settings["radius"] / max(float(np.abs(np.linalg.eigvals(inside)).max()), 1e-12)
-        return _Reservoir(inside, rng.uniform(-1.0, 1.0, (units, 2)) * [1.0, settings["scale"]], settings, train)
+        units, members = settings["units"], []
+        for k in range(settings["members"]):
+            rng = np.random.default_rng((seed, k, 4))
+            inside = rng.uniform(-1.0, 1.0, (units, units)) * (rng.random((units, units)) < settings["connected"])
+            inside *= settings["radius"] / max(float(np.abs(np.linalg.eigvals(inside)).max()), 1e-12)
+            inward = rng.uniform(-1.0, 1.0, (units, 2)) * [1.0, settings["scale"]]
+            members.append(_Reservoir(inside, inward, settings, train))
+        return Members(members)
 
 
 class _Reservoir:
@@ -310,9 +307,7 @@ class _Reservoir:
         weights = (self._inside, self._inward, self._out)
         size = sum(each.size for each in weights)
         macs = float(sum(np.count_nonzero(each) for each in weights))
-        words: Any = {"connection_sparsity": 1.0 - macs / size, "joules": arithmetic("float32", macs, float(size))}
-        sizes: Any = {"parameters": self._out.size, "footprint_bytes": 8 * size}
-        return Costs(effective_macs=macs, dense=float(size), **sizes, **words)
+        return product_costs(self._out.size, 8 * size, macs, float(size), connection_sparsity=1.0 - macs / size)
 
 
 class TanhRidge(Method):
@@ -348,9 +343,8 @@ class _Tangents:
     def costs(self, shown: int) -> Costs:
         """Products of the readout and of the functions' slopes, for a value; tangents are not counted."""
         macs = float(self._weights.size + self._weights.shape[1])
-        words: Any = {"effective_macs": macs, "dense": macs, "joules": arithmetic("float32", macs, macs)}
         size = self._weights.size
-        return Costs(parameters=size, footprint_bytes=8 * (size + 2 * self._weights.shape[1] + 1), **words)
+        return product_costs(size, 8 * (size + 2 * self._weights.shape[1] + 1), macs, macs)
 
 
 class SeriesMean(Method):

@@ -229,21 +229,20 @@ class SpeechCommands(Sounds):
         Raises:
             ModelError: a list is missing, or a part of the fold is empty.
         """
-        validated, tested = (self._listed(name) for name in LISTS)
+        assert self.data is not None
+        listed = []
+        for file in (self.data / name for name in LISTS):
+            try:
+                listed.append(file.read_text("utf-8").split())
+            except OSError as error:
+                raise ModelError(f"{file}: cannot be read: {error.strerror}", hint=self.source) from None
         names, heard = [], []
         for name, rate, sound in self.sounds():
             if (word := self._folder(name)) != BACKGROUND:
                 names.append(f"{word}/{Path(name).name}")
                 heard.append((word, rate, sound))
-        held, kept = (np.isin(names, list(part)) for part in (validated, tested))
+        held, kept = (np.isin(names, part) for part in listed)
         for what, part in ((LISTS[0], held), (LISTS[1], kept), ("what is in no list", ~held & ~kept)):
             if not part.any():
                 raise ModelError(f"{self.data}: {what} has no recording: expected some", hint=self.source)
         return Folds(self.examples(heard), [("official", ~held & ~kept, held, kept)])
-
-    def _listed(self, name: str) -> set[str]:
-        assert self.data is not None
-        try:
-            return set((self.data / name).read_text("utf-8").split())
-        except OSError as error:
-            raise ModelError(f"{self.data / name}: cannot be read: {error.strerror}", hint=self.source) from None

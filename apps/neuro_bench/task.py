@@ -253,15 +253,13 @@ def random_folds(examples: Examples, count: int, seed: int) -> Folds:
         own = np.flatnonzero(examples.labels[:n] == label)
         part[rng.permutation(own)] = (first + np.arange(len(own))) % count
         first += len(own)
-    return Folds(examples, [_drawn(f"random {k + 1}", part == k, (seed, 2, k)) for k in range(count)])
-
-
-def _drawn(name: str, tested: npt.NDArray[np.bool_], key: tuple[int, ...]) -> tuple[str, Any, Any, Any]:
-    """The fold that tests on some recordings and draws the validation part from the others."""
-    rest = np.random.default_rng(key).permutation(np.flatnonzero(~tested))
-    held = np.zeros(len(tested), dtype=np.bool_)
-    held[rest[: max(1, len(rest) // 10)]] = True
-    return name, ~tested & ~held, held, tested
+    parts = []
+    for k in range(count):
+        tested, held = part == k, np.zeros(n, dtype=np.bool_)
+        rest = np.random.default_rng((seed, 2, k)).permutation(np.flatnonzero(~tested))
+        held[rest[: max(1, len(rest) // 10)]] = True
+        parts.append((f"random {k + 1}", ~tested & ~held, held, tested))
+    return Folds(examples, parts)
 
 
 def grouped_folds(examples: Examples, groups: Sequence[str]) -> Folds:

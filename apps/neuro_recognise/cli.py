@@ -10,7 +10,7 @@ import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,7 +18,6 @@ from neuro.apps import PRICED, Backend, Chips, Seed, Set, Sources, assignments, 
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
-    from neuro_recognise.detection.detector import Detector
     from neuro_recognise.method import Progress
     from neuro_recognise.recogniser import Recogniser
 
@@ -328,7 +327,10 @@ def scenes(
 
     from neuro_recognise.detection.scenes import Scenery, fold_of, write_scenes
 
-    given = {"sensor": _size(sensor), "touching": touching, "noise": noise, "length": length}
+    sides = sensor.lower().split("x")
+    if len(sides) != 2 or not all(side.isdecimal() and int(side) for side in sides):
+        raise typer.BadParameter(f"'{sensor}': expected width and height such as 100x80", param_hint="'--sensor'")
+    given = {"sensor": tuple(map(int, sides)), "touching": touching, "noise": noise, "length": length}
     scenery = Scenery().changed(given | assignments(set))
     found = _recordings(data, part)
     chosen = fold_of(found, folds, fold)
@@ -369,48 +371,29 @@ def detect(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Find several objects in a recording, with boxes and identities; or measure that on scenes."""
-    from neuro_recognise.detection.detector import Detecting, Detector
+    from neuro.events import load
+    from neuro_recognise.detection import report
+    from neuro_recognise.detection.detector import Detecting, Detector, try_out
+    from neuro_recognise.detection.scenes import Scenes
 
     if (recording is None) == (data is None):
         raise typer.BadParameter("expected either a RECORDING or --data SCENES")
     settings: Detecting = Detecting().changed(assignments(set))
     detector = Detector(_loaded(model), settings, backend, way)
+    classes = detector.recogniser.classes
     if data is not None:
         if out is not None:
             raise typer.BadParameter("boxes are written of a RECORDING", param_hint="'--out'")
-        _measure(detector, data, json)
+        scenes = Scenes(data)
+        report.check_classes(classes, scenes)
+        with _counting("finding objects") as shown:
+            tried = try_out(detector, scenes, lambda done: shown(done, len(scenes)))
+        report.show_tried(detector, tried, json)
     elif recording is not None:
-        _find(detector, recording, out, json)
-
-
-def _measure(detector: Detector, folder: Path, as_json: bool) -> None:
-    from neuro_recognise.detection import report
-    from neuro_recognise.detection.detector import try_out
-    from neuro_recognise.detection.scenes import Scenes
-
-    scenes = Scenes(folder)
-    report.check_classes(detector.recogniser.classes, scenes)
-    with _counting("finding objects") as shown:
-        tried = try_out(detector, scenes, lambda done: shown(done, len(scenes)))
-    report.show_tried(detector, tried, as_json)
-
-
-def _find(detector: Detector, recording: Path, out: Path | None, as_json: bool) -> None:
-    from neuro.events import load
-    from neuro_recognise.detection import report
-
-    if out is not None:
-        report.check_ending(out)
-    events = load(recording)
-    boxes = detector.detect(events)
-    if out is not None:
-        report.write_found(out, events, boxes, detector.recogniser.classes, recording.name)
-    report.show_found(boxes, detector.recogniser.classes, as_json)
-
-
-def _size(text: str) -> Any:
-    """Width and height."""
-    sides = text.lower().split("x")
-    if len(sides) != 2 or not all(side.isdecimal() and int(side) for side in sides):
-        raise typer.BadParameter(f"'{text}': expected width and height such as 100x80", param_hint="'--sensor'")
-    return tuple(int(side) for side in sides)
+        if out is not None:
+            report.check_ending(out)
+        events = load(recording)
+        boxes = detector.detect(events)
+        if out is not None:
+            report.write_found(out, events, boxes, classes, recording.name)
+        report.show_found(boxes, classes, json)

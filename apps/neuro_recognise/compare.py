@@ -153,6 +153,10 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
     field, folds = field_of(data), {seed: data.folds(plan.folds, seed=seed) for seed in plan.seeds}
     make_folder(plan.folder)
     fingerprint = data.fingerprint()
+
+    def look(name: str, done: int, total: int) -> None:
+        report(Progress(f"{name}: looking", done, total))
+
     jobs: list[Fold] = []
     seen: list[Contestant] = []
     refused: dict[int, str] = {}
@@ -160,8 +164,7 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
         try:
             fitting = Contestant(one.name, one.method.fitting(field))
             seen.append(fitting)
-            looking = partial(_tell_looking, report, one.name)
-            shown = observe(fitting.method, data, fingerprint=fingerprint, report=looking)
+            shown = observe(fitting.method, data, fingerprint=fingerprint, report=partial(look, one.name))
         except (EventFileError, Unwritable):
             raise
         except ModelError as error:
@@ -196,10 +199,6 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
     return found
 
 
-def _tell_looking(report: Callable[[Progress], None], name: str, done: int, total: int) -> None:
-    report(Progress(f"{name}: looking", done, total))
-
-
 def _reason(error: ModelError) -> str:
     """Return what is wrong in one line, without the way out."""
     return ": ".join(one.alone() for one in (error, *error.others))
@@ -230,21 +229,17 @@ class Fold:
 
     def work(self, report: Callable[[tuple[str, Progress | None]], None]) -> dict[str, Any]:
         """Train and test; the result as plain data, or why it cannot be run."""
+        backend, seed, began = self.of["backend"], self.of["seed"], time.process_time()
+        words: Any = {"seed": seed, "backend": backend, "report": lambda progress: report((self.name, progress))}
         try:
-            figures = self._learnt_and_tested(lambda progress: report((self.name, progress)))
+            made = learn(self.method, self.shown.take(self.others), self.of["data"], **words)
+            trained = time.process_time()
+            answer = made.answer_shown(self.shown.take(self.mine), backend)
         except (EventFileError, Unwritable):
             raise
         except ModelError as error:
-            figures = {"refused": _reason(error)}
-        report((self.name, None))
-        return figures
-
-    def _learnt_and_tested(self, report: Callable[[Progress], None]) -> dict[str, Any]:
-        backend, seed, began = self.of["backend"], self.of["seed"], time.process_time()
-        learnt_from = self.shown.take(self.others)
-        made = learn(self.method, learnt_from, self.of["data"], seed=seed, backend=backend, report=report)
-        trained = time.process_time()
-        answer = made.answer_shown(self.shown.take(self.mine), backend)
+            report((self.name, None))
+            return {"refused": _reason(error)}
         ended = time.process_time()
         bills: dict[str, Any] | None = None
         if answer.run is not None:
@@ -256,6 +251,7 @@ class Fold:
                     bills |= {name: {"refused": why} for name, why in priced.refused.items()}
                 except ModelError as error:
                     bills[target] = {"refused": _reason(error)}
+        report((self.name, None))
         return {
             "provenance": provenance(backend=backend, seed=seed),
             "tested": self.mine.tolist(),

@@ -133,15 +133,15 @@ class Held:
     @cached_property
     def _curves(self) -> list[tuple[Floats, Floats]]:
         """Of each moment margins, ascending, and the error from each on."""
-        return [self._curve(moment) for moment in range(len(self.times_us))]
-
-    def _curve(self, moment: int) -> tuple[Floats, Floats]:
-        there = ~np.isnan(self.margins[:, moment])
-        from_margin, which = np.unique(self.margins[there, moment], return_inverse=True)
-        wrong = np.bincount(which, ~self.right[there, moment], len(from_margin))
-        number = np.bincount(which, minlength=len(from_margin))
-        error = (np.cumsum(wrong[::-1])[::-1] + 1) / (np.cumsum(number[::-1])[::-1] + 2)
-        return from_margin, np.minimum.accumulate(error)
+        curves = []
+        for margins, right in zip(self.margins.T, self.right.T, strict=True):
+            there = ~np.isnan(margins)
+            from_margin, which = np.unique(margins[there], return_inverse=True)
+            wrong = np.bincount(which, ~right[there], len(from_margin))
+            number = np.bincount(which, minlength=len(from_margin))
+            error = (np.cumsum(wrong[::-1])[::-1] + 1) / (np.cumsum(number[::-1])[::-1] + 2)
+            curves.append((from_margin, np.minimum.accumulate(error)))
+        return curves
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +253,10 @@ def stopping_rule(held: Held, allowed: float, assurance: float = ASSURANCE) -> R
         ModelError: one is no share, or so few recordings cannot support what is allowed, or more are decided wrongly
             even at their end.
     """
-    _check_shares(allowed, assurance)
+    if not 0 < allowed < 1:
+        raise ModelError(f"allow = {allowed:g}: expected a share of recordings between 0 and 1")
+    if not 0 < assurance < 1:
+        raise ModelError(f"assurance = {assurance:g}: expected a probability between 0 and 1")
     if (least := least_allowed(held, assurance)) > allowed:
         wrong, n = int(np.count_nonzero(~held.right[:, -1])), len(held)
         raise ModelError(
@@ -294,8 +297,7 @@ def stopped(errors: Floats, level: float) -> Ints:
         level: at or below which is stopped.
     """
     met = errors <= level
-    found: Ints = np.where(met.any(axis=1), met.argmax(axis=1), met.shape[1] - 1)
-    return found
+    return np.asarray(np.where(met.any(axis=1), met.argmax(axis=1), met.shape[1] - 1))
 
 
 def upper_bound(wrong: int, n: int, assurance: float) -> float:
@@ -317,28 +319,18 @@ def _level(held: Held, allowed: float, assurance: float) -> float:
     """The largest of the levels before the first that is not assured."""
     assured = NEVER
     for level in (NEVER, *np.linspace(0.0, 3.0 * allowed, LEVELS + 1).tolist()):
-        if upper_bound(_wrong(held, stopped(held.crossed, level)), len(held), assurance) > allowed:
+        at = stopped(held.crossed, level)
+        wrong = int(np.count_nonzero(~held.right[np.arange(len(at)), at]))
+        if upper_bound(wrong, len(held), assurance) > allowed:
             break
         assured = level
     return assured
-
-
-def _wrong(held: Held, at: Ints) -> int:
-    """How many are decided wrongly at these moments."""
-    return int(np.count_nonzero(~held.right[np.arange(len(at)), at]))
 
 
 def _share(wrong: npt.NDArray[np.bool_]) -> tuple[float, tuple[float, float]]:
     """Of wrong decisions, and its 95 % interval."""
     k, n = int(np.count_nonzero(wrong)), len(wrong)
     return k / n, (1.0 - upper_bound(n - k, n, 0.975), upper_bound(k, n, 0.975))
-
-
-def _check_shares(allowed: float, assurance: float) -> None:
-    if not 0 < allowed < 1:
-        raise ModelError(f"allow = {allowed:g}: expected a share of recordings between 0 and 1")
-    if not 0 < assurance < 1:
-        raise ModelError(f"assurance = {assurance:g}: expected a probability between 0 and 1")
 
 
 WINDOW_MS = 1000.0
@@ -424,12 +416,26 @@ class Session:
             ModelError: time runs back, or the events do not fit the recogniser.
         """
         decided: list[Decision] = []
-        _check_events(events)
-        self._check_clock(events, until_us)
+        if not isinstance(events, Events):
+            hint = "Events(t, x, y, p, (width, height)) of neuro.events takes arrays; p is 1 or 0"
+            raise ModelError(f"feed: found {type(events).__name__}, expected Events", hint=hint)
+        before, first = self._clock, int(events.t[0]) if len(events) else until_us
+        if before is not None and first is not None and first < before:
+            raise ModelError(
+                f"time runs back from {before} to {first} us: expected the next part of the same stream",
+                hint="reset() before another recording",
+            )
+        last = int(events.t[-1]) if len(events) else before
+        if until_us is not None and last is not None and until_us < last:
+            raise ModelError(f"until_us is {until_us} us, expected at least {last}, the time of the last event")
+        self._clock = until_us if until_us is not None else last
         while len(events):
             if self._begin is None:
                 self._begin = self._last = int(events.t[0])
-            stop = self._stretch(events)
+            stop = int(np.searchsorted(events.t, self._begin + self._window, "right"))
+            if self._gap is not None:
+                pauses = np.flatnonzero(np.diff(events.t[:stop], prepend=self._last) > self._gap)
+                stop = int(pauses[0]) if pauses.size else stop
             decided += self._take(events[:stop])
             events = events[stop:]
             if len(events):
@@ -454,32 +460,11 @@ class Session:
         self._forget()
         return decided
 
-    def _check_clock(self, events: Events, until_us: int | None) -> None:
-        before, first = self._clock, int(events.t[0]) if len(events) else until_us
-        if before is not None and first is not None and first < before:
-            raise ModelError(
-                f"time runs back from {before} to {first} us: expected the next part of the same stream",
-                hint="reset() before another recording",
-            )
-        last = int(events.t[-1]) if len(events) else before
-        if until_us is not None and last is not None and until_us < last:
-            raise ModelError(f"until_us is {until_us} us, expected at least {last}, the time of the last event")
-        self._clock = until_us if until_us is not None else last
-
     def _end(self) -> int:
         """From when on no event belongs to the stretch under way, us."""
         assert self._begin is not None
         whole = self._begin + self._window + 1
         return whole if self._gap is None else min(whole, self._last + self._gap + 1)
-
-    def _stretch(self, events: Events) -> int:
-        """How many of the next events belong to the stretch under way."""
-        assert self._begin is not None
-        stop = int(np.searchsorted(events.t, self._begin + self._window, "right"))
-        if self._gap is not None:
-            pauses = np.flatnonzero(np.diff(events.t[:stop], prepend=self._last) > self._gap)
-            stop = int(pauses[0]) if pauses.size else stop
-        return stop
 
     def _take(self, events: Events) -> list[Decision]:
         """See events of the stretch under way, and decide at the moments between them."""
@@ -513,9 +498,3 @@ class Session:
         self._settled = self._settled or (self._rule is not None and self._rule.met(wrong))
         when = self._begin + after_us
         return Decision(when, after_us / 1000.0, label, scores, margin, 1.0 - wrong, self._settled)
-
-
-def _check_events(given: object) -> None:
-    if not isinstance(given, Events):
-        hint = "Events(t, x, y, p, (width, height)) of neuro.events takes arrays; p is 1 or 0"
-        raise ModelError(f"feed: found {type(given).__name__}, expected Events", hint=hint)

@@ -57,25 +57,22 @@ def price(
     Raises:
         ModelError: there is no such target, or it has no published costs.
     """
-    sim = run[0]
-    reasons = {name: refusal(sim, name) for name in targets}
-    bills = {
-        name: _bill(run, name, neurons_per_core, duration_s).per(recordings, "recording")
-        for name, why in reasons.items()
-        if not why
-    }
-    return Priced(run, recordings, bills, {name: why for name, why in reasons.items() if why})
-
-
-def _bill(run: Run, target: str, neurons_per_core: int | None, duration_s: float | None) -> Energy:
-    """What a run takes; on a chip with so many neurons on a core."""
+    sim, taken = run
     from neuro.chips import chip, place, price as of_counts
 
-    (sim, taken), asked = run, chip(target)
-    if neurons_per_core is None or asked.mesh is None or not asked.costs:
-        return sim.energy(target, of=taken, duration_s=duration_s)
-    placement = place(sim.program, asked, neurons_per_core=neurons_per_core)
-    return of_counts(sim.program, taken.raw_counts, placement, asked, duration_s=duration_s)
+    bills: dict[str, Energy] = {}
+    refused: dict[str, str] = {}
+    for name in targets:
+        asked = chip(name)
+        if why := refusal(sim, name):
+            refused[name] = why
+        elif neurons_per_core is None or asked.mesh is None or not asked.costs:
+            bills[name] = sim.energy(name, of=taken, duration_s=duration_s).per(recordings, "recording")
+        else:
+            placement = place(sim.program, asked, neurons_per_core=neurons_per_core)
+            bill = of_counts(sim.program, taken.raw_counts, placement, asked, duration_s=duration_s)
+            bills[name] = bill.per(recordings, "recording")
+    return Priced(run, recordings, bills, refused)
 
 
 def refusal(sim: neuro.Simulation, target: str) -> str:

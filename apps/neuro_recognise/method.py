@@ -40,11 +40,18 @@ T = TypeVar("T")
 
 
 class Lazy(Sequence[T]):
-    """A sequence whose items are made when they are asked for."""
+    """A sequence whose items are made when they are asked for.
 
-    @abstractmethod
-    def item(self, k: int) -> T:
-        """That of a number from 0 on."""
+    Args:
+        size: the number of items.
+        item: makes that of a number from 0 on; other processes can be given one that can be pickled.
+    """
+
+    def __init__(self, size: int, item: Callable[[int], T]) -> None:
+        self._size, self.item = size, item
+
+    def __len__(self) -> int:
+        return self._size
 
     @overload
     def __getitem__(self, index: int) -> T: ...
@@ -92,7 +99,8 @@ class Features:
         """Some of the recordings, in the order given."""
         indices = np.asarray(chosen if isinstance(chosen, np.ndarray) else list(chosen), np.int64)
         names = tuple(self.names[k] for k in indices)
-        return replace(self, evidence=_Taken(self.evidence, indices), labels=self.labels[indices], names=names)
+        evidence = Lazy(len(indices), partial(_taken, self.evidence, indices))
+        return replace(self, evidence=evidence, labels=self.labels[indices], names=names)
 
     def batches(self, size: int) -> Iterator[Features]:
         """All recordings, so many at a time; of none one empty batch."""
@@ -122,18 +130,8 @@ def unlabelled(evidence: Sequence[Evidence], classes: tuple[str, ...]) -> Featur
     return Features(evidence, np.full(len(evidence), -1, np.int64), tuple(map(str, range(len(evidence)))), classes)
 
 
-class _Taken(Lazy[Evidence]):
-    """Some of a sequence."""
-
-    def __init__(self, of: Sequence[Evidence], indices: Ints) -> None:
-        self._of, self._indices = of, indices
-
-    def __len__(self) -> int:
-        return len(self._indices)
-
-    def item(self, k: int) -> Evidence:
-        """That of the other sequence."""
-        return self._of[int(self._indices[k])]
+def _taken(evidence: Sequence[Evidence], indices: Ints, k: int) -> Evidence:
+    return evidence[int(indices[k])]
 
 
 SPLITS = "chosen on splits of N-MNIST's training recordings, which its accuracies are of, too"
@@ -285,6 +283,7 @@ class Method(Settings):
         changeable: settings that may be changed after training, since what was learnt goes with any of their values.
         by_moment: whether beginnings of recordings have to be learnt apart to decide early, since what is seen of a
             beginning differs from what is seen of the whole.
+        unobserved: settings that what is observed does not depend on, such as those of learning.
         presets: other settings by name, as values that differ; the first, without a name, are the defaults.
         measured: accuracy by data set, as text; docs/reference/recognisers.md has the commands.
     """
@@ -295,6 +294,7 @@ class Method(Settings):
     spikes: ClassVar[bool] = False
     changeable: ClassVar[tuple[str, ...]] = ()
     by_moment: ClassVar[bool] = False
+    unobserved: ClassVar[tuple[str, ...]] = ()
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     measured: ClassVar[Mapping[str, str]] = {}
 
@@ -387,9 +387,9 @@ class Method(Settings):
         """The settings that a training under way cannot change, as plain data."""
         return self.as_words()
 
-    @abstractmethod
     def observing(self) -> Mapping[str, Any]:
         """The settings that `observe` depends on, as plain data: equal ones give the same evidence."""
+        return {name: value for name, value in self.as_words().items() if name not in self.unobserved}
 
     @abstractmethod
     def observe(self, events: Events) -> Evidence:

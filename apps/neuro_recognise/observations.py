@@ -18,7 +18,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -166,14 +166,8 @@ class KeptAnswers(Lazy[Evidence]):
     """
 
     def __init__(self, file: Path, n: int) -> None:
-        self.file, self._n = file, n
-
-    def __len__(self) -> int:
-        return self._n
-
-    def item(self, k: int) -> Evidence:
-        """The arrays of a recording, each read when it is asked for."""
-        return _One(self, k)
+        super().__init__(n, partial(_One, self))
+        self.file = file
 
 
 class _One(Mapping[str, Array]):
@@ -316,19 +310,11 @@ def observe(
                 parts[-1] = computed
         if report:
             report(first + wanted, len(data))
-    return Features(_Joined(parts), data.labels, tuple(item.name for item in data), data.classes)
+    evidence = Lazy(len(data), partial(_joined, parts))
+    return Features(evidence, data.labels, tuple(item.name for item in data), data.classes)
 
 
-class _Joined(Lazy[Evidence]):
-    """Files of `AT_ONCE` recordings as one sequence."""
-
-    def __init__(self, parts: Sequence[Sequence[Evidence]]) -> None:
-        self._parts = parts
-
-    def __len__(self) -> int:
-        return sum(map(len, self._parts))
-
-    def item(self, k: int) -> Evidence:
-        """That of a file."""
-        part, place = divmod(k, AT_ONCE)
-        return self._parts[part][place]
+def _joined(parts: Sequence[Sequence[Evidence]], k: int) -> Evidence:
+    """Return that of one of several files of `AT_ONCE` recordings."""
+    part, place = divmod(k, AT_ONCE)
+    return parts[part][place]

@@ -23,8 +23,7 @@ from neuro.events.window import windowed
 from neuro_train.plan import TrainingPlan, corner
 
 if TYPE_CHECKING:
-    from neuro.events import Events as Recorded, Recordings
-    from neuro.events.dataset import Sample
+    from neuro.events import Recordings
     from neuro_torch import Events
 
 
@@ -128,34 +127,6 @@ def show(
     from neuro_torch import Events
 
     shape = tuple(int(side) for side in net.populations[plan.input].shape)
-    _check_labels(net, data, plan)
-    if plan.window is None:
-        _check_sensor(data, shape, plan, hint)
-    words: Any = {"shape": shape, "step": net.resolution, "duration": plan.duration}
-    words |= {"scale": plan.scale, "start": plan.start}
-    parts = []
-    for k in range(len(data)):
-        parts.append(Events.of_recordings([_seen(data[k], shape, plan)], plan.input, **words))
-        report("reading recordings", k + 1, len(data))
-    events = Events.join(parts)
-    if not events.trains[plan.input].step.size:
-        when = f"{plan.start:g} to {plan.start + plan.duration:g} ms"
-        message = f"{data.path}: no recording has an event from {when}: expected some to learn from"
-        raise ModelError(message, hint="--start and --duration say which part of each recording is used")
-    return BatchData(events, data.labels, data.classes, shape, data.fingerprint()[:32])
-
-
-def _seen(item: Sample, shape: tuple[int, ...], plan: TrainingPlan) -> Recorded:
-    """The events of a recording, those of the window where there is one."""
-    events = item.load()
-    if plan.window is None:
-        return events
-    rows, columns = shape[-2:]
-    size = columns * plan.scale, rows * plan.scale
-    return windowed(events, size, corner(plan.window), plan.start, plan.duration, str(item.path))
-
-
-def _check_labels(net: neuro.Network, data: Recordings, plan: TrainingPlan) -> None:
     if not len(data):
         raise ModelError(f"{data.path}: has no recordings: expected some of each class")
     for item in data:
@@ -168,18 +139,31 @@ def _check_labels(net: neuro.Network, data: Recordings, plan: TrainingPlan) -> N
         raise ModelError(
             f"{message}: expected one for each", hint="give the population as many neurons, such as by --set"
         )
-
-
-def _check_sensor(data: Recordings, shape: tuple[int, ...], plan: TrainingPlan, hint: str) -> None:
-    width, height = data.sensor_size(setting="another shape of the population")
-    rows, columns = (-(-side // plan.scale) for side in (height, width))
-    if shape[-2:] != (rows, columns):
-        seen = f"{width}x{height} px" + (f" by {plan.scale}" if plan.scale > 1 else "")
-        message = (
-            f"--input {plan.input}: shape {list(shape)}: recordings of {seen} have {rows} rows and {columns} columns"
-        )
-        expected = [*shape[:-2], rows, columns]
-        raise ModelError(f"{data.path}: {message}: expected the shape {expected}", hint=hint)
+    if plan.window is None:
+        width, height = data.sensor_size(setting="another shape of the population")
+        rows, columns = (-(-side // plan.scale) for side in (height, width))
+        if shape[-2:] != (rows, columns):
+            seen = f"{width}x{height} px" + (f" by {plan.scale}" if plan.scale > 1 else "")
+            message = f"--input {plan.input}: shape {list(shape)}: recordings of {seen} have {rows} rows"
+            message += f" and {columns} columns"
+            expected = [*shape[:-2], rows, columns]
+            raise ModelError(f"{data.path}: {message}: expected the shape {expected}", hint=hint)
+    words: Any = {"shape": shape, "step": net.resolution, "duration": plan.duration}
+    words |= {"scale": plan.scale, "start": plan.start}
+    parts = []
+    for k in range(len(data)):
+        events = data[k].load()
+        if plan.window is not None:
+            part = corner(plan.window), plan.start, plan.duration, str(data[k].path)
+            events = windowed(events, (shape[-1] * plan.scale, shape[-2] * plan.scale), *part)
+        parts.append(Events.of_recordings([events], plan.input, **words))
+        report("reading recordings", k + 1, len(data))
+    joined = Events.join(parts)
+    if not joined.trains[plan.input].step.size:
+        when = f"{plan.start:g} to {plan.start + plan.duration:g} ms"
+        message = f"{data.path}: no recording has an event from {when}: expected some to learn from"
+        raise ModelError(message, hint="--start and --duration say which part of each recording is used")
+    return BatchData(joined, data.labels, data.classes, shape, data.fingerprint()[:32])
 
 
 def moved(

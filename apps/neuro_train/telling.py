@@ -160,7 +160,8 @@ def _parts(
         yield tag("p", ABOUT if tried[0].V_m is None else ABOUT_TARGETS)
     if room:
         yield tag("h2", "Room in registers")
-        cells = ((one.chip, one.population, f"{one.share:.1%}", f"{one.scale:.6g}", _own(one)) for one in room)
+        own = {False: "the chip's own", True: "smaller, to leave room"}
+        cells = ((one.chip, one.population, f"{one.share:.1%}", f"{one.scale:.6g}", own[one.chosen]) for one in room)
         yield html.table(("chip", "population", ">largest input of a step", ">units per mV", "scale"), cells)
         yield tag("p", ROOM)
     if len(trained.curves["loss"]):
@@ -193,10 +194,6 @@ def _cards(trained: Trained, tried: Sequence[TestedNetwork], share: str) -> Iter
             slow = one.bill.real_time.total(3)
             below = f"a recording, as fast as the chip can; {slow} in real time; {one.grade}"
             yield html.card(f"energy on {one.backend}", one.bill.total(3), below)
-
-
-def _own(room: MemoryRoom) -> str:
-    return "smaller, to leave room" if room.chosen else "the chip's own"
 
 
 def _word(value: Any) -> str:

@@ -235,27 +235,17 @@ def average_precision(right: npt.NDArray[np.bool_], true: int) -> float:
 def _of(pairs: Iterable[Pair], at_least: float) -> float:
     scores, right, true = [np.zeros(0)], [np.zeros(0, bool)], 0
     for there, found in pairs:
+        shared, taken, hits = iou(found.box, there.box), np.zeros(len(there), bool), np.zeros(len(found), bool)
+        # the surest first, each takes the true box that it shares most with; who finds it taken is wrong
+        for k in np.argsort(-found.score, kind="stable") if len(there) else ():
+            best = int(shared[k].argmax())
+            if shared[k, best] >= at_least and not taken[best]:
+                hits[k] = taken[best] = True
         scores.append(found.score)
-        right.append(_right(there.box, found, at_least))
+        right.append(hits)
         true += len(there)
     order = np.argsort(-np.concatenate(scores), kind="stable")
     return average_precision(np.concatenate(right)[order], true)
-
-
-def _right(there: Floats, found: Boxes, at_least: float) -> npt.NDArray[np.bool_]:
-    """Which boxes of a picture are right: the surest first, each takes the true box that it shares most with.
-
-    A box that finds it taken is wrong.
-    """
-    right, taken = np.zeros(len(found), bool), np.zeros(len(there), bool)
-    if not len(there):
-        return right
-    shared = iou(found.box, there)
-    for k in np.argsort(-found.score, kind="stable"):
-        best = int(shared[k].argmax())
-        if shared[k, best] >= at_least and not taken[best]:
-            right[k] = taken[best] = True
-    return right
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -111,16 +111,15 @@ class Tracks:
         # what is out of reach costs the same however far: it shall not move those that are near
         pairs = zip(*linear_sum_assignment(np.minimum(far, tracking.reach)), strict=True)
         of = {int(i): self.live[j] for i, j in pairs if far[i, j] < tracking.reach}
-        found = [of[i] if i in of else self._new(middles[i], t) for i in range(len(regions))]
-        for track, middle in zip(found, middles, strict=True):
-            track.move(middle, t, tracking.gain)
+        found = []
+        for i, middle in enumerate(middles):
+            if i not in of:
+                of[i] = Track(self._following, middle, t)
+                self._following += 1
+                self.live.append(of[i])
+            of[i].move(middle, t, tracking.gain)
+            found.append(of[i])
         return found
-
-    def _new(self, middle: Floats, t: int) -> Track:
-        track = Track(self._following, middle, t)
-        self._following += 1
-        self.live.append(track)
-        return track
 
 
 Finder = Callable[[Events, Floats], list[Region]]
@@ -419,14 +418,11 @@ class _Known:
 
 
 def _row(one: Seen, scores: Floats) -> tuple[int, int, int, int, float, Sequence[float]]:
+    """A row of boxes; its score is how far the best class is before the next, 0 where none is known."""
     label = UNKNOWN if np.isnan(scores).all() else int(np.nanargmax(scores))
-    return one.start, one.stop, one.number, label, _sureness(scores), one.region.box.tolist()
-
-
-def _sureness(scores: Floats) -> float:
-    """How far the best class is before the next, in units of the recogniser's scores; 0 where none is known."""
     known = np.sort(scores[~np.isnan(scores)])
-    return float(known[-1] - known[-2]) if len(known) > 1 else 0.0
+    sureness = float(known[-1] - known[-2]) if len(known) > 1 else 0.0
+    return one.start, one.stop, one.number, label, sureness, one.region.box.tolist()
 
 
 def crops(scene: Scene, settings: Detecting, size: tuple[int, int]) -> Iterator[tuple[int, Events]]:
@@ -438,9 +434,14 @@ def crops(scene: Scene, settings: Detecting, size: tuple[int, int]) -> Iterator[
         size: width and height of the crops, px.
     """
     for piece in pieces(scene.events, settings):
-        label = _label(piece, scene.boxes)
-        if label is not None:
-            yield label, crop(piece.regions, size, settings.proposals.scale_of(piece.regions))
+        fits: list[int] = []
+        for one in piece.seen:
+            now = scene.boxes.within(one.start, one.stop)
+            shared = iou(one.region.box[None], now.box)[0]
+            fits += [int(now.label[shared.argmax()])] if len(now) and shared.max() >= AT_LEAST else []
+        if fits:  # of the class that most of its boxes fit to
+            scale = settings.proposals.scale_of(piece.regions)
+            yield int(np.bincount(fits).argmax()), crop(piece.regions, size, scale)
 
 
 def write_crops(
@@ -478,16 +479,6 @@ def write_crops(
     return written
 
 
-def _label(piece: Piece, there: Boxes) -> int | None:
-    """The class of the object that most boxes of a piece fit to, None where they fit to none."""
-    fits: list[int] = []
-    for one in piece.seen:
-        now = there.within(one.start, one.stop)
-        shared = iou(one.region.box[None], now.box)[0]
-        fits += [int(now.label[shared.argmax()])] if len(now) and shared.max() >= AT_LEAST else []
-    return int(np.bincount(fits).argmax()) if fits else None
-
-
 @dataclass(frozen=True, slots=True)
 class DetectionTrial:
     """What came of scenes.
@@ -509,18 +500,13 @@ class DetectionTrial:
 
     def as_words(self, classes: tuple[str, ...]) -> dict[str, Any]:
         """The figures as plain data, for JSON."""
-        of_class = {
-            name: None if np.isnan(ap) else ap for name, ap in zip(classes, self.precision.of_class, strict=True)
-        }
+        of_class = zip(classes, self.precision.of_class, strict=True)
         return {
             "scenes": self.scenes,
             "map": self.precision.mean,
             "box_ap": self.precision.box,
-            "ap": of_class,
-            "switches": self.switches.switches,
-            "objects": self.switches.objects,
-            "missed": self.switches.missed,
-            "boxes": self.switches.boxes,
+            "ap": {name: None if np.isnan(ap) else ap for name, ap in of_class},
+            **asdict(self.switches),
             "ms": self.ms,
         }
 

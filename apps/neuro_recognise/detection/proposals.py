@@ -153,19 +153,16 @@ class Proposals(Part):
         parts = list(parts)
         while True:
             pairs = [(i, j) for i in range(len(parts)) for j in range(i)]
-            gains = [self._gain(parts[i], parts[j]) for i, j in pairs]
+            gains = []  # by how much it costs less to have two parts as one
+            for a, b in ((parts[i], parts[j]) for i, j in pairs):
+                sides = np.maximum(a.box[2:], b.box[2:]) - np.minimum(a.box[:2], b.box[:2])
+                less = self._cost(a.larger) + self._cost(b.larger) + self.more - self._cost(float(sides.max()))
+                gains.append(float(less) - self.join * max(a.gap(b), 0.0))
             if not gains or max(gains) <= 0.0:
                 return parts
             i, j = pairs[int(np.argmax(gains))]
             parts[j] = parts[j].with_(parts[i])
             del parts[i]
-
-    def _gain(self, a: Blob, b: Blob) -> float:
-        """By how much it costs less to have two parts as one."""
-        apart = max(a.gap(b), 0.0)
-        sides = np.maximum(a.box[2:], b.box[2:]) - np.minimum(a.box[:2], b.box[:2])
-        less = self._cost(a.larger) + self._cost(b.larger) + self.more - self._cost(float(sides.max()))
-        return float(less) - self.join * apart
 
     def region(self, events: Events) -> Region | None:
         """The place of an object that makes these events, None where they are too few or their box is too small."""
@@ -326,16 +323,13 @@ class Sliding:
             least = field * method.pool.side
             raise ModelError(f"a sensor of {sensor[0]}x{sensor[1]} px: expected at least {least} px each, a field")
         self._shape = (self._classes * self._layer.per_class, rows - field + 1, columns - field + 1)
-        self._sim = neuro.compile(self._network(), backend=backend, seed=0)
-
-    def _network(self) -> neuro.Network:
         net = self._layer.network(self._method.inputs, self._classes)
         net.projections["c1_s2"] = replace(net.projections["c1_s2"], weight=self._learnt["c1_s2"])
         del net.groups["choice"]
-        net.group("choice", neuro.local_winners(of="s2", radius=self._dense.blocking))
+        net.group("choice", neuro.local_winners(of="s2", radius=dense.blocking))
         assert net.trials_section is not None
         net.trials_section = replace(net.trials_section, duration=self._until)
-        return net
+        self._sim = neuro.compile(net, backend=backend, seed=0)
 
     def regions(self, events: Events, counts: Floats) -> list[Region]:
         """The objects of a segment, with what speaks for each class.

@@ -188,7 +188,10 @@ def _placed(name: str, objects: list[_Object], scenery: Scenery, rng: np.random.
         boxes = [one.boxes_at(times) for one in placed]
         inside = all((box[:, :2] >= 0).all() and (box[:, 2:] <= scenery.sensor).all() for box in boxes)
         gap = 0.0 if scenery.touching else scenery.gap
-        if inside and all(_gap(a, b) >= gap - 1e-9 for k, a in enumerate(boxes) for b in boxes[:k]):
+        pairs = ((a, b) for k, a in enumerate(boxes) for b in boxes[:k])
+        # the least distance of two boxes at any time is negative where they overlap
+        between = (np.maximum(a[:, :2] - b[:, 2:], b[:, :2] - a[:, 2:]).max(axis=1).min() for a, b in pairs)
+        if inside and all(distance >= gap - 1e-9 for distance in between):
             return placed
     width, height = scenery.sensor
     raise ModelError(
@@ -214,12 +217,6 @@ def _touching(objects: list[_Object], scenery: Scenery, rng: np.random.Generator
 def _velocity(scenery: Scenery, rng: np.random.Generator) -> Floats:
     angle = rng.uniform(0, 2 * np.pi)
     return np.asarray(scenery.speed * 1e-6 * np.array([np.cos(angle), np.sin(angle)]))
-
-
-def _gap(a: Floats, b: Floats) -> float:
-    """Least distance of two boxes at the same times, px; of those that overlap negative."""
-    between = np.maximum(a[:, :2] - b[:, 2:], b[:, :2] - a[:, 2:])
-    return float(between.max(axis=1).min())
 
 
 def _moved(one: _Object, scenery: Scenery) -> Events:
@@ -268,20 +265,17 @@ class Scenes(Lazy[Scene]):
         if not about.is_file() or not _is_ours(about):
             raise ModelError(f"{folder}: no scenes, expected a folder that 'neuro recognise scenes' filled")
         facts = json.loads(about.read_text())
-        self._folder, self._count = folder, int(facts["count"])
+        super().__init__(int(facts["count"]), self._read)
+        self._folder = folder
         self.classes: tuple[str, ...] = tuple(facts["classes"])
         self.scenery = Scenery.from_words(facts["scenery"])
-        if missing := [k for k in range(self._count) if not _boxes_of(folder, k).is_file()]:
+        if missing := [k for k in range(len(self)) if not _boxes_of(folder, k).is_file()]:
             raise ModelError(
-                f"{folder}: {len(missing)} of {self._count} scenes are missing, the first is {_name(missing[0])}",
+                f"{folder}: {len(missing)} of {len(self)} scenes are missing, the first is {_name(missing[0])}",
                 hint="the command that began to write them goes on where it was",
             )
 
-    def __len__(self) -> int:
-        return self._count
-
-    def item(self, k: int) -> Scene:
-        """Read one."""
+    def _read(self, k: int) -> Scene:
         events = load(_events_of(self._folder, k))
         boxes = read_boxes(_boxes_of(self._folder, k), self.classes)
         return Scene(_name(k), events, boxes, self.scenery.slices())

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -49,16 +49,13 @@ class Descriptor(Method):
 
     needs = "recognise"
     by_moment = True
+    unobserved = ("readout",)
 
     readout: Readout = part(Readout, Svm())
 
     @abstractmethod
     def describe(self, events: Events) -> Floats:
         """(values,) of a recording that lies inside the field."""
-
-    def observing(self) -> Mapping[str, Any]:
-        """All but the readout."""
-        return {name: value for name, value in self.as_words().items() if name != "readout"}
 
     def observe(self, events: Events) -> Evidence:
         """The vector."""
@@ -226,16 +223,13 @@ class Boe(Method):
     title = "bags of events"
     source = "Peng et al., IEEE TNNLS 28:791, 2017; thesis 6.1.3, eqs 117-118 (the printed sign of w is turned)"
     needs = "recognise"
+    unobserved = ("readout",)
     presets = {"tar": {"cleaner": "tar"}, "poker": {"size": [35, 35]}}
     measured = {"N-MNIST": "79.8 %", "POKER-DVS": "87.4 %"}
 
     cleaner: Cleaner = part(Cleaner, Plain())
     segmenter: Segmenter = part(Segmenter, Msd())
     readout: Readout = part(Readout, Svm(C=1.0, scale="none"))
-
-    def observing(self) -> Mapping[str, Any]:
-        """All but the readout."""
-        return {name: value for name, value in self.as_words().items() if name != "readout"}
 
     def observe(self, events: Events) -> Evidence:
         """The pixel of each event, and how many events each segment has; a recording too short for one is one."""

@@ -238,6 +238,7 @@ class Framewise(Method):
 
     spikes = True
     changeable = ("segmenter", "representation", "vote")
+    unobserved = ("layer", "epochs", "order", "vote", "readout")
 
     segmenter: Segmenter = part(Segmenter, Msd())
     representation: Representation = part(Representation, Counts())
@@ -287,11 +288,6 @@ class Framewise(Method):
         channels = self.encoder.channels(len(self.bank.sizes), len(self.bank.orientations))
         shape = (channels, height // self.pool.side, width // self.pool.side)
         return Inputs(shape, self.encoder.window, self.encoder.resolution)
-
-    def observing(self) -> Mapping[str, Any]:
-        """The field, and the parts before the network."""
-        looks = ("size", "segmenter", "representation", "bank", "pool", "encoder")
-        return {name: value for name, value in self.as_words().items() if name in looks}
 
     def observe(self, events: Events) -> Evidence:
         """The spikes of each frame.

@@ -5,7 +5,7 @@ Learning needs torch, by `neuro_train`; what was learnt runs on every backend wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -20,7 +20,7 @@ from neuro import ModelError
 from neuro.apps import install, setting
 from neuro.events import Events
 from neuro_models import path
-from neuro_recognise.method import Answer, Array, Course, Evidence, Features, Learnt, Method, Progress
+from neuro_recognise.method import Answer, Array, Course, Evidence, Features, Floats, Learnt, Method, Progress
 from neuro_recognise.methods.framewise import from_text, to_text
 from neuro_torch import Events as Spikes
 from neuro_train.data import BatchData as Taught
@@ -174,11 +174,7 @@ class Gradients(Method):
                 sim.reset()
                 sim.inject(INPUT, (one["step"] + 1.0) * h, one["neuron"].astype(np.int64))
                 sim.run(end)
-                times, ids = sim.spikes(OUTPUT)
-                counts, first = np.zeros(len(shown.classes)), np.full(len(shown.classes), end)
-                np.add.at(counts, ids, 1.0)
-                np.minimum.at(first, ids, times)  # the earliest spike counts less than one
-                scores.append(counts + (1.0 - first / end) / 2.0 if len(ids) else np.full_like(counts, np.nan))
+                scores.append(_scores(*sim.spikes(OUTPUT), len(shown.classes), end))
                 taken.append(sim.taken())
             return Answer(np.array(scores), {}, lambda: (sim, reduce(add, taken)), self.neurons_per_core or None)
 
@@ -250,3 +246,11 @@ class LearntDelays(Gradients):
     learns = {"in_hidden": ("weight",), "hidden_out": ("weight", "delay")}
 
     hidden: int = setting(128, "", "neurons of the hidden layer", ON_FOLDS, at_least=1)
+
+
+def _scores(times: Floats, ids: Iterable[int], classes: int, end: float) -> Floats:
+    """Spikes of each class, and less than one for the earliest; NaN of all where there is none."""
+    counts, first = np.zeros(classes), np.full(classes, end)
+    np.add.at(counts, np.asarray(ids), 1.0)
+    np.minimum.at(first, np.asarray(ids), times)
+    return counts + (1.0 - first / end) / 2.0 if counts.any() else np.full(classes, np.nan)

@@ -112,15 +112,9 @@ def shown(settings: HFirstSettings, events: Events) -> dict[str, LayerSpikes]:
     Raises:
         ModelError: an event lies outside of the camera.
     """
-    width, height = settings.size
-    if len(events) and (events.x.max() >= width or events.y.max() >= height):
-        raise ModelError(
-            f"an event at ({events.x.max()}, {events.y.max()}): expected a sensor of at most {width} x {height} px",
-            hint="set size",
-        )
-    events = BackgroundActivity(sensor_size=events.sensor_size, dt_us=settings.noise_us)(events)
+    events = _without_noise(events, settings)
     steps = 1 + np.rint((events.t - (events.t[0] if len(events) else 0)) / (1000.0 * settings.resolution))
-    places = events.y.astype(np.int64) * width + events.x
+    places = events.y.astype(np.int64) * settings.size[0] + events.x
     which = {"on_events": events.p == 1, "off_events": events.p == 0}
     return {name: LayerSpikes(steps[some] * settings.resolution, places[some]) for name, some in which.items()}
 
@@ -150,6 +144,16 @@ def s1_spikes(settings: HFirstSettings, inputs: dict[str, LayerSpikes]) -> dict[
         steps, ids = first_spikes(arrive, rows, columns, bank, *numbers)
         found[layer] = LayerSpikes(steps * h, ids)
     return found
+
+
+def _without_noise(events: Events, settings: HFirstSettings) -> Events:
+    width, height = settings.size
+    if len(events) and (events.x.max() >= width or events.y.max() >= height):
+        raise ModelError(
+            f"an event at ({events.x.max()}, {events.y.max()}): expected a sensor of at most {width} x {height} px",
+            hint="set size",
+        )
+    return BackgroundActivity(sensor_size=events.sensor_size, dt_us=settings.noise_us)(events)
 
 
 @allocating
@@ -390,8 +394,6 @@ def decide(heard: LayerResponse, reading: str = "hard") -> int:
     return -1 if np.isnan(found).all() else int(found.argmax())
 
 
-OF_S2 = ("s2_threshold", "s2_leak", "below", "unseen", "reading")
-"""Settings that what is observed, the spikes of C1, does not depend on."""
 INPUTS = ("on_events", "off_events")
 
 
@@ -402,6 +404,7 @@ class HFirst(Method, HFirstSettings):
     title = "first spikes of oriented neurons with linear leak, templates of their counts"
     source = "Orchard et al., IEEE TPAMI 37:2028, 2015; github gorchard/HFIRST; thesis lines 2181-2191"
     spikes = True
+    unobserved = ("s2_threshold", "s2_leak", "below", "unseen", "reading")
     presets = {"poker": {"size": [35, 35], "c1_resets": True, "reading": "hard"}}
     measured = {"N-MNIST": "88.3 %", "POKER-DVS": "88.5 %"}
 
@@ -409,10 +412,6 @@ class HFirst(Method, HFirstSettings):
         "potentials", "", "how S2 is read: spikes, their shares or summed V_m of each class", "the authors': hard",
         words=READINGS,
     )  # fmt: skip
-
-    def observing(self) -> Mapping[str, Any]:
-        """All that S1 and C1 depend on."""
-        return {name: value for name, value in self.as_words().items() if name not in OF_S2}
 
     def observe(self, events: Events) -> Evidence:
         """What the network is shown, and what its layers S1 and C1 make of it.

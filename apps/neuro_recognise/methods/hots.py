@@ -305,6 +305,7 @@ class Hots(Method):
     title = "hierarchy of time surfaces"
     source = "Lagorce et al., IEEE TPAMI 39:1346, 2017; thesis lines 2211-2280"
     needs = "recognise"
+    unobserved = ("hierarchy", "learn_from", "cell", "readout")
     presets = {
         "cells": {"layers": 1, "centres": 64, "tau": 30.0, "cell": 7},
         "poker": {"size": [35, 35], "layers": 1, "centres": 32, "tau": 2.0, "cell": 12},
@@ -315,10 +316,6 @@ class Hots(Method):
     learn_from: int = setting(0, "", "recordings for prototypes, drawn; 0: all", "the paper's are few", at_least=0)
     cell: int = setting(0, "px", "side of squares that are counted apart; 0: the whole field", "the paper", at_least=0)
     readout: Readout = part(Readout, Svm())
-
-    def observing(self) -> Mapping[str, Any]:
-        """The field alone: what is looked at are events."""
-        return {"size": list(self.size)}
 
     def observe(self, events: Events) -> Evidence:
         """The events inside the field."""
@@ -339,7 +336,7 @@ class Hots(Method):
                 course.keep(layers=reached.state())
             course.report(Progress("learning prototypes", done, total))
 
-        layers.learn(_Recordings(self, shown.take(chosen)), tell)
+        layers.learn(self._events(shown.take(chosen)), tell)
         x = self._histograms(layers, shown)
         return {**layers.state(), **self.readout.fit(x, shown.labels, len(shown.classes), course)}
 
@@ -367,21 +364,15 @@ class Hots(Method):
 
     def _histograms(self, layers: Layers, shown: Features) -> Floats:
         """(recordings, cells and prototypes) shares of a recording's events."""
-        counts = [layers.features(events, cell=self.cell).ravel() for events in _Recordings(self, shown)]
+        counts = [layers.features(events, cell=self.cell).ravel() for events in self._events(shown)]
         found = np.stack(counts).astype(np.float64)
         return np.asarray(found / np.maximum(found.sum(axis=1, keepdims=True), 1.0))
 
+    def _events(self, shown: Features) -> Lazy[Events]:
+        """Evidence as events again, one recording at a time."""
 
-class _Recordings(Lazy[Events]):
-    """Evidence as events again, one recording at a time."""
+        def item(k: int) -> Events:
+            one = shown.evidence[k]
+            return Events(one["t"], one["x"], one["y"], one["p"], self.size)
 
-    def __init__(self, method: Hots, shown: Features) -> None:
-        self._size, self._shown = method.size, shown
-
-    def __len__(self) -> int:
-        return len(self._shown)
-
-    def item(self, k: int) -> Events:
-        """One of them."""
-        one = self._shown.evidence[k]
-        return Events(one["t"], one["x"], one["y"], one["p"], self._size)
+        return Lazy(len(shown), item)

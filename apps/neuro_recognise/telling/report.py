@@ -14,7 +14,7 @@ import numpy as np
 from neuro import ModelError
 from neuro.apps import Bar as Line, Evaluation, console, echo, evaluate, install, number, table, write_picture
 from neuro.events import Events, Recordings, load
-from neuro_recognise.deciding import ASSUMES, ASSURANCE, Outcome, least_allowed, outcome
+from neuro_recognise.deciding import ASSUMES, ASSURANCE, least_allowed, outcome
 from neuro_recognise.method import METHODS, SILENT, Answer, Floats, Progress, choose
 from neuro_recognise.methods import method_of
 from neuro_recognise.recogniser import Recogniser
@@ -132,7 +132,11 @@ def _decided_whole(recogniser: Recogniser, file: str, events: Events, backend: s
     label = int(choose(scores)[0])
     if label == SILENT:
         return Predicted(file, label, scores[0], None, length)
-    times = _moments(recogniser, length)
+    if recogniser.early is None:
+        times = np.linspace(0.0, length, MOMENTS + 1)[1:]
+    else:
+        learnt_ms = recogniser.early.held.times_us / 1000.0
+        times = np.append(learnt_ms[learnt_ms < length], length)
     other = np.flatnonzero(choose(recogniser.scores_at(events, times.tolist(), backend)) != label)
     since = int(other[-1]) + 1 if other.size else 0
     return Predicted(file, label, scores[0], float(times[since]) if since < len(times) else length, length)
@@ -153,14 +157,6 @@ def _decided_early(
             return Predicted(file, decision.label, scores, decision.after_ms, length, settled=True)
     label = int(choose(scores[None])[0])
     return Predicted(file, label, scores, None if label == SILENT else length, length)
-
-
-def _moments(recogniser: Recogniser, length: float) -> Floats:
-    """When a recording is asked about, ms: the moments that were learnt, else some evenly spread, and the end."""
-    if recogniser.early is None:
-        return np.linspace(0.0, length, MOMENTS + 1)[1:]
-    learnt = recogniser.early.held.times_us / 1000.0
-    return np.append(learnt[learnt < length], length)
 
 
 def _length(events: Events) -> float:
@@ -269,7 +265,14 @@ def show_predicted(
 ) -> None:
     """Print what is said of files, as a table or as JSON; with an allowed error what that assumes, beside a table."""
     if as_json:
-        print(json.dumps([_words(recogniser, one) for one in predicted], indent=1))
+        words = []
+        for one in predicted:
+            silent = one.label == SILENT
+            scores = dict(zip(recogniser.classes, one.scores.tolist(), strict=True))
+            told = {"recording": one.path, "class": None if silent else recogniser.classes[one.label]}
+            told |= {"decided_ms": one.decided_ms, "length_ms": one.length_ms, "settled": one.settled}
+            words.append(told | {"scores": None if silent else scores})
+        print(json.dumps(words, indent=1))
         return
     rows = []
     for one in predicted:
@@ -303,18 +306,17 @@ def show_early(recogniser: Recogniser, assurance: float = ASSURANCE) -> None:
     out.print(f"with an assurance of {assurance:g} they support an allowed error of {least:.1%} or more")
     if supported := [allowed for allowed in ALLOWED if allowed >= least]:
         heads = (">--allow", ">decided after", ">wrong", ">95 % interval", ">of the worst class", ">95 % interval")
-        rules = [_tried_out(recogniser, allowed, outcome(held, allowed, assurance)) for allowed in supported]
+        rules = []
+        for allowed in supported:
+            found, of_class = outcome(held, allowed, assurance), ("-", "-")
+            shares = f"{found.error:.1%}", _interval(found.interval)
+            if found.worst is not None:
+                name = recogniser.classes[found.worst]
+                of_class = f"{name}: {found.worst_error:.1%}", _interval(found.worst_interval)
+            rules.append((f"{allowed:.1%}", f"{found.mean_ms:.0f} ms", *shares, *of_class))
         out.print("rules of nine tenths of them, tried on the last, in the mean")
         out.print(table(heads, rules))
     out.print(f"{ASSUMES}; of another mix as many may be wrong as of the worst class")
-
-
-def _tried_out(recogniser: Recogniser, allowed: float, found: Outcome) -> tuple[str, ...]:
-    shares = f"{found.error:.1%}", _interval(found.interval)
-    of_class = "-", "-"
-    if found.worst is not None:
-        of_class = f"{recogniser.classes[found.worst]}: {found.worst_error:.1%}", _interval(found.worst_interval)
-    return f"{allowed:.1%}", f"{found.mean_ms:.0f} ms", *shares, *of_class
 
 
 def _interval(ends: tuple[float, float]) -> str:
@@ -341,18 +343,6 @@ def _save(figure: Figure, file: Path) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     write_picture(file, figure)
     print(file)
-
-
-def _words(recogniser: Recogniser, one: Predicted) -> dict[str, object]:
-    silent = one.label == SILENT
-    return {
-        "recording": one.path,
-        "class": None if silent else recogniser.classes[one.label],
-        "decided_ms": one.decided_ms,
-        "length_ms": one.length_ms,
-        "settled": one.settled,
-        "scores": None if silent else dict(zip(recogniser.classes, one.scores.tolist(), strict=True)),
-    }
 
 
 def _row(name: str, found: Evaluation) -> tuple[object, ...]:
