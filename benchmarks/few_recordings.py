@@ -37,11 +37,12 @@ from neuro_drone.evaluate import Start, fly_lap
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 from neuro_models import path as network_path
-from neuro_recognise.method import Features, choose
+from neuro_recognise.method import choose
 from neuro_recognise.methods.framewise import Framewise
 from neuro_recognise.observations import observe
 from neuro_recognise.parts.frames import Frames
 from neuro_recognise.recogniser import learn, method_of
+from neuro_recognise.shown import Features
 from neuro_train import trainer
 from neuro_train.data import show
 from neuro_train.plan import TrainingPlan

@@ -26,8 +26,9 @@ from neuro.events import Recordings, recordings
 from neuro.events.dataset import Sample
 from neuro_recognise.deciding import Held, margins, outcome, stopped, stopping_rule, upper_bound
 from neuro_recognise.early import learn_early, moments
-from neuro_recognise.method import METHODS, Floats, Ints, Method, choose
+from neuro_recognise.method import METHODS, Method, choose
 from neuro_recognise.recogniser import Recogniser, fit, method_of
+from neuro_recognise.shown import Floats, Ints
 from neuro_recognise.telling.pictures import GREY, INK, PAPER
 
 EVERY_MS = 10.0

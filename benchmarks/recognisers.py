@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 from neuro.apps import side_by_side, wilson
 from neuro.cli.options import assignments
 from neuro.events import Recordings, recordings
-from neuro_recognise.method import Features, Method, choose
+from neuro_recognise.method import Method, choose
 from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import learn, method_of
+from neuro_recognise.shown import Features
 
 FILES = {"nmnist": NMNIST, "poker": POKER, "poker-upright": POKER}
 Split = tuple[NDArray[np.int64], NDArray[np.int64]]

@@ -25,11 +25,12 @@ from recognisers import FIELD, Split
 import neuro
 from neuro.cli.options import assignments
 from neuro.events import recordings
-from neuro_recognise.method import Features, choose
+from neuro_recognise.method import choose
 from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.observations import observe
 from neuro_recognise.parts.frames import VOTES, Frames, votes
 from neuro_recognise.recogniser import Recogniser, learn
+from neuro_recognise.shown import Features
 
 BACKENDS = ["event", "loihi", "spinnaker"]
 """The first one is what the others are compared with."""

@@ -16,8 +16,9 @@ from kept import NMNIST
 
 from neuro.apps import console, table
 from neuro.events import Recordings, recordings
-from neuro_recognise.method import Method, choose, unlabelled
+from neuro_recognise.method import Method, choose
 from neuro_recognise.recogniser import Recogniser, fit, method_of
+from neuro_recognise.shown import unlabelled
 
 TIMES_MS = (20, 30, 50, 80, 100, 140, 200, 300)
 AT_ONCE = 25

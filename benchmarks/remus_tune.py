@@ -16,10 +16,11 @@ from pathlib import Path
 import neuro
 from neuro.events import recordings
 from neuro_recognise.energy import price
-from neuro_recognise.method import Features, Ints, choose
+from neuro_recognise.method import choose
 from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import learn
+from neuro_recognise.shown import Features, Ints
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "nmnist" / "nmnist_train1000_bin.zip"
 HELD_OUT = 4

@@ -15,11 +15,6 @@ from neuro_bench.costs import UNKNOWN, Costs, product_costs
 from neuro_bench.task import Examples, Method, check_installed
 
 
-def _versions(train: Examples, count: int) -> Examples:
-    """The first versions of all recordings; an exact learner shown many of them takes long, and gains little."""
-    return train.take(np.arange(train.recordings), min(count, train.versions))
-
-
 def _rows(shown: Examples, pooled: int = 1) -> Any:
     """The features of each example, means of squares of so many rows and columns."""
     n, channels, rows, columns = shown.frames.shape
@@ -43,7 +38,8 @@ class LogisticRegression(Method):
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import StandardScaler
 
-        train = _versions(train, settings["versions"])
+        # the first versions of all recordings: an exact learner of many of them takes long, and gains little
+        train = train.take(np.arange(train.recordings), min(settings["versions"], train.versions))
         learner = make_pipeline(StandardScaler(), Logistic(C=settings["C"], max_iter=1000, random_state=seed))
         learner.fit(_rows(train, settings["pooled"]), train.labels)
         return _Classifier(learner, settings["pooled"], learner[-1].coef_)
@@ -68,7 +64,8 @@ class GradientBoosting(Method):
         check_installed(self, "sklearn")
         from sklearn.ensemble import HistGradientBoostingClassifier as Boosting
 
-        train = _versions(train, settings["versions"])
+        # the first versions of all recordings: an exact learner of many of them takes long, and gains little
+        train = train.take(np.arange(train.recordings), min(settings["versions"], train.versions))
         words = {"learning_rate": settings["rate"], "max_iter": settings["trees"], "early_stopping": False}
         learner = Boosting(max_leaf_nodes=settings["leaves"], random_state=seed, **words)
         learner.fit(_rows(train, settings["pooled"]), train.labels)

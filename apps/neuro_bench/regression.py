@@ -48,7 +48,7 @@ class Windows:
     def at(self, steps: Any) -> Floats:
         """Those of some steps, (steps, lags x channels)."""
         ends = np.maximum(steps[:, None] + 1 - self._back, 0)
-        return -np.diff(self._sums[ends], axis=1).reshape(len(steps), self.size).astype(np.float32)
+        return np.asarray(-np.diff(self._sums[ends], axis=1).reshape(len(steps), self.size), np.float32)
 
     def parts(self) -> Any:
         """All, so many steps at once: the steps, and their counts."""

@@ -280,7 +280,7 @@ class _Reservoir:
         state, states = np.zeros(len(inside)), np.empty((len(train), len(inside) + 2))
         for k, value in enumerate(seen):
             state = self._next(state, value)
-            states[k] = self._seen(state, value)
+            states[k] = np.append(state, (value, 1.0))
         x, y = states[WARM_UP:-1], seen[WARM_UP + 1 :]
         gram = x.T @ x + settings["ridge"] * np.eye(x.shape[1])
         self._out = np.linalg.solve(gram, x.T @ y)
@@ -290,14 +290,11 @@ class _Reservoir:
         driven = np.tanh(self._inside @ state + self._inward[:, 0] + self._inward[:, 1] * value)
         return (1.0 - self._leak) * state + self._leak * driven
 
-    def _seen(self, state: Any, value: float) -> Any:
-        return np.concatenate((state, [value, 1.0]))
-
     def predict(self, shown: int) -> Series:
         """The next values, each from the one that it said before."""
         state, value, said = self._state, self._value, np.empty(shown)
         for k in range(shown):
-            value = float(self._seen(state, value) @ self._out)
+            value = float(np.append(state, (value, 1.0)) @ self._out)
             said[k] = value = float(np.clip(value, -REACH, REACH))
             state = self._next(state, value)
         return self._mean + self._std * said

@@ -150,7 +150,7 @@ class ComparisonJob:
             say(0.6 + 0.39 * flown[0] / (len(places) * (1 + both)), f"test, {flown[0]} laps")
 
         flight = try_out(model, starts=places, report=tell).as_words()
-        figures = {"provenance": provenance(seed=self.seed)}
+        figures: dict[str, Any] = {"provenance": provenance(seed=self.seed)}
         figures |= {name: flight[name] for name in ("error_px", "laps", "starts", "signed", "absolute")}
         if both:
             figures["learning_on"] = try_out(model, starts=places, learning=True, report=tell).error_px

@@ -134,11 +134,10 @@ def try_model(
 ) -> None:
     """Test a recogniser on recordings: accuracy, its 95 % interval, and the confusion of the classes."""
     from neuro_recognise.telling import report
-    from neuro_recognise.telling.report import try_out
 
     _refuse_network(model, [str(data), "--labels", "--part", part])
     trained = _loaded(model, set)
-    tried = try_out(trained, _recordings(data, part, trained.classes), backend)
+    tried = report.try_out(trained, _recordings(data, part, trained.classes), backend)
     if out is not None:
         report.write_confusion(tried, out)
     if json:
@@ -162,11 +161,10 @@ def predict(
     Damaged files are reported after the others; then the exit status is 1.
     """
     from neuro_recognise.telling import report
-    from neuro_recognise.telling.report import predict_files
 
     _refuse_network(model, [str(file) for file in recordings])
     trained = _loaded(model, set)
-    found, wrong = predict_files(trained, recordings, backend, allow, assurance)
+    found, wrong = report.predict_files(trained, recordings, backend, allow, assurance)
     if found or json:
         report.show_predicted(trained, found, json, allow)
     for error in wrong:

@@ -16,32 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from neuro import ModelError
-from neuro.apps import (
-    Evaluation,
-    JobResults,
-    Unwritable,
-    console,
-    evaluate,
-    find_backend,
-    grid,
-    html,
-    make_folder,
-    provenance,
-    sealed,
-    table,
-    wilson,
-    write_text,
-)
+from neuro import ModelError, apps
 from neuro.chips import COLUMNS, cells
 from neuro.events import EventFileError, Recordings
 from neuro_recognise.energy import price
-from neuro_recognise.method import Features, Ints, Method, Progress, choose
+from neuro_recognise.method import Method, Progress, choose
 from neuro_recognise.methods import METHODS, method_of
 from neuro_recognise.observations import code_of, observe
 from neuro_recognise.recogniser import field_of, learn
+from neuro_recognise.shown import Features, Ints
 
-RESULTS = JobResults("a result of 'neuro recognise compare'", "neuro recognise fold 2")
+RESULTS = apps.JobResults("a result of 'neuro recognise compare'", "neuro recognise fold 1")
 TIMED = 20
 """Recordings that are observed anew to measure how long that takes."""
 
@@ -99,8 +84,8 @@ class Compared:
     """
 
     contestant: Contestant
-    of_seeds: tuple[Evaluation, ...] = ()
-    votes: Mapping[str, tuple[Evaluation, ...]] | None = None
+    of_seeds: tuple[apps.Evaluation, ...] = ()
+    votes: Mapping[str, tuple[apps.Evaluation, ...]] | None = None
     observe_ms: float = float("nan")
     train_s: float = float("nan")
     answer_ms: float = float("nan")
@@ -149,9 +134,9 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
         EventFileError: a recording is damaged, or all are of one class.
         ModelError: there is no such backend, a file in the folder is not ours, or there are too few recordings.
     """
-    find_backend(plan.backend)
+    apps.find_backend(plan.backend)
     field, folds = field_of(data), {seed: data.folds(plan.folds, seed=seed) for seed in plan.seeds}
-    make_folder(plan.folder)
+    apps.make_folder(plan.folder)
     fingerprint = data.fingerprint()
 
     def look(name: str, done: int, total: int) -> None:
@@ -165,7 +150,7 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
             fitting = Contestant(one.name, one.method.fitting(field))
             seen.append(fitting)
             shown = observe(fitting.method, data, fingerprint=fingerprint, report=partial(look, one.name))
-        except (EventFileError, Unwritable):
+        except (EventFileError, apps.Unwritable):
             raise
         except ModelError as error:
             seen[number:] = [one]
@@ -187,7 +172,7 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
             among = (done, len(jobs)) if len(jobs) > 1 else None
             report(replace(alone, what=f"{name}: {alone.what}" if alone.what else name, among=among))
 
-    results = grid(RESULTS, jobs, plan.jobs, tell)
+    results = apps.grid(RESULTS, jobs, plan.jobs, tell)
     found = []
     for number, one in enumerate(seen):
         mine = [result for job, result in zip(jobs, results, strict=True) if job.contestant == number]
@@ -235,7 +220,7 @@ class Fold:
             made = learn(self.method, self.shown.take(self.others), self.of["data"], **words)
             trained = time.process_time()
             answer = made.answer_shown(self.shown.take(self.mine), backend)
-        except (EventFileError, Unwritable):
+        except (EventFileError, apps.Unwritable):
             raise
         except ModelError as error:
             report((self.name, None))
@@ -253,7 +238,7 @@ class Fold:
                     bills[target] = {"refused": _reason(error)}
         report((self.name, None))
         return {
-            "provenance": provenance(backend=backend, seed=seed),
+            "provenance": apps.provenance(backend=backend, seed=seed),
             "tested": self.mine.tolist(),
             "decided": choose(answer.scores).tolist(),
             "votes": {vote: choose(scores).tolist() for vote, scores in answer.votes.items()},
@@ -273,7 +258,12 @@ def _fold_of(
     plan: MethodComparison,
 ) -> Fold:
     (seed, fold), method = which, contestant.method
-    of = {"method": method.called(), "settings": method.as_words(), "code": code_of(method), "data": digest}
+    of: dict[str, Any] = {
+        "method": method.called(),
+        "settings": method.as_words(),
+        "code": code_of(method),
+        "data": digest,
+    }
     of |= {"backend": plan.backend if method.spikes else "event", "seed": seed, "fold": fold, "folds": plan.folds}
     if method.spikes and which == (plan.seeds[0], 0):  # the bills of one fold are enough
         of["targets"] = list(plan.targets)
@@ -298,11 +288,11 @@ def _summary(
     """Join the results of all folds."""
     seeds = [[one for one in results if one["of"]["seed"] == seed] for seed in plan.seeds]
 
-    def of_seed(decisions: Sequence[tuple[list[int], list[int]]]) -> Evaluation:
+    def of_seed(decisions: Sequence[tuple[list[int], list[int]]]) -> apps.Evaluation:
         decided = np.full(len(data), -1, np.int64)
         for tested, labels in decisions:
             decided[tested] = labels
-        return evaluate(decided, data.labels, data.classes)
+        return apps.evaluate(decided, data.labels, data.classes)
 
     votes = {
         vote: tuple(of_seed([(one["tested"], one["votes"][vote]) for one in parts]) for parts in seeds)
@@ -319,12 +309,12 @@ def _summary(
     )
 
 
-PAGE = sealed(
+PAGE = apps.sealed(
     "a page of 'neuro recognise compare'",
     '<meta name="generator" content="neuro recognise compare">',
     "<!-- digest {} -->",
 )
-TABLE = sealed("a table of 'neuro recognise compare'", "<!-- neuro recognise compare -->", "<!-- digest {} -->")
+TABLE = apps.sealed("a table of 'neuro recognise compare'", "<!-- neuro recognise compare -->", "<!-- digest {} -->")
 HEAD = ("method", "runs on", ">accuracy", ">95 % interval", "other votes", ">look, ms", ">train, s", ">decide, ms")
 ABOUT = (
     "Networks run on a backend, the other methods on none. "
@@ -343,10 +333,10 @@ BILL = (
 
 def show(found: Sequence[Compared], plan: MethodComparison) -> None:
     """Print the table."""
-    out = console()
-    out.print(table(HEAD, [_row(one, plan) for one in found]))
+    out = apps.console()
+    out.print(apps.table(HEAD, [_row(one, plan) for one in found]))
     if bills := list(_bills(found)):
-        out.print(table(BILLS, bills, title="joules of a recording"))
+        out.print(apps.table(BILLS, bills, title="joules of a recording"))
     for one in found:
         if one.refused:
             print(f"- {one.contestant.name}: {one.refused}")
@@ -371,8 +361,10 @@ def write(found: Sequence[Compared], plan: MethodComparison, data: str) -> tuple
         text += "\nJoules of a recording:\n\n" + _markdown(BILLS, bills)
     if unpriced := list(_unpriced(found)):
         text += "\n" + "".join(f"- {line}\n" for line in unpriced)
-    write_text(markdown, f"<!-- neuro recognise compare -->\n\n{text}", TABLE)
-    write_text(page, html.page("neuro recognise compare", f"Recognisers on {data}", _parts(found, plan, data)), PAGE)
+    apps.write_text(markdown, f"<!-- neuro recognise compare -->\n\n{text}", TABLE)
+    apps.write_text(
+        page, apps.html.page("neuro recognise compare", f"Recognisers on {data}", _parts(found, plan, data)), PAGE
+    )
     return markdown, page
 
 
@@ -385,7 +377,7 @@ def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def _parts(found: Sequence[Compared], plan: MethodComparison, data: str) -> Iterator[Any]:
     from neuro_recognise.telling.pictures import accuracies, confusion
 
-    tag, ran = html.tag, [one for one in found if one.of_seeds]
+    html, tag, ran = apps.html, apps.html.tag, [one for one in found if one.of_seeds]
     n = ran[0].of_seeds[0].n if ran else 0
     yield tag("h1", "Recognisers side by side")
     seeds = f"{len(plan.seeds)} seed" + ("s" if len(plan.seeds) > 1 else "")
@@ -418,7 +410,7 @@ def _row(one: Compared, plan: MethodComparison) -> tuple[str, ...]:
         return (one.contestant.name, runs, "not run", *[""] * (len(HEAD) - 3))
     spread = "" if np.isnan(one.spread) else f" ± {100 * one.spread:.1f}"
     n = one.of_seeds[0].n
-    low, high = wilson(round(one.accuracy * n), n)
+    low, high = apps.wilson(round(one.accuracy * n), n)
     votes = {vote: np.mean([found.accuracy for found in each]) for vote, each in (one.votes or {}).items()}
     text = ", ".join(f"{vote} {100 * share:.1f}" for vote, share in votes.items())
     shares = (f"{100 * one.accuracy:.1f}{spread} %", f"{100 * low:.0f} - {100 * high:.0f}", text or "-")

@@ -40,7 +40,8 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.events import Events
-from neuro_recognise.method import SILENT, Evidence, Floats, Ints, Learnt, Observer, choose
+from neuro_recognise.method import SILENT, Learnt, Observer, choose
+from neuro_recognise.shown import Evidence, Floats, Ints
 
 PARTS = 10
 """Of held-out recordings, when each is judged by the others: tenths leave 90 % to learn from."""
@@ -416,9 +417,10 @@ class Session:
             ModelError: time runs back, or the events do not fit the recogniser.
         """
         decided: list[Decision] = []
-        if not isinstance(events, Events):
+        part: object = events
+        if not isinstance(part, Events):
             hint = "Events(t, x, y, p, (width, height)) of neuro.events takes arrays; p is 1 or 0"
-            raise ModelError(f"feed: found {type(events).__name__}, expected Events", hint=hint)
+            raise ModelError(f"feed: found {type(part).__name__}, expected Events", hint=hint)
         before, first = self._clock, int(events.t[0]) if len(events) else until_us
         if before is not None and first is not None and first < before:
             raise ModelError(

@@ -28,21 +28,10 @@ from neuro.apps import Checkpoint, hdf5, make_folder
 from neuro.events import Recordings
 from neuro.events.dataset import Sample
 from neuro_recognise.deciding import Early, Held, margins
-from neuro_recognise.method import (
-    Array,
-    Course,
-    Evidence,
-    Features,
-    Floats,
-    Ints,
-    Learnt,
-    Method,
-    Progress,
-    choose,
-    unlabelled,
-)
+from neuro_recognise.method import Course, Learnt, Method, Progress, choose
 from neuro_recognise.observations import observe, seen_of, write_evidence
 from neuro_recognise.recogniser import Recogniser, Tell, learn
+from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints, unlabelled
 
 BEGINNINGS = "neuro recognise beginnings 1"
 IN_FILE = 100
@@ -195,7 +184,7 @@ class HeldOut:
             self.report(Progress("looking at recordings", seen, total))
 
         shown = observe(method, self.data, fingerprint=self.fingerprint, cache=self.cache, report=look)
-        asked, ask = -1, method.answer
+        asked: int | None = None
         for fold, rows in self.steps[done:]:
             if fold != asked:
                 message = f"{self.fingerprint} without fold {fold} of {len(self.folds)}"

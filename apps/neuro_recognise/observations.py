@@ -30,7 +30,8 @@ from neuro import ModelError
 from neuro.apps import Settings, Unwritable, hdf5
 from neuro.events import Events, Recordings
 from neuro.events.dataset import Sample
-from neuro_recognise.method import Array, Evidence, Features, Ints, Lazy, Method, unlabelled
+from neuro_recognise.method import Method
+from neuro_recognise.shown import Array, Evidence, Features, Ints, Lazy, unlabelled
 
 OURS = ("neuro", "neuro_event", "neuro_models", "neuro_recognise", "neuro_torch", "neuro_train")
 """Packages that compute what is observed and learnt; another backend is a setting."""

@@ -21,21 +21,10 @@ from neuro.apps import Checkpoint, check_output, hdf5, provenance, record_input
 from neuro.events import EventFileError, Events, Recordings
 from neuro.events.dataset import UNKNOWN
 from neuro_recognise.deciding import ASSURANCE, WINDOW_MS, Early, Session, part_of, stopping_rule
-from neuro_recognise.method import (
-    Answer,
-    Course,
-    Evidence,
-    Features,
-    Floats,
-    Ints,
-    Learnt,
-    Method,
-    Progress,
-    choose,
-    unlabelled,
-)
+from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, choose
 from neuro_recognise.methods import method_of
 from neuro_recognise.observations import code_of, observe, observed
+from neuro_recognise.shown import Evidence, Features, Floats, Ints, unlabelled
 
 Training: TypeAlias = Mapping[str, Any]
 OTHER = {"data": "other recordings", "code": "other code, of an earlier version or before an edit"}

@@ -11,23 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import (
-    NETWORK,
-    Backends,
-    Bar,
-    Clock,
-    NetworkFile,
-    Seed,
-    Set,
-    assignments,
-    at_least,
-    check_output,
-    install,
-    plain,
-    read,
-    resumable,
-    with_settings,
-)
+from neuro import apps
 from neuro_train.plan import TrainingPlan, augmentation, costs
 
 if TYPE_CHECKING:
@@ -49,7 +33,7 @@ Part = Annotated[str, Option("--part", metavar="NAME", help="Of recordings in pa
 Without = Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")]
 Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")]
 Folds = Annotated[
-    int | None, Option(metavar="N", parser=at_least(2), help="Test each Nth on what the others taught instead.")
+    int | None, Option(metavar="N", parser=apps.at_least(2), help="Test each Nth on what the others taught instead.")
 ]
 
 # how it learns, beside the plan
@@ -75,32 +59,32 @@ Budget = Annotated[int, Option(metavar="N", min=1, help="Networks that a search 
 
 
 @app.command()
-@with_settings
+@apps.with_settings
 def train(
-    file: NetworkFile,
+    file: apps.NetworkFile,
     data: Data,
     plan: TrainingPlan,
     out: Out = Path("trained.yaml"),
     part: Part = "Train",
     without: Without = [],  # noqa: B006
     test: Test = None,
-    backends: Backends = "event,loihi,spinnaker",
+    backends: apps.Backends = "event,loihi,spinnaker",
     folds: Folds = None,
     augment: Augment = [],  # noqa: B006
     cost: Cost = [],  # noqa: B006
     search: Search = None,
     budget: Budget = 20,
     html: Html = None,
-    seed: Seed = 0,
+    seed: apps.Seed = 0,
     threads: Threads = 1,
-    set: Set = [],  # noqa: B006
+    set: apps.Set = [],  # noqa: B006
 ) -> None:
     """Train a network on recordings, write it, and test it; after a kill the same command goes on where it was."""
     import neuro
     from neuro import ModelError
 
     if find_spec("torch") is None:
-        raise ModelError("neuro train learns by PyTorch, which is not installed", hint=install("torch"))
+        raise ModelError("neuro train learns by PyTorch, which is not installed", hint=apps.install("torch"))
     import torch
 
     from neuro.events import recordings
@@ -108,7 +92,7 @@ def train(
     from neuro_train.data import but, show
 
     plan = plan.changed({**augmentation(augment), "cost": costs(cost), "seed": seed})
-    net = neuro.load(file, params=assignments(set))
+    net = neuro.load(file, params=apps.assignments(set))
     torch.set_num_threads(threads)
     if plan.loss == "mse":
         classes: Any = {"folds": folds, "search": search, "without": without, "augment": augment, "window": plan.window}
@@ -116,19 +100,19 @@ def train(
         _follow(net, data, test, plan, classes, backends, out, html or out.with_suffix(".html"))
         return
     if search is None:
-        Clock(net.resolution).step(plan.duration, "--for")
+        apps.Clock(net.resolution).step(plan.duration, "--for")
     if folds and test is not None:
         raise ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
     _check_before(net, plan, backends if folds or test else [], out, html)
     learnt_from, unseen = but(recordings(data, part=part), without), None
     held_out = None if test is None or search else recordings(test, part="Test", classes=learnt_from.classes)
     page = html or out.with_suffix(".html")
-    with resumable():
+    with apps.resumable():
         if search is not None:
             inputs = (file, data, part, without)
-            _search(inputs, net, plan, assignments(set), search, budget, folds, test, out.with_suffix(""))
+            _search(inputs, net, plan, apps.assignments(set), search, budget, folds, test, out.with_suffix(""))
             return
-        with Bar() as bar:
+        with apps.Bar() as bar:
             count = partial(_count, bar)
             shown = show(net, learnt_from, plan, count)
             if folds:
@@ -164,7 +148,7 @@ def _follow(
     shown, other = read(data, net, plan), None if test is None else read(test, net, plan)
     plan = replace(plan, duration=shown.events.steps * net.resolution)
     _check_before(net, plan, backends if other else [], out, page)
-    with resumable():
+    with apps.resumable():
         _train(net, shown, other, plan, backends, out, page)
 
 
@@ -182,7 +166,7 @@ def _train(
     from neuro_train.tested import train_and_test
     from neuro_train.trainer import begun
 
-    with Bar() as bar:
+    with apps.Bar() as bar:
 
         def tell(epoch: int, noted: Mapping[str, float]) -> None:
             spent = f", {1e6 * noted['joules']:.3g} uJ as fast as the chip can" if noted.get("joules") else ""
@@ -226,9 +210,9 @@ def _search(
         why = "--search with --test: a search tests on recordings of --data that it holds out: expected one of both"
         raise ModelError(why, hint="test a network of its front: neuro train NETWORK --epochs 0 --test ...")
     check_optuna()
-    given = {**plain(read(inputs[0], "a network", "neuro: 1")).get("parameters", {}), **params}
+    given = {**apps.plain(apps.read(inputs[0], "a network", "neuro: 1")).get("parameters", {}), **params}
     varied = space(text, net, plan, given)
-    with Bar() as bar:
+    with apps.Bar() as bar:
         places = ask(*inputs, plan, params, varied, budget, folds, folder, bar.say)
     files = telling.write_front(folder, places, plan.chip)
     telling.show_front(places, plan.chip)
@@ -236,7 +220,7 @@ def _search(
         typer.echo(f"{written}: written")
 
 
-def _count(bar: Bar, what: str, done: int, total: int) -> None:
+def _count(bar: apps.Bar, what: str, done: int, total: int) -> None:
     bar.show(done, total, what)
 
 
@@ -258,8 +242,8 @@ def _check_before(net: neuro.Network, plan: TrainingPlan, backends: list[str], o
     from neuro_train.trainer import module_of
 
     check_network(net, plan)
-    check_output(out, NETWORK)
-    check_output(page or out.with_suffix(".html"), PAGE)
+    apps.check_output(out, apps.NETWORK)
+    apps.check_output(page or out.with_suffix(".html"), PAGE)
     module = module_of(net, plan)
     if plan.prune:
         neuro_torch.prune(module, plan.prune)

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 
 Ints = npt.NDArray[np.int64]
-Floats = npt.NDArray[np.float64]
 Report = Callable[[str, int, int], None]
 """Called with what is done, how much of it, and of how much."""
 
@@ -196,10 +195,15 @@ def moved(
     if mirror:
         x = np.where((rng.random(events.batch) < mirror)[recording], columns - 1 - x, x)
     if warp:
+        # about the middle, turned by an angle, made larger by a share, and sheared by a share
+        turn, growth, shear = rng.uniform(-warp, warp, (3, events.batch))
+        cos, sin, larger = np.cos(turn), np.sin(turn), 1.0 + growth
+        matrix = larger * (cos + shear * sin), larger * (shear * cos - sin), larger * sin, larger * cos
+        a, b, c, d = (entry[recording] for entry in matrix)
         middle = (columns - 1) / 2, (rows - 1) / 2
-        by = rng.uniform(-warp, warp, (3, events.batch))
-        x, y = _warped(x - middle[0], y - middle[1], by, train.ends)
-        x, y = (np.rint(each + m).astype(np.int64) for each, m in zip((x, y), middle, strict=True))
+        right_of, below = x - middle[0], y - middle[1]
+        x = np.rint(a * right_of + b * below + middle[0]).astype(np.int64)
+        y = np.rint(c * right_of + d * below + middle[1]).astype(np.int64)
     x, y = x + right[recording], y + down[recording]
     inside = (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
     neuron = ((sheet * rows + y) * columns + x)[inside].astype(np.int32)
@@ -208,22 +212,6 @@ def moved(
         return Events(events.batch, events.steps, {population: (recording, step, neuron)})
     ends = np.concatenate(([0], np.cumsum(np.bincount(recording, minlength=events.batch))))
     return Events.of_trains(events.steps, {population: type(train)(ends, step, neuron)})
-
-
-def _warped(x: Floats, y: Floats, by: Floats, ends: Ints) -> tuple[Floats, Floats]:
-    """Places about the middle, turned by an angle, made larger by a share, and sheared by a share.
-
-    Args:
-        x: of all events, to the right.
-        y: of all events, downwards.
-        by: angle, growth and shear of each recording, (3, recordings).
-        ends: events of recording b are `ends[b] : ends[b + 1]`.
-    """
-    turn, growth, shear = by
-    cos, sin, larger = np.cos(turn), np.sin(turn), 1.0 + growth
-    rows = larger * (cos + shear * sin), larger * (shear * cos - sin), larger * sin, larger * cos
-    a, b, c, d = (np.repeat(row, np.diff(ends)) for row in rows)
-    return a * x + b * y, c * x + d * y
 
 
 Array = npt.NDArray[Any]

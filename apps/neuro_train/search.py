@@ -317,8 +317,8 @@ def point(
     learnt_from, judged = divided(found, settings.seed, fold, folds)
     which = f"part {'held out' if held else fold} of {folds + 1}"
     of = identity(net, shown, settings) | {"part": which, "varied": dict(varied)}
-    file = out.with_suffix(".json")
-    if (result := RESULTS.read(file, of)) and out.exists():
+    result_file = out.with_suffix(".json")
+    if (result := RESULTS.read(result_file, of)) and out.exists():
         return {str(name): float(value) for name, value in result["found"].items()}
     mine = shown.take(learnt_from)
     checkpoint = begun(net, out, mine, settings, which)
@@ -332,7 +332,7 @@ def point(
     each = [joules for bill in (tried.bill, tried.bill.real_time) for joules in (bill.total_j, bill.low_j, bill.high_j)]
     given = {"accuracy": tried.own.accuracy, **{name: 1e6 * joules for name, joules in zip(SPENT, each, strict=True)}}
     given |= {"right": float(tried.own.correct), "n": float(len(judged)), "cpu_s": trained.cpu_s}
-    RESULTS.write(file, of, {"found": given})
+    RESULTS.write(result_file, of, {"found": given})
     checkpoint.remove()
     return given
 

@@ -94,15 +94,15 @@ def show(tried: Sequence[TestedNetwork], room: Sequence[MemoryRoom] = ()) -> Non
         console().print(table(BILLS, billed, title="a recording"))
     for line in footnotes([one.bill for one in tried if one.bill], False):
         print(f"- {line}")
-    for one in tried:
-        _show_sent(one.backend, one.sent)
+    _show_sent({one.backend: one.sent for one in tried})
 
 
-def _show_sent(backend: str, sent: Mapping[str, float]) -> None:
-    """Print how many spikes or messages a recording has."""
-    if sent:
-        each = ", ".join(f"{number:.0f} of '{name}'" for name, number in sent.items())
-        print(f"{backend}: {sum(sent.values()):.0f} spikes in a recording, {each}")
+def _show_sent(each: Mapping[str, Mapping[str, float]]) -> None:
+    """Print how many spikes or messages a recording has on each backend."""
+    for backend, sent in each.items():
+        if sent:
+            parts = ", ".join(f"{number:.0f} of '{name}'" for name, number in sent.items())
+            print(f"{backend}: {sum(sent.values()):.0f} spikes in a recording, {parts}")
 
 
 def show_folds(folds: Sequence[Mapping[str, Any]]) -> None:
@@ -126,7 +126,7 @@ def show_folds(folds: Sequence[Mapping[str, Any]]) -> None:
         print(f"{name}: {right / n:.2%} of {n} right (95 % interval {low:.1%} - {high:.1%})")
     for name in names:
         parts = [(one["n"], one.get("sent", {}).get(name, {})) for one in folds]
-        _show_sent(name, {of: sum(k * part[of] for k, part in parts) / n for of in parts[0][1]})
+        _show_sent({name: {of: sum(k * part[of] for k, part in parts) / n for of in parts[0][1]}})
 
 
 def write(

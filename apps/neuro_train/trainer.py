@@ -180,7 +180,7 @@ class _Training:
         self.done, self._spent = 0, 0.0
         self._stay: dict[str, Array] = {}
         self._noted: dict[str, list[float]] = {name: [] for name in CURVES}
-        self._labels = torch.from_numpy(shown.labels)
+        self._labels, self._batches = torch.from_numpy(shown.labels), math.ceil(len(shown) / plan.batch)
         self._variance = _variance(shown, plan)
         self._silent_epochs, self._has_warned = 0, plan.loss not in ("count", "first_spike")  # others need no spike
         module = module_of(net, plan)
@@ -194,26 +194,18 @@ class _Training:
         self._bills = {
             chip: neuro_torch.Bill(self._module, chip, neurons_per_core=plan.neurons_per_core) for chip in plan.cost
         }
-        self._optimiser = torch.optim.AdamW(self._groups(), lr=plan.rate, fused=True)
-
-    def _groups(self) -> list[dict[str, Any]]:
-        """What learns, with the size of its steps: weights, by their unit; and the rest, which does not decay.
-
-        Of weights that are `size` times as large gradients are as much smaller, and steps are to be as much larger.
-        """
+        # Of weights that are `size` times as large gradients are as much smaller, and steps are to be as much larger.
         weights: dict[float, list[Tensor]] = {}
         for name, weight in self._module.weights.learnt().items():
             weights.setdefault(self._sizes[name], []).append(weight)
         groups: list[dict[str, Any]] = [
-            {"params": each, "size": size, "weight_decay": self._plan.decay / size, "eps": 1e-8 / size}
+            {"params": each, "size": size, "weight_decay": plan.decay / size, "eps": 1e-8 / size}
             for size, each in weights.items()
         ]
         rest = [*self._module.delays.parameters(), *self._module.neurons.parameters()]
-        return [*groups, {"params": rest, "size": 1.0, "weight_decay": 0.0}] if rest else groups
-
-    @property
-    def _batches(self) -> int:
-        return math.ceil(len(self._shown) / self._plan.batch)
+        if rest:  # it does not decay
+            groups.append({"params": rest, "size": 1.0, "weight_decay": 0.0})
+        self._optimiser = torch.optim.AdamW(groups, lr=plan.rate, fused=True)
 
     def epoch(self) -> None:
         """Show every recording once.
@@ -247,7 +239,11 @@ class _Training:
         events = self._shown.events[chosen.tolist()]
         if plan.shift or plan.warp or plan.mirror:
             events = moved(events, plan.input, self._shown.shape, plan.shift, plan.warp, rng, plan.mirror)
-        rate = self._rate(self.done * self._batches + k)
+        # one cycle: up in the first three tenths, then down to nothing, along cosines (Smith, arXiv:1803.09820)
+        share, top = (self.done * self._batches + k) / max(1, plan.epochs * self._batches), 0.3
+        part = share / top if share < top else (share - top) / (1.0 - top)
+        low, high = (0.04, 1.0) if share < top else (1.0, 1e-5)
+        rate = plan.rate * (high + (low - high) * 0.5 * (1.0 + math.cos(math.pi * part)))
         for group in self._optimiser.param_groups:
             group["lr"] = rate * group["size"]
         found = self._module(events)
@@ -281,13 +277,6 @@ class _Training:
         spent = next(iter(joules.values()), torch.zeros(()))
         noted = (float(loss.detach()), right, float(spent.detach()), rate)
         return dict(zip(CURVES, noted, strict=True))
-
-    def _rate(self, step: int) -> float:
-        """One cycle: up in the first three tenths, then down to nothing, along cosines (Smith, arXiv:1803.09820)."""
-        share, top = step / max(1, self._plan.epochs * self._batches), 0.3
-        part = share / top if share < top else (share - top) / (1.0 - top)
-        low, high = (0.04, 1.0) if share < top else (1.0, 1e-5)
-        return self._plan.rate * (high + (low - high) * 0.5 * (1.0 + math.cos(math.pi * part)))
 
     def _stop(self, batch: int, message: str) -> NoReturn:
         where = f"epoch {self.done + 1}, batch {batch + 1} of {self._batches}"

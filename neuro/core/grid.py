@@ -38,13 +38,15 @@ class JobResults:
 
     def read(self, path: Path, of: Mapping[str, Any]) -> Result:
         """Return the result of a job; {} if its file is missing, damaged, or of another job or format."""
-        content, known = kept_json(path), {"format": self.format, "of": json.loads(json.dumps(of))}
-        return content if content | known == content else {}
+        result, known = kept_json(path), {"format": self.format, "of": json.loads(json.dumps(of))}
+        result.pop("digest", None)
+        return result if result | known == result else {}
 
     def write(self, path: Path, of: Mapping[str, Any], figures: Mapping[str, Any]) -> Result:
         """Write the result of a job and return it; errors as of `neuro.apps.write_text`."""
-        result = {"format": self.format, "of": dict(of), **figures}
-        write_text(path, json.dumps(result, indent=1), self.kind)
+        text = json.dumps({"format": self.format, "of": dict(of), **figures}, indent=1)
+        write_text(path, text, self.kind)
+        result: Result = json.loads(text)  # as it is read
         return result
 
     def of_job(self, path: Path, of: Mapping[str, Any], work: Callable[[], Mapping[str, Any]]) -> Result:

@@ -7,9 +7,9 @@ import pytest
 from flickering import drawn
 from neuro.events import Events, recordings, save
 from neuro_recognise import fit
-from neuro_recognise.method import Features
 from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.recogniser import learn
+from neuro_recognise.shown import Features
 
 
 def bars(k, n=900):

@@ -7,10 +7,10 @@ from neuro.events import Events
 from neuro_recognise import Recogniser
 from neuro_recognise.detection import Detector
 from neuro_recognise.detection.boxes import iou
-from neuro_recognise.method import Features
 from neuro_recognise.methods.descriptor import Hats
 from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.recogniser import learn
+from neuro_recognise.shown import Features
 from refused import refused
 
 UPRIGHT, LYING = 0, 1

@@ -19,10 +19,11 @@ from neuro.core import hdf5
 from neuro.events import Events
 from neuro_models import names, path
 from neuro_recognise.energy import bills
-from neuro_recognise.method import METHODS, SILENT, Features, choose
+from neuro_recognise.method import METHODS, SILENT, choose
 from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.methods.framewise import Framewise, Inputs, Layer, Shares
 from neuro_recognise.recogniser import AT_MOST, Ready, Recogniser, learn, method_of
+from neuro_recognise.shown import Features
 from neuro_recognise.telling.report import Tried
 from refused import refused
 

@@ -13,7 +13,7 @@ from neuro.chips import cells
 from neuro.events import Events, recordings
 from neuro_recognise.compare import MethodComparison, compare, contestants, show as show_compared
 from neuro_recognise.energy import bills, counted, show as show_energy
-from neuro_recognise.method import Features, choose
+from neuro_recognise.method import choose
 from neuro_recognise.methods.hfirst import (
     READINGS,
     HFirstSettings,
@@ -35,6 +35,7 @@ from neuro_recognise.methods.hfirst import (
     templates,
 )
 from neuro_recognise.recogniser import learn, method_of
+from neuro_recognise.shown import Features
 from neuro_recognise.telling.report import Tried
 from refused import refused
 

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import Kind, write_text
-from neuro_recognise.method import Array, Floats, Ints
+from neuro_recognise.shown import Array, Floats, Ints
 
 COLUMNS = ("start_us", "stop_us", "identity", "class", "score", "left", "top", "right", "bottom")
 """Of the file."""
@@ -104,7 +104,8 @@ def iou(a: Floats, b: Floats) -> Floats:
     """(n, m) shared area of boxes (n, 4) and (m, 4) over the area of both; 0 where both are empty."""
     low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
     shared = np.prod(np.maximum(high - low, 0.0), axis=2)
-    both = _area(a)[:, None] + _area(b)[None, :] - shared
+    areas = [np.prod(np.maximum(box[:, 2:] - box[:, :2], 0.0), axis=1) for box in (a, b)]
+    both = areas[0][:, None] + areas[1] - shared
     return np.asarray(np.divide(shared, both, out=np.zeros_like(shared), where=both > 0))
 
 
@@ -172,10 +173,6 @@ def _row(
         raise ModelError(f"{path}:{number}: class '{line[3]}' is unknown, expected one of {', '.join(classes)}")
     label = classes.index(line[3]) if line[3] else UNKNOWN
     return start, stop, identity, label, score, (left, top, right, bottom)
-
-
-def _area(box: Floats) -> Floats:
-    return np.asarray(np.prod(np.maximum(box[:, 2:] - box[:, :2], 0.0), axis=1))
 
 
 Pair = tuple[Boxes, Boxes]

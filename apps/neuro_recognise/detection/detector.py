@@ -35,9 +35,9 @@ from neuro_recognise.detection.boxes import (
 )
 from neuro_recognise.detection.proposals import CHOSEN, Dense, Proposals, Region, Sliding
 from neuro_recognise.detection.scenes import Scene, Scenes
-from neuro_recognise.method import Array, Floats, Ints
 from neuro_recognise.parts.segmenters import Hes, Segmenter
 from neuro_recognise.recogniser import Recogniser
+from neuro_recognise.shown import Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -279,16 +279,12 @@ def crop(regions: Sequence[Region], size: tuple[int, int], scale: float = 1.0) -
     middles = np.repeat([region.centre for region in regions], [len(region.events) for region in regions], axis=0)
     parts = [region.events for region in regions]
     t, x, y, p = (np.concatenate([getattr(part, name) for part in parts]) for name in "txyp")
-    x, y = _into(x - middles[:, 0], size[0], scale), _into(y - middles[:, 1], size[1], scale)
+    axes = zip((x, y), middles.T, size, strict=True)  # places are counted from the middle of the field
+    x, y = (np.rint((at - middle) / scale + (side - 1) / 2.0).astype(np.int64) for at, middle, side in axes)
     there = np.flatnonzero((x >= 0) & (x < size[0]) & (y >= 0) & (y < size[1]))
     if scale > 1.0:
         there = there[np.floor(np.arange(0.0, len(there), scale**2)).astype(np.int64)]
     return Events(t[there], x[there], y[there], p[there], size)
-
-
-def _into(places: Array, side: int, scale: float) -> Array:
-    """Columns or rows, counted from the middle of a side of the field."""
-    return np.rint(places / scale + (side - 1) / 2.0).astype(np.int64)
 
 
 WAYS = ("proposals", "dense")

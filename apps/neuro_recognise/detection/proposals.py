@@ -21,9 +21,9 @@ import neuro
 from neuro import ModelError
 from neuro.apps import Part, Registry, setting
 from neuro.events import Events
-from neuro_recognise.method import Array, Floats, Ints
 from neuro_recognise.methods.framewise import Framewise, RemusLayer
 from neuro_recognise.recogniser import Recogniser
+from neuro_recognise.shown import Array, Floats, Ints
 
 ANGLES = np.pi * np.arange(8) / 8
 """Directions across which cuts are tried."""

@@ -160,7 +160,8 @@ def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:
     for number in np.unique(boxes.identity):
         of = boxes[boxes.identity == number]
         when = f"{of.start[0] / 1000:.0f} to {of.stop[-1] / 1000:.0f} ms"
-        way = f"{_place(of.box[0])} to {_place(of.box[-1])}"
+        middles = (of.box[[0, -1], :2] + of.box[[0, -1], 2:]) / 2
+        way = " to ".join(f"{x:.0f}, {y:.0f}" for x, y in middles)
         name = "unknown" if of.label[-1] == UNKNOWN else classes[of.label[-1]]
         rows.append((f"#{number}", name, f"{of.score[-1]:.2f}", when, len(of), way))
     console().print(table(("object", "class", ">score", ">seen", ">boxes", "middle, px"), rows))
@@ -184,7 +185,3 @@ def show_tried(detector: Detector, tried: DetectionTrial, as_json: bool) -> None
     console().print(table(("of all scenes", ">"), rows, title=f"{tried.scenes} scenes"))
     of_class = [(name, "-" if np.isnan(ap) else f"{ap:.3f}") for name, ap in zip(classes, found.of_class, strict=True)]
     console().print(table(("class", ">AP"), of_class))
-
-
-def _place(box: Any) -> str:
-    return f"{(box[0] + box[2]) / 2:.0f}, {(box[1] + box[3]) / 2:.0f}"

@@ -29,7 +29,7 @@ from neuro import ModelError
 from neuro.apps import Kind, Settings, make_folder, setting, write_text
 from neuro.events import Events, Recordings, filters, load, save
 from neuro_recognise.detection.boxes import Boxes, read_boxes, write_boxes
-from neuro_recognise.method import Floats, Ints, Lazy
+from neuro_recognise.shown import Floats, Ints, Lazy
 
 TRIES = 2000
 """Places and paths that are tried before a scene is said to have no room."""
@@ -269,16 +269,16 @@ class Scenes(Lazy[Scene]):
         self._folder = folder
         self.classes: tuple[str, ...] = tuple(facts["classes"])
         self.scenery = Scenery.from_words(facts["scenery"])
-        if missing := [k for k in range(len(self)) if not _boxes_of(folder, k).is_file()]:
+        if missing := [k for k in range(len(self)) if not _file(folder, k, "csv").is_file()]:
             raise ModelError(
-                f"{folder}: {len(missing)} of {len(self)} scenes are missing, the first is {_name(missing[0])}",
+                f"{folder}: {len(missing)} of {len(self)} scenes are missing, the first is {missing[0]:04d}",
                 hint="the command that began to write them goes on where it was",
             )
 
     def _read(self, k: int) -> Scene:
-        events = load(_events_of(self._folder, k))
-        boxes = read_boxes(_boxes_of(self._folder, k), self.classes)
-        return Scene(_name(k), events, boxes, self.scenery.slices())
+        events = load(_file(self._folder, k, "npz"))
+        boxes = read_boxes(_file(self._folder, k, "csv"), self.classes)
+        return Scene(f"{k:04d}", events, boxes, self.scenery.slices())
 
 
 def write_scenes(
@@ -320,7 +320,7 @@ def write_scenes(
         "data": data.fingerprint(),
         "recordings": [data[int(k)].name for k in indices],
     }
-    if about.exists() and _is_ours(about) and any(_boxes_of(folder, k).exists() for k in range(count)):
+    if about.exists() and _is_ours(about) and any(_file(folder, k, "csv").exists() for k in range(count)):
         there = json.loads(about.read_text())
         more = count >= int(there.get("count", 0))  # scenes do not depend on how many there are
         other = [name for name in facts if there.get(name) != facts[name] and not (more and name == "count")]
@@ -328,10 +328,10 @@ def write_scenes(
             raise ModelError(f"{folder}: has scenes with another {other[0]}", hint="take a new folder")
     write_text(about, json.dumps(facts, indent=1) + "\n", ABOUT_KIND)
     for k in range(count):
-        if not _boxes_of(folder, k).is_file():
+        if not _file(folder, k, "csv").is_file():
             scene = scene_of(data, indices, scenery, seed, k)
-            save(scene.events, _events_of(folder, k), replace=True)  # events without boxes are what a kill left
-            write_boxes(_boxes_of(folder, k), scene.boxes, data.classes)
+            save(scene.events, _file(folder, k, "npz"), replace=True)  # events without boxes are what a kill left
+            write_boxes(_file(folder, k, "csv"), scene.boxes, data.classes)
         report(k + 1, count)
     return Scenes(folder)
 
@@ -349,7 +349,7 @@ def scene_of(data: Recordings, chosen: Ints, scenery: Scenery, seed: int, k: int
     rng = np.random.default_rng([seed, k])
     n = int(rng.integers(scenery.objects[0], scenery.objects[1] + 1))
     items = [data[int(index)] for index in rng.choice(chosen, n, replace=False)]
-    return compose(_name(k), [item.load() for item in items], [item.label for item in items], scenery, rng)
+    return compose(f"{k:04d}", [item.load() for item in items], [item.label for item in items], scenery, rng)
 
 
 def fold_of(data: Recordings, folds: int, fold: int) -> Ints:
@@ -368,13 +368,5 @@ def fold_of(data: Recordings, folds: int, fold: int) -> Ints:
     return np.arange(len(data)) if folds == 1 else data.folds(folds, seed=0)[fold][1]
 
 
-def _name(k: int) -> str:
-    return f"{k:04d}"
-
-
-def _events_of(folder: Path, k: int) -> Path:
-    return folder / f"{_name(k)}.npz"
-
-
-def _boxes_of(folder: Path, k: int) -> Path:
-    return folder / f"{_name(k)}.csv"
+def _file(folder: Path, k: int, ending: str) -> Path:
+    return folder / f"{k:04d}.{ending}"

@@ -15,25 +15,10 @@ import numpy as np
 
 from neuro.apps import kernel, part, setting
 from neuro.events import Events, representations
-from neuro_recognise.method import (
-    Answer,
-    Array,
-    Course,
-    Drawings,
-    Evidence,
-    Features,
-    Floats,
-    Growing,
-    Grows,
-    Ints,
-    Learnt,
-    Method,
-    Observer,
-    Pictures,
-    View,
-)
+from neuro_recognise.method import Answer, Course, Drawings, Growing, Grows, Learnt, Method, Observer, Pictures, View
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.parts.segmenters import Cleaner, Msd, Plain, Segmenter, Tar
+from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -63,16 +48,12 @@ class Descriptor(Method):
 
     def fit(self, shown: Features, course: Course) -> Learnt:
         """Teach the readout."""
-        return self.readout.fit(_vectors(shown), shown.labels, len(shown.classes), course)
+        return self.readout.fit(shown.stacked("vector").astype(np.float64), shown.labels, len(shown.classes), course)
 
     def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
         """Ask the readout; a recording without events is silent."""
-        x = _vectors(shown)
+        x = shown.stacked("vector").astype(np.float64)
         return Answer(np.where(x.any(axis=1, keepdims=True), self.readout.scores(learnt, x), np.nan))
-
-
-def _vectors(shown: Features) -> Floats:
-    return shown.stacked("vector").astype(np.float64)
 
 
 VIEW_US = 10_000

@@ -10,12 +10,13 @@ import numpy as np
 
 import neuro
 from neuro.apps import part, setting
-from neuro_recognise.method import SPLITS, Course, Drawings, Features, Floats, Ints, Learnt
+from neuro_recognise.method import SPLITS, Course, Drawings, Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise, Inputs, Labelled, Layer, Shares
 from neuro_recognise.parts.banks import Bank, LeakyGabors, LocalMaximum, Pool
 from neuro_recognise.parts.frames import Encoder, Frames, Latency, LogLatency, majority, potentials, votes
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.parts.segmenters import Segmenter, Ses
+from neuro_recognise.shown import Features, Floats, Ints
 
 ADAPTED = {"per_class": 2, "rescue": False, "dropout": 0.25, "decay": 0.7, "order": "recordings", "vote": "majority"}
 """Settings of the thesis, except a threshold of 60 and an epsilon of 0.0002, with which its rule learns.

@@ -21,26 +21,11 @@ from neuro import ModelError
 from neuro.apps import Part, Registry, part, setting
 from neuro.events import Events
 from neuro_models import path as network_path
-from neuro_recognise.method import (
-    Answer,
-    Array,
-    Course,
-    Drawings,
-    Evidence,
-    Features,
-    Floats,
-    Ints,
-    Learnt,
-    Method,
-    Pictures,
-    Progress,
-    TrialView,
-    View,
-    unlabelled,
-)
+from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Pictures, Progress, TrialView, View
 from neuro_recognise.parts.banks import Bank, Counts, Gabors, Max, Pool, Representation
 from neuro_recognise.parts.frames import VOTES, Encoder, Frames, LogLatency, ended_by, votes
 from neuro_recognise.parts.segmenters import Msd, Segmenter
+from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints, unlabelled
 
 TABLE_3 = "thesis table 3, lines 2450-2463"
 BEST = "benchmarks/recognisers.py"

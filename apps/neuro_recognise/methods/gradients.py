@@ -20,8 +20,9 @@ from neuro import ModelError
 from neuro.apps import install, setting
 from neuro.events import Events
 from neuro_models import path
-from neuro_recognise.method import Answer, Array, Course, Evidence, Features, Floats, Learnt, Method, Progress
+from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
 from neuro_recognise.methods.framewise import from_text, to_text
+from neuro_recognise.shown import Array, Evidence, Features, Floats
 from neuro_torch import Events as Spikes
 from neuro_train.data import BatchData as Taught
 from neuro_train.plan import TrainingPlan

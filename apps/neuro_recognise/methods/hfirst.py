@@ -22,8 +22,9 @@ from neuro import ModelError
 from neuro.apps import Settings, allocating, setting
 from neuro.events import Events
 from neuro.events.filters import BackgroundActivity
-from neuro_recognise.method import Answer, Course, Drawings, Evidence, Features, Floats, Ints, Learnt, Method, Run
+from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Run
 from neuro_recognise.parts.banks import gabor_bank
+from neuro_recognise.shown import Evidence, Features, Floats, Ints
 
 CODE = "HFIRST.m of the authors' code"
 READINGS = ("hard", "soft", "potentials")
@@ -431,7 +432,7 @@ class HFirst(Method, HFirstSettings):
 
     def fit(self, shown: Features, course: Course) -> Learnt:
         """Sum what C1 sent for each class."""
-        counts = c1_counts(self, [_spikes(one) for one in shown.evidence])
+        counts = c1_counts(self, [LayerSpikes(one["times"], one["ids"]) for one in shown.evidence])
         return {"templates": templates(self, counts, shown.labels, len(shown.classes))}
 
     def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
@@ -443,7 +444,7 @@ class HFirst(Method, HFirstSettings):
         sim = neuro.compile(s2_alone(self, np.asarray(learnt["templates"])), backend=backend)
 
         def ask(shown: Features) -> Answer:
-            heard = [s2_heard(sim, self, _spikes(one)) for one in shown.evidence]
+            heard = [s2_heard(sim, self, LayerSpikes(one["times"], one["ids"])) for one in shown.evidence]
             votes = {reading: np.stack([decisive(one, reading) for one in heard]) for reading in READINGS}
             run = partial(self.run_whole, learnt, shown, backend)
             return Answer(votes[self.reading], votes, run, duration_s=shown.duration_s())
@@ -479,7 +480,3 @@ class HFirst(Method, HFirstSettings):
 def _c1(method: HFirst) -> neuro.Simulation:
     """Layer C1, which starts anew with each recording."""
     return neuro.compile(c1_alone(method))
-
-
-def _spikes(one: Evidence) -> LayerSpikes:
-    return LayerSpikes(one["times"], one["ids"])

@@ -9,7 +9,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,8 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import Part, Registry, setting
 from neuro.events import Events, representations
-from neuro_recognise.method import SPLITS, Array, Floats, Ints
+from neuro_recognise.method import SPLITS
+from neuro_recognise.shown import Array, Floats, Ints
 
 
 class Pixels(NamedTuple):
@@ -77,27 +78,23 @@ class Counts(Representation):
         return Pixels(events.x, events.y, np.ones(len(events)), bounds)
 
 
-class _Held(Protocol):
-    """A surface of `neuro.events.representations`."""
-
-    def add(self, events: Events) -> None: ...
-    def at(self, t_us: int, dtype: type) -> Array: ...
-
-
 @dataclass(frozen=True)
 class _Remembering(Representation):
-    """Base of surfaces."""
+    """Base of surfaces.
+
+    Class attributes:
+        surface: a class of `neuro.events.representations`.
+    """
+
+    surface: ClassVar[Any]
 
     tau: float = setting(20.0, "ms", "in which an event is forgotten to 1/e", "that of MSD", above=0)
-
-    @abstractmethod
-    def held(self, size: tuple[int, int]) -> _Held:
-        """A surface of a sensor so wide and high, px, without events."""
 
     def pixels(self, events: Events, bounds: Ints) -> Pixels:
         """All pixels that had an event."""
         width, height = events.sensor_size
-        held, begin = self.held(events.sensor_size), 0
+        words = {"tau_us": 1000.0 * self.tau, "polarity": "ignored"}
+        held, begin = self.surface(events.sensor_size, **words), 0
         read = np.empty((len(bounds) - 1, height, width))
         for segment, end in enumerate(bounds[1:].tolist()):
             held.add(events[begin:end])
@@ -114,10 +111,7 @@ class Leaky(_Remembering):
     """The sum of a pixel's events, each of which decays exponentially."""
 
     source = "thesis 6.2.8; appendix C, algorithm 15"
-
-    def held(self, size: tuple[int, int]) -> _Held:
-        """Whatever the polarity."""
-        return representations.LeakySurface(size, tau_us=1000.0 * self.tau, polarity="ignored")
+    surface = representations.LeakySurface
 
 
 @dataclass(frozen=True)
@@ -125,10 +119,7 @@ class Surface(_Remembering):
     """A pixel's last event, which decays exponentially."""
 
     source = "thesis 6.2.8; Lagorce et al., IEEE TPAMI 39:1346, 2017, eq. 2"
-
-    def held(self, size: tuple[int, int]) -> _Held:
-        """Whatever the polarity."""
-        return representations.TimeSurface(size, tau_us=1000.0 * self.tau, polarity="ignored")
+    surface = representations.TimeSurface
 
 
 Representation.known = Registry("representation", (Counts, Leaky, Surface))
@@ -219,10 +210,22 @@ class Bank(Part):
         if even := [size for size in self.sizes if size % 2 == 0]:
             raise ModelError(f"sizes: found {even[0]}: expected odd numbers, so that a filter has a middle")
 
-    @property
-    @abstractmethod
+    gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
+
+    @cached_property
     def filters(self) -> Floats:
         """(scales, orientations, side, side), each in the middle of the largest's side."""
+        return gabor_bank(self.sizes, self.sigmas, self.wavelengths, self.gamma, self.orientations, **self.shapes)
+
+    @property
+    def shapes(self) -> dict[str, bool]:
+        """Words of `gabor_bank` by which the filters differ from its own."""
+        return {}
+
+    def _empty(self, events: Events, bounds: Ints, side: int) -> Floats:
+        """(frames, scales, orientations, rows, columns) of cells, to write responses into."""
+        width, height = events.sensor_size
+        return np.empty((len(bounds) - 1, len(self.sizes), len(self.orientations), height // side, width // side))
 
     @abstractmethod
     def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
@@ -245,24 +248,20 @@ class Gabors(Bank):
 
     source = "thesis 6.2.2, eqs 122-124, lines 2337-2370"
 
-    gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
     literal: bool = setting(
         False, "", "eq. 122 as printed, not of zero mean and unit norm", "2 points worse on N-MNIST"
     )
 
-    @cached_property
-    def filters(self) -> Floats:
-        """(scales, orientations, side, side)."""
-        return gabor_bank(
-            self.sizes, self.sigmas, self.wavelengths, self.gamma, self.orientations, literal=self.literal
-        )
+    @property
+    def shapes(self) -> dict[str, bool]:
+        """The formula as printed, if that is wanted."""
+        return {"literal": self.literal}
 
     def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
         """Rectified "same" convolution of each frame with each filter."""
         from neuro_recognise.parts._bank_kernels import largest_responses
 
-        width, height = events.sensor_size
-        out = np.empty((len(bounds) - 1, len(self.sizes), len(self.orientations), height // side, width // side))
+        (width, height), out = events.sensor_size, self._empty(events, bounds, side)
         sizes = np.array(self.sizes, np.int64)
         largest_responses(*seen.pixels(events, bounds), self.filters, sizes, height, width, side, out)
         return out
@@ -276,23 +275,19 @@ class LeakyGabors(Bank):
     shown = False
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015, section III-A; MK-Tempotron, zb_filters2.m, conv_integNoFire.m"
 
-    gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
     leak: float = setting(0.01, "1/ms", "of a response", "MK-Tempotron: 1e-8/ns on N-MNIST", at_least=0)
     signed: bool = setting(False, "", "whether OFF events subtract", SPLITS)
 
-    @cached_property
-    def filters(self) -> Floats:
-        """(scales, orientations, side, side), round and smoothed."""
-        return gabor_bank(
-            self.sizes, self.sigmas, self.wavelengths, self.gamma, self.orientations, circular=True, smooth=True
-        )
+    @property
+    def shapes(self) -> dict[str, bool]:
+        """Round and smoothed."""
+        return {"circular": True, "smooth": True}
 
     def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
         """Absolute values at the end of each frame; frames before have left their rest."""
         from neuro_recognise.parts._bank_kernels import leaky_responses
 
-        width, height = events.sensor_size
-        out = np.empty((len(bounds) - 1, len(self.sizes), len(self.orientations), height // side, width // side))
+        (width, height), out = events.sensor_size, self._empty(events, bounds, side)
         sizes, sign = np.array(self.sizes, np.int64), np.where(self.signed & (events.p == 0), -1.0, 1.0)
         times = (events.t, events.x, events.y, sign)
         leaky_responses(*times, bounds, self.filters, sizes, height, width, self.leak / 1000.0, side, out)

@@ -11,7 +11,8 @@ import numpy as np
 
 from neuro.apps import Part, Registry, setting
 from neuro.coding import log_intensity_to_latency
-from neuro_recognise.method import Array, Evidence, Features, Floats, Ints, Learnt
+from neuro_recognise.method import Learnt
+from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints
 
 if TYPE_CHECKING:
     from neuro import TrialResults
@@ -170,7 +171,8 @@ class Frames:
         lengths = shown.column("lengths")
         recording = np.repeat(np.arange(len(shown)), np.diff(lengths.offsets))
         codes, ids = (shown.column(name).values for name in ("codes", "ids"))
-        return cls(codes, ids, _offsets(lengths.values), recording)
+        offsets = np.concatenate(([0], np.cumsum(lengths.values, dtype=np.int64)))
+        return cls(codes, ids, offsets, recording)
 
     def __len__(self) -> int:
         """The number of frames."""
@@ -179,7 +181,7 @@ class Frames:
     def take(self, frames: Ints) -> Self:
         """Some of the frames, in the order given."""
         lengths = np.diff(self.offsets)[frames]
-        offsets = _offsets(lengths)
+        offsets = np.concatenate(([0], np.cumsum(lengths, dtype=np.int64)))
         where = np.repeat(self.offsets[frames] - offsets[:-1], lengths) + np.arange(offsets[-1])
         return type(self)(self.codes[where], self.ids[where], offsets, self.recording[frames])
 
@@ -192,10 +194,6 @@ def ended_by(evidence: Evidence, us: int) -> Evidence:
     lasts = {name: np.minimum(evidence[name], us) for name in ("lasts",) if name in evidence}
     per_frame_parts = {name: evidence[name][:n] for name in per_frame}
     return per_frame_parts | {name: evidence[name][:spikes] for name in per_spike} | lasts
-
-
-def _offsets(lengths: Array) -> Ints:
-    return np.concatenate(([0], np.cumsum(lengths, dtype=np.int64))).astype(np.int64)
 
 
 VOTES = ("majority", "potentials")

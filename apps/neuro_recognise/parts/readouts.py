@@ -15,7 +15,8 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import Part, Registry, install, setting
-from neuro_recognise.method import Array, Course, Floats, Ints, Learnt
+from neuro_recognise.method import Course, Learnt
+from neuro_recognise.shown import Array, Floats, Ints
 
 
 def standard(x: Array, means: Array) -> Floats:
@@ -117,7 +118,7 @@ class Svm(Readout):
 
     def scores(self, learnt: Learnt, x: Array) -> Floats:
         """Distances from the planes, in units of the margin."""
-        m = _arrays(learnt)
+        m: Any = learnt
         return np.asarray(self._scaled(x) @ m["weights"].T + m["thresholds"])
 
     def _scaled(self, x: Array) -> Array:
@@ -153,7 +154,7 @@ class Rbf(Readout):
 
     def scores(self, learnt: Learnt, x: Array) -> Floats:
         """Values of the machines, in units of the margin."""
-        m = _arrays(learnt)
+        m: Any = learnt
         scaled = (x - m["middle"]) / m["spread"]
         squares = (scaled**2).sum(1)[:, None] + (m["vectors"] ** 2).sum(1) - 2.0 * scaled @ m["vectors"].T
         kernel = np.exp(-self.gamma / x.shape[1] * np.maximum(squares, 0.0))
@@ -188,7 +189,7 @@ class Ridge(Readout):
 
     def scores(self, learnt: Learnt, x: Array) -> Floats:
         """Values from about -1 to about 1."""
-        m = _arrays(learnt)
+        m: Any = learnt
         return np.asarray(x @ m["weights"].T + m["thresholds"])
 
 
@@ -213,7 +214,7 @@ class Nearest(Readout):
 
     def scores(self, learnt: Learnt, x: Array) -> Floats:
         """Distances, negative; of a class without recordings -inf."""
-        means = _arrays(learnt)["means"]
+        means = np.asarray(learnt["means"])
         there = np.isfinite(means).all(axis=1)
         found = np.full((len(x), len(means)), -np.inf)
         found[:, there] = -DISTANCES[self.distance](x, means[there])
@@ -234,10 +235,6 @@ def _standard(x: Array, middle: Floats, spread: Floats) -> Floats:
     scaled: Floats = x - middle
     scaled /= spread
     return scaled
-
-
-def _arrays(learnt: Learnt) -> dict[str, Array]:
-    return {name: part for name, part in learnt.items() if not isinstance(part, str)}
 
 
 def _learner(name: str) -> Any:

@@ -11,7 +11,8 @@ import numpy as np
 
 from neuro.apps import Part, Registry, setting
 from neuro.events import Events, filters, segmentation
-from neuro_recognise.method import SPLITS, Ints
+from neuro_recognise.method import SPLITS
+from neuro_recognise.shown import Ints
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import cycle
 from typing import Protocol
 
 import numpy as np
@@ -18,7 +19,7 @@ from scipy.signal import convolve
 from neuro.apps import Evaluation, literal, wilson
 from neuro.events import Events, representations
 from neuro_recognise.detection.boxes import COLOURS, UNKNOWN, Boxes
-from neuro_recognise.method import Floats
+from neuro_recognise.shown import Floats
 
 
 def reconstructed(kernels: Floats, filters: Floats, side: int) -> Floats:
@@ -199,7 +200,7 @@ def _key(figure: Figure, orientations: Sequence[float]) -> None:
                             each * len(orientations) / width, high / height))  # fmt: skip
     axis.set(xlim=(0.0, each * len(orientations)), ylim=(high, 0.0), aspect="equal")
     axis.set_axis_off()
-    for k, (angle, colour) in enumerate(zip(orientations, _colours(len(orientations)), strict=True)):
+    for k, (angle, colour) in enumerate(zip(orientations, cycle(BARS), strict=False)):
         reach, middle = 0.09 * np.array([-np.sin(np.deg2rad(angle)), np.cos(np.deg2rad(angle))]), k * each + 0.12
         axis.plot(*zip((middle - reach[0], 0.1 - reach[1]), (middle + reach[0], 0.1 + reach[1]), strict=True),
                   color=colour, lw=2, solid_capstyle="round")  # fmt: skip
@@ -210,7 +211,7 @@ def _bars(axis: Axes, kernel: Floats, orientations: Sequence[float]) -> None:
     """One kernel, (orientations, rows, columns), as oriented bars; angle 0 is vertical, y points down."""
     rows, columns = kernel.shape[1:]
     y, x = (c.ravel() for c in np.mgrid[:rows, :columns])
-    for weight, angle, colour in zip(kernel, np.deg2rad(orientations), _colours(len(kernel)), strict=True):
+    for weight, angle, colour in zip(kernel, np.deg2rad(orientations), cycle(BARS), strict=False):
         reach = 0.48 * np.array([-np.sin(angle), np.cos(angle)])
         middle = np.stack([x, y], axis=1)
         seen = weight.ravel() >= FAINTEST
@@ -219,10 +220,6 @@ def _bars(axis: Axes, kernel: Floats, orientations: Sequence[float]) -> None:
         axis.add_collection(LineCollection(list(ends), colors=shades, linewidths=1.5, capstyle="round"))
     axis.set(xlim=(-0.9, columns - 0.1), ylim=(rows - 0.1, -0.9), aspect="equal")
     axis.add_patch(Rectangle((0, 0), 1, 1, transform=axis.transAxes, color=TILE, zorder=-1))
-
-
-def _colours(n: int) -> list[str]:
-    return [BARS[k % len(BARS)] for k in range(n)]
 
 
 def history(shares: Floats, classes: int) -> Figure:

@@ -15,9 +15,10 @@ from neuro import ModelError
 from neuro.apps import Bar as Line, Evaluation, console, echo, evaluate, install, number, table, write_picture
 from neuro.events import Events, Recordings, load
 from neuro_recognise.deciding import ASSUMES, ASSURANCE, least_allowed, outcome
-from neuro_recognise.method import METHODS, SILENT, Answer, Floats, Progress, choose
+from neuro_recognise.method import METHODS, SILENT, Answer, Progress, choose
 from neuro_recognise.methods import method_of
 from neuro_recognise.recogniser import Recogniser
+from neuro_recognise.shown import Floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -269,7 +270,7 @@ def show_predicted(
         for one in predicted:
             silent = one.label == SILENT
             scores = dict(zip(recogniser.classes, one.scores.tolist(), strict=True))
-            told = {"recording": one.path, "class": None if silent else recogniser.classes[one.label]}
+            told: dict[str, Any] = {"recording": one.path, "class": None if silent else recogniser.classes[one.label]}
             told |= {"decided_ms": one.decided_ms, "length_ms": one.length_ms, "settled": one.settled}
             words.append(told | {"scores": None if silent else scores})
         print(json.dumps(words, indent=1))
@@ -309,18 +310,14 @@ def show_early(recogniser: Recogniser, assurance: float = ASSURANCE) -> None:
         rules = []
         for allowed in supported:
             found, of_class = outcome(held, allowed, assurance), ("-", "-")
-            shares = f"{found.error:.1%}", _interval(found.interval)
+            shares = f"{found.error:.1%}", "{:.1%} to {:.1%}".format(*found.interval)
             if found.worst is not None:
                 name = recogniser.classes[found.worst]
-                of_class = f"{name}: {found.worst_error:.1%}", _interval(found.worst_interval)
+                of_class = f"{name}: {found.worst_error:.1%}", "{:.1%} to {:.1%}".format(*found.worst_interval)
             rules.append((f"{allowed:.1%}", f"{found.mean_ms:.0f} ms", *shares, *of_class))
         out.print("rules of nine tenths of them, tried on the last, in the mean")
         out.print(table(heads, rules))
     out.print(f"{ASSUMES}; of another mix as many may be wrong as of the worst class")
-
-
-def _interval(ends: tuple[float, float]) -> str:
-    return f"{ends[0]:.1%} to {ends[1]:.1%}"
 
 
 def write_confusion(tried: Tried, folder: Path) -> None:
