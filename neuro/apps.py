@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from neuro.core.errors import Where as Where, unknown as unknown
     from neuro.core.extension import extensions as extensions, run_extensions as run_extensions
     from neuro.core.extras import install as install
+    from neuro.core.grid import GridJob as GridJob, JobResults as JobResults, grid as grid
     from neuro.core.inputs import record_input as record_input
     from neuro.core.outputs import (
         Kind as Kind,

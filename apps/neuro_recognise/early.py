@@ -14,10 +14,9 @@ moments, and kept in files of a hundred recordings:
 from __future__ import annotations
 
 import tempfile
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -28,10 +27,10 @@ from neuro import ModelError
 from neuro.apps import Checkpoint, hdf5, make_folder
 from neuro.events import Recordings
 from neuro.events.dataset import Sample
-from neuro_recognise.deciding.held import Early, Held, margins
+from neuro_recognise.deciding import Early, Held, margins
 from neuro_recognise.method import Course, Learnt, Method, Progress, choose
 from neuro_recognise.observations import observe, seen_of, write_evidence
-from neuro_recognise.recogniser import Ask, Recogniser, Tell, learn
+from neuro_recognise.recogniser import Recogniser, Tell, learn
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints, unlabelled
 
 BEGINNINGS = "neuro recognise beginnings 1"
@@ -39,8 +38,8 @@ IN_FILE = 100
 """Recordings in a file, all of whose moments are in memory while it is made."""
 
 
-def beginnings(method: Method, recording: Sample, times_us: Ints) -> list[Evidence]:
-    """What a recording shows until each time; errors as of `seen_of`."""
+def seen_until(method: Method, recording: Sample, times_us: Ints) -> list[Evidence]:
+    """Return what a recording shows until each time; errors as of `seen_of`."""
     return seen_of(recording, lambda events: method.observe_until(events, times_us.tolist()))
 
 
@@ -71,11 +70,11 @@ class Beginnings:
         for k, file in enumerate(self._files):
             part = self._data[IN_FILE * k : IN_FILE * (k + 1)]
             if not hdf5.is_whole(file, BEGINNINGS):
-                _write(file, [beginnings(self._method, item, self._times) for item in part])
+                _write(file, [seen_until(self._method, item, self._times) for item in part])
             yield IN_FILE * k + len(part)
 
     def at(self, moment: int) -> Features:
-        """What beginnings so long show, in memory."""
+        """Return what beginnings so long show, in memory."""
         evidence = [one for file in self._files for one in _read(file, moment)]
         return Features(evidence, self._data.labels, tuple(item.name for item in self._data), self._data.classes)
 
@@ -94,39 +93,27 @@ def _write(file: Path, of_recordings: Sequence[Sequence[Evidence]]) -> None:
 
 
 def _read(file: Path, moment: int) -> list[Evidence]:
+    arrays: dict[str, list[Array]] = {}
     with hdf5.reading(file, BEGINNINGS) as kept:
-        arrays = {name: _apart(group["shape"][()], group["values"][()]) for name, group in kept[str(moment)].items()}
+        for name, group in kept[str(moment)].items():
+            shapes, values = group["shape"][()], group["values"][()]
+            parts = np.split(values, np.cumsum(shapes.prod(axis=1))[:-1])
+            arrays[name] = [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
     return [dict(zip(arrays, parts, strict=True)) for parts in zip(*arrays.values(), strict=True)]
-
-
-def _apart(shapes: Ints, values: Any) -> list[Any]:
-    """Arrays again, each of its shape."""
-    ends = np.cumsum(shapes.prod(axis=1))
-    return [part.reshape(shape) for part, shape in zip(np.split(values, ends[:-1]), shapes, strict=True)]
 
 
 AT_ONCE = 40
 """Recordings whose beginnings are asked about together."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Decided:
-    """What came of a step.
-
-    Attributes:
-        where: which of (recordings, moments) were decided on.
-        scores: of these, and of all classes.
-        learnt: of beginnings so long, where they are learnt apart.
-    """
-
-    where: tuple[Any, Any]
-    scores: Floats
-    learnt: Learnt = field(default_factory=dict)
+Decided = tuple[tuple[Any, Any], Floats, Learnt]
+"""What comes of a step: which of (recordings, moments) are decided on, their scores of all classes, and what was learnt
+of beginnings so long, where they are learnt apart."""
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut(ABC):
-    """What both ways need.
+class HeldOut:
+    """Decisions on recordings that are held out, in steps.
 
     Attributes:
         recogniser: what was learnt of whole recordings.
@@ -151,19 +138,6 @@ class HeldOut(ABC):
     report: Callable[[Progress], None]
 
     @property
-    @abstractmethod
-    def steps(self) -> int:
-        """How many."""
-
-    @abstractmethod
-    def step(self, k: int) -> Decided:
-        """Do one of them."""
-
-    @abstractmethod
-    def clear(self) -> None:
-        """Remove the files of what was under way."""
-
-    @property
     def course(self) -> Course:
         """As the recogniser was trained."""
         training = self.recogniser.training
@@ -173,93 +147,83 @@ class HeldOut(ABC):
         """Of something under way."""
         return self.beside.with_name(f"{self.beside.name}.{ending}")
 
-
-class Apart(HeldOut):
-    """A moment a step: learn beginnings so long, of the other folds for each fold, and then of all."""
-
-    @property
-    def steps(self) -> int:
-        """One a moment."""
-        return len(self.times)
-
-    def step(self, k: int) -> Decided:
-        """All recordings at a moment."""
-        method, shown, course = self.recogniser.method, self._beginnings.at(k), self.course
-        scores = np.full((len(shown), len(shown.classes)), np.nan)
-        for others, held in self.folds:
-            learnt = method.fit(shown.take(others), course)
-            scores[held] = method.answer(learnt, shown.take(held), self.backend).scores
-        return Decided((slice(None), k), scores, method.fit(shown, course))
-
-    def clear(self) -> None:
-        """What was seen of the beginnings."""
-        self._beginnings.remove()
-
     @cached_property
-    def _beginnings(self) -> Beginnings:
-        found = Beginnings(self.recogniser.method, self.data, self.times, self.file("beginnings"))
-        for done in found.look():
-            self.report(Progress("looking at beginnings", done, len(self.data)))
-        return found
-
-
-class Wholes(HeldOut):
-    """Some recordings of a fold a step: ask what was learnt of the other folds' whole recordings about beginnings."""
-
-    @property
-    def steps(self) -> int:
-        """One for each 40 recordings of a fold."""
-        return len(self._plan)
-
-    def step(self, k: int) -> Decided:
-        """Some recordings at all moments."""
-        fold, rows = self._plan[k]
-        method, classes = self.recogniser.method, self.recogniser.classes
-        evidence = [one for row in rows.tolist() for one in beginnings(method, self.data[row], self.times)]
-        scores = self._asker(fold)(unlabelled(evidence, classes)).scores
-        if k + 1 == self.steps or self._plan[k + 1][0] != fold:
-            self._askers.clear()
-        return Decided((rows, slice(None)), scores.reshape(len(rows), len(self.times), len(classes)))
-
-    def clear(self) -> None:
-        """What was learnt for each fold."""
-        for fold in range(len(self.folds)):
-            self._file(fold).unlink(missing_ok=True)
-
-    @cached_property
-    def _plan(self) -> list[tuple[int, Ints]]:
-        """Fold and recordings of each step."""
+    def steps(self) -> list[tuple[int, Ints]]:
+        """The steps: a moment and all recordings where beginnings are learnt apart, else a fold and some of its own."""
+        if self.recogniser.method.by_moment:
+            return [(moment, np.arange(len(self.data))) for moment in range(len(self.times))]
         return [
             (fold, held[first : first + AT_ONCE])
             for fold, (_, held) in enumerate(self.folds)
             for first in range(0, len(held), AT_ONCE)
         ]
 
-    @cached_property
-    def _askers(self) -> dict[int, Ask]:
-        return {}
+    def apart(self, done: int) -> Iterator[Decided]:
+        """Learn beginnings of each moment, of the other folds for each fold, and then of all; some steps are done."""
+        method, course = self.recogniser.method, self.course
+        beginnings = Beginnings(method, self.data, self.times, self.file("beginnings"))
+        for seen in beginnings.look():
+            self.report(Progress("looking at beginnings", seen, len(self.data)))
+        for moment, _ in self.steps[done:]:
+            shown = beginnings.at(moment)
+            scores = np.full((len(shown), len(shown.classes)), np.nan)
+            for others, held in self.folds:
+                learnt = method.fit(shown.take(others), course)
+                scores[held] = method.answer(learnt, shown.take(held), self.backend).scores
+            yield (slice(None), moment), scores, method.fit(shown, course)
 
-    def _asker(self, fold: int) -> Ask:
-        """Of what was learnt of the other folds: a recogniser with a file of its own, so that a kill costs little."""
-        if fold not in self._askers:
-            method, course = self.recogniser.method, self.course
-            message = f"{self.fingerprint} without fold {fold} of {len(self.folds)}"
-            shown, file = self._shown.take(self.folds[fold][0]), self._file(fold)
-            made = learn(
-                method, shown, message, seed=course.seed, backend=course.backend, out=file, report=course.report
-            )
-            self._askers[fold] = method.asker(made.learnt, self.backend)
-        return self._askers[fold]
+    def wholes(self, done: int) -> Iterator[Decided]:
+        """Ask what was learnt of the other folds' whole recordings about beginnings; some steps are done.
 
-    def _file(self, fold: int) -> Path:
-        return self.file(f"fold{fold}")
+        What is learnt of a fold is a recogniser with a file of its own, so that a kill costs little.
+        """
+        method, classes, course = self.recogniser.method, self.recogniser.classes, self.course
+        words: Any = {"seed": course.seed, "backend": course.backend, "report": course.report}
 
-    @cached_property
-    def _shown(self) -> Features:
-        def tell(done: int, n: int) -> None:
-            self.report(Progress("looking at recordings", done, n))
+        def look(seen: int, total: int) -> None:
+            self.report(Progress("looking at recordings", seen, total))
 
-        return observe(self.recogniser.method, self.data, fingerprint=self.fingerprint, cache=self.cache, report=tell)
+        shown = observe(method, self.data, fingerprint=self.fingerprint, cache=self.cache, report=look)
+        asked: int | None = None
+        for fold, rows in self.steps[done:]:
+            if fold != asked:
+                message = f"{self.fingerprint} without fold {fold} of {len(self.folds)}"
+                others = shown.take(self.folds[fold][0])
+                made = learn(method, others, message, out=self.file(f"fold{fold}"), **words)
+                asked, ask = fold, method.asker(made.learnt, self.backend)
+            evidence = [one for row in rows.tolist() for one in seen_until(method, self.data[row], self.times)]
+            scores = ask(unlabelled(evidence, classes)).scores
+            yield (rows, slice(None)), scores.reshape(len(rows), len(self.times), len(classes)), {}
+
+    def clear(self) -> None:
+        """Remove the files of what was under way."""
+        Beginnings(self.recogniser.method, self.data, self.times, self.file("beginnings")).remove()
+        for fold in range(len(self.folds)):
+            self.file(f"fold{fold}").unlink(missing_ok=True)
+
+    def decided(self, checkpoint: Checkpoint) -> Early:
+        """Do all steps, from where they were left."""
+        shape, kept = (len(self.data), len(self.times)), checkpoint.resume()
+        found = np.array(kept.get("margins", np.full(shape, np.nan)))
+        right = np.array(kept.get("right", np.zeros(shape, bool)))
+        learnt: dict[str, Array] = dict(kept.get("learnt", {}))
+        if not kept:  # before any other file, so that other options are refused by what they are called here
+            checkpoint.keep(done=np.array(0), margins=found, right=right, learnt=learnt)
+        done, labels, total = int(kept.get("done", 0)), self.data.labels, len(self.steps)
+        way = self.apart if self.recogniser.method.by_moment else self.wholes
+        self.report(Progress("deciding on recordings held out", done, total))
+        for k, (where, scores, of_moment) in enumerate(way(done) if done < total else (), done):
+            decided = choose(scores.reshape(-1, scores.shape[-1])).reshape(scores.shape[:-1])
+            found[where] = margins(scores)
+            right[where] = decided == np.broadcast_to(labels[:, None], shape)[where]
+            learnt |= {f"{k}.{name}": np.asarray(part) for name, part in of_moment.items()}
+            checkpoint.keep(done=np.array(k + 1), margins=found, right=right, learnt=learnt)
+            self.report(Progress("deciding on recordings held out", k + 1, total))
+        by_moment: list[dict[str, Array]] = [{} for _ in range(len(self.times) if learnt else 0)]
+        for place, part in learnt.items():
+            moment, _, name = place.partition(".")
+            by_moment[int(moment)][name] = part
+        return Early(Held(self.times, found, right, labels), tuple(by_moment))
 
 
 MOST = 200
@@ -311,11 +275,11 @@ def learn_early(
     settings = {"method": method.as_words(), **recogniser.training, "every": every_ms, "folds": folds}
     fingerprint = data.fingerprint()
     settings |= {"early data": fingerprint, "early backend": backend}
-    with _beside(out) as beside:
+    with tempfile.TemporaryDirectory() if out is None else nullcontext("") as folder:
+        beside = out or Path(folder) / "early"
         checkpoint = Checkpoint(beside, FORMAT, settings)
-        way = Apart if method.by_moment else Wholes
-        work = way(recogniser, data, fingerprint, times, cut, backend, beside, cache, report)
-        made = replace(recogniser, early=_decided(work, checkpoint))
+        work = HeldOut(recogniser, data, fingerprint, times, cut, backend, beside, cache, report)
+        made = replace(recogniser, early=work.decided(checkpoint))
         if out is not None:
             made.save(out)
         work.clear()
@@ -338,43 +302,3 @@ def moments(data: Recordings, every_ms: float) -> Ints:
         )
     every = round(1000.0 * every_ms)
     return every * np.arange(1, max(1, -(-longest // every)) + 1, dtype=np.int64)
-
-
-@contextmanager
-def _beside(out: Path | None) -> Iterator[Path]:
-    """What files of something under way lie beside: the file to write, or one that goes when all is done."""
-    if out is not None:
-        yield out
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        yield Path(folder) / "early"
-
-
-def _decided(work: HeldOut, checkpoint: Checkpoint) -> Early:
-    """Do all steps, from where they were left."""
-    shape, kept = (len(work.data), len(work.times)), checkpoint.resume()
-    found = np.array(kept.get("margins", np.full(shape, np.nan)))
-    right = np.array(kept.get("right", np.zeros(shape, bool)))
-    learnt: dict[str, Array] = dict(kept.get("learnt", {}))
-    if not kept:  # before any other file, so that other options are refused by what they are called here
-        checkpoint.keep(done=np.array(0), margins=found, right=right, learnt=learnt)
-    labels = work.data.labels
-    for k in range(int(kept.get("done", 0)), work.steps):
-        work.report(Progress("deciding on recordings held out", k, work.steps))
-        made = work.step(k)
-        decided = choose(made.scores.reshape(-1, made.scores.shape[-1])).reshape(made.scores.shape[:-1])
-        found[made.where] = margins(made.scores)
-        right[made.where] = decided == np.broadcast_to(labels[:, None], shape)[made.where]
-        learnt |= {f"{k}.{name}": np.asarray(part) for name, part in made.learnt.items()}
-        checkpoint.keep(done=np.array(k + 1), margins=found, right=right, learnt=learnt)
-    work.report(Progress("deciding on recordings held out", work.steps, work.steps))
-    return Early(Held(work.times, found, right, labels), _by_moment(learnt, len(work.times)) if learnt else ())
-
-
-def _by_moment(kept: Mapping[str, Array], moments: int) -> tuple[Learnt, ...]:
-    """What was learnt at each moment, from one flat table."""
-    several: list[dict[str, Array]] = [{} for _ in range(moments)]
-    for place, part in kept.items():
-        k, _, name = place.partition(".")
-        several[int(k)][name] = part
-    return tuple(several)

@@ -1,10 +1,10 @@
-"""A spiking network for series: populations of LIF neurons that say each value in spikes, and a readout of the last.
+"""Methods for series: spiking populations and the same functions without spikes, an echo state network, the mean.
 
-The value is a current into all neurons of a population, whose offsets differ, so each fires from another value on, and
-the further the value is above that, the sooner. Which neurons fire, and when, distinguishes as many values as there are
-neurons times steps (time to first spike: Thorpe, Delorme and Van Rullen, Neural Networks 14:715, 2001). A neuron that
-has fired is silent until a clock's spikes empty all neurons for the next value, so the spikes follow from the value
-alone.
+The spiking populations have a readout of the last values. A value is a current into all neurons of a population, whose
+offsets differ, so each fires from another value on, and the further the value is above that, the sooner. Which neurons
+fire, and when, distinguishes as many values as there are neurons times steps (time to first spike: Thorpe, Delorme and
+Van Rullen, Neural Networks 14:715, 2001). A neuron that has fired is silent until a clock's spikes empty all neurons
+for the next value, so the spikes follow from the value alone.
 
 A spike counts for the steps that are left, as by a synaptic current that flows until then, so each neuron adds a
 staircase of the value. A smooth function is a sum of these, and ridge regression says the next value from such
@@ -15,7 +15,7 @@ linear, so the readout is one weight for each neuron and delay, added at each sp
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -24,9 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro_bench.costs import PICOJOULES, Costs, spiking_costs
-from neuro_bench.method import Method
-from neuro_bench.task import Series
+from neuro_bench.costs import PICOJOULES, Costs, product_costs, spiking_costs
+from neuro_bench.task import Method, Series
 
 EMPTYING, SHOWN = 2, 16
 """Steps until the neurons are empty and the current has come, and steps that neurons may fire in."""
@@ -167,8 +166,7 @@ class _Coded:
         for k in range(shown):
             said[k] = np.clip(coming[:, 0], -1.0, 1.0)
             coming = self._heard(coming, self._cells.left(said[k]))
-        mean: Series = self._middle + self._reach * said.mean(axis=1)
-        return mean
+        return np.asarray(self._middle + self._reach * said.mean(axis=1))
 
     def costs(self, shown: int) -> Costs:
         """The bills of chips for the neurons, and the sums of the readout, by the first values that are said."""
@@ -214,3 +212,158 @@ def ridge(features: Floats, seen: Series, delays: int, strength: float) -> tuple
     gram += strength * z.size * np.eye(len(gram))
     weights = (z.T @ np.linalg.solve(gram, y) if wide else np.linalg.solve(gram, z.T @ y)) / size
     return weights.reshape(delays, -1), mean - float(middle @ weights)
+
+
+WARM_UP = 45
+"""Values before the readout learns: 0.6 Lyapunov times, as NeuroBench's."""
+REACH = 3.0
+"""Standard deviations of the series on both sides of its mean, beyond which nothing is predicted."""
+
+
+class Members:
+    """Models of one series that go on each by itself; said is their mean, which tends to that of the series.
+
+    Args:
+        models: one or more.
+    """
+
+    def __init__(self, models: Sequence[Any]) -> None:
+        self._models = models
+
+    def predict(self, shown: int) -> Series:
+        """The next values, the mean of what the members say."""
+        return np.asarray(np.mean([model.predict(shown) for model in self._models], axis=0))
+
+    def costs(self, shown: int) -> Costs:
+        """Those of the first, as often as there are members."""
+        one: Costs = self._models[0].costs(shown)
+        n = len(self._models)
+        words = ("parameters", "footprint_bytes", "effective_macs", "effective_acs", "dense")
+        joules = {name: n * value for name, value in one.joules.items()}
+        counts: Any = {word: n * getattr(one, word) for word in words}
+        return replace(one, joules=joules, **counts)
+
+
+class EchoState(Method):
+    """A drawn recurrent network with a readout by ridge regression, which then hears its own predictions."""
+
+    kind = "series"
+    called_by = "echo-state"
+    title = "echo state network (Jaeger, GMD Report 148, 2001)"
+    settings = {
+        "units": 400, "radius": 0.9, "leak": 0.5, "scale": 0.3, "ridge": 1e-7, "connected": 0.1, "members": 3,
+    }  # fmt: skip
+    space = {
+        "radius": (0.4, 0.6, 0.8, 0.9, 1.0, 1.2),
+        "leak": (0.3, 0.5, 0.7, 1.0),
+        "scale": (0.1, 0.2, 0.3, 0.5, 0.8),
+        "ridge": (1e-10, 1e-9, 1e-8, 1e-7, 1e-6),
+    }
+
+    def fit(self, train: Series, settings: Mapping[str, Any], seed: int) -> Members:
+        """Learn to say the next value; see `Method`."""
+        units, members = settings["units"], []
+        for k in range(settings["members"]):
+            rng = np.random.default_rng((seed, k, 4))
+            inside = rng.uniform(-1.0, 1.0, (units, units)) * (rng.random((units, units)) < settings["connected"])
+            inside *= settings["radius"] / max(float(np.abs(np.linalg.eigvals(inside)).max()), 1e-12)
+            inward = rng.uniform(-1.0, 1.0, (units, 2)) * [1.0, settings["scale"]]
+            members.append(_Reservoir(inside, inward, settings, train))
+        return Members(members)
+
+
+class _Reservoir:
+    def __init__(self, inside: Any, inward: Any, settings: Mapping[str, Any], train: Series) -> None:
+        self._inside, self._inward, self._leak = inside, inward, settings["leak"]
+        self._mean, self._std = float(train.mean()), float(train.std())
+        seen = (train - self._mean) / self._std
+        state, states = np.zeros(len(inside)), np.empty((len(train), len(inside) + 2))
+        for k, value in enumerate(seen):
+            state = self._next(state, value)
+            states[k] = np.append(state, (value, 1.0))
+        x, y = states[WARM_UP:-1], seen[WARM_UP + 1 :]
+        gram = x.T @ x + settings["ridge"] * np.eye(x.shape[1])
+        self._out = np.linalg.solve(gram, x.T @ y)
+        self._state, self._value = state, float(seen[-1])
+
+    def _next(self, state: Any, value: float) -> Any:
+        driven = np.tanh(self._inside @ state + self._inward[:, 0] + self._inward[:, 1] * value)
+        return (1.0 - self._leak) * state + self._leak * driven
+
+    def predict(self, shown: int) -> Series:
+        """The next values, each from the one that it said before."""
+        state, value, said = self._state, self._value, np.empty(shown)
+        for k in range(shown):
+            value = float(np.append(state, (value, 1.0)) @ self._out)
+            said[k] = value = float(np.clip(value, -REACH, REACH))
+            state = self._next(state, value)
+        return self._mean + self._std * said
+
+    def costs(self, shown: int) -> Costs:
+        """Products of the drawn connections and of the readout, for a value."""
+        weights = (self._inside, self._inward, self._out)
+        size = sum(each.size for each in weights)
+        macs = float(sum(np.count_nonzero(each) for each in weights))
+        return product_costs(self._out.size, 8 * size, macs, float(size), connection_sparsity=1.0 - macs / size)
+
+
+class TanhRidge(Method):
+    """The functions, delays, members and settings of `PopulationCode`, computed exactly in place of by spikes."""
+
+    kind = "series"
+    called_by = "tanh-ridge"
+    title = "the same functions of the last values without spikes, and ridge regression"
+    settings = {name: value for name, value in PopulationCode.settings.items() if name != "cells"}
+    space = PopulationCode.space
+
+    def fit(self, train: Series, settings: Mapping[str, Any], seed: int) -> Members:
+        """Learn to say the next value; see `Method`."""
+        return Members([_Tangents(train, settings, (seed, k)) for k in range(settings["members"])])
+
+
+class _Tangents:
+    def __init__(self, train: Series, settings: Mapping[str, Any], drawn: tuple[int, int]) -> None:
+        self._functions = tangents(settings["functions"], settings["steep"], drawn)
+        seen, self._middle, self._reach = scaled(train)
+        delays, made = settings["delays"], self._functions(seen)
+        self._weights, self._offset = ridge(made, seen, delays, settings["ridge"])
+        self._made = made[: -delays - 1 : -1]  # the last value first, as the weights
+
+    def predict(self, shown: int) -> Series:
+        """The next values, each from those that it said before."""
+        made, said = self._made, np.empty(shown)
+        for k in range(shown):
+            said[k] = np.clip(self._offset + np.sum(self._weights * made), -1.0, 1.0)
+            made = np.concatenate((self._functions(said[k : k + 1]), made[:-1]))
+        return self._middle + self._reach * said
+
+    def costs(self, shown: int) -> Costs:
+        """Products of the readout and of the functions' slopes, for a value; tangents are not counted."""
+        macs = float(self._weights.size + self._weights.shape[1])
+        size = self._weights.size
+        return product_costs(size, 8 * (size + 2 * self._weights.shape[1] + 1), macs, macs)
+
+
+class SeriesMean(Method):
+    """The mean of the series: what a method has to beat."""
+
+    kind = "series"
+    called_by = "mean"
+    title = "the mean of what was seen"
+
+    def fit(self, train: Series, settings: Mapping[str, Any], seed: int) -> _Mean:
+        """Keep the mean."""
+        return _Mean(float(np.mean(train)))
+
+
+class _Mean:
+    def __init__(self, value: float) -> None:
+        self._value = value
+
+    def predict(self, shown: int) -> Series:
+        """The same value for ever."""
+        return np.full(shown, self._value)
+
+    def costs(self, shown: int) -> Costs:
+        """One number."""
+        return Costs(parameters=1, footprint_bytes=8)

@@ -1,9 +1,11 @@
-"""What it takes to recognise a recording, on chips and as dense layers: a table, and where its figures come from."""
+"""Bills of a decision on a recording, on chips and as dense layers: a table, and where its figures come from."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -11,9 +13,76 @@ import neuro
 from neuro import ModelError
 from neuro.apps import console, number, quantity, table
 from neuro.chips import COLUMNS, footnotes
-from neuro_recognise.evaluate import Priced, price
+from neuro_recognise.method import Run
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.telling.tried import Tried
+from neuro_recognise.telling.report import Tried
+
+if TYPE_CHECKING:
+    from neuro.chips import Energy
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Priced:
+    """What it takes to decide on a recording.
+
+    Attributes:
+        run: of the network, on any backend.
+        recordings: that were shown.
+        bills: by target, of one recording.
+        refused: by target why it cannot run the network.
+    """
+
+    run: Run
+    recordings: int
+    bills: Mapping[str, Energy]
+    refused: Mapping[str, str]
+
+
+def price(
+    run: Run,
+    recordings: int,
+    targets: Iterable[str],
+    neurons_per_core: int | None = None,
+    duration_s: float | None = None,
+) -> Priced:
+    """The bill of a recording on each target.
+
+    Args:
+        run: of a network on some recordings, on any backend.
+        recordings: how many were shown.
+        targets: chips, processors or table files, see `neuro.Simulation.energy`.
+        neurons_per_core: of a chip, see `Answer`.
+        duration_s: of all recordings, see `Answer`.
+
+    Raises:
+        ModelError: there is no such target, or it has no published costs.
+    """
+    sim, taken = run
+    from neuro.chips import chip, place, price as of_counts
+
+    bills: dict[str, Energy] = {}
+    refused: dict[str, str] = {}
+    for name in targets:
+        asked = chip(name)
+        if why := refusal(sim, name):
+            refused[name] = why
+        elif neurons_per_core is None or asked.mesh is None or not asked.costs:
+            bills[name] = sim.energy(name, of=taken, duration_s=duration_s).per(recordings, "recording")
+        else:
+            placement = place(sim.program, asked, neurons_per_core=neurons_per_core)
+            bill = of_counts(sim.program, taken.raw_counts, placement, asked, duration_s=duration_s)
+            bills[name] = bill.per(recordings, "recording")
+    return Priced(run, recordings, bills, refused)
+
+
+def refusal(sim: neuro.Simulation, target: str) -> str:
+    """Why a chip cannot run a network, the first reason; "" if it can, or if its arithmetic is not known here."""
+    from neuro.chips import chip, quantise
+
+    asked = chip(target)
+    problems = quantise(sim.program, asked).problems if asked.arithmetic else ()
+    return next((f"{one.what}: {one.why}" for one in problems if one.refused), "")
+
 
 FORMAT = "neuro recognise energy 1"
 
