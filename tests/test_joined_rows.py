@@ -21,9 +21,8 @@ from neuro.testing import observe
 from neuro.testing.case import differences, run_on
 from neuro_event import EventBackend
 from neuro_event.building import joined_rows, layout
-from neuro_event.host import snapshot
 from neuro_event.loop import tables as t
-from neuro_event.loop.joined_rows import FAR, add_steps, add_steps_by_sign
+from neuro_event.loop.arrivals import FAR, add_steps, add_steps_by_sign
 
 SETTINGS = settings(
     max_examples=8,
@@ -151,7 +150,6 @@ def test_a_state_of_before_there_were_joined_rows(tmp_path: Path):
         patched.setattr(layout, "_FEW_RUNS", 0)
         choose = joined_rows.choose
         patched.setattr(joined_rows, "choose", nothing)
-        patched.setattr(snapshot, "joined", lambda arrays: frozenset())
         old = neuro.compile(network(EVERY), "event", seed=1)
         run_on(old, 3.0)
         old.save(tmp_path / "state.h5")

@@ -13,9 +13,8 @@ from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro_nest import kernel
 from neuro_nest.kernel import nest_errors
-from neuro_nest.limits import refused_values
 from neuro_nest.network import NestNetwork
-from neuro_nest.problems import BY_SIGN, ELSEWHERE, FINITE, NO_LEAK, RKF45_ONLY, has_new_current
+from neuro_nest.problems import BY_SIGN, ELSEWHERE, FINITE, NO_LEAK, RKF45_ONLY, has_new_current, refused_values
 from neuro_nest.projections import NestProjection
 from neuro_nest.tables import RK4, SHARED, UNREADABLE
 

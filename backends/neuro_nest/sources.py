@@ -14,8 +14,8 @@ from neuro.model.neurons import Generator, noise_generator
 from neuro.program.currents import Currents, generator_of
 from neuro.program.drives import Emission
 from neuro.program.program import Floats, Ints, Population, Program, drawn_for
-from neuro_nest.clock import NestClock
 from neuro_nest.kernel import set_nodes
+from neuro_nest.tables import NestClock
 
 DRAWS = 1 << 21
 """Draws that are held at a time."""

@@ -25,7 +25,7 @@
 ```
 
 A probe of several states has a trace NAME.STATE for each. Spikes and weights that were not kept have no arrays, and
-what is written while it runs (`neuro.run.recording`) has weights when it is finished. The bill of a run follows from
+what is written while it runs (`neuro.run.collect`) has weights when it is finished. The bill of a run follows from
 the counts of each neuron, so a report prices what the simulation would.
 """
 
@@ -65,7 +65,7 @@ from neuro.program.spikes import one_by_one
 if TYPE_CHECKING:
     import neo
 
-    from neuro.files.exports import DataFrames
+    from neuro.files.recorded import DataFrames
 
 FORMAT = "neuro results 3"
 SECTIONS = ("populations", "projections", "traces")
@@ -136,14 +136,14 @@ class Results:
         ]
 
     def to_neo(self) -> neo.Block:
-        """Spikes and traces as a block of Neo, see `neuro.files.exports.to_neo`; needs the extra `neo`."""
-        from neuro.files.exports import to_neo
+        """Spikes and traces as a block of Neo, see `neuro.files.recorded.to_neo`; needs the extra `neo`."""
+        from neuro.files.recorded import to_neo
 
         return to_neo(self)
 
     def to_pandas(self) -> DataFrames:
         """Spikes, rates, traces and weights as data frames; needs the extra `pandas`."""
-        from neuro.files.exports import to_pandas
+        from neuro.files.recorded import to_pandas
 
         return to_pandas(self)
 

@@ -22,14 +22,13 @@ from neuro.program.backend import Engine
 from neuro.program.program import Floats, Ints, Program
 from neuro.program.spikes import one_by_one
 from neuro.run.handles import Handles, Neurons
+from neuro.run.ports import Turn, held
 from neuro.run.recorder import Recorder
-from neuro.run.turn import Turn, held
 from neuro.run.values import SynapseValues
 
 if TYPE_CHECKING:
     from neuro.files.results import Results
-    from neuro.run.collect import RunSource
-    from neuro.run.recording import ResultsWriter
+    from neuro.run.collect import ResultsWriter, RunSource
 
 UNGRADED = "'neuro models' says which neurons are graded; sim.spikes gives times and neurons of all"
 
@@ -87,7 +86,7 @@ class Records:
         turn: Turn | None,
     ) -> Iterator[ResultsWriter]:
         """Write what is recorded to a file of results within the block, and keep none of it."""
-        from neuro.run.recording import ResultsWriter
+        from neuro.run.collect import ResultsWriter
 
         with held(turn, "record_to"):
             self.refuse_while_recording("record_to")

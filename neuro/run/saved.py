@@ -1,8 +1,8 @@
-"""What a simulation leaves: its network with what it learnt, for any backend, and its whole state, in a file."""
+"""A simulation as it is now: its network with what it learnt, its program for a copy, and its whole state in a file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 from neuro.core.clock import Clock
 from neuro.core.quantities import word_of
 from neuro.files.state import Identity, fingerprint, read_state, write_state
+from neuro.model import parts
 from neuro.model.network import Network
-from neuro.model.parts import Population, Projection
 from neuro.model.rules import all_to_all, grid, pairs
 from neuro.model.synapses import Synapse
 from neuro.model.synapses.base import steps_of
 from neuro.model.views import View
-from neuro.program.backend import Engine
+from neuro.program.backend import Engine, Spikes
 from neuro.program.program import (
     Floats,
     Ints,
-    Population as ResolvedPopulation,
+    Population,
     Program,
-    Projection as ResolvedProjection,
+    Projection,
 )
 from neuro.run import settable
 from neuro.run.inputs import StreamFeeder
@@ -70,7 +70,7 @@ def _moved(view: View | None, net: Network) -> View | None:
     return None if view is None else net.populations[view.population.name][view.index]
 
 
-def _population(part: Population, resolved: ResolvedPopulation, index: int, engine: Engine) -> Population:
+def _population(part: parts.Population, resolved: Population, index: int, engine: Engine) -> parts.Population:
     if resolved.stream is not None:
         return replace(part, shape=resolved.shape)
     model = resolved.model
@@ -85,14 +85,14 @@ def _population(part: Population, resolved: ResolvedPopulation, index: int, engi
 
 
 def _projection(
-    part: Projection,
-    resolved: ResolvedProjection,
+    part: parts.Projection,
+    resolved: Projection,
     program: Program,
     index: int,
     engine: Engine,
     clock: Clock,
     synapse: Synapse,
-) -> Projection:
+) -> parts.Projection:
     weight = engine.get_synapses(index, "weight")
     delay = clock.array_ms(_steps(program, index, engine))
     shape: Callable[[Floats], Any] = _one_or_all
@@ -202,3 +202,62 @@ class Saved:
 def _below(begin: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """The arrays of one part, by their names there."""
     return {name.removeprefix(begin): values for name, values in arrays.items() if name.startswith(begin)}
+
+
+_OF_WEIGHTS = ("set", "set_weights", "silence", "restore", "trials")
+
+
+def present(program: Program, engine: Engine, rules: Mapping[int, Synapse], steered: Collection[str]) -> Program:
+    """The program with the present weights and parameters, whose listed inputs emit what they have emitted.
+
+    Args:
+        program: what was compiled.
+        engine: it runs; it is only read.
+        rules: the present synapse models of projections.
+        steered: the calls by which the simulation was changed.
+    """
+    populations = tuple(_present_population(k, part, engine) for k, part in enumerate(program.populations))
+    changed = any(call in steered for call in _OF_WEIGHTS)
+    projections = tuple(
+        _present_projection(q, part, engine, rules[q], changed) for q, part in enumerate(program.projections)
+    )
+    return replace(program, populations=populations, projections=projections)
+
+
+def _present_population(k: int, part: Population, engine: Engine) -> Population:
+    if part.kind == "listed":
+        if part.stream is not None and part.stream.again:
+            return part
+        emitted = engine.spikes(k, -1) if part.records else None
+        if emitted is None or not emitted.steps.size:
+            return part
+        if emitted.payloads is not None:
+            return _with_payloads(part, emitted)
+        listed, several = np.unique(part.spike_steps * part.size + part.spike_ids, return_counts=True)
+        keys = np.concatenate([listed, emitted.steps * part.size + emitted.ids])
+        spikes, places = np.unique(keys, return_inverse=True)
+        most = np.zeros(spikes.size, dtype=np.int64)  # what is listed was emitted, too, if it was its time
+        np.maximum.at(most, places, np.concatenate([several, emitted.multiplicity]))
+        spikes = np.repeat(spikes, most)
+        return replace(part, spike_steps=spikes // part.size, spike_ids=spikes % part.size, stream=None)
+    if part.kind == "current" or part.schedule is not None:
+        return part
+    now = {word: engine.get(k, word) for word in part.parameters}
+    return replace(part, parameters={word: v[:1] if (v == v[0]).all() else v for word, v in now.items()})
+
+
+def _with_payloads(part: Population, emitted: Spikes) -> Population:
+    """A graded population that lists what it has emitted, and what it still lists for later."""
+    later = part.spike_steps > emitted.steps[-1]
+    steps, ids = (
+        np.concatenate([sent, listed[later]])
+        for sent, listed in ((emitted.steps, part.spike_steps), (emitted.ids, part.spike_ids))
+    )
+    payloads = np.concatenate([emitted.payloads, part.spike_payloads[later]]).astype(np.int64)
+    return replace(part, spike_steps=steps, spike_ids=ids, spike_payloads=payloads)
+
+
+def _present_projection(q: int, part: Projection, engine: Engine, rule: Synapse, changed: bool) -> Projection:
+    if part.carries == "current" or not part.size or not (changed or part.synapse.learns):
+        return part
+    return replace(part, synapse=rule, weight=engine.get_synapses(q, "weight"))

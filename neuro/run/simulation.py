@@ -14,7 +14,7 @@ from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.core.paths import file_path
-from neuro.core.progress import Bar
+from neuro.core.progress import Bar, advance
 from neuro.core.quantities import Quantity, word_of
 from neuro.core.tables import Table, as_html, as_text
 from neuro.core.values import shown
@@ -26,18 +26,14 @@ from neuro.model.views import View
 from neuro.program.backend import Engine, Registers
 from neuro.program.counts import Counts, Tally
 from neuro.program.program import Floats, Ints, Projection as ResolvedProjection
-from neuro.run.finite import Watch
 from neuro.run.handles import Handles, Neurons
-from neuro.run.inputs import InputFeeder, StreamFeeder, streams_of
-from neuro.run.lesions import driver, outgoing
-from neuro.run.ports import Port, Ports
-from neuro.run.progress import advance
+from neuro.run.inputs import InputFeeder, StreamFeeder, driver, outgoing, streams_of
+from neuro.run.ports import Port, Ports, Turn, alone
 from neuro.run.records import Records
 from neuro.run.saved import Saved, learnt_network
 from neuro.run.stepper import Joined, Stepper
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
-from neuro.run.turn import Turn, alone
-from neuro.run.values import NeuronValues, SynapseValues
+from neuro.run.values import NeuronValues, SynapseValues, Watch
 
 if TYPE_CHECKING:
     import neo
@@ -45,10 +41,10 @@ if TYPE_CHECKING:
 
     from neuro.chips.pricing.energy import Energy
     from neuro.diagnosis.diagnosis import Diagnosis
-    from neuro.files.exports import DataFrames
     from neuro.files.parts import Trace
+    from neuro.files.recorded import DataFrames
     from neuro.files.results import Results
-    from neuro.run.recording import ResultsWriter
+    from neuro.run.collect import ResultsWriter
 
 _FLAG = Quantity(kind="boolean")
 
@@ -591,14 +587,14 @@ class Simulation:
         return overview(self, of, window=window)
 
     def to_neo(self) -> neo.Block:
-        """Spikes and traces so far as a block of Neo, see `neuro.files.exports.to_neo`; needs the extra `neo`."""
-        from neuro.files.exports import to_neo
+        """Spikes and traces so far as a block of Neo, see `neuro.files.recorded.to_neo`; needs the extra `neo`."""
+        from neuro.files.recorded import to_neo
 
         return to_neo(self)
 
     def to_pandas(self) -> DataFrames:
         """Spikes, rates, traces and weights so far as data frames; needs the extra `pandas`."""
-        from neuro.files.exports import to_pandas
+        from neuro.files.recorded import to_pandas
 
         return to_pandas(self)
 
@@ -726,7 +722,7 @@ class Simulation:
         """
         self.program.refuse_share("doctor")
         from neuro.diagnosis.doctor import backend_of_copy, examine, options_of, refused
-        from neuro.run.present import present
+        from neuro.run.saved import present
 
         options = options_of(
             ms=ms,

@@ -15,8 +15,8 @@ from neuro.kernels.jit import kernel
 from neuro.program.backend import Engine
 from neuro.program.program import Ints, Program
 from neuro.program.together import together
-from neuro.run.finite import Watch
 from neuro.run.handles import Handles
+from neuro.run.values import Watch
 
 Listed = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
 

@@ -20,7 +20,7 @@ from neuro.compare import loihi_rules
 from neuro.core.errors import ModelError
 from neuro.exchange.netx import examine_netx
 from neuro.results import read
-from neuro.run.present import present
+from neuro.run.saved import present
 from neuro.testing.verify import verify
 
 

@@ -18,9 +18,9 @@ from neuro.model.neurons import Neuron
 from neuro.program.compact import CompactProjection, SynapseBlock, is_single
 from neuro.program.program import Floats, Ints, Program, StoredSynapses
 from neuro_event.building import layout
-from neuro_event.building.arrays import EventArrays
+from neuro_event.building.layout import EventArrays
 from neuro_event.loop import tables as t
-from neuro_event.loop.joined_rows import lay_joined, list_joined
+from neuro_event.loop.arrivals import lay_joined, list_joined
 
 AT_ONCE = 1 << 17
 """Synapses that are laid out at a time, so that they stay in the second cache."""
@@ -202,12 +202,8 @@ def part(a: EventArrays) -> None:
     a.parted = bool(a.joined)
     pops = a.net["pops"]
     pops[:, t.JOINED] = pops[:, t.JOINED_END] = pops[:, t.ARRIVALS]
-    a.net["joined"] = np.zeros((0, t.PROJECTION_COLUMNS), dtype=np.int64)
-    a.net["joined_runs"] = np.zeros(0, dtype=np.uint32)
-    a.net["joined_steps"] = np.zeros(0, dtype=np.uint16)
-    a.net["joined_weights"], a.net["joined_singles"] = np.zeros(0), np.zeros(0, dtype=np.float32)
-    a.net["joined_bases"] = np.zeros((0, _threads(a)), dtype=np.int64)
-    a.net["joined_reach"] = np.zeros((0, len(a.program.populations)), dtype=np.uint8)
+    empty = [each for each in t.NET_ARRAYS if each.name in (*NAMES, *TABLES)]
+    a.net |= layout.zeros(empty, {"threads": _threads(a), "populations": len(a.program.populations)})
 
 
 def as_described(a: EventArrays) -> frozenset[int]:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.kernels.address import Entry
+from neuro.kernels.views import Declared
 from neuro.model.neurons import Model, Neuron
 from neuro.program.program import Floats, Ints, Population, Program, Projection
 from neuro_event.loop import tables as t
@@ -229,3 +232,59 @@ def sign(weights: NDArray[np.floating[Any]]) -> int:
 
 _PIECE = 1 << 16
 """Weights that are looked at together, in the cache."""
+
+
+@dataclass(eq=False)
+class EventArrays:
+    """Everything the loop needs, by the names of `loop.Net`, and how a program's parts map to it.
+
+    Without `eager` all synapses learn lazily: tests compare the two ways. `joined` are the projections in joined rows,
+    `parted` whether these are still to be laid out.
+    """
+
+    program: Program
+    places: list[PopulationPlace]
+    synapses: list[ArrangedSynapses]
+    plastic_of: dict[int, int]
+    net: dict[str, Any]
+    plastic: dict[str, NDArray[Any]]
+    longest_slice: int
+    reach: int
+    eager: bool
+    joined: frozenset[int]
+    moves_of: dict[int, int] = field(default_factory=dict)
+    asked: list[tuple[Ints, int, Callable[[], Entry]]] = field(default_factory=list)
+    parted: bool = True
+
+    def ask(self, row: Ints, column: int, entry: Callable[[], Entry]) -> None:
+        """Ask for the address of an entry in a row of a table, when all are known: they compile side by side."""
+        self.asked.append((row, column, entry))
+
+
+LINE = 64
+PAGE = 4096
+
+
+def aligned_zeros(n: int, dtype: Any, line: int = 0) -> NDArray[Any]:
+    """Zeros that begin at a cache line, which is counted within its page."""
+    size = n * np.dtype(dtype).itemsize
+    memory = np.zeros(size + PAGE, dtype=np.uint8)
+    skip = (line * LINE - memory.ctypes.data) % PAGE
+    return memory[skip : skip + size].view(dtype)
+
+
+def aligned_table(rows: int, columns: int) -> Ints:
+    """A table of zeros whose first row begins at a cache line."""
+    return aligned_zeros(rows * columns, np.int64).reshape(rows, columns)
+
+
+def zeros(arrays: Iterable[Declared], sizes: Mapping[str, int]) -> dict[str, Any]:
+    """Make those of some declared arrays whose sizes are known, filled with 0."""
+    made: dict[str, Any] = {}
+    for each in arrays:
+        shape = [int(word) if word.isdigit() else sizes.get(word, getattr(t, word, None)) for word in each.shape]
+        if None not in shape:
+            n = math.prod(shape)  # type: ignore[type-var]
+            flat = np.zeros(n, each.kind) if each.line is None else aligned_zeros(n, each.kind, each.line)
+            made[each.name] = flat.reshape(shape)
+    return made

@@ -13,9 +13,9 @@ from neuro.core.threads import mapped
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Grid, Ints, Population, Program, Projection
 from neuro_event.building import joined_rows, layout
-from neuro_event.building.arrays import EventArrays, aligned_zeros
+from neuro_event.building.layout import EventArrays, aligned_zeros
 from neuro_event.loop import tables as t
-from neuro_event.loop.arrivals import QUEUE, fill_runs
+from neuro_event.loop.arrivals import fill_runs
 from neuro_event.loop.operations import NEURONS
 
 
@@ -80,17 +80,18 @@ def add_projections(a: EventArrays) -> None:
         if p.grid is not None:
             _grid_columns(row, p.grid, a.places[p.source].inside is not None)
     a.net["projections"] = table
-    a.net["set_out"] = np.full(len(table), t.NONE, dtype=np.int64)
+    a.net["set_out"][:] = t.NONE
     a.net["rows"] = _joined(rows, np.int64)
     a.net["runs"] = np.zeros(n_runs, dtype=np.uint32)
     threads = a.net["edges"].shape[1] - 1
     list(mapped(partial(_fill_runs, a), np.flatnonzero(table[:, t.RUN] >= 0).tolist(), threads))
-    a.net["queue"] = np.zeros((threads, QUEUE, 3), dtype=np.int64)
     a.net["targets"] = _joined(targets, np.int32)
     a.net["weights"] = _joined(weights, np.float64)
     if any(p.synapse.learns in ("moves", "trials") for p in program.projections):
         own_weights(a)
     a.net["delays"] = _joined(delays, np.int32)
+    if any(p.synapse.delays and p.synapse.learns == "trials" for p in program.projections):
+        a.net["late"] = a.net["delays"] * program.resolution
     a.net["at_emission"] = np.array(at_emission, dtype=np.int64)
     set_buffer(a, np.full(ring, -0.0))
     list_incoming(a)
@@ -188,7 +189,6 @@ def set_buffer(a: EventArrays, buf: Floats) -> None:
     a.net["buf"] = aligned_zeros(buf.size, np.float64)
     a.net["buf"][:] = buf
     a.net["x"] = a.net["buf"][: rows * n].reshape(rows, n)
-    a.net["bits"] = a.net["x"].view(np.int64)
 
 
 def _grid_columns(row: Ints, g: Grid, source_permuted: bool) -> None:

@@ -21,18 +21,14 @@ from neuro.program.spikes import ListedSpikes, RecordedSpikes, carrying, too_man
 from neuro.program.together import Engines
 from neuro_event.building import (
     build,
-    generators,
     joined_rows,
     layout,
-    learned_delays,
     learning,
-    moves,
     projections,
     thread_partition,
 )
-from neuro_event.host import reading, snapshot
-from neuro_event.host.probes import PotentialPeaks, PreSpikeRecords, StateProbes
-from neuro_event.host.snapshot import ChangedValues
+from neuro_event.host import reading
+from neuro_event.host.reading import PotentialPeaks, PreSpikeRecords, StateProbes
 from neuro_event.host.threads import Threads
 from neuro_event.host.varying_currents import VaryingCurrents, apply
 from neuro_event.loop import arrivals, histories, moves as move_kernels, steps, tables as t, trial_rules
@@ -60,7 +56,11 @@ class EventEngine:
         self._a = build.build(self._program, self._n_threads, eager, *cut)
         self._a.net["stop"] = self._stop
         self._step, self._torn = 0, False
-        self._changes = ChangedValues(self._program)
+        # What was set: parameters by population and word, in the order of ids; the numbers of all synapse models by
+        # projection; and weights onto relays, which no kernel reads.
+        self._given: dict[str, Floats] = {}
+        self._rules = {q: p.synapse.vector() for q, p in enumerate(self._program.projections)}
+        self._kept: dict[int, Floats] = {}
         self._record = RecordedSpikes()
         self._currents = Currents(self._program)
         self._drives = VaryingCurrents(self._program, self._currents, self._a)
@@ -81,11 +81,10 @@ class EventEngine:
     def _pack(self) -> None:
         """Tell the kernels where the arrays are; needed whenever one is replaced by another."""
         net = self._a.net
-        net["awake_groups"] = net["awake"].view(np.uint64)
-        net["due_groups"] = net["due"].view(np.uint64)
+        for _, each, held in build.declared_in(self._a):
+            if each.life.startswith("="):
+                held[each.name] = held[each.life[1:]].view(each.kind)
         net["due_slots"] = net["due"].reshape(len(net["due"]), -1, net["awake"].size)
-        net["spot_words"] = net["spots"].view(np.uint64)
-        self._a.plastic["traces"] = self._a.plastic["past"].view(np.float64)
         build.link(self._a)
         self._table = table_of(net, self._a.plastic)
         self._view = self._table.ctypes.data
@@ -131,7 +130,7 @@ class EventEngine:
         """Write what generators are to send after a step; return the last step for which it is so."""
         apply(self._currents, self._program, self._a, self._view, step)
         for k, rate in self._rates.new(step):
-            generators.set_rate(self._a, k, self._a.places[k].by_place(rate) if rate.size > 1 else rate, step)
+            build.set_rate(self._a, k, self._a.places[k].by_place(rate) if rate.size > 1 else rate, step)
         until, replaced = self._drives.prepare(step, self._parameter)
         if replaced:
             self._pack()
@@ -313,8 +312,8 @@ class EventEngine:
         first = np.full(self._program.populations[p.source].size, NEVER)
         trial_rules.first_spikes(self._view, p.source, self._trial_start, self._step, first)
         moment, h = self._trial_start + 1 + tick, self._program.resolution
-        if projection in self._a.late:
-            bounds = (self._a.late[projection], *p.delay_range(h))
+        if p.synapse.delays:
+            bounds = (self._a.net["late"][learning.own_delays_of(self._a, projection)], *p.delay_range(h))
             self._trial_updates[projection] += trial_rules.delay_teacher(arithmetic.teach)(
                 self._view, projection, c, *bounds, first, moment, local, lesson, h
             )
@@ -350,7 +349,7 @@ class EventEngine:
         if projection not in self._taught:
             synapse = self._program.projections[projection].synapse
             c, arithmetic = np.zeros(synapse.width), synapse.arithmetic
-            arithmetic.constants(self._changes.rules[projection], self._program.resolution, c)
+            arithmetic.constants(self._rules[projection], self._program.resolution, c)
             self._taught[projection] = arithmetic, c
         return self._taught[projection]
 
@@ -379,8 +378,7 @@ class EventEngine:
             mean: Floats = self._a.net["mean"][place.begin : place.end]
             return mean / (self._program.resolution * 1e-3)
         if layout.computes(p):
-            rows = self._changes.rows.get(population, layout.parameter_rows(p, place))
-            column = rows[:, list(p.parameters).index(name)]
+            column = build.parameters(self._a, population)[:, list(p.parameters).index(name)]
             return np.broadcast_to(place.by_id(column) if column.size > 1 else column, p.size).copy()
         value = self._currents.parameter(population, name) if p.kind == "current" else p.parameters[name]
         return np.broadcast_to(value, p.size).astype(np.float64)
@@ -393,9 +391,9 @@ class EventEngine:
     def _set(self, population: int, name: str, values: Floats) -> None:
         p, place = self._program.populations[population], self._a.places[population]
         if name in p.parameters:
-            self._changes.given[population, name] = values.copy()
+            self._given[f"{population}.{name}"] = values.copy()
         if p.kind == "poisson":
-            generators.set_rate(self._a, population, values, self._step)
+            build.set_rate(self._a, population, values, self._step)
             return
         if not layout.computes(p):
             self._currents.set(population, name, values, self._step)
@@ -410,18 +408,14 @@ class EventEngine:
         if name in states:
             self._a.net["state"][states.index(name), place.begin : place.end] = inner
             return
-        rows = self._changes.rows.get(population, layout.parameter_rows(p, place))
-        column = list(p.parameters).index(name)
-        if inner.size > 1 and rows.shape[0] == 1:
-            rows = np.repeat(rows, p.size, axis=0)
-        rows = rows.copy()
-        rows[:, column] = inner
-        self._changes.rows[population] = rows
+        rows = build.parameters(self._a, population)
+        rows = np.repeat(rows, p.size, axis=0) if inner.size > len(rows) else rows.copy()
+        rows[:, list(p.parameters).index(name)] = inner
         if name == "tau_minus":
             self._a.net["tau_minus"][place.begin : place.end] = inner
         if name == "t_ref" and self._a.net["pops"][population, t.HISTORY] >= 0:
             learning.widen_histories(self._a, population, float(inner.min()))
-        build.rebuild_constants(self._a, self._changes.rows)
+        build.rebuild_constants(self._a, {population: rows})
         self._pack()
 
     def signal(self, signal: int, values: Floats) -> None:
@@ -451,9 +445,11 @@ class EventEngine:
             row, here = self._move_states(projection, name)
             return reading.by_id(self._a.plastic["move_y"][row, here], self._a.synapses[projection].order)
         if name == "delay":
-            return reading.by_id(self._a.late[projection], self._a.synapses[projection].order)
+            return reading.by_id(
+                self._a.net["late"][learning.own_delays_of(self._a, projection)], self._a.synapses[projection].order
+            )
         if self._a.net["pops"][p.target, t.RELAY] == 1:
-            return np.broadcast_to(self._changes.kept.get(projection, p.weight), p.size).copy()
+            return np.broadcast_to(self._kept.get(projection, p.weight), p.size).copy()
         return reading.weights(self._a, projection)
 
     def _move_states(self, projection: int, name: str) -> tuple[int, slice]:
@@ -474,13 +470,13 @@ class EventEngine:
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model."""
         if projection in self._a.moves_of:
-            moves.set_move_rule(self._a, projection, parameters)
+            learning.set_move_rule(self._a, projection, parameters)
         if projection in self._a.plastic_of:
             self._copy.drop()
             reading.bring_all(self._a, self._view, self._a.plastic_of[projection], self._step)
             if learning.set_numbers(self._a, projection, parameters, self._step):
                 self._pack()
-        self._changes.rules[projection] = parameters.copy()
+        self._rules[projection] = parameters.copy()
         self._taught.pop(projection, None)
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
@@ -542,7 +538,7 @@ class EventEngine:
                 kept[first : first + p.size][changed] = np.broadcast_to(inner, p.size)[changed]
             return
         if self._a.net["pops"][p.target, t.RELAY] == 1:
-            self._changes.kept[projection] = weights.copy()
+            self._kept[projection] = weights.copy()
             return
         if projection in self._a.moves_of:
             self._a.plastic["move_y"][self._move_states(projection, "weight")] = inner
@@ -567,7 +563,7 @@ class EventEngine:
     def counts(self) -> EngineCounts:
         """Counts since the start or the last reset."""
         net = self._a.net
-        generators.settle(self._a)
+        build.settle(self._a)
         events = tuple(p.by_id(net["events"][p.begin : p.end].copy()) for p in self._a.places)
         # payloads are not counted, but spikes that carry them
         names = ["events" if part.model.graded else "spikes" for part in self._program.populations]
@@ -579,7 +575,7 @@ class EventEngine:
     def fired(self, population: int) -> Ints:
         """Spikes of each neuron of a population since the start or the last reset."""
         if self._a.net["pops"][population, t.COUNTS] >= 0:
-            generators.settle(self._a)
+            build.settle(self._a)
         place = self._a.places[population]
         name = "events" if self._program.populations[population].model.graded else "spikes"
         return place.by_id(self._a.net[name][place.begin : place.end].copy())
@@ -592,17 +588,11 @@ class EventEngine:
 
     def memory(self) -> dict[str, int]:
         """Bytes by what they hold."""
-        net, plastic = self._a.net, self._a.plastic
-        static = ("rows", "runs", "targets", "weights", "delays", *joined_rows.NAMES)
-        learning = ("y", "sent", "reached", "rule", "in_synapse", "in_source", "incoming")
-        logs = ("log_ids", "log_counts", "log_ends", "rec_steps", "rec_ids", "rec_counts")
-        rest = [k for k in net if k not in {*static, *logs, *snapshot.VIEWS}]
-        traces = [k for k in plastic if k not in {*learning, *snapshot.VIEWS}]
-        return {
-            "synapses": sum(net[k].nbytes for k in static) + sum(plastic[k].nbytes for k in learning),
-            "neurons": sum(net[k].nbytes for k in rest) + sum(plastic[k].nbytes for k in traces),
-            "spikes": sum(net[k].nbytes for k in logs) + self._record.nbytes(),
-        }
+        counted = {"synapses": 0, "neurons": 0, "spikes": self._record.nbytes()}
+        for _, each, held in build.declared_in(self._a):
+            if not each.life.startswith(("view", "=")):
+                counted[each.account] += held[each.name].nbytes
+        return counted
 
     def reset(self, weights: bool) -> None:
         """Back to step 0 and the initial states, and to the initial weights if asked."""
@@ -612,29 +602,29 @@ class EventEngine:
             as_described = joined_rows.as_described(self._a)
             kept = {q: self.get_synapses(q, "weight") for q in range(len(parts)) if q not in as_described}
             delays = {q: self.get_synapses(q, "delay") for q, part in enumerate(parts) if part.synapse.delays}
-        before = self._changes
+        given, rules = self._given, self._rules
         self._start_over(kept)
         for q, each in delays.items():
-            learned_delays.write(self._a, q, each)
-        for (k, word), values in before.given.items():
-            self._set(k, word, values)
-        for q, rule in before.rules.items():
-            if np.any(rule != self._changes.rules[q]):
+            learning.write_delays(self._a, q, each)
+        for name, values in given.items():
+            population, _, word = name.partition(".")
+            self._set(int(population), word, values)
+        for q, rule in rules.items():
+            if np.any(rule != self._rules[q]):
                 self.set_rule(q, rule)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs to continue bit for bit."""
         self._refuse_torn()
         self._drain()
-        generators.settle(self._a)
+        held = (("given", self._given), ("rule", self._rules), ("kept", self._kept))
         return {
-            **snapshot.snapshot(self._a),
-            **learned_delays.snapshot(self._a),
+            **build.snapshot(self._a),
             "engine.step": np.array(self._step),
             "engine.trial_updates": self._trial_updates.copy(),
             "engine.edges": self._a.net["edges"].copy(),
             "engine.joined": np.array(sorted(self._a.joined), dtype=np.int64),
-            **self._changes.snapshot(),
+            **{f"{part}.{key}": values.copy() for part, each in held for key, values in each.items()},
             **self._record.snapshot(),
             **self._currents.snapshot(),
             **self._listed.snapshot(),
@@ -650,15 +640,21 @@ class EventEngine:
         n = edges.shape[1] - 1
         if n not in (thread_partition.parts(self._program, self._n_threads), self._n_threads):
             raise ModelError(f"the state was saved with threads={n}: expected the same to continue")
-        self._start_over(None, snapshot.is_eager(arrays), edges, snapshot.joined(arrays))
-        snapshot.restore(self._a, arrays)
-        learned_delays.restore(self._a, arrays)
+        # Where no post spike was heard eagerly, all synapses learn lazily.
+        eager, joined = len(arrays["plastic.heard"]) > 0, frozenset(arrays["engine.joined"].tolist())
+        self._start_over(None, eager, edges, joined)
+        build.restore(self._a, arrays)
         self._step = int(arrays["engine.step"])
         self._trial_updates = arrays["engine.trial_updates"].copy()
-        self._changes.restore(arrays)
-        learning.lay_constants(self._a, self._changes.rules)
+        for name, value in arrays.items():
+            part, _, key = name.partition(".")
+            if part == "given":
+                self._given[key] = value.copy()
+            elif part in ("rule", "kept"):
+                (self._rules if part == "rule" else self._kept)[int(key)] = value.copy()
+        learning.lay_constants(self._a, self._rules)
         for q in self._a.moves_of:
-            moves.set_move_rule(self._a, q, self._changes.rules[q])
+            learning.set_move_rule(self._a, q, self._rules[q])
         self._record.restore(arrays)
         self._currents.restore(arrays)
         self._drives.changed()

@@ -7,8 +7,7 @@ from neuro.kernels.instructions import LANES, bits_of, lowest, marked, take
 from neuro.kernels.jit import kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.operations import BARE, CATCH_UP, FIRE, QUIET, STEP
-from neuro_event.loop.stages import post_spike
-from neuro_event.loop.tables import call_entry, net_of
+from neuro_event.loop.tables import call_entry, net_of, post_spike
 
 IDLE = 16
 """Steps without input after which a block may sleep; it is looked at every so many steps."""
