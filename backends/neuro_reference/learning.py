@@ -37,7 +37,7 @@ class PairLearning:
         posts: post spikes on their way, (steps, synapse); doses: dopamine spikes on their way, (steps, target).
     """
 
-    kept: ClassVar[tuple[str, ...]] = (*("rule", "y", "sent", "reached", "n", "n_step", "posts", "doses"),)
+    kept: ClassVar[tuple[str, ...]] = ("rule", "y", "sent", "reached", "n", "n_step", "posts", "doses")
 
     def __init__(self, program: Program, wires: ReferenceProjection, tau_minus: Floats) -> None:
         part = wires.part
@@ -111,17 +111,15 @@ class PairLearning:
         row, pre = self.wires.row(source), self.pre.at(source, step)
         for e in range(row.start, row.stop):
             self._integrate(e, step)
-            drawn = self._draw(e, step, nth) if self.part.synapse.draws else ()
+            drawn: tuple[float, ...] = ()
+            if self.part.synapse.draws:
+                drawn = tuple(keyed_random.uniform(self.key, keyed_random.nth(step, nth), np.array([e])).tolist())
             self.arithmetic.on_pre(self.y, e, self.c[e], pre, self.post.earlier(e, step), *drawn)
         self.pre.spike(source, step)
         self.sent[row] = self.y[0, row]
         if self.delays:
             self.wires.set_out(row, self.y[DELAY, row])
         return np.array([self.send(self.y, e, self.c[e]) for e in range(row.start, row.stop)])
-
-    def _draw(self, e: int, step: int, nth: int) -> tuple[float]:
-        """The random number of a synapse for a spike."""
-        return (float(keyed_random.uniform(self.key, keyed_random.nth(step, nth), np.array([e]))[0]),)
 
     def signal(self, values: Floats, step: int) -> None:
         """Set the dopamine of every target at the end of a step."""
@@ -231,7 +229,14 @@ class Traces:
 
     def at(self, place: int, step: int) -> tuple[float, ...]:
         """The values at a step, of all spikes so far."""
-        return tuple(self._value(k, place, step) for k in range(len(self.kinds)))
+        values = []
+        for kind, after, taus in zip(self.kinds, self.after, self.taus, strict=True):
+            if not kind.tau:
+                values.append(float(step - self.last[place]) * self.h if self.last[place] != NEVER else math.inf)
+            else:
+                passed, tau = (step - self.since[place]) * self.h, taus[place]
+                values.append(float(after[place] * math.exp(-passed / tau)) if tau > 0.0 else 0.0)
+        return tuple(values)
 
     def earlier(self, place: int, step: int) -> tuple[float, ...]:
         """The values at a step, of the spikes strictly before it."""
@@ -252,12 +257,6 @@ class Traces:
         """Let all decay to a step, as before their time constants change."""
         for place in range(len(self.since)):
             self.after[:, place], self.since[place] = self.at(place, step), step
-
-    def _value(self, k: int, place: int, step: int) -> float:
-        if not self.kinds[k].tau:
-            return float(step - self.last[place]) * self.h if self.last[place] != NEVER else math.inf
-        passed, tau = (step - self.since[place]) * self.h, self.taus[k][place]
-        return float(self.after[k, place] * math.exp(-passed / tau)) if tau > 0.0 else 0.0
 
 
 class MoveLearning:

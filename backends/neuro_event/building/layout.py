@@ -282,9 +282,11 @@ def zeros(arrays: Iterable[Declared], sizes: Mapping[str, int]) -> dict[str, Any
     """Make those of some declared arrays whose sizes are known, filled with 0."""
     made: dict[str, Any] = {}
     for each in arrays:
-        shape = [int(word) if word.isdigit() else sizes.get(word, getattr(t, word, None)) for word in each.shape]
+        shape: list[Any] = [
+            int(word) if word.isdigit() else sizes.get(word, getattr(t, word, None)) for word in each.shape
+        ]
         if None not in shape:
-            n = math.prod(shape)  # type: ignore[type-var]
+            n = math.prod(shape)
             flat = np.zeros(n, each.kind) if each.line is None else aligned_zeros(n, each.kind, each.line)
             made[each.name] = flat.reshape(shape)
     return made
