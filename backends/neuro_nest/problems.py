@@ -53,14 +53,9 @@ class Limit:
     way_out: str
 
 
-def _overflows(p: Values, _: float) -> NDArray[np.bool_]:
-    with np.errstate(all="ignore"):
-        return (p["Delta_T"] > 0.0) & ((p["V_peak"] - p["V_th"]) / p["Delta_T"] >= LARGEST_EXPONENT)
-
-
 SHARP = Limit(
     ("Delta_T", "V_peak", "V_th"),
-    _overflows,
+    lambda p, _: (p["Delta_T"] > 0.0) & ((p["V_peak"] - p["V_th"]) / p["Delta_T"] >= LARGEST_EXPONENT),
     f"NEST expects (V_peak - V_th) / Delta_T < {LARGEST_EXPONENT:.1f}, so that no exponential overflows",
     "use a larger Delta_T, a lower V_peak, or Delta_T = 0, which fires at V_th",
 )
@@ -82,12 +77,9 @@ def _differs(word: str) -> Limit:
 
 
 def _too_fast(word: str) -> Limit:
-    def refuses(p: Values, h: float) -> NDArray[np.bool_]:
-        with np.errstate(all="ignore"):
-            return h / p[word] - h / p["tau_m"] > LARGEST_GROWTH
-
     text = f"NEST's propagator overflows where a step is longer than {LARGEST_GROWTH:.0f} {word}"
-    return Limit((word, "tau_m"), refuses, text, f"use a larger {word}")
+    grows = lambda p, h: h / p[word] - h / p["tau_m"] > LARGEST_GROWTH  # noqa: E731
+    return Limit((word, "tau_m"), grows, text, f"use a larger {word}")
 
 
 FAST = (_too_fast("tau_syn_ex"), _too_fast("tau_syn_in"))
@@ -110,7 +102,8 @@ def refused_values(part: Population, values: Values, resolution: float) -> Itera
         resolution: length of a step in ms.
     """
     for limit in LIMITS.get(part.model.name, ()):
-        bad = np.broadcast_to(limit.refuses(values, resolution), part.size)
+        with np.errstate(all="ignore"):
+            bad = np.broadcast_to(limit.refuses(values, resolution), part.size)
         if bad.any():
             first = int(np.argmax(bad))
             units = {word: q.unit for word, q in part.model.quantities().items()}
@@ -208,7 +201,11 @@ def _of_projection(program: Program, part: Projection) -> Iterator[Problem]:
         yield _refused(f"{message}: {part.synapse.name}", "NEST has no such rule", ELSEWHERE, part)
         return
     if part.carries == "current":
-        yield from _of_current(program, part)
+        # NEST filters currents by one of the time constants only.
+        name = program.populations[part.target].model.name
+        if part.receptor is not None and (name, part.receptor.name) not in RECEPTORS_OF_CURRENTS:
+            what = f"{message}: a current to receptor '{part.receptor.name}' of {a(name)}"
+            yield _refused(what, "NEST has none for it", ELSEWHERE, part)
     elif part.receptor is not None and not program.share.every(part.as_by_sign(part.weight)):
         yield _refused(f"{message}: receptor '{part.receptor.name}' by name", BY_SIGN, ELSEWHERE, part)
     if refuses_weight(part):
@@ -220,14 +217,6 @@ def _of_projection(program: Program, part: Projection) -> Iterator[Problem]:
         if not part.synapse.parameters()[word]:
             what = f"{message}: {part.synapse.name}.{word} = false"
             yield _refused(what, "NEST acts as if it were true", f"set {word}: true, or {ELSEWHERE}", part)
-
-
-def _of_current(program: Program, part: Projection) -> Iterator[Problem]:
-    """NEST filters currents by one of the time constants only."""
-    name = program.populations[part.target].model.name
-    if part.receptor is not None and (name, part.receptor.name) not in RECEPTORS_OF_CURRENTS:
-        what = f"projection '{part.name}': a current to receptor '{part.receptor.name}' of {a(name)}"
-        yield _refused(what, "NEST has none for it", ELSEWHERE, part)
 
 
 def _of_copies(program: Program) -> Iterator[Problem]:

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,53 +32,13 @@ from neuro.model.language import save
 from neuro.model.network import Network
 from neuro.program.backend import Engine
 from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
-from neuro.program.program import Floats, Ints, Population, Probe, Program, Projection, SynapseProbe
-from neuro.run.handles import Handles
+from neuro.program.program import Ints, Population, Probe, Projection, SynapseProbe
 from neuro.run.recorder import Recorder, columns, is_single
 from neuro.run.results_file import RemoteFile, ResultsFile
-from neuro.run.trials import TrialCounts
-
-
-class RunSource(Protocol):
-    """What is asked of a simulation that has run."""
-
-    backend: str
-    program: Program
-    handles: Handles
-    steered: dict[str, None]
-    """The calls by which it was changed while it ran."""
-
-    @property
-    def time(self) -> float:
-        """The end of the last finished step in ms."""
-
-    def counts(self) -> Counts:
-        """What has happened."""
-
-    def taken(self) -> TrialCounts:
-        """What has happened, neuron by neuron."""
-
-    def spikes(self, of: str) -> tuple[Floats, Ints]:
-        """Times and neurons of a population."""
-
-    def train(self, of: str) -> tuple[Ints, Ints, Ints]:
-        """Steps, neurons and multiplicities of the spikes of a population."""
-
-    def payloads(self, of: str) -> tuple[Floats, Ints, Ints]:
-        """Likewise of a graded population, with payloads."""
-
-    def trace(self, of: str) -> tuple[Floats, Any]:
-        """Times and values of a trace."""
-
-    def weights(self, part: str, /) -> Any:
-        """The weights of a projection with its ends, or kernels."""
-
-    def get(self, part: str, /, what: str) -> Any:
-        """A state of the synapses of a projection."""
 
 
 def collect(
-    sim: RunSource,
+    sim: Any,
     net: Network,
     *,
     threads: int = 1,
@@ -108,7 +68,7 @@ def collect(
         },
         files_of(net),
         {
-            p.name: replace(_train(sim, p, p.name in keep, counts), spike_counts=spikes, event_counts=events)
+            p.name: replace(train_of(sim, p, p.name in keep, counts), spike_counts=spikes, event_counts=events)
             for p, spikes, events in zip(program.populations, raw.spikes, raw.events, strict=True)
         },
         {p.name: weights_of(sim, p, counts, all_weights=all_weights, kept=weights) for p in program.projections},
@@ -116,13 +76,20 @@ def collect(
     )
 
 
-def traces(sim: RunSource) -> dict[str, Trace]:
+def traces(sim: Any) -> dict[str, Trace]:
     """What the probes of states have recorded, by the names of the traces."""
+    found: dict[str, Trace] = {}
     probes: list[Probe | SynapseProbe] = [probe for probe in sim.program.probes if probe.record != "spikes"]
-    return {probe.name: _trace(sim, probe) for probe in [*probes, *sim.program.synapse_probes]}
+    for probe in [*probes, *sim.program.synapse_probes]:
+        times, values = sim.trace(probe.name)
+        ends = {}
+        if isinstance(values, dict):
+            values, ends = values[probe.record], {"pre": values["pre"], "post": values["post"]}
+        found[probe.name] = replace(trace_of(sim, probe), times_ms=times, values=values, **ends)
+    return found
 
 
-def about(sim: RunSource, threads: int) -> dict[str, Any]:
+def about(sim: Any, threads: int) -> dict[str, Any]:
     """What a run is of, how far it is, and what it has taken."""
     program, counts = sim.program, sim.counts()
     totals = ("steps", "spikes", "neuron_updates", "neuron_updates_active", "synaptic_ops", "learning_updates")
@@ -140,7 +107,7 @@ def about(sim: RunSource, threads: int) -> dict[str, Any]:
     }
 
 
-def origin(sim: RunSource, net: Network, threads: int, record: Collection[str], all_weights: bool) -> str:
+def origin(sim: Any, net: Network, threads: int, record: Collection[str], all_weights: bool) -> str:
     """Where a run comes from, as JSON, see `neuro.core.provenance`; with what it keeps, and how it was steered."""
     about_run = record_of(
         net, backend=sim.backend, threads=threads, seed=sim.program.seed, network=fingerprint(sim.program)
@@ -148,7 +115,7 @@ def origin(sim: RunSource, net: Network, threads: int, record: Collection[str], 
     return json.dumps({**about_run, "record": list(record), "all_weights": all_weights, "steered": list(sim.steered)})
 
 
-def steered_since(record: str, sim: RunSource) -> str:
+def steered_since(record: str, sim: Any) -> str:
     """The record of the begin of a run, see `origin`, with how it was steered since."""
     return json.dumps({**json.loads(record), "steered": list(sim.steered)})
 
@@ -174,31 +141,22 @@ def files_of(net: Network) -> dict[str, bytes]:
         return {file.name: file.read_bytes() for file in sorted(Path(folder).iterdir())}
 
 
-def _train(sim: RunSource, part: Population, kept: bool, counts: Counts) -> Train:
-    train = no_spikes(sim, part, kept, counts)
-    if not train.recorded:
-        return train
-    if part.model.graded:
-        times, ids, payloads = sim.payloads(part.name)
-        steps, once = Clock(train.resolution_ms).steps(times, "spikes"), np.ones(ids.size, np.int64)
-        return replace(train, steps=steps, ids=ids, multiplicity=once, payloads=payloads.astype(np.int32))
-    steps, ids, multiplicity = sim.train(part.name)
-    return replace(train, steps=steps, ids=ids, multiplicity=multiplicity)
-
-
-def no_spikes(sim: RunSource, part: Population, kept: bool, counts: Counts) -> Train:
-    """A population without its spikes, and before any was counted."""
+def train_of(sim: Any, part: Population, kept: bool, counts: Counts, empty: bool = False) -> Train:
+    """A population with its spikes if they are kept, before any was counted; without them if `empty`."""
     none, zeros = np.zeros(0, np.int64), np.zeros(part.size, np.int64)
-    count = asdict(counts.populations[part.name])
-    emits = "current" if part.kind == "current" else "spikes"
-    words = (part.said, part.shape, count, kept and part.records, sim.program.resolution)
+    about = (part.said, part.shape, asdict(counts.populations[part.name]), kept and part.records)
+    steps, ids, multiplicity = none, none, none
     payloads = none.astype(np.int32) if part.model.graded else None
-    return Train(*words, none, none, none, zeros, zeros, emits, payloads)
+    if kept and part.records and not empty:
+        steps, ids, multiplicity, carried = sim._records.train(
+            sim.handles.neurons(part.name)
+        )  # in steps, as they are kept
+        payloads = None if carried is None else carried.astype(np.int32)
+    emits = "current" if part.kind == "current" else "spikes"
+    return Train(*about, sim.program.resolution, steps, ids, multiplicity, zeros, zeros, emits, payloads)
 
 
-def weights_of(
-    sim: RunSource, part: Projection, counts: Counts, *, all_weights: bool = False, kept: bool = True
-) -> Weights:
+def weights_of(sim: Any, part: Projection, counts: Counts, *, all_weights: bool = False, kept: bool = True) -> Weights:
     """A projection, with its weights if they are kept."""
     names = [population.name for population in sim.program.populations]
     about = (names[part.source], names[part.target], part.synapse.name, part.size)
@@ -212,22 +170,14 @@ def weights_of(
     return Weights(*words, pre, post, weight, delay)
 
 
-def all_weights_of(sim: RunSource, all_weights: bool) -> Iterator[tuple[str, Weights]]:
+def all_weights_of(sim: Any, all_weights: bool) -> Iterator[tuple[str, Weights]]:
     """The projections by name, with the weights that are kept, one after the other."""
     counts = sim.counts()
     for part in sim.program.projections:
         yield part.name, weights_of(sim, part, counts, all_weights=all_weights)
 
 
-def _trace(sim: RunSource, probe: Probe | SynapseProbe) -> Trace:
-    times, values = sim.trace(probe.name)
-    if isinstance(values, dict):
-        ends = {"pre": values["pre"], "post": values["post"]}
-        return replace(trace_of(sim, probe), times_ms=times, values=values[probe.record], **ends)
-    return replace(trace_of(sim, probe), times_ms=times, values=values)
-
-
-def trace_of(sim: RunSource, probe: Probe | SynapseProbe) -> Trace:
+def trace_of(sim: Any, probe: Probe | SynapseProbe) -> Trace:
     """A trace of which nothing is recorded yet."""
     about: dict[str, Any] = {"probe": sim.handles.of_trace(probe.name), "mean": probe.mean}
     if isinstance(probe, Probe):
@@ -289,7 +239,7 @@ class ResultsWriter:
 
     def __init__(
         self,
-        sim: RunSource,
+        sim: Any,
         net: Network,
         engine: Engine,
         recorder: Recorder,
@@ -335,7 +285,8 @@ class ResultsWriter:
         """The parts of the file, still without content."""
         program, counts = self._sim.program, self._sim.counts()
         for index, part in enumerate(program.populations):
-            train, kept = no_spikes(self._sim, part, index in self._kept, counts), index in self._kept
+            kept = index in self._kept
+            train = train_of(self._sim, part, kept, counts, empty=True)
             grows = ("steps", "ids", "multiplicity", *(("payloads",) if part.model.graded else ()))
             self._file.add(f"populations/{part.name}", train, grows, kept)
         for projection in program.projections:

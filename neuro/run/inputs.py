@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from neuro.core.clock import NEVER, Clock
+from neuro.core.clock import NEVER
 from neuro.core.english import a
 from neuro.core.errors import ModelError
 from neuro.model.synapses import tsodyks2
@@ -16,20 +16,18 @@ from neuro.program.backend import Engine
 from neuro.program.counts import fan_out
 from neuro.program.program import Ints, Program, Stream, Stretch
 from neuro.run import settable
-from neuro.run.handles import Neurons
+from neuro.run.handles import Neurons, Run
 
 
 class InputFeeder:
     """Brings to an engine what a user gives.
 
     Args:
-        program: the network.
-        engine: it runs.
-        clock: of the network.
+        run: the network in execution.
     """
 
-    def __init__(self, program: Program, engine: Engine, clock: Clock) -> None:
-        self._program, self._engine, self._clock = program, engine, clock
+    def __init__(self, run: Run) -> None:
+        self._program, self._engine, self._clock = run.program, run.engine, run.clock
 
     def inject(
         self, neurons: Neurons, times: ArrayLike, ids: ArrayLike | None, payloads: ArrayLike | None = None
@@ -191,7 +189,9 @@ def outgoing(program: Program, neurons: Neurons) -> list[int]:
         if part.grid is not None and not among.all():
             message = f"silence: {neurons.text}: '{part.name}' has one kernel for all neurons: expected all of them"
             raise ModelError(message, hint=f"sim.silence('{neurons.part.name}')")
-    reached = [k for k in found if _reaches(program, k, among)]
+    # All neurons have synapses along projections that are not listed.
+    csr = [program.projections[k].layout == "csr" for k in found]
+    reached = [k for k, listed in zip(found, csr, strict=True) if not listed or fan_out(program, k)[among].any()]
     for part in (program.projections[k] for k in reached):
         if part.synapse.learns and not part.synapse.delays and not isinstance(part.synapse, tsodyks2):
             rule = part.synapse.name
@@ -199,12 +199,6 @@ def outgoing(program: Program, neurons: Neurons) -> list[int]:
             hint = "sim.network() has what was learnt; silence it with static synapses"
             raise ModelError(f"{message}: expected weights that stay", hint=hint)
     return reached
-
-
-def _reaches(program: Program, index: int, among: NDArray[np.bool_]) -> bool:
-    """Whether a projection has synapses from some neurons."""
-    part = program.projections[index]
-    return part.layout != "csr" or bool(fan_out(program, index)[among].any())
 
 
 def driver(program: Program, neurons: Neurons) -> Neurons:

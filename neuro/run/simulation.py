@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, SupportsIndex
 from numpy.typing import ArrayLike
 
 from neuro.core.checks import check
-from neuro.core.clock import NEVER, Clock
+from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
 from neuro.core.paths import file_path
 from neuro.core.progress import Bar, advance
@@ -25,8 +25,8 @@ from neuro.model.parts import Part, Population, Probe, Projection, Side, Signal
 from neuro.model.views import View
 from neuro.program.backend import Engine, Registers
 from neuro.program.counts import Counts, Tally
-from neuro.program.program import Floats, Ints, Projection as ResolvedProjection
-from neuro.run.handles import Handles, Neurons
+from neuro.program.program import Floats, Ints
+from neuro.run.handles import Neurons, Run
 from neuro.run.inputs import InputFeeder, StreamFeeder, driver, outgoing, streams_of
 from neuro.run.ports import Port, Ports, Turn, alone
 from neuro.run.records import Records
@@ -70,22 +70,16 @@ class Simulation:
 
     def __init__(self, net: Network, backend: str, program: Any, engine: Engine) -> None:
         self.backend, self.program = backend, program
+        self._run = run = Run(net, backend, program, engine)
         self._net, self._engine, self._latest = net, engine, net.latest
-        self._clock = Clock(program.resolution)
-        self.handles = Handles(net, program)
-        self._rules = {index: part.synapse for index, part in enumerate(program.projections)}
-        self._synapses = SynapseValues(program, engine, self._clock, self._rules, self.handles)
-        self._cells, self._inputs = (
-            NeuronValues(program, engine, self._clock),
-            InputFeeder(program, engine, self._clock),
-        )
-        self._records = Records(program, engine, self._clock, self.handles, self._synapses)
-        self._tally = Tally(program)
+        self._clock, self.handles, self._rules = run.clock, run.handles, run.rules
+        self._synapses, self._cells, self._inputs = SynapseValues(run), NeuronValues(run), InputFeeder(run)
+        self._records, self._tally = Records(run, self._synapses), Tally(program)
         self._inflow, self._fed = StreamFeeder(program, engine, streams_of(program)), StreamFeeder(program, engine, {})
-        self._watch = Watch(program, engine, self._clock)
+        self._watch = Watch(run)
         self.steered: dict[str, None] = {}
         turn: Turn = {}
-        self._ports = Ports(program, engine, self._clock, self.handles, turn)
+        self._ports = Ports(run, turn)
         self._turn: Turn | None = None
         inner = object.__new__(type(self))
         inner.__dict__ |= self.__dict__
@@ -112,13 +106,16 @@ class Simulation:
         return [
             run_table(self.time, ((p.name, p.said, p.size, spikes[p.name]) for p in populations)),
             projection_table(
-                (p.name, populations[p.source].name, populations[p.target].name, self._said(p), p.size)
+                (
+                    p.name,
+                    populations[p.source].name,
+                    populations[p.target].name,
+                    synapse_said(p.synapse.name, None if p.undrawn is None else self.backend),
+                    p.size,
+                )
                 for p in self.program.projections
             ),
         ]
-
-    def _said(self, part: ResolvedProjection) -> str:
-        return synapse_said(part.synapse.name, None if part.undrawn is None else self.backend)
 
     # time
 
@@ -211,7 +208,7 @@ class Simulation:
         """
         inner = self if self._turn is None else self._inner
         words = (path, threads, record, all_weights, live)
-        with self._records.to_file(inner, self._net, *words, self._turn) as recording:
+        with self._records.to_file(inner, *words, self._turn) as recording:
             yield recording
 
     @alone
@@ -261,7 +258,10 @@ class Simulation:
         Raises:
             ModelError: a name is unknown, a value is out of bounds, or no synapse is chosen.
         """
-        new = {word_of(word): value for word, value in (_mapping(values) | named).items()}
+        given = {} if values is None else values
+        if not isinstance(given, Mapping) or not all(isinstance(word, str) for word in given):
+            raise ModelError(f"set: found {shown(values)}: expected values by name", hint="sim.set(cells, V_m=-60.0)")
+        new = {word_of(word): value for word, value in {**given, **named}.items()}
         neurons = self.handles.neurons_or_projection(part)
         if not new:
             raise ModelError("set: found no value: expected one by name", hint="sim.set(cells, V_m=-60.0)")
@@ -298,10 +298,15 @@ class Simulation:
             pre: only those from these neurons; `weights` says which they are.
             post: likewise those onto these neurons.
         """
-        _refuse_second(what, raw)
+        second: object = raw
+        if isinstance(second, str) and second.isidentifier():
+            hint = f"sim.get(part, [{what!r}, {second!r}]) gives both"
+            raise ModelError(f"get: found {shown(what)} and {shown(second)}: expected one name, or a list", hint=hint)
         if isinstance(what, list):
             return {word: self.get(part, word, raw, of=of, pre=pre, post=post) for word in what}
-        registers = self._registers() if check(_FLAG, raw, "raw") else None
+        registers = self._engine if check(_FLAG, raw, "raw") else None
+        if registers is not None and not isinstance(registers, Registers):
+            raise ModelError(f"raw = True: expected False, as backend '{self.backend}' has no registers")
         neurons = self.handles.neurons_or_projection(part)
         if isinstance(neurons, int):
             chosen = self._synapses.chosen(neurons, of, pre, post)
@@ -316,11 +321,6 @@ class Simulation:
     def states(self, of: Population | View | str) -> list[str]:
         """The states of a population's neurons that this backend shows, in the order of its model."""
         return self._cells.states(self.handles.neurons(of))
-
-    def _registers(self) -> Registers:
-        if not isinstance(self._engine, Registers):
-            raise ModelError(f"raw = True: expected False, as backend '{self.backend}' has no registers")
-        return self._engine
 
     @alone
     def weights(
@@ -602,7 +602,7 @@ class Simulation:
 
     @cached_property
     def _trials(self) -> TrialLoop:
-        return TrialLoop(self.program, self._engine, self._clock, self._tally, self._rules)
+        return TrialLoop(self._run, self._tally)
 
     @alone
     def trials(
@@ -693,7 +693,7 @@ class Simulation:
     def network(self) -> Network:
         """The network with what it has learnt: save it, or compile it for another backend."""
         self._synapses.check()
-        return learnt_network(self._net, self.program, self._engine, self._clock, self._rules)
+        return learnt_network(self._run)
 
     @alone
     def doctor(
@@ -738,13 +738,13 @@ class Simulation:
             self._synapses.check()
         except ModelError as error:
             return refused(self.program.name, [error])
-        return examine(present(self.program, self._engine, self._rules, self.steered), options)
+        return examine(present(self._run, self.steered), options)
 
     # files
 
     @cached_property
     def _saved(self) -> Saved:
-        return Saved(self.program, self.backend, self._engine, self._records, self._rules, self._inflow)
+        return Saved(self._run, self._records, self._inflow)
 
     @alone
     def save(self, path: str | PathLike[str]) -> None:
@@ -776,21 +776,6 @@ class Simulation:
         self._saved.read(file_path(path, "path"), None if self.program.trials is None else self._trials)
         self._watch.begin()
         self._ports.begin()
-
-
-def _mapping(values: object) -> dict[str, Any]:
-    if values is None:
-        return {}
-    if not isinstance(values, Mapping) or not all(isinstance(word, str) for word in values):
-        raise ModelError(f"set: found {shown(values)}: expected values by name", hint="sim.set(cells, V_m=-60.0)")
-    return dict(values)
-
-
-def _refuse_second(what: object, found: object) -> None:
-    """Refuse a second name where `raw` stands."""
-    if isinstance(found, str) and found.isidentifier():
-        hint = f"sim.get(part, [{what!r}, {found!r}]) gives both"
-        raise ModelError(f"get: found {shown(what)} and {shown(found)}: expected one name, or a list", hint=hint)
 
 
 def _refuse_ends(neurons: Neurons, of: object, pre: object, post: object) -> None:

@@ -275,7 +275,7 @@ def test_a_diagnosis_sees_payloads_that_were_injected():
     sim = neuro.compile(net)
     sim.inject("in", [2.0], [0], [-5])
     sim.run(5.0)
-    part = present(sim.program, sim._engine, sim._rules, sim.steered).populations[0]
+    part = present(sim._run, sim.steered).populations[0]
     assert (part.spike_steps.tolist(), part.spike_payloads.tolist()) == ([1, 2, 9], [3, -5, 8])
     assert [found for found in sim.doctor() if found.severity == "fault"] == []
 

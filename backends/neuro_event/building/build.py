@@ -125,7 +125,7 @@ def _populations(a: EventArrays) -> None:
     pops = np.full((len(a.program.populations), t.POPULATION_COLUMNS), t.NONE, dtype=np.int64)
     for k, (p, place) in enumerate(zip(a.program.populations, a.places, strict=True)):
         row = pops[k]
-        row[t.KIND], row[t.NUMBER] = layout.kind(p), k
+        row[t.KIND], row[t.NUMBER] = t.KINDS.index(p.kind), k
         row[t.BEGIN], row[t.END] = place.begin, place.end
         row[t.FIRST_BLOCK], row[t.LAST_BLOCK] = place.begin // t.BLOCK, -(-place.end // t.BLOCK)
         row[t.RECORD] = int(p.records)

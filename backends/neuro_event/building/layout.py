@@ -20,14 +20,6 @@ from neuro_event.loop.arrivals import by_delay
 WORD = t.BLOCK * t.GROUPED
 """Neurons of a group of blocks; populations begin at multiples of it."""
 
-_KINDS = {
-    "poisson": t.POISSON,
-    "listed": t.LISTED,
-    "current": t.CURRENT,
-    "neuron": t.NEURON,
-    "generator": t.GENERATOR,
-}
-
 
 @dataclass(frozen=True, eq=False)
 class PopulationPlace:
@@ -78,11 +70,6 @@ def places(program: Program) -> list[PopulationPlace]:
 def total(program: Program) -> int:
     """Neurons of all populations, with the gaps between them."""
     return max(WORD, sum(-(-p.size // WORD) * WORD for p in program.populations))
-
-
-def kind(population: Population) -> int:
-    """Which branch of the loop a population takes."""
-    return _KINDS[population.kind]
 
 
 def computes(population: Population) -> bool:
@@ -234,6 +221,15 @@ _PIECE = 1 << 16
 """Weights that are looked at together, in the cache."""
 
 
+def map_of_weights(a: EventArrays, projection: int, maps: int) -> Ints:
+    """The map of the trials' output that each weight of a projection leads to, in internal order."""
+    p, s = a.program.projections[projection], a.synapses[projection]
+    if s.layout == t.GRID:
+        return np.tile(np.arange(maps), p.size // maps)
+    targets = a.places[p.target].outside // (a.program.populations[p.target].size // maps)
+    return targets[s.targets] if s.layout == t.CSR else np.tile(targets, p.size // targets.size)
+
+
 @dataclass(eq=False)
 class EventArrays:
     """Everything the loop needs, by the names of `loop.Net`, and how a program's parts map to it.
@@ -259,6 +255,13 @@ class EventArrays:
     def ask(self, row: Ints, column: int, entry: Callable[[], Entry]) -> None:
         """Ask for the address of an entry in a row of a table, when all are known: they compile side by side."""
         self.asked.append((row, column, entry))
+
+
+def edges_of(a: EventArrays, projection: int) -> Ints:
+    """The edges of the threads among the targets of a projection."""
+    target = a.program.projections[projection].target
+    edges: Ints = a.net["edges"][target] * t.BLOCK - a.places[target].begin
+    return edges
 
 
 LINE = 64

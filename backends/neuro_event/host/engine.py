@@ -15,7 +15,7 @@ from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped
 from neuro.program.backend import EngineCounts, Outcome, Sent, Trial, Wins
 from neuro.program.program import Floats, Ints, Trials
 from neuro.program.together import Engines
-from neuro_event.building import build, joined_rows, learning, thread_partition
+from neuro_event.building import build, joined_rows, layout, learning, thread_partition
 from neuro_event.host.reading import PotentialPeaks
 from neuro_event.host.settable import Settable
 from neuro_event.loop import steps, tables as t, trial_rules
@@ -82,36 +82,35 @@ class EventEngine(Settable):
         first = np.full(self._program.populations[p.source].size, NEVER)
         trial_rules.first_spikes(self._view, p.source, self._trial_start, self._step, first)
         moment, h = self._trial_start + 1 + tick, self._program.resolution
-        if p.synapse.delays:
-            bounds = (self._a.net["late"][learning.own_delays_of(self._a, projection)], *p.delay_range(h))
-            self._trial_updates[projection] += trial_rules.delay_teacher(arithmetic.teach)(
-                self._view, projection, c, *bounds, first, moment, local, lesson, h
-            )
-            return
-        where = (first, moment, neuron, local)
+        late = self._a.net["late"][learning.own_delays_of(self._a, projection)] if p.synapse.delays else None
+        values, where = self._weights_of(projection) if late is None else late, (first, moment, neuron, local)
         self._trial_updates[projection] += trial_rules.teacher(arithmetic.teach)(
-            self._view, projection, c, *where, lesson, h
+            self._view, projection, values, c, *where, lesson, h
         )
-        if (settle := getattr(arithmetic, "settle", None)) is not None:
+        if late is not None:
+            trial_rules.round_inputs(self._view, projection, values, local, *p.delay_range(h), h)
+        elif (settle := getattr(arithmetic, "settle", None)) is not None:
             total = np.zeros(1)
-            trial_rules.teacher(trial_rules.added)(self._view, projection, total, *where, 0.0, h)
-            trial_rules.teacher(settle)(self._view, projection, c, *where, float(total[0]), h)
+            trial_rules.teacher(trial_rules.added)(self._view, projection, values, total, *where, 0.0, h)
+            trial_rules.teacher(settle)(self._view, projection, values, c, *where, float(total[0]), h)
+
+    def _weights_of(self, projection: int) -> Floats:
+        """The weights of a projection that learns by trials, in internal order; no copy."""
+        first = int(self._a.net["projections"][projection, t.WEIGHT])
+        weights: Floats = self._a.net["weights"][first : first + self._program.projections[projection].size]
+        return weights
 
     def encourage(self, projection: int, maps: Ints) -> None:
         """Apply the rule's `encourage` to every weight of the given maps."""
-        p, (arithmetic, c) = self._program.projections[projection], self._rule(projection)
+        arithmetic, c = self._rule(projection)
         spec = self._program.trials
         assert spec is not None
         chosen = np.zeros(spec.maps, dtype=np.bool_)
         chosen[maps] = True
-        size = self._program.populations[p.target].size
+        if projection not in self._map_of:
+            self._map_of[projection] = layout.map_of_weights(self._a, projection, spec.maps)
         self._trial_updates[projection] += trial_rules.grower(arithmetic.encourage)(
-            self._view,
-            projection,
-            c,
-            chosen,
-            size // spec.maps,
-            self._a.places[p.target].outside,
+            self._weights_of(projection), self._map_of[projection], chosen, c
         )
 
     def _rule(self, projection: int) -> tuple[ModuleType, Floats]:

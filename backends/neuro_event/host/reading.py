@@ -162,9 +162,7 @@ def bring_all(a: EventArrays, view: int, k: int, step: int) -> None:
     p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
     n_sources, n_targets = a.program.populations[p.source].size, a.program.populations[p.target].size
     histories.bring_histories(view, p.target, n_targets, step, a.program.resolution)
-    own = a.plastic["table"][k, t.RULE] < 0
-    bring_traces = histories.bring_own_traces if own else histories.bring_traces
-    bring_traces(view, k, n_sources, n_targets, step, a.program.resolution)
+    histories.bring_traces(view, k, n_sources, n_targets, step, a.program.resolution)
 
 
 AT_ONCE = 1 << 16

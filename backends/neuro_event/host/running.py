@@ -55,6 +55,7 @@ class Running:
         self._trial_start = 0
         self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
         self._taught: dict[int, tuple[ModuleType, Floats]] = {}
+        self._map_of: dict[int, Ints] = {}
         self._pack()
 
     def _pack(self) -> None:

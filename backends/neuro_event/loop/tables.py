@@ -27,6 +27,7 @@ assert 1 << BLOCK_SHIFT == BLOCK
 GROUPED = 8
 NONE = -1
 
+KINDS = ("poisson", "listed", "current", "neuron", "generator")
 POISSON, LISTED, CURRENT, NEURON, GENERATOR = range(5)
 ONE_TO_ONE, DENSE, CSR, GRID = range(4)
 POSITIVE, NEGATIVE, MIXED = range(3)
