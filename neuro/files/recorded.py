@@ -351,48 +351,41 @@ def to_pandas(run: object) -> DataFrames:
     """
     pandas = needed("pandas", "pandas", "to_pandas: the package pandas is not installed")
     source = recorded(run)
-    return DataFrames(
-        *_of_spikes(pandas, source),
-        {name: _of_trace(pandas, source, name) for name in source.probes},
-        {name: _of_weights(pandas, source.weights(name)) for name in source.weighed},
-    )
-
-
-def _of_spikes(pandas: Any, run: Recorded) -> tuple[Any, Any]:
-    found = trains(run) if run.kept else []
-    times = np.concatenate([np.zeros(0), *(train.times_ms for train in found)])
-    ids = np.concatenate([np.zeros(0, np.int64), *(train.ids for train in found)])
-    codes = np.repeat(np.arange(len(found)), [train.times_ms.size for train in found])
+    every = trains(source) if source.kept else []
+    times = np.concatenate([np.zeros(0), *(train.times_ms for train in every)])
+    ids = np.concatenate([np.zeros(0, np.int64), *(train.ids for train in every)])
+    codes = np.repeat(np.arange(len(every)), [train.times_ms.size for train in every])
     order = np.argsort(times, kind="stable")
-    names = [train.population for train in found]
+    names = [train.population for train in every]
     whose = pandas.Categorical.from_codes(codes[order], categories=names)
-    spikes = pandas.DataFrame({"time_ms": times[order], "population": whose, "neuron": ids[order]})
     rows = {
-        "neurons": [train.neurons.size for train in found],
-        "spikes": [train.times_ms.size for train in found],
-        "rate_hz": [train.rate_hz for train in found],
+        "neurons": [train.neurons.size for train in every],
+        "spikes": [train.times_ms.size for train in every],
+        "rate_hz": [train.rate_hz for train in every],
     }
-    return spikes, pandas.DataFrame(rows, index=pandas.Index(names, name="population"))
-
-
-def _of_trace(pandas: Any, run: Recorded, name: str) -> Any:
-    trace = run.trace(name)
-    if trace.at_pre_spikes:
-        columns = {"time_ms": trace.times_ms, "pre": trace.pre, "post": trace.post, trace.state: trace.values}
-        frame = pandas.DataFrame(columns)
-    else:
-        whose = pandas.Index(trace.columns, name=trace.noun) if trace.noun else pandas.Index([trace.state])
-        frame = pandas.DataFrame(trace.values, index=pandas.Index(trace.times_ms, name="time_ms"), columns=whose)
-    frame.attrs |= {"of": trace.of, "state": trace.state, "unit": trace.unit}
-    return frame
-
-
-def _of_weights(pandas: Any, found: SynapseWeights) -> Any:
-    if found.pre is not None:
-        return pandas.DataFrame({"pre": found.pre, "post": found.post, "weight": found.weight})
-    axes = np.indices(found.weight.shape).reshape(found.weight.ndim, -1)
-    places = dict(zip(("map", "channel", "row", "column"), axes, strict=True))
-    return pandas.DataFrame({**places, "weight": found.weight.ravel()})
+    traces, weights = {}, {}
+    for name in source.probes:
+        trace = source.trace(name)
+        if trace.at_pre_spikes:
+            columns = {"time_ms": trace.times_ms, "pre": trace.pre, "post": trace.post, trace.state: trace.values}
+            frame = pandas.DataFrame(columns)
+        else:
+            of = pandas.Index(trace.columns, name=trace.noun) if trace.noun else pandas.Index([trace.state])
+            frame = pandas.DataFrame(trace.values, index=pandas.Index(trace.times_ms, name="time_ms"), columns=of)
+        frame.attrs |= {"of": trace.of, "state": trace.state, "unit": trace.unit}
+        traces[name] = frame
+    for name in source.weighed:
+        part = source.weights(name)
+        if part.pre is not None:
+            columns = {"pre": part.pre, "post": part.post, "weight": part.weight}
+        else:
+            axes = np.indices(part.weight.shape).reshape(part.weight.ndim, -1)
+            columns = dict(zip(("map", "channel", "row", "column"), axes, strict=True)) | {
+                "weight": part.weight.ravel()
+            }
+        weights[name] = pandas.DataFrame(columns)
+    spikes = pandas.DataFrame({"time_ms": times[order], "population": whose, "neuron": ids[order]})
+    return DataFrames(spikes, pandas.DataFrame(rows, index=pandas.Index(names, name="population")), traces, weights)
 
 
 _EVEN = 1e-9

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
-from neuro.core.hdf5 import put, reading, take, writing
+from neuro.core.hdf5 import is_whole, put, reading, take, writing
 from neuro.model.synapses import Synapse
 from neuro.program.program import Program, Projection
 from neuro.program.share import WHOLE
@@ -29,7 +29,7 @@ from neuro.program.share import WHOLE
 if TYPE_CHECKING:
     pass
 
-FORMAT = "neuro state 1"
+FORMAT, EARLIER = "neuro state 2", "neuro state 1"
 _NETWORK = "network_files/"
 Arrays = dict[str, NDArray[Any]]
 
@@ -87,6 +87,9 @@ def read_state(path: Path, identity: Identity) -> Arrays:
     """
     import h5py
 
+    if is_whole(path, EARLIER):
+        message = f"{path}: a state of neuro 0.2 or before: expected one that this version wrote"
+        raise ModelError(message, hint="restore it with that version: what sim.network() gives there can be saved")
     arrays: Arrays = {}
     with reading(path, FORMAT, "sim.save writes it anew", "a state written by sim.save") as file:
         for name, hint in (

@@ -368,7 +368,7 @@ def _closed(q: Quantity) -> tuple[float, float]:
 
 
 @kernel
-def within(values: NDArray[np.float64], low: float, high: float) -> bool:
+def within(values: NDArray[Any], low: float, high: float) -> bool:
     """Whether all values lie in [low, high]; NaN does not."""
     # one pass: several passes of NumPy take longer than a step of a small network
     inside = True

@@ -16,9 +16,9 @@ from neuro.program.backend import EngineCounts, Outcome, Sent, Trial, Wins
 from neuro.program.program import Floats, Ints, Trials
 from neuro.program.together import Engines
 from neuro_event.building import build, joined_rows, layout, learning, thread_partition
-from neuro_event.host.reading import PotentialPeaks
 from neuro_event.host.settable import Settable
 from neuro_event.loop import steps, tables as t, trial_rules
+from neuro_event.loop.together import follow_peaks
 
 
 class EventEngine(Settable):
@@ -36,7 +36,10 @@ class EventEngine(Settable):
         self._refuse_torn()
         self.join_rows()
         steps.begin_trial(self._view, spec.output, spec.group, start, h)
-        peaks = PotentialPeaks(spec.output, self._program.populations[spec.output].size, h) if trial.peaks else None
+        peaks = None
+        if trial.peaks:  # largest V_m of each neuron up to the decision, and its tick
+            size = self._program.populations[spec.output].size
+            peaks = np.full(size, -np.inf), np.zeros(size, dtype=np.int64)
         with Interruptible(self._stop):
             try:
                 ticks = self._run_trial(spec, peaks)
@@ -48,13 +51,15 @@ class EventEngine(Settable):
         self._trial_start, self._step = start, start + ticks
         inside, decided = (int(net["groups"][spec.group, column]) for column in (t.WINNER, t.DECIDED))
         winner, tick = (int(net["order"][inside]), decided - start - 1) if inside >= 0 else (-1, -1)
-        peak, peak_tick = (None, None) if peaks is None else peaks.found(winner, tick)
+        peak, peak_tick = peaks or (None, None)
+        if peaks is not None and winner >= 0:
+            peaks[0][winner], peaks[1][winner] = np.inf, tick
         won = net["won"][: net["standing"][spec.group, t.WINS]]
         several = self._program.groups[spec.group].choice.several
         wins = Wins(net["order"][won[:, 0]], won[:, 1] - start - 1) if several else None
         return Outcome(winner, tick, net["potential"].copy(), net["order"][net["best"]], ticks, peak, peak_tick, wins)
 
-    def _run_trial(self, spec: Trials, peaks: PotentialPeaks | None) -> int:
+    def _run_trial(self, spec: Trials, peaks: tuple[Floats, Ints] | None) -> int:
         """Run a trial that has begun, up to the decision step by step if peaks are followed; return its ticks."""
         step, last = self._step + 1, self._step + 1 + spec.duration
         groups, closed = self._a.net["groups"], self._a.net["closed"]
@@ -69,7 +74,9 @@ class EventEngine(Settable):
                 if steps.has_room(self._view, step, 1, self._a.reach) < 1:
                     self._grow_log()
             elif peaks is not None:
-                peaks.follow(self._view, step, step - self._step - 1)
+                # The states after a step, of sleeping neurons, too.
+                steps.wake_population(self._view, spec.output, step, self._program.resolution)
+                follow_peaks(self._view, spec.output, step - self._step - 1, *peaks)
                 peaks = None if groups[spec.group, t.WINNER] >= 0 else peaks
             step = int(reached)
         return step - self._step - 1
@@ -129,11 +136,11 @@ class EventEngine(Settable):
     @property
     def samples(self) -> Collection[int]:
         """The probes that are read while the engine runs."""
-        return self._samples.probes.keys()
+        return self._samples.keys()
 
     def sampled(self, probe: int) -> tuple[Ints, Floats]:
         """Steps and values of one of them since this was last asked."""
-        return self._samples.probes[probe].take()
+        return self._samples[probe].take()
 
     def counts(self) -> EngineCounts:
         """Counts since the start or the last reset."""

@@ -7,16 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.clock import NEVER
 from neuro.program.backend import Sent
-from neuro.program.program import Floats, Ints, Probe, SynapseProbe
+from neuro.program.program import Floats, Ints, Probe
 from neuro_event.building import layout, learning
 from neuro_event.building.layout import EventArrays
 from neuro_event.building.learning import make_room, probes_of
 from neuro_event.loop import histories, steps, tables as t
 from neuro_event.loop.lazy_rules import APPLIED
-from neuro_event.loop.tables import table_of, with_plastic
-from neuro_event.loop.together import follow_peaks, notes_to_come, sample
+from neuro_event.loop.tables import table_of
+from neuro_event.loop.together import notes_to_come, sample
 
 
 class NeuronReader:
@@ -62,7 +61,7 @@ class SynapseReader:
         self._a, self._view = a, table.ctypes.data
         self._y = np.empty_like(a.plastic["y"])
         self._reached = np.empty_like(a.plastic["reached"])
-        self._table = with_plastic(table, y=self._y, reached=self._reached)
+        self._table = table_of(a.net, {**a.plastic, "y": self._y, "reached": self._reached})
         self._other_view = self._table.ctypes.data
         self._has: tuple[int, int] | None = None
 
@@ -170,7 +169,7 @@ AT_ONCE = 1 << 16
 
 
 class StateProbe:
-    """One probe.
+    """A probe of states that the engine reads by itself, without bringing a whole population to the present.
 
     Args:
         a: the arrays of the kernels.
@@ -205,34 +204,15 @@ class StateProbe:
         return steps, values
 
 
-class StateProbes:
-    """All probes that the engine reads by itself, by their numbers in the program.
-
-    Args:
-        a: the arrays of the kernels.
-    """
-
-    def __init__(self, a: EventArrays) -> None:
-        self.probes = {
-            number: StateProbe(a, probe) for number, probe in enumerate(a.program.probes) if can_sample(a, probe)
-        }
-
-    def next_due(self, step: int) -> int:
-        """The first step from `step` on in which one is due."""
-        return min((-(-step // probe.every) * probe.every for probe in self.probes.values()), default=NEVER)
-
-    def read(self, view: int, step: int) -> None:
-        """Keep what is due in a step."""
-        for probe in self.probes.values():
-            if step % probe.every == 0:
-                probe.read(view, step)
-
-
-def can_sample(a: EventArrays, probe: Probe) -> bool:
-    """Whether a probe asks for each value of a state of neurons."""
-    part = a.program.populations[probe.population]
-    states = [s.name for s in type(part.model).states]
-    return probe.record in states and not probe.mean and layout.computes(part)
+def state_probes(a: EventArrays) -> dict[int, StateProbe]:
+    """The probes that ask for each value of a state of neurons, by their numbers in the program."""
+    probes = {}
+    for number, probe in enumerate(a.program.probes):
+        part = a.program.populations[probe.population]
+        states = [state.name for state in type(part.model).states]
+        if probe.record in states and not probe.mean and layout.computes(part):
+            probes[number] = StateProbe(a, probe)
+    return probes
 
 
 class PreSpikeRecords:
@@ -263,27 +243,22 @@ class PreSpikeRecords:
 
     def drain(self) -> None:
         """Take over what has been noted."""
-        plastic = self._a.plastic
+        a, plastic = self._a, self._a.plastic
         for thread, n in enumerate(plastic["note_at"][:, 0].tolist()):
             if n:
                 steps, places = plastic["note_steps"][thread, :n].copy(), plastic["note_synapses"][thread, :n]
                 for number, probe in self._probes.items():
-                    self._keep(number, probe, steps, places, plastic["note_y"][thread])
+                    part, order = a.program.projections[probe.projection], a.synapses[probe.projection].order
+                    inside = places - int(plastic["table"][a.plastic_of[probe.projection], t.FIRST_SYNAPSE])
+                    here = np.flatnonzero((inside >= 0) & (inside < part.size))
+                    synapses = inside[here] if order is None else order[inside[here]]
+                    if probe.synapses is not None:
+                        chosen = np.isin(synapses, probe.synapses)
+                        here, synapses = here[chosen], synapses[chosen]
+                    row = ["weight", *(s.name for s in part.synapse.states)].index(probe.record)
+                    values = plastic["note_y"][thread, row, here]
+                    self._kept[number].append(Sent(steps[here], synapses.astype(np.int64), values))
                 plastic["note_at"][thread, 0] = 0
-
-    def _keep(self, number: int, probe: SynapseProbe, steps: Ints, places: Ints, y: np.ndarray) -> None:
-        a, part = self._a, self._a.program.projections[probe.projection]
-        first = int(a.plastic["table"][a.plastic_of[probe.projection], t.FIRST_SYNAPSE])
-        inside = places - first
-        order = a.synapses[probe.projection].order
-        here = (inside >= 0) & (inside < part.size)
-        synapses = inside[here] if order is None else order[inside[here]]
-        row = ["weight", *(s.name for s in part.synapse.states)].index(probe.record)
-        found = Sent(steps[here], synapses.astype(np.int64), y[row, : places.size][here])
-        if probe.synapses is not None:
-            asked = np.isin(found.synapses, probe.synapses)
-            found = Sent(found.steps[asked], found.synapses[asked], found.values[asked])
-        self._kept[number].append(found)
 
     def take(self, number: int) -> Sent:
         """What was noted for a probe since this was last asked; the notes of a synapse are by time."""
@@ -291,29 +266,3 @@ class PreSpikeRecords:
         none = Sent(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))
         parts, self._kept[number] = [none, *self._kept[number]], []
         return Sent(*(np.concatenate([getattr(part, word) for part in parts]) for word in Sent.__slots__))
-
-
-class PotentialPeaks:
-    """The peaks of one trial.
-
-    Args:
-        population: the output.
-        size: its neurons.
-        h: the resolution in ms.
-    """
-
-    def __init__(self, population: int, size: int, h: float) -> None:
-        self._population, self._h = population, h
-        self._value: Floats = np.full(size, -np.inf)
-        self._when: Ints = np.zeros(size, dtype=np.int64)
-
-    def follow(self, view: int, step: int, tick: int) -> None:
-        """See the states after a step, of sleeping neurons, too."""
-        steps.wake_population(view, self._population, step, self._h)
-        follow_peaks(view, self._population, tick, self._value, self._when)
-
-    def found(self, winner: int, tick: int) -> tuple[Floats, Ints]:
-        """The peaks and their ticks; the decision is the peak of the neuron that decided, if one did."""
-        if winner >= 0:
-            self._value[winner], self._when[winner] = np.inf, tick
-        return self._value, self._when

@@ -16,7 +16,7 @@ from neuro.program.drives import Rates
 from neuro.program.program import Floats, Ints, Program
 from neuro.program.spikes import ListedSpikes, RecordedSpikes, carrying, too_many
 from neuro_event.building import build, joined_rows, layout
-from neuro_event.host.reading import NeuronReader, PreSpikeRecords, StateProbes, SynapseReader
+from neuro_event.host.reading import NeuronReader, PreSpikeRecords, SynapseReader, state_probes
 from neuro_event.host.threads import Threads
 from neuro_event.host.varying_currents import VaryingCurrents, apply
 from neuro_event.loop import steps, tables as t
@@ -50,8 +50,8 @@ class Running:
         n_threads = self._a.net["edges"].shape[1] - 1
         self._threads = Threads(n_threads)
         self._listed = ListedSpikes(self._program, self._a.net, [place.begin for place in self._a.places], n_threads)
-        self._samples, self._notes = StateProbes(self._a), PreSpikeRecords(self._a)
-        self._stops = bool(self._samples.probes or self._notes)
+        self._samples, self._notes = state_probes(self._a), PreSpikeRecords(self._a)
+        self._stops = bool(self._samples or self._notes)
         self._trial_start = 0
         self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
         self._taught: dict[int, tuple[ModuleType, Floats]] = {}
@@ -137,7 +137,7 @@ class Running:
                     self._pack()
                 last = first
             if self._stops:
-                last = min(last, self._samples.next_due(first))
+                last = min([last, *(-(-first // probe.every) * probe.every for probe in self._samples.values())])
             self._torn = True
             try:
                 reached = self._threads.run(
@@ -155,7 +155,9 @@ class Running:
                 if reached == first and steps.has_room(self._view, first, 1, self._a.reach) < 1:
                     self._grow_log()
             elif self._stops:
-                self._samples.read(self._view, last)
+                for probe in self._samples.values():
+                    if last % probe.every == 0:
+                        probe.read(self._view, last)
             first = int(reached)
         self._step = end
         self._check_flags()

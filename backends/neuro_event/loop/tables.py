@@ -370,14 +370,6 @@ def table_of(net: Mapping[str, NDArray[Any]], plastic: Mapping[str, NDArray[Any]
     return views.table_of((_NET, net), (_PLASTIC, plastic))
 
 
-def with_plastic(table: NDArray[np.int64], **arrays: NDArray[Any]) -> NDArray[np.int64]:
-    """The same table with other arrays of the same shapes for some plastic fields."""
-    other = table.copy()
-    for name, array in arrays.items():
-        other[len(NET_FIELDS) + PLASTIC_FIELDS.index(name), 0] = array.ctypes.data
-    return other
-
-
 ENTRY_TYPE = types.int64(*(types.int64,) * 7, types.float64)
 """Of the entry of a population's model."""
 
