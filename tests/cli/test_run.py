@@ -11,9 +11,9 @@ import pytest
 
 import neuro as framework
 from neuro.cli.run import weights
+from neuro.core.progress import STRETCH_S
 from neuro.files.results import read
 from neuro.run.collect import collect
-from neuro.core.progress import STRETCH_S
 
 TOOK = r"{} ms took [\d.e-]+ s, [\d.e+-]+ x its own time\n"
 RUN = ("run", "net.yaml", "--backend", "reference", "--for", "50")
