@@ -87,7 +87,7 @@ def read_state(path: Path, identity: Identity) -> Arrays:
     """
     import h5py
 
-    if is_whole(path, EARLIER):
+    if path.is_file() and is_whole(path, EARLIER):
         message = f"{path}: a state of neuro 0.2 or before: expected one that this version wrote"
         raise ModelError(message, hint="restore it with that version: what sim.network() gives there can be saved")
     arrays: Arrays = {}
