@@ -253,7 +253,8 @@ def test_few_synapses_of_many_delays_are_joined_where_rings_would_take_longer():
     sims = [neuro.compile(net, backend, seed=1) for backend in ("reference", "event")]
     program = sims[1].program
     rare = [q for q, p in enumerate(program.projections) if p.name.startswith("rare")]
-    assert not joined_rows._is_filled(program, rare)
+    assert joined_rows._is_sparse(program, rare)
+    assert not all(joined_rows._in_runs(program, q) for q in rare)
     assert len(joined(sims[1])) == 18, "else what comes before or after them onto a target would have rings, too"
     for sim in sims:
         run_on(sim, 8.0)

@@ -20,7 +20,7 @@ from neuro.program.program import Floats, Ints, Program, StoredSynapses
 from neuro_event.building import layout
 from neuro_event.building.layout import EventArrays
 from neuro_event.loop import tables as t
-from neuro_event.loop.arrivals import lay_joined, list_joined
+from neuro_event.loop.arrivals import Listed, lay_joined, list_joined
 
 AT_ONCE = 1 << 17
 """Synapses that are laid out at a time, so that they stay in the second cache."""
@@ -316,7 +316,7 @@ def _walk(
         edges, begin = layout.edges_of(a, q), _begin(a, q)
         for block in synapse_blocks(a, q):
             arrays = block.row_ends, block.targets, block.delay, edges, *span, block.weight
-            parts.append((*arrays, int(block.weight.size > 1), begin))
+            parts.append(Listed(*arrays, int(block.weight.size > 1), begin))
     n = a.program.populations[int(columns[t.SOURCE])].size
     each = sum(a.program.projections[q].size for q in row) / n
     # Some sources at a time: the lines on which the synapses of all projections lie stay in the cache.
@@ -326,7 +326,7 @@ def _walk(
         end = min(first + more, n)
         for few in range(first, end, some):
             for part in parts:
-                lay_joined(few, min(few + some, end), *part, at, following, steps, laid)
+                lay_joined(few, min(few + some, end), part, at, following, steps, laid)
         return first, end
 
     for sources in mapped(lay, range(0, n, more), _threads(a)):

@@ -14,6 +14,7 @@ fits into 32 bits is kept so. Time is that of memory, and rows of six bytes take
 """
 
 # mypy: ignore-errors
+from collections import namedtuple
 
 import numpy as np
 
@@ -443,37 +444,28 @@ def add_joined(view, row, thread, n, total, slot):
                 due[thread, slot + net.edges[pop, thread] : slot + net.edges[pop, thread + 1]] = 1
 
 
+Listed = namedtuple("Listed", "row_ends targets delays edges shortest n_delays weights stride begin")
+"""The synapses of a projection as the program lists them, on their way into joined rows.
+
+`edges` are those of the threads among the targets, `shortest` and `n_delays` of the row; `stride` is 0 where synapses
+share a weight. Target 0 lies at `begin`.
+"""
+
+
 @kernel
-def lay_joined(
-    first_source,
-    end_source,
-    row_ends,
-    targets,
-    delays,
-    edges,
-    shortest,
-    n_delays,
-    weights,
-    stride,
-    begin,
-    at,
-    following,
-    steps,
-    laid,
-):
+def lay_joined(first_source, end_source, part, at, following, steps, laid):
     """Put the synapses of some sources of a projection into joined rows, or count them if `steps` has no room.
 
-    `edges` are those of the threads among the targets, `shortest` and `n_delays` of the row; `stride` is 0 where
-    synapses share a weight. Target 0 lies at `begin`; `at` is the place of each run's last synapse, `following` where
-    its next one goes, or how many it has.
+    `part` is `Listed`; `at` is the place of each run's last synapse, `following` where its next one goes, or how many
+    it has.
     """
     lays = steps.size > 0
     for source in range(first_source, end_source):
-        for synapse in range(row_ends[source], row_ends[source + 1]):
+        for synapse in range(part.row_ends[source], part.row_ends[source + 1]):
             # Unsigned places take less time: of others numba asks whether they count from the end.
             k = np.uint64(synapse)
-            run = np.uint64(run_of(source, delays[k], targets[k], shortest, n_delays, edges))
-            place, e = begin + np.int64(targets[k]), following[run]
+            run = np.uint64(run_of(source, part.delays[k], part.targets[k], part.shortest, part.n_delays, part.edges))
+            place, e = part.begin + np.int64(part.targets[k]), following[run]
             step = place - at[run]
             at[run] = place
             while step >= FAR:
@@ -482,7 +474,7 @@ def lay_joined(
                 e += np.uint32(1)
                 step -= FAR
             if lays:
-                steps[e], laid[e] = step, weights[k * np.uint64(stride)]
+                steps[e], laid[e] = step, part.weights[k * np.uint64(part.stride)]
             following[run] = e + np.uint32(1)
 
 
