@@ -1,7 +1,8 @@
-"""Pairwise learning of one projection, eagerly: every synapse follows every event that concerns it.
+"""Learning of one projection by spike pairs, eagerly: every synapse follows every event; and by moves.
 
 A synapse hears the spikes of its target after its delay, at once where the delay learns. So it keeps a K- of its own:
-the trace of the post spikes that have reached it, see `traces`.
+the trace of the post spikes that have reached it, see `Traces`. By moves, eligibility is gathered step by step, and a
+signal teaches it at once.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from neuro.core import keyed_random
 from neuro.model.synapses import Trace
 from neuro.model.synapses.base import DELAY, common
+from neuro.model.synapses.moves import MoveRule
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.projections import ReferenceProjection
 
@@ -35,7 +37,7 @@ class PairLearning:
         posts: post spikes on their way, (steps, synapse); doses: dopamine spikes on their way, (steps, target).
     """
 
-    kept: ClassVar[tuple[str, ...]] = (*("rule", "y", "sent", "reached", "n", "n_step", "posts", "doses"),)
+    kept: ClassVar[tuple[str, ...]] = ("rule", "y", "sent", "reached", "n", "n_step", "posts", "doses")
 
     def __init__(self, program: Program, wires: ReferenceProjection, tau_minus: Floats) -> None:
         part = wires.part
@@ -109,17 +111,15 @@ class PairLearning:
         row, pre = self.wires.row(source), self.pre.at(source, step)
         for e in range(row.start, row.stop):
             self._integrate(e, step)
-            drawn = self._draw(e, step, nth) if self.part.synapse.draws else ()
+            drawn: tuple[float, ...] = ()
+            if self.part.synapse.draws:
+                drawn = tuple(keyed_random.uniform(self.key, keyed_random.nth(step, nth), np.array([e])).tolist())
             self.arithmetic.on_pre(self.y, e, self.c[e], pre, self.post.earlier(e, step), *drawn)
         self.pre.spike(source, step)
         self.sent[row] = self.y[0, row]
         if self.delays:
             self.wires.set_out(row, self.y[DELAY, row])
         return np.array([self.send(self.y, e, self.c[e]) for e in range(row.start, row.stop)])
-
-    def _draw(self, e: int, step: int, nth: int) -> tuple[float]:
-        """The random number of a synapse for a spike."""
-        return (float(keyed_random.uniform(self.key, keyed_random.nth(step, nth), np.array([e]))[0]),)
 
     def signal(self, values: Floats, step: int) -> None:
         """Set the dopamine of every target at the end of a step."""
@@ -229,7 +229,14 @@ class Traces:
 
     def at(self, place: int, step: int) -> tuple[float, ...]:
         """The values at a step, of all spikes so far."""
-        return tuple(self._value(k, place, step) for k in range(len(self.kinds)))
+        values = []
+        for kind, after, taus in zip(self.kinds, self.after, self.taus, strict=True):
+            if not kind.tau:
+                values.append(float(step - self.last[place]) * self.h if self.last[place] != NEVER else math.inf)
+            else:
+                passed, tau = (step - self.since[place]) * self.h, taus[place]
+                values.append(float(after[place] * math.exp(-passed / tau)) if tau > 0.0 else 0.0)
+        return tuple(values)
 
     def earlier(self, place: int, step: int) -> tuple[float, ...]:
         """The values at a step, of the spikes strictly before it."""
@@ -251,8 +258,72 @@ class Traces:
         for place in range(len(self.since)):
             self.after[:, place], self.since[place] = self.at(place, step), step
 
-    def _value(self, k: int, place: int, step: int) -> float:
-        if not self.kinds[k].tau:
-            return float(step - self.last[place]) * self.h if self.last[place] != NEVER else math.inf
-        passed, tau = (step - self.since[place]) * self.h, self.taus[k][place]
-        return float(self.after[k, place] * math.exp(-passed / tau)) if tau > 0.0 else 0.0
+
+class MoveLearning:
+    """States of the synapses of one projection that learn by moves.
+
+    Attributes:
+        rule: the numbers of the synapse model.
+        y: weight and states of every synapse.
+        x: the pre traces of each source, (traces, sources).
+        came: spikes of each source that arrive in the present step.
+        gate: of each target.
+    """
+
+    kept: ClassVar[tuple[str, ...]] = ("rule", "y", "x", "came", "gate")
+
+    def __init__(self, program: Program, wires: ReferenceProjection) -> None:
+        part = wires.part
+        assert isinstance(part.synapse, MoveRule)
+        self.wires, self.part, self.h, self.model = wires, part, program.resolution, part.synapse
+        states = [state.name for state in program.populations[part.target].model.states]
+        self.seen_row = states.index(self.model.sees) if self.model.sees else -1
+        self.y: Floats = np.zeros((1 + len(part.synapse.states), len(wires.target)))
+        self.y[0], self.y[1:] = wires.weights, part.synapse.first_states()
+        n_source = program.populations[part.source].size
+        self.x: Floats = np.zeros((len(part.synapse.pre), n_source))
+        self.came: Ints = np.zeros(n_source, dtype=np.int64)
+        self.gate: Floats = np.ones(wires.n_target)
+        self.rule = part.synapse.vector()
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Work out the constants after a change of the rule."""
+        self.c: Floats = self.part.synapse.constants_of(self.rule, self.h)
+        numbers = dict(zip(self.part.synapse.numbers(), common(self.rule).tolist(), strict=True))
+        self.left: Floats = np.exp([[-self.h / numbers[trace.tau]] for trace in self.part.synapse.pre])
+        self.adds: Floats = np.array([[trace.adds] for trace in self.part.synapse.pre])
+        self.x_min = numbers["x_min"]
+
+    def gather(self, ids: Ints, multiplicity: Ints, states: Floats) -> None:
+        """Let a step of the target, in which some of its neurons spiked, add to the eligibility.
+
+        Args:
+            ids: the neurons that spiked.
+            multiplicity: how often each.
+            states: of all neurons, as the step has left them.
+        """
+        self.x *= self.left
+        self.x[:, np.all(np.abs(self.x) < self.x_min, axis=0)] = 0.0
+        self.x += self.adds * self.came
+        self.came[:] = 0
+        spikes: Ints = np.zeros(self.wires.n_target, dtype=np.int64)
+        spikes[ids] = multiplicity
+        seen = states[self.seen_row] if self.model.sees else np.zeros(self.wires.n_target)
+        sources, targets = np.flatnonzero(self.x.any(axis=0)), np.flatnonzero((spikes != 0) | (seen != 0.0))
+        concerned = np.isin(self.wires.source, sources) & np.isin(self.wires.target, targets)
+        for e in np.flatnonzero(concerned).tolist():
+            i, pre = self.wires.target[e], tuple(self.x[:, self.wires.source[e]].tolist())
+            self.model.arithmetic.gather(self.y, e, self.c, pre, float(spikes[i]), float(seen[i]), float(self.gate[i]))
+
+    def teach(self, values: Floats) -> None:
+        """Let a signal act that is set at the end of a step."""
+        for e in np.flatnonzero(self.y[1:].any(axis=0)).tolist():
+            self.model.arithmetic.teach(self.y, e, self.c, float(values[self.wires.target[e]]))
+        self.wires.weights[:] = self.y[0]
+
+    def state(self, name: str) -> Floats:
+        """The row of the weight or of a state of every synapse."""
+        row = 0 if name == "weight" else 1 + [s.name for s in self.part.synapse.states].index(name)
+        values: Floats = self.y[row]
+        return values
