@@ -2,31 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from neuro.compiler.generators import check_generator
-from neuro.compiler.receptors import named_by
-from neuro.compiler.shapes import Shape, size
-from neuro.compiler.views import end_of
+from neuro.compiler.shapes import Shape, end_of, size
 from neuro.core.clock import Clock
 from neuro.core.english import a
 from neuro.core.errors import ModelError, unknown, words_of
+from neuro.core.keyed_random import LARGEST_MEAN
 from neuro.core.registry import Registry
 from neuro.core.values import plain
 from neuro.model.distributions import Distribution
 from neuro.model.network import Network
-from neuro.model.neurons import MODELS, CurrentGenerator, Generator, Model, Neuron, spike_generator
+from neuro.model.neurons import (
+    MODELS,
+    CurrentGenerator,
+    Generator,
+    Model,
+    Neuron,
+    gamma_sup_generator,
+    noise_generator,
+    poisson_generator,
+    sinusoidal_poisson_generator,
+    spike_generator,
+)
 from neuro.model.parts import Group, Population, Probe, Projection, Signal
 from neuro.model.rules import grid
 from neuro.model.space import of_distance
-from neuro.model.synapses import SYNAPSES, Modulated, MoveRule
-from neuro.program.program import Floats
+from neuro.model.synapses import SYNAPSES, Modulated, MoveRule, Synapse, static
+from neuro.program.program import Floats, Receptor
 
 AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
+FINER = "use a finer resolution or a lower rate"
 
 
 def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
@@ -129,6 +140,66 @@ def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -
         clock.steps(parameters["t_ref"], f"{model.name}.t_ref")
     if isinstance(model, Neuron):
         model.check_steps(parameters, clock.resolution)
+
+
+def check_generator(model: Generator, parameters: Mapping[str, Floats], clock: Clock) -> None:
+    """What the resolved parameters of a generator must satisfy together.
+
+    Args:
+        model: the generator, as described.
+        parameters: one value for all neurons or one for each, by word; what is not given is not checked.
+        clock: of the network.
+
+    Raises:
+        ModelError: the first thing that is wrong.
+    """
+    if isinstance(model, poisson_generator | sinusoidal_poisson_generator) and "rate" in parameters:
+        check_rate(model, "rate", float(parameters["rate"].max()), clock)
+    if isinstance(model, sinusoidal_poisson_generator) and {"rate", "amplitude"} <= set(parameters):
+        peak = np.max(parameters["rate"] + np.abs(parameters["amplitude"]))
+        check_rate(model, "rate + amplitude", float(peak), clock)
+    if isinstance(model, gamma_sup_generator) and "rate" in parameters:
+        _check_gamma(model, float(parameters["rate"].max()), clock)
+    if isinstance(model, noise_generator):
+        _check_noise(model, parameters, clock)
+
+
+def check_rate(model: Model, what: str, rate: float, clock: Clock) -> None:
+    """Refuse a rate of more spikes a step than can be drawn.
+
+    Raises:
+        ModelError: the rate, in Hz, is too large.
+    """
+    limit = LARGEST_MEAN * 1000.0 / clock.resolution
+    if rate > limit:
+        message = f"{model.name}.{what} = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes a step"
+        raise ModelError(message, path=(model.name, *words_of(what)))
+
+
+def _check_gamma(model: gamma_sup_generator, rate: float, clock: Clock) -> None:
+    """The chance to leave a stage is at most 1/2, and so many leave that the chance of none is a double."""
+    per_step = model.gamma_shape * clock.resolution / 1000.0
+    limit = min(0.5, LARGEST_MEAN / model.n_proc) / per_step
+    if rate > limit:
+        message = (
+            f"{model.name}.rate = {rate:g} Hz: expected at most {limit:g} Hz with gamma_shape = {model.gamma_shape} "
+            f"and n_proc = {model.n_proc} at a resolution of {clock.resolution:g} ms"
+        )
+        raise ModelError(message, hint=FINER, path=(model.name, "rate"), about=("gamma_shape", "n_proc"))
+
+
+def _check_noise(model: noise_generator, parameters: Mapping[str, Floats], clock: Clock) -> None:
+    if clock.step(model.dt, f"{model.name}.dt") < 1:
+        message = f"{model.name}.dt = {model.dt:g} ms: expected at least the resolution, {clock.resolution:g} ms"
+        raise ModelError(message, path=(model.name, "dt"), kind="resolution")
+    if {"std", "std_mod"} <= set(parameters):
+        std, std_mod = np.broadcast_arrays(parameters["std"], parameters["std_mod"])
+        bad = np.flatnonzero(std_mod > std)
+        if bad.size:
+            where = f"[{bad[0]}]" if std.size > 1 else ""
+            message = f"{model.name}.std_mod{where} = {std_mod[bad[0]]:g} pA: expected at most std = {std[bad[0]]:g} pA"
+            hint = "the variance would be negative at times"
+            raise ModelError(message, hint=hint, path=(model.name, "std_mod"), about=("std",))
 
 
 def _check_views(part: Projection, shapes: Mapping[str, Shape]) -> None:
@@ -338,3 +409,85 @@ def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
         if of in members:
             refuse(part, f"'{of}' is already in group '{members[of]}': expected one group for each population")
         members[of] = part.name
+
+
+def named_by(synapse: Synapse) -> str | None:
+    """Return the name of a receptor that a synapse has; a number called `receptor` is a rule's own parameter."""
+    name = getattr(synapse, "receptor", None)
+    return name if isinstance(name, str) else None
+
+
+def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
+    """The receptor that a synapse names; None if weights are routed by sign.
+
+    Args:
+        synapse: the model of the synapse.
+        target: the population of neurons that it goes to.
+
+    Raises:
+        ModelError: the neurons have no receptor of that name, or so many that one must be named.
+    """
+    model = target.model
+    assert isinstance(model, Neuron)
+    known = model.named_receptors()
+    name = named_by(synapse)
+    if name is None:
+        if len(known) > 2 or not model.signed:
+            rule = synapse.name if hasattr(synapse, "receptor") else "static"
+            message = f"{_shown(target)} has {len(known)} receptors: the synapse must name one"
+            raise ModelError(message, hint=f"write {rule} with 'receptor', one of {', '.join(known)}")
+        return None
+    if not known:
+        found = f"{synapse.name}.receptor = '{name}': {_shown(target)} has one input without a name"
+        raise ModelError(f"{found}: expected no receptor", hint="leave it out", path=(synapse.name, "receptor"))
+    if name not in known:
+        raise _unknown(synapse, target, name, known)
+    index, conductance = known.index(name), name in model.conductances
+    # Models with two conductances expect negative numbers at the second, as they get them by sign.
+    return Receptor(name, index, conductance, negated=conductance and len(known) == 2 and index == 1)
+
+
+def receptor_of_current(synapse: Synapse, target: Population, source: str) -> Receptor | None:
+    """The receptor whose filter a current passes; None if the current acts on V_m directly.
+
+    Raises:
+        ModelError: the neurons have no such receptor.
+    """
+    model = target.model
+    assert isinstance(model, Neuron)
+    name = synapse.receptor if isinstance(synapse, static) else None
+    if name is None:
+        return None
+    if not model.filters:
+        found = f"static.receptor = '{name}' of a current from '{source}': {_shown(target)} takes currents at V_m alone"
+        raise ModelError(f"{found}: expected no receptor", hint="leave it out", path=("static", "receptor"))
+    if name not in model.filters:
+        raise _unknown(synapse, target, name, model.filters)
+    return Receptor(name, model.named_receptors().index(name), conductance=False, negated=False)
+
+
+def _shown(target: Population) -> str:
+    return f"'{target.name}' ({target.model.name})"
+
+
+def _unknown(synapse: Synapse, target: Population, name: str, known: Iterable[str]) -> ModelError:
+    error = unknown("receptor of", name, known, path=(synapse.name, "receptor"))
+    return error.but(message=f"{_shown(target)} has no receptor '{name}'")
+
+
+def check_conductance(receptor: Receptor | None, *weights: NDArray[np.floating[Any]]) -> None:
+    """Refuse negative weights to a conductance that is named; weights in several arrays have no places.
+
+    Raises:
+        ModelError: for the first one.
+    """
+    if receptor is None or not receptor.conductance:
+        return
+    for weight in weights:
+        bad = np.flatnonzero(weight < 0.0)
+        if not bad.size:
+            continue
+        first, place = weight[bad[0]], f"[{bad[0]}]" if len(weights) == 1 else ""
+        message = f"weight{place} = {first:g} to receptor '{receptor.name}', a conductance: expected at least 0"
+        hint = f"write {-first:g}, or leave out 'receptor', so that the sign chooses"
+        raise ModelError(message, hint=hint, path=("weight",), about=("receptor",))

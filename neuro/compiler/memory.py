@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.compiler.connect import expected_synapses
-from neuro.compiler.shapes import Shape, size
-from neuro.compiler.space import between, expected_pairs
-from neuro.compiler.views import end_of
+from neuro.compiler.pairs import between, expected_pairs
+from neuro.compiler.shapes import Shape, end_of, size
 from neuro.core.errors import ModelError, Where
 from neuro.core.launch import neighbours
 from neuro.core.memory import free_memory

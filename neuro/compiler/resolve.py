@@ -10,24 +10,24 @@ from typing import Any
 import numpy as np
 
 from neuro.coding.codes import CODES, RATE_CODES
-from neuro.compiler.blocks import Blocks
-from neuro.compiler.cameras import cameras_of
-from neuro.compiler.check import check_network, check_values, naming_the_part, refuse
-from neuro.compiler.check_trials import resolve_trials
-from neuro.compiler.connect import Connections
-from neuro.compiler.drawn import MANY
-from neuro.compiler.encoded import with_generators
-from neuro.compiler.generators import check_trains, schedule_of
+from neuro.compiler.check import (
+    check_conductance,
+    check_network,
+    check_values,
+    naming_the_part,
+    receptor_of,
+    receptor_of_current,
+    refuse,
+)
+from neuro.compiler.connect import Blocks, Connections
+from neuro.compiler.inputs import cameras_of, check_trains, schedule_of, with_generators
 from neuro.compiler.memory import SynapseRoom, check_memory, many_synapses, packed, rooms
-from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
-from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
-from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
-from neuro.compiler.space import Between, between
+from neuro.compiler.pairs import MANY, Between, between
+from neuro.compiler.sections import check_probes, resolve_probes, resolve_synapse_probes, resolve_trials
+from neuro.compiler.shapes import Shape, end_of, grid_of, own_places, resolve_shapes, size
 from neuro.compiler.synapses import Drawing, together
-from neuro.compiler.undrawn import drawn_here, is_left, undrawn
+from neuro.compiler.undrawn import drawn_here, is_left, undrawn, wired
 from neuro.compiler.values import LONGEST_DELAY, Steps, one_delay, per_neuron, too_late
-from neuro.compiler.views import end_of, own_places
-from neuro.compiler.wired import wired
 from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError

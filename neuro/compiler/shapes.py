@@ -1,15 +1,19 @@
-"""Shapes of populations: sizes that are `auto` follow from the grids onto the population."""
+"""Shapes of populations, where `auto` follows from grids, and the neurons at the ends of projections."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
 
 from neuro.core.errors import ModelError
 from neuro.model.network import Network
 from neuro.model.parts import AUTO, Projection
 from neuro.model.rules import grid
-from neuro.program.program import Grid
+from neuro.model.views import View
+from neuro.program.program import Grid, Ints
 
 Shape = tuple[int, ...]
 
@@ -137,3 +141,50 @@ def _outcome(part: Projection, height: int, width: int) -> tuple[int, int]:
         hint = "a smaller kernel or more padding"
         raise ModelError(message, where=part.origin, hint=hint, path=("grid", "kernel"), about=("padding",))
     return (high - rule.kernel[0]) // rule.stride + 1, (wide - rule.kernel[1]) // rule.stride + 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class End:
+    """Neurons of a population, as a rule sees them.
+
+    Attributes:
+        shape: sizes of the axes.
+        ids: the neurons in the population, None for all of them in order.
+        size: of the population.
+    """
+
+    shape: Shape
+    ids: Ints | None
+    size: int
+
+    @property
+    def neurons(self) -> Ints:
+        """The ids of the neurons, also where these are all."""
+        return np.arange(self.size) if self.ids is None else self.ids
+
+    @property
+    def ascends(self) -> bool:
+        """Whether the neurons are in the order of the population."""
+        return self.ids is None or bool(np.all(self.ids[1:] > self.ids[:-1]))
+
+
+def end_of(view: View | None, shape: Shape) -> End:
+    """The neurons of a view, or of a whole population of a shape.
+
+    Raises:
+        ModelError: the view reaches beyond the shape.
+    """
+    n = size(shape)
+    if view is None:
+        return End(shape, None, n)
+    ids, sizes = view.within(shape)
+    whole = ids.size == n and bool(np.array_equal(ids, np.arange(n)))
+    return End(sizes, None if whole else ids, n)
+
+
+def own_places(source: End, target: End) -> Ints:
+    """Of each neuron of the source its place in the target, -1 where it is not there; ends of one population."""
+    places = np.full(source.size, -1, dtype=np.int64)
+    places[target.neurons] = np.arange(size(target.shape))
+    own: Ints = places[source.neurons]
+    return own

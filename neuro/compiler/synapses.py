@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.blocks import Block, Blocks
-from neuro.compiler.connect import Apart, Connections, connect, listed_one_by_one
+from neuro.compiler.connect import Apart, Block, Blocks, Connections, connect, listed_one_by_one
 from neuro.compiler.memory import SynapseRoom, weight_room
+from neuro.compiler.shapes import End, size
 from neuro.compiler.values import Room, Steps, delay_steps, per_synapse
-from neuro.compiler.views import End, ascend, placed
 from neuro.core.checks import check
 from neuro.core.clock import Clock
 from neuro.core.keyed_random import generator
@@ -180,7 +179,7 @@ class Drawing:
             give_back()
         found = joint.connections(targets)
         rows = [*columns.values(), *([delay] if _each(self.part.delay) else [])]
-        if found.layout == "csr" and not ascend(self.ends[1]):
+        if found.layout == "csr" and not self.ends[1].ascends:
             _sort_targets(found, rows)
         by_delay = layout == "csr" and self._sorts
         if by_delay:
@@ -198,7 +197,7 @@ class Drawing:
     @property
     def _stay(self) -> bool:
         """Whether synapses stay in blocks: a backend that makes rows of its own reads them as they are."""
-        whole = self.among is None and self._layout == "csr" and ascend(self.ends[1])
+        whole = self.among is None and self._layout == "csr" and self.ends[1].ascends
         return whole and self._sorts and not self._parameters
 
     def _block(self, block: Block) -> SynapseBlock:
@@ -341,6 +340,22 @@ class Joint:
         if self._layout == "csr":
             return Connections("csr", self.size, self._row_ends, targets)
         return Connections(self._layout, self.size)
+
+
+def placed(found: Connections, source: End, target: End) -> Connections:
+    """The same synapses between the neurons of the populations, sorted by source, then target."""
+    if source.ids is None and target.ids is None:
+        return found
+    found = listed_one_by_one(found, size(source.shape), size(target.shape))
+    sources, degrees, order, shared = source.neurons, np.diff(found.row_ends), found.order, found.shared
+    targets = target.neurons.astype(np.int32)[found.targets]
+    if not (source.ascends and target.ascends):
+        moved = np.lexsort((targets, np.repeat(sources, degrees)))
+        targets, order = targets[moved], moved if order is None else order[moved]
+        shared = None if shared is None else shared[moved]
+    out = np.zeros(source.size + 1, dtype=np.int64)
+    out[sources + 1] = degrees
+    return replace(found, row_ends=np.cumsum(out), targets=targets, order=order, shared=shared)
 
 
 def together(own_weights: bool, blocks: Sequence[SynapseBlock]) -> StoredSynapses:

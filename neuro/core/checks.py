@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, nearest
 from neuro.core.hints import axes, near, notation
-from neuro.core.measures import is_written, with_unit
 from neuro.core.paths import file_path
-from neuro.core.quantities import LARGEST, Quantity
+from neuro.core.quantities import LARGEST, Quantity, is_written, with_unit
 from neuro.core.values import FromFile, shown
 
 _HUGE = int(sys.float_info.max)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
-from neuro.core.measures import in_ms
+from neuro.core.quantities import in_ms
 from neuro.core.values import shown
 from neuro.files.finished_runs import FinishedRun
 from neuro.model.parts import Part

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from neuro.compiler.check import check_values
-from neuro.compiler.receptors import check_conductance
+from neuro.compiler.check import check_conductance, check_values
 from neuro.compiler.values import per_neuron
 from neuro.core.checks import check, is_number, numbers, refuse_masked
 from neuro.core.clock import Clock

@@ -14,8 +14,7 @@ from neuro.core.errors import ModelError, Where, nearest, unknown
 from neuro.core.grammar import Binary, Call, Expression, Hints, Misread, Name, Negative, Number, Tree, parse
 from neuro.core.units import NONE, TENS, Dimension, in_base, is_measure, scaled, times, told, unit_of
 from neuro.core.values import shown
-from neuro.model.language.nodes import found, mistake, put_at
-from neuro.model.language.reader import MAX_DEPTH, Node
+from neuro.model.language.reader import MAX_DEPTH, Node, found, mistake, put_at
 
 MAX_PLACED = 1_000_000
 

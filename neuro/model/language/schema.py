@@ -15,8 +15,8 @@ from neuro.core.quantities import Quantity
 from neuro.core.units import UNITS, dimension_of
 from neuro.model.equations.definition import WORDS
 from neuro.model.equations.pairs import WORDS as RULE_WORDS
-from neuro.model.language.choices import TABLES
-from neuro.model.language.sources import VERSION
+from neuro.model.language.files import VERSION
+from neuro.model.language.loader import TABLES
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS
 from neuro.model.parts import (

@@ -20,8 +20,8 @@ from neuro.core.outputs import Kind, Unwritable, output, sealed
 from neuro.core.paths import file_path
 from neuro.core.values import FromFile, same
 from neuro.model.equations import EquationNeuron, EquationSynapse
+from neuro.model.language.files import VERSION
 from neuro.model.language.reader import scalar
-from neuro.model.language.sources import VERSION
 from neuro.model.parts import Description, Population, Probe, Projection
 from neuro.model.space import of_distance
 from neuro.model.views import View

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from neuro.core.quantities import quantity
-from neuro.model.arithmetic import OfModule
+from neuro.core.registry import OfModule
 from neuro.model.synapses.base import Synapse, Trace
 
 GATHERING = {"constants": 3, "gather": 7, "teach": 4}

@@ -15,8 +15,8 @@ from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import quantity
 from neuro.core.values import shown
-from neuro.model.wiring.columns import ANY, INT64, TEXT, UINT64, Column, Table, Texts, cell, rows
-from neuro.model.wiring.opening import open_table
+from neuro.model.wiring.formats import open_table
+from neuro.model.wiring.tables import ANY, INT64, TEXT, UINT64, Column, Table, Texts, cell, rows
 
 ELSEWHERE, NOWHERE = -1, -2
 """In place of a neuron: one of the table that is not in the population; none of the table."""
