@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from typing import Any, NoReturn, TypeAlias
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,13 +29,12 @@ from neuro.model.neurons import (
     sinusoidal_poisson_generator,
     spike_generator,
 )
-from neuro.model.parts import Group, Population, Probe, Projection, Signal
+from neuro.model.parts import Part, Population, Projection, naming_the_part, refuse
 from neuro.model.rules import grid
 from neuro.model.space import of_distance
 from neuro.model.synapses import SYNAPSES, Modulated, MoveRule, Synapse, static
 from neuro.program.program import Floats, Receptor
 
-AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
 FINER = "use a finer resolution or a lower rate"
 
 
@@ -58,34 +56,24 @@ def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
     for population in net.populations.values():
         _check_population(population, shapes[population.name])
     for projection in net.projections.values():
-        _check_views(projection, shapes)
+        for role, name, view in (
+            ("from", projection.source, projection.source_view),
+            ("to", projection.target, projection.target_view),
+        ):
+            with naming_the_part(projection, role, name):
+                seen = end_of(view, shapes[name])
+            if isinstance(projection.rule, grid) and seen.ids is not None:
+                message = f"a grid {role} {view}: expected the whole population"
+                refuse(projection, message, "all_to_all and pairs connect views", "grid")
         _check_ends(net, projection)
         _check_synapse(net, projection, shapes)
         _check_graded(net, projection)
     _check_groups(net, shapes)
 
 
-def refuse(
-    part: AnyPart, message: str, hint: str = "", word: str = "", kind: str = "", about: tuple[str, ...] = ()
-) -> NoReturn:
-    """Raise the error for a part that cannot be as it is, or for one of its words, as "weight" or "stdp.signal"."""
-    text = f"{part.word} '{part.name}': {message}"
-    raise ModelError(text, where=part.origin, hint=hint, path=words_of(word), kind=kind, about=about)
-
-
 def recordable(population: Population) -> list[str]:
     """The states of a population's model that can be read."""
     return [state.name for state in population.model.states if not state.hidden]
-
-
-@contextmanager
-def naming_the_part(part: AnyPart, *path: str) -> Iterator[None]:
-    """Give errors that are raised inside the part's name and place, and `path` in front of their own path."""
-    try:
-        yield
-    except ModelError as error:
-        named = error.at(part.origin, f"{part.word} '{part.name}'")
-        raise named.but(path=(*path, *error.path)) from None
 
 
 def _check_population(part: Population, shape: Shape) -> None:
@@ -108,7 +96,7 @@ def _check_population(part: Population, shape: Shape) -> None:
         refuse(part, f"{found}: expected at most {model.most}, which are compared at once")
 
 
-def _check_whole(part: AnyPart, registry: Registry[Any], model: type[Any]) -> None:
+def _check_whole(part: Part, registry: Registry[Any], model: type[Any]) -> None:
     """A third-party class has all that backends rely on, registered or not."""
     try:
         registry.check(model)
@@ -159,9 +147,30 @@ def check_generator(model: Generator, parameters: Mapping[str, Floats], clock: C
         peak = np.max(parameters["rate"] + np.abs(parameters["amplitude"]))
         check_rate(model, "rate + amplitude", float(peak), clock)
     if isinstance(model, gamma_sup_generator) and "rate" in parameters:
-        _check_gamma(model, float(parameters["rate"].max()), clock)
+        # The chance to leave a stage is at most 1/2, and so many leave that the chance of none is a double.
+        rate = float(parameters["rate"].max())
+        per_step = model.gamma_shape * clock.resolution / 1000.0
+        limit = min(0.5, LARGEST_MEAN / model.n_proc) / per_step
+        if rate > limit:
+            message = (
+                f"{model.name}.rate = {rate:g} Hz: expected at most {limit:g} Hz with gamma_shape = "
+                f"{model.gamma_shape} and n_proc = {model.n_proc} at a resolution of {clock.resolution:g} ms"
+            )
+            raise ModelError(message, hint=FINER, path=(model.name, "rate"), about=("gamma_shape", "n_proc"))
     if isinstance(model, noise_generator):
-        _check_noise(model, parameters, clock)
+        if clock.step(model.dt, f"{model.name}.dt") < 1:
+            message = f"{model.name}.dt = {model.dt:g} ms: expected at least the resolution, {clock.resolution:g} ms"
+            raise ModelError(message, path=(model.name, "dt"), kind="resolution")
+        if {"std", "std_mod"} <= set(parameters):
+            std, std_mod = np.broadcast_arrays(parameters["std"], parameters["std_mod"])
+            bad = np.flatnonzero(std_mod > std)
+            if bad.size:
+                where = f"[{bad[0]}]" if std.size > 1 else ""
+                message = (
+                    f"{model.name}.std_mod{where} = {std_mod[bad[0]]:g} pA: expected at most std = {std[bad[0]]:g} pA"
+                )
+                hint = "the variance would be negative at times"
+                raise ModelError(message, hint=hint, path=(model.name, "std_mod"), about=("std",))
 
 
 def check_rate(model: Model, what: str, rate: float, clock: Clock) -> None:
@@ -176,46 +185,11 @@ def check_rate(model: Model, what: str, rate: float, clock: Clock) -> None:
         raise ModelError(message, path=(model.name, *words_of(what)))
 
 
-def _check_gamma(model: gamma_sup_generator, rate: float, clock: Clock) -> None:
-    """The chance to leave a stage is at most 1/2, and so many leave that the chance of none is a double."""
-    per_step = model.gamma_shape * clock.resolution / 1000.0
-    limit = min(0.5, LARGEST_MEAN / model.n_proc) / per_step
-    if rate > limit:
-        message = (
-            f"{model.name}.rate = {rate:g} Hz: expected at most {limit:g} Hz with gamma_shape = {model.gamma_shape} "
-            f"and n_proc = {model.n_proc} at a resolution of {clock.resolution:g} ms"
-        )
-        raise ModelError(message, hint=FINER, path=(model.name, "rate"), about=("gamma_shape", "n_proc"))
-
-
-def _check_noise(model: noise_generator, parameters: Mapping[str, Floats], clock: Clock) -> None:
-    if clock.step(model.dt, f"{model.name}.dt") < 1:
-        message = f"{model.name}.dt = {model.dt:g} ms: expected at least the resolution, {clock.resolution:g} ms"
-        raise ModelError(message, path=(model.name, "dt"), kind="resolution")
-    if {"std", "std_mod"} <= set(parameters):
-        std, std_mod = np.broadcast_arrays(parameters["std"], parameters["std_mod"])
-        bad = np.flatnonzero(std_mod > std)
-        if bad.size:
-            where = f"[{bad[0]}]" if std.size > 1 else ""
-            message = f"{model.name}.std_mod{where} = {std_mod[bad[0]]:g} pA: expected at most std = {std[bad[0]]:g} pA"
-            hint = "the variance would be negative at times"
-            raise ModelError(message, hint=hint, path=(model.name, "std_mod"), about=("std",))
-
-
-def _check_views(part: Projection, shapes: Mapping[str, Shape]) -> None:
-    for role, name, view in (("from", part.source, part.source_view), ("to", part.target, part.target_view)):
-        with naming_the_part(part, role, name):
-            seen = end_of(view, shapes[name])
-        if isinstance(part.rule, grid) and seen.ids is not None:
-            message = f"a grid {role} {view}: expected the whole population"
-            refuse(part, message, "all_to_all and pairs connect views", "grid")
-
-
 def _check_ends(net: Network, part: Projection) -> None:
     source, target = net.populations[part.source].model, net.populations[part.target].model
     if not isinstance(target, Neuron):
         text = f"its target '{part.target}' is {a(target.name)}, which takes no input: expected neurons"
-        refuse(part, text, _swap(part), "to")
+        refuse(part, text, f"is it meant from '{part.target}' to '{part.source}'?", "to")
     if isinstance(source, CurrentGenerator):
         if not target.states:
             refuse(
@@ -260,10 +234,6 @@ def _check_graded(net: Network, part: Projection) -> None:
         )
         hint = "payloads may be negative, so that a weight does not say which; iaf_psc_delta has one"
         refuse(part, f"{text}: expected {expected}", hint, "to")
-
-
-def _swap(part: Projection) -> str:
-    return f"is it meant from '{part.target}' to '{part.source}'?"
 
 
 def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) -> None:

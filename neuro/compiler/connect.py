@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -90,81 +90,6 @@ class Connections:
                 case _:
                     pre = np.searchsorted(self.row_ends, synapses, side="right") - 1
                     yield pre, self.targets[first:last]
-
-
-def connect(
-    rule: Rule,
-    source: Shape,
-    target: Shape,
-    own: Ints | None,
-    sizes: Grid | None,
-    key: tuple[int, str, str],
-    apart: Apart,
-    room: NDArray[np.int32] | None = None,
-    first: int = 0,
-) -> Connections:
-    """The synapses that a rule makes.
-
-    Args:
-        rule: the rule.
-        source: shape of the source.
-        target: shape of the target.
-        own: of each source its place among the targets, -1 where it is none of them; None where the two are of
-            different populations, so that there are no autapses.
-        sizes: of a grid.
-        key: of the draws, see `keyed_random`.
-        apart: gives what lies between neurons, for rules that ask.
-        room: memory for the targets of all synapses, which may be used.
-        first: of draws that belong to pairs: which target of the projection the first one is.
-
-    Raises:
-        ModelError: the rule does not fit the sizes.
-    """
-    n_pre, n_post = size(source), size(target)
-    rng, draws = generator(*key), key_of(*key)
-    but = None if getattr(rule, "autapses", True) else own
-    match rule:
-        case one_to_one():
-            if n_pre != n_post:
-                message = f"one_to_one from {n_pre} to {n_post} neurons: expected populations of equal size"
-                raise ModelError(message, hint="all_to_all connects populations of any size", path=(rule.name,))
-            return Connections("one_to_one", n_pre, listed=((n_pre,),))
-        case all_to_all():
-            if but is not None:
-                return all_onto(n_pre, n_post, but, 0, n_post)
-            return Connections("dense", n_pre * n_post, listed=((n_pre, n_post), (n_pre * n_post,)))
-        case fixed_indegree():
-            drawn = _draw(rule.n, n_post, n_pre, _turned(but, n_post), rule.multapses, rng, "sources")
-            return _by_source(drawn, n_pre)
-        case fixed_outdegree():
-            drawn = _draw(rule.n, n_pre, n_post, but, rule.multapses, rng, "targets")
-            # Ascending targets in each row: threads own ranges of targets, and caches like neighbours.
-            drawn.sort(axis=1)
-            return _rows(np.arange(n_pre + 1, dtype=np.int64) * rule.n, drawn.reshape(-1))
-        case fixed_total_number():
-            return _rows(*total_number(rule.n, n_pre, n_post, but, rule.multapses, draws, room))
-        case symmetric_pairwise_bernoulli():
-            if not _is_same(own, n_post):
-                raise ModelError(
-                    f"{rule.name} between different neurons: expected one population, or view, connected with itself",
-                    hint="pairwise_bernoulli connects one population with another",
-                    path=(rule.name,),
-                )
-            return _both_ways(*bernoulli_pairs(rule.p, n_pre, draws), n_pre)
-        case distance_dependent():
-            return _in_blocks(distant_pairs(rule, apart(), but, draws, first), n_pre)
-        case pairwise_bernoulli():
-            return _bernoulli(rule.p, n_pre, n_post, but, rng)
-        case pairs():
-            return _listed(rule.pre, rule.post, n_pre, n_post, "pairs")
-        case grid():
-            assert sizes is not None
-            shape = sizes.kernels
-            n = int(np.prod(shape))
-            return Connections("grid", n, listed=(shape, (n,), *(((shape[0], *shape[2:]),) if shape[1] == 1 else ())))
-    # None of ours: a third-party rule.
-    same = _is_same(own, n_post)
-    return _listed(*_own_pairs(rule, source, target, same, rng), n_pre, n_post, rule.name)
 
 
 def expected_synapses(rule: Rule, n_pre: int, n_post: int) -> int:
@@ -322,15 +247,6 @@ def _bernoulli(p: float, n_pre: int, n_post: int, but: Ints | None, rng: np.rand
     return _rows(np.cumsum(np.concatenate(degrees), dtype=np.int64), np.concatenate(targets))
 
 
-def _in_blocks(found: Iterable[tuple[Ints, NDArray[np.int32]]], n_pre: int) -> Connections:
-    """Pairs in order, a piece at a time."""
-    degrees, targets = np.zeros(n_pre, dtype=np.int64), [NO_TARGETS]
-    for pre, post in found:
-        degrees += np.bincount(pre, minlength=n_pre)
-        targets.append(post)
-    return _rows(np.concatenate(([0], np.cumsum(degrees))), np.concatenate(targets))
-
-
 def _both_ways(pre: Ints, post: Ints, n: int) -> Connections:
     """Each pair and its reverse, which take the same draw of a weight."""
     place = np.concatenate((pre * n + post, post * n + pre))
@@ -394,7 +310,18 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """The synapses that a rule makes, block by block; arguments as of `connect`."""
+    """The synapses that a rule makes, block by block.
+
+    Args:
+        rule: the rule.
+        source: shape of the source.
+        target: shape of the target.
+        own: of each source its place among the targets, -1 where it is none of them; None where the two are of
+            different populations, so that there are no autapses.
+        sizes: of a grid.
+        key: of the draws, see `keyed_random`.
+        apart: gives what lies between neurons, for rules that ask.
+    """
 
     rule: Rule
     source: Shape
@@ -420,6 +347,66 @@ class Blocks:
             return expected_pairs(self.rule, self.apart())
         return expected_synapses(self.rule, n_pre, n_post)
 
+    def whole(self, room: NDArray[np.int32] | None = None, first: int = 0) -> Connections:
+        """Return all synapses, undivided.
+
+        Args:
+            room: memory for the targets of all synapses, which may be used.
+            first: of draws that belong to pairs: which target of the projection the first one is.
+
+        Raises:
+            ModelError: the rule does not fit the sizes.
+        """
+        rule, own, sizes = self.rule, self.own, self.sizes
+        n_pre, n_post = size(self.source), size(self.target)
+        rng, draws = generator(*self.key), key_of(*self.key)
+        but = None if getattr(rule, "autapses", True) else own
+        match rule:
+            case one_to_one():
+                if n_pre != n_post:
+                    message = f"one_to_one from {n_pre} to {n_post} neurons: expected populations of equal size"
+                    raise ModelError(message, hint="all_to_all connects populations of any size", path=(rule.name,))
+                return Connections("one_to_one", n_pre, listed=((n_pre,),))
+            case all_to_all():
+                if but is not None:
+                    return all_onto(n_pre, n_post, but, 0, n_post)
+                return Connections("dense", n_pre * n_post, listed=((n_pre, n_post), (n_pre * n_post,)))
+            case fixed_indegree():
+                drawn = _draw(rule.n, n_post, n_pre, _turned(but, n_post), rule.multapses, rng, "sources")
+                return _by_source(drawn, n_pre)
+            case fixed_outdegree():
+                drawn = _draw(rule.n, n_pre, n_post, but, rule.multapses, rng, "targets")
+                # Ascending targets in each row: threads own ranges of targets, and caches like neighbours.
+                drawn.sort(axis=1)
+                return _rows(np.arange(n_pre + 1, dtype=np.int64) * rule.n, drawn.reshape(-1))
+            case fixed_total_number():
+                return _rows(*total_number(rule.n, n_pre, n_post, but, rule.multapses, draws, room))
+            case symmetric_pairwise_bernoulli():
+                if not _is_same(own, n_post):
+                    message = f"{rule.name} between different neurons: expected one population, or view"
+                    hint = "pairwise_bernoulli connects one population with another"
+                    raise ModelError(f"{message}, connected with itself", hint=hint, path=(rule.name,))
+                return _both_ways(*bernoulli_pairs(rule.p, n_pre, draws), n_pre)
+            case distance_dependent():
+                degrees, targets = np.zeros(n_pre, dtype=np.int64), [NO_TARGETS]
+                for pre, post in distant_pairs(rule, self.apart(), but, draws, first):
+                    degrees += np.bincount(pre, minlength=n_pre)
+                    targets.append(post)
+                return _rows(np.concatenate(([0], np.cumsum(degrees))), np.concatenate(targets))
+            case pairwise_bernoulli():
+                return _bernoulli(rule.p, n_pre, n_post, but, rng)
+            case pairs():
+                return _listed(rule.pre, rule.post, n_pre, n_post, "pairs")
+            case grid():
+                assert sizes is not None
+                shape = sizes.kernels
+                n = int(np.prod(shape))
+                flat = ((shape[0], *shape[2:]),) if shape[1] == 1 else ()
+                return Connections("grid", n, listed=(shape, (n,), *flat))
+        # None of ours: a third-party rule.
+        same = _is_same(own, n_post)
+        return _listed(*_own_pairs(rule, self.source, self.target, same, rng), n_pre, n_post, rule.name)
+
     def connect(self, block: Block) -> Connections:
         """The synapses onto the targets of a block, one of several.
 
@@ -432,36 +419,24 @@ class Blocks:
         if own is not None:
             own = np.where((own >= first) & (own < end), own - first, -1)
         but = None if getattr(rule, "autapses", True) else own
-        key, apart = block.key(self.key), self.apart
+        part = replace(self, target=(width,), own=own, key=block.key(self.key))
         match rule:
             case one_to_one():
-                connect(rule, self.source, self.target, None, None, key, apart)  # refuses what does not fit
+                self.whole()  # refuses what does not fit
                 return one_onto(n_pre, first, end)
             case all_to_all():
                 return all_onto(n_pre, n_post, None if rule.autapses else self.own, first, end)
             case fixed_outdegree():
                 degrees = self._degrees[block.index].astype(np.int64)
-                found = drawn_rows(degrees, width, but, rule.multapses, generator(*key))
-                return _moved(found, first)
+                return _moved(drawn_rows(degrees, width, but, rule.multapses, generator(*part.key)), first)
             case fixed_total_number():
-                rule = replace(rule, n=int(self._numbers[block.index]))
+                part = replace(part, rule=replace(rule, n=int(self._numbers[block.index])))
             case distance_dependent():
                 # A draw belongs to its pair, so it is of no block.
-                key, within = self.key, np.arange(first, end)
-                return _moved(
-                    connect(
-                        rule,
-                        self.source,
-                        (width,),
-                        own,
-                        None,
-                        key,
-                        lambda: self.apart().among(None, within),
-                        first=first,
-                    ),
-                    first,
-                )
-        return _moved(connect(rule, self.source, (width,), own, None, key, apart), first)
+                within = np.arange(first, end)
+                part = replace(part, key=self.key, apart=lambda: self.apart().among(None, within))
+                return _moved(part.whole(first=first), first)
+        return _moved(part.whole(), first)
 
     @cached_property
     def _numbers(self) -> Ints:

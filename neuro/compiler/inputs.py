@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.check import check_rate, naming_the_part
+from neuro.compiler.check import check_rate
 from neuro.compiler.shapes import Shape, size
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
@@ -28,7 +28,7 @@ from neuro.model.neurons import (
     sinusoidal_poisson_generator,
     spike_generator,
 )
-from neuro.model.parts import AUTO, Population
+from neuro.model.parts import AUTO, Population, naming_the_part
 from neuro.program.program import Floats, Ints, Program, Schedule, Stretch
 
 

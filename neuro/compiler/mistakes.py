@@ -355,7 +355,11 @@ def stand_in(sections: Mapping[str, Node], path: Words, gone: Node | None, error
     if place in _REPLACED:
         return _REPLACED[place][turn]
     if path[-1] in _PARTS and (len(path) == 3 or path[0] in ("groups", *_SETTINGS)):
-        return _named(sections, path[-1], error)
+        there = sections["populations"].value if "populations" in sections else {}
+        if not isinstance(there, dict):
+            return None
+        fitting = [name for name, node in there.items() if issubclass(_model(node), _PARTS[path[-1]] or object)]
+        return error.suggestion if error.suggestion in there else next(iter([*fitting, *there]), None)
     return _needed(path[-2], path[-1], turn) if len(path) > 3 else None
 
 
@@ -389,15 +393,6 @@ def _needed(name: str, word: str, turn: int) -> Any:
     high = next((bound for bound in (q.at_most, q.below) if bound is not None), low + 4.0)
     number = low + (high - low) * (turn + 1) / 4.0
     return int(number) if q.kind == "integer" or q.whole else number
-
-
-def _named(sections: Mapping[str, Node], word: str, error: ModelError) -> str | None:
-    """The population that is meant, or another that may stand there."""
-    there = sections["populations"].value if "populations" in sections else {}
-    if not isinstance(there, dict):
-        return None
-    fitting = [name for name, node in there.items() if issubclass(_model(node), _PARTS[word] or object)]
-    return error.suggestion if error.suggestion in there else next(iter([*fitting, *there]), None)
 
 
 def _model(node: Node) -> type[Any]:
@@ -454,18 +449,16 @@ class WordPlaces:
             return ()
         word, value = self.words.get(error.where, ()), self.values.get(error.where, ())
         if not (word or value):
-            value = self._around(error.where)
+            before = [
+                at
+                for at in self.values
+                if (at.file, at.line) == (error.where.file, error.where.line) and at.column < error.where.column
+            ]
+            value = self.values[max(before, key=lambda at: at.column)] if before else ()
         if not word or not value or len(value) < 2:
             return word or value
         # A mapping that begins on a line of its own begins where its first word does.
         return word if error.found == word[-1] else value
-
-    def _around(self, where: Where) -> Words:
-        """The value within which a place lies, as a character of a formula does."""
-        before = [
-            at for at in self.values if (at.file, at.line) == (where.file, where.line) and at.column < where.column
-        ]
-        return self.values[max(before, key=lambda at: at.column)] if before else ()
 
 
 def subject(root: Node, part: Words, error: ModelError) -> Words:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import uniform, uniform_pairs, uniform_table
 from neuro.core.values import plain
-from neuro.model.parts import Population
+from neuro.model.parts import Population, refuse
 from neuro.model.rules import distance_dependent
 from neuro.model.space import Profile
 from neuro.program.program import Floats, Ints
@@ -195,8 +195,8 @@ def space_of(part: Population, shape: tuple[int, ...]) -> Space:
         hint = f"give it 'positions', a shape of several axes, or the 'extent' of a line, e.g. [{shape[0]}.0]"
         raise ModelError(text, where=part.origin, hint=hint)
     if extent is not None and extent.shape != (len(shape),):
-        text = f"{message}: extent = {extent.tolist()}: expected {len(shape)} numbers, one for each axis of its shape"
-        raise ModelError(text, where=part.origin)
+        text = f"extent = {extent.tolist()}: expected {len(shape)} numbers, one for each axis of its shape"
+        refuse(part, text)
     length = np.array(shape, dtype=np.float64) if extent is None else extent
     axes = [(np.arange(n) + 0.5 - 0.5 * n) * (size / n) for n, size in zip(shape, length, strict=True)]
     places = np.stack([axis.reshape(-1) for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
@@ -204,25 +204,18 @@ def space_of(part: Population, shape: tuple[int, ...]) -> Space:
 
 
 def _given(part: Population, places: Floats, extent: Floats | None, n: int) -> Space:
-    message = f"population '{part.name}': positions"
     places = places[:, None] if places.ndim == 1 else places
     if places.ndim != 2 or places.shape[0] != n or not 1 <= places.shape[1] <= MOST_AXES:
-        text = f"{message} have the shape {list(places.shape)}: expected [{n}, 1 to {MOST_AXES}], a row for each neuron"
-        raise ModelError(text, where=part.origin)
+        text = f"positions have the shape {list(places.shape)}: expected [{n}, 1 to {MOST_AXES}], a row for each neuron"
+        refuse(part, text)
     if extent is not None and extent.shape != places.shape[1:]:
-        raise ModelError(
-            f"{message} have {places.shape[1]} coordinates, extent {extent.size}: expected as many", where=part.origin
-        )
+        refuse(part, f"positions have {places.shape[1]} coordinates, extent {extent.size}: expected as many")
     if part.periodic and extent is None:
-        raise ModelError(
-            f"{message} with periodic edges: expected 'extent', the length of each axis", where=part.origin
-        )
+        refuse(part, "positions with periodic edges: expected 'extent', the length of each axis")
     if extent is not None and np.any(np.ptp(places, axis=0) > extent):
         axis = int(np.flatnonzero(np.ptp(places, axis=0) > extent)[0])
-        raise ModelError(
-            f"{message} span {np.ptp(places[:, axis]):g} on axis {axis}: expected at most its extent, {extent[axis]:g}",
-            where=part.origin,
-        )
+        text = f"positions span {np.ptp(places[:, axis]):g} on axis {axis}"
+        refuse(part, f"{text}: expected at most its extent, {extent[axis]:g}")
     return Space(places, extent, part.periodic, None)
 
 
@@ -256,7 +249,9 @@ class Between:
     def near(self, reach: float) -> Iterator[tuple[Ints, Ints]]:
         """All pairs that are not farther apart, and perhaps some that are, a block of sources at a time, in order."""
         if not math.isfinite(reach):
-            yield from self._all()
+            n_post = len(self.target.places)
+            for first, last in blocks(0, len(self.source.places), max(1, BLOCK // n_post)):
+                yield np.repeat(np.arange(first, last), n_post), np.tile(np.arange(n_post), last - first)
             return
         from scipy.spatial import cKDTree
 
@@ -273,11 +268,6 @@ class Between:
             post = np.fromiter(chain.from_iterable(found), np.int64, int(ends[last - 1] - before))
             yield np.repeat(np.arange(first, last), counts[first:last]), post
             first = last
-
-    def _all(self) -> Iterator[tuple[Ints, Ints]]:
-        n_post = len(self.target.places)
-        for first, last in blocks(0, len(self.source.places), max(1, BLOCK // n_post)):
-            yield np.repeat(np.arange(first, last), n_post), np.tile(np.arange(n_post), last - first)
 
 
 def between(source: Population, target: Population, shapes: Mapping[str, tuple[int, ...]]) -> Between:

@@ -7,7 +7,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from neuro.compiler.check import naming_the_part, recordable, refuse
+from neuro.compiler.check import recordable
 from neuro.compiler.shapes import Shape, end_of
 from neuro.core.clock import Clock
 from neuro.core.english import a
@@ -21,6 +21,8 @@ from neuro.model.parts import (
     Trials,
     dropout as Dropout,
     labels as Labels,
+    naming_the_part,
+    refuse,
     reward as Reward,
     winner_take_all,
 )
@@ -66,7 +68,18 @@ def _check_neurons(part: Probe, population: Population) -> None:
     if len(states) > 1 and (alone := next((state for state in states if state in ALONE), "")):
         refuse(part, f"'{alone}' is recorded alone", "give it a probe of its own", "record")
     if states[0] in ALONE:
-        _check_alone(part, states[0], population)
+        what = states[0]
+        if isinstance(population.model, CurrentGenerator):
+            refuse(part, f"{what} of '{part.of}', {a(population.model.name)}: it emits a current", word="record")
+        if what == "spikes" and part.every is not None:
+            refuse(part, "every is for states: spikes are all recorded", "leave 'every' out", "every")
+        if what == "rate" and part.every is None:
+            text = "a rate needs every, the length of its bins"
+            refuse(part, text, "every: 10.0 is a common one", "record", about=("every",))
+        if part.mean:
+            message = "a rate is a mean over the neurons" if what == "rate" else "mean is for states"
+            way_out = "leave 'mean' out" if what == "rate" else "record: rate gives that of spikes"
+            refuse(part, message, way_out, "mean", about=("record",))
         return
     known = recordable(population)
     for state in states:
@@ -75,20 +88,6 @@ def _check_neurons(part: Probe, population: Population) -> None:
             raise unknown("state", state, [*known, *ALONE], part.origin, ("record",)).but(
                 message=f"probe '{part.name}': {message}"
             )
-
-
-def _check_alone(part: Probe, what: str, population: Population) -> None:
-    if isinstance(population.model, CurrentGenerator):
-        refuse(part, f"{what} of '{part.of}', {a(population.model.name)}: it emits a current", word="record")
-    if what == "spikes" and part.every is not None:
-        refuse(part, "every is for states: spikes are all recorded", "leave 'every' out", "every")
-    if what == "rate" and part.every is None:
-        text = "a rate needs every, the length of its bins"
-        refuse(part, text, "every: 10.0 is a common one", "record", about=("every",))
-    if part.mean:
-        message = "a rate is a mean over the neurons" if what == "rate" else "mean is for states"
-        way_out = "leave 'mean' out" if what == "rate" else "record: rate gives that of spikes"
-        refuse(part, message, way_out, "mean", about=("record",))
 
 
 def resolve_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> tuple[resolved.Probe, ...]:
@@ -154,7 +153,24 @@ def _chosen(part: Probe, program: resolved.Program, index: int, shapes: Mapping[
     """The places of the synapses that are recorded, None for all."""
     projection = program.projections[index]
     if part.pre is not None or part.post is not None:
-        return _between(part, program, index, shapes)
+        projection = program.projections[index]
+        if part.synapses is not None:
+            refuse(part, "found both 'synapses' and the neurons at their ends: expected one of both")
+        if projection.grid is not None:
+            message = "pre and post: the synapses of a grid share their weights"
+            refuse(part, message, "synapses: [0, 1] records some of these", "pre")
+        kept = np.ones(projection.size, dtype=np.bool_)
+        views = {"pre": part.pre, "post": part.post}
+        for (word, view), ids in zip(views.items(), program.connections(index), strict=True):
+            if view is not None:
+                with naming_the_part(part, word, view.population.name):
+                    kept &= np.isin(ids, view.within(shapes[view.population.name])[0])
+        if not kept.any():
+            asked = " ".join(
+                f"{word} {view}" for word, view in (("from", part.pre), ("to", part.post)) if view is not None
+            )
+            refuse(part, f"none of the {projection.size:,} synapses of '{part.of}' goes {asked}: expected at least one")
+        return np.flatnonzero(kept)
     if part.synapses is None:
         return None
     chosen = np.asarray(part.synapses)
@@ -164,25 +180,6 @@ def _chosen(part: Probe, program: resolved.Program, index: int, shapes: Mapping[
     if np.unique(chosen).size < chosen.size or not chosen.size:
         refuse(part, "synapses: expected at least one, and each once", word="synapses")
     return chosen
-
-
-def _between(part: Probe, program: resolved.Program, index: int, shapes: Mapping[str, Shape]) -> Ints:
-    projection = program.projections[index]
-    if part.synapses is not None:
-        refuse(part, "found both 'synapses' and the neurons at their ends: expected one of both")
-    if projection.grid is not None:
-        message = "pre and post: the synapses of a grid share their weights"
-        refuse(part, message, "synapses: [0, 1] records some of these", "pre")
-    kept = np.ones(projection.size, dtype=np.bool_)
-    views = {"pre": part.pre, "post": part.post}
-    for (word, view), ids in zip(views.items(), program.connections(index), strict=True):
-        if view is not None:
-            with naming_the_part(part, word, view.population.name):
-                kept &= np.isin(ids, view.within(shapes[view.population.name])[0])
-    if not kept.any():
-        asked = " ".join(f"{word} {view}" for word, view in (("from", part.pre), ("to", part.post)) if view is not None)
-        refuse(part, f"none of the {projection.size:,} synapses of '{part.of}' goes {asked}: expected at least one")
-    return np.flatnonzero(kept)
 
 
 def _every(part: Probe, clock: Clock) -> int:
@@ -212,7 +209,10 @@ def resolve_trials(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> r
         message = f"reward.silent = {reward.silent:g}: expected 0, as no neuron decided that could be rewarded"
         _refuse(net, "reward.silent", message, "r_stdp.epsilon and r_stdp.rescue say what silence teaches")
     dropout: Dropout | None = section.dropout
-    _check_reset(net, output, section)
+    known = recordable(net.populations[output])
+    for state in section.reset:
+        if state not in known:
+            _refuse(net, "reset", f"reset: '{output}' has no state '{state}'", nearest(state, known))
     _check_learners(net, output, labels, list(net.groups.values())[group])
     return resolved.Trials(
         input=names.index(_input(net, section)),
@@ -287,13 +287,6 @@ def _duration(net: Network, section: Trials, clock: Clock) -> int:
         message = f"duration = {section.duration:g} ms: expected at least the resolution, {clock.resolution:g} ms"
         _refuse(net, "duration", message)
     return ticks
-
-
-def _check_reset(net: Network, output: str, section: Trials) -> None:
-    known = recordable(net.populations[output])
-    for state in section.reset:
-        if state not in known:
-            _refuse(net, "reset", f"reset: '{output}' has no state '{state}'", nearest(state, known))
 
 
 def _check_learners(net: Network, output: str, labels: Labels | None, group: Group) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.connect import Apart, Block, Blocks, Connections, connect, listed_one_by_one
+from neuro.compiler.connect import Apart, Block, Blocks, Connections, listed_one_by_one
 from neuro.compiler.memory import SynapseRoom, weight_room
 from neuro.compiler.shapes import End, size
 from neuro.compiler.values import Room, Steps, delay_steps, per_synapse
@@ -106,13 +106,11 @@ class Drawing:
 
     def _undivided(self, room: SynapseRoom | None) -> Synapses:
         """All synapses, of one block."""
-        only, blocks = Block(0, 0, 0), self.blocks
+        only = Block(0, 0, 0)
         if self.wired is not None:
             found = self.wired()
         else:
-            to = None if room is None else room.targets
-            words = (blocks.rule, blocks.source, blocks.target, blocks.own, blocks.sizes, blocks.key, blocks.apart)
-            found = placed(connect(*words, to), *self.ends)
+            found = placed(self.blocks.whole(None if room is None else room.targets), *self.ends)
         # Delays before weights, each with a key of its own: adding a distribution to one changes nothing of the other.
         delay, by_delay = self._delay(found, only), False
         if self.ordered:
@@ -180,7 +178,10 @@ class Drawing:
         found = joint.connections(targets)
         rows = [*columns.values(), *([delay] if _each(self.part.delay) else [])]
         if found.layout == "csr" and not self.ends[1].ascends:
-            _sort_targets(found, rows)
+            pre = np.repeat(np.arange(found.row_ends.size - 1), np.diff(found.row_ends))
+            order = np.lexsort((found.targets, pre))
+            for column in (found.targets, *rows):
+                column[:] = column[order]
         by_delay = layout == "csr" and self._sorts
         if by_delay:
             _by_delay_in_place(found.row_ends, delay, targets, [*columns.values()])
@@ -290,7 +291,11 @@ class Piece:
     @property
     def row_ends(self) -> Ints:
         """Where those of the part end, source by source."""
-        return self.found.row_ends if self.kept is None else _among(self.found.row_ends, self.kept)
+        return (
+            self.found.row_ends
+            if self.kept is None
+            else np.concatenate(([0], np.cumsum(self.kept)))[self.found.row_ends]
+        )
 
 
 class Joint:
@@ -393,19 +398,6 @@ def _with(rule: Synapse, numbers: Mapping[str, Floats]) -> Synapse:
     defaults = {entry.name: entry.default for entry in fields(rule)}
     each = {name: values if values.size else defaults[name] for name, values in numbers.items()}
     return replace(rule, **each) if each else rule
-
-
-def _among(row_ends: Ints, kept: NDArray[np.bool_]) -> Ints:
-    """Where the synapses of each source end, of those that are kept."""
-    return np.concatenate(([0], np.cumsum(kept)))[row_ends]
-
-
-def _sort_targets(found: Connections, columns: Sequence[NDArray[Any]]) -> None:
-    """Put the synapses of each source in the order of their targets, in place."""
-    pre = np.repeat(np.arange(found.row_ends.size - 1), np.diff(found.row_ends))
-    order = np.lexsort((found.targets, pre))
-    for column in (found.targets, *columns):
-        column[:] = column[order]
 
 
 def _by_delay_in_place(row_ends: Ints, delay: Steps, targets: NDArray[Any], others: Sequence[NDArray[Any]]) -> None:

@@ -9,8 +9,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.check import refuse
-from neuro.compiler.connect import Connections, check_degree, connect, expected_synapses, listed
+from neuro.compiler.connect import Blocks, Connections, check_degree, expected_synapses, listed
 from neuro.compiler.pairs import check_number
 from neuro.compiler.shapes import End
 from neuro.compiler.synapses import Synapses
@@ -19,7 +18,7 @@ from neuro.core.clock import Clock
 from neuro.core.keyed_random import generator
 from neuro.core.values import plain
 from neuro.model.distributions import Distribution, lognormal, normal, uniform
-from neuro.model.parts import Population, Projection
+from neuro.model.parts import Population, Projection, refuse
 from neuro.model.rules import (
     BACKEND,
     NamedRule,
@@ -71,7 +70,16 @@ def undrawn(part: Projection, n_pre: int, n_post: int, clock: Clock) -> tuple[Un
     else:
         late = one_delay(delay, clock, "delay").astype(np.int32)
     assert isinstance(part.rule, NamedRule)
-    _check_sizes(part.rule, n_pre, n_post, part.source == part.target)
+    own = int((part.source == part.target) and not getattr(part.rule, "autapses", True))
+    match part.rule:
+        case one_to_one():
+            Blocks(part.rule, (n_pre,), (n_post,), None, None, (0, "", ""), _no_distance).whole()
+        case fixed_indegree():
+            check_degree(part.rule.n, n_pre - own, part.rule.multapses, "sources")
+        case fixed_outdegree():
+            check_degree(part.rule.n, n_post - own, part.rule.multapses, "targets")
+        case fixed_total_number():
+            check_number(part.rule.n, n_pre * n_post - own * n_pre, part.rule.multapses)
     number = part.rule.synapses(n_pre, n_post, part.source == part.target)
     found = Connections(
         "undrawn",
@@ -81,20 +89,6 @@ def undrawn(part: Projection, n_pre: int, n_post: int, clock: Clock) -> tuple[Un
     extremes = np.array(bounds(weight)) if isinstance(weight, Distribution) else np.array([weight])
     described = Undrawn(part.rule, weight, delay)
     return described, Synapses(found, late, extremes, part.synapse, False, found.layout)
-
-
-def _check_sizes(rule: NamedRule, n_pre: int, n_post: int, same: bool) -> None:
-    """Refuse a rule that does not fit the sizes of its populations, as where synapses are drawn here."""
-    own = int(same and not getattr(rule, "autapses", True))
-    match rule:
-        case one_to_one():
-            connect(rule, (n_pre,), (n_post,), None, None, (0, "", ""), lambda: _no_distance())
-        case fixed_indegree():
-            check_degree(rule.n, n_pre - own, rule.multapses, "sources")
-        case fixed_outdegree():
-            check_degree(rule.n, n_post - own, rule.multapses, "targets")
-        case fixed_total_number():
-            check_number(rule.n, n_pre * n_post - own * n_pre, rule.multapses)
 
 
 def _no_distance() -> NoReturn:

@@ -104,7 +104,18 @@ class Registry(Mapping[str, T], Generic[T]):
             if name in self._registered:
                 self._parts[name] = self._completed(self._registered[name])
             elif name in self._entries():
-                self._parts[name] = self._loaded(name)
+                entry = installed(self._group)[name]
+                message = f"{self.kind} '{name}' cannot be loaded from {entry.value}"
+                try:
+                    part = entry.load()
+                except Exception as error:
+                    hint = "install again the package that brings it"
+                    raise ModelError(f"{message}: {type(error).__name__}: {error}", hint=hint) from error
+                if self.takes is not None and not self.takes(part):
+                    raise ModelError(f"{message}: found {part!r:.60}: expected a {self.kind}")
+                if self._name(part) != name:
+                    raise ModelError(f"{message}: it is called '{self._name(part)}': expected the same name")
+                self._parts[name] = self._completed(part)
         return self._parts[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -149,21 +160,6 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def _entries(self) -> set[str]:
         return installed(self._group).names if self._group else set()
-
-    def _loaded(self, name: str) -> T:
-        """A part of an installed package."""
-        entry = installed(self._group)[name]
-        message = f"{self.kind} '{name}' cannot be loaded from {entry.value}"
-        try:
-            part = entry.load()
-        except Exception as error:
-            hint = "install again the package that brings it"
-            raise ModelError(f"{message}: {type(error).__name__}: {error}", hint=hint) from error
-        if self.takes is not None and not self.takes(part):
-            raise ModelError(f"{message}: found {part!r:.60}: expected a {self.kind}")
-        if self._name(part) != name:
-            raise ModelError(f"{message}: it is called '{self._name(part)}': expected the same name")
-        return self._completed(part)
 
     def _completed(self, part: T) -> T:
         try:

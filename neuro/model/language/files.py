@@ -272,7 +272,9 @@ def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
     if group is None:
         return _two_columns(hdf5(path, file, key), key, what)
     names, clock = group
-    times, ids, *more = (_inner(key, name) for name in (COLUMNS if clock is None else _STEPS))
+    times, ids, *more = (
+        Node(f"{key.value}/{name}", key.where, key.label, key.source) for name in (COLUMNS if clock is None else _STEPS)
+    )
     columns = [hdf5(path, file, times), hdf5(path, file, ids)]
     if clock is not None:
         columns[0] = clock.array_ms(columns[0].astype(np.int64))
@@ -280,10 +282,6 @@ def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
     if more and "multiplicity" in names:
         rows = np.repeat(rows, hdf5(path, file, more[0]).astype(np.int64), axis=0)
     return rows
-
-
-def _inner(key: Node, name: str) -> Node:
-    return Node(f"{key.value}/{name}", key.where, key.label, key.source)
 
 
 def _group(path: Path, key: str) -> tuple[list[str], Clock | None] | None:
@@ -393,8 +391,9 @@ def _sections(root: Node, chain: list[Path], seen: set[Path], reading: Callable[
         for section, part in _included_sections(node, chain, seen, reading).items():
             _merge(merged, section, part)
     for section, part in own.items():
-        if section in GATHERED:
-            _mapping(section, part)
+        if section in GATHERED and not isinstance(part.value, dict):
+            hint = "write 'name: {...}' for each, without '-'" if isinstance(part.value, list) else ""
+            raise mistake(part, f"{section}: {found(part)}: expected a mapping from names to parts", hint)
         _merge(merged, section, part)
     return merged
 
@@ -431,12 +430,6 @@ def _included_sections(
     seen.add(real)
     inner = _sections(reading(path), [*chain, real], seen, reading)
     return {section: part for section, part in inner.items() if section not in OWN}
-
-
-def _mapping(section: str, node: Node) -> None:
-    if not isinstance(node.value, dict):
-        hint = "write 'name: {...}' for each, without '-'" if isinstance(node.value, list) else ""
-        raise mistake(node, f"{section}: {found(node)}: expected a mapping from names to parts", hint)
 
 
 def _merge(merged: dict[str, Node], section: str, part: Node) -> None:

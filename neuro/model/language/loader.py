@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,7 +21,7 @@ from neuro.core.hints import ELSEWHERE
 from neuro.core.inputs import gathering
 from neuro.core.memory import uncollected
 from neuro.core.paths import file_path
-from neuro.core.quantities import Quantity
+from neuro.core.quantities import KINDS, Quantity
 from neuro.core.values import FromFile, shown
 from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.equations import made
@@ -29,12 +30,11 @@ from neuro.model.language.parameters import resolve
 from neuro.model.language.reader import Node, about, follow, found, mistake, plain, put_at, within, words
 from neuro.model.network import Network, check_name
 from neuro.model.neurons import MODELS, Model
-from neuro.model.parts import AUTO, CHOSEN, DELAY, EXTENT, GROUPS, POSITIONS, WEIGHT, Population, Readout, Trials
+from neuro.model.parts import AUTO, GROUPS, Part, Population, Probe, Projection, Readout, Signal, Trials
 from neuro.model.rules import RULES
 from neuro.model.space import MASKS, PROFILES, of_distance
-from neuro.model.synapses import SYNAPSES, static
+from neuro.model.synapses import SYNAPSES
 from neuro.model.views import indices, view
-from neuro.model.wiring.neurons import neuron_table
 
 TABLES: dict[str, Mapping[str, type[Choice]]] = {
     "model": MODELS,
@@ -96,10 +96,6 @@ def with_parameters(cls: type[C], node: Node) -> C:
         return cls.from_words(values)
 
 
-FILED = ("ids", "times", "moments", "series", "graded_train")
-"""Kinds of parameters that are lists, which a file may hold."""
-
-
 def value(q: Quantity, node: Node, what: str) -> Any:
     """The value of one parameter; whether it is accepted is checked where it is used.
 
@@ -123,12 +119,12 @@ def value(q: Quantity, node: Node, what: str) -> Any:
     if q.of_distance and isinstance(node.value, dict) and of_distance.called() in node.value:
         said = words(node, (of_distance.called(),), what)
         return of_distance(choice(said[of_distance.called()], "profile"))
-    if isinstance(node.value, dict) and "file" in node.value and (q.arrays or q.kind in FILED):
+    if isinstance(node.value, dict) and "file" in node.value and (q.arrays or KINDS[q.kind].listed):
         return array(node)
     if q.arrays and isinstance(node.value, dict):
         _refuse_bare_parameters(node, what)
         return choice(node, "distribution")
-    if q.arrays and isinstance(node.value, str) and _first_word(node.value) in DISTRIBUTIONS:
+    if q.arrays and isinstance(node.value, str) and node.value.partition("(")[0].strip() in DISTRIBUTIONS:
         return choice(node, "distribution")
     return plain(node)
 
@@ -234,15 +230,6 @@ def _refuse_bare_parameters(node: Node, what: str) -> None:
         )
 
 
-def _first_word(text: str) -> str:
-    return text.partition("(")[0].strip()
-
-
-VALUES = {"weight": WEIGHT, "delay": DELAY}
-PLACES = {"positions": POSITIONS, "extent": EXTENT}
-OF_POPULATIONS = ("model", "shape", "initial", *PLACES, "periodic", "neurons")
-
-
 def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
     """Read a network from a YAML file.
 
@@ -293,16 +280,14 @@ class _Builder:
                     settings = {"name": self.net.name, "resolution": self.net.resolution, word: plain(node)}
                     self.net = Network(settings["name"], resolution=settings["resolution"])
         self.each("models", self.model)
-        self.each("populations", self.population)
-        self.each("projections", self.projection)
-        self.each("signals", self.signal)
+        self.each("populations", partial(self.part, Population))
+        self.each("projections", partial(self.part, Projection))
+        self.each("signals", partial(self.part, Signal))
         self.each("groups", self.group)
-        if "trials" in self.sections:
-            self.trials(self.sections["trials"])
-        self.each("probes", self.probe)
-        if "readout" in self.sections:
-            with within("readout"):
-                self.net.readout_section = with_parameters(Readout, self.sections["readout"])
+        self.net.trials_section = self.section(Trials)
+        self.net.trials_origin = self.sections["trials"].label if "trials" in self.sections else None
+        self.each("probes", partial(self.part, Probe))
+        self.net.readout_section = self.section(Readout)
         self.net.place = None
         self.references()
         return self.net
@@ -332,23 +317,31 @@ class _Builder:
             of = self.models if issubclass(model, Model) else self.synapses
             of[name] = model
 
-    def population(self, name: str, node: Node) -> None:
+    def part(self, cls: type[Part], name: str, node: Node) -> None:
+        """Add a part to the network by the values of its words; neurons last, as errors in the others come first."""
         listed = isinstance(node.value, dict) and "neurons" in node.value
-        said = part(node, OF_POPULATIONS, "a population", ("model",) if listed else ("model", "shape"))
-        model = self.by_name(said["model"])
-        initial = {}
-        if "initial" in said:
-            quantities = {state.name: state.quantity() for state in model.states if not state.hidden}
-            states = words(said["initial"], quantities, "initial", kind=f"state of {model.name}")
-            initial = {word: value(quantities[word], inner, f"initial.{word}") for word, inner in states.items()}
-        places = {word: value(q, said[word], word) for word, q in PLACES.items() if word in said}
-        if "periodic" in said:
-            places["periodic"] = plain(said["periodic"])
-        if listed:
-            places["neurons"] = with_parameters(neuron_table, said["neurons"])
-        shape = plain(said["shape"]) if "shape" in said else AUTO
+        needs = [word for word in cls.needs if not (word == "shape" and listed)]
+        said = part(node, cls.words, f"a {cls.word}", needs)
+        values: dict[str, Any] = {"shape": AUTO} if listed else {}
+        for word, q in sorted(cls.words.items(), key=lambda item: item[1].kind == "neurons"):
+            if word in said:
+                values[cls.ends.get(word, (word,))[0]] = self.value(q, word, said[word], values)
+        add = self.net.connect if cls is Projection else getattr(self.net, cls.word)
         with about(node):
-            self.net.population(name, shape, model, initial=initial, **places)
+            add(name=name, **values)
+
+    def value(self, q: Quantity, word: str, node: Node, others: Mapping[str, Any]) -> Any:
+        """Return the value of a word of a part, given those of the words before it."""
+        if q.kind == "neurons":
+            return neurons(node, self.net.populations, word)
+        if q.kind == "states":
+            model = others["model"]
+            quantities = {state.name: state.quantity() for state in model.states if not state.hidden}
+            states = words(node, quantities, word, kind=f"state of {model.name}")
+            return {state: value(quantities[state], inner, f"{word}.{state}") for state, inner in states.items()}
+        if word == "model":
+            return self.by_name(node)
+        return choice(node, word, self.synapses) if word == "synapse" else value(q, node, word)
 
     def by_name(self, node: Node) -> Model:
         """The model of a population; one that is said by its name alone is made once."""
@@ -358,41 +351,16 @@ class _Builder:
             self.named[name] = model
         return model
 
-    def projection(self, name: str, node: Node) -> None:
-        known = ("from", "to", "rule", "weight", "delay", "synapse")
-        said = part(node, known, "a projection", ("from", "to", "rule"))
-        rule = choice(said["rule"], "rule")
-        synapse = choice(said["synapse"], "synapse", self.synapses) if "synapse" in said else static()
-        values = {word: value(q, said[word], word) for word, q in VALUES.items() if word in said}
-        ends = [neurons(said[word], self.net.populations, word) for word in ("from", "to")]
-        with about(node):
-            self.net.connect(ends[0], ends[1], rule, synapse, name=name, **values)
-
-    def signal(self, name: str, node: Node) -> None:
-        said = words(node, ("to",), "a signal", needs=("to",))
-        with about(node):
-            self.net.signal(name, to=plain(said["to"]))
-
     def group(self, name: str, node: Node) -> None:
         group = choice(node, "group")
         with about(node):
             self.net.group(name, group)
 
-    def trials(self, node: Node) -> None:
-        with within("trials"):
-            self.net.trials_section = with_parameters(Trials, node)
-        self.net.trials_origin = node.label
-
-    def probe(self, name: str, node: Node) -> None:
-        known = ("of", "record", "every", "at", "mean", "synapses", "pre", "post")
-        said = words(node, known, "a probe", needs=("of",))
-        rest = {word: plain(said[word]) for word in known[1:5] if word in said}
-        rest |= {word: neurons(said[word], self.net.populations, word) for word in known[6:] if word in said}
-        if "synapses" in said:
-            rest["synapses"] = value(CHOSEN, said["synapses"], "synapses")
-        of = neurons(said["of"], self.net.populations, "of")
-        with about(node):
-            self.net.probe(name, of, **rest)
+    def section(self, cls: type[C]) -> C | None:
+        if cls.word not in self.sections:
+            return None
+        with within(cls.word):
+            return with_parameters(cls, self.sections[cls.word])
 
     def references(self) -> None:
         """Check the names that choices hold; those of the parts are checked as the parts are added."""
@@ -402,10 +370,9 @@ class _Builder:
         for name, projection in self.net.projections.items():
             node = follow(self.sections["projections"], (name, "synapse", projection.synapse.name))
             self.names(projection.synapse, node, f"projection '{name}'")
-        if self.net.trials_section is not None:
-            self.names(self.net.trials_section, self.sections["trials"], "trials")
-        if self.net.readout_section is not None:
-            self.names(self.net.readout_section, self.sections["readout"], "readout")
+        for section in (self.net.trials_section, self.net.readout_section):
+            if section is not None:
+                self.names(section, self.sections[section.word], section.word)
 
     def names(self, choice: Choice, node: Node, context: str) -> None:
         for word, name in choice.parameters().items():
@@ -441,29 +408,14 @@ def neurons(node: Node, populations: Mapping[str, Population], role: str) -> Any
     if name not in populations:
         error = unknown("population", name, populations)
         raise error.at(index.label, role)
+    written = index.value
     with within(role):
-        if isinstance(index.value, dict) and "file" not in index.value:
-            with about(index):
-                return populations[name].where(**plain(index))
-        chosen = _index(index, populations[name])
+        if isinstance(written, bool) or not isinstance(written, (str, int, list, dict)):
+            expected = 'expected an index such as "0:100", or a list of ids'
+            raise mistake(index, f"{name}: {found(index)}: {expected}")
+        chosen = array(index) if isinstance(written, dict) and "file" in written else plain(index)
         with about(index):
-            ids = isinstance(chosen, (list, FromFile))
-            return view(populations[name], check(IDS, chosen, name) if ids else chosen)
-
-
-def _index(node: Node, population: Population) -> Any:
-    """The index that is written, or ids that are not yet checked."""
-    if isinstance(node.value, str):
-        return _axes(node, population)
-    if isinstance(node.value, dict):
-        return array(node)
-    if isinstance(node.value, (int, list)) and not isinstance(node.value, bool):
-        return plain(node)
-    raise mistake(node, f'{population.name}: {found(node)}: expected an index such as "0:100", or a list of ids')
-
-
-def _axes(node: Node, population: Population) -> tuple[int | slice, ...]:
-    try:
-        return indices(node.value, population.name)
-    except ModelError as error:
-        raise put_at(node, error) from None
+            if isinstance(chosen, dict):
+                return populations[name].where(**chosen)
+            ids = check(IDS, chosen, name) if isinstance(chosen, (list, FromFile)) else chosen
+            return view(populations[name], indices(ids, name) if isinstance(ids, str) else ids)

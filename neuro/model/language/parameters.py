@@ -266,9 +266,7 @@ class _Value:
             return Measure(best(measure.value for measure in found), found[0].dimension)
         if len(found) != 1:
             raise self.whole.mistake(tree.at, f"{tree.name} takes 1 value: found {len(found)}")
-        return self._of_one(tree, found[0])
-
-    def _of_one(self, tree: Call, x: Measure) -> Measure:
+        x = found[0]
         if tree.name == "sqrt":
             if x.value < 0.0:
                 raise self.whole.mistake(tree.at, f"sqrt({x.value:g}) is no number: expected at least 0")

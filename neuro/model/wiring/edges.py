@@ -161,7 +161,16 @@ class _Reader:
         if not self.rule.transmitter:
             return None
         if self.sign is None:
-            return self._sign_of_edges(piece, kept)
+            assert self.rule.transmitter
+            words = _some(piece.columns[self.rule.transmitter], kept)
+            assert isinstance(words, Texts)
+            sign = words.each(_signs(words, self.rule))
+            lost = np.flatnonzero(np.isnan(sign))
+            if lost.size:
+                word = words.words[words.codes[lost[0]]]
+                place = f"{self.table.path}: row {_row(piece, kept, int(lost[0]))}, column '{self.rule.transmitter}'"
+                raise _no_sign(word, self.rule).at(None, place)
+            return sign
         sign = np.where(pre >= 0, self.sign[pre], 0.0)
         lost = np.flatnonzero(np.isnan(sign))
         if lost.size:
@@ -172,18 +181,6 @@ class _Reader:
             word = column.words[column.codes[self.source.taken[neuron]]]
             who = f"neuron {self.source.shown_id(neuron)} of {self.source.ids.what}"
             raise _no_sign(word, self.rule).at(None, who)
-        return sign
-
-    def _sign_of_edges(self, piece: Piece, kept: Any) -> Floats:
-        assert self.rule.transmitter
-        words = _some(piece.columns[self.rule.transmitter], kept)
-        assert isinstance(words, Texts)
-        sign = words.each(_signs(words, self.rule))
-        lost = np.flatnonzero(np.isnan(sign))
-        if lost.size:
-            word = words.words[words.codes[lost[0]]]
-            place = f"{self.table.path}: row {_row(piece, kept, int(lost[0]))}, column '{self.rule.transmitter}'"
-            raise _no_sign(word, self.rule).at(None, place)
         return sign
 
     def _sign_of_sources(self) -> Floats:

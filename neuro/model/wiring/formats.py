@@ -282,7 +282,16 @@ class CsvMatrix:
                     continue
                 if known.setdefault(line[0], row) != row:
                     raise cell(self, row, "pre", line[0], f"another id than that of row {known[line[0]]}")
-                weights = self._weights(row, line)
+                if len(line) - 1 != len(self._posts):
+                    message = f"{self.path}: row {row}: found {len(line) - 1} weights: expected {len(self._posts)}"
+                    raise ModelError(f"{message}, as many as ids in row 1")
+                try:
+                    weights = np.array(line[1:], dtype=np.float64)
+                except ValueError:
+                    weights = np.full(len(self._posts), np.nan)
+                if not np.isfinite(weights).all():
+                    bad = next(k for k, text in enumerate(line[1:]) if not _is_finite(text))
+                    raise cell(self, row, self._posts[bad], line[1 + bad], "a finite number")
                 there = np.flatnonzero(weights)
                 named = {"pre": [line[0]] * there.size, "post": [self._posts[k] for k in there.tolist()]}
                 columns = {name: self._ids(row, name, ids, kinds[name]) for name, ids in named.items() if name in kinds}
@@ -293,19 +302,6 @@ class CsvMatrix:
             yield from csv.reader(file)
         except (UnicodeDecodeError, csv.Error) as error:
             raise ModelError(f"{self.path}: no CSV that can be read: {error!s:.150}") from None
-
-    def _weights(self, row: int, line: list[str]) -> np.ndarray[Any, np.dtype[np.float64]]:
-        if len(line) - 1 != len(self._posts):
-            message = f"{self.path}: row {row}: found {len(line) - 1} weights: expected {len(self._posts)}"
-            raise ModelError(f"{message}, as many as ids in row 1")
-        try:
-            weights = np.array(line[1:], dtype=np.float64)
-        except ValueError:
-            weights = np.full(len(self._posts), np.nan)
-        if not np.isfinite(weights).all():
-            bad = next(k for k, text in enumerate(line[1:]) if not _is_finite(text))
-            raise cell(self, row, self._posts[bad], line[1 + bad], "a finite number")
-        return weights
 
     def _ids(self, row: int, name: str, ids: list[str], kind: str) -> Column:
         if kind == TEXT:

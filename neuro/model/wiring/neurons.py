@@ -190,7 +190,13 @@ class Neurons:
             if empty.size:
                 raise cell(self._table, first + int(empty[0]), name, "", "an id")
             if all(_WHOLE.fullmatch(column.words[code]) for code in np.unique(column.codes).tolist()):
-                column = self._numbers(column, name)
+                whole = [int(word) if word else 0 for word in column.words]
+                low, high = min(whole), max(whole)
+                if low < -(2**63) or high >= 2**64 or (low < 0 and high >= 2**63):
+                    bad = low if low < -(2**63) else high
+                    row = int(np.flatnonzero(column.each(np.array([number == bad for number in whole])))[0])
+                    raise cell(self._table, self._table.first + row, name, bad, "a whole number of 64 bits")
+                column = column.each(np.array(whole, dtype=INT64 if high < 2**63 else UINT64))
         elif column.dtype.kind not in "iu":
             message = f"{self._said.file}: column '{name}' holds {column.dtype}: expected whole numbers or text"
             raise ModelError(message, path=("id",))
@@ -205,15 +211,6 @@ class Neurons:
             expected = f"another id than that of row {first + before}"
             raise cell(self._table, first + again, name, found, expected)
         return column
-
-    def _numbers(self, column: Texts, name: str) -> NDArray[Any]:
-        whole = [int(word) if word else 0 for word in column.words]
-        low, high = min(whole), max(whole)
-        if low < -(2**63) or high >= 2**64 or (low < 0 and high >= 2**63):
-            bad = low if low < -(2**63) else high
-            row = int(np.flatnonzero(column.each(np.array([number == bad for number in whole])))[0])
-            raise cell(self._table, self._table.first + row, name, bad, "a whole number of 64 bits")
-        return column.each(np.array(whole, dtype=INT64 if high < 2**63 else UINT64))
 
 
 def _joined(pieces: list[Column]) -> Column:

@@ -45,7 +45,14 @@ class Types:
     def __init__(self, path: Path, id: str) -> None:
         self.path = existing(path)
         record_input(path)
-        header, *lines = self._lines()
+        try:
+            with self.path.open(encoding="utf-8-sig", newline="") as file:
+                found = [line for line in csv.reader(file, delimiter=" ", skipinitialspace=True) if any(line)]
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise ModelError(f"{self.path}: no CSV of types that can be read: {error!s:.150}") from None
+        if not found:
+            raise ModelError(f"{self.path}: found no header: expected the names of the columns in the first line")
+        header, *lines = found
         if id not in header:
             raise ModelError(f"{path}: row 1: found {header}: expected a column '{id}'", path=("types",))
         if twice := [name for k, name in enumerate(header) if name in header[:k]]:
@@ -59,16 +66,6 @@ class Types:
         self._ids_sorted = ids[self._order]
         self.names = tuple(columns)
         self._columns = {name: self._column(cells) for name, cells in columns.items()}
-
-    def _lines(self) -> list[list[str]]:
-        try:
-            with self.path.open(encoding="utf-8-sig", newline="") as file:
-                found = [line for line in csv.reader(file, delimiter=" ", skipinitialspace=True) if any(line)]
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise ModelError(f"{self.path}: no CSV of types that can be read: {error!s:.150}") from None
-        if not found:
-            raise ModelError(f"{self.path}: found no header: expected the names of the columns in the first line")
-        return found
 
     def _ids(self, id: str, cells: tuple[str, ...]) -> NDArray[np.int64]:
         found: dict[int, int] = {}
@@ -169,19 +166,16 @@ class SonataTable:
             own = {name: [g for g in self._groups if name in file[self._place][g]] for name in self._own(file)}
             self._in_groups = {name: groups for name, groups in own.items() if name not in self._ids}
             self._types = None if types is None else Types(types, f"{self._word}_type_id")
-            self._size = self._rows(file, kind)
+            ids = "target_node_id" if kind == "edges" else "node_type_id"
+            if ids not in self._ids:
+                raise ModelError(f"{self.path}: '{self._place}' has no '{ids}': expected {', '.join(_IDS[kind])}")
+            self._size = int(self._dataset(file, f"{self._place}/{ids}").shape[0])
         shared = () if self._types is None else self._types.names
         self.names = tuple(dict.fromkeys((*self._ids, *self._in_groups, *shared)))
 
     def _own(self, file: Any) -> list[str]:
         names = (name for group in self._groups for name in file[self._place][group])
         return [name for name in dict.fromkeys(names) if name not in ("@library", "dynamics_params")]
-
-    def _rows(self, file: Any, kind: str) -> int:
-        ids = "target_node_id" if kind == "edges" else "node_type_id"
-        if ids not in self._ids:
-            raise ModelError(f"{self.path}: '{self._place}' has no '{ids}': expected {', '.join(_IDS[kind])}")
-        return int(self._dataset(file, f"{self._place}/{ids}").shape[0])
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
@@ -236,7 +230,19 @@ class SonataTable:
                 "type": self._types is not None and any(name in self._types.names for name in attributes),
             }
             about = {word: self._of_rows(file, name) for word, name in words.items() if needed[word]}
-            self._check(about)
+            for word, name in (("group", "group_id"), ("place", "group_index")):
+                if len(self._groups) > 1 and about.get(word, 0) is None:
+                    groups = f"the groups {', '.join(self._groups)}"
+                    raise ModelError(f"{self.path}: '{self._place}' has {groups} and no '{self._word}_{name}'")
+            for data in about.values():
+                if data is not None and data.dtype.kind not in "iu":
+                    raise ModelError(
+                        f"{self.path}: '{data.name.lstrip('/')}' holds {data.dtype}: expected whole numbers"
+                    )
+            if about.get("type", 0) is None:
+                raise ModelError(
+                    f"{self.path}: '{self._place}' has no '{self._word}_type_id': expected one for 'types'"
+                )
             for begin in range(0, self._size, ROWS):
                 end = min(begin + ROWS, self._size)
                 read = {word: None if data is None else data[begin:end] for word, data in about.items()}
@@ -257,18 +263,6 @@ class SonataTable:
                 f"{self.path}: '{place}' has {data.shape[0]} values: expected one for each of {self._size} rows"
             )
         return data
-
-    def _check(self, about: Mapping[str, Any]) -> None:
-        """What tells rows of several groups apart, and types of rows: they have to be there, as whole numbers."""
-        for word, name in (("group", "group_id"), ("place", "group_index")):
-            if len(self._groups) > 1 and about.get(word, 0) is None:
-                groups = f"the groups {', '.join(self._groups)}"
-                raise ModelError(f"{self.path}: '{self._place}' has {groups} and no '{self._word}_{name}'")
-        for data in about.values():
-            if data is not None and data.dtype.kind not in "iu":
-                raise ModelError(f"{self.path}: '{data.name.lstrip('/')}' holds {data.dtype}: expected whole numbers")
-        if about.get("type", 0) is None:
-            raise ModelError(f"{self.path}: '{self._place}' has no '{self._word}_type_id': expected one for 'types'")
 
     def _attribute(self, file: Any, name: str, rows: _Rows) -> Column:
         """An attribute of some rows: that of the group where it has it, else that of the type."""
