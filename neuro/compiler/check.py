@@ -29,7 +29,7 @@ from neuro.model.neurons import (
     sinusoidal_poisson_generator,
     spike_generator,
 )
-from neuro.model.parts import Part, Population, Projection, naming_the_part, refuse
+from neuro.model.parts import AnyPart, Population, Projection, naming_the_part, refuse
 from neuro.model.rules import grid
 from neuro.model.space import of_distance
 from neuro.model.synapses import SYNAPSES, Modulated, MoveRule, Synapse, static
@@ -96,7 +96,7 @@ def _check_population(part: Population, shape: Shape) -> None:
         refuse(part, f"{found}: expected at most {model.most}, which are compared at once")
 
 
-def _check_whole(part: Part, registry: Registry[Any], model: type[Any]) -> None:
+def _check_whole(part: AnyPart, registry: Registry[Any], model: type[Any]) -> None:
     """A third-party class has all that backends rely on, registered or not."""
     try:
         registry.check(model)

@@ -27,6 +27,7 @@ from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator, key as key_of
 from neuro.model.rules import (
     RULES,
+    NamedRule,
     Rule,
     all_to_all,
     distance_dependent,
@@ -93,21 +94,12 @@ class Connections:
 
 
 def expected_synapses(rule: Rule, n_pre: int, n_post: int) -> int:
-    """How many synapses a rule makes in the mean; 0 where that does not follow from the sizes."""
-    match rule:
-        case one_to_one():
-            return n_pre
-        case all_to_all():
-            return n_pre * n_post
-        case fixed_indegree(n=n):
-            return n * n_post
-        case fixed_outdegree(n=n):
-            return n * n_pre
-        case fixed_total_number(n=n):
-            return n
-        case pairwise_bernoulli(p=p):
-            return round(p * n_pre * n_post)
-    return 0
+    """Return how many synapses a rule makes in the mean; 0 where the number does not follow from the sizes."""
+    if isinstance(rule, pairwise_bernoulli):
+        return round(rule.p * n_pre * n_post)
+    if isinstance(rule, fixed_total_number):
+        return rule.n
+    return (isinstance(rule, NamedRule) and rule.synapses(n_pre, n_post, False)) or 0
 
 
 def listed_one_by_one(found: Connections, n_pre: int, n_post: int) -> Connections:

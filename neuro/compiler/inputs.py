@@ -170,12 +170,15 @@ class CameraInput:
 
     Attributes:
         shape: of the population.
+        model: of the population.
+        sensor_size: width and height, px, of its recording; without one those of the smallest sensor of which all is
+            seen.
         again: whether the recording can be played several times.
         identity: of model and recording.
     """
 
     def __init__(self, part: Population, model: event_camera, clock: Clock) -> None:
-        self._part, self._model = part, model
+        self._part, self.model = part, model
         self._played = model.played()
         self._eyes: dict[tuple[int, int, int], Eye] = {}
         self._sensor = None if self._played is None else self._played.sensor_size
@@ -185,7 +188,7 @@ class CameraInput:
         self._offset = round(model.offset * 1000.0)
         self._start, self._stop = (clock.step(getattr(model, w), f"{model.name}.{w}") for w in ("start", "stop"))
         self.shape = self._shape_of(part.shape)
-        self._least = self._sensor or self._least_sensor()
+        self.sensor_size = self._sensor or self._shown_size()
         self._origin = 0 if self._played is None else self._played.first()
         if model.origin is not None:
             self._origin = int(model.origin)
@@ -193,17 +196,17 @@ class CameraInput:
     @property
     def identity(self) -> str:
         """What decides its spikes; where the file lies does not."""
-        said = {word: value for word, value in self._model.parameters().items() if word not in ("file", "events")}
+        said = {word: value for word, value in self.model.parameters().items() if word not in ("file", "events")}
         return f"{said} {'' if self._played is None else self._played.identity}"
 
     def check_events(self) -> None:
         """Refuse a recording that can be read already and has no events from its beginning on."""
-        model = self._model
+        model = self.model
         word = "offset" if model.offset else "origin"
         if self._played is None or self._origin is None or self._played.first() is None or not getattr(model, word):
             return
         begin = self._origin + self._offset
-        if not any(len(part) and int(part.t[-1]) >= begin for part in self._played.parts(begin, self._least)):
+        if not any(len(part) and int(part.t[-1]) >= begin for part in self._played.parts(begin, self.sensor_size)):
             unit = model.quantities()[word].unit
             message = f"{model.name}.{word} = {getattr(model, word):.7g} {unit}"
             raise ModelError(f"{message}: the recording has no event after that", path=(model.name, word))
@@ -222,10 +225,10 @@ class CameraInput:
             found = tuple(int(n) for n in said)
             if len(found) != 2 + self._split or (self._split and found[0] != 2):
                 wanted = "[2, height, width]" if self._split else "[height, width]"
-                message = f"shape {list(found)}: expected {wanted} with polarity: {self._model.polarity}"
+                message = f"shape {list(found)}: expected {wanted} with polarity: {self.model.polarity}"
                 raise ModelError(message, path=("shape",), about=("polarity",))
             return found
-        shape = self._model.seen(self._sensor)
+        shape = self.model.seen(self._sensor)
         fits = len(said) == len(shape) and all(word in (AUTO, n) for word, n in zip(said, shape, strict=True))
         if not fits and said != (AUTO,):
             width, height = self._sensor
@@ -233,21 +236,17 @@ class CameraInput:
             raise ModelError(message, hint="'shape: auto' takes it from the recording", path=("shape",))
         return shape
 
-    def _least_sensor(self) -> tuple[int, int]:
+    def _shown_size(self) -> tuple[int, int]:
         """Width and height in px of what the shape says is seen, where the sensor is unknown."""
-        rows, columns = (n * self._model.scale for n in self.shape[-2:])
-        crop = self._model.crop
+        rows, columns = (n * self.model.scale for n in self.shape[-2:])
+        crop = self.model.crop
         ends = (None, None) if crop is None else (crop.x, crop.y)
         width, height = (n if side is None else side[1] for n, side in zip((columns, rows), ends, strict=True))
         return width, height
 
     @property
     def _split(self) -> bool:
-        return self._model.polarity == "split"
-
-    def _sides(self, width: int, height: int) -> tuple[tuple[int, int], tuple[int, int]]:
-        with naming_the_part(self._part):
-            return self._model.sides(width, height)
+        return self.model.polarity == "split"
 
     def after(self, step: int) -> Iterator[Stretch]:
         """All spikes of later steps. The last step of what has been read is held back: more may come in it."""
@@ -266,7 +265,7 @@ class CameraInput:
         """The events of later steps, up to the first part that reaches beyond the end."""
         if self._played is None or step >= self._stop:
             return
-        for events in self._played.parts(self._begin(step), self._least):
+        for events in self._played.parts(self._begin(step), self.sensor_size):
             for k in range(0, len(events), MOST):
                 yield events[k : k + MOST]
             if len(events) and self._step(int(events.t[-1])) > self._stop:
@@ -283,7 +282,7 @@ class CameraInput:
             raise ModelError("its recording has not begun to play: expected 'origin'", hint="or run first")
         begin = self._origin + self._offset
         parts = []
-        whole = [events] if isinstance(events, Events) else played(events).parts(None, self._least)
+        whole = [events] if isinstance(events, Events) else played(events).parts(None, self.sensor_size)
         for part in whole:
             if len(part) and part.t[0] < begin:
                 raise ModelError(f"an event at {part.t[0]} us: expected from {begin} us on, the beginning")
@@ -293,16 +292,6 @@ class CameraInput:
         steps, ids = (np.concatenate([_NONE, *(part[k] for part in parts)]) for k in (0, 1))
         return steps, ids
 
-    @property
-    def model(self) -> event_camera:
-        """That of the population."""
-        return self._model
-
-    @property
-    def sensor_size(self) -> tuple[int, int]:
-        """Width and height, px, of its recording; without one those of the smallest sensor of which all is seen."""
-        return self._least
-
     def first_us(self, step: int) -> int:
         """The first time of an event, us, that is emitted later than in this step."""
         numerator, denominator = self._step_us
@@ -311,7 +300,7 @@ class CameraInput:
 
     def _begin(self, step: int) -> int | None:
         """The first time of the recording, us, that falls in a step after this one; None where all has to be read."""
-        if self._origin is None or (step <= self._start and not self._offset and self._model.origin is None):
+        if self._origin is None or (step <= self._start and not self._offset and self.model.origin is None):
             return None
         return self.first_us(step)
 
@@ -339,8 +328,9 @@ class CameraInput:
         """What is seen of a sensor of this width and height."""
         begin = (self._origin or 0) + self._offset
         if (width, height, begin) not in self._eyes:
-            model, (rows, columns) = self._model, self.shape[-2:]
-            (left, right), (top, bottom) = self._sides(width, height)
+            model, (rows, columns) = self.model, self.shape[-2:]
+            with naming_the_part(self._part):
+                (left, right), (top, bottom) = model.sides(width, height)
             polarity = {"on": 1, "off": 0}.get(model.polarity, -1)
             apart = rows * columns if self._split else 0
             when = (begin, *self._step_us, self._start, min(self._stop, NEVER))

@@ -345,12 +345,12 @@ def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints
         return steps[order], ids[order].astype(np.int64), payloads[order if model.graded else ()].astype(np.int64)
     if not isinstance(model, spike_generator) or not model.spike_times:
         return NO_INTS, NO_INTS, NO_INTS
-    steps = [clock.steps(t, f"spike_generator.spike_times[{i}]") for i, t in enumerate(model.spike_times)]
-    ids = np.repeat(np.arange(len(steps), dtype=np.int64), [len(s) for s in steps])
-    together = np.concatenate(steps)
+    trains = [clock.steps(t, f"spike_generator.spike_times[{i}]") for i, t in enumerate(model.spike_times)]
+    sources = np.repeat(np.arange(len(trains), dtype=np.int64), [len(train) for train in trains])
+    together = np.concatenate(trains)
     # By step, then neuron: the order in which every backend emits, and so that of all sums.
-    order = np.lexsort((ids, together))
-    return together[order], ids[order], NO_INTS
+    order = np.lexsort((sources, together))
+    return together[order], sources[order], NO_INTS
 
 
 def _check_weights(rule: Synapse, weight: Floats, of: Connections | None) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.compiler.connect import Apart, Block, Blocks, Connections, listed_one_by_one
-from neuro.compiler.memory import SynapseRoom, weight_room
+from neuro.compiler.memory import SynapseRoom, has_each, weight_room
 from neuro.compiler.shapes import End, size
 from neuro.compiler.values import Room, Steps, delay_steps, per_synapse
 from neuro.core.checks import check
@@ -20,11 +20,9 @@ from neuro.core.clock import Clock
 from neuro.core.keyed_random import generator
 from neuro.core.memory import give_back
 from neuro.core.threads import mapped
-from neuro.core.values import plain
 from neuro.model.distributions import Distribution
 from neuro.model.parts import Projection
 from neuro.model.rules import all_to_all, one_to_one
-from neuro.model.space import of_distance
 from neuro.model.synapses import Synapse
 from neuro.program.compact import SynapseBlock
 from neuro.program.program import Floats, Ints, StoredSynapses
@@ -156,16 +154,16 @@ class Drawing:
         joint = Joint(layout, shape, needed, [piece.row_ends for piece in pieces.values()])
         targets = joint.room(np.int32, None if room is None else room.targets)
         delay = pieces[0].delay
-        if _each(self.part.delay):
+        if has_each(self.part.delay):
             delay = joint.room(np.result_type(*(piece.delay for piece in pieces.values())))
         columns = {name: joint.room(np.float64) for name in self._parameters}
-        if _each(self.part.weight):
+        if has_each(self.part.weight):
             columns["weight"] = joint.room(np.float64, self._room_of_weights(joint.size, room))
 
         def finish(k: int) -> Floats:
             piece = pieces.pop(k)  # freed when it is in its place: two copies of all would not fit
             joint.put(k, piece.some(piece.found.targets), targets)
-            if _each(self.part.delay):
+            if has_each(self.part.delay):
                 joint.put(k, piece.some(piece.delay), delay)
             values = self._columns(piece.found, piece.block, _scratch(piece.found.size))
             for name, column in columns.items():
@@ -176,7 +174,7 @@ class Drawing:
         if joint.size >= LARGE:
             give_back()
         found = joint.connections(targets)
-        rows = [*columns.values(), *([delay] if _each(self.part.delay) else [])]
+        rows = [*columns.values(), *([delay] if has_each(self.part.delay) else [])]
         if found.layout == "csr" and not self.ends[1].ascends:
             pre = np.repeat(np.arange(found.row_ends.size - 1), np.diff(found.row_ends))
             order = np.lexsort((found.targets, pre))
@@ -210,7 +208,7 @@ class Drawing:
 
     def _in_blocks(self, blocks: tuple[SynapseBlock, ...]) -> Synapses:
         row_ends = np.sum([block.row_ends for block in blocks], axis=0)
-        weight = np.zeros(0) if _each(self.part.weight) else blocks[0].weight.astype(np.float64)
+        weight = np.zeros(0) if has_each(self.part.weight) else blocks[0].weight.astype(np.float64)
         found = Connections("csr", int(row_ends[-1]), row_ends)
         return Synapses(found, np.zeros(0, dtype=np.uint8), weight, self.part.synapse, True, "csr", blocks)
 
@@ -233,7 +231,7 @@ class Drawing:
     @property
     def _are_alike(self) -> bool:
         """Whether no synapse is stored by itself: every source reaches every target, with one weight and delay."""
-        each = _each(self.part.weight) or _each(self.part.delay) or self._parameters
+        each = has_each(self.part.weight) or has_each(self.part.delay) or self._parameters
         return self.among is None and self._layout != "csr" and not each
 
     @property
@@ -386,11 +384,6 @@ def _scratch(size: int) -> Floats:
         _OF_THREAD.room = np.empty(size)
     room: Floats = _OF_THREAD.room[:size]
     return room
-
-
-def _each(value: Any) -> bool:
-    """Whether each synapse has a value of its own."""
-    return isinstance(plain(value), (Distribution, of_distance)) or np.ndim(plain(value)) > 0
 
 
 def _with(rule: Synapse, numbers: Mapping[str, Floats]) -> Synapse:

@@ -132,11 +132,11 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def values(self) -> ValuesView[T]:
         """All parts; of installed packages those that can be loaded."""
-        return _Values(self)
+        return dict(self._whole_ones()).values()
 
     def items(self) -> ItemsView[str, T]:
         """All parts with their names; of installed packages those that can be loaded."""
-        return _Items(self)
+        return dict(self._whole_ones()).items()
 
     def _whole_ones(self) -> Iterator[tuple[str, T]]:
         for name in self:
@@ -168,24 +168,6 @@ class Registry(Mapping[str, T], Generic[T]):
             raise ModelError(str(error)) from None
         self._whole[id(part)] = part
         return complete
-
-
-class _Values(ValuesView[T]):
-    """The parts, each loaded when it is asked for."""
-
-    _mapping: Registry[T]
-
-    def __iter__(self) -> Iterator[T]:
-        return (part for _, part in self._mapping._whole_ones())
-
-
-class _Items(ItemsView[str, T]):
-    """Likewise with their names."""
-
-    _mapping: Registry[T]
-
-    def __iter__(self) -> Iterator[tuple[str, T]]:
-        return self._mapping._whole_ones()
 
 
 def _called(part: Any) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import FrozenInstanceError, dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
+from typing import Any, ClassVar, NoReturn, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +44,6 @@ class Part:
     defaults: ClassVar[Mapping[str, Any]] = {}
     ends: ClassVar[Mapping[str, tuple[str, str]]] = {}
     name: str
-    if TYPE_CHECKING:
-        origin: Where | None  # each kind of part has it after its own words
 
     def value(self, word: str) -> Any:
         """Return what a word of the language says, of neurons the view if only some are meant."""
@@ -82,7 +80,7 @@ class Part:
 
 
 def refuse(
-    part: Part, message: str, hint: str = "", word: str = "", kind: str = "", about: tuple[str, ...] = ()
+    part: AnyPart, message: str, hint: str = "", word: str = "", kind: str = "", about: tuple[str, ...] = ()
 ) -> NoReturn:
     """Raise the error for a part that cannot be as it is, or for one of its words, as "weight" or "stdp.signal"."""
     text = f"{part.word} '{part.name}': {message}"
@@ -90,7 +88,7 @@ def refuse(
 
 
 @contextmanager
-def naming_the_part(part: Part, *path: str) -> Iterator[None]:
+def naming_the_part(part: AnyPart, *path: str) -> Iterator[None]:
     """Give errors that are raised inside the part's name and place, and `path` in front of their own path."""
     try:
         yield
@@ -422,6 +420,9 @@ class Probe(Part):
         if isinstance(self.record, str):
             return {self.record: self.name}
         return {state: f"{self.name}.{state}" for state in self.record}
+
+
+AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -80,15 +80,16 @@ def new_values(neurons: Neurons, word: str, value: Any, engine: Engine, seed: in
 
 def _settable(part: Population, word: str) -> Quantity:
     """A parameter or state of a population that can be set."""
+    model: Any = type(part.model)
     if word in part.parameters and word not in part.model.fixed:
-        q = _quantities(type(part.model))[word]
+        q = _quantities(model)[word]
     elif word in states(part):
         if any(state.follows for state in part.model.states if state.name == word):
             raise ModelError(f"{part.model.name}.{word} of '{part.name}' follows from its other states: set those")
-        q = _states(type(part.model))[word]
+        q = _states(model)[word]
     else:
         known = [*(name for name in part.parameters if name not in part.model.fixed), *states(part)]
-        if word in _quantities(type(part.model)):
+        if word in _quantities(model):
             raise ModelError(
                 f"{part.model.name}.{word} of '{part.name}' is fixed: change the network and compile again"
             )

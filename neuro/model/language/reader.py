@@ -93,12 +93,6 @@ def _bytes(path: Path) -> bytes:
     raise ModelError(f"found {kind}: expected a YAML file", where=where)
 
 
-def _kind(data: bytes) -> str:
-    """A hint at what a file is that is no text."""
-    message = "an HDF5 file, as results are: neuro report FILE tells what these hold, and their bill"
-    return message if is_hdf5(data) else ""
-
-
 def _text(path: Path) -> str:
     data = _bytes(path)
     if len(data) > MAX_BYTES:
@@ -109,9 +103,9 @@ def _text(path: Path) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         place = _place(data[: error.start].decode("utf-8", "replace"), str(path))
-        raise ModelError(
-            f"found the byte 0x{data[error.start]:02x}: expected UTF-8 text", where=place, hint=_kind(data)
-        ) from None
+        results = "an HDF5 file, as results are: neuro report FILE tells what these hold, and their bill"
+        message = f"found the byte 0x{data[error.start]:02x}: expected UTF-8 text"
+        raise ModelError(message, where=place, hint=results if is_hdf5(data) else "") from None
     if odd := _UNPRINTABLE.search(text):
         place = _place(text[: odd.start()], str(path))
         raise ModelError(f"found the character U+{ord(odd[0]):04X}: expected text", where=place)

@@ -18,11 +18,12 @@ from neuro.core.errors import ModelError, Where
 from neuro.core.hdf5 import has_format, new_file
 from neuro.core.outputs import Kind, Unwritable, output, sealed
 from neuro.core.paths import file_path
-from neuro.core.values import FromFile, same
+from neuro.core.quantities import word_of
+from neuro.core.values import FromFile
 from neuro.model.equations import EquationNeuron, EquationSynapse
 from neuro.model.language.files import VERSION
 from neuro.model.language.reader import scalar
-from neuro.model.parts import Description, Group, Part, Population, Projection
+from neuro.model.parts import Description, Group, Part, Population, Projection, refuse
 from neuro.model.space import of_distance
 from neuro.model.views import View
 
@@ -220,8 +221,8 @@ def _models(net: Description) -> dict[str, Any]:
     parts += [(p, type(p.synapse)) for p in net.projections.values()]
     for part, model in parts:
         if issubclass(model, EquationNeuron | EquationSynapse) and found.setdefault(model.called(), model) is not model:
-            message = f"{part.word} '{part.name}': another model of the network is called '{model.called()}', too"
-            raise ModelError(message, where=part.origin, hint="give one of them another name")
+            text = f"another model of the network is called '{model.called()}', too"
+            refuse(part, text, "give one of them another name")
     return {name: plain_words(model.definition) for name, model in found.items()}
 
 
@@ -238,9 +239,7 @@ def _choice(choice: Choice, arrays: Arrays, key: str) -> Any:
 
 
 def _parameters(choice: Choice, arrays: Arrays, key: str) -> dict[str, Any]:
-    defaults = choice.defaults()
-    changed = {w: v for w, v in choice.parameters().items() if w not in defaults or not same(v, defaults[w])}
-    return _values(changed, arrays, key)
+    return _values({word_of(name): value for name, value in choice.changed().items()}, arrays, key)
 
 
 def _values(values: Any, arrays: Arrays, key: str) -> dict[str, Any]:
