@@ -77,7 +77,7 @@ if TYPE_CHECKING:
     )
     from neuro.model.synapses.builtin import *  # noqa: F403
     from neuro.model.views import View as View
-    from neuro.model.wiring.controls import shuffled as shuffled
+    from neuro.model.wiring.edges import shuffled as shuffled
     from neuro.model.wiring.neurons import neuron_table as neuron_table
     from neuro.program.backend import OverflowWarning as OverflowWarning
     from neuro.program.counts import Counts as Counts
@@ -108,7 +108,7 @@ if TYPE_CHECKING:
 
 def _registered(name: str) -> object:
     """A third-party model, synapse, rule or distribution."""
-    from neuro.model.language.choices import TABLES
+    from neuro.model.language.loader import TABLES
 
     return next((table[name] for table in TABLES.values() if name in table), None)
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
-from neuro.compiler import blocks, compile_network, drawn, resolve
+from neuro.compiler import compile_network, connect, pairs, resolve
 from neuro.core.errors import ModelError
 from neuro.core.memory import discard
 from neuro.kernels.jit import kernel
@@ -287,7 +287,7 @@ def large(single: bool = True) -> Network:
 @pytest.fixture
 def many(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every network has very many synapses."""
-    for module in (drawn, resolve):
+    for module in (pairs, resolve):
         monkeypatch.setattr(module, "MANY", 10)
 
 
@@ -314,8 +314,8 @@ def test_rows_in_place_of_the_programs_arrays(single: bool):
 
 @pytest.mark.usefixtures("many")
 def test_rows_of_blocks_as_they_were_drawn(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(blocks, "LEAST", 400)
-    monkeypatch.setattr(blocks, "LEAST_OF_SOURCE", 0)
+    monkeypatch.setattr(connect, "LEAST", 400)
+    monkeypatch.setattr(connect, "LEAST_OF_SOURCE", 0)
     first, other = (compile_network(large(), 1) for _ in range(2))
     parts = [part for part in first.projections if isinstance(part, CompactProjection)]
     assert min(len(part.blocks) for part in parts) > 1

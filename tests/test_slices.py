@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
-from neuro.compiler import drawn, resolve
+from neuro.compiler import pairs, resolve
 from neuro.model.network import Network
 from neuro.program.program import Ints
 from neuro.testing import observe
@@ -95,7 +95,7 @@ def test_delays_of_their_own(
     few: int, many: int, shortest: float, order: type[InTurn], monkeypatch: pytest.MonkeyPatch
 ):
     """Synapses of one source lie by delay in very large networks, and those of all threads' targets between another."""
-    for module in (drawn, resolve):
+    for module in (pairs, resolve):
         monkeypatch.setattr(module, "MANY", many)
     if few >= 0:
         monkeypatch.setattr(layout, "_FEW_RUNS", few)

@@ -11,8 +11,7 @@ from neuro.chips.arithmetics import ARITHMETICS
 from neuro.chips.description import CONDITIONS, COSTS, LIMITS, Chip, Figure, Mesh, Range
 from neuro.core.errors import ModelError, unknown
 from neuro.core.registry import Registry
-from neuro.model.language.nodes import found, mistake, words
-from neuro.model.language.reader import Node, read
+from neuro.model.language.reader import Node, found, mistake, read, words
 
 WORDS = ("like", "name", "title", "arithmetic", "limits", "mesh", "step_s", "costs")
 PARTS = {"limits": "limit", "costs": "cost"}

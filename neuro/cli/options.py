@@ -116,7 +116,7 @@ def milliseconds(text: str) -> float:
 def moment(text: str) -> float:
     """A point in time in ms: a number, or one with its unit."""
     from neuro.core.errors import ModelError
-    from neuro.core.measures import in_ms
+    from neuro.core.quantities import in_ms
 
     try:
         return float(in_ms(text, "--between"))

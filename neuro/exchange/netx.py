@@ -33,7 +33,6 @@ from neuro.core.hdf5 import check_tree
 from neuro.core.inputs import record_input
 from neuro.core.paths import existing
 from neuro.exchange.verdict import EXACT, REFUSED, Verdict, Verdicts
-from neuro.model.convolution import out_size, synapses_of
 from neuro.model.network import Network
 from neuro.model.neurons import (
     Neuron,
@@ -43,7 +42,7 @@ from neuro.model.neurons import (
     sigma_delta,
     spike_generator,
 )
-from neuro.model.rules import Rule, all_to_all, grid, pairs
+from neuro.model.rules import Rule, all_to_all, grid, out_size, pairs, synapses_of
 from neuro.model.synapses import Synapse, loihi2_convolution, loihi2_static
 from neuro.program.program import Floats
 

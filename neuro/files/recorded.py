@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
 from neuro.core.extras import needed
-from neuro.core.measures import in_ms
+from neuro.core.quantities import in_ms
 from neuro.core.values import shown
 from neuro.model.parts import Part
 from neuro.model.views import Shaped, View, named

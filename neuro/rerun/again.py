@@ -32,8 +32,7 @@ from neuro.files.parts import Weights
 from neuro.files.results import KIND, RECORDING, YAML, Results, read, write
 from neuro.files.state import FORMAT as STATE
 from neuro.model.language import load
-from neuro.model.language.nodes import plain
-from neuro.model.language.reader import read as read_yaml
+from neuro.model.language.reader import plain, read as read_yaml
 from neuro.model.network import Network
 from neuro.model.neurons import event_camera
 from neuro.rerun.new_folder import NewFolder, copy_input

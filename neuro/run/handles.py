@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.views import End, end_of
+from neuro.compiler.shapes import End, end_of
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.model.network import Network

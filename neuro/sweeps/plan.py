@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, nearest, unknown, words_of
-from neuro.core.measures import in_ms
+from neuro.core.quantities import in_ms
 from neuro.core.values import shown
 from neuro.sweeps.space import Axis, Point, RunItem, axes, key_of, seeds_of
 
