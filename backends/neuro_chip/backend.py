@@ -6,13 +6,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from neuro.chips.arithmetic import Arithmetic
-from neuro.chips.arithmetics import arithmetic_of
 from neuro.chips.description import Chip
-from neuro.chips.known import CHIPS, chip, is_table
-from neuro.chips.loihi.arithmetic import LOIHI
+from neuro.chips.known import CHIPS, arithmetic_of, chip, is_table
+from neuro.chips.loihi import LOIHI
 from neuro.chips.loihi2 import LOIHI2
-from neuro.chips.placing.place import place
-from neuro.chips.quantising.quantise import quantise
+from neuro.chips.placing import place
+from neuro.chips.quantising import quantise
 from neuro.chips.spinnaker import SPINNAKER
 from neuro.core.checks import check
 from neuro.core.errors import ModelError
@@ -80,7 +79,7 @@ class ChipBackend:
             program: what to run.
             threads: accepted; one thread computes.
             options: `strict` (an overflow is an error); `scales`, `shifts`, `exponents`, `signals`, see
-                `neuro.chips.quantising.quantise`; `order`, `neurons_per_core`, see `neuro.chips.placing.place`.
+                `neuro.chips.quantising`; `order`, `neurons_per_core`, see `neuro.chips.placing`.
 
         Raises:
             ModelError: the chip refuses the program, or an option is unknown.

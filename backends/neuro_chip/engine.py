@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.quantising.fixed_program import FixedProgram
+from neuro.chips.fixed_program import FixedProgram
 from neuro.core.errors import ModelError, unknown
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.program import Floats, Ints

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
-from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.chips.quantising.quantise import names_of, requantise, shares
+from neuro.chips.fixed import FixedPopulation, FixedProjection
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.known import arithmetic_of
+from neuro.chips.quantising import names_of, requantise, shares
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError, unknown
 from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped, torn
@@ -24,9 +25,7 @@ from neuro.program.program import Floats, Ints
 from neuro.program.spikes import ListedSpikes, RecordedSpikes
 from neuro_chip import tables as t
 from neuro_chip.build import arrays_of, write_registers, write_states
-from neuro_chip.delays import Delays
-from neuro_chip.families import family_of
-from neuro_chip.learners import Learners
+from neuro_chip.learners import Delays, Learners
 from neuro_chip.loop import advance, send_ahead
 from neuro_chip.tables import Bound
 from neuro_chip.trial_kernels import open_all
@@ -171,10 +170,10 @@ class Machine:
 
     def _way_out(self, what: str) -> str:
         """What would keep a register from overflowing."""
-        family = family_of(self.fixed.chip)
+        arithmetic = arithmetic_of(self.fixed.chip)
         for part, cells in zip(self.program.populations, self.cells.fixed, strict=True):
-            if what.endswith(f" of {part.name}") and not part.model.chip and cells.kind in family.steps:
-                return family.way_out(cells)
+            if what.endswith(f" of {part.name}") and not part.model.chip and cells.kind in arithmetic.states:
+                return arithmetic.way_out(cells)
         return "lower its weights or its input"
 
     def start_anew(self, weights: bool) -> None:
@@ -257,7 +256,7 @@ class ChipRegisters:
     """
 
     def __init__(self, fixed: FixedProgram) -> None:
-        self._program, self._family = fixed, family_of(fixed.chip)
+        self._program, self._arithmetic = fixed, arithmetic_of(fixed.chip)
         self.fixed = list(fixed.populations)
         self.parameters = [dict(p.parameters) for p in fixed.program.populations]
         self._names = [names_of(part) for part in fixed.program.populations]
@@ -281,12 +280,12 @@ class ChipRegisters:
 
     def _state(self, population: int, name: str, arrays: Mapping[str, NDArray[np.int32]]) -> Floats:
         part = self.fixed[population]
-        if name in self._family.states.get(part.kind, ()):
+        if name in self._arithmetic.states.get(part.kind, ()):
             return arrays[name].astype(np.float64)
         if name == "V_m":
             values: Floats = arrays["v"] / part.volt + part.rest
             return values
-        return self._family.current(part, name, arrays)
+        return self._arithmetic.current(part, name, arrays)
 
     def units(self, population: int, name: str, values: Floats) -> dict[str, NDArray[np.int32]]:
         """The state registers of a state, and values in their units.
@@ -307,10 +306,10 @@ class ChipRegisters:
         if name == "V_m":
             exact = (values - part.rest) * part.volt
         elif name in ("I_syn_ex", "I_syn_in"):
-            exact = self._family.units(part, name, values)
+            exact = self._arithmetic.units(part, name, values)
         elif (broken := values[values != np.rint(values)]).size:
             raise ModelError(f"population '{part.name}': {name} = {broken[0]:g}: register '{name}' holds whole numbers")
-        limit = self._family.arithmetic.state_limit
+        limit = self._arithmetic.state_limit
         bad = np.flatnonzero(np.abs(exact) > limit)
         if bad.size:
             raise ModelError(
@@ -321,7 +320,7 @@ class ChipRegisters:
 
     def bias(self, population: int, current: Floats) -> NDArray[np.int32]:
         """What is added in each step, with a current in pA beside the constant one."""
-        return self._family.bias(self.fixed[population], current)
+        return self._arithmetic.bias(self.fixed[population], current)
 
     def register_of(self, population: int, name: str) -> str:
         """The register of that name, or the one that holds a state or parameter of that name.
@@ -330,8 +329,8 @@ class ChipRegisters:
             ModelError: the population has no such register.
         """
         part, name = self.fixed[population], self.names(population, name)[0]
-        own = [*self._family.states.get(part.kind, ()), *part.registers]
-        stands = self._family.stands_for
+        own = [*self._arithmetic.states.get(part.kind, ()), *part.registers]
+        stands = self._arithmetic.stands_for
         if stands.get(name) in own:
             return stands[name]
         if name not in own:

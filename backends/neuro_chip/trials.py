@@ -6,8 +6,8 @@ from types import ModuleType
 
 import numpy as np
 
-from neuro.chips.loihi.learning import FRACTIONS
-from neuro.chips.quantising.fixed import FixedProjection
+from neuro.chips.fixed import FixedProjection
+from neuro.chips.loihi_learning import FRACTIONS
 from neuro.core import keyed_random
 from neuro.program.backend import Outcome, Trial, Wins
 from neuro.program.program import Floats, Ints, Projection

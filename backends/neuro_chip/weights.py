@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.quantising.fixed import FixedProjection, Words
-from neuro.chips.quantising.fixed_program import FixedProgram
+from neuro.chips.fixed import FixedProjection, Words
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.known import arithmetic_of
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
 from neuro_chip import deliver, tables as t
-from neuro_chip.families import family_of
 
 _NOWHERE: Ints = np.zeros(0, dtype=np.int64)
 
@@ -36,7 +36,7 @@ class ChipWeights:
     """
 
     def __init__(self, fixed: FixedProgram, arrays: dict[str, NDArray[Any]]) -> None:
-        self._program, self._a, self._family = fixed.program, arrays, family_of(fixed.chip)
+        self._program, self._a, self._arithmetic = fixed.program, arrays, arithmetic_of(fixed.chip)
         self.wires = list(fixed.projections)
         self._described = fixed.projections
         self._given: dict[int, Floats] = {}
@@ -66,7 +66,7 @@ class ChipWeights:
         if wires is None:
             return np.broadcast_to(part.weight, part.size).copy()
         mantissas = self.mantissas[index] if learnt is None else learnt
-        return np.broadcast_to(wires.acting(self._family.words(wires, mantissas)), part.size).copy()
+        return np.broadcast_to(wires.acting(self._arithmetic.words(wires, mantissas)), part.size).copy()
 
     def raw(self, index: int) -> Ints:
         """The mantissa of every synapse."""
@@ -98,7 +98,7 @@ class ChipWeights:
         if chosen is not None and not part.synapse.learns:
             weights = np.where(chosen, weights, self._wanted(index))  # the others are rounded once, not twice
         mantissas = _nearest(wires, weights)
-        own = wires.acting(self._family.words(wires, mantissas)) == weights  # what was read can be written
+        own = wires.acting(self._arithmetic.words(wires, mantissas)) == weights  # what was read can be written
         exact = wires.exact(weights)
         if wires.native:
             self._check_native(part.name, wires, weights, own)
@@ -132,7 +132,7 @@ class ChipWeights:
     def write(self, index: int) -> None:
         """Let the loop send what the mantissas are now."""
         wires, mantissas = self.wires_of(index), self.mantissas[index]
-        words = self._family.words(wires, mantissas)
+        words = self._arithmetic.words(wires, mantissas)
         row = self._a["projections"][index]
         if row[t.WORD_STRIDE]:
             words = np.broadcast_to(words, self._program.projections[index].size)
@@ -160,7 +160,7 @@ class ChipWeights:
         wires = self.wires_of(index)
         kept = self._words.get(index)
         if kept is None or kept[0] is not wires:
-            words = self._family.words(wires, np.arange(wires.low, wires.high + 1, dtype=np.int32))
+            words = self._arithmetic.words(wires, np.arange(wires.low, wires.high + 1, dtype=np.int32))
             kept = self._words[index] = wires, words.astype(self._a["words"].dtype)
         return kept[1], wires.low
 

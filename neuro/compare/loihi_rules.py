@@ -23,10 +23,10 @@ from typing import Any
 
 import numpy as np
 
+from neuro.chips.fixed import FixedProjection
+from neuro.chips.fixed_program import FixedProgram
 from neuro.chips.known import chip
-from neuro.chips.quantising.fixed import FixedProjection
-from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.chips.quantising.quantise import quantise
+from neuro.chips.quantising import quantise
 from neuro.compiler import compile_network
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError

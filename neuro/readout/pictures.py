@@ -6,7 +6,7 @@ import math
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from neuro.chips.pricing.energy import number
+from neuro.chips.energy import number
 from neuro.core.values import literal
 
 if TYPE_CHECKING:

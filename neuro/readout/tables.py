@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro.chips.pricing.energy import COLUMNS, footnotes, number
+from neuro.chips.energy import COLUMNS, footnotes, number
 from neuro.core.tables import console, table
 from neuro.readout.overflows import warn_of_overflows
 from neuro.readout.predict import Predictions

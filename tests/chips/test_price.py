@@ -11,8 +11,8 @@ from hypothesis import given, settings, strategies as st
 import neuro
 from bills import AB_OPS, ACTIVE, IN_OPS, INACTIVE, LEARNT, STEPS, Moves, Placed, counted, ints, lines, pair, placed
 from neuro.chips import chip, neurobench, place, price
-from neuro.chips.pricing.energy import quantity
-from neuro.chips.pricing.price import RULES_APPLIED
+from neuro.chips.energy import quantity
+from neuro.chips.pricing import RULES_APPLIED
 from neuro.core.errors import ModelError, Where
 from neuro.program.backend import EngineCounts, Problem
 from neuro.program.counts import Tally

@@ -14,12 +14,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from neuro.chips.arithmetic import Arithmetic, options_of
-from neuro.chips.arithmetics import arithmetic_of
 from neuro.chips.description import Chip
-from neuro.chips.quantising import rounding
-from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding
-from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.chips.quantising.inputs import Inputs, Options, approximated, refused
+from neuro.chips.fixed import FixedPopulation, FixedProjection, Rounding, worst_rounding
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.inputs import Inputs, Options, approximated, refused
+from neuro.chips.known import arithmetic_of
 from neuro.core.checks import check
 from neuro.core.errors import ModelError
 from neuro.model.equations import EquationNeuron
@@ -137,7 +136,7 @@ def _rounded_currents(inputs: Inputs, fixed: FixedPopulation) -> Rounding:
     """What the bias register makes of the currents of generators, as they are described."""
     wanted = Currents(inputs.program).full(inputs.index)
     unit = 2.0 ** fixed.registers.get("bias_exp", np.zeros(1)) / fixed.drive
-    return rounding.worst("dc", "pA", wanted, np.rint(wanted / unit) * unit, float(np.abs(wanted).max()))
+    return worst_rounding("dc", "pA", wanted, np.rint(wanted / unit) * unit, float(np.abs(wanted).max()))
 
 
 def _lacking(inputs: Inputs, chip: Chip, arithmetic: Arithmetic) -> Problem:

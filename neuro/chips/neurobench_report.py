@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuro.chips.placing.incoming import dense_size, fan_out, spiking
-from neuro.chips.pricing.energy import STATIC, Energy, sourced
+from neuro.chips.energy import STATIC, Energy, sourced
+from neuro.chips.incoming import dense_size, fan_out, spiking
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts
 from neuro.program.counts import Tally
 from neuro.program.program import Floats, Program
 
 if TYPE_CHECKING:
-    from neuro.chips.placing.placement import Placement
+    from neuro.chips.placing import Placement
 
 OPS = {"iaf_psc_delta": 4, "iaf_psc_exp": 8, "cuba_lif": 8, "iaf_psc_alpha": 24}
 """Operations per membrane update, as NeuroBench counts them for snnTorch's Leaky, Synaptic and Alpha, reset to 0."""

@@ -1,10 +1,21 @@
-"""One step of SpiNNaker's neurons, in integers: s16.15 states and slots of 16 bits, one for each receptor."""
+"""SpiNNaker 1's neurons in the engine: where their registers lie, and their steps in integers.
 
-# mypy: ignore-errors
+States are s16.15, slots have 16 bits, one for each receptor.
+"""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+from __future__ import annotations
+
+from collections.abc import Mapping
+
 import numpy as np
+from numpy.typing import NDArray
 
+from neuro.chips.spinnaker import DELTA, LIF
 from neuro.kernels.jit import subkernel
+from neuro.program.program import Ints
 from neuro_chip import tables as t
+from neuro_chip.tables import Arrays
 
 i32 = np.int32
 SLOT = i32(65535)
@@ -114,3 +125,22 @@ def step_delta(exc, inh, v, hold, r, first, shift_exc, shift_inh, lowest, fired)
         v[k] = max(i32(now), i32(lowest))
         fired[k] = v[k] >= r.threshold[i]
     return saturated, wraps
+
+
+def write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:
+    """Put the registers of a population, rows `here` of the arrays, where its step reads them."""
+    a["keep_v"][here] = r["exp_tc"]
+    row[t.LOWEST] = int(r["v_min"][0]) if "v_min" in r else -(2**31) + 1
+    a["fall"][here] = r.get("fall", 0)
+    a["threshold"][here] = r["v_thresh"]
+    a["bias"][here] = r["i_offset"]
+    a["refractory"][here] = r["t_refract"]
+    a["v_reset"][here], a["v_rest"][here] = r["v_reset"], r["v_rest"]
+    row[t.EXC_SHIFT], row[t.INH_SHIFT] = r["exc_shift"][0], r["inh_shift"][0]
+    for name in ("r_m", "exc_decay", "exc_init", "inh_decay", "inh_init"):
+        if name in r:
+            a[name][here] = r[name]
+
+
+STEPS = {LIF: lif, DELTA: delta}
+"""The step of each kind of population."""

@@ -21,12 +21,8 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING
 
-from neuro.chips.arithmetics import ARITHMETICS, arithmetic_of
 from neuro.chips.description import CONDITIONS, Chip, Figure, Range
-from neuro.chips.known import chip
-from neuro.chips.placing.incoming import dense_size, spiking
-from neuro.chips.placing.place import place, too_late
-from neuro.chips.pricing.energy import (
+from neuro.chips.energy import (
     AS_GIVEN,
     CHIP_TIME,
     FASTEST,
@@ -38,14 +34,17 @@ from neuro.chips.pricing.energy import (
     quantity,
     sourced,
 )
-from neuro.chips.quantising.quantise import refusals
+from neuro.chips.incoming import dense_size, spiking
+from neuro.chips.known import ARITHMETICS, arithmetic_of, chip
+from neuro.chips.placing import place, too_late
+from neuro.chips.quantising import refusals
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts
 from neuro.program.counts import Counts, Tally
 from neuro.program.program import Ints, Program
 
 if TYPE_CHECKING:
-    from neuro.chips.placing.placement import Hops, Placement
+    from neuro.chips.placing import Hops, Placement
 
 
 BARRIERS = ("barrier_1_tile_time", "barrier_32_tiles_time")

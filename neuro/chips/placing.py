@@ -6,7 +6,7 @@ What is taken to be so:
 - A core takes neurons of a population as long as its limits allow. A population that fits whole shares the core of
   the one before it, where the chip lets several populations share a core (`populations_per_core`:
   SpiNNaker does not).
-- Synapses lie at the target's core, see `neuro.chips.placing.packing`.
+- Synapses lie at the target's core, see `neuro.chips.incoming`.
 - An input axon of a core is a source neuron whose spikes reach it, generators' too, however many projections it has;
   an output axon is a pair of a neuron and a core that it reaches, its own core included. A dopamine population's
   broadcast and currents of a dc_generator take none.
@@ -20,29 +20,193 @@ tile by tile and row by row. Where this happens to be shorter, "connected" takes
 2,000 cores at any rate: those are laid out once, as they come.
 
 What fits on no core, on no machine or into no delay register is refused. What the delay register of a spike holds
-follows from when the spike acts (`neuro.chips.arrival_rule`) and from how the family counts. A chip without an
+follows from when the spike acts (`neuro.chips.inputs`) and from how the family counts. A chip without an
 arithmetic here is taken to count as Loihi 1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
-from neuro.chips.arithmetics import placed_as
-from neuro.chips.arrival_rule import longest_lag, register
 from neuro.chips.description import Chip
-from neuro.chips.placing.incoming import Incoming, incoming, spiking
-from neuro.chips.placing.mesh import LARGEST, MeshPlaces, capacity, chain, draw_close, lay_out
-from neuro.chips.placing.packing import memory_limit
-from neuro.chips.placing.placement import Core, Hops, Placement, routes
-from neuro.chips.placing.reach import between_cores, reached
-from neuro.chips.placing.split import Split, fewest_cores, neurons_of, split
+from neuro.chips.incoming import Incoming, incoming, memory_limit, spiking
+from neuro.chips.inputs import longest_lag, register
+from neuro.chips.known import placed_as
+from neuro.chips.mesh import (
+    LARGEST,
+    Hops,
+    MeshPlaces,
+    between_cores,
+    capacity,
+    chain,
+    draw_close,
+    lay_out,
+    reached,
+    routes,
+)
+from neuro.chips.splitting import Split, fewest_cores, neurons_of, split
 from neuro.core.errors import ModelError, unknown
+from neuro.core.tables import aligned
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints, Program
+
+_SHOWN = 40
+_RUNS = 4
+_RUN = ("population", "first", "last")
+
+
+@dataclass(frozen=True, slots=True)
+class Core:
+    """A core in use.
+
+    Attributes:
+        chip: the number of its chip.
+        column, row: of its tile, counted over all chips from the corner where the host is.
+        slot: its number inside the tile.
+        parts: (population, first, last): it holds the neurons first <= i < last, in one or several runs.
+        neurons: how many it holds.
+        synapse_bytes: of the synapses onto them.
+        axons_in: source neurons whose spikes reach it.
+        axons_out: destination cores of its neurons, summed over the neurons.
+        load: used share of each limit of the core by the limit's name.
+    """
+
+    chip: int
+    column: int
+    row: int
+    slot: int
+    parts: tuple[tuple[int, int, int], ...]
+    neurons: int
+    synapse_bytes: int
+    axons_in: int
+    axons_out: int
+    load: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placement:
+    """Where the neurons of a program lie on a chip; `str()` of it is a report.
+
+    Attributes:
+        network: name of the program.
+        target: name of the chip.
+        order: as asked: "connected" or "declared".
+        multicast: whether a spike to several cores shares links.
+        cores: by chip, row, column and slot.
+        chips_used, tiles_used: how many have a core in use.
+        core_of: for each population the index in `cores` of every neuron; -1 for generators, which are the host's.
+        populations, projections: their names.
+        ways: hops of each projection.
+        problems: what does not fit; the rest is placed all the same.
+    """
+
+    network: str
+    target: str
+    order: str
+    multicast: bool
+    cores: tuple[Core, ...]
+    chips_used: int
+    tiles_used: int
+    core_of: tuple[Ints, ...]
+    populations: tuple[str, ...]
+    projections: tuple[str, ...]
+    ways: tuple[Hops, ...]
+    problems: tuple[Problem, ...]
+
+    def hops(self, projection: int) -> Hops:
+        """What one spike of each source neuron of a projection (by index) moves."""
+        return self.ways[projection]
+
+    @property
+    def total_hops(self) -> int:
+        """Hops if every source neuron of every projection spikes once."""
+        return sum(ways.total for ways in self.ways)
+
+    @property
+    def synapse_bytes(self) -> int:
+        """Bytes of all synapses."""
+        return sum(core.synapse_bytes for core in self.cores)
+
+    def cores_of(self, population: int) -> list[int]:
+        """Indices of the cores that hold neurons of a population."""
+        return [i for i, core in enumerate(self.cores) if any(part[0] == population for part in core.parts)]
+
+    def mean_hops(self, projection: int) -> dict[str, float]:
+        """Moves of one spike of a projection, by name of `Hops`, averaged over its sources."""
+        ways = self.ways[projection]
+        return {name: float(getattr(ways, name).mean()) if ways.cores.size else 0.0 for name in _WAYS}
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it but the per-neuron arrays as plain values, for JSON."""
+        return {
+            "network": self.network,
+            "target": self.target,
+            "order": self.order,
+            "multicast": self.multicast,
+            "chips_used": self.chips_used,
+            "tiles_used": self.tiles_used,
+            "cores_used": len(self.cores),
+            "synapse_bytes": self.synapse_bytes,
+            "total_hops": self.total_hops,
+            "cores": [
+                asdict(core)
+                | {"parts": [dict(zip(_RUN, (self.populations[p], *ends), strict=True)) for p, *ends in core.parts]}
+                for core in self.cores
+            ],
+            "populations": {name: self.cores_of(i) for i, name in enumerate(self.populations)},
+            "hops_per_spike": {name: self.mean_hops(i) for i, name in enumerate(self.projections)},
+            "problems": [asdict(p) | {"origin": str(p.origin) if p.origin else None} for p in self.problems],
+        }
+
+    def __str__(self) -> str:
+        used = (_several(len(self.cores), "core"), _several(self.tiles_used, "tile"), _several(self.chips_used, "chip"))
+        head = f"'{self.network}' on {self.target}: {used[0]} on {used[1]} of {used[2]}, order: {self.order}"
+        way = "multicast" if self.multicast else "one packet for each destination core"
+        memory = f"synapses take {self.synapse_bytes:,} bytes"
+        hops = f"{self.total_hops:,} hops if all sources spike once, {way}"
+        return "\n".join([head, memory, hops, "", *self._core_rows(), "", *self._projection_rows(), *self._refusals()])
+
+    def _core_rows(self) -> list[str]:
+        table: list[tuple[str, ...]] = [
+            ("chip", "tile", "core", "neurons", "bytes", "axons in", "axons out", "fullest", "holds")
+        ]
+        for core in self.cores[:_SHOWN]:
+            name, share = max(core.load.items(), key=lambda item: item[1], default=("", 0.0))
+            held = [f"{self.populations[p]}[{first}:{last}]" for p, first, last in core.parts]
+            held[_RUNS:] = [f"{len(held) - _RUNS} more runs"] if len(held) > _RUNS else []
+            counts = (core.neurons, core.synapse_bytes, core.axons_in, core.axons_out)
+            full = f"{share:.0%} {name}" if name else "-"
+            place = (str(core.chip), f"{core.column},{core.row}", str(core.slot))
+            table.append((*place, *(f"{count:,}" for count in counts), full, ", ".join(held)))
+        rows = aligned(table, ">" * 7)
+        rest = self.cores[_SHOWN:]
+        return rows if not rest else [*rows, f"... and {_several(len(rest), 'more core')}"]
+
+    def _projection_rows(self) -> list[str]:
+        table: list[tuple[str, ...]] = [
+            ("to cores", "same tile", "east-west", "north-south", "chip to chip", "a spike of")
+        ]
+        for index, name in enumerate(self.projections):
+            table.append((*(f"{value:.4g}" for value in self.mean_hops(index).values()), name))
+        return aligned(table, ">" * 5)
+
+    def _refusals(self) -> list[str]:
+        if not self.problems:
+            return []
+        lines = [f"  {p.what}: {p.why}" + (f"\n    hint: {p.way_out}" if p.way_out else "") for p in self.problems]
+        return ["", "does not fit:", *lines]
+
+
+_WAYS = ("cores", "local", "east_west", "north_south", "chip")
+
+
+def _several(count: int, what: str) -> str:
+    return f"{count:,} {what}" + "s" * (count != 1)
+
 
 ORDERS = ("connected", "declared")
 
@@ -58,7 +222,7 @@ def place(program: Program, chip: Chip, *, order: str = "connected", neurons_per
 
     Returns:
         the same placement for the same arguments; what does not fit is in its `problems`, but the delays of a chip
-        whose arithmetic is emulated, which `neuro.chips.quantising.quantise` tells.
+        whose arithmetic is emulated, which `neuro.chips.quantising` tells.
 
     Raises:
         ModelError: an argument cannot be.
@@ -115,7 +279,7 @@ def _draft(program: Program, chip: Chip, into: Incoming, cut: Split, places: Mes
     """Number cores by their places and count hops."""
     order = np.lexsort((places.slot, places.column, places.row, places.chip))
     cut, places = cut.taken(order), places.taken(order)
-    return _Draft(cut, places, routes(program, into, cut, places, placed_as(chip).multicast))
+    return _Draft(cut, places, routes(program, into, cut.core_of, places, placed_as(chip).multicast))
 
 
 def _tied(program: Program, into: Incoming, populations: list[int]) -> list[int]:
