@@ -133,6 +133,37 @@ def silence(net, group, begin, end, step):
 
 
 @subkernel
+def count_open(net):
+    """Count how many of each group with several winners may still win."""
+    for k in range(net.groups.shape[0]):
+        if net.local[k, t.RADIUS] >= 0:
+            row = net.pops[net.groups[k, t.POPULATION]]
+            free = 0
+            for i in range(row[t.BEGIN], row[t.END]):
+                free += net.muted[i] == 0
+            net.standing[k, t.OPEN] = free
+
+
+@subkernel
+def open_groups(net):
+    """No group has decided, and whoever was silenced by a winner may fire."""
+    net.groups[:, t.CLOSED] = 0
+    net.groups[:, t.WINNER] = t.NONE
+    for i in range(net.muted.size):
+        # What a winner silenced is over; whom the trial left out stays so until it ends.
+        net.muted[i] &= t.SILENCED
+    net.map_wins[:] = 0
+    net.standing[:, t.WINS] = 0
+    count_open(net)
+
+
+@kernel
+def open_all(view, words):
+    """Open the groups; `view` and `words` are as in `net`."""
+    open_groups(net_of(view, words))
+
+
+@subkernel
 def emit(net, pop, row, i, times, step):
     """Neuron i, counted through all populations, emits."""
     if row[t.BINARY] and times > 1:  # before it is counted, recorded or sent

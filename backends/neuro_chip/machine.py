@@ -26,9 +26,8 @@ from neuro.program.spikes import ListedSpikes, RecordedSpikes
 from neuro_chip import tables as t
 from neuro_chip.build import arrays_of, write_registers, write_states
 from neuro_chip.learners import Delays, Learners
-from neuro_chip.loop import advance, send_ahead
+from neuro_chip.loop import advance, open_all, send_ahead
 from neuro_chip.tables import Bound
-from neuro_chip.trial_kernels import open_all
 from neuro_chip.weights import ChipWeights
 
 _CLEARED = (
