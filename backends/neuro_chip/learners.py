@@ -21,6 +21,7 @@ from neuro.chips.fixed_program import FixedProgram
 from neuro.chips.inputs import acts_late, register
 from neuro.chips.loihi import REGISTER_OF_ONE
 from neuro.chips.loihi_learning import FRACTIONS
+from neuro.core.errors import ModelError
 from neuro.kernels.jit import compiled, kernel
 from neuro.model.synapses import loihi2_learning
 from neuro.model.synapses.base import DELAY
@@ -68,7 +69,7 @@ class Learners:
             if wires is not None and wires.rule is not None:
                 self._parts[index] = _plastic(self._program, index, wires)
                 self._due[index] = []
-        self._fresh = dict.fromkeys(self._parts, True)
+        self._fresh = np.ones(len(fixed.projections), dtype=np.bool_)
 
     def __bool__(self) -> bool:
         return bool(self._parts)
@@ -175,22 +176,35 @@ class Learners:
                 new.weights[:] = plastic.weights
             self._parts[index], self._due[index], self._fresh[index] = new, [], True
 
+    def _state(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that change in place."""
+        parts = self._parts.items()
+        arrays = {f"plastic.{index}.{name}": getattr(part, name) for index, part in parts for name in part.kept}
+        return arrays | ({"plastic.fresh": self._fresh} if arrays else {})
+
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that changes."""
-        arrays: dict[str, NDArray[Any]] = {}
-        for index, plastic in self._parts.items():
-            arrays |= {f"plastic.{index}.{name}": getattr(plastic, name).copy() for name in plastic.kept}
-            arrays[f"plastic.{index}.fresh"] = np.array(self._fresh[index])
-            rows = [(at, neuron) for at, ids in self._due[index] for neuron in ids.tolist()]
+        arrays = {name: array.copy() for name, array in self._state().items()}
+        for index, due in self._due.items():
+            rows = [(at, neuron) for at, ids in due for neuron in ids.tolist()]
             arrays[f"plastic.{index}.due"] = np.array(rows, dtype=np.int64).reshape(-1, 2)
         return arrays
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Take over a snapshot."""
-        for index, plastic in self._parts.items():
-            for name in plastic.kept:
-                getattr(plastic, name)[:] = arrays[f"plastic.{index}.{name}"]
-            self._fresh[index] = bool(arrays[f"plastic.{index}.fresh"])
+        """Take over a snapshot.
+
+        Raises:
+            ModelError: an earlier version has saved it, with other arrays; nothing is changed.
+        """
+        state = self._state()
+        if missing := [name for name in state if name not in arrays]:
+            raise ModelError(
+                f"the state lacks '{missing[0]}': an earlier version has saved it",
+                hint="save it anew with this version",
+            )
+        for name, array in state.items():
+            array[:] = arrays[name]
+        for index in self._due:
             rows = arrays[f"plastic.{index}.due"]
             self._due[index] = [(int(at), rows[rows[:, 0] == at, 1].copy()) for at in np.unique(rows[:, 0])]
 
@@ -290,18 +304,21 @@ class Delays:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that changes."""
-        arrays: dict[str, NDArray[Any]] = {f"delays.{index}": units.copy() for index, units in self.units.items()}
-        for index, pairs in self._pairs.items():
-            arrays |= {f"delays.{index}.pre": pairs.last_pre.copy(), f"delays.{index}.post": pairs.last_post.copy()}
-        return arrays
+        return {name: array.copy() for name, array in self._state().items()}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Take over a snapshot."""
+        for name, array in self._state().items():
+            array[:] = arrays[name]
         for index in self.units:
-            self.units[index] = arrays[f"delays.{index}"].astype(np.int32)
             self.write(index)
+
+    def _state(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that change in place."""
+        arrays: dict[str, NDArray[Any]] = {f"delays.{index}": units for index, units in self.units.items()}
         for index, pairs in self._pairs.items():
-            pairs.last_pre[:], pairs.last_post[:] = arrays[f"delays.{index}.pre"], arrays[f"delays.{index}.post"]
+            arrays |= {f"delays.{index}.pre": pairs.last_pre, f"delays.{index}.post": pairs.last_post}
+        return arrays
 
 
 def _units(part: Projection) -> NDArray[np.int32]:

@@ -110,7 +110,9 @@ class Machine:
     def _advance_to(self, end: int, group: int) -> None:
         clock, by_step = self.arrays["clock"], self.learners or self.delays
         while clock[t.STEP] < end:
-            self._apply_currents()
+            for target in self.currents.targets:  # the host writes the bias that holds from the next step on
+                current = self.currents.into(target, self.step + 1)
+                self.arrays["bias"][self.slice(target)] = self.cells.bias(target, current)
             before = int(clock[t.STEP])
             for k, rate in self.rates.new(before):
                 self.set_rate(k, rate)
@@ -137,43 +139,37 @@ class Machine:
         if self.program.sends_at_once(part):
             send_ahead(self.bound.view, self.bound.words, part.source, projection)
 
-    def _apply_currents(self) -> None:
-        """The host writes the bias that holds from the next step on."""
-        for target in self.currents.targets:
-            current = self.currents.into(target, self.step + 1)
-            self.arrays["bias"][self.slice(target)] = self.cells.bias(target, current)
-
     def set_rate(self, population: int, rate: Floats) -> None:
         """Change the rate of a poisson_generator."""
         here = self.slice(population)
         self.arrays["mean"][here] = rate * (self.program.resolution * 1e-3)
         self.arrays["nothing"][here] = np.exp(-self.arrays["mean"][here])
 
+    def native(self, columns: int) -> dict[str, int]:
+        """Return what only chips count, by name, of the first columns."""
+        counts = self.arrays["native"][:, :columns]
+        return {
+            f"{t.NATIVE[column]} of {self.program.populations[k].name}": int(counts[k, column])
+            for k, column in zip(*np.nonzero(counts), strict=True)
+        }
+
     def check_overflows(self) -> None:
         """Tell of each kind of overflow once, or refuse to go on."""
-        columns, learnt = self.arrays["native"][:, : t.MERGED], self.learners.overflows()
-        if not learnt and not columns.any():
-            return
-        found = {
-            f"{t.NATIVE[column]} of {self.program.populations[k].name}": int(columns[k, column])
-            for k, column in zip(*np.nonzero(columns), strict=True)
-        } | learnt
+        found = self.native(t.MERGED) | self.learners.overflows()
+        arithmetic = arithmetic_of(self.fixed.chip)
         for what in [what for what in found if what not in self._warned]:
             self._warned.add(what)
             text = f"backend '{self.fixed.chip.name}': {found[what]} {what} up to step {self.step}"
-            hint = self._way_out(what)
+            # What would keep the register from overflowing.
+            hint = "lower its weights or its input"
+            for part, cells in zip(self.program.populations, self.cells.fixed, strict=True):
+                if what.endswith(f" of {part.name}") and not part.model.chip and cells.kind in arithmetic.states:
+                    hint = arithmetic.way_out(cells)
+                    break
             if self._strict:
                 raise ModelError(text, hint=f"{hint}, or run without strict=True")
             message = f"{text}; counts().native has their number\n  hint: {hint}"
             warnings.warn(OverflowWarning(message, what, hint), stacklevel=4)
-
-    def _way_out(self, what: str) -> str:
-        """What would keep a register from overflowing."""
-        arithmetic = arithmetic_of(self.fixed.chip)
-        for part, cells in zip(self.program.populations, self.cells.fixed, strict=True):
-            if what.endswith(f" of {part.name}") and not part.model.chip and cells.kind in arithmetic.states:
-                return arithmetic.way_out(cells)
-        return "lower its weights or its input"
 
     def start_anew(self, weights: bool) -> None:
         """Back to step 0 and the initial states, and to the initial weights if asked."""
@@ -188,7 +184,10 @@ class Machine:
             write_states(self.arrays, k, self.cells.fixed[k])
         self.record = RecordedSpikes()
         self.listed = ListedSpikes(self.program, self.arrays, self.arrays["pops"][:, t.BEGIN].tolist())
-        self._start_currents_anew()
+        before, self.currents = self.currents, Currents(self.program)
+        for k, part in enumerate(self.program.populations):
+            if part.kind == "current" and part.schedule is None:  # amplitudes that were set hold from step 0
+                self.currents.set(k, "amplitude", before.parameter(k, "amplitude"), 0)
         self._list_rates(1)
         self.weights.start_anew(weights)
         self.learners.start_anew(weights)
@@ -200,13 +199,6 @@ class Machine:
         """The host takes the rates that are listed for a step."""
         for k, rate in self.rates.at(step):
             self.set_rate(k, rate)
-
-    def _start_currents_anew(self) -> None:
-        """Amplitudes that were set hold from step 0."""
-        before, self.currents = self.currents, Currents(self.program)
-        for k, part in enumerate(self.program.populations):
-            if part.kind == "current" and part.schedule is None:
-                self.currents.set(k, "amplitude", before.parameter(k, "amplitude"), 0)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs."""
@@ -225,6 +217,7 @@ class Machine:
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Continue from a snapshot."""
+        self.learners.restore(arrays)  # first, since it refuses what an earlier version has saved
         self.weights.take(self.cells.restore(arrays))
         for k in range(len(self.program.populations)):
             write_registers(self.arrays, self.fixed, k, self.cells.fixed[k])
@@ -238,7 +231,6 @@ class Machine:
         self.currents.restore(arrays)
         self._list_rates(self.step)
         self.weights.restore(arrays)
-        self.learners.restore(arrays)
         self.delays.restore(arrays)
         self.bind()
 
@@ -357,22 +349,19 @@ class ChipRegisters:
             return self.fixed[population], {}
         found, wires, problems = requantise(self._program, population, self.parameters[population], weights)
         refused = [replace(problem, way_out=_KEPT) for problem in problems if problem.refused]
-        refused += [self._other_scale(k) for k in wires if k in learning and not self._same_scale(k, wires[k])]
+        for k, new in wires.items():
+            before = self._program.projections[k]
+            if k in learning and (before is None or not np.array_equal(before.step, new.step)):
+                name = self._program.program.projections[k].name
+                why = "the change gives its weights another scale, and the rule in the chip's microcode holds for one"
+                way_out = "change the network and compile again"
+                refused.append(Problem(True, f"projection '{name}' learns", why, way_out))
         if refused:
             self.parameters[population] = dict(self._good[population])
             raise ModelError(f"{refused[0].what}: {refused[0].why}", hint=refused[0].way_out)
         self.fixed[population] = found
         self._good[population] = dict(self.parameters[population])
         return found, wires
-
-    def _same_scale(self, projection: int, wires: FixedProjection) -> bool:
-        before = self._program.projections[projection]
-        return before is not None and np.array_equal(before.step, wires.step)
-
-    def _other_scale(self, projection: int) -> Problem:
-        name = self._program.program.projections[projection].name
-        why = "the change gives its weights another scale, and the rule in the chip's microcode holds for one"
-        return Problem(True, f"projection '{name}' learns", why, "change the network and compile again")
 
     def snapshot(self) -> dict[str, Ints | Floats]:
         """The parameters by population."""

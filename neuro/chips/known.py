@@ -95,13 +95,20 @@ def _figure(node: Node, name: str, unit: str) -> Figure:
     low, high = (_quantity(parts[end], f"{name}: {end}", name, unit) if end in parts else None for end in ENDS)
     if (low is not None and low > value) or (high is not None and high < value):
         end = "low" if low is not None and low > value else "high"
-        raise mistake(parts[end], f"{name}: {end}: expected low <= value <= high, found {_told(low, value, high)}")
+        ends = {"low": low, "value": value, "high": high}
+        told = ", ".join(f"{word} = {n:g}" for word, n in ends.items() if n is not None)
+        raise mistake(parts[end], f"{name}: {end}: expected low <= value <= high, found {told}")
     return Figure(
         value,
         _text(parts["source"], f"{name}: source"),
         low=low,
         high=high,
-        holds=_holds(parts["holds"], name) if "holds" in parts else {},
+        holds={
+            word: _range(part, f"{name}: holds: {word}")
+            for word, part in words(parts["holds"], CONDITIONS, f"{name}: holds", kind="condition").items()
+        }
+        if "holds" in parts
+        else {},
         beyond=_range(parts["beyond"], f"{name}: beyond") if "beyond" in parts else None,
         **{word: _text(parts[word], f"{name}: {word}") for word in ("conditions", "spread", "guess") if word in parts},
     )
@@ -116,18 +123,6 @@ def _quantity(node: Node, what: str, name: str, unit: str) -> float:
     if not 0 <= value < math.inf:
         raise mistake(node, f"{what} = {value:g}: expected {_number(unit)}")
     return float(value)
-
-
-def _told(low: float | None, value: float, high: float | None) -> str:
-    return ", ".join(
-        f"{word} = {n:g}" for word, n in zip(("low", "value", "high"), (low, value, high), strict=True) if n is not None
-    )
-
-
-def _holds(node: Node, name: str) -> dict[str, Range]:
-    """Ranges of conditions by name."""
-    parts = words(node, CONDITIONS, f"{name}: holds", kind="condition")
-    return {word: _range(part, f"{name}: holds: {word}") for word, part in parts.items()}
 
 
 def _range(node: Node, what: str) -> Range:

@@ -400,7 +400,7 @@ SOFT_RESET = (
 
 
 def lacking(inputs: Inputs) -> list[Problem]:
-    """All that a compartment lacks of a population, whatever its scale."""
+    """Return all that a compartment lacks of a population, whatever its scale."""
     return [*_times(inputs), *_potentials(inputs), *_input(inputs), *of_falls(inputs.part, SOFT_RESET)]
 
 

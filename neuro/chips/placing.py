@@ -52,7 +52,7 @@ from neuro.chips.splitting import Split, fewest_cores, neurons_of, split
 from neuro.core.errors import ModelError, unknown
 from neuro.core.tables import aligned
 from neuro.program.backend import Problem
-from neuro.program.program import Floats, Ints, Program
+from neuro.program.program import Ints, Program
 
 _SHOWN = 40
 _RUNS = 4
@@ -209,6 +209,7 @@ def _several(count: int, what: str) -> str:
 
 
 ORDERS = ("connected", "declared")
+_LIMITS = ("neurons_per_core", "synapse_bytes_per_core", "axons_in_per_core", "axons_out_per_core")
 
 
 def place(program: Program, chip: Chip, *, order: str = "connected", neurons_per_core: int | None = None) -> Placement:
@@ -230,56 +231,48 @@ def place(program: Program, chip: Chip, *, order: str = "connected", neurons_per
     if order not in ORDERS:
         raise unknown("order", order, ORDERS)
     if neurons_per_core is not None:
-        _check_neurons(neurons_per_core, chip)
+        if type(neurons_per_core) is not int or neurons_per_core < 1:
+            raise ModelError(f"neurons_per_core = {neurons_per_core!r}: expected a whole number >= 1")
+        limit = chip.limit("neurons_per_core")
+        if limit is not None and neurons_per_core > limit:
+            raise ModelError(
+                f"neurons_per_core = {neurons_per_core}: expected at most {limit}, the limit of {chip.name}"
+            )
+    multicast = placed_as(chip).multicast
     into = incoming(program, placed_as(chip).keeps_kernels)
     declared = neurons_of(program)
-    if order == "connected" and fewest_cores(program, chip, into) > LARGEST:
-        tied = _tied(program, into, declared)
-        draft = _draft(
-            program, chip, into, *_close(chip, into, split(program, chip, into, tied, neurons_per_core, True))
-        )
-        return _placement(program, chip, into, draft, order)
-    cut = split(program, chip, into, declared, neurons_per_core)
-    drafts = [_draft(program, chip, into, cut, lay_out(chip, cut.memory, snake=False))]
+    drafts: list[tuple[Split, MeshPlaces]] = []
+    is_large = order == "connected" and fewest_cores(program, chip, into) > LARGEST
+    if not is_large:
+        plain = split(program, chip, into, declared, neurons_per_core)
+        drafts.append((plain, lay_out(chip, plain.memory, snake=False)))
     if order == "connected":
         tied = _tied(program, into, declared)
-        if tied != declared or any(part.grid is not None for part in program.projections):
-            cut = split(program, chip, into, tied, neurons_per_core, by_place=True)
-        drafts.insert(0, _draft(program, chip, into, *_close(chip, into, cut)))
-    best = min(drafts, key=lambda draft: (draft.chips, draft.hops))
-    return _placement(program, chip, into, best, order)
-
-
-def _check_neurons(neurons_per_core: int, chip: Chip) -> None:
-    if type(neurons_per_core) is not int or neurons_per_core < 1:
-        raise ModelError(f"neurons_per_core = {neurons_per_core!r}: expected a whole number >= 1")
-    limit = chip.limit("neurons_per_core")
-    if limit is not None and neurons_per_core > limit:
-        raise ModelError(f"neurons_per_core = {neurons_per_core}: expected at most {limit}, the limit of {chip.name}")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Draft:
-    """One way to place a program."""
-
-    split: Split
-    places: MeshPlaces
-    ways: tuple[Hops, ...]
-
-    @property
-    def chips(self) -> int:
-        return len(np.unique(self.places.chip))
-
-    @property
-    def hops(self) -> int:
-        return sum(part.total for part in self.ways)
-
-
-def _draft(program: Program, chip: Chip, into: Incoming, cut: Split, places: MeshPlaces) -> _Draft:
-    """Number cores by their places and count hops."""
-    order = np.lexsort((places.slot, places.column, places.row, places.chip))
-    cut, places = cut.taken(order), places.taken(order)
-    return _Draft(cut, places, routes(program, into, cut.core_of, places, placed_as(chip).multicast))
+        if is_large or tied != declared or any(part.grid is not None for part in program.projections):
+            plain = split(program, chip, into, tied, neurons_per_core, by_place=True)
+        drafts.insert(0, _close(chip, into, plain))
+    numbered: list[tuple[int, int, Split, MeshPlaces, tuple[Hops, ...]]] = []
+    for cut, places in drafts:
+        # Cores are numbered by their places.
+        by_place = np.lexsort((places.slot, places.column, places.row, places.chip))
+        cut, places = cut.taken(by_place), places.taken(by_place)
+        ways = routes(program, into, cut.core_of, places, multicast)
+        numbered.append((len(np.unique(places.chip)), sum(part.total for part in ways), cut, places, ways))
+    chips, _, cut, places, ways = min(numbered, key=lambda draft: draft[:2])
+    return Placement(
+        network=program.name,
+        target=chip.name,
+        order=order,
+        multicast=multicast,
+        cores=tuple(_core(chip, cut, places, i) for i in range(len(cut.cores))),
+        chips_used=chips,
+        tiles_used=len(np.unique(np.stack((places.column, places.row)), axis=1).T),
+        core_of=tuple(cut.core_of[a:b] for a, b in zip(into.start[:-1], into.start[1:], strict=True)),
+        populations=tuple(part.name for part in program.populations),
+        projections=tuple(part.name for part in program.projections),
+        ways=ways,
+        problems=exceeded(program, chip, into, cut, chips),
+    )
 
 
 def _tied(program: Program, into: Incoming, populations: list[int]) -> list[int]:
@@ -300,67 +293,34 @@ def _close(chip: Chip, into: Incoming, cut: Split) -> tuple[Split, MeshPlaces]:
     """Lay cores out so that those which exchange many spikes are close."""
     if len(cut.cores) > LARGEST:
         return cut, lay_out(chip, cut.memory, snake=True)
-    traffic, pull = _traffic(into, cut)
+    # Spikes between each two cores, and from the host to each, if all sources spike once.
+    n = len(cut.cores)
+    traffic, pull = np.zeros((n, n)), np.zeros(n)
+    for index, ways in reached(into, cut.core_of, n):
+        source = into.begins_at[index]
+        between_cores(*ways, cut.core_of[into.start[source] : into.start[source + 1]], traffic, pull)
+    np.fill_diagonal(traffic, 0.0)
+    traffic = traffic + traffic.T
     order = chain(traffic, pull)
     cut, traffic, pull = cut.taken(order), traffic[np.ix_(order, order)], pull[order]
     places = lay_out(chip, cut.memory, snake=True)
     return cut, draw_close(chip, places, cut.memory, traffic, pull)
 
 
-def _traffic(into: Incoming, cut: Split) -> tuple[Floats, Floats]:
-    """Spikes between each two cores and from the host to each, if all sources spike once."""
-    n = len(cut.cores)
-    between, pull = np.zeros((n, n)), np.zeros(n)
-    for index, ways in reached(into, cut.core_of, n):
-        source = into.begins_at[index]
-        between_cores(*ways, cut.core_of[into.start[source] : into.start[source + 1]], between, pull)
-    np.fill_diagonal(between, 0.0)
-    return between + between.T, pull
-
-
-def _placement(program: Program, chip: Chip, into: Incoming, draft: _Draft, order: str) -> Placement:
-    """The report of a draft."""
-    cut, places = draft.split, draft.places
-    starts = into.start[:-1], into.start[1:]
-    return Placement(
-        network=program.name,
-        target=chip.name,
-        order=order,
-        multicast=placed_as(chip).multicast,
-        cores=tuple(_core(chip, cut, places, i) for i in range(len(cut.cores))),
-        chips_used=draft.chips,
-        tiles_used=len(np.unique(np.stack((places.column, places.row)), axis=1).T),
-        core_of=tuple(cut.core_of[first:last] for first, last in zip(*starts, strict=True)),
-        populations=tuple(part.name for part in program.populations),
-        projections=tuple(part.name for part in program.projections),
-        ways=draft.ways,
-        problems=exceeded(program, chip, into, cut, draft.chips),
-    )
-
-
 def _core(chip: Chip, cut: Split, places: MeshPlaces, i: int) -> Core:
     """One core with its load."""
-    neurons, memory, axons_in, axons_out = (
-        int(counts[i]) for counts in (cut.neurons, cut.memory, cut.axons_in, cut.axons_out)
-    )
-    used = {
-        "neurons_per_core": neurons,
-        "synapse_bytes_per_core": memory,
-        "axons_in_per_core": axons_in,
-        "axons_out_per_core": axons_out,
-    }
-    limits = {name: chip.limit(name) for name in used}
+    used = [int(counts[i]) for counts in (cut.neurons, cut.memory, cut.axons_in, cut.axons_out)]
     return Core(
         chip=int(places.chip[i]),
         column=int(places.column[i]),
         row=int(places.row[i]),
         slot=int(places.slot[i]),
         parts=cut.cores[i],
-        neurons=neurons,
-        synapse_bytes=memory,
-        axons_in=axons_in,
-        axons_out=axons_out,
-        load={name: used[name] / limit for name, limit in limits.items() if limit},
+        neurons=used[0],
+        synapse_bytes=used[1],
+        axons_in=used[2],
+        axons_out=used[3],
+        load={name: n / most for name, n in zip(_LIMITS, used, strict=True) if (most := chip.limit(name))},
     )
 
 
@@ -418,20 +378,17 @@ def _too_much(
         part = program.populations[population]
         more = f" and {len(found) - 1:,} more" if len(found) > 1 else ""
         synapses = int(np.diff(into.ends)[into.start[population] + neuron])
-        why, way_out = _reason(kind, chip, count, limit, synapses)
+        if kind == "memory":
+            whose = "core" if chip.limit("synapse_bytes_per_core") is not None else "chip"
+            why = f"its {synapses:,} synapses take {count:,} bytes, a {whose} of {chip.name} has {limit:,} for synapses"
+            way_out = f"about {synapses * limit // count:,} synapses onto one neuron would fit"
+        elif kind == "in":
+            why = f"the spikes of {count:,} neurons reach it, a core of {chip.name} has {limit:,} input axons"
+            way_out = f"at most {limit:,} sources of one neuron would fit: let neurons between gather them"
+        else:
+            why = f"its spikes go to {count:,} cores, a core of {chip.name} has {limit:,} output axons"
+            way_out = f"targets on at most {limit:,} cores would fit: let neurons between pass its spikes on"
         yield Problem(True, f"population '{part.name}': neuron {neuron}{more}", why, way_out, part.origin)
-
-
-def _reason(kind: str, chip: Chip, need: int, limit: int, synapses: int) -> tuple[str, str]:
-    if kind == "memory":
-        whose = "core" if chip.limit("synapse_bytes_per_core") is not None else "chip"
-        why = f"its {synapses:,} synapses take {need:,} bytes, a {whose} of {chip.name} has {limit:,} for synapses"
-        return why, f"about {synapses * limit // need:,} synapses onto one neuron would fit"
-    if kind == "in":
-        why = f"the spikes of {need:,} neurons reach it, a core of {chip.name} has {limit:,} input axons"
-        return why, f"at most {limit:,} sources of one neuron would fit: let neurons between gather them"
-    why = f"its spikes go to {need:,} cores, a core of {chip.name} has {limit:,} output axons"
-    return why, f"targets on at most {limit:,} cores would fit: let neurons between pass its spikes on"
 
 
 def _too_large(program: Program, chip: Chip, split: Split, chips: int) -> Iterator[Problem]:
