@@ -16,7 +16,7 @@ from neuro.chips.loihi2 import has_two_inputs
 from neuro.core import keyed_random
 from neuro.core.clock import NEVER
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
-from neuro.program.program import Program, Projection
+from neuro.program.program import Program
 from neuro_chip import deliver, loihi2_step, loihi_step, spinnaker_step, tables as t
 from neuro_chip.tables import Arrays
 
@@ -203,7 +203,12 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
         for name, array in found.items():
             lists[name].append(array)
             at[name] += array.size
-        _grid(table[q], part)
+        if (g := part.grid) is not None:
+            row = table[q]
+            row[[t.CHANNEL_HEIGHT, t.CHANNEL_WIDTH]] = g.height, g.width
+            row[[t.ROWS, t.COLUMNS]] = g.rows, g.columns
+            row[[t.DEPTH, t.KERNEL_HEIGHT, t.KERNEL_WIDTH]] = g.kernels[1:]
+            row[[t.STRIDE, t.TOP, t.LEFT, t.REACH, t.MAPS]] = g.stride, g.top, g.left, g.reach, g.maps
         if wires.apart:
             target, apart = a["pops"][part.target], _apart(fixed, part.target)
             plane = (
@@ -247,16 +252,6 @@ def _layout(program: Program, q: int, own_lags: bool) -> tuple[int, NDArray[np.i
         ends = np.tile(np.arange(n_target, dtype=np.int32), n_source)
         return t.CSR, np.arange(n_source + 1, dtype=np.int64) * n_target, ends
     return LAYOUTS[part.layout], _NO_ROWS, _NOBODY
-
-
-def _grid(row: NDArray[np.int64], part: Projection) -> None:
-    g = part.grid
-    if g is None:
-        return
-    row[[t.CHANNEL_HEIGHT, t.CHANNEL_WIDTH]] = g.height, g.width
-    row[[t.ROWS, t.COLUMNS]] = g.rows, g.columns
-    row[[t.DEPTH, t.KERNEL_HEIGHT, t.KERNEL_WIDTH]] = g.kernels[1:]
-    row[[t.STRIDE, t.TOP, t.LEFT, t.REACH, t.MAPS]] = g.stride, g.top, g.left, g.reach, g.maps
 
 
 def write_registers(a: Arrays, fixed: FixedProgram, k: int, part: FixedPopulation) -> None:

@@ -23,36 +23,6 @@ FIFTEEN, THIRTY_TWO = np.int64(15), np.int64(32)
 
 
 @subkernel
-def lif(net, pop, row, step):
-    """Step a population of exponential neurons; `fired` says which reach threshold."""
-    lo, hi = row[t.BEGIN], row[t.END]
-    n = hi - lo
-    begin = row[t.RING] + (step & (row[t.SLOTS] - 1)) * n
-    below = begin + row[t.SLOTS] * n
-    exc, inh = net.ring[begin : begin + n], net.ring[below : below + n]
-    v, hold, fired = net.v[lo:hi], net.hold[lo:hi], net.fired[lo:hi]
-    saturated, wraps = step_spinnaker(
-        exc, inh, v, net.u[lo:hi], net.g_inh[lo:hi], hold, net, lo, row[t.EXC_SHIFT], row[t.INH_SHIFT], fired
-    )
-    net.native[pop, t.SATURATIONS] += saturated
-    net.native[pop, t.WRAPS] += wraps
-
-
-@subkernel
-def delta(net, pop, row, step):
-    """Step a population with delta input; `fired` says which reach threshold."""
-    lo, hi = row[t.BEGIN], row[t.END]
-    n = hi - lo
-    begin = row[t.RING] + (step & (row[t.SLOTS] - 1)) * n
-    below = begin + row[t.SLOTS] * n
-    exc, inh = net.ring[begin : begin + n], net.ring[below : below + n]
-    v, hold, fired = net.v[lo:hi], net.hold[lo:hi], net.fired[lo:hi]
-    saturated, wraps = step_delta(exc, inh, v, hold, net, lo, row[t.EXC_SHIFT], row[t.INH_SHIFT], row[t.LOWEST], fired)
-    net.native[pop, t.SATURATIONS] += saturated
-    net.native[pop, t.WRAPS] += wraps
-
-
-@subkernel
 def product(a, b):
     """An s16.15 product: floor, not yet wrapped to 32 bits."""
     # A shift of a negative number rounds down, which is what the machine's arithmetic does.
@@ -66,11 +36,25 @@ def decayed(x, d):
 
 
 @subkernel
-def step_spinnaker(exc, inh, v, g_exc, g_inh, hold, r, first, shift_exc, shift_inh, fired):
-    """SpiNNaker's exponential neurons; return how many slots were saturated and values wrapped.
+def receptors(net, row, step):
+    """Return the slots of this step of both receptors."""
+    n = row[t.END] - row[t.BEGIN]
+    begin = row[t.RING] + (step & (row[t.SLOTS] - 1)) * n
+    below = begin + row[t.SLOTS] * n
+    return net.ring[begin : begin + n], net.ring[below : below + n]
+
+
+@subkernel
+def lif(net, pop, row, step):
+    """Step a population of exponential neurons; `fired` says which reach threshold.
 
     The input of a tick stays in g until the next tick decays it, which is the same as decaying at the end of a tick.
     """
+    first, end = row[t.BEGIN], row[t.END]
+    exc, inh = receptors(net, row, step)
+    v, hold, fired = net.v[first:end], net.hold[first:end], net.fired[first:end]
+    g_exc, g_inh = net.u[first:end], net.g_inh[first:end]
+    shift_exc, shift_inh = row[t.EXC_SHIFT], row[t.INH_SHIFT]
     saturated = 0
     wraps = 0
     for k in range(v.size):
@@ -82,8 +66,8 @@ def step_spinnaker(exc, inh, v, g_exc, g_inh, hold, r, first, shift_exc, shift_i
         exc[k] = 0
         inh[k] = 0
         # Each term is cut by itself before the sum, in this order: the last bit depends on it.
-        full_exc = decayed(g_exc[k], r.exc_decay[i]) + decayed(slot_exc, r.exc_init[i])
-        full_inh = decayed(g_inh[k], r.inh_decay[i]) + decayed(slot_inh, r.inh_init[i])
+        full_exc = decayed(g_exc[k], net.exc_decay[i]) + decayed(slot_exc, net.exc_init[i])
+        full_inh = decayed(g_inh[k], net.inh_decay[i]) + decayed(slot_inh, net.inh_init[i])
         ge, gi = i32(full_exc), i32(full_inh)
         wraps += (ge != full_exc) | (gi != full_inh)
         g_exc[k] = ge
@@ -92,21 +76,26 @@ def step_spinnaker(exc, inh, v, g_exc, g_inh, hold, r, first, shift_exc, shift_i
         if hold[k] > 0:
             hold[k] -= 1
             # A refractory neuron is compared as well, as in the machine's code: V_reset above V_th fires again at once.
-            fired[k] = v[k] >= r.threshold[i]
+            fired[k] = v[k] >= net.threshold[i]
             continue
-        drive = np.int64(ge) - np.int64(gi) + np.int64(r.bias[i])
-        alpha = product(i32(drive), r.r_m[i]) + np.int64(r.v_rest[i])
+        drive = np.int64(ge) - np.int64(gi) + np.int64(net.bias[i])
+        alpha = product(i32(drive), net.r_m[i]) + np.int64(net.v_rest[i])
         gap = np.int64(i32(alpha)) - np.int64(v[k])
-        now = np.int64(i32(alpha)) - product(r.keep_v[i], i32(gap))
+        now = np.int64(i32(alpha)) - product(net.keep_v[i], i32(gap))
         wraps += (i32(drive) != drive) | (i32(alpha) != alpha) | (i32(gap) != gap) | (i32(now) != now)
         v[k] = i32(now)
-        fired[k] = v[k] >= r.threshold[i]
-    return saturated, wraps
+        fired[k] = v[k] >= net.threshold[i]
+    net.native[pop, t.SATURATIONS] += saturated
+    net.native[pop, t.WRAPS] += wraps
 
 
 @subkernel
-def step_delta(exc, inh, v, hold, r, first, shift_exc, shift_inh, lowest, fired):
-    """Delta-input neurons in SpiNNaker's arithmetic; return how many slots were saturated and values wrapped."""
+def delta(net, pop, row, step):
+    """Step a population with delta input; `fired` says which reach threshold."""
+    first, end = row[t.BEGIN], row[t.END]
+    exc, inh = receptors(net, row, step)
+    v, hold, fired = net.v[first:end], net.hold[first:end], net.fired[first:end]
+    shift_exc, shift_inh, lowest = row[t.EXC_SHIFT], row[t.INH_SHIFT], row[t.LOWEST]
     saturated = 0
     wraps = 0
     for k in range(v.size):
@@ -119,12 +108,13 @@ def step_delta(exc, inh, v, hold, r, first, shift_exc, shift_inh, lowest, fired)
         if hold[k] > 0:
             hold[k] -= 1
             continue
-        above = np.int64(v[k]) - np.int64(r.v_rest[i])
-        now = np.int64(r.v_rest[i]) + product(i32(above), r.keep_v[i]) + np.int64(r.bias[i]) + x
+        above = np.int64(v[k]) - np.int64(net.v_rest[i])
+        now = np.int64(net.v_rest[i]) + product(i32(above), net.keep_v[i]) + np.int64(net.bias[i]) + x
         wraps += (i32(above) != above) | (i32(now) != now)
         v[k] = max(i32(now), i32(lowest))
-        fired[k] = v[k] >= r.threshold[i]
-    return saturated, wraps
+        fired[k] = v[k] >= net.threshold[i]
+    net.native[pop, t.SATURATIONS] += saturated
+    net.native[pop, t.WRAPS] += wraps
 
 
 def write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:

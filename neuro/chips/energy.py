@@ -275,10 +275,14 @@ class Energy:
         """
         cited = list(dict.fromkeys(sourced(item.source, item.conditions) for item in self.items if item.source))
         table = [("item", "of", "count", "each", "energy", "source"), *(_row(item, cited) for item in self.items)]
+        head = [f"{number(self.steps)} steps"]
+        if self.chip_time_s is not None:
+            chips = f"{self.chips} chip" + "s" * (self.chips != 1)
+            head = [chips, *head, f"{quantity(self.chip_time_s, 's')} of chip time"]
         rows = aligned(table if sources else [row[:-1] for row in table], "<<>>>")
         listed = [f"[{i}] {each}" for i, each in enumerate(cited, 1)] if sources else []
         parts = (
-            [self._head()],
+            [f"{self.title} ({self.target}), energy per {self.of}: {', '.join(head)}"],
             rows,
             aligned(self.sums(), "<>>"),
             listed,
@@ -296,13 +300,6 @@ class Energy:
             if item.spread:
                 spreads.setdefault(item.spread, {})[item.what] = None
         return self.notes + marked + tuple(f"range of {', '.join(names)}: {text}" for text, names in spreads.items())
-
-    def _head(self) -> str:
-        parts = [f"{number(self.steps)} steps"]
-        if self.chip_time_s is not None:
-            chips = f"{self.chips} chip" + "s" * (self.chips != 1)
-            parts = [chips, *parts, f"{quantity(self.chip_time_s, 's')} of chip time"]
-        return f"{self.title} ({self.target}), energy per {self.of}: {', '.join(parts)}"
 
 
 def _row(item: BillItem, cited: list[str]) -> tuple[str, ...]:

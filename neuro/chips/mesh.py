@@ -75,7 +75,14 @@ def lay_out(chip: Chip, memory: Ints, snake: bool) -> MeshPlaces:
             and fro, so that one is beside the next; otherwise both are taken row by row.
     """
     mesh = mesh_of(chip, len(memory))
-    number, within = _chips(chip, memory)
+    most, shared = capacity(chip, len(memory)), chip.limit("synapse_bytes_per_chip")
+    number, within = np.zeros((2, len(memory)), dtype=np.int64)
+    at, held, filled = 0, 0, 0
+    for i, need in enumerate(memory):  # a chip ends when its cores or its memory are used up
+        if held == most or (held and shared is not None and filled + int(need) > shared):
+            at, held, filled = at + 1, 0, 0
+        number[i], within[i] = at, held
+        held, filled = held + 1, filled + int(need)
     side = math.isqrt(max(int(number.max(initial=0)), 0)) + (0 if len(memory) == 0 else 1)
     tile, slot = np.divmod(within, mesh.cores_per_tile)
     chip_row, chip_column = np.divmod(number, max(side, 1))
@@ -87,19 +94,6 @@ def lay_out(chip: Chip, memory: Ints, snake: bool) -> MeshPlaces:
     else:
         row, column = np.divmod(tile, mesh.columns)
     return MeshPlaces(mesh, number, slot, chip_column * mesh.columns + column, chip_row * mesh.rows + row)
-
-
-def _chips(chip: Chip, memory: Ints) -> tuple[Ints, Ints]:
-    """The chip of each core and its number there: a chip ends when its cores or its memory are used up."""
-    most, shared = capacity(chip, len(memory)), chip.limit("synapse_bytes_per_chip")
-    number, within = np.zeros((2, len(memory)), dtype=np.int64)
-    at, held, filled = 0, 0, 0
-    for i, need in enumerate(memory):
-        if held == most or (held and shared is not None and filled + int(need) > shared):
-            at, held, filled = at + 1, 0, 0
-        number[i], within[i] = at, held
-        held, filled = held + 1, filled + int(need)
-    return number, within
 
 
 def chain(traffic: Floats, pull: Floats) -> Ints:
@@ -163,26 +157,20 @@ def draw_close(chip: Chip, places: MeshPlaces, memory: Ints, traffic: Floats, pu
         return places
     if shared is not None and most * int(memory.max(initial=0)) > shared:
         return places
-    places = _exchange_tiles(places, traffic, pull)
-    return places.taken(exchange(traffic, pull, places.column, places.row))
-
-
-def _exchange_tiles(places: MeshPlaces, traffic: Floats, pull: Floats) -> MeshPlaces:
-    mesh, n = places.mesh, len(places.chip)
-    size = mesh.columns * mesh.rows
+    n, size = len(places.chip), mesh.columns * mesh.rows
     chips, first, number = np.unique(places.chip, return_index=True, return_inverse=True)
-    if size == 1 or len(chips) * size > LARGEST:
-        return places
-    y, x = np.divmod(np.arange(size), mesh.columns)
-    column = (places.chip_column[first, None] * mesh.columns + x).reshape(-1)
-    row = (places.chip_row[first, None] * mesh.rows + y).reshape(-1)
-    tile = number * size + places.row % mesh.rows * mesh.columns + places.column % mesh.columns
-    member = np.zeros((n, len(column)))
-    member[np.arange(n), tile] = 1.0
-    between = member.T @ traffic @ member
-    np.fill_diagonal(between, 0.0)
-    tile = exchange(between, pull @ member, column, row)[tile]
-    return MeshPlaces(mesh, chips[tile // size], places.slot, column[tile], row[tile])
+    if size > 1 and len(chips) * size <= LARGEST:
+        y, x = np.divmod(np.arange(size), mesh.columns)
+        column = (places.chip_column[first, None] * mesh.columns + x).reshape(-1)
+        row = (places.chip_row[first, None] * mesh.rows + y).reshape(-1)
+        tile = number * size + places.row % mesh.rows * mesh.columns + places.column % mesh.columns
+        member = np.zeros((n, len(column)))
+        member[np.arange(n), tile] = 1.0
+        between = member.T @ traffic @ member
+        np.fill_diagonal(between, 0.0)
+        tile = exchange(between, pull @ member, column, row)[tile]
+        places = MeshPlaces(mesh, chips[tile // size], places.slot, column[tile], row[tile])
+    return places.taken(exchange(traffic, pull, places.column, places.row))
 
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"

@@ -129,7 +129,8 @@ def fit(
         parts = {"rounding": fixed.as_dict() if fixed else None, "placement": placement.as_dict()}
         typer.echo(json.dumps(_finite({**parts, "problems": _paragraphs(problems)}), indent=2, allow_nan=False))
     else:
-        rounding = report(fixed) if fixed else _no_rounding(target.title)
+        unknown_rounding = f"the arithmetic of {target.title} is not known here: its rounding is not reported"
+        rounding = report(fixed) if fixed else unknown_rounding
         echo("\n\n".join([rounding, str(replace(placement, problems=())), *_paragraphs(problems), verdict]))
     if any(problem.refused for problem in problems):
         raise typer.Exit(1)
@@ -150,10 +151,6 @@ def _target(name: str) -> Chip:
             hint=f"expected one of {', '.join(limited)}, or a table with limits",
         )
     return target
-
-
-def _no_rounding(title: str) -> str:
-    return f"the arithmetic of {title} is not known here: its rounding is not reported"
 
 
 def _paragraphs(problems: Sequence[Problem]) -> list[str]:
