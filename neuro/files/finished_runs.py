@@ -23,7 +23,7 @@ from neuro.program.program import Floats, Ints, Program
 from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
 
 if TYPE_CHECKING:
-    from neuro.chips.pricing.energy import Energy
+    from neuro.chips.energy import Energy
 
 READABLE = "spikes, traces and weights are read without"
 
@@ -115,7 +115,7 @@ def energy(
     Raises:
         ModelError: the target has no costs, or the network does not fit on it.
     """
-    from neuro.chips.pricing.price import bill
+    from neuro.chips.pricing import bill
 
     program = resolved(results, net)
     trains = [results.populations[part.name] for part in program.populations]

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import neo
     from matplotlib.figure import Figure
 
-    from neuro.chips.pricing.energy import Energy
+    from neuro.chips.energy import Energy
     from neuro.diagnosis.diagnosis import Diagnosis
     from neuro.files.parts import Trace
     from neuro.files.recorded import DataFrames
@@ -678,7 +678,7 @@ class Simulation:
             ModelError: there is no such target, the network does not fit on it, it has no published costs, or
                 `step_s`, `chips` or `duration_s` cannot be.
         """
-        from neuro.chips.pricing.price import bill
+        from neuro.chips.pricing import bill
 
         counts = self._engine.counts() if of is None else of.raw_counts
         self.program.refuse_share("energy")

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.chips.arithmetics import arithmetic_of
 from neuro.chips.description import Chip
-from neuro.chips.placing.placement import aligned
-from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding
+from neuro.chips.fixed import FixedPopulation, FixedProjection
+from neuro.chips.known import arithmetic_of
+from neuro.core.tables import aligned
 from neuro.program.backend import Problem
-from neuro.program.program import Floats, Program, Projection
+from neuro.program.program import Floats, Program
 
 POPULATIONS = ("population", "neurons", "is a", "units per mV", "quantity", "described", "on the chip", "error")
 PROJECTIONS = ("projection", "weights", "bits", "signs", "scale", "a step", "delay", "become 0", "largest error", "rms")
@@ -83,7 +83,7 @@ def report(fixed: FixedProgram) -> str:
     lines = [f"network '{fixed.program.name}' in the integers of {fixed.chip.title}"]
     for head, rows in ((POPULATIONS, _populations(fixed)), (PROJECTIONS, _projections(fixed))):
         if body := list(rows):
-            lines += ["", *aligned([head, *body], right=0)]
+            lines += ["", *aligned([head, *body])]
     if fixed.notes:
         lines += ["", "notes", *(f"  - {note}" for note in fixed.notes)]
     return "\n".join(lines)
@@ -95,44 +95,32 @@ def _populations(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
             continue
         scaled = f"{cells.volt:.6g}" if cells.rounding else "-"
         own = (part.name, f"{part.size:,}", cells.kind, scaled)
-        rows = [_rounded(r) for r in cells.rounding] or [("-",) * 4]
+        rows = [
+            (r.quantity, f"{r.wanted:.6g} {r.unit}", f"{r.got:.6g} {r.unit}", _share(r.error, signed=True))
+            for r in cells.rounding
+        ] or [("-",) * 4]
         for k, row in enumerate(rows):
             yield (*(own if k == 0 else ("",) * 4), *row)
 
 
-def _rounded(r: Rounding) -> tuple[str, ...]:
-    return r.quantity, f"{r.wanted:.6g} {r.unit}", f"{r.got:.6g} {r.unit}", _share(r.error, signed=True)
-
-
 def _projections(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
+    told_scale = arithmetic_of(fixed.chip).told_scale
     for part, wires in zip(fixed.program.projections, fixed.projections, strict=True):
         if wires is None:
             continue
-        lost = wires.rounding
+        lost, described, register = wires.rounding, _range(part.delay), _range(wires.delay)
         yield (
             part.name,
             f"{part.size:,}",
             str(wires.bits),
             wires.sign_mode or "either",
-            _scale(fixed, part, wires),
+            told_scale(fixed.populations[part.target], wires),
             _range(wires.step),
-            _delay(part, wires),
+            described if described == register else f"{described} as {register}",
             _share(lost.zeroed),
             _share(lost.worst),
             _share(lost.rms),
         )
-
-
-def _scale(fixed: FixedProgram, part: Projection, wires: FixedProjection) -> str:
-    """How the weights of a projection are scaled, in the words of the chip."""
-    return arithmetic_of(fixed.chip).told_scale(fixed.populations[part.target], wires)
-
-
-def _delay(part: Projection, wires: FixedProjection) -> str:
-    """Steps as described, and what the delay register holds where it is another number."""
-    described = _range(part.delay)
-    register = _range(wires.delay)
-    return described if described == register else f"{described} as {register}"
 
 
 def _range(values: npt.NDArray[Any]) -> str:
@@ -162,16 +150,18 @@ def filled(fixed: FixedProgram, spikes: Spikes) -> dict[str, float]:
             are left out.
 
     Returns:
-        By population that spikes reach; empty on chips whose arithmetic does not say (`Arithmetic.filled`).
+        By population that spikes reach; empty on chips whose slots saturate.
     """
-    program, share = fixed.program, arithmetic_of(fixed.chip).filled
+    program, arithmetic = fixed.program, arithmetic_of(fixed.chip)
+    if arithmetic.receptors == 2:  # their slots saturate
+        return {}
     found = {}
     for target, cells in enumerate(fixed.populations):
         onto = [k for k, part in enumerate(program.projections) if part.target == target]
         sums = [_sums(fixed, k, wires, spikes) for k in onto if (wires := fixed.projections[k]) is not None]
         arriving = [one for one in sums if one is not None]
-        if share is not None and arriving:
-            found[cells.name] = share(cells, np.sum(arriving, axis=0))
+        if arriving:
+            found[cells.name] = arithmetic.filled(cells, np.sum(arriving, axis=0))
     return found
 
 

@@ -21,12 +21,8 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING
 
-from neuro.chips.arithmetics import ARITHMETICS, arithmetic_of
 from neuro.chips.description import CONDITIONS, Chip, Figure, Range
-from neuro.chips.known import chip
-from neuro.chips.placing.incoming import dense_size, spiking
-from neuro.chips.placing.place import place, too_late
-from neuro.chips.pricing.energy import (
+from neuro.chips.energy import (
     AS_GIVEN,
     CHIP_TIME,
     FASTEST,
@@ -38,14 +34,17 @@ from neuro.chips.pricing.energy import (
     quantity,
     sourced,
 )
-from neuro.chips.quantising.quantise import refusals
+from neuro.chips.incoming import dense_size, spiking
+from neuro.chips.known import ARITHMETICS, arithmetic_of, chip
+from neuro.chips.placing import place, too_late
+from neuro.chips.quantising import refusals
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts
 from neuro.program.counts import Counts, Tally
-from neuro.program.program import Ints, Program
+from neuro.program.program import Program
 
 if TYPE_CHECKING:
-    from neuro.chips.placing.placement import Hops, Placement
+    from neuro.chips.placing import Placement
 
 
 BARRIERS = ("barrier_1_tile_time", "barrier_32_tiles_time")
@@ -214,7 +213,9 @@ def why_extrapolated(figure: Figure, run: Run) -> str:
     reasons = [
         f"{name} {_told(run[name], name)}, published for {_span(figure.holds[name], name)}"
         for name in CONDITIONS
-        if name in figure.holds and name in run and not _within(run[name], figure.holds[name])
+        if name in figure.holds
+        and name in run
+        and not figure.holds[name][0] * (1.0 - 1e-9) <= run[name] <= figure.holds[name][1] * (1.0 + 1e-9)
     ]
     return "; ".join(reasons)
 
@@ -222,10 +223,6 @@ def why_extrapolated(figure: Figure, run: Run) -> str:
 def range_of(figure: Figure, run: Run) -> Range:
     """Between what a figure may lie in a run."""
     return figure.range(bool(why_extrapolated(figure, run)))
-
-
-def _within(value: float, ends: Range) -> bool:
-    return bool(ends[0] * (1.0 - 1e-9) <= value <= ends[1] * (1.0 + 1e-9))
 
 
 def _told(value: float, name: str) -> str:
@@ -263,10 +260,15 @@ def price(
             `step_s`, `chips` or `duration_s` cannot be.
     """
     check_costs(chip)
-    _check_machine(chip, placement, step_s, chips)
+    if step_s is not None and not (isinstance(step_s, (int, float)) and 0.0 < step_s < math.inf):
+        raise ModelError(f"step_s = {step_s!r}: expected a number > 0 in s")
+    if chips is not None and (type(chips) is not int or chips < 1):
+        raise ModelError(f"chips = {chips!r}: expected a whole number >= 1")
+    used = 1 if placement is None else placement.chips_used
+    if chips is not None and placement is not None and chips < used:
+        raise ModelError(f"chips = {chips}: the network needs {used} on {chip.name}")
     if duration_s is not None and not (isinstance(duration_s, (int, float)) and 0.0 <= duration_s < math.inf):
         raise ModelError(f"duration_s = {duration_s!r}: expected a number >= 0 in s")
-    used = 1 if placement is None else placement.chips_used
     tally = Tally(program).between(None, counts)
     bill = _Bill(program, tally, chip, placement, chips or used, step_s, duration_s)
     if "mac" in chip.costs:
@@ -276,16 +278,6 @@ def price(
     if placement is not None:
         check_fits(program, placement, chip)
     return bill.spiking(counts)
-
-
-def _check_machine(chip: Chip, placement: Placement | None, step_s: float | None, chips: int | None) -> None:
-    """Refuse a time of a step, or a number of chips, that cannot be."""
-    if step_s is not None and not (isinstance(step_s, (int, float)) and 0.0 < step_s < math.inf):
-        raise ModelError(f"step_s = {step_s!r}: expected a number > 0 in s")
-    if chips is not None and (type(chips) is not int or chips < 1):
-        raise ModelError(f"chips = {chips!r}: expected a whole number >= 1")
-    if chips is not None and placement is not None and chips < placement.chips_used:
-        raise ModelError(f"chips = {chips}: the network needs {placement.chips_used} on {chip.name}")
 
 
 def check_costs(chip: Chip) -> None:
@@ -313,6 +305,10 @@ def unrunnable(program: Program, chip: Chip, placed: bool) -> str:
         problems = () if placed else tuple(too_late(program, chip))
     more = f" (and {len(problems) - 1} more, see neuro fit)" if len(problems) > 1 else ""
     return f"{problems[0].what}: {problems[0].why}{more}" if problems else ""
+
+
+MOVES = {"spike_in_tile": "local", "hop_east_west": "east_west", "hop_north_south": "north_south", "packet": "chip"}
+"""Costs of the moves of a spike, and what they are in `Hops`."""
 
 
 class _Bill:
@@ -370,41 +366,28 @@ class _Bill:
     def spiking(self, raw: EngineCounts) -> Energy:
         """Neurons, synapses, ways, learning, then the chip."""
         placement = self.placement
-        self.neurons(raw)
+        senders = {part.source for part in self.program.projections}
+        for index, population in enumerate(self.program.populations):
+            updates = self.counts.populations[population.name]
+            if population.kind == "neuron":
+                active = updates.neuron_updates_active
+                self.add("neuron_update_active", "population", population.name, active)
+                self.add("neuron_update_inactive", "population", population.name, updates.neuron_updates - active)
+            if index in senders and "packet" in self.chip.costs:
+                self.add("packet", "population", population.name, int(raw.spikes[index].sum()))
         for index, part in enumerate(self.program.projections):
             made = self.counts.projections[part.name]
             self.add("synaptic_op", "projection", part.name, made.synaptic_ops)
-            if placement is not None:
-                self.ways(part.name, raw.spikes[part.source], placement.hops(index))
+            hops = None if placement is None else placement.hops(index)
+            for what, name in MOVES.items() if hops is not None else ():
+                if what in self.chip.costs:  # moves of the kinds that the table prices
+                    moves = int(raw.spikes[part.source] @ getattr(hops, name))
+                    self.add(what, "projection", part.name, moves)
             by_host = part.synapse.learns == "trials" or part.synapse.delays
             self.add("weight_write" if by_host else "learning_update", "projection", part.name, made.learning_updates)
         time = chip_time(self.program, self.counts, placement, self.chip, self.run, self.step_s)
         self.explain(raw, time)
         return self.done(time)
-
-    def neurons(self, raw: EngineCounts) -> None:
-        """The updates of neurons and, where every spike is a packet, those sent."""
-        senders = {part.source for part in self.program.projections}
-        for index, part in enumerate(self.program.populations):
-            made = self.counts.populations[part.name]
-            if part.kind == "neuron":
-                active = made.neuron_updates_active
-                self.add("neuron_update_active", "population", part.name, active)
-                self.add("neuron_update_inactive", "population", part.name, made.neuron_updates - active)
-            if index in senders and "packet" in self.chip.costs:
-                self.add("packet", "population", part.name, int(raw.spikes[index].sum()))
-
-    def ways(self, name: str, spikes: Ints, hops: Hops) -> None:
-        """The moves of a projection's spikes, of the kinds that the table prices."""
-        moves = {
-            "spike_in_tile": hops.local,
-            "hop_east_west": hops.east_west,
-            "hop_north_south": hops.north_south,
-            "packet": hops.chip,
-        }
-        for what, each in moves.items():
-            if what in self.chip.costs:
-                self.add(what, "projection", name, int(spikes @ each))
 
     def explain(self, raw: EngineCounts, time: Duration | None) -> None:
         """Note what is assumed and what is left out."""

@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuro.chips.placing.incoming import dense_size, fan_out, spiking
-from neuro.chips.pricing.energy import STATIC, Energy, sourced
+from neuro.chips.energy import STATIC, Energy, sourced
+from neuro.chips.incoming import dense_size, fan_out, spiking
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts
 from neuro.program.counts import Tally
 from neuro.program.program import Floats, Program
 
 if TYPE_CHECKING:
-    from neuro.chips.placing.placement import Placement
+    from neuro.chips.placing import Placement
 
 OPS = {"iaf_psc_delta": 4, "iaf_psc_exp": 8, "cuba_lif": 8, "iaf_psc_alpha": 24}
 """Operations per membrane update, as NeuroBench counts them for snnTorch's Leaky, Synaptic and Alpha, reset to 0."""
@@ -76,6 +76,7 @@ def neurobench(
     weights = [part.weight for part in program.projections] if weights is None else weights
     report = _Report(program, counts, samples, steps, weights)
     updates = None if potentials is None else report.membrane_updates(potentials)
+    items = () if energy is None else energy.items
     return {
         "footprint_bytes": report.footprint(),
         "parameter_count": sum(part.size for part in program.projections),
@@ -92,7 +93,7 @@ def neurobench(
         "packets": report.packets(),
         "hops": None if placement is None else report.hops(placement),
         "energy_j": None if energy is None else _joules(energy, samples),
-        "table_source": [] if energy is None else _sources(energy),
+        "table_source": list(dict.fromkeys(sourced(item.source, item.conditions) for item in items if item.source)),
         "samples": samples,
         "steps_per_sample": steps,
     }
@@ -219,7 +220,3 @@ def _joules(energy: Energy, samples: int) -> dict[str, Any]:
         {name: None if energy.refused else joules / samples for name, joules in each.items()} for each in (one, real)
     ]
     return {"model": energy.target, "clock": energy.clock, **clocks[0], **sums, "real_time": clocks[1]}
-
-
-def _sources(energy: Energy) -> list[str]:
-    return list(dict.fromkeys(sourced(item.source, item.conditions) for item in energy.items if item.source))

@@ -14,12 +14,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from neuro.chips.arithmetic import Arithmetic, options_of
-from neuro.chips.arithmetics import arithmetic_of
 from neuro.chips.description import Chip
-from neuro.chips.quantising import rounding
-from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding
-from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.chips.quantising.inputs import Inputs, Options, approximated, refused
+from neuro.chips.fixed import FixedPopulation, FixedProjection, worst_rounding
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.inputs import Inputs, Options, approximated, refused
+from neuro.chips.known import arithmetic_of
 from neuro.core.checks import check
 from neuro.core.errors import ModelError
 from neuro.model.equations import EquationNeuron
@@ -35,10 +34,11 @@ RECEPTORS = 2
 """Receptors that a neuron on a chip has."""
 
 _Parts = tuple[tuple[FixedPopulation, ...], tuple[FixedProjection | None, ...], tuple[Problem, ...], tuple[str, ...]]
-_KEPT: WeakKeyDictionary[Program, dict[str, _Parts]] = WeakKeyDictionary()
-"""Quantised programs, keyed by the chip's whole table, since a table can be edited while the program exists.
+_KEPT: WeakKeyDictionary[Program, dict[tuple[str, bool], _Parts]] = WeakKeyDictionary()
+"""What was made of programs, by the chip's whole table with the options, since a table can be edited while the program
+exists, and by whether there are words.
 
-The kept parts hold no reference to the program, which would then live as long as they do.
+The parts hold no reference to the program, which would then live as long as they do.
 """
 
 
@@ -56,55 +56,44 @@ def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
     Raises:
         ModelError: the chip has no arithmetic here, or an option names nothing.
     """
-    arithmetic = arithmetic_of(chip)
-    chosen = options_of(as_built_in(program), chip, arithmetic, options)
-    key = repr((chip, sorted(options.items())))
-    kept = _KEPT.setdefault(program, {})
-    if key not in kept:
-        made = _quantise(program, chip, arithmetic, chosen)
-        kept[key] = made.populations, made.projections, made.problems, made.notes
-    return FixedProgram(chip, program, *kept[key])
+    return FixedProgram(chip, program, *_parts(program, chip, options, words=True))
 
 
 def refusals(program: Program, chip: Chip) -> tuple[Problem, ...]:
-    """What `quantise` refuses of a program, without keeping its words: there may be one for each of many synapses."""
-    kept = _KEPT.get(program, {}).get(repr((chip, [])))
-    if kept is None:
-        arithmetic = arithmetic_of(chip)
-        chosen = options_of(as_built_in(program), chip, arithmetic, {})
-        problems = _quantise(program, chip, arithmetic, chosen, keep=False).problems
-    else:
-        problems = kept[2]
-    return tuple(problem for problem in problems if problem.refused)
+    """Return what `quantise` refuses of a program, without its words: there may be one for each of many synapses."""
+    return tuple(problem for problem in _parts(program, chip, {}, words=False)[2] if problem.refused)
 
 
-def _quantise(
-    described: Program, chip: Chip, arithmetic: Arithmetic, options: Options, keep: bool = True
-) -> FixedProgram:
-    program = as_built_in(described)
+def _parts(described: Program, chip: Chip, options: Mapping[str, Any], words: bool) -> _Parts:
+    """Quantise a program once; without words only its problems are kept."""
+    arithmetic, program = arithmetic_of(chip), as_built_in(described)
+    chosen = options_of(program, chip, arithmetic, options)
+    kept, key = _KEPT.setdefault(described, {}), repr((chip, sorted(options.items())))
+    for has_words in (True, words):
+        if (key, has_words) in kept:
+            return kept[key, has_words]
     populations: list[FixedPopulation] = []
     projections: dict[int, FixedProjection] = {}
     problems: list[Problem] = []
     for index, part in enumerate(program.populations):
         if part.kind != "neuron":
-            kind = "current" if part.kind == "current" else "source"
-            populations.append(FixedPopulation(part.name, kind))
+            populations.append(FixedPopulation(part.name, "current" if part.kind == "current" else "source"))
             continue
-        fixed, found, more = _population(Inputs(program, index, check_only=not keep), chip, arithmetic, options)
+        fixed, found, more = _population(Inputs(program, index, check_only=not words), chip, arithmetic, chosen)
         populations.append(fixed)
         projections |= found
         problems += more
     problems += [*own_generators(program), *_unbounded(program)]
     problems += [] if arithmetic.graded else [p for p in ungraded(program) if p.what not in {q.what for q in problems}]
-    problems += arithmetic.give_rules(program, chip, projections, options)
+    problems += arithmetic.give_rules(program, chip, projections, chosen)
     wires = tuple(projections.get(index) for index in range(len(program.projections)))
     problems += _delays(program, chip, wires)
-    if not keep or any(p.refused for p in problems):
-        return FixedProgram(chip, described, tuple(populations), wires, tuple(problems), ())
-    problems += merged(program, arithmetic)
-    problems += losses(program, arithmetic, populations, wires)
-    notes = tuple(_notes(program, chip, arithmetic, wires))
-    return FixedProgram(chip, described, tuple(populations), wires, tuple(problems), notes)
+    notes: tuple[str, ...] = ()
+    if words and not any(p.refused for p in problems):
+        problems += [*merged(program, arithmetic), *losses(program, arithmetic, populations, wires)]
+        notes = tuple(_notes(program, chip, arithmetic, wires))
+    kept[key, words] = (tuple(populations), wires, tuple(problems), notes) if words else ((), (), tuple(problems), ())
+    return kept[key, words]
 
 
 def _population(
@@ -117,49 +106,40 @@ def _population(
         for index in inputs.spikes:
             found[index], more = arithmetic.native_projection(inputs, index)
             problems += more
-        problems += [*_no_current(inputs), *_no_register(part, arithmetic.state_limit)]
+        why = "neurons described in registers take no current in pA"
+        sources = [inputs.program.projections[index] for index in inputs.currents]
+        problems += [refused(each, "a current", why, "set a bias or offset register") for each in sources]
+        problems += _no_register(part, arithmetic.state_limit)
         return arithmetic.native(part), found, problems
     if isinstance(part.model, parrot_neuron):
         relays = {index: arithmetic.relay_projection(inputs, index) for index in inputs.spikes}
         return FixedPopulation(part.name, "relay"), relays, []
     if not isinstance(part.model, arithmetic.models):
-        return FixedPopulation(part.name, "none"), {}, [_lacking(inputs, chip, arithmetic)]
+        known = ", ".join(model.__name__ for model in arithmetic.models)
+        why = f"{chip.name} has no such neuron: it has {known} and parrot_neuron"
+        way = f"backend '{part.model.chip}' runs it" if part.model.chip else "use iaf_psc_exp, or run on event"
+        if part.model.graded:
+            way = TAKE_PAYLOADS
+        if isinstance(part.model, iaf_psc_exp_adaptive_threshold):
+            way = "adapt on event, then give iaf_psc_exp the V_th of each neuron that is V_th + theta there"
+        if isinstance(error := twin(part.model), ModelError):
+            why = f"{chip.name} takes equations of {known} only, and {error.message}"
+            way = error.hint or f"use {known}, or run on event"
+        return FixedPopulation(part.name, "none"), {}, [refused(part, part.model.name, why, way)]
     if isinstance(part.model, Neuron) and part.model.receptors > RECEPTORS:
-        return FixedPopulation(part.name, "none"), {}, [_too_many_receptors(inputs, chip, part.model)]
+        what = f"{part.model.name} with {part.model.receptors} receptors"
+        why = f"neurons of {chip.name} have {RECEPTORS}: for excitation and for inhibition"
+        return FixedPopulation(part.name, "none"), {}, [refused(part, what, why, "run on event")]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         fixed, found, problems = arithmetic.population(inputs, options)
         if inputs.currents:
-            fixed = replace(fixed, rounding=(*fixed.rounding, _rounded_currents(inputs, fixed)))
+            # What the bias register makes of the currents of generators, as they are described.
+            wanted = Currents(inputs.program).full(inputs.index)
+            unit = 2.0 ** fixed.registers.get("bias_exp", np.zeros(1)) / fixed.drive
+            got = np.rint(wanted / unit) * unit
+            error = worst_rounding("dc", "pA", wanted, got, float(np.abs(wanted).max()))
+            fixed = replace(fixed, rounding=(*fixed.rounding, error))
     return fixed, found, problems
-
-
-def _rounded_currents(inputs: Inputs, fixed: FixedPopulation) -> Rounding:
-    """What the bias register makes of the currents of generators, as they are described."""
-    wanted = Currents(inputs.program).full(inputs.index)
-    unit = 2.0 ** fixed.registers.get("bias_exp", np.zeros(1)) / fixed.drive
-    return rounding.worst("dc", "pA", wanted, np.rint(wanted / unit) * unit, float(np.abs(wanted).max()))
-
-
-def _lacking(inputs: Inputs, chip: Chip, arithmetic: Arithmetic) -> Problem:
-    model = inputs.part.model
-    known = ", ".join(model.__name__ for model in arithmetic.models)
-    why = f"{chip.name} has no such neuron: it has {known} and parrot_neuron"
-    if (error := why_not(model)) is not None:
-        why = f"{chip.name} takes equations of {known} only, and {error.message}"
-        way = error.hint or f"use {known}, or run on event"
-        return refused(inputs.part, model.name, why, way)
-    way = f"backend '{model.chip}' runs it" if model.chip else "use iaf_psc_exp, or run on event"
-    if model.graded:
-        way = TAKE_PAYLOADS
-    if isinstance(model, iaf_psc_exp_adaptive_threshold):
-        way = "adapt on event, then give iaf_psc_exp the V_th of each neuron that is V_th + theta there"
-    return refused(inputs.part, model.name, why, way)
-
-
-def _too_many_receptors(inputs: Inputs, chip: Chip, model: Neuron) -> Problem:
-    what = f"{model.name} with {model.receptors} receptors"
-    why = f"neurons of {chip.name} have {RECEPTORS}: for excitation and for inhibition"
-    return refused(inputs.part, what, why, "run on event")
 
 
 def _unbounded(program: Program) -> Iterator[Problem]:
@@ -174,12 +154,6 @@ def _unbounded(program: Program) -> Iterator[Problem]:
                 "a weight's word holds no more than its scale, which follows from the bounds",
                 "give it Wmin and Wmax, or run it on event",
             )
-
-
-def _no_current(inputs: Inputs) -> list[Problem]:
-    found = [inputs.program.projections[index] for index in inputs.currents]
-    why = "neurons described in registers take no current in pA"
-    return [refused(p, "a current", why, "set a bias or offset register") for p in found]
 
 
 def _no_register(part: Population, limit: int) -> Iterator[Problem]:
@@ -262,25 +236,47 @@ def requantise(
     return _population(Inputs(changed, population, modes), fixed.chip, arithmetic, options)
 
 
-_TWINS: dict[type[EquationNeuron], Twin | ModelError] = {}
+_TWINS: dict[type[Model], Twin | ModelError] = {}
+
+
+def twin(model: Model) -> Twin | ModelError | None:
+    """Return the built-in model with the equations of a model, or why there is none; None if it has no equations."""
+    kind = type(model)
+    if not isinstance(model, EquationNeuron):
+        return None
+    if kind not in _TWINS:
+        try:
+            _TWINS[kind] = model.twin()
+        except ModelError as error:
+            _TWINS[kind] = error
+    return _TWINS[kind]
 
 
 def as_built_in(program: Program) -> Program:
     """The program with built-in models in place of equations, where these are one's; elsewhere it is as it was."""
     if not any(isinstance(part.model, EquationNeuron) for part in program.populations):
         return program
-    return replace(program, populations=tuple(_stands_for(part) for part in program.populations))
-
-
-def why_not(model: Model) -> ModelError | None:
-    """Why no built-in model has the equations of a model; None if one has, or it is no model in equations."""
-    found = _twin(type(model)) if isinstance(model, EquationNeuron) else None
-    return found if isinstance(found, ModelError) else None
+    populations = []
+    for part in program.populations:
+        found = twin(part.model)
+        if isinstance(found, Twin):
+            model = found.model()
+            parameters = found.parameters({word: part.parameters[word] for word in part.model.quantities()})
+            for word in found.words:
+                values = parameters[word]
+                value = values if values.size > 1 else float(values[0])
+                check(model.quantities()[word], value, f"population '{part.name}': {word} of its equations")
+            initial = {state.name: np.zeros(1) for state in model.states}
+            for own, names in found.states.items():
+                initial |= zip(names, shares(part.initial[own], names), strict=True)
+            part = replace(part, model=model, parameters=parameters, initial=initial)
+        populations.append(part)
+    return replace(program, populations=tuple(populations))
 
 
 def names_of(part: Population) -> dict[str, tuple[str, ...]]:
     """The states of the chip's model that each state of a population is, or the sum of which it is."""
-    found = _twin(type(part.model)) if isinstance(part.model, EquationNeuron) else None
+    found = twin(part.model)
     if isinstance(found, Twin):
         return dict(found.states)
     return {state.name: (state.name,) for state in part.model.states}
@@ -289,31 +285,6 @@ def names_of(part: Population) -> dict[str, tuple[str, ...]]:
 def shares(values: Floats, names: tuple[str, ...]) -> list[Floats]:
     """A state as those of which it is the sum: of two, what is above 0 and what is below."""
     return [values] if len(names) == 1 else [np.maximum(values, 0.0), np.minimum(values, 0.0)]
-
-
-def _twin(model: type[EquationNeuron]) -> Twin | ModelError:
-    if model not in _TWINS:
-        try:
-            _TWINS[model] = model.twin()
-        except ModelError as error:
-            _TWINS[model] = error
-    return _TWINS[model]
-
-
-def _stands_for(part: Population) -> Population:
-    found = _twin(type(part.model)) if isinstance(part.model, EquationNeuron) else None
-    if not isinstance(found, Twin):
-        return part
-    model = found.model()
-    parameters = found.parameters({word: part.parameters[word] for word in part.model.quantities()})
-    for word in found.words:
-        values = parameters[word]
-        value = values if values.size > 1 else float(values[0])
-        check(model.quantities()[word], value, f"population '{part.name}': {word} of its equations")
-    initial = {state.name: np.zeros(1) for state in model.states}
-    for own, names in found.states.items():
-        initial |= zip(names, shares(part.initial[own], names), strict=True)
-    return replace(part, model=model, parameters=parameters, initial=initial)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,20 +1,136 @@
-"""All synapses of a program as placing looks at them: by the neuron that sends, and by the one on which they end.
+"""The synapses of a program as placing looks at them, and the bits that they take in the memory of a core.
 
-Beside them stands how many synapses a spike of a projection travels along, and the projection's size as a dense layer.
+Loihi keeps, for each source neuron and projection, a list of the synapses onto the core in blocks of at most 64. A
+block of n takes n (weight + delay + tag + index bits) + 10 bits, rounded up to 64: nengo-loihi 1.1.0's packing, where
+the 10 bits are 4 for the format and 6 for the length. The bits of one synapse:
+
+- weight: 8, or `num_weight_bits` of a `loihi_static`;
+- delay: those of the largest delay register of the projection, none where that is 0 (shared delays are stored, too:
+  a synapse has no other place for its delay);
+- tag: 9 where the chip learns, none where the host applies the rule (`r_stdp`);
+- index: those that tell the compartments of the core apart, none for one compartment, otherwise at least 6.
+
+SpiNNaker keeps, for each projection and core, one row per source neuron in SDRAM: 3 words of header and one word of 32
+bits per synapse, all rows as long as the longest, so that a row is found by multiplying (sPyNNaker's static rows; a
+plastic synapse has two half words and takes as much).
+
+Kernels of a grid are spelled out on both: these chips share no weights between neurons. A chip without an arithmetic
+here is packed as Loihi 1.
+
+Loihi 2 packs other synapses as Loihi 1, but keeps a kernel once on each core: for each place of the kernel and channel
+a row of 8 bits a map, rounded up to 64. A core has fewer than 4,096 neurons of a layer with a kernel, whole columns of
+its maps, of which there are a power of 2. So the layers of PilotNet take the cores that Intel's compiler prints for
+them: 13, 25, 13, 3, 3 and 2 (lava-dl, `pilotnet_snn/benchmark.ipynb`), whose kernels have fewer bits where few do.
 """
 
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.placing.fill import onto, scatter
-from neuro.chips.placing.packing import SHARED, columns_per_core, has_kernel, kernel_bits, synapse_bits
-from neuro.program.program import Floats, Grid, Ints, Program, Projection
+from neuro.chips.description import Chip
+from neuro.chips.inputs import longest_lag, register
+from neuro.chips.loihi import REGISTER_OF_ONE
+from neuro.kernels.jit import kernel
+from neuro.model.synapses import loihi2_convolution
+from neuro.program.program import Floats, Ints, Program
+
+BLOCK = 64
+BLOCK_BITS = 10
+UNIT_BITS = 64
+WEIGHT_BITS = 8
+TAG_BITS = 9
+SHORTEST_INDEX = 6
+LAYER_NEURONS = 4096
+"""A core of Loihi 2 has fewer neurons of a layer with a kernel."""
+SHARED = -1
+"""In place of the bits of a synapse where a core keeps a kernel once."""
+ROW_WORDS = 3
+WORD_BITS = 32
+
+
+def memory_limit(chip: Chip) -> int | None:
+    """Bytes that the synapses of one core can take at most: its own memory, or all that its chip shares."""
+    own = chip.limit("synapse_bytes_per_core")
+    return chip.limit("synapse_bytes_per_chip") if own is None else own
+
+
+def block_bits(synapses: Any, bits: Any) -> Any:
+    """Bits of the synapses of one source onto one core, in Loihi's blocks; numbers or arrays.
+
+    Args:
+        synapses: how many.
+        bits: of one synapse.
+    """
+    rest = synapses % BLOCK
+    full = (BLOCK * bits + BLOCK_BITS + UNIT_BITS - 1) // UNIT_BITS
+    last = (rest * bits + BLOCK_BITS + UNIT_BITS - 1) // UNIT_BITS
+    return UNIT_BITS * (synapses // BLOCK * full + (rest > 0) * last)
+
+
+def index_bits(neurons: int) -> int:
+    """Bits that tell the compartments of a core apart; the formats are 0, 6, 7, ... (nengo-loihi 1.1.0)."""
+    if neurons <= 1:
+        return 0
+    bits = SHORTEST_INDEX
+    while neurons > 1 << bits:
+        bits += 1
+    return bits
+
+
+def has_kernel(program: Program, index: int) -> bool:
+    """Whether the synapses of a projection share kernels, which Loihi 2 keeps once on a core."""
+    part = program.projections[index]
+    return part.grid is not None or isinstance(part.synapse, loihi2_convolution)
+
+
+def kernel_bits(program: Program, index: int, fan_in: int) -> int:
+    """Return the bits of a kernel on a core of Loihi 2; `fan_in` is the largest number of synapses onto a neuron."""
+    part = program.projections[index]
+    maps = program.populations[part.target].shape[0]
+    if part.grid is not None:
+        maps, fan_in = part.grid.kernels[0], math.prod(part.grid.kernels[1:])
+    return fan_in * -(-maps * WEIGHT_BITS // UNIT_BITS) * UNIT_BITS
+
+
+def columns_per_core(shape: tuple[int, ...]) -> int:
+    """Columns of a layer's maps on a core of Loihi 2."""
+    most = max((LAYER_NEURONS - 1) // math.prod(shape[:-1]), 1)
+    return 1 << most.bit_length() - 1
+
+
+def synapse_bits(program: Program, index: int) -> int:
+    """Bits of one synapse of a projection in Loihi's blocks, without its index."""
+    part = program.projections[index]
+    weight = int(part.synapse.parameters().get("num_weight_bits", WEIGHT_BITS))
+    longest = int(register(longest_lag(program, index), REGISTER_OF_ONE).max(initial=0))
+    tagged = part.synapse.learns in ("pairs", "chip") or part.synapse.delays
+    return weight + longest.bit_length() + (TAG_BITS if tagged else 0)
+
+
+@kernel
+def onto(begin, end, targets, count):
+    """Count the synapses of a projection onto each of its targets."""
+    for i in range(begin.size):
+        for e in range(begin[i], end[i]):
+            count[targets[e]] += 1
+
+
+@kernel
+def scatter(begin, end, targets, first, position, line):
+    """Enter the synapses of a projection behind those that their targets already have."""
+    for i in range(begin.size):
+        for e in range(begin[i], end[i]):
+            t = targets[e]
+            line[position[t]] = first + i
+            position[t] += 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,7 +248,16 @@ def rows_of(program: Program, index: int) -> IncomingRows:
     part = program.projections[index]
     n_source, n_target = (program.populations[k].size for k in (part.source, part.target))
     if part.grid is not None:
-        source, target = _grid_ends(part.grid)
+        # A neuron at (row, column) sees the kernel's window of its channels, as far as it lies inside; all maps alike.
+        g = part.grid
+        y = _window(g.rows, g.top, g.kernel_height, g.stride)[:, None, None, :, None]
+        x = _window(g.columns, g.left, g.kernel_width, g.stride)[None, :, None, None, :]
+        channel = np.arange(g.kernels[1])[None, None, :, None, None]
+        inside = (channel >= 0) & (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
+        place = np.arange(g.rows * g.columns).reshape(g.rows, g.columns, 1, 1, 1)
+        maps = np.arange(g.maps)[:, None]
+        source = (((channel * g.height + y) * g.width + x)[inside] + maps // g.reach * (g.height * g.width)).reshape(-1)
+        target = (np.broadcast_to(place, inside.shape)[inside] + maps * (g.rows * g.columns)).reshape(-1)
         ends = np.concatenate([[0], np.cumsum(np.bincount(source, minlength=n_source))])
         return IncomingRows(ends[:-1], ends[1:], target[np.argsort(source, kind="stable")].astype(np.int32))
     if part.layout == "dense":
@@ -142,20 +267,6 @@ def rows_of(program: Program, index: int) -> IncomingRows:
         each = np.arange(n_source, dtype=np.int64)
         return IncomingRows(each, each + 1, np.arange(n_source, dtype=np.int32))
     return IncomingRows(part.row_ends[:-1], part.row_ends[1:], part.targets)
-
-
-def _grid_ends(g: Grid) -> tuple[Ints, Ints]:
-    """A neuron at (row, column) sees the kernel's window of its channels, as far as it lies inside; all maps alike."""
-    y = _window(g.rows, g.top, g.kernel_height, g.stride)[:, None, None, :, None]
-    x = _window(g.columns, g.left, g.kernel_width, g.stride)[None, :, None, None, :]
-    channel = np.arange(g.kernels[1])[None, None, :, None, None]
-    inside = (channel >= 0) & (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
-    place = np.arange(g.rows * g.columns).reshape(g.rows, g.columns, 1, 1, 1)
-    source = ((channel * g.height + y) * g.width + x)[inside]
-    target = np.broadcast_to(place, inside.shape)[inside]
-    maps = np.arange(g.maps)[:, None]
-    first = maps // g.reach * (g.height * g.width)
-    return (source + first).reshape(-1), (target + maps * (g.rows * g.columns)).reshape(-1)
 
 
 def _window(places: int, before: int, kernel: int, stride: int) -> Ints:
@@ -188,26 +299,18 @@ def fan_out(program: Program, index: int, weight: Floats) -> Ints:
     n_pre = program.populations[part.source].size
     counts = np.broadcast_to(weight != 0, part.size).astype(np.int64)
     if part.grid is not None:
-        return _grid_fan_out(part.grid, counts)
+        # A source meets each weight of its channel once for every place of the kernel that puts it there.
+        g = part.grid
+        of_maps = counts.reshape(-1, g.reach, *g.kernels[1:])  # of a depthwise grid by channel
+        kernels = of_maps.sum(axis=1).reshape(g.channels, g.kernel_height, g.kernel_width)
+        rows = _meets(g.height, g.top, g.kernel_height, g.rows, g.stride)
+        columns = _meets(g.width, g.left, g.kernel_width, g.columns, g.stride)
+        return np.asarray(np.einsum("yk,ckl,xl->cyx", rows, kernels, columns).reshape(-1))
     if part.layout == "one_to_one":
         return counts
     if part.layout == "dense":
         return np.asarray(counts.reshape(n_pre, -1).sum(axis=1))
-    return _csr_fan_out(part, counts)
-
-
-def _csr_fan_out(part: Projection, counts: Ints) -> Ints:
-    before = np.concatenate([[0], np.cumsum(counts)])
-    return np.asarray(np.diff(before[part.row_ends]))
-
-
-def _grid_fan_out(g: Grid, counts: Ints) -> Ints:
-    """A source meets each weight of its channel once for every place of the kernel that puts it there."""
-    of_maps = counts.reshape(-1, g.reach, *g.kernels[1:])  # of a depthwise grid by channel
-    kernels = of_maps.sum(axis=1).reshape(g.channels, g.kernel_height, g.kernel_width)
-    rows = _meets(g.height, g.top, g.kernel_height, g.rows, g.stride)
-    columns = _meets(g.width, g.left, g.kernel_width, g.columns, g.stride)
-    return np.asarray(np.einsum("yk,ckl,xl->cyx", rows, kernels, columns).reshape(-1))
+    return np.asarray(np.diff(np.concatenate([[0], np.cumsum(counts)])[part.row_ends]))
 
 
 def _meets(length: int, before: int, kernel: int, places: int, stride: int) -> NDArray[np.int64]:

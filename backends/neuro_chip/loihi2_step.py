@@ -1,16 +1,20 @@
-"""One step of Loihi 2's neurons, in integers. The loops have no branches, so that they run many at a time."""
+"""Loihi 2's neurons in the engine: where their registers lie, and their steps in integers, without branches."""
 
-# mypy: ignore-errors
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+from __future__ import annotations
+
+from collections.abc import Mapping
+
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.kernels.jit import subkernel
+from neuro.program.program import Ints
 from neuro_chip import tables as t
-from neuro_chip.families.loihi_step import kept
+from neuro_chip.loihi_step import EIGHT, ONE, SIX, V_LIMIT, ZERO, i32, kept
+from neuro_chip.tables import Arrays
 
-i32 = np.int32
-V_LIMIT = i32(2**23 - 1)
 TURN = i32(2**23)
-ZERO, ONE, SIX, EIGHT = i32(0), i32(1), i32(6), i32(8)
 
 
 @subkernel
@@ -233,3 +237,47 @@ def rf_iz(net, pop, row, step):
         if net.fired[i]:
             net.v[i] = ZERO
             net.u[i] = i32(net.threshold[i] - ONE)
+
+
+_COLUMNS = {
+    "reset_interval": t.INTERVAL,
+    "reset_offset": t.OFFSET,
+    "state_exp": t.STATE_EXP,
+    "relu": t.RELU,
+    "cum_error": t.CUMULATIVE,
+}
+"""Registers that all neurons of a population share, and their columns in the table of populations."""
+
+
+def write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:
+    """Put the registers of a population, rows `here` of the arrays, where its step reads them."""
+    for name, column in _COLUMNS.items():
+        row[column] = int(r[name][0]) if name in r else 0
+    row[t.INPUT_EXP] = sum(int(r[name][0]) for name in ("spike_exp", "state_exp", "exp") if name in r)
+    if "du" in r:
+        a["keep_u"][here] = 4095 - r["du"]
+        a["keep_v"][here] = 4096 - r["dv"]
+        a["threshold"][here] = r["vth_hi" if "vth_hi" in r else "vth"] * 64
+        a["v_rest"][here] = r["vth_lo"] * 64 if "vth_lo" in r else 0
+        a["bias"][here] = r["bias_mant"] << r["bias_exp"]
+        return
+    if "cos_decay" in r:
+        a["keep_u"][here], a["keep_v"][here] = r["cos_decay"], r["sin_decay"]
+        a["threshold"][here] = r["vth"]
+        return
+    for name, array in (("vth", "threshold"), ("bias", "bias")):
+        a[array][here] = r.get(name, 0)
+
+
+STEPS = {
+    "loihi2_lif": lif,
+    "loihi2_ternary_lif": ternary_lif,
+    "loihi2_rf": rf,
+    "loihi2_rf_iz": rf_iz,
+    "sigma_delta": sigma_delta,
+    "delta_encoder": delta_encoder,
+    "sigma_decoder": sigma_decoder,
+    "graded_vector": graded_vector,
+    "graded_product": product,
+}
+"""The step of each kind of population."""

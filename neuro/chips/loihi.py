@@ -15,7 +15,7 @@ constant current (exact integration, `neuro.model.neurons.propagators`):
 | tau_m | (4096 - dv) / 4096 = exp(-h / tau_m) |
 | V_m >= V_th | v > 64 vth, the largest 64 vth below S (V_th - E_L) |
 | t_ref of R steps | refractory = R + 1 |
-| delay of D steps | `iaf_psc_exp`: D, `iaf_psc_delta`: D - 1, see `neuro.chips.arrival_rule` |
+| delay of D steps | `iaf_psc_exp`: D, `iaf_psc_delta`: D - 1, see `neuro.chips.inputs` |
 
 Source: Davies et al., IEEE Micro 38(1):82, 2018; traces of lava 0.10, nengo-loihi 1.1 and Brian2Loihi 0.5.2. Where
 these differ: each weight is shifted, not the sum of a step, and mantissas lose their lowest bits towards 0 (as in
@@ -29,17 +29,31 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from neuro.chips.arithmetic import Arithmetic, Option, is_positive, is_whole
-from neuro.chips.arrival_rule import acts_late, register
-from neuro.chips.loihi.learning import give_rules
-from neuro.chips.quantising import rounding
-from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
-from neuro.chips.quantising.inputs import (
+from neuro.chips.arithmetic import Arithmetic, Option, Projections, is_positive, is_whole
+from neuro.chips.description import Chip
+from neuro.chips.fixed import (
+    FixedPopulation,
+    FixedProjection,
+    Rounding,
+    WeightRounding,
+    Words,
+    farthest_weight,
+    judge_weights,
+    round_weights,
+    sampled,
+    scale_errors,
+    thinned,
+    worst_rounding,
+)
+from neuro.chips.inputs import (
     Inputs,
     Options,
+    acts_late,
     approximated,
     constants_of,
     converging,
@@ -50,13 +64,16 @@ from neuro.chips.quantising.inputs import (
     of_lowest,
     one_kernel,
     refused,
+    register,
     too_long,
     too_short,
     value_at,
 )
-from neuro.model.neurons import iaf_psc_delta, iaf_psc_exp
+from neuro.chips.loihi_learning import give_rules
+from neuro.core.errors import ModelError
+from neuro.model.neurons import Neuron, iaf_psc_delta, iaf_psc_exp
 from neuro.program.backend import Problem
-from neuro.program.program import Floats, Ints, Population
+from neuro.program.program import Floats, Ints, Population, Program
 
 KIND = "loihi_lif"
 """The step that compartments take, see `FixedPopulation.kind`."""
@@ -80,7 +97,9 @@ WORD_LIMIT = 2**15 - 1
 WEIGHT_EXPONENTS = range(-8, 8)
 REFRACTORY_LIMIT = 64
 DECAY_STEPS = 4096
+WEIGHT_BITS = 8
 LOSSLESS = WeightRounding(0.0, 0.0, 0.0, 0.0)
+_ONE = np.ones(1)
 
 
 def word(mantissas: Words, exponent: int, bits: int, mixed: bool) -> Words:
@@ -108,82 +127,6 @@ def bounds(sign_mode: str, bits: int = 8) -> tuple[int, int, int]:
     grain = grain_of(bits, sign_mode == "mixed")
     low, high = {"mixed": (-256, 254), "excitatory": (0, 255), "inhibitory": (-255, 0)}[sign_mode]
     return -(-low // grain) * grain if low > -256 else -256, high // grain * grain, grain
-
-
-def native(part: Population) -> FixedPopulation:
-    """A `loihi_lif`: its parameters are the registers."""
-    registers = {name: values.astype(np.int64) for name, values in part.parameters.items() if name != "tau_minus"}
-    initial = {name: values.astype(np.int64) for name, values in part.initial.items()}
-    return FixedPopulation(part.name, KIND, registers, initial)
-
-
-def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
-    """A projection onto a `loihi_lif`: its weights are mantissas."""
-    part = inputs.program.projections[index]
-    numbers = part.synapse.parameters()
-    exponent, bits, mode = (
-        numbers.get("weight_exp", 0),
-        numbers.get("num_weight_bits", 8),
-        numbers.get("sign_mode", "mixed"),
-    )
-    low, high, _ = bounds(mode, bits)
-    first, last, _ = bounds(mode)
-    problems = []
-    bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (part.weight < first) | (part.weight > last))
-    if bad.size:
-        value = part.weight[bad[0]]
-        why = f"a mantissa in sign mode {mode} is a whole number from {first} to {last}"
-        problems.append(refused(part, f"weight = {value:g}", why, "raise weight_exp and lower the mantissas"))
-    asked: Words = np.clip(np.rint(part.weight), first, last).astype(np.int32)
-    sent: Floats = word(asked, exponent, bits, mode == "mixed") * 2.0**-exponent
-    found = rounding.judged(asked.astype(np.float64), sent, 1.0, low, high)
-    fixed = fixed_projection(part.name, asked, exponent, mode, bits, np.ones(1), inputs.lag(index), found)
-    return replace(fixed, low=first, high=last, grain=1, native=True), problems
-
-
-def fixed_projection(
-    name: str,
-    mantissas: Words,
-    exponent: int,
-    mode: str,
-    bits: int,
-    step: Floats,
-    lag: Words,
-    rounding: WeightRounding,
-) -> FixedProjection:
-    """A projection by its mantissas and the steps after which its spikes act."""
-    low, high, grain = bounds(mode, bits)
-    return FixedProjection(
-        name=name,
-        mantissas=mantissas,
-        words=word(mantissas, exponent, bits, mode == "mixed"),
-        low=low,
-        high=high,
-        grain=grain,
-        exponent=exponent,
-        sign_mode=mode,
-        bits=bits,
-        step=step,
-        step_below=step,
-        lag=lag,
-        delay=register(lag, REGISTER_OF_ONE),
-        rounding=rounding,
-    )
-
-
-def relay_projection(inputs: Inputs, index: int) -> FixedProjection:
-    """A projection onto parrots: every spike counts, whatever its weight."""
-    part = inputs.program.projections[index]
-    ones: Words = np.ones(1, dtype=np.int32)
-    return fixed_projection(part.name, ones, 0, "excitatory", 8, part.weight.copy(), inputs.lag(index), LOSSLESS)
-
-
-def lossless(fixed: FixedProjection) -> str:
-    """How mantissas that a user sets lose nothing to the shift of the exponent and to the bits of the memory."""
-    grain = max(grain_of(fixed.bits, fixed.sign_mode == "mixed"), 2 ** max(0, -fixed.exponent))
-    ways = [f"use mantissas that are multiples of {grain}"] if grain <= fixed.high else []
-    ways += ["use a larger weight_exp"] if fixed.exponent < 0 else []
-    return ", or ".join(ways)
 
 
 COMFORT = 2.0**21
@@ -306,7 +249,7 @@ def choose_scale(inputs: Inputs, d: Described) -> float:
     largest mantissa, at which the chip stops, too. Of two that lose the same, the one that keeps sums from wrapping.
     """
     cap, hard = ceilings(d)
-    values = [(index, rounding.sample(gained(inputs, index, d, few=True))) for index in inputs.spikes]
+    values = [(index, sampled(gained(inputs, index, d, few=True))) for index in inputs.spikes]
     values = [(index, v) for index, v in values if np.any(v)]
     if not values:
         return float(2.0 ** np.floor(np.log2(cap)))
@@ -342,7 +285,7 @@ def _search(
     for index, v in values:
         low, high, grain = bounds(inputs.sign_mode(index))
         steps = np.array([64.0 * 2.0 ** exponent_of(v, s, low, high, inputs.learns(index)) / s for s in tried])
-        lost += rounding.errors(v, steps, low, high, grain)
+        lost += scale_errors(v, steps, low, high, grain)
     least = float(lost.min())
     equal = tried[lost <= least * (1.0 + 1e-9)]
     rest = _misfit(equal, d)
@@ -378,7 +321,7 @@ def gained(inputs: Inputs, index: int, d: Described, few: bool = False) -> Float
         few: of many synapses the largest, the smallest and others evenly between are enough.
     """
     weight, part = inputs.range_of(index), inputs.program.projections[index]
-    thin = rounding.thinned if few else np.asarray
+    thin = thinned if few else np.asarray
     if d.gain.size == 1:
         return thin(weight) * float(d.gain[0])
     if part.weight.size == 1 or part.grid is not None:
@@ -396,39 +339,6 @@ def exponent_of(values: Floats, scale: float, low: int, high: int, plastic: bool
     return int(np.clip(exponent, WEIGHT_EXPONENTS[0] if plastic else 0, WEIGHT_EXPONENTS[-1]))
 
 
-def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
-    """A population of `iaf_psc_delta` or `iaf_psc_exp`, and the projections onto it.
-
-    Args:
-        inputs: the population and what arrives at it.
-        options: scales that a user sets.
-    """
-    part = inputs.part
-    d, problems = described(inputs), lacking(inputs)
-    volt = float(options.of("scales", part.name) or choose_scale(inputs, d))
-    problems += overflows(part, d, volt)
-    registers, errors = _registers(inputs, d, volt)
-    problems += _rounded_lowest(part, registers, volt)
-    ampere = () if not d.tau else (volt * d.gain / (d.fade if acts_late(part.model) else 1.0),) * 2
-    initial = {name: np.rint(volt * values).astype(np.int64) for name, values in (("v", d.start), ("u", d.current))}
-    fixed = FixedPopulation(
-        part.name,
-        KIND,
-        registers,
-        initial,
-        volt,
-        part.parameters["E_L"].copy(),
-        ampere,
-        volt * d.drift,
-        errors,
-    )
-    found = {}
-    for index in inputs.spikes:
-        found[index], more = projection(inputs, index, d, volt, options)
-        problems += more
-    return fixed, found, problems
-
-
 def _registers(inputs: Inputs, d: Described, volt: float) -> tuple[dict[str, Ints], tuple[Rounding, ...]]:
     """All registers of the compartments and what they differ in from the description."""
     p, h = inputs.part.parameters, inputs.program.resolution
@@ -441,40 +351,20 @@ def _registers(inputs: Inputs, d: Described, volt: float) -> tuple[dict[str, Int
     if d.tau:
         errors.append(_time_constant(d.tau, p[d.tau], (4095 - du) / 4096, h))
     got = p["E_L"] + 64.0 * (vth + 1) / volt
-    errors.append(rounding.worst("V_th", "mV", p["V_th"], got, np.abs(d.distance)))
+    errors.append(worst_rounding("V_th", "mV", p["V_th"], got, np.abs(d.distance)))
     if p["I_e"].any():
         got = (bias_mant << bias_exp) / (volt * d.drift)
-        errors.append(rounding.worst("I_e", "pA", p["I_e"], got, float(np.abs(p["I_e"]).max())))
-    errors.append(rounding.worst("t_ref", "ms", p["t_ref"], (refractory - 1) * h, 1.0))
-    registers = (
-        fall_register(inputs.part, volt)
-        | _lowest(inputs.part, volt)
-        | {
-            "du": np.clip(du, 0, 4095),
-            "dv": np.clip(dv, 0, 4095),
-            "vth": np.clip(vth, 0, VTH_LIMIT),
-            "bias_mant": np.clip(bias_mant, -BIAS_MANTISSA - 1, BIAS_MANTISSA),
-            "bias_exp": bias_exp,
-            "refractory": np.clip(refractory, 1, REFRACTORY_LIMIT),
-        }
-    )
+        errors.append(worst_rounding("I_e", "pA", p["I_e"], got, float(np.abs(p["I_e"]).max())))
+    errors.append(worst_rounding("t_ref", "ms", p["t_ref"], (refractory - 1) * h, 1.0))
+    registers = fall_register(inputs.part, volt) | {
+        "du": np.clip(du, 0, 4095),
+        "dv": np.clip(dv, 0, 4095),
+        "vth": np.clip(vth, 0, VTH_LIMIT),
+        "bias_mant": np.clip(bias_mant, -BIAS_MANTISSA - 1, BIAS_MANTISSA),
+        "bias_exp": bias_exp,
+        "refractory": np.clip(refractory, 1, REFRACTORY_LIMIT),
+    }
     return {name: np.atleast_1d(values).astype(np.int64) for name, values in registers.items()}, tuple(errors)
-
-
-def _lowest(part: Population, volt: float) -> dict[str, Ints]:
-    """The register of the lowest voltage: 1 - 2^n with n a whole number."""
-    if not has_lowest(part):
-        return {}
-    depth = volt * float((part.parameters["E_L"] - part.parameters["V_min"]).max())
-    return {"v_min": np.array([1 - 2 ** round(np.log2(max(depth, 0.0) + 1.0))])}
-
-
-def _rounded_lowest(part: Population, registers: Mapping[str, Ints], volt: float) -> Iterator[Problem]:
-    """What the register makes of the lowest potential."""
-    if "v_min" in registers:
-        got = float(part.parameters["E_L"].min()) + registers["v_min"][0] / volt
-        what = f"V_min = {part.parameters['V_min'].min():g} mV"
-        yield approximated(part, what, f"a core's register holds a power of two: {got:.4g} mV")
 
 
 def threshold(distance: Floats) -> Ints:
@@ -497,40 +387,7 @@ def bias(wanted: Floats, extra: float) -> tuple[Ints, Ints]:
 def _time_constant(name: str, tau: Floats, kept: Floats, h: float) -> Rounding:
     with np.errstate(divide="ignore", invalid="ignore"):
         got = np.where(kept >= 1.0, np.inf, -h / np.log(kept))
-    return rounding.worst(name, "ms", tau, got, tau)
-
-
-def projection(
-    inputs: Inputs, index: int, d: Described, volt: float, options: Options
-) -> tuple[FixedProjection, list[Problem]]:
-    """The weights onto a population with a scale, as mantissas and an exponent."""
-    part = inputs.program.projections[index]
-    mode = inputs.sign_mode(index)
-    low, high, grain = bounds(mode)
-    problems = one_kernel(inputs, index, d.gain.size)
-    exponent = options.of("exponents", part.name)
-    if exponent is None:
-        exponent = exponent_of(gained(inputs, index, d, few=True), volt, low, high, inputs.learns(index))
-    step = 64.0 * 2.0**exponent / (volt * (d.gain if part.grid is None else d.gain[:1]))
-    per_synapse = step if step.size == 1 else step[inputs.targets(index)]
-    keep = exponent < 0 or inputs.keeps(index)
-    mantissas, found = rounding.fitted(part.weight, per_synapse, per_synapse, low, high, grain, keep)
-    if exponent < 0:  # the lowest bits of a mantissa are kept for learning, but not sent
-        sent: Floats = word(mantissas, exponent, 8, False).astype(np.float64) * 2.0**-exponent
-        found = rounding.judged(np.broadcast_to(part.weight, mantissas.shape), sent, per_synapse, low, high)
-    if found.saturated > 0.0:
-        beyond = rounding.beyond(part.weight, per_synapse, low, high)
-        limit = low if beyond.weight < 0.0 else high
-        problems.append(
-            refused(
-                part,
-                f"weight = {beyond.weight:g}",
-                f"a mantissa in sign mode {mode} holds at most {limit}, which is {limit * beyond.step:.6g} "
-                f"at exponent {exponent} and {volt:.6g} units per mV",
-                "use a larger exponent or a smaller scale, or leave them to be chosen",
-            )
-        )
-    return fixed_projection(part.name, mantissas, exponent, mode, 8, per_synapse, inputs.lag(index), found), problems
+    return worst_rounding(name, "ms", tau, got, tau)
 
 
 GENTLE = 1e-6
@@ -543,7 +400,7 @@ SOFT_RESET = (
 
 
 def lacking(inputs: Inputs) -> list[Problem]:
-    """All that a compartment lacks of a population, whatever its scale."""
+    """Return all that a compartment lacks of a population, whatever its scale."""
     return [*_times(inputs), *_potentials(inputs), *_input(inputs), *of_falls(inputs.part, SOFT_RESET)]
 
 
@@ -638,27 +495,6 @@ SCALING = (
 )
 """What a user may fix of a chip's scales."""
 
-_OPTIONS = (
-    *SCALING,
-    Option("signals", "projections", is_positive, "the largest dopamine that the signal sets in 1/ms, a number > 0"),
-)
-
-
-def _kept_options(cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
-    return Options({"scales": {cells.name: cells.volt}, "exponents": {part.name: part.exponent for part in wires}})
-
-
-def told_scale(cells: FixedPopulation, wires: FixedProjection) -> str:
-    """How a report names the scale of a projection."""
-    return f"exponent {wires.exponent}"
-
-
-def _filled(cells: FixedPopulation, arriving: Floats) -> float:
-    """Of the 22 bits of a step's input, or of the 24 of u."""
-    if "du" not in cells.registers:
-        return 0.0
-    return max(64.0 * float(np.abs(arriving).max(initial=0.0)) / INPUT_LIMIT, filled_current(cells, arriving))
-
 
 def filled_current(cells: FixedPopulation, arriving: Floats) -> float:
     """How much of the 24 bits of u is filled by what arrives in each step, and what came before."""
@@ -672,26 +508,233 @@ def filled_current(cells: FixedPopulation, arriving: Floats) -> float:
     return most
 
 
-LOIHI = Arithmetic(
-    name="loihi",
-    title="Loihi",
-    models=(iaf_psc_exp, iaf_psc_delta),
-    options=_OPTIONS,
-    state_limit=V_LIMIT,
-    register_of_one=REGISTER_OF_ONE,
-    one_bit=True,
-    graded=False,
-    in_rows=False,
-    keeps_kernels=False,
-    multicast=False,
-    population=population,
-    native=native,
-    native_projection=native_projection,
-    relay_projection=relay_projection,
-    give_rules=give_rules,
-    kept_options=_kept_options,
-    filled=_filled,
-    told_scale=told_scale,
-    lossless=lossless,
-    notes=lambda program: iter(()),
-)
+class Loihi(Arithmetic):
+    """The integers of Loihi 1."""
+
+    name = "loihi"
+    title = "Loihi"
+    models: tuple[type[Neuron], ...] = (iaf_psc_exp, iaf_psc_delta)
+    options: tuple[Option, ...] = (
+        *SCALING,
+        Option(
+            "signals", "projections", is_positive, "the largest dopamine that the signal sets in 1/ms, a number > 0"
+        ),
+    )
+    state_limit = V_LIMIT
+    register_of_one = REGISTER_OF_ONE
+    one_bit = True
+    word: type[np.signedinteger[Any]] = np.int16
+    stands_for: Mapping[str, str] = {
+        **{"V_m": "v", "I_syn_ex": "u", "I_syn_in": "u", "tau_m": "dv", "tau_syn_ex": "du", "tau_syn_in": "du"},
+        **{"V_th": "vth", "I_e": "bias_mant", "t_ref": "refractory"},
+    }
+    states: Mapping[str, tuple[str, ...]] = {KIND: ("v", "u")}
+    kind = KIND
+    """The step that `models` with a potential take, see `FixedPopulation.kind`."""
+
+    def ends(self, mode: str, bits: int) -> tuple[int, int, int]:
+        """Return the smallest and the largest mantissa of a sign mode, and the step between two."""
+        return bounds(mode, bits)
+
+    def words(self, wires: FixedProjection, mantissas: Words) -> Words:
+        """Return what a spike adds for some mantissas."""
+        return word(mantissas, wires.exponent, wires.bits, wires.sign_mode == "mixed")
+
+    def wires(
+        self,
+        inputs: Inputs,
+        index: int,
+        mantissas: Words,
+        rounding: WeightRounding,
+        step: Floats = _ONE,
+        exponent: int = 0,
+        mode: str = "",
+        bits: int = WEIGHT_BITS,
+        native: bool = False,
+        **more: Any,
+    ) -> FixedProjection:
+        """Return a projection by its mantissas, their sign mode and what became of the weights.
+
+        Args:
+            inputs: the population on which it ends.
+            index: of the projection.
+            mantissas: one, or one per synapse.
+            rounding: what became of the weights.
+            step: weight per mantissa.
+            exponent: of the weights.
+            mode: the sign mode; "" for words as they are.
+            bits: of a mantissa.
+            native: whether the weights of the language are the mantissas, bits that the chip drops included.
+            more: other attributes of `FixedProjection`.
+        """
+        low, high, grain = self.ends(mode, WEIGHT_BITS if native else bits)
+        lag = inputs.lag(index)
+        wires = FixedProjection(
+            name=inputs.program.projections[index].name,
+            mantissas=mantissas,
+            words=mantissas,
+            low=low,
+            high=high,
+            grain=1 if native else grain,
+            exponent=exponent,
+            sign_mode=mode,
+            bits=bits,
+            step=step,
+            step_below=step,
+            lag=lag,
+            delay=register(lag, self.register_of_one),
+            native=native,
+            rounding=rounding,
+            **more,
+        )
+        return replace(wires, words=self.words(wires, mantissas))
+
+    def native_projection(self, inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
+        """Return a projection onto a `loihi_lif`, whose weights are mantissas, and what cannot be."""
+        part = inputs.program.projections[index]
+        numbers = part.synapse.parameters()
+        exponent, bits = numbers.get("weight_exp", 0), numbers.get("num_weight_bits", WEIGHT_BITS)
+        mode = numbers.get("sign_mode", "mixed")
+        low, high, _ = bounds(mode, bits)
+        first, last, _ = bounds(mode)
+        problems = []
+        bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (part.weight < first) | (part.weight > last))
+        if bad.size:
+            value = part.weight[bad[0]]
+            why = f"a mantissa in sign mode {mode} is a whole number from {first} to {last}"
+            problems.append(refused(part, f"weight = {value:g}", why, "raise weight_exp and lower the mantissas"))
+        asked: Words = np.clip(np.rint(part.weight), first, last).astype(np.int32)
+        sent: Floats = word(asked, exponent, bits, mode == "mixed") * 2.0**-exponent
+        rounding = judge_weights(asked.astype(np.float64), sent, 1.0, low, high)
+        wires = self.wires(inputs, index, asked, rounding, exponent=exponent, mode=mode, bits=bits, native=True)
+        return wires, problems
+
+    def relay_projection(self, inputs: Inputs, index: int) -> FixedProjection:
+        """Return a projection onto parrots, which the host relays: every spike counts, whatever its weight."""
+        step = inputs.program.projections[index].weight.copy()
+        return self.wires(inputs, index, np.ones(1, dtype=np.int32), LOSSLESS, step, mode="excitatory")
+
+    def population(self, inputs: Inputs, options: Options) -> tuple[FixedPopulation, Projections, list[Problem]]:
+        """A population of `iaf_psc_delta` or `iaf_psc_exp`, and the projections onto it.
+
+        Args:
+            inputs: the population and what arrives at it.
+            options: scales that a user sets.
+        """
+        part = inputs.part
+        d, problems = described(inputs), lacking(inputs)
+        volt = float(options.of("scales", part.name) or choose_scale(inputs, d))
+        problems += overflows(part, d, volt)
+        registers, errors = _registers(inputs, d, volt)
+        if has_lowest(part):
+            rest, lowest = part.parameters["E_L"], part.parameters["V_min"]
+            depth = volt * float((rest - lowest).max())
+            registers["v_min"] = np.array([1 - 2 ** round(np.log2(max(depth, 0.0) + 1.0))])
+            got = float(rest.min()) + registers["v_min"][0] / volt
+            why = f"a core's register holds a power of two: {got:.4g} mV"
+            problems.append(approximated(part, f"V_min = {lowest.min():g} mV", why))
+        ampere = () if not d.tau else (volt * d.gain / (d.fade if acts_late(part.model) else 1.0),) * 2
+        initial = {name: np.rint(volt * values).astype(np.int64) for name, values in (("v", d.start), ("u", d.current))}
+        fixed = FixedPopulation(
+            part.name,
+            self.kind,
+            registers,
+            initial,
+            volt,
+            part.parameters["E_L"].copy(),
+            ampere,
+            volt * d.drift,
+            errors,
+        )
+        found = {}
+        for index in inputs.spikes:
+            found[index], more = self.fitted_projection(inputs, index, d, volt, options)
+            problems += more
+        return fixed, found, problems
+
+    def fitted_projection(
+        self, inputs: Inputs, index: int, d: Described, volt: float, options: Options
+    ) -> tuple[FixedProjection, list[Problem]]:
+        """The weights onto a population with a scale, as mantissas and an exponent."""
+        part = inputs.program.projections[index]
+        mode = inputs.sign_mode(index)
+        low, high, grain = bounds(mode)
+        problems = one_kernel(inputs, index, d.gain.size)
+        exponent = options.of("exponents", part.name)
+        if exponent is None:
+            exponent = exponent_of(gained(inputs, index, d, few=True), volt, low, high, inputs.learns(index))
+        step = 64.0 * 2.0**exponent / (volt * (d.gain if part.grid is None else d.gain[:1]))
+        per_synapse = step if step.size == 1 else step[inputs.targets(index)]
+        keep = exponent < 0 or inputs.keeps(index)
+        mantissas, found = round_weights(part.weight, per_synapse, per_synapse, low, high, grain, keep)
+        if exponent < 0:  # the lowest bits of a mantissa are kept for learning, but not sent
+            sent: Floats = word(mantissas, exponent, 8, False).astype(np.float64) * 2.0**-exponent
+            found = judge_weights(np.broadcast_to(part.weight, mantissas.shape), sent, per_synapse, low, high)
+        if found.saturated > 0.0:
+            beyond = farthest_weight(part.weight, per_synapse, low, high)
+            limit = low if beyond.weight < 0.0 else high
+            problems.append(
+                refused(
+                    part,
+                    f"weight = {beyond.weight:g}",
+                    f"a mantissa in sign mode {mode} holds at most {limit}, which is {limit * beyond.step:.6g} "
+                    f"at exponent {exponent} and {volt:.6g} units per mV",
+                    "use a larger exponent or a smaller scale, or leave them to be chosen",
+                )
+            )
+        return self.wires(inputs, index, mantissas, found, per_synapse, exponent=exponent, mode=mode), problems
+
+    def give_rules(self, program: Program, chip: Chip, wires: Projections, options: Options) -> Iterator[Problem]:
+        """Give rules to the projections that learn on the chip; yield what is refused and what is approximated."""
+        return give_rules(program, chip, wires, options)
+
+    def kept_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
+        """Return the scale and the exponents that a population and the projections onto it have."""
+        return Options({"scales": {cells.name: cells.volt}, "exponents": {part.name: part.exponent for part in wires}})
+
+    def filled(self, cells: FixedPopulation, arriving: Floats) -> float:
+        """Return how much of the 22 bits of a step's input, or of the 24 of u, is filled by what arrives."""
+        if "du" not in cells.registers:
+            return 0.0
+        return max(64.0 * float(np.abs(arriving).max(initial=0.0)) / INPUT_LIMIT, filled_current(cells, arriving))
+
+    def told_scale(self, cells: FixedPopulation, wires: FixedProjection) -> str:
+        """Return the name of a projection's scale in a report."""
+        return f"exponent {wires.exponent}"
+
+    def lossless(self, wires: FixedProjection) -> str:
+        """Return how mantissas lose nothing to the shift of the exponent and to the bits of the memory."""
+        grain = max(grain_of(wires.bits, wires.sign_mode == "mixed"), 2 ** max(0, -wires.exponent))
+        ways = [f"use mantissas that are multiples of {grain}"] if grain <= wires.high else []
+        ways += ["use a larger weight_exp"] if wires.exponent < 0 else []
+        return ", or ".join(ways)
+
+    def current(self, cells: FixedPopulation, name: str, states: Mapping[str, NDArray[np.int32]]) -> Floats:
+        """Return a synaptic current in pA: a compartment has one; what is above 0 is excitatory."""
+        units = np.maximum(states["u"], 0) if name == "I_syn_ex" else np.minimum(states["u"], 0)
+        current: Floats = units / cells.ampere[0]
+        return current
+
+    def units(self, cells: FixedPopulation, name: str, values: Floats) -> Floats:
+        """Return a synaptic current in pA as units of u."""
+        units: Floats = values * cells.ampere[name == "I_syn_in"]
+        return units
+
+    def bias(self, cells: FixedPopulation, current: Floats) -> NDArray[np.int32]:
+        """Return what the bias register adds in each step, with a current in pA beside the constant one."""
+        r = cells.registers
+        mantissas = r["bias_mant"] + np.rint(current * cells.drive / 2.0 ** r["bias_exp"]).astype(np.int64)
+        if mantissas.min() < -BIAS_MANTISSA - 1 or mantissas.max() > BIAS_MANTISSA:
+            raise ModelError(
+                f"population '{cells.name}': a current of {np.abs(current).max():g} pA overflows the bias register",
+                hint="describe the dc_generator with its largest amplitude: the scale leaves room for it",
+            )
+        value: NDArray[np.int32] = (mantissas << r["bias_exp"]).astype(np.int32)
+        return value
+
+    def way_out(self, cells: FixedPopulation) -> str:
+        """Return the scale that leaves four times the room."""
+        return f"scales={{'{cells.name}': {cells.volt / 4:.4g}}} leaves 4 times the room"
+
+
+LOIHI = Loihi()

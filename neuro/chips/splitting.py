@@ -1,5 +1,6 @@
 """Which neurons share a core: populations cut into pieces that a core's limits allow."""
 
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
 import math
@@ -8,18 +9,106 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from neuro.chips.arithmetics import placed_as
 from neuro.chips.description import Chip
-from neuro.chips.placing import fill
-from neuro.chips.placing.incoming import Incoming
-from neuro.chips.placing.packing import ROW_WORDS, WORD_BITS, index_bits, memory_limit
-from neuro.chips.placing.reach import reached, weigh
+from neuro.chips.incoming import ROW_WORDS, SHARED, WORD_BITS, Incoming, block_bits, index_bits, memory_limit
+from neuro.chips.known import placed_as
+from neuro.chips.mesh import reached, weigh
+from neuro.kernels.jit import kernel, subkernel
 from neuro.program.program import Ints, Program
 
 Part = tuple[int, int, int]
 """A population and its neurons first <= i < last."""
 
 _NO_LIMIT = 1 << 62
+
+NEURONS, AXONS, MEMORY, EDGES, LINES, KERNELS = range(6)
+"""Counts of a core while it fills: neurons, axons in, bits, axons out, lines; bits of kernels."""
+
+ROW_BITS = ROW_WORDS * WORD_BITS
+bits_of_block, bits_of_index = subkernel(block_bits), subkernel(index_bits)
+
+
+@kernel
+def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
+    """Add the neurons queue[begin:end] to a core until one does not fit; returns its position, or end.
+
+    Args:
+        queue: neurons in the order in which they are taken.
+        begin: position of the first.
+        end: the position after the last.
+        core: a number that no other core has had: marks of other cores are void.
+        rows: whether synapses lie in rows, not in blocks.
+        graph: ends, line, first, source, projection, bits and sources of `Incoming`; where ends are all 0, synapses
+            are not looked at.
+        sends: axons out of each neuron, as far as known.
+        limits: most of NEURONS, AXONS, MEMORY and EDGES.
+        load: the same of this core so far, and LINES and KERNELS.
+        marks: core and count (core << 32 | count) of each line, core of each source, longest row and its core of each
+            projection, and the lines that reach this core.
+    """
+    ends, line, first, source_of, projection_of, all_bits, sources = graph
+    mark, source_core, longest, row_core, lines = marks
+    most_axons, most_memory = limits[AXONS], limits[MEMORY]
+    axons, memory, n_lines = load[AXONS], load[MEMORY], load[LINES]
+    empty = core << 32
+    stopped = end
+    for position in range(begin, end):
+        if load[NEURONS] == limits[NEURONS]:
+            stopped = position
+            break
+        t = queue[position]
+        before = bits_of_index(load[NEURONS])
+        load[NEURONS] += 1
+        width = bits_of_index(load[NEURONS])
+        if width != before and not rows:  # one bit more for all synapses of the core
+            memory = load[KERNELS]
+            for k in range(n_lines):
+                own_bits = all_bits[projection_of[lines[k]]]
+                memory += 0 if own_bits == SHARED else bits_of_block(mark[lines[k]] - empty, own_bits + width)
+        past, to_source, bits, one, projection, shared = 0, 0, 0, 0, 0, False
+        for e in range(ends[t], ends[t + 1]):
+            own = line[e]
+            if own >= past:  # lines of a neuron lie by projection
+                projection = projection_of[own]
+                past = first[projection + 1]
+                to_source = source_of[own] - own
+                shared = all_bits[projection] == SHARED
+                bits = all_bits[projection] + width
+                one = bits_of_block(1, bits)
+            count = mark[own] - empty
+            if count <= 0:
+                count = 0
+                if not rows:
+                    lines[n_lines] = own
+                    n_lines += 1
+                if source_core[own + to_source] != core:
+                    source_core[own + to_source] = core
+                    axons += 1
+            count += 1
+            mark[own] = empty + count
+            if shared:
+                pass
+            elif not rows:
+                memory += one if count == 1 else bits_of_block(count, bits) - bits_of_block(count - 1, bits)
+            else:
+                if row_core[projection] != core:
+                    row_core[projection] = core
+                    longest[projection] = 0
+                    memory += sources[projection] * ROW_BITS
+                if count > longest[projection]:
+                    longest[projection] = count
+                    memory += sources[projection] * WORD_BITS
+            if axons > most_axons or memory > most_memory:
+                stopped = position
+                break
+        if stopped < end:
+            break
+        load[EDGES] += sends[t]
+        if axons > most_axons or memory > most_memory or load[EDGES] > limits[EDGES]:
+            stopped = position
+            break
+    load[AXONS], load[MEMORY], load[LINES] = axons, memory, n_lines
+    return stopped
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,10 +186,9 @@ def split(
         sends = np.maximum(sends, found.sends)
 
 
-def _within(found: Split, limits: Ints) -> bool:
-    """Whether all cores keep the limits of what their neurons receive."""
-    memory, axons = limits[fill.MEMORY] // 8, limits[fill.AXONS]
-    return bool(np.all(found.memory <= memory) and np.all(found.axons_in <= axons))
+def _within(cores: Split, limits: Ints) -> bool:
+    """Return whether all cores keep the limits of what their neurons receive."""
+    return bool(np.all(cores.memory <= limits[MEMORY] // 8) and np.all(cores.axons_in <= limits[AXONS]))
 
 
 def _queue(program: Program, into: Incoming, by_place: bool) -> Ints:
@@ -141,7 +229,7 @@ class _Room:
         shapes = (sources, projections, projections, len(mark))
         self.marks = (mark, *(np.full(shape, -1, dtype=np.int32) for shape in shapes))
         self.core = -1
-        self.kernels, self.columns, self.most = into.kernels, into.columns, int(self.limits[fill.NEURONS])
+        self.kernels, self.columns, self.most = into.kernels, into.columns, int(self.limits[NEURONS])
         self.open(-1)
 
     def open(self, population: int) -> None:
@@ -149,13 +237,13 @@ class _Room:
         self.core += 1
         self.load = np.zeros(6, dtype=np.int64)
         if population >= 0:
-            self.load[[fill.MEMORY, fill.KERNELS]] = self.kernels[population]
+            self.load[[MEMORY, KERNELS]] = self.kernels[population]
 
     def fill(self, population: int, first: int, last: int) -> int:
         """Add neurons first <= i < last of a population's queue; returns the first that does not fit, or last."""
         base = int(self.start[population])
         rest = (self.core, self.rows, self.graph, self.sends, self.limits, self.load, self.marks)
-        return int(fill.fill(self.queue, base + first, base + last, *rest)) - base
+        return int(fill_core(self.queue, base + first, base + last, *rest)) - base
 
 
 def _fill(program: Program, chip: Chip, room: _Room, order: Sequence[int]) -> list[list[Part]]:
@@ -166,7 +254,7 @@ def _fill(program: Program, chip: Chip, room: _Room, order: Sequence[int]) -> li
         part = program.populations[population]
         first = 0
         slab = room.columns.get(population, 0) * math.prod(part.shape[:-1])
-        room.limits[fill.NEURONS] = min(room.most, slab or room.most)
+        room.limits[NEURONS] = min(room.most, slab or room.most)
         if cores and (most is None or len(cores[-1]) < most) and room.fill(population, 0, part.size) == part.size:
             cores[-1].append((population, 0, part.size))
             continue
@@ -178,46 +266,39 @@ def _fill(program: Program, chip: Chip, room: _Room, order: Sequence[int]) -> li
     return cores
 
 
-def _runs(core: list[Part], into: Incoming, queue: Ints, in_order: bool) -> tuple[Part, ...]:
-    """The neurons of pieces of the queue as runs of neighbouring ids."""
-    runs: list[Part] = []
-    if in_order:
-        return tuple(core)
-    for population, first, last in core:
-        base = into.start[population]
-        ids = np.sort(queue[base + first : base + last]) - base
-        gaps = np.flatnonzero(np.diff(ids) != 1)
-        firsts, lasts = ids[np.append(0, gaps + 1)], ids[np.append(gaps, ids.size - 1)] + 1
-        runs += [(population, int(a), int(b)) for a, b in zip(firsts, lasts, strict=True)]
-    return tuple(runs)
-
-
 def _weighed(cores: list[list[Part]], chip: Chip, into: Incoming, queue: Ints) -> Split:
     """Count what reaches each core."""
     count, total = len(cores), int(into.start[-1])
     core_of = np.full(total, -1, dtype=np.int64)
     kernels = np.zeros(count, dtype=np.int64)
+    runs: list[tuple[Part, ...]] = []
     for number, held in enumerate(cores):
+        of_core: list[Part] = []
         for population, first, last in held:
             base = into.start[population]
-            core_of[queue[base + first : base + last]] = number
+            neurons = queue[base + first : base + last]
+            core_of[neurons] = number
             kernels[number] += into.kernels[population]
+            ids = np.sort(neurons) - base
+            gaps = np.flatnonzero(np.diff(ids) != 1)
+            firsts, lasts = ids[np.append(0, gaps + 1)], ids[np.append(gaps, ids.size - 1)] + 1
+            of_core += [(population, int(a), int(b)) for a, b in zip(firsts, lasts, strict=True)]
+        runs.append(tuple(of_core))
     on_core = core_of >= 0
-    neurons = np.bincount(core_of[on_core], minlength=count)
+    sizes = np.bincount(core_of[on_core], minlength=count)
     rows = placed_as(chip).in_rows
-    index = np.array([] if rows else [index_bits(int(n)) for n in neurons], dtype=np.int64)
+    index = np.array([] if rows else [index_bits(int(n)) for n in sizes], dtype=np.int64)
     sends, axons_in, blocks, in_rows, longest = (np.zeros(size, dtype=np.int64) for size in (total, *[count] * 4))
     for projection, ways in reached(into, core_of, count):
         own = sends[into.start[into.begins_at[projection]] :]
         longest[:] = 0
         weigh(*ways, into.bits[projection], index, own, axons_in, blocks, longest)
         in_rows += np.where(longest > 0, ROW_WORDS + longest, 0) * (WORD_BITS * into.sources[projection])
-    in_order = bool(np.all(np.diff(queue) == 1))
     return Split(
-        cores=tuple(_runs(held, into, queue, in_order) for held in cores),
+        cores=tuple(runs),
         core_of=core_of,
         sends=sends,
-        neurons=neurons,
+        neurons=sizes,
         memory=(in_rows if rows else blocks + kernels) // 8,
         axons_in=axons_in,
         axons_out=np.bincount(core_of[on_core], weights=sends[on_core], minlength=count).astype(np.int64),

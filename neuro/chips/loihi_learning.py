@@ -16,8 +16,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from neuro.chips.description import Chip
-from neuro.chips.quantising.fixed import FixedProjection
-from neuro.chips.quantising.inputs import LEARN_ELSEWHERE, Options, approximated, foreign, refused
+from neuro.chips.fixed import FixedProjection
+from neuro.chips.inputs import LEARN_ELSEWHERE, Options, approximated, foreign, refused
 from neuro.core.errors import ModelError
 from neuro.model.neurons import parrot_neuron
 from neuro.model.synapses import Synapse, loihi_learning, stdp, stdp_dopa

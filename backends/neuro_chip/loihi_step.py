@@ -1,10 +1,21 @@
-"""One step of Loihi 1's compartments, in integers. The loop has no branches, so that it runs many at a time."""
+"""Loihi 1's compartments in the engine: where their registers lie, and their step in integers.
 
-# mypy: ignore-errors
+The loop of a step has no branches, so that it runs many at a time.
+"""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+from __future__ import annotations
+
+from collections.abc import Mapping
+
 import numpy as np
+from numpy.typing import NDArray
 
+from neuro.chips.loihi import KIND
 from neuro.kernels.jit import subkernel
+from neuro.program.program import Ints
 from neuro_chip import tables as t
+from neuro_chip.tables import Arrays
 
 i32 = np.int32
 V_LIMIT = i32(2**23 - 1)
@@ -82,3 +93,18 @@ def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired, lowest):
         hold[i] = i32(hold[i] - i32(ONE - free))
         fired[i] = np.uint8(free & i32(clipped > threshold[i]))
     return inputs, currents, drives, clips
+
+
+def write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:
+    """Put the registers of a population, rows `here` of the arrays, where its step reads them."""
+    a["keep_u"][here] = 4095 - r["du"]
+    a["keep_v"][here] = 4096 - r["dv"]
+    row[t.LOWEST] = int(r["v_min"][0]) if "v_min" in r else -(2**23) + 1
+    a["fall"][here] = r.get("fall", 0)
+    a["threshold"][here] = r["vth"] * 64
+    a["bias"][here] = r["bias_mant"] << r["bias_exp"]
+    a["refractory"][here] = r["refractory"] - 1
+
+
+STEPS = {KIND: lif}
+"""The step of each kind of population."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from neuro.chips.description import Range
 from neuro.core.errors import ModelError
+from neuro.core.tables import aligned
 
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"), (1e-15, "f"))
 STATIC = "static_per_chip"
@@ -274,12 +275,16 @@ class Energy:
         """
         cited = list(dict.fromkeys(sourced(item.source, item.conditions) for item in self.items if item.source))
         table = [("item", "of", "count", "each", "energy", "source"), *(_row(item, cited) for item in self.items)]
-        rows = aligned(table if sources else [row[:-1] for row in table])
+        head = [f"{number(self.steps)} steps"]
+        if self.chip_time_s is not None:
+            chips = f"{self.chips} chip" + "s" * (self.chips != 1)
+            head = [chips, *head, f"{quantity(self.chip_time_s, 's')} of chip time"]
+        rows = aligned(table if sources else [row[:-1] for row in table], "<<>>>")
         listed = [f"[{i}] {each}" for i, each in enumerate(cited, 1)] if sources else []
         parts = (
-            [self._head()],
+            [f"{self.title} ({self.target}), energy per {self.of}: {', '.join(head)}"],
             rows,
-            aligned(self.sums(), (False, True, True)),
+            aligned(self.sums(), "<>>"),
             listed,
             [f"- {note}" for note in self.noted(sources)],
         )
@@ -295,13 +300,6 @@ class Energy:
             if item.spread:
                 spreads.setdefault(item.spread, {})[item.what] = None
         return self.notes + marked + tuple(f"range of {', '.join(names)}: {text}" for text, names in spreads.items())
-
-    def _head(self) -> str:
-        parts = [f"{number(self.steps)} steps"]
-        if self.chip_time_s is not None:
-            chips = f"{self.chips} chip" + "s" * (self.chips != 1)
-            parts = [chips, *parts, f"{quantity(self.chip_time_s, 's')} of chip time"]
-        return f"{self.title} ({self.target}), energy per {self.of}: {', '.join(parts)}"
 
 
 def _row(item: BillItem, cited: list[str]) -> tuple[str, ...]:
@@ -375,21 +373,6 @@ def number(count: float) -> str:
     if count == int(count):
         return f"{int(count):,}"
     return f"{count:,.0f}" if abs(count) >= 1000 else f"{count:.4g}"
-
-
-def aligned(
-    rows: Sequence[tuple[str, ...]], right: Sequence[bool] = (False, False, True, True, True, False)
-) -> list[str]:
-    """Columns of equal width; what is counted is set to the right."""
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    right = right[: len(widths)]
-    cells = (
-        [cell.rjust(w) if r else cell.ljust(w) for cell, w, r in zip(row, widths, right, strict=True)] for row in rows
-    )
-    return ["  ".join(line).rstrip() for line in cells]
-
-
-__all__ = ["footnotes"]
 
 
 def footnotes(priced: Iterable[Energy], sources: bool = True) -> Iterator[str]:
