@@ -56,8 +56,7 @@ def _read_yaml(file: Path, options: Options) -> tuple[Network | None, Verdicts |
 
 
 def _read_nir(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
-    from neuro.exchange.nir.assumed import examine_file
-    from neuro.exchange.nir.importing import network_of
+    from neuro.exchange.nir.importing import examine_file, network_of
 
     found, note = examine_file(file, options.dt, options.written_by, options.reset)
     table = replace(found.table(), note=note)

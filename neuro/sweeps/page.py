@@ -18,8 +18,7 @@ from neuro.core.outputs import output, sealed
 from neuro.core.provenance import differences
 from neuro.core.version import VERSION
 from neuro.sweeps.folder import Folder, RunOutcome
-from neuro.sweeps.pictures import draw, search_pictures
-from neuro.sweeps.plot_data import PlotData, Units, named, plot_data, told, with_units
+from neuro.sweeps.pictures import PlotData, Units, draw, named, plot_data, search_pictures, told, with_units
 from neuro.sweeps.table import RunRows, SweepTable, columns, measured, reasons, text
 from neuro.sweeps.trials import FoundTrial, TuneTable
 

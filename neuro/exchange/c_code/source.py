@@ -19,22 +19,29 @@ from neuro.chips.arrival_rule import longest_lag
 from neuro.chips.quantising.fixed import FixedProjection
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.quantise import names_of
-from neuro.exchange.c_code import loihi2_cells
 from neuro.exchange.c_code.arrays import TYPES, Memory, comment, narrowest
 from neuro.exchange.c_code.cells import (
     Cells,
     Stepped,
+    decide,
+    delta_encoder,
     function,
+    graded_product,
+    graded_vector,
     indented,
+    loihi2_lif,
+    loihi2_rf,
+    loihi2_rf_iz,
+    loihi2_ternary_lif,
     loihi_lif,
     relay,
     shared,
+    sigma_decoder,
+    sigma_delta,
     spinnaker_delta,
     spinnaker_lif,
 )
-from neuro.exchange.c_code.delivery import Delivery, lags_of
-from neuro.exchange.c_code.groups import decide
-from neuro.exchange.c_code.learning import Learning
+from neuro.exchange.c_code.synapses import Delivery, Learning, lags_of
 from neuro.program.program import Population
 
 STEPS: dict[str, Callable[[Cells, Memory], Stepped]] = {
@@ -42,15 +49,15 @@ STEPS: dict[str, Callable[[Cells, Memory], Stepped]] = {
     "loihi_lif": loihi_lif,
     "spinnaker_lif": spinnaker_lif,
     "spinnaker_delta": spinnaker_delta,
-    "loihi2_lif": loihi2_cells.loihi2_lif,
-    "loihi2_ternary_lif": loihi2_cells.loihi2_ternary_lif,
-    "loihi2_rf": loihi2_cells.loihi2_rf,
-    "loihi2_rf_iz": loihi2_cells.loihi2_rf_iz,
-    "sigma_delta": loihi2_cells.sigma_delta,
-    "delta_encoder": loihi2_cells.delta_encoder,
-    "sigma_decoder": loihi2_cells.sigma_decoder,
-    "graded_vector": loihi2_cells.graded_vector,
-    "graded_product": loihi2_cells.graded_product,
+    "loihi2_lif": loihi2_lif,
+    "loihi2_ternary_lif": loihi2_ternary_lif,
+    "loihi2_rf": loihi2_rf,
+    "loihi2_rf_iz": loihi2_rf_iz,
+    "sigma_delta": sigma_delta,
+    "delta_encoder": delta_encoder,
+    "sigma_decoder": sigma_decoder,
+    "graded_vector": graded_vector,
+    "graded_product": graded_product,
 }
 """The neurons that are written as C, by `FixedPopulation.kind`."""
 

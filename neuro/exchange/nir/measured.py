@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
 from neuro.exchange.nir.cells import Cell
-from neuro.exchange.nir.graph import Floats
-from neuro.exchange.nir.judged import Read
-from neuro.exchange.nir.maps import Map
+from neuro.exchange.nir.graph import Floats, Map
+from neuro.exchange.nir.judging import Read
 from neuro.model.network import Network
 from neuro.model.neurons.builtin import spike_generator
 from neuro.run.compiled import compile

@@ -15,8 +15,7 @@ from neuro.core.hdf5 import check_tree
 from neuro.core.hdf5_texts import Texts
 from neuro.core.inputs import record_input
 from neuro.core.paths import existing
-from neuro.exchange.nir.graph import FIELDS, Graph, Node, Shape, package
-from neuro.exchange.nir.maps import outcome, shown, wholes
+from neuro.exchange.nir.graph import FIELDS, Graph, Node, Shape, outcome, package, shown, wholes
 
 LARGEST = 2**28
 """Elements of a shape; more is taken for damage."""

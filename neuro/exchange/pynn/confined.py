@@ -46,7 +46,7 @@ def main() -> None:
     _end_with(words["parent"])
     folder = Path(words["folder"])
     from neuro.exchange.pynn import stand_in  # before the limits: what is imported here may do all it likes
-    from neuro.exchange.pynn.outcome import Outcome
+    from neuro.exchange.pynn.gathered import Outcome
 
     script = Path(words["script"])
     outcome = Outcome(folder / "networks", script, folder / "files")

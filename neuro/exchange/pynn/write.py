@@ -19,8 +19,7 @@ from neuro.core.errors import ModelError, Where
 from neuro.core.outputs import marked, output, sealed
 from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
-from neuro.exchange.pynn.cells import BY_MODEL, DEPENDENCES, Cell
-from neuro.exchange.pynn.short_term import difference
+from neuro.exchange.pynn.cells import BY_MODEL, DEPENDENCES, Cell, difference
 from neuro.exchange.verdict import APPROXIMATE, Verdict, Verdicts
 from neuro.model.network import Network
 from neuro.model.synapses import static, stdp, tsodyks2
