@@ -1,11 +1,10 @@
-"""What a script of PyNN has built: its networks here, and the report of its process."""
+"""What a script of PyNN has built, as a network here."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,7 @@ from numpy.typing import NDArray
 from neuro.core.errors import ModelError, Where
 from neuro.exchange.pynn.cells import BY_NAME, DEPENDENCES, Cell, difference
 from neuro.exchange.pynn.parts import Projection
-from neuro.exchange.pynn.report import LONGEST, Built, Failure, Remark, Report
-from neuro.exchange.pynn.session import SESSION, Experiment
+from neuro.exchange.pynn.session import Experiment
 from neuro.exchange.pynn.standard import delta_jump
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS
@@ -82,9 +80,14 @@ class Gathered:
         self.names: dict[Any, str] = {}
         self.first = np.array([int(part.first_id) for part in experiment.populations], dtype=np.int64)
         self.tau_minus: dict[Any, float] = {}
-        self.bundles: list[Synapses] = []
-
-        self._gather()
+        made = experiment.projections
+        self.bundles = [bundle for one in made for bundle in self._bundles(one)]
+        self.modulators = [one for one in self.bundles if _kind(one) == "Neuromodulation"]
+        self._each((bundle.made.where, self._learning, bundle) for bundle in self.bundles)
+        self._each((part.where, self._population, part) for part in experiment.populations)
+        self._each((bundle.made.where, self._projection, bundle) for bundle in self.bundles)
+        self._each((where, self._current, (source, ids)) for source, ids, where in experiment.currents)
+        self._each((part.where, self._probes, part) for part in experiment.populations)
 
     def close(self) -> Network:
         """The network, with the rates that the script has set while it ran."""
@@ -103,17 +106,6 @@ class Gathered:
         window = {"start": first.start, "stop": first.stop}
         return MODELS["inhomogeneous_poisson_generator"](rate_times=list(rates), rate_values=values, **window)
 
-    def _gather(self) -> None:
-        """All parts, in the order of the script."""
-        made = self.experiment.projections
-        self.bundles = [bundle for one in made for bundle in self._bundles(one)]
-        self.modulators = [one for one in self.bundles if _kind(one) == "Neuromodulation"]
-        self._each((bundle.made.where, self._learning, bundle) for bundle in self.bundles)
-        self._each((part.where, self._population, part) for part in self.experiment.populations)
-        self._each((bundle.made.where, self._projection, bundle) for bundle in self.bundles)
-        self._each((where, self._current, (source, ids)) for source, ids, where in self.experiment.currents)
-        self._each((part.where, self._probes, part) for part in self.experiment.populations)
-
     def _each(self, parts: Iterable[tuple[Where | None, Callable[[Any], None], Any]]) -> None:
         for where, add, part in parts:
             self.net.place = where
@@ -121,17 +113,12 @@ class Gathered:
                 add(part)
             except Incomplete as error:
                 if str(error):
-                    self._problem(where, str(error))
+                    self.experiment.problems.setdefault((where, str(error)))
             except ModelError as error:
-                self._problem(where, error.message)
-
-    def _problem(self, where: Where | None, message: str) -> None:
-        if (where, message) not in self.experiment.problems:
-            self.experiment.problems.append((where, message))
+                self.experiment.problems.setdefault((where, error.message))
 
     def _note(self, message: str) -> None:
-        if (self.net.place, message) not in self.experiment.notes:
-            self.experiment.notes.append((self.net.place, message))
+        self.experiment.notes.setdefault((self.net.place, message))
 
     # -- populations
 
@@ -141,9 +128,8 @@ class Gathered:
         kind, what = type(part.celltype).__name__, f"population '{name}'"
         if kind == "Placeholder":
             return  # its line is a problem already
-        made = _SOURCES.get(kind)
-        if made is not None:
-            model, initial = made(self, part.values), {}
+        if kind.startswith("SpikeSource"):
+            model, initial = self._source(kind, part.values, what), {}
         elif kind in BY_NAME:
             cell = BY_NAME[kind]
             model = MODELS[cell.model](**self._parameters(part, cell))
@@ -199,23 +185,27 @@ class Gathered:
             )
         return MODELS["spike_generator"](spike_times=rows)
 
-    def _poisson(self, values: dict[str, Any]) -> Any:
-        return MODELS["poisson_generator"](rate=shared(values["rate"]), **self._window(values))
-
-    def _gamma(self, values: dict[str, Any]) -> Any:
-        shape, rate = values["alpha"], values["beta"] / values["alpha"]
-        if np.any(shape != np.rint(shape)):
-            raise Incomplete("SpikeSourceGamma: 'alpha' is no whole number")
-        window = self._window(values)
-        return MODELS["gamma_sup_generator"](gamma_shape=shared(shape.astype(int)), rate=shared(rate), **window)
-
-    def _varying(self, values: dict[str, Any]) -> Any:
-        times = [np.asarray(one.value) for one in values["starts"]]
-        rates = np.array([one.value for one in values["rates"]])
-        if any(not np.array_equal(times[0], other) for other in times):
-            raise Incomplete("SpikeSourcePoissonVariable: rates change at different times")
-        grid = np.maximum(self._rounded(times[0], "times", 0), self.step)
-        return MODELS["inhomogeneous_poisson_generator"](rate_times=grid, rate_values=rates)
+    def _source(self, kind: str, values: dict[str, Any], what: str) -> Any:
+        """Return the generator that a spike source of PyNN is."""
+        match kind:
+            case "SpikeSourceArray":
+                return self._spike_times(values)
+            case "SpikeSourcePoisson":
+                return MODELS["poisson_generator"](rate=shared(values["rate"]), **self._window(values))
+            case "SpikeSourceGamma":
+                shape, rate = values["alpha"], values["beta"] / values["alpha"]
+                if np.any(shape != np.rint(shape)):
+                    raise Incomplete("SpikeSourceGamma: 'alpha' is no whole number")
+                numbers = {"gamma_shape": shared(shape.astype(int)), "rate": shared(rate)}
+                return MODELS["gamma_sup_generator"](**numbers, **self._window(values))
+            case "SpikeSourcePoissonVariable":
+                times = [np.asarray(one.value) for one in values["starts"]]
+                rates = np.array([one.value for one in values["rates"]])
+                if any(not np.array_equal(times[0], other) for other in times):
+                    raise Incomplete("SpikeSourcePoissonVariable: rates change at different times")
+                grid = np.maximum(self._rounded(times[0], "times", 0), self.step)
+                return MODELS["inhomogeneous_poisson_generator"](rate_times=grid, rate_values=rates)
+        raise Incomplete(f"{what}: {kind} has no counterpart")
 
     def _window(self, values: dict[str, Any]) -> dict[str, float]:
         start, duration = shared(values["start"]), shared(values["duration"])
@@ -381,10 +371,10 @@ class Gathered:
     def _current(self, injected: tuple[Any, list[int]]) -> None:
         source, cells = injected
         kind, values = type(source).__name__, source.values()
-        if kind not in _CURRENTS:
+        if kind not in ("DCSource", "ACSource", "NoisyCurrentSource", "StepCurrentSource"):
             raise Incomplete(f"{kind} has no counterpart")
         name = _free(kind, {*self.net.populations, *self.net.projections})
-        self.net.population(name, 1, _CURRENTS[kind](self, values))
+        self.net.population(name, 1, self._generator(kind, values))
         ids = np.array(cells, dtype=np.int64)
         at = np.searchsorted(self.first, ids, side="right") - 1
         for place in sorted({*at.tolist()}):
@@ -401,29 +391,24 @@ class Gathered:
     def _early(self, time: float) -> float:
         return float(self._rounded(max(0.0, float(time) - self._lead()), "times"))
 
-    def _while(self, values: dict[str, Any]) -> dict[str, float]:
-        found = {"start": self._early(values["start"])}
-        return found | ({"stop": self._early(values["stop"])} if values["stop"] < _NEVER else {})
-
-    def _dc(self, values: dict[str, Any]) -> Any:
-        return MODELS["dc_generator"](amplitude=values["amplitude"] * 1000.0, **self._while(values))
-
-    def _ac(self, values: dict[str, Any]) -> Any:
-        window = self._while(values)
-        phase = values["phase"] - 360.0 * values["frequency"] * window["start"] / 1000.0
-        sizes = {"amplitude": values["amplitude"] * 1000.0, "offset": values["offset"] * 1000.0}
-        return MODELS["ac_generator"](**sizes, frequency=values["frequency"], phase=phase, **window)
-
-    def _noise(self, values: dict[str, Any]) -> Any:
+    def _generator(self, kind: str, values: dict[str, Any]) -> Any:
+        """Return the generator that a current source of PyNN is, whose amplitudes are in nA."""
+        if kind == "StepCurrentSource":
+            times = np.maximum([self._early(time) for time in values["times"]], self.step)
+            last = np.flatnonzero(np.diff(times, append=np.inf) > 0)
+            amplitudes = np.asarray(values["amplitudes"], dtype=float) * 1000.0
+            steps = {"amplitude_times": times[last], "amplitude_values": amplitudes[last]}
+            return MODELS["step_current_generator"](**steps)
+        window = {"start": self._early(values["start"])}
+        window |= {"stop": self._early(values["stop"])} if values["stop"] < _NEVER else {}
+        if kind == "DCSource":
+            return MODELS["dc_generator"](amplitude=values["amplitude"] * 1000.0, **window)
+        if kind == "ACSource":
+            phase = values["phase"] - 360.0 * values["frequency"] * window["start"] / 1000.0
+            sizes = {"amplitude": values["amplitude"] * 1000.0, "offset": values["offset"] * 1000.0}
+            return MODELS["ac_generator"](**sizes, frequency=values["frequency"], phase=phase, **window)
         sizes = {"mean": values["mean"] * 1000.0, "std": values["stdev"] * 1000.0}
-        return MODELS["noise_generator"](**sizes, dt=self._rounded(values["dt"], "times", 1), **self._while(values))
-
-    def _steps(self, values: dict[str, Any]) -> Any:
-        times = np.maximum([self._early(time) for time in values["times"]], self.step)
-        last = np.flatnonzero(np.diff(times, append=np.inf) > 0)
-        amplitudes = np.asarray(values["amplitudes"], dtype=float) * 1000.0
-        chosen = {"amplitude_times": times[last], "amplitude_values": amplitudes[last]}
-        return MODELS["step_current_generator"](**chosen)
+        return MODELS["noise_generator"](**sizes, dt=self._rounded(values["dt"], "times", 1), **window)
 
     def _probes(self, part: Any) -> None:
         if self.names.get(part) not in self.net.populations:
@@ -454,20 +439,6 @@ class Gathered:
         return states[variable][0]
 
 
-_SOURCES: dict[str, Callable[[Gathered, dict[str, Any]], Any]] = {
-    "SpikeSourceArray": Gathered._spike_times,
-    "SpikeSourcePoisson": Gathered._poisson,
-    "SpikeSourceGamma": Gathered._gamma,
-    "SpikeSourcePoissonVariable": Gathered._varying,
-}
-_CURRENTS: dict[str, Callable[[Gathered, dict[str, Any]], Any]] = {
-    "DCSource": Gathered._dc,
-    "ACSource": Gathered._ac,
-    "NoisyCurrentSource": Gathered._noise,
-    "StepCurrentSource": Gathered._steps,
-}
-
-
 def _kind(bundle: Synapses) -> str:
     return type(bundle.made.synapse_type).__name__
 
@@ -475,17 +446,12 @@ def _kind(bundle: Synapses) -> str:
 def _rule(bundle: Synapses) -> Rule:
     """The rule that makes these synapses, where they are all or one to one; else the pairs."""
     source, target, count = bundle.source.size, bundle.target.size, bundle.pre.size
-    if source == target == count and np.array_equal(bundle.pre, bundle.post) and _ascending(bundle.pre, source):
+    ascending = np.arange(count)
+    if source == target == count and np.array_equal(bundle.pre, bundle.post) and np.array_equal(bundle.pre, ascending):
         return one_to_one()
-    if count == source * target:
-        flat = bundle.pre * target + bundle.post
-        if _ascending(flat, count):
-            return all_to_all()
+    if count == source * target and np.array_equal(bundle.pre * target + bundle.post, ascending):
+        return all_to_all()
     return pairs(pre=bundle.pre, post=bundle.post)
-
-
-def _ascending(ids: NDArray[np.int64], count: int) -> bool:
-    return bool(np.array_equal(ids, np.arange(count)))
 
 
 def _name(label: str) -> str:
@@ -500,65 +466,3 @@ def _free(name: str, taken: set[str]) -> str:
         number += 1
         found = f"{name}_{number}"
     return found
-
-
-class Outcome:
-    """Gathers the networks of a script while it runs.
-
-    Args:
-        folder: for the networks.
-        script: its file.
-        beside: the folder in which it runs; lines of modules there are the script's, too.
-    """
-
-    def __init__(self, folder: Path, script: Path, beside: Path) -> None:
-        self._folder, self._name = folder, script.stem
-        self._networks: list[tuple[Experiment, Gathered]] = []
-        self._saved: list[str] = []
-        self._failure: Failure | None = None
-        SESSION.files, SESSION.script = (str(script), f"{beside}/"), script.name
-        SESSION.finish, SESSION.close = self._add, self._close
-
-    def _add(self, experiment: Experiment) -> None:
-        self._close()
-        self._networks.append((experiment, Gathered(experiment, self._name)))
-
-    def _close(self) -> None:
-        """Save the last network, unless it cannot come."""
-        if len(self._saved) == len(self._networks):
-            return
-        experiment, gathered = self._networks[-1]
-        self._saved.append("" if experiment.problems else f"{len(self._saved)}.yaml")
-        if self._saved[-1]:
-            gathered.close().save(self._folder / self._saved[-1])
-
-    def fail(self, message: str, line: int, kind: str = "raised") -> None:
-        """The script ends by a mistake; what it does with results that are empty here is none."""
-        harmless = kind == "raised" and SESSION.read and bool(self._networks)
-        self._failure = Failure(message, line, harmless, kind)
-
-    def end(self) -> None:
-        """The script has ended."""
-        if self._failure is None or self._failure.harmless:
-            SESSION.capture()
-        self._close()
-
-    def report(self) -> Report:
-        """The report."""
-        networks = tuple(
-            Built(
-                file,
-                _remarks(experiment.problems),
-                _remarks(experiment.notes),
-                tuple(experiment.runs),
-                experiment.where.line if experiment.where else 0,
-            )
-            for (experiment, _), file in zip(self._networks, self._saved, strict=True)
-        )
-        return Report(networks, self._failure)
-
-
-def _remarks(entries: list[tuple[Where | None, str]]) -> tuple[Remark, ...]:
-    return tuple(
-        Remark(where.file if where else "", where.line if where else 0, message[:LONGEST]) for where, message in entries
-    )

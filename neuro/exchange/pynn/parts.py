@@ -11,7 +11,7 @@ from pyNN import common, connectors, errors, recording
 from pyNN.mock import populations as mock_populations, simulator as mock_simulator
 from pyNN.parameters import ArrayParameter, LazyArray, ParameterSpace, simplify
 
-from neuro.exchange.pynn.session import MOST_SAMPLES, SESSION, SIMULATOR, STATE
+from neuro.exchange.pynn.session import MOST_SAMPLES, SESSION, SIMULATOR
 from neuro.exchange.pynn.standard import PLACEHOLDER, SYNAPSES, present
 
 _ANSWERS = ("get_data", "get_spike_counts", "mean_spike_count", "spinnaker_get_data")
@@ -36,7 +36,7 @@ class Recorder(recording.Recorder):
 
     def _get_all_signals(self, variable: Any, ids: Any, clear: bool = False) -> tuple[Any, None]:
         SESSION.read = True
-        samples = max(1, min(round(STATE.t / self.sampling_interval) + 1, MOST_SAMPLES // max(1, len(ids))))
+        samples = max(1, min(round(SESSION.t / self.sampling_interval) + 1, MOST_SAMPLES // max(1, len(ids))))
         kept = self.population.initial.get(variable.name)
         index = self.population.id_to_index(np.array(ids, dtype=int))
         start = np.zeros(len(ids)) if kept is None else kept[index]
@@ -107,7 +107,7 @@ class _Neurons:
         for name, value in given.items():
             whole.values[name][chosen] = value
         if scheduled:
-            whole.rates.append((STATE.t, whole.values["rate"].copy()))
+            whole.rates.append((SESSION.t, whole.values["rate"].copy()))
 
     def _set_initial_value_array(self, variable: str, initial_values: Any) -> None:
         whole, chosen = self._whole()
@@ -193,12 +193,12 @@ class Population(_Neurons, mock_populations.Population):
         return self, slice(None)
 
     def _create_cells(self) -> None:
-        ids = range(STATE.id_counter, STATE.id_counter + self.size)
+        ids = range(SESSION.id_counter, SESSION.id_counter + self.size)
         self.all_cells = np.array([mock_simulator.ID(id) for id in ids], dtype=mock_simulator.ID)
         self._mask_local = np.ones(self.size, dtype=bool)
         for id in self.all_cells:
             id.parent = self
-        STATE.id_counter += self.size
+        SESSION.id_counter += self.size
         parameters = self.celltype.native_parameters
         parameters.shape = (self.size,)
         parameters.evaluate(simplify=False)

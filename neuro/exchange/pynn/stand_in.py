@@ -23,7 +23,7 @@ from pyNN.network import Network
 from pyNN.utility import script_tools
 
 from neuro.exchange.pynn.parts import Assembly, Population, PopulationView, Projection
-from neuro.exchange.pynn.session import SESSION, SIMULATOR, STATE, end, reset, run, run_until, setup
+from neuro.exchange.pynn.session import SESSION, SIMULATOR, end, reset, run, run_until, setup
 from neuro.exchange.pynn.standard import (
     CELLS,
     DEPENDENCES,
@@ -69,7 +69,7 @@ def public_names() -> dict[str, Any]:
         **{"NumpyRNG": random.NumpyRNG, "GSLRNG": random.GSLRNG, "RandomDistribution": random.RandomDistribution},
         **{"NativeRNG": random.NumpyRNG, "StandardCellType": standardmodels.StandardCellType},
         **{"Line": space.Line, "Grid2D": space.Grid2D, "Grid3D": space.Grid3D},
-        **{"state": STATE, "Network": Network},
+        **{"state": SESSION, "Network": Network},
     }
 
 
@@ -140,7 +140,7 @@ class Finder(MetaPathFinder, Loader):
     def exec_module(self, module: ModuleType) -> None:
         """The script is written for this simulator."""
         if isinstance(module, Simulator) and module.spinnaker:
-            STATE.written_for_spinnaker()
+            SESSION.written_for_spinnaker()
 
 
 def _get_simulator(*arguments: Any) -> Any:

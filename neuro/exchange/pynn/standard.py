@@ -25,7 +25,7 @@ from pyNN.standardmodels import (
     synapses,
 )
 
-from neuro.exchange.pynn.session import MOST_SAMPLES, SESSION, STATE
+from neuro.exchange.pynn.session import MOST_SAMPLES, SESSION
 
 
 class Absent:
@@ -144,7 +144,7 @@ class _Source:
 
     def _get_data(self) -> tuple[Any, Any]:
         SESSION.read = True
-        times = np.arange(min(MOST_SAMPLES, round(STATE.t / STATE.dt) + 1)) * STATE.dt
+        times = np.arange(min(MOST_SAMPLES, round(SESSION.t / SESSION.dt) + 1)) * SESSION.dt
         return times, np.zeros(times.size)
 
     def values(self) -> dict[str, Any]:
