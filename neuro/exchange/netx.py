@@ -181,20 +181,16 @@ def _network(name: str, layers: list[Layer], reset: int, first: int) -> Network:
             graded = layer.before.neuron["type"] == "SDNN"
             source = graded_spike_train() if graded else spike_generator()
             net.population(_name(layer.before), layer.before.shape, source)
-        _add(net, layer, reset)
+        # A layer and what connects it to the one before.
+        net.population(_name(layer), layer.shape, _neurons(layer, reset))
+        if layer.before:
+            rule, synapse, weight = _synapses(layer, layer.before)
+            net.connect(_name(layer.before), _name(layer), rule, synapse, weight=weight, delay=1.0)
     return net
 
 
 def _name(layer: Layer) -> str:
     return "input" if layer.kind == "input" else f"{layer.kind}{layer.number}"
-
-
-def _add(net: Network, layer: Layer, reset: int) -> None:
-    """A layer and what connects it to the one before."""
-    net.population(_name(layer), layer.shape, _neurons(layer, reset))
-    if layer.before:
-        rule, synapse, weight = _synapses(layer, layer.before)
-        net.connect(_name(layer.before), _name(layer), rule, synapse, weight=weight, delay=1.0)
 
 
 def _neurons(layer: Layer, reset: int) -> Neuron:
@@ -263,7 +259,11 @@ def _refused(layer: Layer) -> Iterator[ModelError]:
     kind = layer.neuron.get("type", "")
     if kind not in ("LOIHI", "CUBA", "SDNN"):
         yield layer.wrong(f"netx has no neuron '{kind}': expected LOIHI, CUBA or SDNN")
-    elif missing := [word for word in _needed(kind) if word not in layer.neuron]:
+    elif missing := [
+        word
+        for word in (("vThMant",) if kind == "SDNN" else ("vThMant", "iDecay", "vDecay"))
+        if word not in layer.neuron
+    ]:
         yield layer.wrong(f"its neuron has no '{missing[0]}'")
     for word, kept in (("refDelay", (0, 1)), ("wgtExp", (0,))):
         if layer.neuron.get(word, kept[0]) not in kept:
@@ -276,10 +276,6 @@ def _refused(layer: Layer) -> Iterator[ModelError]:
         yield layer.wrong("expected the input as first layer, and only there")
     elif layer.before:
         yield from _of_weights(layer, layer.before)
-
-
-def _needed(kind: str) -> tuple[str, ...]:
-    return ("vThMant",) if kind == "SDNN" else ("vThMant", "iDecay", "vDecay")
 
 
 def _of_weights(layer: Layer, before: Layer) -> Iterator[ModelError]:

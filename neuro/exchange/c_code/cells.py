@@ -18,6 +18,7 @@ import numpy as np
 from neuro.chips.quantising.fixed import FixedPopulation
 from neuro.core.keyed_random import key
 from neuro.exchange.c_code.arrays import TYPES, Memory, narrowest, number
+from neuro.exchange.templates import filled
 from neuro.model.parts import Competition, lateral_reset, winner_take_all
 from neuro.program.program import Ints, Program
 
@@ -397,7 +398,10 @@ def decide(program: Program, index: int, cells: Cells, threshold: str, memory: M
     group, k = program.groups[index], cells.number
     choice, opened, shape = group.choice, list[str](), program.populations[group.population].shape
     alone = isinstance(choice, lateral_reset) and shape[choice.axis] == 1
-    lines = [] if alone else _choose(cells, key(program.seed, "tie", group.name), threshold)
+    tie = key(program.seed, "tie", group.name)
+    # The neuron of the largest margin; of equal ones that of the larger draw.
+    best = filled("c_code/network/best.c", k=k, none=f"{cells.size}u", tie=tie, threshold=threshold)
+    lines = [] if alone else best.splitlines()
     lines += [f"static void decide_{k}(void)", "{"]
     if isinstance(choice, lateral_reset):
         # Compilers take the loop over rivals of one neuron for one that leaves its array.
@@ -415,31 +419,6 @@ def decide(program: Program, index: int, cells: Cells, threshold: str, memory: M
 def supports(choice: Competition) -> bool:
     """Whether groups of a kind are written as C."""
     return isinstance(choice, SUPPORTED)
-
-
-def _choose(cells: Cells, tie: int, threshold: str) -> list[str]:
-    """The neuron of the largest margin; of equal ones that of the larger draw."""
-    k, none = cells.number, f"{cells.size}u"
-    return [
-        f"static uint32_t best_{k}(uint32_t first, uint32_t last, uint32_t apart)",
-        "{",
-        f"    uint64_t base = step_word(UINT64_C({tie}), now), best_drawn = 0;",
-        "    int64_t best_margin = 0;",
-        f"    uint32_t best = {none};",
-        "    for (uint32_t i = first; i < last; i += apart) {",
-        f"        if (fired_{k}[i]) {{",
-        f"            int64_t margin = (int64_t)v_{k}[i] - {threshold};",
-        "            uint64_t drawn = draw(base, i) >> 11;",
-        "            int equal = margin == best_margin && drawn > best_drawn;",
-        f"            if (best == {none} || margin > best_margin || equal) {{",
-        "                best = i, best_margin = margin, best_drawn = drawn;",
-        "            }",
-        "        }",
-        "    }",
-        "    return best;",
-        "}",
-        "",
-    ]
 
 
 def _one(cells: Cells, once: bool) -> list[str]:

@@ -38,6 +38,7 @@ from neuro.core.quantities import Quantity
 from neuro.exchange.c_code.arrays import Memory, number
 from neuro.exchange.c_code.cells import supports
 from neuro.exchange.c_code.source import FAMILIES, INPUTS, MARK, STEPS, Source, source_of
+from neuro.exchange.templates import filled
 from neuro.model.network import Network
 from neuro.model.neurons import CurrentGenerator
 from neuro.model.parts import Projection
@@ -148,7 +149,7 @@ def save_c(
     refuse(fixed)
     outputs = _outputs(net, program)
     source = source_of(fixed, name, outputs)
-    code = _code(source)
+    code = 400 + 16 * source.code.count(";")
     for what, limit, size in (("flash", limits["flash"], source.flash + code), ("RAM", limits["RAM"], source.ram)):
         if limit is not None and size > limit:
             hint = "fewer neurons, shorter delays or shared kernels (grid) take less"
@@ -161,10 +162,14 @@ def save_c(
     place = file_path(folder, "folder")
     words = {"name": name, "NAME": name.upper(), "chip": target.arithmetic, "mark": f"{MARK}.", "steps": str(steps)}
     words |= {"data": _data(run, name), "id": source.id, "field": FAMILIES[target.arithmetic].field}
-    texts = {f"{name}.h": source.header, f"{name}.c": source.code, f"{name}_test.c": _template("test.c", words)}
+    texts = {
+        f"{name}.h": source.header,
+        f"{name}.c": source.code,
+        f"{name}_test.c": filled("c_code/templates/test.c", **words),
+    }
     shared = ["integers.h", f"{target.arithmetic}.h", "Makefile", "m4.c", "m4.ld"]
     shared += ["learning.h"] if '"learning.h"' in source.code else []
-    _write(place, texts | {file: _template(file, words) for file in shared})
+    _write(place, texts | {file: filled(f"c_code/templates/{file}", **words) for file in shared})
     graded = words["field"] == "payload"
     spikes = (each.shape[1] if graded else int(each[2].sum()) for each in (run.sent, run.told))
     return CCode(place, name, fixed.chip.title, source.flash, code, source.ram, steps, drawn, *spikes)
@@ -177,11 +182,6 @@ def _outputs(net: Network, program: Program) -> tuple[str, ...]:
     ends = {part.source for part in net.projections.values() if part.source != part.target}
     found = tuple(name for name in neurons if name in probed)
     return found or tuple(name for name in neurons if name not in ends) or tuple(neurons)
-
-
-def _code(source: Source) -> int:
-    """Bytes of machine code of a Cortex-M4, at most: an estimate from its statements, of gcc 12 with -O2."""
-    return 400 + 16 * source.code.count(";")
 
 
 def _check_given(given: Given | None) -> Given:
@@ -250,14 +250,6 @@ def _write(folder: Path, texts: Mapping[str, str]) -> None:
     with ExitStack() as parts:  # none takes its name before all are written
         for file, text in texts.items():
             parts.enter_context(output(folder / file, KIND)).write_text(KIND.seal(text), "utf-8")
-
-
-def _template(file: str, words: Mapping[str, str]) -> str:
-    """A file that is the same for all networks, but for some words."""
-    text = _TEMPLATES.joinpath(file).read_text("utf-8")
-    for word, value in words.items():
-        text = text.replace(f"@{word}@", value)
-    return text
 
 
 Given = Mapping[str, Sequence[Ints]]

@@ -119,7 +119,7 @@ class Delivery:
     def _dense(self) -> list[str]:
         n = self._to.size
         body = [f"uint32_t e = i * {n}u + j;"] if "[e]" in self._word or self._own_lags else []
-        return [*self._begin(), *_loop("j", "0", f"{n}u", self._into(body, "j"), self._unused_i(body))]
+        return [*self._begin(), *_loop("j", "0", f"{n}u", self._into(body, "j"), (not body))]
 
     def _csr(self) -> list[str]:
         index, name = self._index, self._part.name
@@ -154,9 +154,6 @@ class Delivery:
         rows = _loop("r", "r_begin", "r_end", [*line, *inner])
         return [*lines, *_loop("m", first, f"{first} + {g.reach}u", rows)]
 
-    def _unused_i(self, body: Sequence[str]) -> bool:
-        return not body
-
 
 def lags_of(wires: FixedProjection) -> tuple[int, int]:
     """The shortest and the longest lag of a projection."""
@@ -186,10 +183,7 @@ class Learning:
         self._grain = grain_of(wires.bits, wires.sign_mode == "mixed").bit_length() - 1
         self._init, self._read = list[str](), set[str]()
         self.states: dict[str, tuple[str, int]] = {}
-        self._declare()
-
-    def _declare(self) -> None:
-        """The states: weights and tags, traces of each step of an epoch, and who fired in this step and this epoch."""
+        # The states: weights and tags, traces of each step of an epoch, and who fired in this step and this epoch.
         q, name, slots = self._q, self._part.name, self.rule.epoch
         first = np.broadcast_to(self._wires.mantissas, self._part.size).astype(np.int64)
         begin = self._memory.table(f"w_begin_{q}", first, f"{name}: mantissas at step 0")
@@ -223,7 +217,26 @@ class Learning:
 
     def lines(self) -> list[str]:
         """The functions; `learn_Q` is called at the end of each step."""
-        return [*self._changes("w", self.rule.dw), *self._changes("t", self.rule.dt), *self._apply(), *self._learn()]
+        # The rule at synapse e from neuron i to j; both changes are made from the values before.
+        q, (low, high, _) = self._q, bounds(self._wires.sign_mode)
+        tag = f"t_{q}[e]" if self.rule.dt else "0"
+        body = [f"int32_t w = w_{q}[e], t = {tag};", "(void)t;"]
+        words = {"w": self.rule.dw, "t": self.rule.dt}
+        body += [f"int32_t d{word} = d{word}_{q}(i, j, number, w, t);" for word, terms in words.items() if terms]
+        for word, grain, (least, most) in (("w", self._grain, (low, high)), ("t", 0, (-256, 255))):
+            if words[word]:
+                base = f"step_word(UINT64_C({key(self._program.seed, word, self._part.name)}), now)"
+                by = f"rounded(d{word}, {grain}, {base}, e)"
+                if word == "w" and self.rule.rounding == "away":
+                    by = f"rounded_away(d{word}, {grain})"
+                new = f"(int16_t)clipped({word} + {by}, {least}, {most})"
+                body.append(f"if (d{word} != 0) {word}_{q}[e] = {new};")
+        return [
+            *self._changes("w", self.rule.dw),
+            *self._changes("t", self.rule.dt),
+            *function(f"static void apply_{q}(uint32_t i, uint32_t j, uint32_t e, uint32_t number)", body),
+            *self._learn(),
+        ]
 
     def _changes(self, word: str, terms: Sequence[Term]) -> list[str]:
         """What the due products change a variable by, in units of 2^-7."""
@@ -253,23 +266,6 @@ class Learning:
             at = end if name in MODULATORY else at
             text = f"{name}_{q}[{at} * {self._count(name)}u + {'i' if name in PRE else 'j'}]"
         return f"({text} {'-' if add < 0 else '+'} {abs(add)})" if add else text
-
-    def _apply(self) -> list[str]:
-        """The rule at synapse e from neuron i to j; both changes are made from the values before."""
-        q, (low, high, _) = self._q, bounds(self._wires.sign_mode)
-        tag = f"t_{q}[e]" if self.rule.dt else "0"
-        body = [f"int32_t w = w_{q}[e], t = {tag};", "(void)t;"]
-        words = {"w": self.rule.dw, "t": self.rule.dt}
-        body += [f"int32_t d{word} = d{word}_{q}(i, j, number, w, t);" for word, terms in words.items() if terms]
-        for word, grain, (least, most) in (("w", self._grain, (low, high)), ("t", 0, (-256, 255))):
-            if words[word]:
-                base = f"step_word(UINT64_C({key(self._program.seed, word, self._part.name)}), now)"
-                by = f"rounded(d{word}, {grain}, {base}, e)"
-                if word == "w" and self.rule.rounding == "away":
-                    by = f"rounded_away(d{word}, {grain})"
-                new = f"(int16_t)clipped({word} + {by}, {least}, {most})"
-                body.append(f"if (d{word} != 0) {word}_{q}[e] = {new};")
-        return function(f"static void apply_{q}(uint32_t i, uint32_t j, uint32_t e, uint32_t number)", body)
 
     def _learn(self) -> list[str]:
         """Traces decay, then spikes add their impulses; at the end of an epoch the rule is applied."""

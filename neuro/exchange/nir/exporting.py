@@ -83,7 +83,13 @@ def find_sheets(out: Written, spiking: Sequence[Projection]) -> None:
     for _ in range(len(out.sheets)):
         out.sheets -= {p.target for p in spiking if p.grid is None or p.source not in out.sheets}
     between = [p for p in grids if on_sheets(out, p)]
-    in_rows = [p for p in between if p.grid is not None and _is_line(p.grid) and _pool(out, p) is None]
+    in_rows = [
+        p
+        for p in between
+        if p.grid is not None
+        and (p.grid.height == p.grid.rows == 1 and p.grid.top < p.grid.kernel_height)
+        and _pool(out, p) is None
+    ]
     out.lines = {index for p in in_rows for index in (p.source, p.target)}
     for _ in range(len(out.lines)):
         others = [p for p in between if p not in in_rows or not {p.source, p.target} <= out.lines]
@@ -93,11 +99,6 @@ def find_sheets(out: Written, spiking: Sequence[Projection]) -> None:
 def on_sheets(out: Written, part: Projection) -> bool:
     """Whether a projection is a convolution in the graph."""
     return part.grid is not None and {part.source, part.target} <= out.sheets
-
-
-def _is_line(g: Grid) -> bool:
-    """Whether both sheets have one row, which one row of the kernel reaches."""
-    return g.height == g.rows == 1 and g.top < g.kernel_height
 
 
 def shape_of(out: Written, index: int) -> tuple[int, ...]:
@@ -249,7 +250,12 @@ def written(net: Network, dt: float | None, for_: str | None) -> tuple[Any, Verd
         return None, table
     try:
         # The package works out the size of some convolutions wrongly; `_add_projection` has made sure that all fit.
-        graph = out.nir.NIRGraph(_single(out), out.edges, type_check=False)
+        # The nodes, for a tool in the single precision in which it computes.
+        for node in out.nodes.values() if out.tool != "nir" else ():
+            for word, value in vars(node).items():
+                if isinstance(value, np.ndarray) and value.dtype == np.float64:
+                    setattr(node, word, value.astype(np.float32))
+        graph = out.nir.NIRGraph(out.nodes, out.edges, type_check=False)
     except Exception as error:  # the package raises many kinds
         raise ModelError(f"to_nir: the package nir refuses the graph: {error}") from None
     if not table.exact:
@@ -269,15 +275,6 @@ def _measured(out: Written, net: Network, graph: Any) -> str:
     depths = {name: out.depths[index] for name, index in parts.items()}
     differing = [each.node for each in found.table() if each.verdict == APPROXIMATE]
     return measure(found, net, {name: name for name in parts}, depths, differing)
-
-
-def _single(out: Written) -> dict[str, Any]:
-    """The nodes, for a tool in the single precision in which it computes."""
-    for node in out.nodes.values() if out.tool != "nir" else ():
-        for word, value in vars(node).items():
-            if isinstance(value, np.ndarray) and value.dtype == np.float64:
-                setattr(node, word, value.astype(np.float32))
-    return out.nodes
 
 
 def save_nir(net: Network, path: str | PathLike[str], dt: float | None = None, for_: str | None = None) -> Verdicts:
@@ -370,11 +367,6 @@ def _layer(out: Written, part: Projection) -> int:
     return 2 if isinstance(model, iaf_psc_exp) and not isinstance(model, cuba_lif) else 1
 
 
-def _lags(out: Written, part: Projection) -> int:
-    """Steps that the first spike takes until it acts on V_m."""
-    return int(part.delay_span[0]) - 1 + _layer(out, part)
-
-
 def _spiking(out: Written) -> list[Projection]:
     """Projections of spikes among generators and neurons, but those that are biases."""
     found = [p for p in out.program.projections if p.carries == "spikes" and p.target in out.neurons]
@@ -410,7 +402,9 @@ def _find_depths(out: Written) -> None:
     for _ in range(count):
         for source, target, steps in direct:
             depths[target] = max(depths[target], depths[source] + steps)
-    shorten(depths, [(p.source, p.target, _lags(out, p)) for p in forward])  # no Delay is negative
+    shorten(
+        depths, [(p.source, p.target, (int(p.delay_span[0]) - 1 + _layer(out, p))) for p in forward]
+    )  # no Delay is negative
     out.depths.update((k, int(depth)) for k, depth in enumerate(depths))
 
 

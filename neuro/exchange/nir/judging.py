@@ -142,7 +142,15 @@ def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) ->
     found = Read(plain, find_tool(from_, plain.metadata), step)
     if found.tool is None and any(node.kind in STATEFUL for node in plain.nodes.values()):
         raise ModelError(f"{plain.source}: nothing says which tool wrote it, on which spikes depend", hint=ASK)
-    _check_step(found)
+    # Refuse a step that was meant in seconds, as NIR's times are.
+    words = () if found.tool in ("sinabs", "snntorch") else ("tau", "tau_mem", "tau_syn")
+    nodes = found.graph.nodes.values()
+    taus = [node.array(w).min() for node in nodes for w in words if w in node.fields and not node.problem[0]]
+    steps = float(min(taus)) / found.step if taus else 0.0
+    if LONG < steps < math.inf:
+        said = f"dt = {found.step * 1e3:g} ms"
+        message = f"{found.graph.source}: {said}: the shortest time constant is {steps:,.0f} steps"
+        raise ModelError(message, hint=f"dt is in ms: dt={found.step * 1e6:g} for steps of {found.step * 1e3:g} s")
     for node in plain.nodes.values():
         _judge(found, node, reset)
     if not found.table().refused:
@@ -155,18 +163,6 @@ def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) ->
                 how = f"{old.how}; its convolution is {some(weights, 'weight')}, as a grid has one stride for both axes"
                 found.verdicts[link.target] = replace(old, how=how)
     return found
-
-
-def _check_step(found: Read) -> None:
-    """Refuse a step that was meant in seconds, as NIR's times are."""
-    words = () if found.tool in ("sinabs", "snntorch") else ("tau", "tau_mem", "tau_syn")
-    nodes = found.graph.nodes.values()
-    taus = [node.array(w).min() for node in nodes for w in words if w in node.fields and not node.problem[0]]
-    steps = float(min(taus)) / found.step if taus else 0.0
-    if LONG < steps < math.inf:
-        said = f"dt = {found.step * 1e3:g} ms"
-        message = f"{found.graph.source}: {said}: the shortest time constant is {steps:,.0f} steps"
-        raise ModelError(message, hint=f"dt is in ms: dt={found.step * 1e6:g} for steps of {found.step * 1e3:g} s")
 
 
 def _judge(found: Read, node: Node, reset: str | None) -> None:

@@ -93,18 +93,20 @@ class Gathered:
         """The network, with the rates that the script has set while it ran."""
         for part, name in self.names.items():
             if part.rates and name in self.net.populations:
-                self.net.populations[name] = replace(self.net.populations[name], model=self._scheduled(part))
+                first: Any = self.net.populations[self.names[part]].model
+                rates = {self.step: np.broadcast_to(first.rate, part.size)}
+                rates |= {max(self.step, self._rounded(time, "times")): values for time, values in part.rates}
+                table = np.array(list(rates.values()))
+                values = table[:, 0] if (table == table[:, :1]).all() else table.T
+                window = {"start": first.start, "stop": first.stop}
+                self.net.populations[name] = replace(
+                    self.net.populations[name],
+                    model=MODELS["inhomogeneous_poisson_generator"](
+                        rate_times=list(rates), rate_values=values, **window
+                    ),
+                )
                 part.rates = []
         return self.net
-
-    def _scheduled(self, part: Any) -> Any:
-        first: Any = self.net.populations[self.names[part]].model
-        rates = {self.step: np.broadcast_to(first.rate, part.size)}
-        rates |= {max(self.step, self._rounded(time, "times")): values for time, values in part.rates}
-        table = np.array(list(rates.values()))
-        values = table[:, 0] if (table == table[:, :1]).all() else table.T
-        window = {"start": first.start, "stop": first.stop}
-        return MODELS["inhomogeneous_poisson_generator"](rate_times=list(rates), rate_values=values, **window)
 
     def _each(self, parts: Iterable[tuple[Where | None, Callable[[Any], None], Any]]) -> None:
         for where, add, part in parts:
@@ -132,21 +134,18 @@ class Gathered:
             model, initial = self._source(kind, part.values, what), {}
         elif kind in BY_NAME:
             cell = BY_NAME[kind]
-            model = MODELS[cell.model](**self._parameters(part, cell))
+            found = {word: shared(value) for word, value in cell.here(part.values).items()}
+            found["t_ref"] = self._rounded(found["t_ref"], "refractory periods") if "t_ref" in found else 0.0
+            if "t_ref" not in cell.words and "t_ref" not in cell.fixed:
+                del found["t_ref"]
+            if part in self.tau_minus:
+                found["tau_minus"] = self.tau_minus[part]
+            model = MODELS[cell.model](**found)
             initial = self._initial(part, cell)
         else:
             raise Incomplete(f"{what}: {kind} has no counterpart")
         positions = np.ascontiguousarray(part.positions.T) if part.laid_out else None
         self.net.population(name, part.size, model, initial=initial, positions=positions)
-
-    def _parameters(self, part: Any, cell: Cell) -> dict[str, Any]:
-        found = {word: shared(value) for word, value in cell.here(part.values).items()}
-        found["t_ref"] = self._rounded(found["t_ref"], "refractory periods") if "t_ref" in found else 0.0
-        if "t_ref" not in cell.words and "t_ref" not in cell.fixed:
-            del found["t_ref"]
-        if part in self.tau_minus:
-            found["tau_minus"] = self.tau_minus[part]
-        return found
 
     def _initial(self, part: Any, cell: Cell) -> dict[str, Any]:
         found = {}
@@ -293,7 +292,11 @@ class Gathered:
         if kind == "StaticSynapse":
             return SYNAPSES["static"]()
         if kind == "TsodyksMarkramSynapse":
-            return self._short_term(bundle, rule)
+            share, tau_rec, tau_fac = bundle.numbers("U"), bundle.number("tau_rec"), bundle.number("tau_facil")
+            active = bundle.target.values.get(f"tau_syn_{'I' if bundle.made.receptor_type == 'inhibitory' else 'E'}")
+            if active is not None:
+                self._note(difference(float(np.mean(share)), tau_rec, tau_fac, float(np.mean(active))))
+            return SYNAPSES["tsodyks2"](U=self._laid(share, rule, bundle), tau_rec=tau_rec, tau_fac=tau_fac)
         if kind != "STDPMechanism":
             raise Incomplete(f"{kind} has no counterpart")
         if np.ndim(factor):
@@ -312,13 +315,6 @@ class Gathered:
         if timing != "SpikePairRule":
             raise Incomplete(f"{timing} with {dependence} has no counterpart")
         return self._pair(bundle, dependence, factor)
-
-    def _short_term(self, bundle: Synapses, rule: Rule) -> Any:
-        share, tau_rec, tau_fac = bundle.numbers("U"), bundle.number("tau_rec"), bundle.number("tau_facil")
-        active = bundle.target.values.get(f"tau_syn_{'I' if bundle.made.receptor_type == 'inhibitory' else 'E'}")
-        if active is not None:
-            self._note(difference(float(np.mean(share)), tau_rec, tau_fac, float(np.mean(active))))
-        return SYNAPSES["tsodyks2"](U=self._laid(share, rule, bundle), tau_rec=tau_rec, tau_fac=tau_fac)
 
     def _pair(self, bundle: Synapses, dependence: str, factor: float) -> Any:
         if dependence in DEPENDENCES:

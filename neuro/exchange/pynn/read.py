@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, BinaryIO
+from typing import BinaryIO
 from uuid import uuid4
 
 from neuro.core.checks import check
@@ -25,7 +25,7 @@ from neuro.core.extras import needed
 from neuro.core.paths import existing
 from neuro.core.quantities import Quantity
 from neuro.core.system import only_on_linux
-from neuro.exchange.pynn.report import Built, Damaged, Failure, Report, printable
+from neuro.exchange.pynn.report import Damaged, Failure, Report, printable
 from neuro.exchange.verdict import APPROXIMATE, Verdict, Verdicts
 from neuro.model.language import load
 from neuro.model.network import Network
@@ -117,7 +117,22 @@ def _network(path: Path, report: Report, folder: Path, number: int | None) -> Ne
         raise ModelError(f"{path.name}: the script fails: the files of its network are replaced")
     net = load(folder / built.file)
     net.inputs = ()
-    net.verdicts = _verdicts(path.name, built, networks, number, failure)
+    # How long the script runs the network, and by line what is otherwise here.
+    runs, said = built.runs, [path.name]
+    if runs:
+        shown = ", ".join(f"{ms:g}" for ms in runs[:5]) + (", ..." if len(runs) > 5 else "")
+        said.append(f"runs for {sum(runs):g} ms" + (f" ({shown})" if len(runs) > 1 else ""))
+    if len(networks) > 1:
+        lines = ", ".join(str(each.line) for each in networks)
+        chosen = "the last" if number is None else f"number {number}"
+        said.append(f"builds {len(networks)} networks, at lines {lines}: this is {chosen}")
+    if built.notes:
+        said.append("no spikes are compared, since the script is not simulated")
+    notes = [(f"{note.file}:{note.line}" if note.file else path.name, note.message) for note in built.notes]
+    if failure:
+        how = f"the script ends in what it does with results, which are empty here: {failure.message}"
+        notes.append((f"{path.name}:{failure.line}", how))
+    net.verdicts = Verdicts("; ".join(said), tuple(Verdict(place, "line", APPROXIMATE, how) for place, how in notes))
     return net
 
 
@@ -134,27 +149,6 @@ _HINTS = {
     "refused": "only what describes a network is allowed",
     "time": "--seconds allows more",
 }
-
-
-def _verdicts(
-    name: str, built: Built, networks: Sequence[Built], number: int | None, failure: Failure | None
-) -> Verdicts:
-    """How long the script runs the network, and by line what is otherwise here."""
-    runs, said = built.runs, [name]
-    if runs:
-        shown = ", ".join(f"{ms:g}" for ms in runs[:5]) + (", ..." if len(runs) > 5 else "")
-        said.append(f"runs for {sum(runs):g} ms" + (f" ({shown})" if len(runs) > 1 else ""))
-    if len(networks) > 1:
-        lines = ", ".join(str(each.line) for each in networks)
-        chosen = "the last" if number is None else f"number {number}"
-        said.append(f"builds {len(networks)} networks, at lines {lines}: this is {chosen}")
-    if built.notes:
-        said.append("no spikes are compared, since the script is not simulated")
-    notes = [(f"{note.file}:{note.line}" if note.file else name, note.message) for note in built.notes]
-    if failure:
-        how = f"the script ends in what it does with results, which are empty here: {failure.message}"
-        notes.append((f"{name}:{failure.line}", how))
-    return Verdicts("; ".join(said), tuple(Verdict(place, "line", APPROXIMATE, how) for place, how in notes))
 
 
 # -- the process -----------------------------------------------------------------------------------------------------
@@ -213,19 +207,39 @@ def _run(run: _Run, folder: Path) -> Report:
     only_on_linux("running a script of PyNN")
     mark = uuid4().hex
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as report:
+        kept = {name: value for name, value in os.environ.items() if not re.search("TOKEN|SECRET|PASSWORD|KEY", name)}
+        paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
+        own = {
+            "PYTHONPATH": paths,
+            "MPLBACKEND": "Agg",
+            "PYTHONHASHSEED": "0",
+            "TMPDIR": str(folder / "files"),
+            _MARK: mark,
+        }
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", "neuro.exchange.pynn.confined"],
             stdin=subprocess.PIPE,
             stdout=output,
             stderr=subprocess.STDOUT,
             cwd=folder,
-            env=_environment(folder, mark),
+            env=(kept | own | dict.fromkeys(_THREADS, "1")),
             start_new_session=True,
             pass_fds=[report.fileno()],
         )
         assert process.stdin is not None
         try:
-            _send(process.stdin, run, folder, report.fileno())
+            words = {
+                "parent": os.getpid(),
+                "folder": str(folder),
+                "script": str(run.script),
+                "arguments": run.arguments,
+                "memory": int(run.memory * 2**30),
+                "seconds": run.seconds,
+                "report": report.fileno(),
+            }
+            with suppress(BrokenPipeError):
+                process.stdin.write(json.dumps(words).encode())
+                process.stdin.close()
             code = process.wait(run.seconds)
         except subprocess.TimeoutExpired:
             return _failed(f"takes longer than {run.seconds:g} s", "time")
@@ -235,34 +249,6 @@ def _run(run: _Run, folder: Path) -> Report:
             return Report.read(report) or _died(code, output, run)
         except Damaged as error:
             return _failed(f"its report is damaged: {error}", "")
-
-
-def _send(pipe: IO[bytes], run: _Run, folder: Path, report: int) -> None:
-    words = {
-        "parent": os.getpid(),
-        "folder": str(folder),
-        "script": str(run.script),
-        "arguments": run.arguments,
-        "memory": int(run.memory * 2**30),
-        "seconds": run.seconds,
-        "report": report,
-    }
-    with suppress(BrokenPipeError):
-        pipe.write(json.dumps(words).encode())
-        pipe.close()
-
-
-def _environment(folder: Path, mark: str) -> dict[str, str]:
-    kept = {name: value for name, value in os.environ.items() if not re.search("TOKEN|SECRET|PASSWORD|KEY", name)}
-    paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
-    own = {
-        "PYTHONPATH": paths,
-        "MPLBACKEND": "Agg",
-        "PYTHONHASHSEED": "0",
-        "TMPDIR": str(folder / "files"),
-        _MARK: mark,
-    }
-    return kept | own | dict.fromkeys(_THREADS, "1")
 
 
 def _end(process: subprocess.Popen[bytes], mark: str) -> None:

@@ -214,11 +214,6 @@ def _spinnaker_cells() -> dict[str, Any]:
     return found
 
 
-def _spinnaker_synapses() -> dict[str, Any]:
-    """PyNN's synapses as sPyNNaker has them: the receptor decides, not the sign of a weight."""
-    return {name: type(name, (kind,), {"parameter_checks": {}}) for name, kind in SYNAPSES.items()}
-
-
 def spinnaker_names() -> dict[str, Any]:
     """What sPyNNaker's module offers beyond PyNN's, by name."""
     ours = {
@@ -230,7 +225,7 @@ def spinnaker_names() -> dict[str, Any]:
     ours["MultapseConnector"] = FixedTotalNumberConnector
     return {
         **every,
-        **_spinnaker_synapses(),
+        **{name: type(name, (kind,), {"parameter_checks": {}}) for name, kind in SYNAPSES.items()},
         **ours,
         "IFCurDelta": every["IF_curr_delta"],
         "IFCurrDelta": every["IF_curr_delta"],
