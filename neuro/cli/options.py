@@ -63,7 +63,7 @@ def with_settings(command: Callable[..., Any]) -> Callable[..., Any]:
     hints = get_type_hints(command, include_extras=True)
     for each in inspect.signature(command).parameters.values():
         kind = hints[each.name]
-        if is_dataclass(kind):
+        if isinstance(kind, type) and is_dataclass(kind):
             settings[each.name] = kind
             parameters += _options_of(kind)
         else:

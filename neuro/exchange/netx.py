@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.chips.arithmetic import is_whole
+from neuro.core.checks import is_number
 from neuro.core.errors import ModelError
 from neuro.core.hdf5 import check_tree
 from neuro.core.inputs import record_input
@@ -367,7 +368,9 @@ def _words(group: h5py.Group, where: str) -> dict[str, Any]:
 def _value(item: h5py.Dataset, word: str, where: str) -> Any:
     """A text, an array, a whole number or several."""
     most, least = WHOLE.get(word, (1, 0))
-    expected = "a word" if word in TEXTS else "numbers" if word in ARRAYS else _whole(most, least)
+    several = ("a whole number", "1 or 2 whole numbers", "1 to 3 whole numbers")[most - 1]
+    several += "" if least == -MOST else f" >= {least}"
+    expected = "a word" if word in TEXTS else "numbers" if word in ARRAYS else several
     if not isinstance(item, h5py.Dataset):
         raise ModelError(f"{where}: {word} has no value: expected {expected}")
     value: NDArray[Any] = np.asarray(item[()])
@@ -378,19 +381,8 @@ def _value(item: h5py.Dataset, word: str, where: str) -> Any:
         return listed[0]
     if word in ARRAYS and value.dtype.kind in "iuf":
         return value.astype(np.float64)
-    if word in WHOLE and 1 <= len(listed) <= most and all(_is_whole(each, least) for each in listed):
+    are_whole = all(is_number(each) and least <= each <= MOST and each == int(each) for each in listed)
+    if word in WHOLE and 1 <= len(listed) <= most and are_whole:
         return int(listed[0]) if most == 1 else tuple(map(int, listed))
     found = listed if value.shape else listed[0]
     raise ModelError(f"{where}: {word} = {found!r:.60}: expected {expected}")
-
-
-def _is_whole(number: Any, least: int) -> bool:
-    """Whether it is one, also as a float."""
-    is_number = isinstance(number, int | float) and not isinstance(number, bool)
-    return is_number and least <= number <= MOST and number == int(number)
-
-
-def _whole(most: int, least: int) -> str:
-    """What is expected of whole numbers."""
-    several = {1: "a whole number", 2: "1 or 2 whole numbers", 3: "1 to 3 whole numbers"}[most]
-    return several if least == -MOST else f"{several} >= {least}"

@@ -279,7 +279,13 @@ def do(path: str, chunk: Sequence[tuple[str, dict[str, Any], int | None, int | N
         The hash of each and whether it failed.
     """
     done: list[tuple[str, bool]] = []
-    pool = _pool(path)
+    # The process of this thread for a folder.
+    held: Any = getattr(_mine, "pool", None)
+    if held is None or _mine.path != path:
+        if held is not None:
+            held.close()
+        _mine.pool, _mine.path = Cores(Folder(Path(path)), 1), path
+    pool: Cores = _mine.pool
     try:
         pool.run([RunItem(*each) for each in chunk], lambda key, failed: done.append((key, failed)))
     except BaseException:
@@ -287,17 +293,6 @@ def do(path: str, chunk: Sequence[tuple[str, dict[str, Any], int | None, int | N
         _mine.pool = None
         raise
     return done
-
-
-def _pool(path: str) -> Cores:
-    """The process of this thread for a folder."""
-    held: Any = getattr(_mine, "pool", None)
-    if held is None or _mine.path != path:
-        if held is not None:
-            held.close()
-        _mine.pool, _mine.path = Cores(Folder(Path(path)), 1), path
-    pool: Cores = _mine.pool
-    return pool
 
 
 CORES, HERE = "cores", "here"
@@ -375,7 +370,10 @@ def doing(
         ModelError: there are no such workers, or a run cannot be kept.
     """
     if place.on == HERE:
-        with closing(_worker(runs, folder)) as worker:
+        # A worker in this process, which cannot end a run that takes too long.
+        if runs.limits.seconds is not None:
+            raise ModelError("a limit of time needs a process for each run: expected on = 'cores'")
+        with closing(Worker(folder, runs.run, runs.limits, runs.inputs)) as worker:
             yield _here(worker, folder, tell, more, say, wait)
     elif place.cluster:
         from neuro.sweeps.executors import on_cluster
@@ -385,13 +383,6 @@ def doing(
         threads = runs.run.threads if isinstance(runs.run, NetworkRun) else 1
         with Cores(folder, place.workers or cores(threads)) as pool:
             yield lambda items: pool.run(items, tell, more, say)
-
-
-def _worker(runs: Definition, folder: Folder) -> Worker:
-    """A worker in this process, which cannot end a run that takes too long."""
-    if runs.limits.seconds is not None:
-        raise ModelError("a limit of time needs a process for each run: expected on = 'cores'")
-    return Worker(folder, runs.run, runs.limits, runs.inputs)
 
 
 def _here(worker: Worker, folder: Folder, tell: Tell, more: More | None, say: Say | None, wait: bool) -> Do:

@@ -344,7 +344,11 @@ class Folder:
         with self.telling(self.path):
             for each in (self.path, self.runs, self.claims):
                 make_folder(each)
-            self._clear()
+            # Remove what processes of this machine that were killed have left.
+            for name in os.listdir(self.runs):
+                found = _ASIDE.fullmatch(name)
+                if found and found[1] == _tag() and began(int(found[2])) != found[3]:
+                    shutil.rmtree(self.runs / name, ignore_errors=True)
             (self.claims / f".try-{os.getpid()}").touch()
             (self.claims / f".try-{os.getpid()}").unlink()
         if not file.exists():
@@ -457,20 +461,17 @@ class Folder:
                 content = {"format": _RUN, **asdict(outcome)}
                 content[SUM] = sum_of(content)
                 (aside / "run.json").write_text(json.dumps(content, ensure_ascii=False) + "\n", "utf-8")
-                self._rename(aside, outcome.key)
+                try:
+                    aside.rename(self.runs / outcome.key)
+                except OSError as error:
+                    if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+                        raise
+                    if self.outcome(outcome.key) is None:  # what a machine that lost its power left
+                        self.forget(outcome.key)
+                        aside.rename(self.runs / outcome.key)
             finally:
                 if aside.exists():
                     shutil.rmtree(aside, ignore_errors=True)
-
-    def _rename(self, aside: Path, key: str) -> None:
-        try:
-            aside.rename(self.runs / key)
-        except OSError as error:
-            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
-                raise
-            if self.outcome(key) is None:  # what a machine that lost its power left
-                self.forget(key)
-                aside.rename(self.runs / key)
 
     def forget(self, key: str) -> None:
         """Take a run away, at once."""
@@ -482,13 +483,6 @@ class Folder:
     def _aside(self, key: str) -> Path:
         """A new name beside a run, which tells whose it is."""
         return self.runs / f".{key}.{_tag()}.{os.getpid()}-{began(os.getpid())}.{next(_number)}"
-
-    def _clear(self) -> None:
-        """Remove what processes of this machine that were killed have left."""
-        for name in os.listdir(self.runs):
-            found = _ASIDE.fullmatch(name)
-            if found and found[1] == _tag() and began(int(found[2])) != found[3]:
-                shutil.rmtree(self.runs / name, ignore_errors=True)
 
     @contextmanager
     def telling(self, path: Path) -> Iterator[None]:

@@ -95,7 +95,7 @@ def _of_search(
     yield tag("div", *_search_cards(found, trials), class_="cards")
     units = said.get("units", {})
     yield from _best(found, units)
-    yield from _objectives(found, trials, units)
+    yield from _objectives(found, trials)
     yield from _failures(found, outcomes, [trial for trial in trials if trial.has_no_value and trial.error])
     yield from _rows(found, units)
     yield from _origin(said, outcomes)
@@ -252,7 +252,7 @@ def _best(found: TuneTable, units: Units) -> Iterator[Html]:
     yield table(_headed([f">{name}" for name in names], units), body[:MOST_BEST], more)
 
 
-def _objectives(found: TuneTable, trials: Sequence[FoundTrial], units: Units) -> Iterator[Html]:
+def _objectives(found: TuneTable, trials: Sequence[FoundTrial]) -> Iterator[Html]:
     done = [trial for trial in trials if trial.values is not None]
     if not done:
         yield tag("p", "No trial is done yet.")

@@ -443,7 +443,9 @@ def _history(table: TuneTable, done: Sequence[FoundTrial], title: str, wide: flo
 def _front(table: TuneTable, done: Sequence[FoundTrial], title: str, wide: float) -> Figure:
     """Two objectives against each other, and the trials that no other beats, joined in steps."""
     figure, (axis,) = _figure(title, wide)
-    (x_name, x_way), (y_name, y_way) = _pair(table)
+    # The first two objectives; what is minimised, a cost, to the right.
+    first, second = list(table.plan.objectives.items())[:2]
+    (x_name, x_way), (y_name, y_way) = [second, first] if first[1] == MAXIMISE else [first, second]
     (x_factor, x_label), (y_factor, y_label) = (_unit(table, name, done) for name in (x_name, y_name))
     x, y = x_factor * _column(table, done, x_name), y_factor * _column(table, done, y_name)
     best = table.best()
@@ -458,7 +460,8 @@ def _front(table: TuneTable, done: Sequence[FoundTrial], title: str, wide: float
         where = "post" if x_way != MAXIMISE else "pre"
         axis.step(front_x[order], front_y[order], where=where, color=COLOURS[0], linewidth=1.2)
     axis.plot(front_x, front_y, "o", color=COLOURS[0], markersize=6, label="no other beats these")
-    tests = _tests(table, x_name, y_name)
+    found = [(row.get(f"test.{x_name}"), row.get(f"test.{y_name}")) for row in table.rows()]
+    tests = [(x, y) for x, y in found if x is not None and y is not None]
     if tests:
         test_x, test_y = np.array(tests).T
         axis.plot(x_factor * test_x, y_factor * test_y, "x", color=COLOURS[1], markersize=7, label="the same, held out")
@@ -466,17 +469,6 @@ def _front(table: TuneTable, done: Sequence[FoundTrial], title: str, wide: float
     axis.set_ylabel(literal(f"{y_label}, {y_way}d"))
     axis.legend(frameon=False, fontsize="small", loc="best")
     return figure
-
-
-def _pair(table: TuneTable) -> list[tuple[str, str]]:
-    """The first two objectives; what is minimised, a cost, to the right."""
-    first, second = list(table.plan.objectives.items())[:2]
-    return [second, first] if first[1] == MAXIMISE else [first, second]
-
-
-def _tests(table: TuneTable, x_name: str, y_name: str) -> list[tuple[float, float]]:
-    found = [(row.get(f"test.{x_name}"), row.get(f"test.{y_name}")) for row in table.rows()]
-    return [(x, y) for x, y in found if x is not None and y is not None]
 
 
 def _importance(table: TuneTable, title: str, wide: float) -> Figure:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from optuna.pruners import BasePruner
     from optuna.samplers import BaseSampler
     from optuna.study import Study
-    from optuna.trial import FrozenTrial, Trial
+    from optuna.trial import FrozenTrial
 
 
 @dataclass
@@ -138,19 +138,24 @@ class Asker:
         elif worse or any(one.outcome == PRUNED for one in each):
             self._end(number, self._states.PRUNED)
         elif len(there) == len({item.key for item in going.items}):
-            self._judge(number, each)
+            metrics = mean_metrics([one.metrics for one in each])
+            try:
+                values = worth(metrics, self._plan.objectives)
+            except ModelError:
+                self._end(number, self._states.FAIL)
+                if not all(name in metrics for name in self._plan.objectives):
+                    raise
+            else:
+                self._end(number, self._states.COMPLETE, values)
         else:
             left = [item for item in going.items if item.key not in there and item.key not in going.asked]
             one_by_one = self._plan.prune and self._plan.runs > 1
             if not one_by_one or not going.asked - set(there):
-                self._hand_out(going, left[:1] if one_by_one else left)
-
-    def _hand_out(self, going: OpenTrial, items: Sequence[RunItem]) -> None:
-        """Those that another trial waits for are not done twice."""
-        for item in items:
-            if not any(item.key in other.asked for other in self._going.values()):
-                self._queue.append(item)
-            going.asked.add(item.key)
+                # Those that another trial waits for are not done twice.
+                for item in left[:1] if one_by_one else left:
+                    if not any(item.key in other.asked for other in self._going.values()):
+                        self._queue.append(item)
+                    going.asked.add(item.key)
 
     def _worse(self, number: int, there: Mapping[str, RunOutcome]) -> bool:
         """Whether others were better after so many runs of a trial; of a single run its steps are kept here, too."""
@@ -173,17 +178,6 @@ class Asker:
             if way.worse(k, sum(values) / len(values)) and k + 1 < len(items):
                 return True
         return False
-
-    def _judge(self, number: int, each: Sequence[RunOutcome]) -> None:
-        metrics = mean_metrics([one.metrics for one in each])
-        try:
-            values = worth(metrics, self._plan.objectives)
-        except ModelError:
-            self._end(number, self._states.FAIL)
-            if not all(name in metrics for name in self._plan.objectives):
-                raise
-        else:
-            self._end(number, self._states.COMPLETE, values)
 
     def _end(self, number: int, state: Any, values: Sequence[float] | None = None) -> None:
         going = self._going.pop(number)
@@ -269,18 +263,14 @@ def draw(study: Study, plan: SearchPlan, number: int) -> Point:
         trial.number = trial._trial_id = number
         asked = DraftStorage(study._storage, trial).study(sampler=sampler_of(plan, number)).ask()
         for axis in plan.axes:
-            _suggest(asked, axis, plan.sampler == "grid")
+            if axis.values or (plan.sampler == "grid"):
+                asked.suggest_categorical(axis.name, _choices(axis))
+            elif axis.whole:
+                asked.suggest_int(axis.name, int(axis.low), int(axis.high), log=axis.log)
+            else:
+                asked.suggest_float(axis.name, axis.low, axis.high, log=axis.log)
         study.add_trial(trial)
     return point_of(plan, trial.params)
-
-
-def _suggest(trial: Trial, axis: Axis, is_grid: bool) -> None:
-    if axis.values or is_grid:
-        trial.suggest_categorical(axis.name, _choices(axis))
-    elif axis.whole:
-        trial.suggest_int(axis.name, int(axis.low), int(axis.high), log=axis.log)
-    else:
-        trial.suggest_float(axis.name, axis.low, axis.high, log=axis.log)
 
 
 def _read(axis: Axis, value: Any) -> Any:
@@ -424,23 +414,22 @@ class TuneTable(RunRows):
         there = folder.outcomes({item.key: None for each in items for item in each})
         for trial, each in zip(trials, items, strict=True):
             outcomes = [there[item.key] for item in each if item.key in there]
-            found.append(self._found(trial, each, outcomes))
+            state = _OUTCOMES.get(trial.state.name, UNDER_WAY)
+            metrics = mean_metrics([one.metrics for one in outcomes]) if len(outcomes) == len(each) else {}
+            error = next((one.error for one in outcomes if one.failed), "")
+            has_no_value = state == "failed" and not error
+            if has_no_value:
+                try:
+                    worth(metrics, self.plan.objectives)
+                except ModelError as mistake:
+                    error = str(mistake)
+            values = tuple(trial.values) if state == "done" else None
+            found.append(
+                FoundTrial(
+                    trial.number, state, point_of(self.plan, trial.params), each, metrics, values, error, has_no_value
+                )
+            )
         return found
-
-    def _found(self, trial: Any, items: tuple[RunItem, ...], outcomes: list[RunOutcome]) -> FoundTrial:
-        state = _OUTCOMES.get(trial.state.name, UNDER_WAY)
-        metrics = mean_metrics([one.metrics for one in outcomes]) if len(outcomes) == len(items) else {}
-        error = next((one.error for one in outcomes if one.failed), "")
-        has_no_value = state == "failed" and not error
-        if has_no_value:
-            try:
-                worth(metrics, self.plan.objectives)
-            except ModelError as mistake:
-                error = str(mistake)
-        values = tuple(trial.values) if state == "done" else None
-        return FoundTrial(
-            trial.number, state, point_of(self.plan, trial.params), items, metrics, values, error, has_no_value
-        )
 
     def best(self) -> list[FoundTrial]:
         """The trials that no other beats, by the first objective: the best one, or the front of several objectives.

@@ -147,7 +147,12 @@ def save_c(
     program = sim.program
     fixed = quantise(program, target)
     refuse(fixed)
-    outputs = _outputs(net, program)
+    # The populations whose spikes are output.
+    neurons = [part.name for part in program.populations if part.kind == "neuron"]
+    probed = {probe.of for probe in net.probes.values() if "spikes" in probe.record}
+    ends = {part.source for part in net.projections.values() if part.source != part.target}
+    found = tuple(name for name in neurons if name in probed)
+    outputs = found or tuple(name for name in neurons if name not in ends) or tuple(neurons)
     source = source_of(fixed, name, outputs)
     code = 400 + 16 * source.code.count(";")
     for what, limit, size in (("flash", limits["flash"], source.flash + code), ("RAM", limits["RAM"], source.ram)):
@@ -169,19 +174,14 @@ def save_c(
     }
     shared = ["integers.h", f"{target.arithmetic}.h", "Makefile", "m4.c", "m4.ld"]
     shared += ["learning.h"] if '"learning.h"' in source.code else []
-    _write(place, texts | {file: filled(f"c_code/templates/{file}", **words) for file in shared})
+    # Write all files, or none if one of them cannot be written.
+    make_folder(place)
+    with ExitStack() as parts:  # none takes its name before all are written
+        for file, text in (texts | {file: filled(f"c_code/templates/{file}", **words) for file in shared}).items():
+            parts.enter_context(output(place / file, KIND)).write_text(KIND.seal(text), "utf-8")
     graded = words["field"] == "payload"
     spikes = (each.shape[1] if graded else int(each[2].sum()) for each in (run.sent, run.told))
     return CCode(place, name, fixed.chip.title, source.flash, code, source.ram, steps, drawn, *spikes)
-
-
-def _outputs(net: Network, program: Program) -> tuple[str, ...]:
-    """The populations whose spikes are output."""
-    neurons = [part.name for part in program.populations if part.kind == "neuron"]
-    probed = {probe.of for probe in net.probes.values() if "spikes" in probe.record}
-    ends = {part.source for part in net.projections.values() if part.source != part.target}
-    found = tuple(name for name in neurons if name in probed)
-    return found or tuple(name for name in neurons if name not in ends) or tuple(neurons)
 
 
 def _check_given(given: Given | None) -> Given:
@@ -242,14 +242,6 @@ def _data(run: Recorded, name: str) -> str:
     for word, digests in (("spike", run.spikes), ("state", run.states)):
         memory.constants(f"{word}_digests", "uint64_t", [f"UINT64_C({digest})" for digest in digests.tolist()])
     return "\n".join(memory.lines)
-
-
-def _write(folder: Path, texts: Mapping[str, str]) -> None:
-    """Write all files, or none if one of them cannot be written."""
-    make_folder(folder)
-    with ExitStack() as parts:  # none takes its name before all are written
-        for file, text in texts.items():
-            parts.enter_context(output(folder / file, KIND)).write_text(KIND.seal(text), "utf-8")
 
 
 Given = Mapping[str, Sequence[Ints]]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from neuro.chips.loihi.arithmetic import bounds, grain_of
 from neuro.chips.quantising.fixed import FixedProjection
@@ -45,7 +44,10 @@ class Delivery:
     ) -> None:
         self._by_sign, self._sums = by_sign, sums
         self._index, self._part, self._wires, self._to, self._memory = index, part, wires, target, memory
-        self._lags = self._shared("lag", wires.lag, "lags", "steps to the update that sees a spike")
+        self._lags = f"{wires.lag.flat[0] if wires.lag.size else 1}u"
+        if np.any(wires.lag != wires.lag.flat[:1]):
+            about = f"{part.name}: steps to the update that sees a spike"
+            self._lags = f"{memory.table(f'lags_{index}', wires.lag, about)}[e]"
 
     def lines(self, word: str = "") -> list[str]:
         """The function.
@@ -65,11 +67,6 @@ class Delivery:
             return number(int(found.stored.flat[0]) * found.factor if found.stored.size else 0)
         table = self._memory.table(f"words_{self._index}", found.stored, f"{self._part.name}: words")
         return f"{table}[e]" if found.factor == 1 else f"{table}[e] * {number(found.factor)}"
-
-    def _shared(self, one: str, values: NDArray[np.integer], name: str, about: str) -> str:
-        if values.size == 0 or np.all(values == values.flat[0]):
-            return f"{values.flat[0] if values.size else 1}u"
-        return f"{self._memory.table(f'{name}_{self._index}', values, f'{self._part.name}: {about}')}[e]"
 
     @property
     def _own_lags(self) -> bool:

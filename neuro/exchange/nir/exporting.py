@@ -244,7 +244,13 @@ def written(net: Network, dt: float | None, for_: str | None) -> tuple[Any, Verd
     probed = {probe.population for probe in out.program.probes}
     ends = [k for k in out.neurons if k not in sending] or [k for k in out.neurons if k in probed] or list(out.neurons)
     for index in ends:
-        _add_output(out, index)
+        population = out.program.populations[index]
+        name = "output" if "output" not in out.nodes else f"{population.name}_output"
+        if out.neurons[index].kind == READOUT:
+            name = population.name
+        out.nodes[name] = out.nir.Output({"output": np.array(out.shapes[index])})
+        if name != population.name:
+            out.edges.append((population.name, name))
     table = Verdicts(f"{net.name}: for {tool}, steps of {net.resolution:g} ms", tuple(out.verdicts))
     if table.refused:
         return None, table
@@ -349,16 +355,6 @@ def _add_population(out: Written, index: int, part: Population) -> None:
             out.says(part, APPROXIMATE, how, "send the current by a dc_generator with that delay")
         else:
             out.says(part, EXACT, f"{made.how}; {some(depth, 'step')} later here")
-
-
-def _add_output(out: Written, index: int) -> None:
-    part = out.program.populations[index]
-    name = "output" if "output" not in out.nodes else f"{part.name}_output"
-    if out.neurons[index].kind == READOUT:
-        name = part.name
-    out.nodes[name] = out.nir.Output({"output": np.array(out.shapes[index])})
-    if name != part.name:
-        out.edges.append((part.name, name))
 
 
 def _layer(out: Written, part: Projection) -> int:

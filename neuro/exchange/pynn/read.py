@@ -14,9 +14,8 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 from uuid import uuid4
 
 from neuro.core.checks import check
@@ -40,16 +39,6 @@ _SECONDS = Quantity(unit="s", above=0, at_most=86_400)
 _MEMORY = Quantity(above=0, at_most=4096)
 _NUMBER = Quantity(kind="integer", at_least=1)
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
-
-
-@dataclass(frozen=True, slots=True)
-class _Run:
-    """How a script is run."""
-
-    script: Path
-    arguments: Sequence[str]
-    seconds: float
-    memory: float
 
 
 def from_pynn(
@@ -92,10 +81,10 @@ def from_pynn(
     needed("pyNN", "pynn", "PyNN's scripts are read with PyNN, which is not installed")
     if arguments is None:
         arguments = ["nest"] if _ARGUMENTS.search(path.read_text("utf-8", "replace")) else []
-    limits = check(_SECONDS, seconds, "seconds"), check(_MEMORY, memory, "memory")
+    limits = {"seconds": check(_SECONDS, seconds, "seconds"), "memory": int(check(_MEMORY, memory, "memory") * 2**30)}
     chosen = None if network is None else check(_NUMBER, network, "network")
     with _folder(path) as folder:
-        report = _run(_Run(path.resolve(), list(arguments), *limits), folder)
+        report = _run({"script": str(path.resolve()), "arguments": list(arguments), **limits}, folder)
         return _network(path, report, folder / "networks", chosen)
 
 
@@ -199,8 +188,10 @@ def _mirror(source: Path, target: Path) -> None:
             (inside / name).symlink_to(Path(root) / name)
 
 
-def _run(run: _Run, folder: Path) -> Report:
+def _run(words: dict[str, Any], folder: Path) -> Report:
     """Run a script to its end, or end it; nothing that it has started stays.
+
+    `words` are the script, its arguments, and its limits in seconds and bytes.
 
     The report and what is printed are files without a name, so that the script can put nothing else in their place.
     """
@@ -222,31 +213,23 @@ def _run(run: _Run, folder: Path) -> Report:
             stdout=output,
             stderr=subprocess.STDOUT,
             cwd=folder,
-            env=(kept | own | dict.fromkeys(_THREADS, "1")),
+            env=kept | own | dict.fromkeys(_THREADS, "1"),
             start_new_session=True,
             pass_fds=[report.fileno()],
         )
         assert process.stdin is not None
         try:
-            words = {
-                "parent": os.getpid(),
-                "folder": str(folder),
-                "script": str(run.script),
-                "arguments": run.arguments,
-                "memory": int(run.memory * 2**30),
-                "seconds": run.seconds,
-                "report": report.fileno(),
-            }
+            words |= {"parent": os.getpid(), "folder": str(folder), "report": report.fileno()}
             with suppress(BrokenPipeError):
                 process.stdin.write(json.dumps(words).encode())
                 process.stdin.close()
-            code = process.wait(run.seconds)
+            code = process.wait(words["seconds"])
         except subprocess.TimeoutExpired:
-            return _failed(f"takes longer than {run.seconds:g} s", "time")
+            return _failed(f"takes longer than {words['seconds']:g} s", "time")
         finally:
             _end(process, mark)
         try:
-            return Report.read(report) or _died(code, output, run)
+            return Report.read(report) or _died(code, output, words["seconds"])
         except Damaged as error:
             return _failed(f"its report is damaged: {error}", "")
 
@@ -263,9 +246,9 @@ def _end(process: subprocess.Popen[bytes], mark: str) -> None:
                 os.kill(int(folder.name), signal.SIGKILL)
 
 
-def _died(code: int, output: BinaryIO, run: _Run) -> Report:
+def _died(code: int, output: BinaryIO, seconds: float) -> Report:
     if code == -signal.SIGXCPU:
-        return _failed(f"takes longer than {run.seconds:g} s", "time")
+        return _failed(f"takes longer than {seconds:g} s", "time")
     names = {each.value: each.name for each in signal.Signals}
     how = f"is ended by {names.get(-code, f'signal {-code}')}" if code < 0 else f"ends with {code}"
     size = os.fstat(output.fileno()).st_size

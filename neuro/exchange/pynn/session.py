@@ -64,14 +64,17 @@ class Experiment:
         return Built(file, problems, notes, tuple(self.runs), self.where.line if self.where else 0)
 
 
-class Session(mock_simulator.State):  # type: ignore[misc]
+class Session(mock_simulator.State):
     """The run of one script, and the clock of its simulator.
 
     Attributes:
         files: beginnings of names of files whose lines are the script's.
         experiment: the network that is being built.
         read: whether the script has read results.
+        networks: what was built until it ran, with its network here; files of those are in `saved`.
     """
+
+    min_delay: Any
 
     def __init__(self) -> None:
         super().__init__()

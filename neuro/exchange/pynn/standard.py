@@ -196,40 +196,27 @@ class SpikeSourcePoissonVariable(StandardCellType):
     units = {"spikes": "ms"}
 
 
-def _spinnaker_cells() -> dict[str, Any]:
-    """PyNN's cells as sPyNNaker has them: they record both names of a synaptic input and receive dopamine."""
-    found = {}
-    for name, kind in CELLS.items():
-        if name.startswith("SpikeSource"):
-            found[name] = kind
-            continue
-        inputs = {"gsyn_exc": "uS", "gsyn_inh": "uS"}
-        words = {
-            "recordable": list(dict.fromkeys([*kind.recordable, *inputs])),
-            "units": {**inputs, **kind.units},
-            "receptor_types": ("excitatory", "inhibitory", "reward", "punishment"),
-        }
-        found[name] = type(name, (kind,), words)
-    found["Izhikevich"] = Absent("sPyNNaker's Izhikevich, whose synaptic currents are exponential,")
-    return found
-
-
 def spinnaker_names() -> dict[str, Any]:
-    """What sPyNNaker's module offers beyond PyNN's, by name."""
-    ours = {
-        "Neuromodulation": Neuromodulation,
-        "Vogels2011Rule": Vogels2011Rule,
-        "SpikeSourcePoissonVariable": SpikeSourcePoissonVariable,
-    }
-    every = _spinnaker_cells()
-    ours["MultapseConnector"] = FixedTotalNumberConnector
-    return {
-        **every,
-        **{name: type(name, (kind,), {"parameter_checks": {}}) for name, kind in SYNAPSES.items()},
-        **ours,
-        "IFCurDelta": every["IF_curr_delta"],
-        "IFCurrDelta": every["IF_curr_delta"],
-    }
+    """Return what sPyNNaker's module offers beyond PyNN's, by name.
+
+    Its cells record both names of a synaptic input and receive dopamine. Its receptor decides the sign of a weight, so
+    weights are not checked.
+    """
+    ours: dict[str, Any] = {name: kind for name, kind in CELLS.items() if name.startswith("SpikeSource")}
+    for name, kind in CELLS.items():
+        if name not in ours:
+            inputs = {"gsyn_exc": "uS", "gsyn_inh": "uS"}
+            words = {
+                "recordable": list(dict.fromkeys([*kind.recordable, *inputs])),
+                "units": {**inputs, **kind.units},
+                "receptor_types": ("excitatory", "inhibitory", "reward", "punishment"),
+            }
+            ours[name] = type(name, (kind,), words)
+    ours["Izhikevich"] = Absent("sPyNNaker's Izhikevich, whose synaptic currents are exponential,")
+    ours["IFCurDelta"] = ours["IFCurrDelta"] = ours["IF_curr_delta"]
+    ours |= {name: type(name, (kind,), {"parameter_checks": {}}) for name, kind in SYNAPSES.items()}
+    ours |= {kind.__name__: kind for kind in (Neuromodulation, Vogels2011Rule, SpikeSourcePoissonVariable)}
+    return ours | {"MultapseConnector": FixedTotalNumberConnector}
 
 
 def converted(name: str) -> Any:
