@@ -33,7 +33,6 @@ _ROOMS = (
     "neuro.events.formats",
     "neuro.coding",
     "neuro.sweeps.function",
-    "neuro.sweeps.function",
 )
 """Where registries are made. A class or an instance has brought its own along; a plain function has not."""
 
