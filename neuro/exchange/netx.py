@@ -374,7 +374,9 @@ def _value(item: h5py.Dataset, word: str, where: str) -> Any:
     if not isinstance(item, h5py.Dataset):
         raise ModelError(f"{where}: {word} has no value: expected {expected}")
     value: NDArray[Any] = np.asarray(item[()])
-    listed = [each.decode("ascii") if isinstance(each, bytes) else each for each in value.ravel()[:20].tolist()]
+    listed: list[Any] = [
+        each.decode("ascii") if isinstance(each, bytes) else each for each in value.ravel()[:20].tolist()
+    ]
     if word in PRESENT:
         return True
     if word in TEXTS and len(listed) == 1 and isinstance(listed[0], str):
