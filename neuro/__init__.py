@@ -100,8 +100,8 @@ if TYPE_CHECKING:
     from neuro.run.simulation import Simulation as Simulation
     from neuro.run.stepper import Stepper as Stepper
     from neuro.run.trials import TrialCounts as TrialCounts, TrialResults as TrialResults
-    from neuro.sweeps.calling import sweep as sweep, tune as tune, tuned as tuned
-    from neuro.sweeps.metrics import Pruned as Pruned, report_step as report_step
+    from neuro.sweeps.execute import sweep as sweep, tune as tune, tuned as tuned
+    from neuro.sweeps.function import Pruned as Pruned, report_step as report_step
     from neuro.sweeps.table import SweepTable as SweepTable
     from neuro.sweeps.trials import TuneTable as TuneTable
 

@@ -20,7 +20,7 @@ from neuro.core import growing
 from neuro.core.growing import JournaledFile, JournalReader
 from neuro.core.hdf5 import FRONT
 from neuro.files.parts import Stored
-from neuro.rerun.again import first_difference
+from neuro.rerun import first_difference
 
 
 def network():

@@ -355,7 +355,7 @@ def rerun(
     from neuro.cli.recorded import repeated
     from neuro.core.progress import Bar
     from neuro.core.values import printable
-    from neuro.rerun.again import rerun as again
+    from neuro.rerun import rerun as again
 
     repeat = partial(repeated, context.find_root().command)
     with Bar() as bar:

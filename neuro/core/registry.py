@@ -34,7 +34,6 @@ _ROOMS = (
     "neuro.events",
     "neuro.events.formats",
     "neuro.coding",
-    "neuro.sweeps.metrics",
     "neuro.sweeps.function",
 )
 """Where registries are made. A class or an instance has brought its own along; a plain function has not."""

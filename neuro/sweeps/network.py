@@ -27,7 +27,7 @@ from neuro.model.language.reader import Node
 from neuro.model.network import Network
 from neuro.model.parts import Population, Projection
 from neuro.program.backend import find_backend
-from neuro.sweeps.metrics import UNITS, check_metrics, measured, report_step
+from neuro.sweeps.function import UNITS, check_metrics, measured, report_step
 
 if TYPE_CHECKING:
     from neuro.run.simulation import Simulation
