@@ -15,13 +15,12 @@ from neuro import ModelError
 from neuro.apps import Bar, Checkpoint, Quantity, check, check_output, hdf5
 from neuro_agent import files
 from neuro_agent.environments import Environments
-from neuro_agent.log import Log, Test
-from neuro_agent.settings import SEED
+from neuro_agent.learner import Log, Test
+from neuro_agent.network import SEED
 
 if TYPE_CHECKING:
     from neuro_agent.learner import Learner
 
-__all__ = ["CONTROLS", "Course", "episode_seed", "test", "train"]
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -292,6 +291,7 @@ def train(
 
 
 def fitting(agent: Learner, env: Any, patience: float) -> Environments:
+    """Return the environments, whose spaces must be those for which the agent was made."""
     worlds = Environments(env, patience)
     for what, known, found in (
         ("observations", agent.observations, worlds.observations),

@@ -25,17 +25,15 @@ from neuro import ModelError
 from neuro.apps import html, output, sealed
 from neuro_agent import files
 from neuro_agent.deployed import Frozen
-from neuro_agent.environments import Environments
+from neuro_agent.environments import Environments, why
 from neuro_agent.network import circuit
 from neuro_agent.training import TESTS, episode_seed, fitting
-from neuro_agent.worlds import why
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
     from neuro_agent.learner import Learner
 
-__all__ = ["Episode", "page", "played", "watch"]
 
 PAGE = sealed(
     "a page of 'neuro agent watch'", '<meta name="generator" content="neuro agent watch">', "<!-- digest {} -->"

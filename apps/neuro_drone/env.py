@@ -16,18 +16,13 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import kernel, unknown
 from neuro.events import Events
-from neuro_drone.ball import BallTask
-from neuro_drone.body import Body
-from neuro_drone.bullet import body_of
+from neuro_drone.body import Body, body_of
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import CameraView, WorldScene
-from neuro_drone.line import LineTask
 from neuro_drone.parts import Load, Motors, Wind
 from neuro_drone.paths import FIXED, Variation
 from neuro_drone.scenario import Ball, Scenario, errors, load
-from neuro_drone.tasks import Judged, Task
-
-__all__ = ["ACTIONS", "SPACE", "DroneEnv", "Weather", "continuous", "discrete", "model"]
+from neuro_drone.tasks import BallTask, Judged, LineTask, Task
 
 CELLS = 8
 OBSERVATIONS = ("counts", "binary", "frame", "normalised")

@@ -12,8 +12,6 @@ from neuro import ModelError
 from neuro.apps import Node, Quantity, Where, about, check, check_fields, mistake, plain, read, setting, unknown, words
 from neuro_drone.parts import GRAVITY, MASS, Ball, Camera, Drone, Ground, Line, Load, Motors, Wind, WorldPart
 
-__all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Load", "Motors", "Scenario", "Wind", "errors", "load"]
-
 FOLDER = Path(__file__).parent / "scenarios"
 NAMES = tuple(sorted(file.stem for file in FOLDER.glob("*.yaml")))
 """The scenarios that come along."""

@@ -29,9 +29,7 @@ from neuro_drone.geometry import CameraView
 from neuro_drone.model import Model, packed, unpacked
 from neuro_drone.parts import Ball, Line
 from neuro_drone.paths import VARIED, FlightCourse
-from neuro_drone.pictures import motors
-
-__all__ = ["Flight", "FlightSpikes", "fly", "listening", "page", "watch"]
+from neuro_drone.report import motors
 
 MOST = 3_000_000
 """Events, and spikes of a population, of a page; of more an even choice is shown."""

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from neuro.chips.pricing.energy import COLUMNS
+from neuro.compare.differences import Divergence
 from neuro.compare.result import Bill, Comparison, PopulationResult, Run
-from neuro.compare.spikes import Divergence
 from neuro.core.tables import table
 
 INPUTS = {"same": "the same", "merged": "the same, several spikes in a step as one", "other": "not the same"}

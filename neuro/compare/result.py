@@ -9,8 +9,7 @@ from typing import Any
 from neuro.chips.placing.placement import Placement
 from neuro.chips.pricing.energy import Energy
 from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.compare.spikes import ComparedSpikes, Distance, Divergence
-from neuro.compare.weights import WeightDifference
+from neuro.compare.differences import ComparedSpikes, Distance, Divergence, WeightDifference
 from neuro.core.outputs import sealed
 from neuro.core.tables import Table, as_html, as_text
 from neuro.pages.histograms import Histogram

@@ -16,10 +16,17 @@ from neuro.chips.placing.placement import Placement
 from neuro.chips.pricing.price import RULES_APPLIED
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.quantise import quantise
-from neuro.compare import spikes
+from neuro.compare.differences import (
+    ComparedSpikes,
+    difference,
+    distance,
+    divergence,
+    histograms,
+    learnt,
+    rounding,
+    same_steps,
+)
 from neuro.compare.result import Bill, Comparison, PopulationResult, Run
-from neuro.compare.spikes import ComparedSpikes
-from neuro.compare.weights import difference, histograms, learnt, rounding
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.extras import install
@@ -203,11 +210,11 @@ def _against(run: Run, first: Run | None, duration_ms: float) -> Run:
     populations = {}
     for name, part in run.populations.items():
         mine, its = first.trains[name], run.trains[name]
-        found = spikes.divergence(mine, its)
-        far = spikes.distance(mine, its, duration_ms)
+        found = divergence(mine, its)
+        far = distance(mine, its, duration_ms)
         populations[name] = replace(part, same=found is None, first=found, distance=far)
     inputs = [name for name, part in populations.items() if part.generator and not part.same]
-    merged = all(spikes.same_steps(first.trains[name], run.trains[name]) for name in inputs)
+    merged = all(same_steps(first.trains[name], run.trains[name]) for name in inputs)
     return replace(
         run,
         populations=populations,

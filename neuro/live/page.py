@@ -23,11 +23,9 @@ from neuro.core.extras import needed
 from neuro.core.quantities import Quantity
 from neuro.live.beside import Beside
 from neuro.live.channel import Channel
-from neuro.live.commands import Commands
+from neuro.live.commands import SPEED, Commands, Pace
 from neuro.live.facts import about, shown_value
-from neuro.live.frames import Frames
-from neuro.live.pace import SPEED, Pace
-from neuro.live.weights import weights_of
+from neuro.live.frames import Frames, weights_of
 from neuro.program.program import Floats
 from neuro.run.simulation import Simulation
 

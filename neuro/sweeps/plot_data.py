@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
-from neuro.pages.scales import prefixed
+from neuro.pages.curves import prefixed
 from neuro.sweeps.folder import RunOutcome
 from neuro.sweeps.table import SweepTable
 

@@ -15,12 +15,9 @@ import numpy.typing as npt
 
 import neuro
 from neuro.apps import setting
-from neuro_drone.controllers.fields import pattern, shares
-from neuro_drone.controllers.settings import ControllerSettings, each_axis
+from neuro_drone.controllers.simple import ControllerSettings, each_axis, pattern, shares
 from neuro_drone.scenario import Scenario
 from neuro_models import names, path as network_path
-
-__all__ = ["Spiking", "SpikingSettings"]
 
 Floats = npt.NDArray[np.float64]
 CELLS, MOTORS = "cells", "motors"

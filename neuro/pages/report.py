@@ -26,9 +26,9 @@ from neuro.model.neurons import CurrentGenerator, Generator
 from neuro.model.parts import Population
 from neuro.pages import raster
 from neuro.pages.bills import joules
+from neuro.pages.curves import end_ms, rates, traces
 from neuro.pages.histograms import Histogram, drawings, histogram
 from neuro.pages.raster import Strip, window
-from neuro.report.curves import end_ms, rates, traces
 
 PAGE = sealed("a page of 'neuro report'", '<meta name="generator" content="neuro report">', "<!-- digest {} -->")
 
