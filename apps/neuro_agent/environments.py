@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from inspect import signature
@@ -57,7 +57,11 @@ def make(name: str, frames: bool = False) -> gymnasium.Env[Any, Any]:
         for space in ("observation_space", "action_space"):
             if not isinstance(getattr(env, space, None), gymnasium.Space):
                 raise ModelError(f"environment '{name}': it has no {space}: expected a space of gymnasium")
-        return made(render_mode="rgb_array") if frames and _renders(env) and _takes_mode(made) else env
+        if not frames or "rgb_array" not in (env.metadata or {}).get("render_modes", ()):
+            return env
+        words = signature(made).parameters
+        takes_mode = "render_mode" in words or any(one.kind is one.VAR_KEYWORD for one in words.values())
+        return made(render_mode="rgb_array") if takes_mode else env
 
 
 def make_many(name: str, n: int) -> gymnasium.Env[Any, Any] | VectorEnv[Any, Any, Any]:
@@ -73,15 +77,6 @@ def bar_of(name: str) -> float | None:
     """The mean return at which an environment counts as solved; None where it says none."""
     found = _find(name)
     return gymnasium.spec(found).reward_threshold if isinstance(found, str) else None
-
-
-def _renders(env: gymnasium.Env[Any, Any]) -> bool:
-    return "rgb_array" in (env.metadata or {}).get("render_modes", ())
-
-
-def _takes_mode(made: Callable[..., Any]) -> bool:
-    words = signature(made).parameters
-    return "render_mode" in words or any(one.kind is one.VAR_KEYWORD for one in words.values())
 
 
 def _find(name: str) -> Any:
@@ -264,7 +259,14 @@ class Environments:
         return self._answer("step", "observation, reward, terminated, truncated, info", action)[:4]
 
     def _answer(self, name: str, expected: str, *given: Any, **named: Any) -> tuple[Any, ...]:
-        answer = self._call(name, *given, **named)
+        self._calls += 1
+        try:
+            answer = getattr(self._env, name)(*given, **named)
+        except (ModelError, KeyboardInterrupt):
+            raise
+        except Exception as error:
+            raise ModelError(f"env.{name} raised {type(error).__name__}: {error}") from error
+        self._calls += 1
         if not isinstance(answer, tuple) or len(answer) != 1 + expected.count(","):
             size = f"{len(answer)} values" if isinstance(answer, tuple) else type(answer).__name__
             raise ModelError(f"env.{name} returned {size}: expected ({expected})")
@@ -291,17 +293,6 @@ class Environments:
     def _vectors(self, found: Any) -> Floats:
         self.found = found
         return self._states.check(flat(self.observations, found, self.n if self._vector else 0))
-
-    def _call(self, name: str, *given: Any, **named: Any) -> Any:
-        self._calls += 1
-        try:
-            answer = getattr(self._env, name)(*given, **named)
-        except (ModelError, KeyboardInterrupt):
-            raise
-        except Exception as error:
-            raise ModelError(f"env.{name} raised {type(error).__name__}: {error}") from error
-        self._calls += 1
-        return answer
 
     @contextmanager
     def watched(self) -> Iterator[None]:

@@ -99,7 +99,9 @@ def flat(space: gymnasium.Space[Any], found: Any, n: int = 0) -> Floats:
         vectors = vectors.astype(np.float64)
     except (TypeError, ValueError, KeyError, IndexError, OverflowError):
         listed = f"{n} of {space}, one for each environment" if n else f"one of {space}"
-        raise ModelError(f"observation: found {_form(found)}: expected {listed}") from None
+        shape = getattr(found, "shape", None)
+        form = type(found).__name__ if shape is None else f"an array of shape {list(shape)}"
+        raise ModelError(f"observation: found {form}: expected {listed}") from None
     good = np.isfinite(vectors)
     if np.count_nonzero(good) < good.size:
         bad = int(np.argmin(good))
@@ -134,11 +136,6 @@ class States:
             if bad.any():
                 raise ModelError(f"observation: found {values[bad][0]:g}: expected one of {self._space}")
         return vectors
-
-
-def _form(observation: Any) -> str:
-    shape = getattr(observation, "shape", None)
-    return type(observation).__name__ if shape is None else f"an array of shape {list(shape)}"
 
 
 def _parts(space: gymnasium.Space[Any], found: Any, ahead: tuple[int, ...]) -> Any:

@@ -117,12 +117,6 @@ class Course:
         """Count a control step of all."""
         self.steps += self.env.n - int(np.count_nonzero(begins))
 
-    def _scale(self, reward: Floats, begins: Bools) -> None:
-        """Learn the scale of rewards from the first ones: all before were 0."""
-        if not self.agent.rewards.known and reward.any():
-            now = reward[~begins]
-            self.agent.rewards.learn([0.0] * (self.steps - now.size) + now.tolist(), self.log.returns.tolist())
-
     def _seeds(self, begins: Bools | None = None) -> list[int]:
         """Seeds of the episodes that begin."""
         if begins is not None and not np.count_nonzero(begins):
@@ -157,7 +151,9 @@ class Course:
                 agent.forget(begins)
             seen, reward, ended, _ = env.step(agent.actions.of(self._winners(found.winners)), self._seeds(begins))
             self._count(begins)
-            self._scale(reward, begins)
+            if not agent.rewards.known and reward.any():  # the scale is that of the first rewards: all before were 0
+                first = reward[~begins]
+                agent.rewards.learn([0.0] * (self.steps - first.size) + first.tolist(), self.log.returns.tolist())
             over = sums.add(self, reward, begins, env.over)
             value = found.values
             share = agent.rewards.excess(value, reward)

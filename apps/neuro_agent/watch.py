@@ -114,14 +114,12 @@ def watch(agent: Learner, env: Any, path: str | PathLike[str], seed: int = 0, *,
     Raises:
         ModelError: the file is not called .html or cannot be written, or as of `ActorCritic.test`.
     """
-    episodes = list[Episode]()
 
-    def make() -> str:
-        episodes.append(played(agent, env, seed, learning))
-        return page(agent, episodes[0], seed)
+    def make() -> tuple[str, Episode]:
+        episode = played(agent, env, seed, learning)
+        return page(agent, episode, seed), episode
 
-    player.write(Path(path), PAGE, "an episode is written as", make)
-    return episodes[0]
+    return player.write(Path(path), PAGE, "an episode is written as", make)
 
 
 def played(agent: Learner, env: Any, seed: int = 0, learning: bool = False) -> Episode:
@@ -166,17 +164,13 @@ def _play(
         episode.errors.append(error * unit if k else math.nan)
         episode.rewards.append(reward)
         if episode.learning or k == 0:
-            _keep(episode.weights, k, _policy(twin), MOMENTS)
+            weights = twin.weights
+            _keep(episode.weights, k, np.concatenate([weights[name] for name in twin.projections[1:]], axis=1), MOMENTS)
         if worlds.over[0]:
             break
         seen, rewards, ends, cuts = worlds.step(twin.actions.of(winners[None]), [0])
         reward, before, ended, cut = float(rewards[0]), value, bool(ends[0]), bool(cuts[0])
     episode.end = "terminated" if ended else "cut off by the environment" if cut else f"cut off after {STEPS} steps"
-
-
-def _policy(agent: Learner) -> Floats:
-    weights = agent.weights
-    return np.concatenate([weights[name] for name in agent.projections[1:]], axis=1)
 
 
 def _every(kept: dict[int, Any]) -> int:
@@ -216,13 +210,18 @@ class _Camera:
         """Take the picture of a control step, if it is one that has one."""
         if self._env is None or k % _every(self._images):
             return
+        from PIL import Image
+
         try:
             frame = np.asarray(self._env.render())
             if frame.ndim != 3 or frame.shape[2] not in (3, 4) or not frame.size:
                 raise ModelError(f"render() gave an array of shape {list(frame.shape)}")
             if frame.dtype != np.uint8:
                 raise ModelError(f"render() gave numbers of {frame.dtype}: expected uint8")
-            _keep(self._images, k, _small(frame[..., :3]), FRAMES)
+            image = Image.fromarray(frame[..., :3])
+            if max(image.size) > WIDTH:
+                image.thumbnail((WIDTH, WIDTH), Image.Resampling.BOX)
+            _keep(self._images, k, image, FRAMES)
         except KeyboardInterrupt:
             raise
         except Exception as error:
@@ -231,15 +230,6 @@ class _Camera:
     def frames(self) -> dict[int, str]:
         """The pictures by control step, as data URIs."""
         return {k: _picture(image) for k, image in self._images.items()}
-
-
-def _small(frame: npt.NDArray[np.uint8]) -> Image:
-    from PIL import Image
-
-    image = Image.fromarray(frame)
-    if max(image.size) > WIDTH:
-        image.thumbnail((WIDTH, WIDTH), Image.Resampling.BOX)
-    return image
 
 
 def _picture(image: Image) -> str:

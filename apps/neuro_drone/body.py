@@ -260,28 +260,22 @@ class Bullet:
         if substep != self._substep:
             p.setTimeStep(substep, physicsClientId=client)
             self._substep = substep
+        heavier, (fx, fy, _) = self.reference.heavier, self._force
         for _ in range(n):
             before, rate, rising = self.reference.velocity, self.reference.rate, self.reference.climb
             self.reference.step(right, forward, turn, substep, climb)
             after = self.reference.velocity
-            ax, ay = self._thrust_for((after[0] - before[0]) / substep, (after[1] - before[1]) / substep)
-            az = 0.0 if climb is None else self._lift_for((self.reference.climb - rising) / substep)
+            # What of the reference's acceleration is thrust's, for a body without load.
+            ax = (after[0] - before[0]) / substep * heavier - fx / MASS
+            ay = (after[1] - before[1]) / substep * heavier - fy / MASS
+            az = (self.reference.climb - rising) / substep * heavier + GRAVITY * (heavier - 1.0)
+            az = 0.0 if climb is None else az
             thrust, torque = self._control(ax, ay, az, (self.reference.rate - rate) / substep, before)
             p.applyExternalForce(self._body, -1, (0.0, 0.0, thrust), (0.0, 0.0, 0.0), p.LINK_FRAME, client)
             p.applyExternalTorque(self._body, -1, torque, p.LINK_FRAME, client)
             p.applyExternalForce(self._body, -1, self._force, self._place, p.WORLD_FRAME, client)
             p.stepSimulation(client)
             self._read()
-
-    def _thrust_for(self, ax: float, ay: float) -> tuple[float, float]:
-        """What of the reference's acceleration is thrust's, for a body without load, m/s^2."""
-        heavier, (fx, fy, _) = self.reference.heavier, self._force
-        return ax * heavier - fx / MASS, ay * heavier - fy / MASS
-
-    def _lift_for(self, az: float) -> float:
-        """The same for its acceleration upwards, beside what holds a body without load."""
-        heavier = self.reference.heavier
-        return az * heavier + GRAVITY * (heavier - 1.0)
 
     def __getstate__(self) -> dict[str, Any]:
         """For copies and for other processes: where the body is, since PyBullet's world itself cannot be copied."""

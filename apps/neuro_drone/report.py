@@ -169,16 +169,13 @@ def show(model: Model, tried: FlightTest, course: FlightCourse) -> None:
     steps = round(sum(one.steps for one in tried.each) / tried.starts)
     rows.append(("mean", *(("",) if line else ()), steps, *mean, f"{tried.laps} of {tried.starts}"))
     out = console()
-    out.print(table(columns, rows, title=f"{named(model)}; {_how(tried)}; {course}"))
+    how = "learning goes on, dopamine steers" if tried.learning else "weights frozen, no dopamine"
+    out.print(table(columns, rows, title=f"{named(model)}; {how}; {course}"))
     signed = ", ".join(f"{name} {value:.2f}" for name, value in zip(names, tried.signed, strict=True))
     out.print(
         f"{tried.laps} of {tried.starts} laps, {tried.error_px:.2f} px; signed means, which hide errors of both signs: "
         f"{signed}"
     )
-
-
-def _how(tried: FlightTest) -> str:
-    return "learning goes on, dopamine steers" if tried.learning else "weights frozen, no dopamine"
 
 
 def columns_of(summaries: Sequence[Summary]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -259,14 +256,11 @@ def list_controllers() -> None:
     rows = []
     for name, kind in CONTROLLERS.items():
         own = {word: getattr(kind.settings, word) for word in kind.settings.own()}
-        numbers = ", ".join(f"{word} {_short(v)}" for word, v in own.items() if not isinstance(v, Mapping))
+        plain = {word: f"{v:g}" if isinstance(v, float) else v for word, v in own.items() if not isinstance(v, Mapping)}
+        numbers = ", ".join(f"{word} {value}" for word, value in plain.items())
         source = "the reward" if kind.rewarded else "the error" if kind.learns else "-"
         rows.append((name, kind.what, source, numbers))
     console().print(table(("name", "what", "learns from", "settings"), rows))
-
-
-def _short(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def write_pictures(model: Model, tried: FlightTest, folder: Path) -> list[Path]:
@@ -363,7 +357,8 @@ def training(model: Model) -> Figure:
     for axes, values in ((above, steps), (below, error)):
         axes.plot(number[~lost], values[~lost], ".", ms=5, color=BLUE, alpha=0.5, mew=0)
         axes.plot(number[lost], values[lost], "x", ms=4, color=RED, alpha=0.8)
-        axes.plot(number, _running(values), color=INK, lw=1.2)
+        medians = [np.median(values[max(0, k + 1 - WINDOW) : k + 1]) for k in range(len(values))]
+        axes.plot(number, medians, color=INK, lw=1.2)
     if len(model.curve.get("steps", ())):
         at = np.searchsorted(np.cumsum(steps), model.curve["steps"]) + 1
         tested, fell = model.curve["error_px"], model.curve["lost"] > 0
@@ -379,10 +374,6 @@ def training(model: Model) -> Figure:
                  ha="left", fontsize=12)  # fmt: skip
     fig.text(0.02, 0.915, f"each episode, learning on · running median of {WINDOW} · crosses: target lost", color=SOFT)
     return fig
-
-
-def _running(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    return np.array([np.median(values[max(0, k + 1 - WINDOW) : k + 1]) for k in range(len(values))])
 
 
 def weight_maps(model: Model) -> dict[str, npt.NDArray[np.float64]]:

@@ -184,7 +184,10 @@ def fly(model: Model, start: Start, backend: str = "event") -> Flight:
     balls = np.array([ball for ball in kept["balls"] if ball is not None]).reshape(-1, 2)
     whole |= {name: np.concatenate([getattr(part, name) for part in seen]) for name in "xyp"}
     each = np.array([len(part) for part in seen])
-    whole |= {"path": env.task.path.points, "spikes": _heard(pilot), "balls": balls, "events": each}
+    sim = getattr(pilot, "sim", None)
+    recorded = [] if sim is None else [part for part in sim.program.populations if part.records]
+    spikes = tuple(FlightSpikes(part.name, part.size, *sim.spikes(part.name)) for part in recorded)
+    whole |= {"path": env.task.path.points, "spikes": spikes, "balls": balls, "events": each}
     return Flight(model, start, **whole, lap=bool(info["lap"]), lost=bool(info["lost"]), backend=backend)
 
 
@@ -214,13 +217,6 @@ def footprint(view: CameraView) -> list[tuple[float, float]]:
     return [corner or (x, y) for corner in corners]
 
 
-def _heard(pilot: Controller) -> tuple[FlightSpikes, ...]:
-    sim = getattr(pilot, "sim", None)
-    if sim is None:
-        return ()
-    return tuple(FlightSpikes(p.name, p.size, *sim.spikes(p.name)) for p in sim.program.populations if p.records)
-
-
 def watch(
     model: Model,
     file: Path,
@@ -247,14 +243,12 @@ def watch(
     """
     line = isinstance(model.scenario.task, Line)
     begin = Start(start or ((20.0, 10.0) if line else (-30.0, -30.0)), 1 if line else 0, course.lap(0, line))
-    flights = list[Flight]()
 
-    def make() -> str:
-        flights.append(fly(model, begin, backend))
-        return page(flights[0])
+    def make() -> tuple[str, str]:
+        flight = fly(model, begin, backend)
+        return page(flight), outcome(flight)
 
-    player.write(file, PAGE, "a lap is written as", make)
-    return outcome(flights[0])
+    return player.write(file, PAGE, "a lap is written as", make)
 
 
 def outcome(flight: Flight) -> str:

@@ -148,7 +148,7 @@ class Run:
             "populations": {name: asdict(part) for name, part in self.populations.items()},
             "weights": {name: asdict(part) for name, part in self.weights.items()},
             "delays": {name: asdict(part) for name, part in self.delays.items()},
-            "weight_rounding": _words(self.rounding),
+            "weight_rounding": self.rounding and {name: asdict(part) for name, part in self.rounding.items()},
             "rounding": self.fixed.as_dict() if self.fixed else None,
             "placement": self.placement.as_dict() if self.placement else None,
         }

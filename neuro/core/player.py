@@ -9,10 +9,10 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
 from math import log
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from neuro.core.errors import ModelError
 from neuro.core.html import Html, join, tag
 from neuro.core.outputs import Kind, output
 
+T = TypeVar("T")
 _TYPES = {np.dtype(name): name for name in ("u1", "i1", "u2", "u4", "f4")}
 
 
@@ -119,7 +120,7 @@ class Timeline:
     scale: float = 1.0
     digits: int = 0
     unit: str = ""
-    readouts: Sequence[Readout] = field(default_factory=tuple)
+    readouts: Sequence[Readout] = ()
 
 
 def closest(speeds: Sequence[tuple[str, float]], wanted: float) -> int:
@@ -166,7 +167,7 @@ def page(
         *(_panel(one, "wave", controls) for one in below),
     )
     tracks = [{"kind": one.kind, "name": one.name, **one.data} for panel in panels for one in panel.tracks]
-    words = json.dumps({"clock": _clock(timeline), "tracks": tracks}, default=_packed).replace("<", "\\u003c")
+    words = json.dumps({"clock": timeline, "tracks": tracks}, default=_packed).replace("<", "\\u003c")
     code = "\n".join(['"use strict";', html.player_script(), _text("tracks.js"), script, "draw();"])
     return f"""<!doctype html>
 <html lang="en">
@@ -188,14 +189,17 @@ def page(
 """
 
 
-def write(file: Path, kind: Kind, what: str, make: Callable[[], str]) -> None:
+def write(file: Path, kind: Kind, what: str, make: Callable[[], tuple[str, T]]) -> T:
     """Write a page; its name is checked before it is made.
 
     Args:
         file: of the page.
         kind: of its file.
         what: it shows, for the message, such as "a lap is written as".
-        make: returns the page as text.
+        make: returns the page as text, and a result.
+
+    Returns:
+        The result.
 
     Raises:
         ModelError: the name does not end in .html.
@@ -204,7 +208,9 @@ def write(file: Path, kind: Kind, what: str, make: Callable[[], str]) -> None:
     if file.suffix.lower() not in (".html", ".htm"):
         raise ModelError(f"{file}: {what} a page for a browser: expected a name that ends in .html")
     with output(file, kind) as part:
-        part.write_text(kind.seal(make()), "utf-8")
+        text, result = make()
+        part.write_text(kind.seal(text), "utf-8")
+    return result
 
 
 def _panel(one: Panel, class_: str | None = None, controls: Html | None = None) -> Html:
@@ -236,14 +242,10 @@ def _controls(timeline: Timeline) -> Html:
     return join([slider, tag("div", *row, class_="row")])
 
 
-def _clock(timeline: Timeline) -> dict[str, Any]:
-    names = ("end", "begin", "rate", "speeds", "speed", "moments", "shift", "label", "scale", "digits", "unit")
-    readouts = [{name: getattr(one, name) for name in Readout.__slots__} for one in timeline.readouts]
-    return {name: getattr(timeline, name) for name in names} | {"readouts": readouts}
-
-
-def _packed(values: Any) -> dict[str, str] | float:
-    """An array as an object of JSON: its type, and base64 of its numbers; whole numbers take the smallest type."""
+def _packed(values: Any) -> dict[str, Any] | float:
+    """An object of JSON: of an array its type, and base64 of its numbers; whole numbers take the smallest type."""
+    if isinstance(values, Timeline | Readout):
+        return {one.name: getattr(values, one.name) for one in fields(values)}
     if isinstance(values, np.generic):
         return float(values)
     array = np.asarray(values)

@@ -332,7 +332,7 @@ class Page:
             self._beside_due = now + BESIDE_S
             for job, found in self.beside.found():
                 self._found(job, found)
-        if self._wanted and self._channel.idle and self._may_show():
+        if self._wanted and self._channel.idle and (self._ahead or self._used() >= self._frame_due):
             if self.sim.time != self.frames.time or (self._unseen and self._is_paused):
                 self._send_frame(now)
             if self._used() >= self._slow_due:
@@ -341,10 +341,6 @@ class Page:
     @property
     def _is_paused(self) -> bool:
         return self.pace is not None and self.pace.paused
-
-    def _may_show(self) -> bool:
-        """Whether a frame holds nothing up: the run is ahead and waits, or the last frames were long ago."""
-        return self._ahead or self._used() >= self._frame_due
 
     def _used(self) -> float:
         """Seconds that the run took and waited; of one that others pace, those on the wall."""

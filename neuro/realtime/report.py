@@ -180,10 +180,10 @@ class LiveRun:
     def tables(self) -> list[Table]:
         """Latencies, the slowest tick, inputs, and what misses cost."""
         times = tuple((name, *h.texts) for name, h in self._histograms())
-        inputs = tuple(
-            (name, *(f"{counts[word]:,}" for word in ("taken", "fed", "dropped")), _said(_losses(counts)))
-            for name, counts in self.inputs.items()
-        )
+        inputs = list[tuple[str, ...]]()
+        for name, counts in self.inputs.items():
+            lost = ", ".join(f"{n:,} {word}" for word, n in _losses(counts).items()) or "nothing"
+            inputs.append((name, *(f"{counts[word]:,}" for word in ("taken", "fed", "dropped")), lost))
         found = (("all ticks", self.cost), ("missed ticks", self.missed_cost))
         costs = tuple((name, *(f"{count:,}" for count in cost)) for name, cost in found)
         number, phases = self.largest_tick
@@ -191,7 +191,7 @@ class LiveRun:
         return [
             Table("times", ("ms", ">p50", ">p99", ">largest"), times),
             Table("slowest", ("tick, ms", *(f">{word}" for word in phases)), slowest),
-            Table("inputs", ("name", ">taken", ">fed", ">dropped", "lost by its source"), inputs),
+            Table("inputs", ("name", ">taken", ">fed", ">dropped", "lost by its source"), tuple(inputs)),
             Table("costs", ("in", ">preempted", ">minor page faults", ">major page faults"), costs),
         ]
 
@@ -217,7 +217,3 @@ def _losses(counts: dict[str, int]) -> dict[str, int]:
     """What a source counts that is not as it should be."""
     plain = ("taken", "fed", "dropped", "events", "datagrams")
     return {word: n for word, n in counts.items() if n and word not in plain}
-
-
-def _said(losses: dict[str, int]) -> str:
-    return ", ".join(f"{n:,} {word}" for word, n in losses.items()) or "nothing"

@@ -232,7 +232,7 @@ class Player:
                 break
             self._part, self._at = self._of(following)
         self.received_ns = received[0] if len(received) == 1 else np.concatenate([_NONE, *received])
-        return parts[0] if len(parts) == 1 else _joined(parts, self.sensor_size)
+        return sum(parts[1:], parts[0]) if parts else _none(self.sensor_size)
 
 
 _NONE = np.zeros(0, dtype=np.int64)
@@ -240,7 +240,3 @@ _NONE = np.zeros(0, dtype=np.int64)
 
 def _none(size: tuple[int, int]) -> Events:
     return Events(*empty_columns(0), size)
-
-
-def _joined(parts: list[Events], size: tuple[int, int]) -> Events:
-    return sum(parts[1:], parts[0]) if parts else _none(size)

@@ -221,18 +221,13 @@ def centroid(counts: npt.NDArray[Any], line: bool = False, tall: float | None = 
         return np.zeros(2 if tall is None else 3)
     x, y = n @ _X / total, n @ _Y / total
     if tall is not None:
-        return np.array((x, y, _tall(n / total, x, y) / tall - 1.0))
+        around = float(n @ (_X**2 + _Y**2) / total) - x * x - y * y  # of the circle with its events in these fields
+        return np.array((x, y, 2.0 * sqrt(max(0.0, around - 2.0 * FIELD**2 / 12.0)) / tall - 1.0))
     if not line:
         return np.array((x, y))
     spread = n @ (_Y - y) ** 2
     slope = n @ ((_X - x) * (_Y - y)) / spread if spread > 0.0 else 0.0
     return np.array((x - slope * y, -atan(slope) / (0.5 * pi)))
-
-
-def _tall(shares: npt.NDArray[Any], x: float, y: float) -> float:
-    """How tall the circle around a place is whose outline has its events in these fields, in units of 64 px."""
-    around = float(shares @ (_X**2 + _Y**2)) - x * x - y * y
-    return 2.0 * sqrt(max(0.0, around - 2.0 * FIELD**2 / 12.0))
 
 
 @dataclass(frozen=True)

@@ -42,17 +42,14 @@ def watch_objects(
             empty.
         EventFileError: the recording is damaged.
     """
-    results = list[list[str]]()
 
-    def make() -> str:
+    def make() -> tuple[str, str]:
         events = watchable(recording)
         there = Boxes.of([]) if given is None else read_boxes(given, recogniser.classes)
         found = Detector(recogniser, backend=backend).detect(events) if find else Boxes.of([])
-        results.append(_told(found, there))
-        return page(events, found, recogniser.classes, recording.name, there)
+        return page(events, found, recogniser.classes, recording.name, there), ", ".join(_told(found, there))
 
-    write(out, make)
-    return ", ".join(results[0])
+    return write(out, make)
 
 
 def page(events: Events, found: Boxes, classes: Sequence[str], title: str, given: Boxes | None = None) -> str:
@@ -155,7 +152,7 @@ def write_found(path: Path, events: Events, boxes: Boxes, classes: Sequence[str]
 
         write_picture(path, boxes_on_frames(events, boxes, classes, title))
     else:
-        write(path, lambda: page(events, boxes, classes, title))
+        write(path, lambda: (page(events, boxes, classes, title), ""))
 
 
 def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:

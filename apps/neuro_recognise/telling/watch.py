@@ -59,22 +59,21 @@ def watch(
             recording is empty or does not fit.
         EventFileError: the recording is damaged.
     """
-    results = list[list[Decision]]()
 
-    def make() -> str:
+    def make() -> tuple[str, str]:
         events = watchable(recording)
         seen = events[: int(np.searchsorted(events.t, int(events.t[0]) + round(1000 * LONGEST_MS), "right"))]
-        results.append(decisions(recogniser, seen, allow, backend, assurance))
+        said = decisions(recogniser, seen, allow, backend, assurance)
         views = recogniser.method.views(seen, recogniser.learnt, recogniser.classes)
-        return page(recogniser, recording.name, seen, results[0], views, allow)
+        text = page(recogniser, recording.name, seen, said, views, allow)
+        return text, told(recogniser, said, allow)
 
-    write(out, make)
-    return told(recogniser, results[0], allow)
+    return write(out, make)
 
 
-def write(out: Path, make: Callable[[], str]) -> None:
-    """Write a page, whose name must end in .html."""
-    player.write(out, PAGE, "what is watched is", make)
+def write(out: Path, make: Callable[[], tuple[str, str]]) -> str:
+    """Write a page, whose name must end in .html; return what came of it in a few words."""
+    return player.write(out, PAGE, "what is watched is", make)
 
 
 def watchable(recording: Path) -> Events:
