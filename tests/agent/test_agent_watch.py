@@ -93,7 +93,7 @@ def test_the_page_holds_it(agent, episode):
     assert data["state"]["labels"] == ["['at'][0]", "['open']"]
     assert policy["values"].reshape(n, 7).sum(axis=1) == pytest.approx(1.0)
     spikes = np.bincount(critics["times"], critics["level"], minlength=n) * np.max(episode.critic) / 255
-    assert spikes == pytest.approx([c.sum() for c in episode.critic], abs=0.1)
+    assert spikes == pytest.approx([c.sum() for c in episode.critic], abs=0.5)
     assert np.array_equal(places["ids"][places["times"] == 1], agent.places.cells(episode.observations[1]))
     assert data["traces"]["lanes"][2]["lines"][0]["y"] == pytest.approx(np.cumsum(episode.rewards), abs=1e-5)
     pictured = weights["values"].reshape(7, weights["columns"]) * weights["largest"] / 127

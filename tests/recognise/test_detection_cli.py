@@ -87,7 +87,7 @@ def test_an_empty_recording_has_no_objects(neuro, made):
 
 def page_of(path):
     text = path.read_text("utf-8")
-    return tracks_of(text)["objects"], text
+    return tracks_of(text)["events"], text
 
 
 def test_boxes_that_are_found_and_given_on_one_page(neuro, made):
