@@ -66,9 +66,8 @@ if TYPE_CHECKING:
     )
     from neuro.model.language.writer import NETWORK as NETWORK
     from neuro.program.backend import find_backend as find_backend
-    from neuro.readout.evaluation import Evaluation as Evaluation, evaluate as evaluate, wilson as wilson
-    from neuro.readout.overflows import Overflows as Overflows, warn_of_overflows as warn_of_overflows
-    from neuro.readout.showing import Showing as Showing
+    from neuro.readout.decisions import Evaluation as Evaluation, evaluate as evaluate, wilson as wilson
+    from neuro.readout.showing import Overflows as Overflows, Showing as Showing, warn_of_overflows as warn_of_overflows
 
 
 if not TYPE_CHECKING:

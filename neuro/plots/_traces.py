@@ -1,4 +1,4 @@
-"""Traces and weights that probes recorded: lines of a few neurons or synapses, a map of many, dots at pre spikes."""
+"""Figures of recorded values: traces of neurons or synapses, maps of many, dots at pre spikes; weights and kernels."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from neuro_torch.scan import kernels as rows
 from neuro_torch.surrogates import Surrogate
 
 CELLS = ("iaf_psc_delta", "iaf_psc_exp")
-"""Models that are scanned, beside graded ones without circles (`neuro_torch.scan.graded`)."""
+"""Models that are scanned, beside graded ones without circles (`neuro_torch.cells`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -232,7 +232,7 @@ def ways(part: Synapses, weight: Tensor, steps: Tensor, exact: bool) -> list[Way
     Args:
         part: its synapses, listed.
         weight: as a user sees it.
-        steps: the delay, of all or of each, of `neuro_torch.bounds.in_steps`.
+        steps: the delay, of all or of each, of `neuro_torch.trainable.in_steps`.
         exact: whether a spike arrives in the two steps between which the delay lies, in shares that say how near it is
             to each, so that a gradient moves it; else it arrives in the nearest step.
     """
@@ -300,17 +300,16 @@ class Plan:
         if not self.parts:
             return "\n".join(["all populations: step by step, since", *(f"  {why}" for why in self.why)])
         how = {"kernels": "by compiled kernels", "torch": "by torch's operations"}[self.by]
-        return "\n".join(f"{self._named(part)}: {self._told(part)} {how}" for part in self.parts)
-
-    def _named(self, part: Component) -> str:
-        return ", ".join(f"'{self.program.populations[k].name}'" for k in part.cells)
-
-    def _told(self, part: Component) -> str:
-        if any(self.program.populations[k].model.graded for k in part.cells):
-            return "graded neurons step by step, their input"
-        if not part.inside:
-            return "one scan over all steps"
-        return f"a recurrent scan, {some(part.stretch, 'step')} at once"
+        lines = []
+        for part in self.parts:
+            populations = [self.program.populations[k] for k in part.cells]
+            names = ", ".join(f"'{each.name}'" for each in populations)
+            scan = (
+                f"a recurrent scan, {some(part.stretch, 'step')} at once" if part.inside else "one scan over all steps"
+            )
+            is_graded = any(each.model.graded for each in populations)
+            lines.append(f"{names}: {'graded neurons step by step, their input' if is_graded else scan} {how}")
+        return "\n".join(lines)
 
 
 def plan_of(program: Program, by: str | None, learning: Iterable[str]) -> Plan:

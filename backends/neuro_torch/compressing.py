@@ -1,4 +1,6 @@
-"""Training with the weights that a chip would have: rounded as it rounds them, with the gradient straight through.
+"""Smaller networks: weights rounded as a chip rounds them while a module trains, and pruning of the smallest weights.
+
+Rounded weights have the gradient straight through.
 
 What rounding loses is thereby seen while a network learns. On Loihi the chip then finds every learnt weight on its
 grid where all weights onto a population learn: others share the population's scale, are not rounded here, and may pull
@@ -10,23 +12,26 @@ Source: Bengio, Leonard & Courville, arXiv:1308.3432, 2013 (the straight-through
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from os import PathLike
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.utils import parametrize
 
+import neuro
 from neuro.chips.description import Chip
 from neuro.chips.known import chip as chip_of
 from neuro.chips.quantising.quantise import quantise
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Program
 from neuro_torch.module import Module
 
-__all__ = ["quantised"]
+__all__ = ["largest", "prune", "quantised"]
 
 EVERY = 50
 """Batches of a training from one choice of the chip's scales to the next."""
@@ -200,3 +205,94 @@ def _scales(module: Module) -> _Scales | None:
     """What chooses the scales of a module that is quantised."""
     found: _Scales | None = next((each[-1].scales for each in _rounded(module).values()), None)
     return found
+
+
+Bools = NDArray[np.bool_]
+
+
+def prune(
+    module: Module, share: float | Mapping[str, float] | None = None, *, stay: Mapping[str, Bools] | None = None
+) -> Module:
+    """A module of the same network without its smallest weights, by magnitude; it learns on.
+
+    The synapses are gone, not 0: the network that it gives lists those that are left, which is what a chip stores and
+    what a bill counts. Optimisers and bills are made anew, since parameters and synapses are. A module whose weights
+    are quantised gives one that is, to the same bits of the same chip; it begins with the rounded weights.
+
+    Args:
+        module: the network; it is not changed.
+        share: of the synapses of each projection that learns, 0 to 1 and less than all; or by name of the projection.
+        stay: instead of a share the synapses that stay, by name, in the order of the weights.
+
+    Raises:
+        ModelError: a name is unknown or its weights are shared, or a share cannot be.
+    """
+    if (share is None) == (stay is None):
+        raise ModelError("prune: expected a share, or which synapses stay")
+    if stay is None:
+        shares = share if isinstance(share, Mapping) else dict.fromkeys(_own(module), share)
+        for name, part in shares.items():
+            if isinstance(part, bool) or not isinstance(part, (int, float)) or not 0.0 <= part < 1.0:
+                raise ModelError(f"prune: projection '{name}': share = {part!r}: expected 0 to 1, and less than 1")
+        _check(module, shares)
+        stay = {name: _largest(module, name, 1.0 - float(part)) for name, part in shares.items() if part is not None}
+    _check(module, stay)
+    for name, kept in stay.items():
+        if not np.any(kept):
+            raise ModelError(f"prune: projection '{name}': none of its {len(kept)} synapses stays: expected some")
+    return quantised_as(module, module.on(_with(module, stay)))
+
+
+def largest(module: Module, share: float) -> dict[str, Bools]:
+    """Which synapses have the largest weights, by projection, in the order of the weights; shared ones are left out.
+
+    Args:
+        module: the network.
+        share: of the synapses of each projection.
+    """
+    return {name: _largest(module, name, share) for name in _own(module)}
+
+
+def _largest(module: Module, name: str, share: float) -> Bools:
+    weight = module.weights[name].detach().abs().reshape(-1).cpu().numpy()
+    chosen = np.zeros(weight.size, dtype=bool)
+    chosen[np.argsort(weight, kind="stable")[weight.size - round(share * weight.size) :]] = True
+    return chosen
+
+
+def _check(module: Module, named: Mapping[str, object]) -> None:
+    if not named:
+        raise ModelError("prune: found no projection with a weight of its own for each synapse: expected at least one")
+    for name in named:
+        if name not in module.weights:
+            raise unknown("projection that learns", name, list(module.weights))
+        if name not in _own(module):
+            raise ModelError(f"prune: projection '{name}': its synapses share weights", hint="leave it out")
+
+
+def _own(module: Module) -> list[str]:
+    """Projections that learn and have a weight of its own for each synapse."""
+    parts = {part.name: part for part in module.program.projections}
+    return [name for name in module.weights if parts[name].grid is None and parts[name].weight.size == parts[name].size]
+
+
+def _with(module: Module, stay: Mapping[str, Bools]) -> neuro.Network:
+    """The network with what was learnt, and of some projections only some synapses."""
+    net = module.network()
+    program = module.program
+    for index, part in enumerate(program.projections):
+        if part.name not in stay:
+            continue
+        kept = np.flatnonzero(stay[part.name])
+        pre, post = program.connections(index)
+        weight = module.weights[part.name].detach().cpu().double().numpy().reshape(-1)
+        delay = np.broadcast_to(part.delay, part.size)[kept] * program.resolution
+        net.projections[part.name] = replace(
+            net.projections[part.name],
+            rule=neuro.pairs(pre=pre[kept], post=post[kept]),
+            weight=weight[kept],
+            delay=float(delay[0]) if np.all(delay == delay[:1]) else delay,
+            source_view=None,
+            target_view=None,
+        )
+    return net
