@@ -219,12 +219,10 @@ def _panel(one: Panel, class_: str | None = None, controls: Html | None = None) 
     head = tag("h2", one.title, note, *dynamic) if one.title else None
     drawings = []
     for each in one.tracks:
+        element, word = ("img", "alt") if each.kind == "frames" else ("canvas", "aria_label")
+        shape = "square" if each.square else "fixed" if each.height else None
         style = f"height: {each.height}px" if each.height else None
-        words = {"id": each.name, "class_": "square" if each.square else None, "style": style}
-        is_image = each.kind == "frames"
-        drawings.append(
-            tag("img", **words, alt=each.label) if is_image else tag("canvas", **words, aria_label=each.label)
-        )
+        drawings.append(tag(element, id=each.name, class_=shape, style=style, **{word: each.label}))
     return tag("section", head, *drawings, one.content, controls if one.controls else None, class_=class_)
 
 
