@@ -137,8 +137,6 @@ class Test:
         return f"Test({len(self.returns)} episodes, mean return {self.mean:g}, 95 % {low:g} to {high:g})"
 
 
-Floats = npt.NDArray[np.float64]
-
 MOST = 1.25
 """The largest magnitude of a value: at -1.6 the neurons of the critic fall silent, at 3.8 they spike in each ms."""
 SOME = 500
@@ -267,10 +265,6 @@ class ErrorScale:
         self._count = min(self._count + 1, SOME)
         self._square += (float(np.mean(errors**2)) - self._square) / self._count
         return errors * (TYPICAL / math.sqrt(max(self._square, 1e-12)))
-
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 class Decision:

@@ -19,9 +19,9 @@ from neuro.events import Events
 from neuro_drone.body import Body, body_of
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import CameraView, WorldScene
-from neuro_drone.parts import Load, Motors, Wind
+from neuro_drone.parts import Ball, Load, Motors, Wind
 from neuro_drone.paths import FIXED, Variation
-from neuro_drone.scenario import Ball, Scenario, errors, load
+from neuro_drone.scenario import Scenario, errors, load
 from neuro_drone.tasks import BallTask, Judged, LineTask, Task
 
 CELLS = 8

@@ -20,8 +20,9 @@ from neuro_drone.evaluate import FlightTest, Lap
 from neuro_drone.geometry import AIM
 from neuro_drone.live import LiveTest
 from neuro_drone.model import Model
+from neuro_drone.parts import Ball
 from neuro_drone.paths import FlightCourse
-from neuro_drone.scenario import NAMES, Ball, Scenario, load
+from neuro_drone.scenario import NAMES, Scenario, load
 from neuro_drone.train import TrainingProgress
 
 if TYPE_CHECKING:

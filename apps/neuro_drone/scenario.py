@@ -260,10 +260,14 @@ def _merge(said: dict[str, Any], changes: Mapping[str, Any]) -> None:
         if is_dataclass(value) and not isinstance(value, type):
             value = {"ball" if isinstance(value, Ball) else "line": asdict(value)} if word == "task" else asdict(value)
         inner = said.get(word)
-        is_both = isinstance(value, Mapping) and isinstance(inner, dict)
-        if is_both and not (word == "task" and any(kind in value and kind not in inner for kind in TASKS)):
+        if isinstance(value, Mapping) and isinstance(inner, dict) and not (word == "task" and _other(inner, value)):
             _merge(inner, value)
         elif value is None:
             said.pop(word, None)
         else:
             said[word] = dict(value) if isinstance(value, Mapping) else value
+
+
+def _other(task: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Return whether a task is another one, which replaces the first as a whole."""
+    return any(kind in other and kind not in task for kind in TASKS)

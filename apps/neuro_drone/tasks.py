@@ -11,9 +11,8 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro_drone.geometry import AIM, CameraView, Pose, WorldScene
-from neuro_drone.parts import GRAVITY, Ball
+from neuro_drone.parts import GRAVITY, Ball, Line
 from neuro_drone.paths import FIXED, Path, Variation, hexagon, star
-from neuro_drone.scenario import Line
 
 FARTHEST = 64.5
 """Largest error that is still in the picture, px: from the aim to the right or the lower border."""

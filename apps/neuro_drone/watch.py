@@ -185,8 +185,10 @@ def fly(model: Model, start: Start, backend: str = "event") -> Flight:
     whole |= {name: np.concatenate([getattr(part, name) for part in seen]) for name in "xyp"}
     each = np.array([len(part) for part in seen])
     sim = getattr(pilot, "sim", None)
-    recorded = [] if sim is None else [part for part in sim.program.populations if part.records]
-    spikes = tuple(FlightSpikes(part.name, part.size, *sim.spikes(part.name)) for part in recorded)
+    recorded = (
+        () if sim is None else ((part, sim.spikes(part.name)) for part in sim.program.populations if part.records)
+    )
+    spikes = tuple(FlightSpikes(part.name, part.size, *trains) for part, trains in recorded)
     whole |= {"path": env.task.path.points, "spikes": spikes, "balls": balls, "events": each}
     return Flight(model, start, **whole, lap=bool(info["lap"]), lost=bool(info["lost"]), backend=backend)
 

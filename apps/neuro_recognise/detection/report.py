@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import console, html, table, write_picture
+from neuro.apps import console, html, player, table, write_picture
 from neuro.events import Events
 from neuro_recognise.detection.boxes import COLOURS, UNKNOWN, Boxes, read_boxes, write_boxes
 from neuro_recognise.detection.detector import Detector
 from neuro_recognise.detection.measures import DetectionTrial
 from neuro_recognise.detection.scenes import Scenes
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.telling.watch import Panel, Track, length_ms, played, shown, span_note, watchable, write
+from neuro_recognise.telling.watch import length_ms, played, shown, span_note, watchable, write
 
 
 def watch_objects(
@@ -66,15 +66,18 @@ def page(events: Events, found: Boxes, classes: Sequence[str], title: str, given
     first, end = int(events.t[0]) if len(events) else 0, max(1.0, length_ms(events))
     boxes = [*_rows(found, classes, first, end, ""), *_rows(there, classes, first, end, "given")]
     data, about = shown(events, end, 6, 50.0)
-    seen = Track("objects", "events", "events of the sensor", {**data, "boxes": boxes, "colours": COLOURS}, 520)
+    seen = player.Track("objects", "events", "events of the sensor", {**data, "boxes": boxes, "colours": COLOURS}, 520)
     heads = ("", "class", "score", "left, top, right, bottom, px")
     head = html.tag("thead", html.tag("tr", *(html.tag("th", each) for each in heads)))
     objects = html.tag("table", head, html.tag("tbody", id="rows"))
-    top = [Panel("Events", [seen], span_note(data["span"])), Panel("Objects", [], "in view now", content=objects)]
+    top = [
+        player.Panel("Events", [seen], span_note(data["span"])),
+        player.Panel("Objects", [], "in view now", content=objects),
+    ]
     moments = np.unique([one["start"] for one in boxes])
     script = files("neuro_recognise.detection").joinpath("objects.js").read_text("utf-8")
     columns = "minmax(0, 2fr) minmax(0, 1fr)"
-    words, controls = [*_told(found, there), *about], Panel("", [], controls=True)
+    words, controls = [*_told(found, there), *about], player.Panel("", [], controls=True)
     return played(title, words, end, moments, top, controls, columns, script=script)
 
 

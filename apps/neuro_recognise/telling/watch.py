@@ -28,7 +28,6 @@ FINER = 3
 TALL = 340
 """Height of the drawings beside each other, px."""
 HELP = "move by a moment, with <kbd>shift</kbd> by ten"
-Html, Panel, Track = html.Html, player.Panel, player.Track
 
 PAGE = sealed("a page of 'neuro recognise'", '<meta name="generator" content="neuro recognise">', "<!-- digest {} -->")
 
@@ -155,9 +154,13 @@ def page(
         "low": [min(0.0, low)], "high": [high], "notes": _notes(recogniser, said, stop),
     }  # fmt: skip
     top = [
-        Panel("Events", [Track("events", "events", "events of the sensor", seen, TALL)], span_note(seen["span"])),
+        player.Panel(
+            "Events", [player.Track("events", "events", "events of the sensor", seen, TALL)], span_note(seen["span"])
+        ),
         *(_view(view, f"view{k}") for k, view in enumerate(views)),
-        Panel("Scores now, less their mean", [Track("bars", "bars", "scores of the classes now", bars, TALL)]),
+        player.Panel(
+            "Scores now, less their mean", [player.Track("bars", "bars", "scores of the classes now", bars, TALL)]
+        ),
     ]
     decided = said[-1 if stop is None else stop].label
     order = [k for k in range(len(recogniser.classes)) if k != decided] + ([decided] if decided >= 0 else [])
@@ -174,7 +177,9 @@ def page(
     if stop is not None:
         curve["stop"] = {"at": at[stop], "text": f"settled: {recogniser.classes[decided]}"}
         note += ", dashed where it is settled"
-    below = Panel("Scores", [Track("curve", "curve", "scores along time", curve, 210)], note, controls=True)
+    below = player.Panel(
+        "Scores", [player.Track("curve", "curve", "scores along time", curve, 210)], note, controls=True
+    )
     words = [told(recogniser, said, allow), recogniser.method.title, *about, *([] if allow is None else [ASSUMES])]
     columns = f"repeat({len(top)}, minmax(0, 1fr))"
     title = f"{title} by {recogniser.method.called()}"
@@ -186,8 +191,8 @@ def played(
     about: Sequence[str],
     end: float,
     moments: npt.NDArray[np.float64],
-    top: Sequence[Panel],
-    below: Panel,
+    top: Sequence[player.Panel],
+    below: player.Panel,
     columns: str,
     *,
     script: str = "",
@@ -227,9 +232,9 @@ def length_ms(events: Events) -> float:
     return (int(events.t[-1]) - int(events.t[0])) / 1000.0 if len(events) else 0.0
 
 
-def span_note(span: float) -> Html:
+def span_note(span: float) -> html.Html:
     """The key of a picture of events."""
-    return Html(
+    return html.Html(
         '<i style="background:var(--on)"></i>brighter <i style="background:var(--off);margin-left:4px"></i>darker, '
         f"of the last <output>{span:.{0 if span >= 10 else 1}f} ms</output>"
     )
@@ -245,7 +250,7 @@ def _notes(recogniser: Recogniser, said: Sequence[Decision], stop: int | None) -
     return notes
 
 
-def _view(view: View, name: str) -> Panel:
+def _view(view: View, name: str) -> player.Panel:
     many = len(view.at_ms)
     words = [f"{k + 1} of {many}, from {at:.0f} ms" for k, at in enumerate(view.at_ms)]
     notes = [" · ".join(each) for each in zip(words, view.told, strict=True)] if len(view.told) else words
@@ -255,11 +260,11 @@ def _view(view: View, name: str) -> Panel:
         _, rows, columns = view.images.shape
         data |= {"rows": rows, "columns": columns, "values": shades.astype(np.uint8).ravel()}
         data["shade"] = ["paper", "ink", 0.5]
-        return Panel(view.name, [Track("image", name, view.name, data, TALL)])
+        return player.Panel(view.name, [player.Track("image", name, view.name, data, TALL)])
     every = player.evenly(len(view.times), MOST)
     strip = {
         "name": "neurons", "size": view.size, "times": view.times[::every], "ids": view.size - 1 - view.ids[::every],
         "labels": list(view.bands)[::-1],
     }  # fmt: skip
     data |= {"strips": [strip], "window": view.length_ms, "ends": -(-view.offsets // every)}
-    return Panel(view.name, [Track("raster", name, view.name, data, TALL)])
+    return player.Panel(view.name, [player.Track("raster", name, view.name, data, TALL)])
