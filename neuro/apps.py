@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         whole as whole,
         with_settings as with_settings,
     )
-    from neuro.core import hdf5 as hdf5, html as html
+    from neuro.core import hdf5 as hdf5, html as html, player as player
     from neuro.core.checks import check as check, check_fields as check_fields
     from neuro.core.clock import Clock as Clock
     from neuro.core.errors import Where as Where, unknown as unknown

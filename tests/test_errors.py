@@ -58,7 +58,7 @@ INSIDE = {
     ("Pruned", "neuro/sweeps/function.py"): "of a run that ends early; who does the run keeps it as pruned",
     (
         "ValueError",
-        "apps/neuro_agent/observations.py",
+        "apps/neuro_agent/spaces.py",
     ): "of an observation of another form; flat tells it as ModelError",
     ("Unsupported", "neuro/exchange/nir/"): "of a node; it becomes a verdict, and with all others a ModelError",
     (

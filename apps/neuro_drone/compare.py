@@ -16,11 +16,8 @@ from neuro_drone.controllers import kind_of
 from neuro_drone.evaluate import Lap, grid, try_out
 from neuro_drone.model import Model
 from neuro_drone.paths import FlightCourse
-from neuro_drone.pilot import chosen
 from neuro_drone.scenario import Scenario
-from neuro_drone.train import TrainingProgress, train
-
-__all__ = ["ROWS", "ComparisonJob", "ComparisonRow", "RowMessage", "Summary", "run"]
+from neuro_drone.train import TrainingProgress, chosen, train
 
 RESULTS = JobResults("a result of 'neuro drone compare'", "neuro drone result 1")
 ROWS = ("nothing", "oracle", "centroid", "static", "static-linear", "lms", "snn-eta0", "snn-flipped", "snn")

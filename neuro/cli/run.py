@@ -322,7 +322,7 @@ def report(file: File, out: PageOut = None, chip: ChipName = "loihi") -> None:
     from neuro.core.errors import ModelError
     from neuro.core.outputs import check_output, output
     from neuro.files.results import read
-    from neuro.report.page import PAGE, page
+    from neuro.pages.report import PAGE, page
 
     path = file.with_suffix(".html") if out is None else out
     check_output(path, PAGE)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
 from neuro.core.values import literal
-from neuro.pages.scales import few, prefixed, ticks
+from neuro.pages.curves import few, prefixed, ticks
 from neuro.plots._canvas import COLOURS, Picture, tidy
 from neuro.sweeps.folder import TUNING, Folder, RunOutcome
 from neuro.sweeps.journal import OPTUNAS, optuna, quietly, trials_of

@@ -119,7 +119,7 @@ def test_a_mistake_of_the_network_is_told_once(run, tmp_path):
 
 
 def test_what_is_approximated_and_missing_is_told(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("neuro.compare.spikes._library", lambda: None)
+    monkeypatch.setattr("neuro.compare.differences._library", lambda: None)
     (tmp_path / "net.yaml").write_text(NETWORK.replace("100.0", "400.0"))
     status, out, err = run(*RUN, "--backends", "event,loihi")
     assert (status, err) == (0, "")

@@ -26,9 +26,9 @@ from neuro.model.neurons import CurrentGenerator, Generator
 from neuro.model.parts import Population
 from neuro.pages import raster
 from neuro.pages.bills import joules
-from neuro.pages.histograms import Histogram, drawings, histogram
+from neuro.pages.curves import end_ms, rates, traces
+from neuro.pages.histograms import drawings, histogram
 from neuro.pages.raster import Strip, window
-from neuro.report.curves import end_ms, rates, traces
 
 PAGE = sealed("a page of 'neuro report'", '<meta name="generator" content="neuro report">', "<!-- digest {} -->")
 
@@ -64,11 +64,12 @@ def page(results: Results, file: Path, target: str = "loihi") -> str:
     """
     bill, reason = _bill(results, target)
     said = _described(results)
+    has_traces = any(trace.population for trace in results.traces.values())
     parts = (
         _head(results),
         tag("div", *_cards(results, said, bill, target), class_="cards"),
         *_spikes(results, said),
-        *_traces(results),
+        *([tag("h2", "Traces"), traces(results, "population")] if has_traces else ()),
         *_weights(results, said),
         *_network(results, said),
         *_energy(results, bill, reason, target),
@@ -97,7 +98,7 @@ def _head(results: Results) -> Html:
 
 def _cards(results: Results, said: Described, bill: Energy | None, target: str) -> Iterator[Html]:
     populations, projections = results.populations, results.projections
-    inputs = _generators(said)
+    inputs = {name for name, part in said.items() if isinstance(part.model, Generator)}  # no neuron fires their spikes
     cells = [train for name, train in populations.items() if name not in inputs]
     about = f"of {some(sum(each.size for each in cells), 'neuron')} in {some(len(cells), 'population')}"
     emitted = sum(populations[name].counts["spikes"] for name in inputs)
@@ -126,8 +127,7 @@ def _spikes(results: Results, said: Described) -> Iterator[Html]:
         yield tag("p", f"Silent: {', '.join(silent)}.")
     if left_out:
         yield tag("p", f"Not kept: {', '.join(left_out)}; neuro run --record NAME keeps them.")
-    models = _models(results, said)
-    rows = (_population(name, models[name], train, results) for name, train in results.populations.items())
+    rows = (_population(name, said, train, results) for name, train in results.populations.items())
     yield table(POPULATIONS, rows)
     if shown:
         yield tag("h3", "Rates along time")
@@ -143,21 +143,12 @@ def _raster(results: Results, names: list[str]) -> Html:
         train = results.populations[name]
         steps = np.asarray(train.steps)
         drawn = window(train.size, [(steps, train.ids)], int(results.about["counts.steps"]), most)
-        about = f"{_hz(train, results)} Hz, {drawn.described(last, step)}"
+        about = f"{train.counts['spikes'] / train.size / (last / 1000.0):.2f} Hz, {drawn.described(last, step)}"
         strips.append(Strip(name, about, drawn, {"spike": drawn.keys(steps, train.ids)}))
     picture = raster.raster(
         strips, last, step, label=f"raster of {', '.join(names)}", tallest=TALLEST if len(names) < 13 else LOWER
     )
     return html.figure(picture, "Each row is a neuron, the first at the bottom.", class_="raster")
-
-
-def _hz(train: Train, results: Results) -> str:
-    return f"{train.counts['spikes'] / train.size / (end_ms(results) / 1000.0):.2f}"
-
-
-def _generators(said: Described) -> set[str]:
-    """The populations that emit spikes which no neuron fires."""
-    return {name for name, part in said.items() if isinstance(part.model, Generator)}
 
 
 def _described(results: Results) -> Described:
@@ -175,12 +166,8 @@ def _weight_unit(said: Described, part: Weights) -> str:
     return str(getattr(said[part.target].model, "weight_unit", ""))
 
 
-def _models(results: Results, said: Described) -> dict[str, str]:
-    """The model of each population, as the network says it if it does."""
-    return {name: said[name].model.name if name in said else train.model for name, train in results.populations.items()}
-
-
-def _population(name: str, model: str, train: Train, results: Results) -> tuple[object, ...]:
+def _population(name: str, said: Described, train: Train, results: Results) -> tuple[object, ...]:
+    model = said[name].model.name if name in said else train.model  # a recording is compiled to another model
     fired = f"{np.unique(train.ids).size:,}" if train.recorded else "-"
     shape = " x ".join(map(str, train.shape))
     active = f"{train.counts['neuron_updates_active']:,}"
@@ -195,15 +182,12 @@ def _population(name: str, model: str, train: Train, results: Results) -> tuple[
     )
 
 
-def _traces(results: Results) -> Iterator[Html]:
-    if any(trace.population for trace in results.traces.values()):
-        yield tag("h2", "Traces")
-        yield traces(results, "population")
-
-
 def _weights(results: Results, said: Described) -> Iterator[Html]:
-    found = [_histogram(said, name, part) for name, part in results.projections.items() if part.weight is not None]
-    found = [part for part in found if part.synapses]
+    found = [
+        histogram(name, _weight_unit(said, part), {"end": part.weight.ravel()})
+        for name, part in results.projections.items()
+        if part.weight is not None and part.weight.size
+    ]
     probed = any(trace.projection for trace in results.traces.values())
     if found or probed:
         yield tag("h2", "Weights")
@@ -213,11 +197,6 @@ def _weights(results: Results, said: Described) -> Iterator[Html]:
     if found:
         yield tag("h3", "At the end of the run")
         yield drawings(found, {"end": "at the end"})
-
-
-def _histogram(said: Described, name: str, part: Weights) -> Histogram:
-    assert part.weight is not None
-    return histogram(name, _weight_unit(said, part), {"end": part.weight.ravel()})
 
 
 def _network(results: Results, said: Described) -> Iterator[Html]:
