@@ -16,17 +16,17 @@ Source: github.com/neuromorphic-paris/event_stream, README, version 2.0.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events._events import Events, empty_columns
+from neuro.events._events import Events
 from neuro.events.errors import EventFileError, EventFileWarning
-from neuro.events.formats._format import SMALLER, Damage, Format, Piece, Size, Unsavable, refuse
-from neuro.events.formats._reading import decoded, write_words
+from neuro.events.formats._format import SMALLER, Damage, Format, Size, Unsavable, refuse
+from neuro.events.formats._reading import write_words
+from neuro.events.formats._words import GAPS, Decoder, Field, Layout, Odd, WordReader, encoded, layout_decoder
 from neuro.events.source import Bytes, Given, Source, opened_source
 
 MAGIC = b"Event Stream"
@@ -43,9 +43,17 @@ TYPES = {GENERIC: "generic", DVS: "DVS", 2: "ATIS", 3: "display", 4: "colour"}
 LONGEST_GAP = OVERFLOW_US << 26
 """us; an event after a longer one would take more than 64 MB, since 127 us of silence take a byte."""
 
+LAYOUT = Layout(
+    EVENT, t=Field(1, 7, size=1), x=Field(0, 16, byte=1), y=Field(16, 16, byte=1), p=Field(0, 1, size=1),
+    odd=Odd(0xFE, 0xFE, differs=False, size=1), others="silence", rule=GAPS, least=1,
+)  # fmt: skip
 
-class EventStream:
+
+class EventStream(WordReader):
     """An open Event Stream file of DVS events."""
+
+    word = EVENT
+    start = START
 
     def __init__(self, source: Source) -> None:
         kind = _kind(source)
@@ -59,27 +67,21 @@ class EventStream:
         width, height = (int.from_bytes(header[at : at + 2], "little") for at in (HEADER, HEADER + 2))
         if not width or not height:
             raise Damage(f"sensor size {width}x{height}, expected at least 1x1", HEADER)
-        self._source = source
+        self.source = source
         self.sensor_size: Size | None = (width, height)
-        self.metadata: Mapping[str, Any] = {"version": ".".join(str(number) for number in header[12:15])}
+        self.metadata = {"version": ".".join(str(number) for number in header[12:15])}
 
-    def pieces(self, block: int) -> Iterator[Piece]:
-        """The events; see `Reader`."""
-        from neuro.events.formats._byte_kernels import begins, decode_event_stream
+    def decoder(self) -> Decoder:
+        """See `WordReader`."""
+        return layout_decoder(LAYOUT, unit=1)
 
-        now, held = 0, np.zeros(0, np.uint8)
-        for place, more in self._source.blocks(START, block):
-            data = np.concatenate((held, more)) if held.size else more
-            begin, room = place - held.size, empty_columns(data.size // EVENT)
-            found, used, x_max, y_max, now = decode_event_stream(data, now, *room)
-            held = data[used:]
+    def block(self, size: int) -> int:
+        """See `WordReader`; events begin anywhere."""
+        return size
 
-            def byte(event: int, begin: int = begin, data: Bytes = data) -> int:
-                return begin + int(begins(data, event))
-
-            yield decoded(room, found, (x_max, y_max), True, byte)
-        if held.size:
-            raise Damage(f"the last event is cut after {held.size} of {EVENT} bytes", begin + used)
+    def ended(self, rest: Bytes, end: int, state: npt.NDArray[np.int64]) -> str:
+        """See `WordReader`."""
+        return f"the last event is cut after {rest.size} of {EVENT} bytes" if rest.size else ""
 
 
 def _kind(source: Source) -> int:
@@ -165,11 +167,11 @@ def _generic(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 def write(parts: Iterator[Events], path: Path) -> None:
     """Encode as Event Stream 2.0 of DVS events; the metadata are not kept."""
-    from neuro.events.formats._byte_kernels import encode_event_stream
+    from neuro.events.formats._word_kernels import encode_event_stream
 
     now = 0
 
-    def encoded(done: int, events: Events) -> bytes:
+    def parted(done: int, events: Events) -> bytes:
         nonlocal now
         gaps = np.diff(events.t, prepend=now)
         limits = f"t from 0 us on, and at most {LONGEST_GAP} us after the event before or 0"
@@ -177,11 +179,11 @@ def write(parts: Iterator[Events], path: Path) -> None:
         late = not done and bad[:1].any()  # where the recording begins, which a filter can move; no gap within it
         refuse(events, bad, done, limits, np.zeros(len(events), np.bool_) if late else None)
         out = np.empty(EVENT * len(events) + int((gaps // OVERFLOW_US).sum()), np.uint8)
-        encode_event_stream(events.t, events.x, events.y, events.p, now, out)
+        encode_event_stream(encoded(LAYOUT, events, gaps % OVERFLOW_US), gaps, out)
         now = int(events.t[-1]) if len(events) else now
         return out.tobytes()
 
-    write_words(parts, path, _new_header, encoded)
+    write_words(parts, path, _new_header, parted)
 
 
 def _new_header(sensor: Size | None) -> bytes:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -12,72 +10,29 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events._events import Events, empty_columns
-from neuro.events.formats._format import HEAD, Damage, Format, Piece, no_place
-from neuro.events.formats._reading import begin, decoded, write_words
+from neuro.events._events import Events
+from neuro.events.formats._format import HEAD, Damage, Format
+from neuro.events.formats._reading import begin, write_words
+from neuro.events.formats._words import (
+    ADDED,
+    OTHER,
+    STARTED,
+    Decoder,
+    Field,
+    Layout,
+    Odd,
+    SeekingReader,
+    encoded,
+    first_state,
+    layout_decoder,
+)
 from neuro.events.formats.dat import GEN3, GEN4, check_room, has_room, parse, raw_text, read_header
-from neuro.events.source import WHOLE, Bytes, Source, step
+from neuro.events.source import Bytes, Source
 
 Words = npt.NDArray[Any]
-OTHER, STARTED = 0, 1
-"""Places in the state of every kernel: words left out, and whether a TIME_HIGH was seen."""
-
-STEP = 1 << 16
-"""Bytes decoded at a time to find an event."""
 
 
-def _same(words: Words) -> Words:
-    return words
-
-
-@dataclass(slots=True)
-class Decoder:
-    """A kernel and its state.
-
-    Attributes:
-        dtype: of the array that the kernel takes.
-        state: changed by `decode`.
-        room: events that words have at most.
-        decode: (words, state, t, x, y, p) -> events, largest x and y, whether time does not run back.
-        order: puts words in the order that the kernel takes.
-    """
-
-    dtype: str
-    state: npt.NDArray[np.int64]
-    room: Callable[[Words], int]
-    decode: Callable[..., tuple[int, int, int, bool]]
-    order: Callable[[Words], Words] = _same
-
-    def piece(self, data: Bytes, place: Callable[[int], int | None] = no_place) -> Piece:
-        """The events of whole words."""
-        words = self.order(data.view(self.dtype))
-        room = empty_columns(self.room(words))
-        found, x_max, y_max, ordered = self.decode(words, self.state, *room)
-        return decoded(room, found, (x_max, y_max), ordered, place)
-
-    def count(self, data: Bytes) -> int:
-        """Number of events of whole words; the state stays as it is."""
-        return self.copy().piece(data).t.size
-
-    def copy(self) -> Decoder:
-        """One with a state of its own."""
-        return replace(self, state=self.state.copy())
-
-    def find(self, data: Bytes, word: int, event: int) -> int:
-        """The byte of whole words at which an event begins."""
-        here, at = self.copy(), 0
-        while event >= (count := here.count(data[at : at + STEP])):
-            event -= count
-            here.piece(data[at : at + STEP])
-            at += STEP
-        low, high = 0, min(STEP, data.size - at) // word
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (low, middle) if here.count(data[at : at + middle * word]) > event else (middle, high)
-        return at + low * word
-
-
-class Evt(ABC):
+class Evt(SeekingReader):
     """An open RAW file.
 
     ``metadata`` has the lines of the ``header`` and, once all is read, ``other_words``: words left out.
@@ -85,20 +40,17 @@ class Evt(ABC):
     Attributes:
         coding: the word that a header has for it.
         title: the one that messages have.
-        word: bytes of a word.
         orders: orders of bytes that are read.
-        swell: `stream` takes blocks smaller by this, since a word may hold many events.
     """
 
     coding: ClassVar[str]
     title: ClassVar[str]
-    word: ClassVar[int]
     orders: ClassVar[tuple[str, ...]] = ("little",)
-    swell: ClassVar[int] = 1
 
     def __init__(self, source: Source) -> None:
         self.source = source
         self.header = header = read_header(source)
+        self.start = header.length
         if header.coding not in (None, self.coding):
             key = "format" if "format" in header.fields else "evt"
             raise header.damage(key, f"that of {self.title}")
@@ -107,49 +59,18 @@ class Evt(ABC):
         if not header.length and source.size == 0:
             raise Damage(f"is empty, expected a header or words of {self.title}", 0)
         self.sensor_size = header.sensor_size()
-        self.metadata: dict[str, Any] = {"format": self.coding.lower(), "header": dict(header.fields)}
+        self.metadata = {"format": self.coding.lower(), "header": dict(header.fields)}
 
-    @abstractmethod
-    def decoder(self) -> Decoder:
-        """A new decoder of this coding."""
+    def count(self, state: npt.NDArray[np.int64]) -> None:
+        """See `WordReader`."""
+        self.metadata["other_words"] = int(state[OTHER])
 
-    def pieces(self, block: int) -> Iterator[Piece]:
-        """The events; see `Reader`."""
-        return self._pieces(block, self.decoder(), self.header.length)
-
-    def pieces_from(self, block: int, start_us: int) -> Iterator[Piece]:
-        """The events from some block on; see `Seeker`."""
-        decoder = self.decoder()
-        return self._pieces(block, decoder, self.sought(decoder, self._step(block), start_us))
-
-    @abstractmethod
-    def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
-        """A byte before which all events are earlier than `start_us`; the decoder is set for it.
-
-        Args:
-            decoder: a new one.
-            step: bytes of a block; the byte is at the beginning of one.
-            start_us: time, us.
-        """
-
-    def _step(self, block: int) -> int:
-        return step(block if block >= WHOLE else block // self.swell, self.word)
-
-    def _pieces(self, block: int, decoder: Decoder, begin: int) -> Iterator[Piece]:
-        start = self.header.length
-        for place, data in self.source.blocks(begin, self._step(block), self.word):
-            whole = data[: data.size // self.word * self.word]
-            piece = decoder.piece(whole, self._places(decoder.copy(), place, whole))
-            self.metadata["other_words"] = int(decoder.state[OTHER])
-            yield piece
-            if rest := data.size - whole.size:
-                n = (place + whole.size - start) // self.word
-                raise Damage(f"{rest} bytes left over after {n} words of {self.word} bytes", place + whole.size)
-        if decoder.state[OTHER] and not decoder.state[STARTED]:
-            raise Damage(f"no word of {self.title} gives the time of what follows", start)
-
-    def _places(self, decoder: Decoder, place: int, data: Bytes) -> Callable[[int], int]:
-        return lambda event: place + decoder.find(data, self.word, event)
+    def ended(self, rest: Bytes, end: int, state: npt.NDArray[np.int64]) -> str:
+        """See `WordReader`."""
+        untimed = state[OTHER] and not state[STARTED]
+        return super().ended(rest, end, state) or (
+            f"no word of {self.title} gives the time of what follows" if untimed else ""
+        )
 
 
 TIME_HIGH = 8
@@ -160,6 +81,11 @@ HIGH_LOOK = 1 << 14
 """Bytes of a block in which a TIME_HIGH is looked for; cameras send one every 16 us."""
 ROOM_2 = (1 << 34, 1 << 11)
 """Times and sides that the words can tell."""
+
+LAYOUT_2 = Layout(
+    4, t=Field(22, LOW_BITS), x=Field(11, 11), y=Field(0, 11), p=Field(28, 1),
+    odd=Odd(0xE0000000), others="time_high", waits=True,
+)  # fmt: skip
 
 
 class Evt2(Evt):
@@ -182,24 +108,19 @@ class Evt2(Evt):
     word = 4
 
     def decoder(self) -> Decoder:
-        """See `Evt`."""
-        from neuro.events.formats import _evt_kernels as kernel
-
-        return Decoder("<u4", np.zeros(kernel.STATES_2, np.int64), len, kernel.decode2)
+        """See `WordReader`."""
+        return layout_decoder(LAYOUT_2)
 
     def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
-        """See `Evt`."""
-        from neuro.events.formats import _evt_kernels as kernel
-
-        samples = self.source.samples(self.header.length, step, min(step, HIGH_LOOK))
-        at = begin(self.header.length, self._highs(decoder, samples), start_us >> LOW_BITS, PERIOD)
-        decoder.state[kernel.WRAPS] = at.added << LOW_BITS
+        """See `SeekingReader`."""
+        at = begin(self.start, self.clocks(step), start_us >> LOW_BITS, PERIOD)
+        decoder.state[ADDED] = at.added << LOW_BITS
         return at.place
 
-    def _highs(self, decoder: Decoder, samples: Iterable[tuple[int, Bytes]]) -> Iterator[tuple[int, int]]:
+    def clocks(self, step: int) -> Iterator[tuple[int, int]]:
         """The first TIME_HIGH of each sample that has one."""
-        for place, data in samples:
-            words = self.upper(decoder.order(data[: data.size // self.word * self.word].view(decoder.dtype)))
+        for place, data in self.source.samples(self.start, step, min(step, HIGH_LOOK)):
+            words = self.upper(data[: data.size // self.word * self.word].view("<u4"))
             found = np.flatnonzero(words >> 28 == TIME_HIGH)
             if found.size:
                 yield place, int(words[found[0]] & 0x0FFFFFFF)
@@ -213,26 +134,19 @@ def write_evt2(parts: Iterator[Events], path: Path) -> None:
     """Encode, with the sensor in the header; metadata are not kept."""
     high = -1
 
-    def encoded(done: int, events: Events) -> bytes:
+    def words(done: int, events: Events) -> bytes:
         nonlocal high
         check_room(events, done, *ROOM_2)
-        words, high = _words_2(events, high)
-        return words.tobytes()
+        highs = events.t >> LOW_BITS
+        new = np.diff(highs, prepend=high) != 0
+        high = int(highs[-1]) if len(events) else high
+        place = np.arange(len(events)) + np.cumsum(new)
+        out = np.empty(len(events) + int(new.sum()), "<u4")
+        out[place[new] - 1] = TIME_HIGH << 28 | highs[new]
+        out[place] = encoded(LAYOUT_2, events).view("<u4")[:, 0]
+        return out.tobytes()
 
-    write_words(parts, path, partial(raw_text, "2.0"), encoded)
-
-
-def _words_2(events: Events, high: int) -> tuple[npt.NDArray[np.uint32], int]:
-    """Words of events after a TIME_HIGH of this value, and the value after them."""
-    highs = events.t >> 6
-    new = np.diff(highs, prepend=high) != 0
-    place = np.arange(len(events)) + np.cumsum(new)
-    words = np.empty(len(events) + int(new.sum()), "<u4")
-    words[place[new] - 1] = TIME_HIGH << 28 | highs[new]
-    low = events.t.astype(np.uint32) & np.uint32(0x3F)
-    x, p = events.x.astype(np.uint32), events.p.astype(np.uint32)
-    words[place] = p << 28 | low << 22 | x << 11 | events.y
-    return words, int(highs[-1]) if len(events) else high
+    write_words(parts, path, partial(raw_text, "2.0"), words)
 
 
 EVT2 = Format(
@@ -264,16 +178,12 @@ class Evt21(Evt2):
     swell = 16
 
     def decoder(self) -> Decoder:
-        """See `Evt`."""
-        from neuro.events.formats import _evt_kernels as kernel
+        """See `WordReader`."""
+        from neuro.events.formats._evt_kernels import decode21, room21
 
         order = self.header.options.get("endianness")
-        legacy = order == "legacy" if order else self._upper_first()
-
-        def halves(words: npt.NDArray[Any]) -> npt.NDArray[Any]:
-            return words.reshape(-1, 2)[:, ::-1].reshape(-1) if legacy else words
-
-        return Decoder("<u4", np.zeros(kernel.STATES_2, np.int64), kernel.room21, kernel.decode21, halves)
+        upper = 0 if (order == "legacy" if order else self._upper_first()) else 1
+        return Decoder(partial(decode21, upper), first_state(), self.word, self.word, partial(room21, upper))
 
     def upper(self, words: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
         """See `Evt2`."""
@@ -313,13 +223,23 @@ SLICE = 1 << 16
 """Events encoded at a time."""
 
 
+def _whole(data: Bytes) -> npt.NDArray[np.uint16]:
+    return data[: data.size // 2 * 2].view("<u2")
+
+
 def evt3_decoder() -> Decoder:
     """A new decoder of EVT 3.0."""
     from neuro.events.formats import _evt_kernels as kernel
 
     state = np.zeros(kernel.STATES_3, np.int64)
     state[kernel.ROW] = state[kernel.BASE] = -1
-    return Decoder("<u2", state, kernel.room3, kernel.decode3)
+
+    def decode(data: Bytes, *rest: Any) -> tuple[int, int, int, int, bool]:
+        words = _whole(data)
+        count, x_max, y_max, ordered = kernel.decode3(words, *rest)
+        return count, words.nbytes, x_max, y_max, ordered
+
+    return Decoder(decode, state, 2, 2, lambda data: kernel.room3(_whole(data)))
 
 
 class Evt3(Evt):
@@ -347,18 +267,18 @@ class Evt3(Evt):
     swell = 4
 
     def decoder(self) -> Decoder:
-        """See `Evt`."""
+        """See `WordReader`."""
         return evt3_decoder()
 
     def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
-        """See `Evt`. The clock wraps so soon that all TIME_HIGH before are looked at, and nothing else."""
+        """See `SeekingReader`. The clock wraps so soon that all TIME_HIGH before are looked at, and nothing else."""
         from neuro.events.formats import _evt_kernels as kernel
 
-        begin = self.header.length
+        begin = self.start
         high, kinds, margin = -1, 0, (begin, -1)
         before = np.zeros(0, np.uint16)
         for place, data in self.source.blocks(begin, step, self.word):
-            words = data[: data.size // self.word * self.word].view("<u2")
+            words = _whole(data)
             at_begin, kinds_before = high, kinds
             high, kinds, most = kernel.track3(words, high, kinds)
             if most >= start_us >> 12:

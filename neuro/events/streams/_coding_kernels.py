@@ -3,107 +3,81 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from neuro.events.formats._evt_kernels import BASE, ROW, STATES_3, TIME_HIGH, decode3, room3
+from neuro.events.formats._word_kernels import decoder, field, word
+from neuro.events.formats._words import OTHER
 from neuro.events.streams._ring_kernel import EVENTS, MISSING, RECEIVED, SIZE, START
-from neuro.kernels.jit import kernel
+from neuro.kernels.jit import kernel, subkernel
 
 U = np.uint32
 UNTIMED = 1 << 31
 """The bit of a word of SPIF that says that no time follows."""
 
 
-@kernel
-def decode_spif(ring, index, first, last, opened_ns, t, x, y, p):
-    """Decode SPIF: a word for an event, and a word of time after it unless its uppermost bit is set.
+@cache
+def plain_decoder(layout):
+    """Return the decoder of datagrams of events of a layout.
 
-    Args:
-        ring: (n,) uint32.
-        index: of its entries.
-        first: the first entry.
-        last: the one after the last.
-        opened_ns: an event without a time has that of its receipt, us after this.
-        t: (m,) int64, filled as are the others.
-        x: uint16.
-        y: uint16.
-        p: uint8.
-
-    Returns:
-        number of events, and of entries that are damaged.
+    Its arguments are the ring (n,) uint8, the index of its entries, the first entry and the one after the last, the
+    time from which receipts count, ns, a state, and arrays (m,) of times, columns, rows and polarities to fill. It
+    returns the number of events, and of entries that are damaged. An event that cannot be is left out.
     """
-    n = 0
-    damaged = 0
-    for entry in range(first, last):
-        row = entry % len(index)
-        start, size = index[row, START] // 4, index[row, SIZE]
-        received = (index[row, RECEIVED] - opened_ns) // 1000
-        end = start + size // 4
-        bad = size % 4 != 0
-        at = start
-        while at < end:
-            word = ring[at]
-            at += 1
-            time = received
-            if word & U(UNTIMED) == 0:
-                if at == end:
+    decode = decoder(layout, subkernel)
+
+    def decode_datagrams(ring, index, first, last, opened_ns, state, t, x, y, p):
+        n = 0
+        damaged = 0
+        for entry in range(first, last):
+            row = entry % len(index)
+            start, size = index[row, START], index[row, SIZE]
+            others = state[OTHER]
+            found, used, _, _, _ = decode(ring[start : start + size], state, t[n:], x[n:], y[n:], p[n:])
+            n += found
+            index[row, EVENTS] = n
+            damaged += (used != size) | (state[OTHER] != others)
+        return n, damaged
+
+    return kernel(decode_datagrams)
+
+
+@cache
+def spif_decoder(layout):
+    """Return the decoder of SPIF, as `plain_decoder`.
+
+    A word for an event is followed by a word of time, unless its uppermost bit is set: then the time is that of its
+    receipt, us.
+    """
+    word_of, (x_of, y_of, p_of) = word(4, False), (field(getattr(layout, name)) for name in "xyp")
+
+    def decode_spif(ring, index, first, last, opened_ns, state, t, x, y, p):
+        n = 0
+        damaged = 0
+        for entry in range(first, last):
+            row = entry % len(index)
+            at, size = index[row, START], index[row, SIZE]
+            time = (index[row, RECEIVED] - opened_ns) // 1000
+            end = at + size // 4 * 4
+            bad = size % 4 != 0
+            while at < end:
+                timed = word_of(ring, at) & U(UNTIMED) == 0
+                if timed and at + 4 == end:
                     bad = True
                     break
-                time = np.int64(ring[at])
-                at += 1
-            t[n] = time
-            x[n] = (word >> U(16)) & U(0x7FFF)
-            y[n] = word & U(0x7FFF)
-            p[n] = (word >> U(15)) & U(1)
-            n += 1
-        index[row, EVENTS] = n
-        damaged += bad
-    return n, damaged
+                t[n] = np.int64(word_of(ring, at + 4)) if timed else time
+                x[n] = x_of(ring, at)
+                y[n] = y_of(ring, at)
+                p[n] = p_of(ring, at)
+                n += 1
+                at += 8 if timed else 4
+            index[row, EVENTS] = n
+            damaged += bad
+        return n, damaged
 
-
-@kernel
-def decode_13(ring, index, first, last, opened_ns, t, x, y, p):
-    """Decode `t64_x16_y16_on8`; as `decode_spif`, with a ring of bytes. An event that cannot be is left out."""
-    n = 0
-    damaged = 0
-    for entry in range(first, last):
-        row = entry % len(index)
-        start, size = index[row, START], index[row, SIZE]
-        bad = size % 13 != 0
-        for at in range(start, start + size // 13 * 13, 13):
-            time = np.int64(0)
-            for k in range(8):
-                time |= np.int64(ring[at + k]) << (8 * k)
-            t[n] = time
-            x[n] = np.uint16(ring[at + 8]) | np.uint16(ring[at + 9]) << 8
-            y[n] = np.uint16(ring[at + 10]) | np.uint16(ring[at + 11]) << 8
-            p[n] = ring[at + 12]
-            right = (ring[at + 12] <= 1) & (time >> 62 == 0)
-            n += right
-            bad |= not right
-        index[row, EVENTS] = n
-        damaged += bad
-    return n, damaged
-
-
-@kernel
-def decode_8(ring, index, first, last, opened_ns, t, x, y, p):
-    """Decode `t32_x16_y15_on1`; as `decode_spif`, with a ring of words."""
-    n = 0
-    damaged = 0
-    for entry in range(first, last):
-        row = entry % len(index)
-        start, size = index[row, START] // 4, index[row, SIZE]
-        for at in range(start, start + size // 8 * 2, 2):
-            word = ring[at + 1]
-            t[n] = np.int64(ring[at])
-            x[n] = word & U(0xFFFF)
-            y[n] = word >> U(17)
-            p[n] = (word >> U(16)) & U(1)
-            n += 1
-        index[row, EVENTS] = n
-        damaged += size % 8 != 0
-    return n, damaged
+    return kernel(decode_spif)
 
 
 @kernel
@@ -123,7 +97,7 @@ SEEKS, LOST, STATES = STATES_3, STATES_3 + 1, STATES_3 + 2
 
 @kernel
 def decode_evt3(ring, index, first, last, state, t, x, y, p):
-    """Decode EVT 3.0; as `decode_spif`, with a ring of words of 16 bits.
+    """Decode EVT 3.0; as `plain_decoder`, with a ring of words of 16 bits.
 
     A row, a base of vectors and the lower bits of the time hold across datagrams. After a loss none of them is known:
     words up to the next TIME_HIGH are left out, then events up to the next row.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
 from typing import Any, Protocol
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
 from neuro.events._events import Columns, Events, empty_columns
+from neuro.events.formats._words import Field, Layout, Odd, encoded, first_state
 
 DATAGRAM = 1400
 """Bytes of a datagram, at most; the usual Ethernet carries 1,472."""
@@ -73,21 +74,21 @@ class Coding:
 
 @dataclass(slots=True)
 class _Plain:
-    """Events of a fixed number of bytes, by one of the kernels; `least` is that number."""
+    """Events of a layout; each takes `least` bytes, at least."""
 
-    kernel: str
-    dtype: str
+    layout: Layout
     least: int
     opened_ns: int
+    state: NDArray[np.int64] = field(default_factory=first_state)
 
     def __call__(
         self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
     ) -> tuple[int, Columns, int]:
-        from neuro.events.streams import _coding_kernels
+        from neuro.events.streams._coding_kernels import plain_decoder, spif_decoder
 
         room = empty_columns(int(_sizes(index, first, last).sum()) // self.least + 1)
-        decode = getattr(_coding_kernels, self.kernel)
-        n, damaged = decode(ring.view(self.dtype), index, first, last, self.opened_ns, *room)
+        decode = (plain_decoder if self.least == self.layout.size else spif_decoder)(self.layout)
+        n, damaged = decode(ring, index, first, last, self.opened_ns, self.state, *room)
         return n, room, damaged
 
 
@@ -131,29 +132,25 @@ def _cut(records: NDArray[Any], size: int) -> Iterator[Any]:
         yield records[k : k + step].data.cast("B")
 
 
+SPIF = Layout(8, t=Field(0, 32, byte=4), x=Field(16, 15), y=Field(0, 15), p=Field(15, 1))
+"""An event with its time."""
+FAERY_13 = Layout(
+    13, t=Field(0, 64, size=8), x=Field(0, 16, byte=8), y=Field(16, 16, byte=8), p=Field(0, 1, byte=12, size=1),
+    odd=Odd(0xFE << 56 | 3 << 22, byte=5, size=8),
+)  # fmt: skip
+"""No time has its upper two bits set, and polarities are 0 or 1: the word at byte 5 tells."""
+FAERY_8 = Layout(8, t=Field(0, 32), x=Field(0, 16, byte=4), y=Field(17, 15, byte=4), p=Field(16, 1, byte=4))
+
+
 def _spif(events: Events, size: int, timed: bool) -> Iterator[Any]:
-    x, y, p = (getattr(events, name).astype("<u4") for name in "xyp")
-    words = np.empty((len(events), 1 + timed), "<u4")
-    words[:, 0] = x << 16 | p << 15 | y
-    if timed:
-        words[:, 1] = events.t & 0xFFFFFFFF
-    else:
-        words[:, 0] |= np.uint32(1 << 31)
-    return _cut(words.view(f"V{4 + 4 * timed}").reshape(-1), size)
+    words = encoded(SPIF, events).view("<u4")
+    return _cut(words.view("V8")[:, 0] if timed else words[:, 0] | np.uint32(1 << 31), size)
 
 
-def _faery13(events: Events, size: int) -> Iterator[Any]:
-    if len(events) and events.t[0] < 0:
+def _faery(layout: Layout, events: Events, size: int) -> Iterator[Any]:
+    if layout is FAERY_13 and len(events) and events.t[0] < 0:
         raise ModelError(f"format 'faery13': found an event at {events.t[0]} us: expected times from 0 us on")
-    return _cut(events.records().view("V13"), size)
-
-
-def _faery8(events: Events, size: int) -> Iterator[Any]:
-    words = np.empty((len(events), 2), "<u4")
-    words[:, 0] = events.t & 0xFFFFFFFF
-    y, p = events.y.astype("<u4"), events.p.astype("<u4")
-    words[:, 1] = events.x | y << 17 | p << 16
-    return _cut(words.view("V8").reshape(-1), size)
+    return _cut(encoded(layout, events).view(f"V{layout.size}")[:, 0], size)
 
 
 _PERIOD_3 = 1 << 24
@@ -192,10 +189,6 @@ def _evt3() -> Encoder:
     return encode
 
 
-def _plain(kernel: str, dtype: str, least: int) -> Callable[[int], Decoder]:
-    return partial(_Plain, kernel, dtype, least)
-
-
 AESTREAM = 512
 """Bytes of the datagrams of aestream, which reads no more of one."""
 _32 = 1 << 32
@@ -205,19 +198,19 @@ CODINGS = {
     for coding in (
         Coding(
             "spif", "SPIF, words of 32 bits, with times or without; sent without",
-            _plain("decode_spif", "<u4", 4), lambda: partial(_spif, timed=False), _32, 1 << 15, AESTREAM,
+            partial(_Plain, SPIF, 4), lambda: partial(_spif, timed=False), _32, 1 << 15, AESTREAM,
         ),
         Coding(
             "spif-timed", "SPIF, sent with times: two words of 32 bits",
-            _plain("decode_spif", "<u4", 4), lambda: partial(_spif, timed=True), _32, 1 << 15, AESTREAM,
+            partial(_Plain, SPIF, 4), lambda: partial(_spif, timed=True), _32, 1 << 15, AESTREAM,
         ),
         Coding(
             "faery13", "faery's t64_x16_y16_on8, 13 bytes",
-            _plain("decode_13", "<u1", 13), lambda: _faery13, 0, 1 << 16,
+            partial(_Plain, FAERY_13, 13), lambda: partial(_faery, FAERY_13), 0, 1 << 16,
         ),
         Coding(
             "faery8", "faery's t32_x16_y15_on1, 8 bytes",
-            _plain("decode_8", "<u4", 8), lambda: _faery8, _32, 1 << 15,
+            partial(_Plain, FAERY_8, 8), lambda: partial(_faery, FAERY_8), _32, 1 << 15,
         ),
         Coding("raw-evt3", "Prophesee's EVT 3.0, words of 16 bits", _Evt3, _evt3, 0, 1 << 11),
     )
