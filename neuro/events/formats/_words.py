@@ -241,8 +241,7 @@ class WordReader(ABC):
             rest, end = data[decoder.used :], begin + decoder.used
             if decoder.state[STOPPED]:
                 raise Damage(self.stopped(rest), end)
-        if what := self.ended(rest, end, decoder.state):
-            raise Damage(what, end if rest.size else self.start)
+        self.ended(rest, end, decoder.state)
 
     def block(self, size: int) -> int:
         """Bytes of a block where a caller asks for so many."""
@@ -255,16 +254,20 @@ class WordReader(ABC):
         """Tell what is wrong with the bytes at which the decoder stopped."""
         raise NotImplementedError
 
-    def ended(self, rest: Bytes, end: int, state: npt.NDArray[np.int64]) -> str:
-        """Tell what is wrong at the end of the file, "" if nothing is.
+    def ended(self, rest: Bytes, end: int, state: npt.NDArray[np.int64]) -> None:
+        """Check the end of the file.
 
         Args:
             rest: bytes that are no whole word.
             end: where they begin.
             state: of the decoder.
+
+        Raises:
+            Damage: something is missing.
         """
-        words = (end - self.start) // self.word
-        return f"{rest.size} bytes left over after {words} {self.called} of {self.word} bytes" if rest.size else ""
+        if rest.size:
+            words = (end - self.start) // self.word
+            raise Damage(f"{rest.size} bytes left over after {words} {self.called} of {self.word} bytes", end)
 
 
 PERIOD = 1 << 32

@@ -351,13 +351,14 @@ class Aedat3(WordReader):
         """See `WordReader`."""
         return "expected the header of a packet"
 
-    def ended(self, rest: Bytes, end: int, state: State) -> str:
+    def ended(self, rest: Bytes, end: int, state: State) -> None:
         """See `WordReader`."""
         from neuro.events.formats._word_kernels import LEFT, SKIP
 
         if missing := int(state[SKIP] + state[LEFT] * EVENT):
-            return f"the last packet is cut, {missing - rest.size} bytes are missing"
-        return f"{rest.size} bytes left over after the last packet" if rest.size else ""
+            raise Damage(f"the last packet is cut, {missing - rest.size} bytes are missing", end)
+        if rest.size:
+            raise Damage(f"{rest.size} bytes left over after the last packet", end)
 
 
 AEDAT3 = Format(

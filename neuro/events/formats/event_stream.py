@@ -79,9 +79,10 @@ class EventStream(WordReader):
         """See `WordReader`; events begin anywhere."""
         return size
 
-    def ended(self, rest: Bytes, end: int, state: npt.NDArray[np.int64]) -> str:
+    def ended(self, rest: Bytes, end: int, state: npt.NDArray[np.int64]) -> None:
         """See `WordReader`."""
-        return f"the last event is cut after {rest.size} of {EVENT} bytes" if rest.size else ""
+        if rest.size:
+            raise Damage(f"the last event is cut after {rest.size} of {EVENT} bytes", end)
 
 
 def _kind(source: Source) -> int:

@@ -65,12 +65,11 @@ class Evt(SeekingReader):
         """See `WordReader`."""
         self.metadata["other_words"] = int(state[OTHER])
 
-    def ended(self, rest: Bytes, end: int, state: npt.NDArray[np.int64]) -> str:
+    def ended(self, rest: Bytes, end: int, state: npt.NDArray[np.int64]) -> None:
         """See `WordReader`."""
-        untimed = state[OTHER] and not state[STARTED]
-        return super().ended(rest, end, state) or (
-            f"no word of {self.title} gives the time of what follows" if untimed else ""
-        )
+        super().ended(rest, end, state)
+        if state[OTHER] and not state[STARTED]:
+            raise Damage(f"no word of {self.title} gives the time of what follows", self.start)
 
 
 TIME_HIGH = 8
@@ -181,19 +180,21 @@ class Evt21(Evt2):
         """See `WordReader`."""
         from neuro.events.formats._evt_kernels import decode21, room21
 
-        order = self.header.options.get("endianness")
-        upper = 0 if (order == "legacy" if order else self._upper_first()) else 1
-        return Decoder(partial(decode21, upper), first_state(), self.word, self.word, partial(room21, upper))
+        half = self._upper_half()
+        return Decoder(partial(decode21, half), first_state(), self.word, self.word, partial(room21, half))
 
     def upper(self, words: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
         """See `Evt2`."""
-        return words[1::2]
+        return words[self._upper_half() :: 2]
 
-    def _upper_first(self) -> bool:
+    def _upper_half(self) -> int:
+        """Which half of a word is the upper one: 0 where it comes first, else 1."""
+        if order := self.header.options.get("endianness"):
+            return int(order != "legacy")
         data = self.source.head(self.header.length + HEAD)[self.header.length :]
         words = np.frombuffer(data[: len(data) // self.word * self.word], "<u4").reshape(-1, 2)
         lower, upper = (int(strange(half).sum()) - int((half >> 28 == TIME_HIGH).sum()) for half in words.T)
-        return upper > lower
+        return int(upper <= lower)
 
 
 def strange(upper: npt.NDArray[np.uint32]) -> npt.NDArray[np.bool_]:
