@@ -90,7 +90,7 @@ def test_where_the_header_ends():
     assert words((first, 1))[:1] == b"#"
     assert load(DAVIS + words((first, 1), (0, 13 << 8 | 10))).t.tolist() == [1, 13 << 8 | 10]
     text = b"#ab !cd\r\n#efghi\n"  # two words that are lines of text as well
-    assert Aedat2(Source(DAVIS + b"#End Of ASCII Header\r\n" + text))._start == len(DAVIS) + 22
+    assert Aedat2(Source(DAVIS + b"#End Of ASCII Header\r\n" + text)).start == len(DAVIS) + 22
     long = HEADER + b"".join(b"#<entry key=%d/>\r\n" % k for k in range(20_000)) + words((2, 5))
     for given_as in (long, io.BytesIO(long)):
         assert rows(load(given_as, name="a.aedat")) == [(5, 1, 0, 1)]

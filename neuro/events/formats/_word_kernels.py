@@ -359,19 +359,28 @@ SILENCE, SILENCE_US = 0xFF, 127
 
 
 @kernel
-def encode_event_stream(words, gaps, out):
-    """Put bytes of silence before the events that need them.
+def encode_event_stream(t, x, y, p, now, out):
+    """Encode events.
 
     Args:
-        words: (n, 5) uint8, the events with their times modulo `SILENCE_US`.
-        gaps: (n,) int64, us since the event before.
-        out: (5 n and one for each whole `SILENCE_US` of a gap,) uint8, filled.
+        t: (n,) int64.
+        x: (n,) uint16.
+        y: (n,) uint16.
+        p: (n,) uint8.
+        now: us, time of the event before.
+        out: (5 n and one for each whole `SILENCE_US` between events,) uint8, filled.
     """
     at = 0
-    for k in range(gaps.size):
-        for _ in range(gaps[k] // SILENCE_US):
+    for k in range(t.size):
+        gap = t[k] - now
+        now = t[k]
+        while gap >= SILENCE_US:
             out[at] = SILENCE
+            gap -= SILENCE_US
             at += 1
-        for i in range(words.shape[1]):
-            out[at + i] = words[k, i]
-        at += words.shape[1]
+        out[at] = gap << 1 | p[k]
+        out[at + 1] = x[k] & 0xFF
+        out[at + 2] = x[k] >> 8
+        out[at + 3] = y[k] & 0xFF
+        out[at + 4] = y[k] >> 8
+        at += 5

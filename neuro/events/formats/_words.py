@@ -105,25 +105,22 @@ layout; us to add to the times of events; the last time of a clock, -1 before th
 second kind that were left out, or the last TIME_HIGH; us that the wraps of TIME_HIGH add."""
 
 
-def encoded(layout: Layout, events: Events, t: npt.NDArray[np.int64] | None = None) -> npt.NDArray[np.uint8]:
-    """Return the bytes (n, size) of events for which the layout has room; of times the upper bits are left out.
-
-    Args:
-        layout: of the events.
-        events: what to encode.
-        t: (n,) instead of their times.
-    """
+def encoded(layout: Layout, events: Events) -> npt.NDArray[np.uint8]:
+    """Return the bytes (n, size) of events for which the layout has room; of times the upper bits are left out."""
     out = np.empty((len(events), layout.size), np.uint8)
     words: dict[tuple[int, int], Any] = {}
     for name in "txyp":
         field: Field = getattr(layout, name)
+        if not field.bits:
+            continue
         kind = np.dtype(f"u{field.size}").type
-        values = (t if t is not None and name == "t" else getattr(events, name)).astype(kind)
+        values = getattr(events, name)
         if field.backwards:
-            values = kind(field.backwards - 1) - values
+            values = kind(field.backwards - 1) - values.astype(kind)
         if name == "t" and field.bits < 8 * field.size:
-            values &= kind((1 << field.bits) - 1)
-        values <<= kind(field.shift)
+            values = values.astype(kind) & kind((1 << field.bits) - 1)
+        if field.shift:
+            values = values.astype(kind, copy=False) << kind(field.shift)
         place = field.byte, field.size
         words[place] = words[place] | values if place in words else values
     for (byte, size), values in words.items():

@@ -196,11 +196,15 @@ KINDS = (0x00, 0x0C)
 ROOM = (PERIOD, 1 << 14)
 """Times and sides that the words can tell."""
 
-_SAME = {"size": WORD, "t": Field(0, 32), "rule": WRAPS, "group": 256}
-_ABOVE = Odd(0xE0000000, byte=4)
+
+def _layout(x: Field, y: Field, p: Field, none: int) -> Layout:
+    odd = Odd(none, byte=4) if none else None
+    return Layout(WORD, Field(0, 32), x, y, p, odd, none=none, rule=WRAPS, group=256)
+
+
 _LAYOUTS = {
-    1: Layout(x=Field(0, 9, 4), y=Field(9, 8, 4), p=Field(17, 1, 4), **_SAME),
-    2: Layout(x=Field(0, 14, 4), y=Field(14, 14, 4), p=Field(28, 1, 4), odd=_ABOVE, none=_ABOVE.mask, **_SAME),
+    1: _layout(Field(0, 9, 4), Field(9, 8, 4), Field(17, 1, 4), none=0),
+    2: _layout(Field(0, 14, 4), Field(14, 14, 4), Field(28, 1, 4), none=0xE0000000),
 }
 
 

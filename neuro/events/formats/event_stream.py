@@ -26,7 +26,7 @@ from neuro.events._events import Events
 from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.formats._format import SMALLER, Damage, Format, Size, Unsavable, refuse
 from neuro.events.formats._reading import write_words
-from neuro.events.formats._words import GAPS, Decoder, Field, Layout, Odd, WordReader, encoded, layout_decoder
+from neuro.events.formats._words import GAPS, Decoder, Field, Layout, Odd, WordReader, layout_decoder
 from neuro.events.source import Bytes, Given, Source, opened_source
 
 MAGIC = b"Event Stream"
@@ -172,7 +172,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
 
     now = 0
 
-    def parted(done: int, events: Events) -> bytes:
+    def encoded(done: int, events: Events) -> bytes:
         nonlocal now
         gaps = np.diff(events.t, prepend=now)
         limits = f"t from 0 us on, and at most {LONGEST_GAP} us after the event before or 0"
@@ -180,11 +180,11 @@ def write(parts: Iterator[Events], path: Path) -> None:
         late = not done and bad[:1].any()  # where the recording begins, which a filter can move; no gap within it
         refuse(events, bad, done, limits, np.zeros(len(events), np.bool_) if late else None)
         out = np.empty(EVENT * len(events) + int((gaps // OVERFLOW_US).sum()), np.uint8)
-        encode_event_stream(encoded(LAYOUT, events, gaps % OVERFLOW_US), gaps, out)
+        encode_event_stream(events.t, events.x, events.y, events.p, now, out)
         now = int(events.t[-1]) if len(events) else now
         return out.tobytes()
 
-    write_words(parts, path, _new_header, parted)
+    write_words(parts, path, _new_header, encoded)
 
 
 def _new_header(sensor: Size | None) -> bytes:

@@ -285,7 +285,7 @@ class Evt3(Evt):
             if most >= start_us >> 12:
                 if margin[1] < 0 or not _settled(before, bool(kinds_before >> VECT_BASE_X & 1)):
                     return begin
-                decoder.state[kernel.STARTED], decoder.state[kernel.TIME] = 1, margin[1] << 12
+                decoder.state[STARTED], decoder.state[kernel.TIME] = 1, margin[1] << 12
                 return margin[0]
             margin, before = (place, at_begin), words
         return begin

@@ -143,14 +143,20 @@ FAERY_8 = Layout(8, t=Field(0, 32), x=Field(0, 16, byte=4), y=Field(17, 15, byte
 
 
 def _spif(events: Events, size: int, timed: bool) -> Iterator[Any]:
-    words = encoded(SPIF, events).view("<u4")
-    return _cut(words.view("V8")[:, 0] if timed else words[:, 0] | np.uint32(1 << 31), size)
+    if timed:
+        return _cut(encoded(SPIF, events).view("V8")[:, 0], size)
+    words = encoded(SPIF._replace(size=4, t=Field(0, 0)), events).view("<u4")
+    return _cut(words[:, 0] | np.uint32(1 << 31), size)
 
 
-def _faery(layout: Layout, events: Events, size: int) -> Iterator[Any]:
-    if layout is FAERY_13 and len(events) and events.t[0] < 0:
+def _faery13(events: Events, size: int) -> Iterator[Any]:
+    if len(events) and events.t[0] < 0:
         raise ModelError(f"format 'faery13': found an event at {events.t[0]} us: expected times from 0 us on")
-    return _cut(encoded(layout, events).view(f"V{layout.size}")[:, 0], size)
+    return _cut(events.records().view("V13"), size)
+
+
+def _faery8(events: Events, size: int) -> Iterator[Any]:
+    return _cut(encoded(FAERY_8, events).view("V8")[:, 0], size)
 
 
 _PERIOD_3 = 1 << 24
@@ -206,11 +212,11 @@ CODINGS = {
         ),
         Coding(
             "faery13", "faery's t64_x16_y16_on8, 13 bytes",
-            partial(_Plain, FAERY_13, 13), lambda: partial(_faery, FAERY_13), 0, 1 << 16,
+            partial(_Plain, FAERY_13, 13), lambda: _faery13, 0, 1 << 16,
         ),
         Coding(
             "faery8", "faery's t32_x16_y15_on1, 8 bytes",
-            partial(_Plain, FAERY_8, 8), lambda: partial(_faery, FAERY_8), _32, 1 << 15,
+            partial(_Plain, FAERY_8, 8), lambda: _faery8, _32, 1 << 15,
         ),
         Coding("raw-evt3", "Prophesee's EVT 3.0, words of 16 bits", _Evt3, _evt3, 0, 1 << 11),
     )
