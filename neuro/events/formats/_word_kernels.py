@@ -69,8 +69,6 @@ def field(place, is_big=False):
 @cache
 def oddity(layout):
     """Return the function (bytes, place) -> number that is 0 where an event begins."""
-    if layout.odd is None:
-        return inlined(lambda data, at: U(0))
     read, byte = word(layout.odd.size, layout.is_big), layout.odd.byte
     kind = np.uint64 if layout.odd.size == 8 else U
     mask, value, differs = kind(layout.odd.mask), kind(layout.odd.value), layout.odd.differs
@@ -99,8 +97,6 @@ def time_high(state, value):
 
 def _counting(layout):
     """Return the rule of words that are counted, or end the data."""
-    if layout.odd is None:
-        return _never
     read, byte = word(layout.odd.size, layout.is_big), layout.odd.byte
     kind = np.uint64 if layout.odd.size == 8 else U
     none, first, all_first, size = kind(layout.none), kind(max(layout.first, 0)), layout.first < 0, layout.size
@@ -114,10 +110,6 @@ def _counting(layout):
         return size, begin
 
     return count
-
-
-def _never(data, at, begin, state):
-    return 0, begin
 
 
 _word_4 = word(4, False)

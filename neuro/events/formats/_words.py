@@ -48,7 +48,7 @@ class Odd(NamedTuple):
         size: bytes of the word.
     """
 
-    mask: int
+    mask: int = 0
     value: int = 0
     differs: bool = True
     byte: int = 0
@@ -70,7 +70,7 @@ class Layout(NamedTuple):
         x: column, px.
         y: row, px.
         p: polarity, 1 = ON.
-        odd: words that are no events, None where all are.
+        odd: words that are no events; without a mask there are none.
         others: name of the rule for those words in `_word_kernels`; "" counts them.
         none: bits of the odd word that no word of the layout has: the data end before one that does.
         first: bits of the odd word of those that are counted as `OTHER`, the rest as `SECOND`; -1: all are.
@@ -87,7 +87,7 @@ class Layout(NamedTuple):
     x: Field
     y: Field
     p: Field
-    odd: Odd | None = None
+    odd: Odd = Odd()
     others: str = ""
     none: int = 0
     first: int = -1

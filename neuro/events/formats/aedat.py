@@ -188,7 +188,6 @@ class Aedat2(SeekingReader):
     def clocks(self, step: int) -> Iterator[tuple[int, int]]:
         """The time of the first event of each block that has one; other words may have times that run back."""
         layout = self._chip.layout
-        assert layout.odd is not None
         other = np.uint32(layout.odd.mask & ~layout.none)
         for place, data in self.source.samples(self.start, step, min(step, LOOK)):
             events = np.flatnonzero((_addresses(data) & other) == 0)

@@ -198,8 +198,7 @@ ROOM = (PERIOD, 1 << 14)
 
 
 def _layout(x: Field, y: Field, p: Field, none: int) -> Layout:
-    odd = Odd(none, byte=4) if none else None
-    return Layout(WORD, Field(0, 32), x, y, p, odd, none=none, rule=WRAPS, group=256)
+    return Layout(WORD, Field(0, 32), x, y, p, Odd(none, byte=4), none=none, rule=WRAPS, group=1024)
 
 
 _LAYOUTS = {
