@@ -111,7 +111,7 @@ def big():
 
 def rates():
     net = neuro.Network("rates")
-    net.population("a", 10_000, neuro.poisson_generator(rate=neuro.uniform(low=1e5, high=1e7)))
+    net.population("a", 10_000, neuro.poisson_generator(rate=neuro.uniform(low=1e5, high=5e6)))
     net.population("b", 10_000, neuro.iaf_psc_exp())
     net.connect("a", "b", neuro.fixed_indegree(n=1000), weight=1.0, delay=1.0)
     return net

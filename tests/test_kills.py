@@ -43,10 +43,15 @@ def killed(kind):
 STOPPED = SCRIPT.with_name("stopped_writers.py")
 
 
-@pytest.mark.slow
-def test_writers_that_are_stopped_keep_what_was_complete():
+FEW_WRITERS = ("run", "sonata", "save", "checkpoint", "listen dat", "listen npz", "convert .npz", "c")
+
+
+@pytest.mark.parametrize(
+    ("count", "writers"), [("24", FEW_WRITERS), pytest.param("1000", (), marks=pytest.mark.slow)], ids=["few", "all"]
+)
+def test_writers_that_are_stopped_keep_what_was_complete(count, writers):
     """`NEURO_STOPS` is how often; `helpers/stopped_writers.py` has the table of writers."""
-    command = [sys.executable, STOPPED, os.environ.get("NEURO_STOPS", "1000"), "0"]
+    command = [sys.executable, STOPPED, os.environ.get("NEURO_STOPS", count), "0", *writers]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     print(done.stdout, end="")

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 import neuro
+from neuro.model.synapses import SYNAPSES, Modulated
 from neuro.results import read
+from neuro.testing import observe
+from neuro.testing.case import differences, run_on
 
 BACKENDS = ["reference", "event"]
 
@@ -66,3 +69,61 @@ def test_more_than_63_bits_are_refused(backend):
         match=r"population 'p5': a neuron sent 2\^63 spikes or more, in a step or in all: expected fewer",
     ):
         sim.run(10.0)
+
+
+def taught(rule, times: int, listens: dict[str, str]) -> neuro.Network:
+    """Sources and targets that spike so many times in a step, and synapses between them that learn from it."""
+    net = neuro.Network("taught", resolution=0.5)
+    net.population("early", 1, neuro.spike_generator(spike_times=[[1.0, 9.0, 15.0]]))
+    net.population("late", 1, neuro.spike_generator(spike_times=[[3.0, 12.0]]))
+    net.population("sources", 3, neuro.parrot_neuron())
+    net.population("targets", 2, neuro.parrot_neuron())
+    net.connect("early", "sources", neuro.fixed_indegree(n=times), delay=0.5)
+    net.connect("late", "targets", neuro.fixed_indegree(n=times), delay=0.5)
+    if listens.get("signal"):
+        net.signal(listens["signal"], to="targets")
+    delay = neuro.uniform(low=1.0, high=4.0) if rule.delays else 1.5
+    top = min(float(getattr(rule, "Wmax", 1.0)), 100.0)
+    net.connect("sources", "targets", neuro.all_to_all(), rule, weight=0.5 * top, delay=delay, name="learnt")
+    return net
+
+
+PAIRS = [
+    (kind, listens)
+    for kind in SYNAPSES.values()
+    if kind.learns == "pairs"
+    for listens in ([{"signal": "level"}, {"dopamine": "early"}] if issubclass(kind, Modulated) else [{}])
+    if "dopamine" not in listens or "tau_n" in kind.quantities()
+]
+
+
+def seen_after(sim: neuro.Simulation, ms: float) -> dict | None:
+    """Run; return what can be read, or None where weights have left all bounds."""
+    run_on(sim, ms)
+    try:
+        return observe(sim)
+    except neuro.ModelError as error:
+        if error.kind != "instability":
+            raise
+        return None
+
+
+@pytest.mark.parametrize("times", [1, 2, 3, 1000])
+@pytest.mark.parametrize(
+    ("kind", "listens"), PAIRS, ids=[f"{kind.__name__} {'+'.join(words)}".strip() for kind, words in PAIRS]
+)
+def test_every_rule_hears_each_of_several_spikes(kind, listens, times):
+    words = dict(listens) | ({"dopamine_rule": "all_to_all"} if "dopamine" in listens else {})
+    runs = []
+    for backend, threads in [("reference", 1), ("event", 1), *([("event", 2)] if times == 3 else [])]:
+        sim = neuro.compile(taught(kind(**words), times, listens), backend, seed=1, threads=threads)
+        if "signal" in listens:
+            sim.signal("level", [0.5, 1.0])
+        runs.append([seen_after(sim, 10.0) for _ in range(2)])
+    expected, *others = runs
+    for each in others:
+        for reference, found in zip(expected, each, strict=True):
+            if reference is None:
+                assert found is None
+            else:
+                assert differences(reference, found, exact=False) == []

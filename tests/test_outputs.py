@@ -372,9 +372,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "neuro/core/html.py",  # a picture inside a page
         "neuro/plots/_canvas.py",  # a picture for a notebook
         "neuro/sweeps/network.py",  # a table for one run
-        *(
-            f"neuro/exchange/pynn/{name}.py" for name in ("read", "outcome")
-        ),  # what a script recorded, in a folder of its own
+        "neuro/live/page.py",  # a file for the browser, in a folder of its own
     }
     journal = {"neuro/sweeps/journal.py"}  # many add lines to it, so it is rewritten under its own lock
     assert found == {"neuro/core/outputs.py"} | formats | temporary | given | journal

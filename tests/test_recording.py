@@ -214,6 +214,25 @@ def test_a_full_disk(path, monkeypatch):
     assert neuro.results.read(f"{path}.part").time == 20.0
 
 
+def test_a_run_leaves_what_earlier_ones_kept(path):
+    def interrupted(ms):
+        sim = neuro.compile(network(), "reference")
+        with sim.record_to(path):
+            if ms:
+                sim.run(ms)
+            raise KeyboardInterrupt
+
+    for ms in (0.0, 5.0, 6.0):  # the first records nothing
+        with pytest.raises(KeyboardInterrupt):
+            interrupted(ms)
+    neuro.compile(network(), "reference").run(7.0, out=path)
+    times = {file.name: neuro.results.read(file).time for file in path.parent.iterdir()}
+    assert times == {"run.h5.part": 5.0, "run.2.h5.part": 6.0, "run.h5": 7.0}
+    path.unlink()
+    with pytest.raises(ModelError, match=r"run\.2\.h5\.part has what a run recorded"):
+        neuro.results.read(path)
+
+
 def test_a_folder_that_is_removed(tmp_path):
     (tmp_path / "gone").mkdir()
     path = tmp_path / "gone" / "run.h5"

@@ -481,3 +481,35 @@ def test_results_copy_no_file_out_of_the_new_folder(folder, played, run, capsys)
     record("a.h5", inputs={f"{folder}/source.dat/../../stolen.dat": "x"})
     run("rerun", "a.h5", status=2)
     assert "expected a file beside the network" in capsys.readouterr().err
+
+
+def test_a_command_that_is_long_is_refused_soon(folder, run, capsys):
+    page_of(folder, "neuro report " + "x " * 300_000)
+    run("rerun", "p.html", status=2)
+    told = capsys.readouterr().err
+    assert "its command has 600,013 characters: expected at most 65,536" in told
+    assert len(told) < 2000
+
+
+@pytest.mark.parametrize("kind", ["soft", "external", "ring", "virtual", "stored"])
+def test_results_that_are_not_their_own_are_refused(folder, run, capsys, kind):
+    """A link to another file, here a pipe that nobody writes into, and groups that hold each other."""
+    run("run", "net.yaml", "--for", 20, "--out", "a.h5")
+    os.mkfifo(folder / "pipe")
+    with h5py.File("a.h5", "r+") as opened:
+        if kind == "soft":
+            opened["more"] = h5py.SoftLink("/")
+        elif kind == "external":
+            opened["more"] = h5py.ExternalLink("pipe", "/")
+        elif kind == "ring":
+            opened["more"] = opened["populations"]
+        elif kind == "virtual":
+            layout = h5py.VirtualLayout(shape=(4,), dtype="i8")
+            layout[:] = h5py.VirtualSource("pipe", "x", shape=(4,))
+            opened.create_virtual_dataset("more", layout)
+        else:
+            opened.create_dataset("more", (4,), "u1", external=[("pipe", 0, 4)])
+    seal(folder / "a.h5")
+    for words in (("plot", "a.h5"), ("report", "a.h5"), ("rerun", "a.h5")):
+        run(*words, status=2)
+        assert "lies elsewhere: expected a part of the file" in capsys.readouterr().err

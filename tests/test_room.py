@@ -1,12 +1,15 @@
 """Networks and runs that need more bytes than are free: refused before anything is made."""
 
+import itertools
 import subprocess
 import sys
 import time
 
 import pytest
+from typer.testing import CliRunner
 
 import neuro
+from neuro.cli.commands import app
 from neuro.compiler import memory
 from refused import refused
 
@@ -30,6 +33,14 @@ def _in_views():
     return net
 
 
+def _within(radius):
+    net = neuro.Network("vast", resolution=0.1)
+    net.population("a", (300, 320), neuro.iaf_psc_exp())
+    rule = neuro.distance_dependent(p=1.0, mask=neuro.circular(radius=radius))
+    net.connect("a", "a", rule, weight=1.0, delay=1.0, name="aa")
+    return net
+
+
 @pytest.fixture(autouse=True)
 def room(monkeypatch):
     monkeypatch.setattr(memory, "free_memory", lambda: 16_000_000_000)
@@ -44,6 +55,7 @@ def room(monkeypatch):
         (lambda: _connected(neuro.symmetric_pairwise_bernoulli(0.5)), "projection 'aa', 9,999,900,000 synapses"),
         (lambda: _connected(neuro.all_to_all(), neuro.stdp(Wmax=9.0)), "projection 'aa', 10,000,000,000 synapses"),
         (lambda: _connected(neuro.all_to_all(autapses=False)), "projection 'aa', 10,000,000,000 synapses"),
+        (lambda: _within(500.0), "projection 'aa', 9,216,000,000 synapses"),
         (_in_views, "projection 'aa', 10,000,000,000 synapses"),
     ],
 )
@@ -57,6 +69,18 @@ def test_a_network_beyond_memory_is_refused_at_once(make, most, backend):
     assert "network 'vast' needs about" in message
     assert "expected at most what is free, 16,000,000,000 bytes (16.0 GB)\n" in message
     assert f"hint: most are for {most}: " in message
+
+
+def test_check_reports_it_while_the_free_memory_changes(tmp_path, monkeypatch):
+    free = itertools.count(16_000_000_000)
+    monkeypatch.setattr(memory, "free_memory", lambda: next(free))
+    file = tmp_path / "net.yaml"
+    file.write_text("neuro: 1\npopulations:\n  a: {model: iaf_psc_exp, shape: 1000000000}\n")
+    result = CliRunner().invoke(app, ["check", str(file)])
+    assert result.exit_code == 2, result.output
+    assert (
+        f"error: {file}:3:3: network 'network' needs about 112,000,000,000 bytes (112.0 GB) of memory" in result.output
+    )
 
 
 def test_synapses_that_are_not_stored_need_no_room():
@@ -87,3 +111,18 @@ def test_a_limit_of_addresses_is_room():
     code += "from neuro.core.memory import free_memory; print(free_memory())"
     free = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert 0 < int(free) < 8 << 30
+
+
+def test_check_names_it_also_when_the_free_bytes_change(monkeypatch, tmp_path, answer):
+    """The search for all mistakes looks twice; each time other bytes are free."""
+    free = iter(range(16_000_000_000, 17_000_000_000, 4096))
+    monkeypatch.setattr(memory, "free_memory", lambda: next(free))
+    file = tmp_path / "vast.yaml"
+    file.write_text(
+        "neuro: 1\npopulations:\n  a: {model: iaf_psc_exp, shape: 100000}\nprojections:\n"
+        "  aa: {from: a, to: a, rule: {fixed_indegree: {n: 100000}}, weight: {normal: {mean: 1.0, std: 0.1}}}\n"
+    )
+    status, out, err = answer("check", file)
+    assert (status, out) == (2, "")
+    assert f"{file}:5:3: network 'network' needs about " in err
+    assert "most are for projection 'aa', 10,000,000,000 synapses" in err

@@ -32,6 +32,9 @@ NAMES = {
     "random": "random actions",
 }
 
+ROLLOUT, BATCH = 2048, 64
+"""Defaults of PPO in stable-baselines3: control steps of a rollout, and of a batch."""
+
 Act = Callable[[Any], Any]
 
 
@@ -254,8 +257,12 @@ def _baseline(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
         env = gymnasium.wrappers.TransformAction(env, lambda action: action + space.start, zeros)
     policy = "MultiInputPolicy" if isinstance(env.observation_space, spaces.Dict) else "MlpPolicy"
     try:
-        model = getattr(stable_baselines3, trial.name.upper())(policy, env, seed=trial.seed, device="cpu")
-        model.learn(trial.steps)
+        steps, words = trial.steps, dict[str, Any]()
+        if trial.name == "ppo" and steps < ROLLOUT:  # a training ends behind a whole rollout, of whole batches
+            steps = steps // BATCH * BATCH or steps
+            words = {"n_steps": steps, "batch_size": min(BATCH, steps)}
+        model = getattr(stable_baselines3, trial.name.upper())(policy, env, seed=trial.seed, device="cpu", **words)
+        model.learn(steps)
     except Exception as error:
         raise _BaselineError(f"{NAMES[trial.name]}: {worlds.why(error)}") from error
 

@@ -18,6 +18,8 @@ from neuro_train.data import BatchData
 from neuro_train.plan import TrainingPlan
 
 Array = npt.NDArray[Any]
+LARGEST = 1e15
+"""mV; the square of a larger error is not a number of float32."""
 HINT = "numpy.savez(path, spikes=..., targets=...)"
 
 
@@ -37,7 +39,7 @@ def read(path: Path, net: neuro.Network, plan: TrainingPlan) -> BatchData:
     try:
         content = path.read_bytes()
         with np.load(io.BytesIO(content), allow_pickle=False) as file:
-            spikes, targets = file["spikes"], np.asarray(file["targets"], dtype=np.float32)
+            spikes, targets = file["spikes"], np.asarray(file["targets"], dtype=np.float64)
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror or error}", hint=HINT) from None
     except (ValueError, TypeError, AttributeError, EOFError, BadZipFile):
@@ -47,20 +49,23 @@ def read(path: Path, net: neuro.Network, plan: TrainingPlan) -> BatchData:
     inward, outward = (tuple(int(side) for side in net.populations[name].shape) for name in (plan.input, plan.output))
     sizes = int(np.prod(inward)), int(np.prod(outward))
     for name, found, size in (("spikes", spikes, sizes[0]), ("targets", targets, sizes[1])):
-        if found.ndim < 3 or found[0, 0].size != size or found.shape[:2] != spikes.shape[:2]:
+        if found.ndim >= 2 and not len(found):
+            raise ModelError(f"{path}: {name}: found no recording: expected at least one", hint=HINT)
+        if found.ndim < 3 or not found.shape[1] or found[0, 0].size != size or found.shape[:2] != spikes.shape[:2]:
             expected = f"(recordings, steps, {size}), as many of both"
             raise ModelError(f"{path}: {name}: found the shape {found.shape}: expected {expected}", hint=HINT)
-    if np.isinf(targets).any():
-        recording, step = np.argwhere(np.isinf(targets))[0][:2]
-        message = f"{path}: targets: recording {recording}, step {step}: found an infinite value"
-        raise ModelError(f"{message}: expected numbers in mV, or NaN where nothing is asked", hint=HINT)
+    if (large := np.abs(targets) > LARGEST).any():
+        recording, step = np.argwhere(large)[0][:2]
+        message = f"{path}: targets: recording {recording}, step {step}: found {targets[large][0]:g}"
+        raise ModelError(f"{message}: expected at most {LARGEST:g} mV, or NaN where nothing is asked", hint=HINT)
     if np.isnan(targets).all():
         raise ModelError(f"{path}: targets: all are NaN, so nothing is asked: expected some numbers in mV", hint=HINT)
     if not spikes.any():
         raise ModelError(f"{path}: spikes: all are 0: expected a recording with an event", hint=HINT)
     events = Events.of_dense({plan.input: spikes.reshape(*spikes.shape[:2], -1)})
     digest = hashlib.sha256(content).hexdigest()[:32]
-    return BatchData(events, targets.reshape(*targets.shape[:2], -1), (), inward, digest)
+    wanted = targets.astype(np.float32).reshape(*targets.shape[:2], -1)
+    return BatchData(events, wanted, (), inward, digest)
 
 
 def probe(output: str) -> str:

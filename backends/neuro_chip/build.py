@@ -64,6 +64,7 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
         a[name] = np.zeros(room, dtype=np.int64)
     a["clock"] = np.zeros(t.CLOCK_COLUMNS, dtype=np.int64)
     a["clock"][t.STOP_GROUP] = t.NONE
+    a["stop"] = np.zeros(1, dtype=np.int64)
     _groups(a, program)
     for k, part in enumerate(fixed.populations):
         write_registers(a, fixed, k, part)

@@ -187,6 +187,8 @@ def send_along(net, q, begin, first, last, step):
         send_grids(net, row, begin, first, last, step)
     else:
         for at in range(first, last):
+            if net.stop[0] == t.AT_ONCE:
+                return
             send(net, q, net.emitted[at] - begin, net.emitted_times[at], step)
 
 
@@ -357,12 +359,14 @@ def advance(view, words, end):
     net = net_of(view, words)
     net.resting[:] = 0  # the host may have written anything
     total = net.v.size  # a step records at most one event a neuron: there is room for it, or the caller empties first
-    while net.clock[t.STEP] < end and net.clock[t.RECORDED] + total <= net.rec_steps.size:
+    while net.stop[0] == 0 and net.clock[t.STEP] < end and net.clock[t.RECORDED] + total <= net.rec_steps.size:
         step = net.clock[t.STEP] + 1
         # At the beginning of a step, so that the host may write weights between steps, and what was emitted before is
         # sent with what learning has written.
         send_all(net, step - 1)
         for pop in range(net.pops.shape[0]):
+            if net.stop[0] == t.AT_ONCE:
+                return
             row = net.pops[pop]
             if row[t.KIND] == t.POISSON:
                 draw(net, pop, row, step)

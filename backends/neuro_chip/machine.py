@@ -15,6 +15,7 @@ from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.quantise import names_of, requantise, shares
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError, unknown
+from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped, torn
 from neuro.model.equations import EquationNeuron
 from neuro.program.backend import OverflowWarning, Problem
 from neuro.program.currents import Currents
@@ -71,6 +72,7 @@ class Machine:
         self.rates = Rates(self.program)
         self.record = RecordedSpikes()
         self._warned: set[str] = set()
+        self._torn = False
         self._live = _LIVE + (_WON if any(group.choice.several for group in self.program.groups) else ())
         for k, part in enumerate(self.program.populations):
             write_states(self.arrays, k, fixed.populations[k])
@@ -95,9 +97,20 @@ class Machine:
 
     def advance_to(self, end: int, group: int = t.NONE) -> None:
         """Run to a step, or until a group has decided."""
-        clock = self.arrays["clock"]
-        clock[t.STOP_GROUP] = group
-        by_step = self.learners or self.delays
+        if self._torn:
+            raise torn()
+        self.arrays["clock"][t.STOP_GROUP] = group
+        stop = self.arrays["stop"]
+        with Interruptible(stop):
+            try:
+                self._advance_to(end, group)
+            except BaseException:
+                self._torn |= int(stop[0]) == AT_ONCE
+                raise
+        self.arrays["clock"][t.STOP_GROUP] = t.NONE
+
+    def _advance_to(self, end: int, group: int) -> None:
+        clock, by_step = self.arrays["clock"], self.learners or self.delays
         while clock[t.STEP] < end:
             self._apply_currents()
             before = int(clock[t.STEP])
@@ -105,10 +118,13 @@ class Machine:
                 self.set_rate(k, rate)
             steady = min(self.currents.next_change(before), self.rates.next_change(before))
             stop = before + 1 if by_step else min(end, steady)
+            self._torn = bool(by_step)  # what a step teaches is part of it
             advance(self.bound.view, self.bound.words, stop)
+            end_if_stopped(self.arrays["stop"])
             if by_step and clock[t.STEP] > before:
                 self.learners.after(before + 1)
                 self.delays.after(before + 1)
+            self._torn = False
             if clock[t.RECORDED]:
                 steps, ids, counts = (self.arrays[name] for name in ("rec_steps", "rec_ids", "rec_counts"))
                 n = int(clock[t.RECORDED])
@@ -116,7 +132,6 @@ class Machine:
                 clock[t.RECORDED] = 0
             if group >= 0 and self.arrays["groups"][group, t.CLOSED]:
                 break
-        clock[t.STOP_GROUP] = t.NONE
 
     def send_ahead(self, projection: int) -> None:
         """What a generator emitted in the last step is sent with the words of now, before these change."""
@@ -166,6 +181,7 @@ class Machine:
         """Back to step 0 and the initial states, and to the initial weights if asked."""
         for name in _CLEARED:
             self.arrays[name][:] = 0
+        self._torn = False
         self.arrays["first"][:] = NEVER
         self.arrays["clock"][:] = 0
         self.arrays["clock"][t.STOP_GROUP] = t.NONE
@@ -196,6 +212,8 @@ class Machine:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs."""
+        if self._torn:
+            raise torn()
         return {
             **{f"live.{name}": self.arrays[name].copy() for name in self._live},
             **self.record.snapshot(),
@@ -215,6 +233,7 @@ class Machine:
         for name in self._live:
             if (kept := arrays.get(f"live.{name}")) is not None:  # states that were saved before have no payloads
                 self.arrays[name][:] = kept
+        self._torn = False
         self.arrays["came"][:] = 1  # which slots have input is not kept
         self.record.restore(arrays)
         self.listed.restore(arrays, self.step)

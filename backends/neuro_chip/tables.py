@@ -13,6 +13,7 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from neuro.core.interrupts import AT_ONCE as AT_ONCE  # the kernels compare `stop` with it
 from neuro.kernels import views
 from neuro.kernels.views import Views, fields_of
 
@@ -120,6 +121,7 @@ out i8 1            projections by source
 out_ends i8 1       where those of each source end
 groups i8 2         columns of `tables`, a row per group
 clock i8 1          likewise
+stop i8 1           whether to end, see `neuro.core.interrupts`
 words {words} 1     of all synapses
 kernels {words} 1   of grids, see `deliver`
 lags i4 1           of all synapses, steps

@@ -13,6 +13,7 @@ from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro_nest import kernel
 from neuro_nest.kernel import nest_errors
+from neuro_nest.limits import refused_values
 from neuro_nest.network import NestNetwork
 from neuro_nest.problems import BY_SIGN, ELSEWHERE, FINITE, NO_LEAK, RKF45_ONLY, has_new_current
 from neuro_nest.projections import NestProjection
@@ -89,6 +90,11 @@ class NestEngine:
             raise ModelError(f"{RK4} of '{part.name}' cannot change: {RKF45_ONLY}", hint=ELSEWHERE)
         if has_new_current(self.net.cells[population].parameters, values):
             raise ModelError(f"I_e of '{part.name}' cannot change: {NO_LEAK}", hint=FINITE)
+        changed = {**self.net.cells[population].parameters, **values}
+        for limit, text in refused_values(part, changed, self.program.resolution):
+            raise ModelError(
+                f"'{part.name}' cannot change: {text}: {limit.why}", hint=f"{limit.way_out}, or {ELSEWHERE}"
+            )
         self.net.cells[population].set(values)
         if population in self.net.noise:
             self.net.set_noise(population, values)

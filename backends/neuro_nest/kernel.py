@@ -110,17 +110,22 @@ def _alive(holder: Any) -> Any:
 
 
 @contextmanager
-def nest_errors() -> Iterator[None]:
-    """Raise NEST's errors as `ModelError` with NEST's message; under MPI end all processes."""
+def nest_errors(part: str = "") -> Iterator[None]:
+    """Raise NEST's errors as `ModelError` with NEST's message; under MPI end all processes.
+
+    Args:
+        part: the part of the network that is told to NEST, e.g. "population 'c'"; "" where it is the whole.
+    """
     nest = load()
     try:
         yield
     except (nest.NESTError, MemoryError) as error:
+        what = f"{part}: {error}" if part else str(error)
         if nest.num_processes > 1:
-            end_all(f"NEST: {error}")
+            end_all(f"NEST: {what}")
         if isinstance(error, MemoryError):
             raise
-        raise ModelError(f"NEST: {error}") from None
+        raise ModelError(f"NEST: {what}", hint="backend 'event' may run it") from None
 
 
 TOLD = "error: the process that ran NEST ended without a message: NEST crashed, or it was killed"

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from neuro.core.clock import NEVER, Clock
+from neuro.core.clock import NEVER
+from neuro.core.errors import ModelError
 from neuro.model.synapses.base import common
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Population, Program, Projection, Schedule
 from neuro.program.share import Share
+from neuro_nest.clock import NestClock
 from neuro_nest.kernel import nest_errors, set_nodes, sign
 from neuro_nest.nodes import Nodes, dealt_out
 from neuro_nest.projections import NestProjection
@@ -50,7 +52,8 @@ class NestNetwork:
         rules: list[Floats],
     ) -> None:
         self.program, self.nest, self.step = program, nest, 0
-        self.clock = Clock(program.resolution)
+        self._failed = False
+        self.clock = NestClock(program.resolution)
         self.rules = rules
         sent_at_once = {p.source for p in program.projections if self._is_at_once(p)}
         # What NEST draws follows from its seed and from the node of each neuron. These are dealt out for threads as for
@@ -59,8 +62,8 @@ class NestNetwork:
         dealt = max(program.share.number, threads if draws and program.share.number == 1 else 1)
         with nest_errors():
             nest.local_num_threads = threads
-            nest.set(resolution=program.resolution, rng_seed=1 + program.seed % _SEEDS)
-            nest.set(min_delay=program.resolution, max_delay=self.clock.ms(self._longest_delay()))
+            nest.set(resolution=self.clock.ms(1), rng_seed=1 + program.seed % _SEEDS)
+            nest.set(min_delay=self.clock.ms(1), max_delay=self.clock.ms(self._longest_delay()))
             sign(nest)
             self.cells = [
                 NestPopulation(
@@ -74,7 +77,8 @@ class NestNetwork:
                 for i, (part, w, before) in enumerate(zip(program.projections, weights, left, strict=False))
             ]
             for wires in self.wires:
-                self._connect(wires)
+                with nest_errors(f"projection '{wires.part.name}'"):
+                    self._connect(wires)
             self._recorder = self._record_neurons()
         self.sources = {
             index: TrainSource(cells.part, cells.parameters, program.resolution, program.seed)
@@ -105,7 +109,8 @@ class NestNetwork:
         with nest_errors():
             for index, noise in self.noise.items():
                 noise.emit(self.nest, self.cells[index].nodes, self.step, to)
-            self.nest.Simulate(self.clock.ms(to - self.step))
+        self._simulate(to)
+        with nest_errors():
             senders, steps = self._recorded()
         for index, cells in enumerate(self.cells):
             if cells.part.kind == "neuron":
@@ -118,6 +123,24 @@ class NestNetwork:
         for wires in self.wires:
             wires.ran()
         self.step = to
+
+    def _simulate(self, to: int) -> None:
+        """Let NEST run to a step; after an error of its it cannot go on."""
+        if self._failed:
+            raise ModelError("NEST: cannot run on after its error", hint="reset the simulation, or compile it anew")
+        try:
+            with nest_errors():
+                self.nest.Simulate(self.clock.ms(to - self.step))
+        except ModelError as error:
+            self._failed = True
+            names = " or ".join(f"'{cells.part.name}'" for cells in self._unstable(error.message))
+            message = error.message.replace("NEST: ", f"NEST: population {names}: ", 1) if names else error.message
+            raise error.but(message=message, hint=f"weaken its input, or {error.hint}", kind="instability") from None
+
+    def _unstable(self, message: str) -> list[NestPopulation]:
+        """The populations that an error of a run may be about: those of the model that it names, beyond its bounds."""
+        cells = [c for c in self.cells if message.rstrip(".").endswith(f" {NODES[c.part.model.name]}")]
+        return [c for c in cells if any(np.any(np.abs(c.get(s)) > bound) for s, bound in _BOUNDS.items())] or cells
 
     def set_noise(self, population: int, values: Mapping[str, Floats]) -> None:
         """Set parameters of noise; what is sent after the present step has them."""
@@ -145,7 +168,7 @@ class NestNetwork:
         recorder = self.nest.Create("spike_recorder", params={"time_in_steps": True})
         for cells in self.cells:
             if cells.part.kind == "neuron":
-                self.nest.Connect(cells.nodes, recorder, syn_spec={"delay": self.program.resolution})
+                self.nest.Connect(cells.nodes, recorder, syn_spec={"delay": self.clock.ms(1)})
         return recorder
 
     def _connect(self, wires: NestProjection | RuleProjection) -> None:
@@ -200,6 +223,9 @@ class NestNetwork:
         return transmitters
 
 
+_BOUNDS = {"V_m": 1e3, "w": 1e6}
+"""Beyond these values, in mV and pA, NEST's aeif neurons give up."""
+
 _SEEDS = 2**32 - 1
 """NEST's seeds go from 1 to this."""
 
@@ -230,7 +256,7 @@ class NestPopulation:
         nest: Any,
         part: Population,
         parameters: dict[str, Floats],
-        clock: Clock,
+        clock: NestClock,
         share: Share,
         number: int | None = None,
         devices: bool = False,
@@ -338,7 +364,7 @@ class NestPopulation:
         shared = {name: each[0] for name, each in words.items() if name not in own}
         turn = self.nodes_of.in_turn(self.part.size) if own else ()
         neurons = [shared | {name: own[name][i] for name in own} for i in turn] or [shared]
-        with nest_errors():
+        with nest_errors(f"population '{self.part.name}'"):
             set_nodes(self._nest, self.nodes, neurons)
 
     def _in_words_of_nest(self, name: str, values: Floats) -> list[Any]:

@@ -11,6 +11,7 @@ from neuro.model.neurons import CurrentGenerator
 from neuro.model.rules import fixed_total_number
 from neuro.program.backend import Problem, floats_only, unnoted
 from neuro.program.program import Floats, Population, Program, Projection
+from neuro_nest.limits import refused_values, refuses_weight
 from neuro_nest.tables import (
     FIXED_TRUE,
     NODES,
@@ -76,6 +77,8 @@ def _of_population(program: Program, index: int, part: Population) -> Iterator[P
     for name, values in part.initial.items():
         if name in UNREADABLE and np.any(values != 0.0):
             yield _refused(f"{message}: initial {name}", "NEST's starts at 0", ELSEWHERE, part)
+    for limit, text in refused_values(part, part.parameters, program.resolution):
+        yield _refused(f"{message}: {text}", limit.why, f"{limit.way_out}, or {ELSEWHERE}", part)
     if _without_leak(part.parameters) and _has_current(program, index, part):
         yield _refused(f"{message}: a current without leak", NO_LEAK, FINITE, part)
 
@@ -106,6 +109,11 @@ def _of_projection(program: Program, part: Projection) -> Iterator[Problem]:
         yield from _of_current(program, part)
     elif part.receptor is not None and not program.share.every(part.as_by_sign(part.weight)):
         yield _refused(f"{message}: receptor '{part.receptor.name}' by name", BY_SIGN, ELSEWHERE, part)
+    if refuses_weight(part):
+        way = f"begin at a weight just below 0, or {ELSEWHERE}"
+        yield _refused(
+            f"{message}: weight = 0 with Wmax below 0", "NEST expects weights with the sign of Wmax", way, part
+        )
     for word in FIXED_TRUE & set(part.synapse.numbers()):
         if not part.synapse.parameters()[word]:
             what = f"{message}: {part.synapse.name}.{word} = false"

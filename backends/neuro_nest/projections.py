@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints, Program
+from neuro_nest.clock import NestClock
 from neuro_nest.nodes import Nodes
 from neuro_nest.sources import first_node
 from neuro_nest.tables import RECEPTORS_OF_CURRENTS, SHARED, STATES, SYNAPSES
@@ -95,7 +95,7 @@ class NestProjection:
         return [f"neuro_{self.index}_{i}" for i in range(self.n_target if self.part.dopamine_one_to_one else 1)]
 
     def connect(
-        self, nest: Any, ends: tuple[Nodes, Nodes], clock: Clock, words: Mapping[str, Any], transmitters: Any
+        self, nest: Any, ends: tuple[Nodes, Nodes], clock: NestClock, words: Mapping[str, Any], transmitters: Any
     ) -> None:
         """Make the connections.
 
@@ -120,7 +120,9 @@ class NestProjection:
             mine = self.target == post if self.part.dopamine_one_to_one else np.ones(len(self.target), dtype=bool)
             self._connect(nest, ends, clock, {"synapse_model": name}, np.flatnonzero(mine))
 
-    def _connect(self, nest: Any, ends: tuple[Nodes, Nodes], clock: Clock, words: dict[str, Any], among: Ints) -> None:
+    def _connect(
+        self, nest: Any, ends: tuple[Nodes, Nodes], clock: NestClock, words: dict[str, Any], among: Ints
+    ) -> None:
         weights = self.each(self.part.arriving(self.weights))
         for layer in np.unique(self._layer[among]).tolist():
             synapses = among[self._layer[among] == layer]

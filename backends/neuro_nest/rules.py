@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from neuro.core.clock import Clock
 from neuro.model.distributions import Distribution, lognormal, normal, uniform
 from neuro.model.rules import (
     NamedRule,
@@ -17,6 +16,7 @@ from neuro.model.rules import (
     pairwise_bernoulli,
 )
 from neuro.program.program import Floats, Program
+from neuro_nest.clock import NestClock
 
 _HUGE = float(np.finfo(np.float64).max)
 
@@ -39,7 +39,7 @@ class RuleProjection:
         self.part, self.index, self.weights = program.projections[index], index, weights
         self._model = f"neuro_static_{before // OF_A_MODEL}"
 
-    def connect(self, nest: Any, source: Any, target: Any, clock: Clock) -> None:
+    def connect(self, nest: Any, source: Any, target: Any, clock: NestClock) -> None:
         """Let NEST draw the synapses.
 
         Args:
@@ -55,7 +55,7 @@ class RuleProjection:
         weight, delay = (drawn_by_nest(nest, value) for value in (asked.weight, asked.delay))
         negated = self.part.receptor is not None and self.part.receptor.negated
         # What rounds to no step is one step, as in this language.
-        late = max(delay, clock.resolution) if isinstance(delay, float) else nest.math.max(delay, clock.resolution)
+        late = max(delay, clock.ms(1)) if isinstance(delay, float) else nest.math.max(delay, clock.ms(1))
         words = {"synapse_model": self._model, "weight": weight * -1.0 if negated else weight, "delay": late}
         nest.Connect(source, target, in_words_of_nest(asked.rule), words)
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from neuro.core import keyed_random
-from neuro.core.clock import Clock
 from neuro.model.neurons import Generator, noise_generator
 from neuro.program.currents import Currents, generator_of
 from neuro.program.drives import Emission
 from neuro.program.program import Floats, Ints, Population, Program, drawn_for
+from neuro_nest.clock import NestClock
 from neuro_nest.kernel import set_nodes
 
 DRAWS = 1 << 21
@@ -172,7 +172,7 @@ class Noise:
     """
 
     def __init__(self, program: Program, population: int, currents: Currents) -> None:
-        self._population, self._currents, self._clock = population, currents, Clock(program.resolution)
+        self._population, self._currents, self._clock = population, currents, NestClock(program.resolution)
         self._stop = program.populations[population].stop
         outgoing = [q for q, p in enumerate(program.projections) if p.source == population]
         if not generator_of(program.populations[population]).individual:

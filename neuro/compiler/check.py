@@ -9,6 +9,7 @@ from typing import Any, NoReturn, TypeAlias
 import numpy as np
 
 from neuro.compiler.generators import check_generator
+from neuro.compiler.receptors import named_by
 from neuro.compiler.shapes import Shape, size
 from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
@@ -179,7 +180,7 @@ def _check_graded(net: Network, part: Projection) -> None:
     if target.relay:
         text = f"graded spikes of '{part.source}' onto '{part.target}', {a(target.name)}: expected a graded neuron"
         refuse(part, text, "graded_vector repeats payloads", "to")
-    receptor = getattr(part.synapse, "receptor", None)
+    receptor = named_by(part.synapse)
     if target.receptors > 1 and (receptor is None or receptor in target.conductances):
         named = [name for name in target.named_receptors() if name not in target.conductances]
         expected = f"a synapse that names one, receptor: {' or '.join(named)}" if named else "a neuron with one"

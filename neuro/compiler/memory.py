@@ -43,6 +43,9 @@ MANY = 1 << 26
 LEAST = 1 << 28
 """Bytes from which on it is looked whether they are free."""
 
+NO_ROOM = "memory"
+"""Kind of the error, whose text has the free bytes of a moment."""
+
 NEURON, STATE = 64, 12
 """Least bytes of a neuron, and of each of its states, measured: 72 of a parrot, 128 of iaf_psc_exp with four states."""
 
@@ -120,6 +123,7 @@ def check_room(network: str, needs: Sequence[Need], file: Path | None = None) ->
     raise ModelError(
         f"network '{network}' needs about {_told(needed)} {of}: expected at most what is free, {_told(free)}",
         where=largest.where,
+        kind=NO_ROOM,
         hint=f"most are for {largest.what}: {_told(largest.bytes)}",
     )
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from neuro.compiler.memory import NO_ROOM
 from neuro.compiler.resolve import compile_network
 from neuro.compiler.stand_ins import (
     WordPlaces,
@@ -38,7 +39,6 @@ MOST = 1000
 """Mistakes after which no more are looked for."""
 _ENDS = (("from",), ("to",), ("of",), ("record",))
 _OF_SENSOR = ("file", "events", "stream", "sensor", "format", "polarity", "crop", "scale", "event_camera")
-_OF_ARRAY = {"file", "key"}
 _OF_DECISIONS = ("labels", "dropout", "reset")
 _WORDS = ("unknown word of", "unknown parameter of", "unknown state of")
 _HANGS_ON = {"count of synapses": ("from", "to", "rule"), "neurons at an end": ("from", "to")}
@@ -73,15 +73,20 @@ def mistakes(path: str | Path, params: Mapping[str, Any] | None, seed: int, back
     file, said = file_path(path, "path"), {} if params is None else dict(params)
     first = _Search(file, dict(said), seed, 0, backend_draws)
     first.run()
-    found = {str(error): error for error in first.told}
+    found = {_identity(error): error for error in first.told}
     if first.mended:
         # Once more with other stand-ins: a mistake that only a stand-in caused is reported in other words, or not at
         # all, and is dropped.
         second = _Search(file, dict(said), seed, 1, backend_draws)
         second.run()
-        again = {str(error) for error in second.told}
-        found = {text: error for text, error in found.items() if text in again}
+        again = {_identity(error) for error in second.told}
+        found = {identity: error for identity, error in found.items() if identity in again}
     return Findings(sorted(found.values(), key=first.order), first.program, first.unsure)
+
+
+def _identity(error: ModelError) -> str:
+    """The text of an error; without the free memory of the moment, which two searches do not share."""
+    return f"{error.where}: {NO_ROOM}" if error.kind == NO_ROOM else str(error)
 
 
 class _Search:
@@ -197,8 +202,6 @@ class _Search:
             return
         while len(path) > 1 and (self.mended.count(path) > (len(path) == 2) or not has(root, path[:-1])):
             path = path[:-1]
-        if len(path) > 2 and path[-1] in _OF_ARRAY and set(at(root, path[:-1]).value) == _OF_ARRAY:
-            path = path[:-1]  # the other word by itself would be read as the name of a distribution
         within = at(root, path[:-1]).value
         gone = within.pop(path[-1], None) if isinstance(within, dict) else None
         instead = None

@@ -15,6 +15,12 @@ from neuro.model.synapses import Synapse, static
 from neuro.program.program import Receptor
 
 
+def named_by(synapse: Synapse) -> str | None:
+    """Return the name of a receptor that a synapse has; a number called `receptor` is a rule's own parameter."""
+    name = getattr(synapse, "receptor", None)
+    return name if isinstance(name, str) else None
+
+
 def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
     """The receptor that a synapse names; None if weights are routed by sign.
 
@@ -28,7 +34,7 @@ def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
     model = target.model
     assert isinstance(model, Neuron)
     known = model.named_receptors()
-    name = getattr(synapse, "receptor", None)
+    name = named_by(synapse)
     if name is None:
         if len(known) > 2 or not model.signed:
             rule = synapse.name if hasattr(synapse, "receptor") else "static"

@@ -21,8 +21,8 @@ from neuro.program.program import Floats, Ints
 
 MOST_AXES = 3
 
-_SAMPLE = 256
-"""Sources from which it is estimated how many pairs are connected."""
+_SAMPLE, _PAIRS = 256, 1 << 21
+"""Sources from which it is estimated how many pairs are connected, fewer where these have more pairs than that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +202,8 @@ def distant_pairs(
 def expected_pairs(rule: distance_dependent, apart: Between) -> float:
     """How many pairs are connected in the mean, from some of the sources."""
     n = len(apart.source.places)
-    some = np.unique(np.linspace(0, n - 1, _SAMPLE).astype(np.int64))
+    sample = min(_SAMPLE, max(16, _PAIRS // len(apart.target.places)))
+    some = np.unique(np.linspace(0, n - 1, sample).astype(np.int64))
     found = _candidates(rule, apart.among(some, None), None)
     return sum(float(np.sum(np.broadcast_to(p, pre.size))) for pre, _, p in found) * n / some.size
 

@@ -31,7 +31,7 @@ class Choice:
     def __init_subclass__(cls) -> None:
         cls.__repr__ = Choice.__repr__  # type: ignore[method-assign]  # or @dataclass would make its own
 
-    def __new__(cls, *args: Any, **words: Any) -> Self:
+    def __new__(cls, /, *args: Any, **words: Any) -> Self:
         """Refuse an unknown parameter by its nearest right name."""
         _check_class(cls)
         known = {entry.name for entry in fields(cls)}

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "check",
+    "check_tree",
     "disk",
     "has_format",
     "is_hdf5",
@@ -328,6 +329,38 @@ def _close_python_files() -> None:
                 File(each).close()
 
 
+def check_tree(file: Any, several_names: bool = False) -> None:
+    """Refuse an open file that is more than its own groups and arrays, as anybody may have written it.
+
+    A link or an array that lies in another file shows what that file holds, or waits for ever for a pipe. Groups that
+    hold each other have no end.
+
+    Args:
+        file: as h5py has opened it.
+        several_names: whether a part may have more than one, as in files of other tools.
+
+    Raises:
+        ValueError: a part lies in another file, or has more than one name where it must not.
+    """
+    from h5py import h5d, h5l, h5o
+
+    links = (h5l.TYPE_HARD, h5l.TYPE_SOFT) if several_names else (h5l.TYPE_HARD,)
+
+    def linked(name: bytes, link: Any) -> bytes | None:
+        return None if link.type in links else name
+
+    def placed(name: bytes, part: Any) -> bytes | None:
+        if part.type == h5o.TYPE_DATASET:
+            made = h5o.open(file.id, name).get_create_plist()
+            if made.get_layout() == h5d.VIRTUAL or made.get_external_count():
+                return name
+        return name if part.rc > 1 and not several_names else None
+
+    name = file.id.links.visit(linked, info=True) or h5o.visit(file.id, placed, info=True)
+    if name:
+        raise ValueError(f"{name.decode('utf-8', 'replace')[:60]!r} lies elsewhere: expected a part of the file")
+
+
 @contextmanager
 def reading(path: Path, format: str, hint: str = "", what: str = "") -> Iterator[Any]:
     """An HDF5 file of a format.
@@ -347,10 +380,11 @@ def reading(path: Path, format: str, hint: str = "", what: str = "") -> Iterator
     try:
         check(path, format, what, hint)
         with h5py.File(path) as file:
+            check_tree(file)
             yield file
     except ModelError:
         raise
-    except (OSError, KeyError, TypeError, AttributeError, ValueError, RuntimeError, MemoryError) as error:
+    except (OSError, LookupError, TypeError, AttributeError, ValueError, RuntimeError, MemoryError) as error:
         raise ModelError(f"{path}: damaged {format}: {error}", hint=hint) from None  # h5py has all of these
 
 

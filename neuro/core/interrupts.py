@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.errors import ModelError
+
 
 @contextmanager
 def ending_by(end: Callable[[], object]) -> Iterator[None]:
@@ -59,18 +61,18 @@ _ASKING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 
 
 class _Watch:
-    """The pipe, the thread that reads it, and the process that they belong to.
+    """The pipe and the thread that reads it.
 
     Attributes:
         stop: what the compiled code looks at that the main thread runs now.
         before: the descriptor that others had set; what is read is passed on to it.
+        set_at: when the descriptor was set last.
     """
 
     def __init__(self) -> None:
-        self.process = os.getpid()
         self.read, self.write = os.pipe()
         os.set_blocking(self.write, False)
-        self.before = -1
+        self.before, self.set_at = -1, 0.0
         self.stop: NDArray[np.int64] | None = None
         threading.Thread(target=self._watch, name="neuro interrupts", daemon=True).start()
 
@@ -89,6 +91,18 @@ class _Watch:
 
 
 _watch: _Watch | None = None
+_MAIN = threading.main_thread().ident
+_AGAIN_S = 0.01
+"""Seconds after which the descriptor is set again, as others may have set theirs: to set it takes as long as a step."""
+
+
+def _forget() -> None:
+    """Let a forked process, which has no such thread, make its own."""
+    global _watch
+    _watch = None
+
+
+os.register_at_fork(after_in_child=_forget)
 
 
 class Interruptible:
@@ -106,19 +120,23 @@ class Interruptible:
     def __enter__(self) -> None:
         global _watch
         self._stop[0] = 0
-        if threading.current_thread() is not threading.main_thread():
+        if threading.get_ident() != _MAIN:
             return
-        if _watch is None or _watch.process != os.getpid():
+        if _watch is None:
             _watch = _Watch()
-        before = signal.set_wakeup_fd(_watch.write, warn_on_full_buffer=False)
-        if before != _watch.write:
-            _watch.before = before
+        now = time.monotonic()
+        if now - _watch.set_at > _AGAIN_S:
+            before = signal.set_wakeup_fd(_watch.write, warn_on_full_buffer=False)
+            if before != _watch.write:
+                _watch.before = before
+            _watch.set_at = now
         _watch.stop = self._stop
 
     def __exit__(self, *error: object) -> None:
         if _watch is not None and _watch.stop is self._stop:
             _watch.stop = None
-        self._stop[0] = 0
+        if error[0] is not None:
+            self._stop[0] = 0
 
 
 def end_if_stopped(stop: NDArray[np.int64]) -> None:
@@ -130,3 +148,11 @@ def end_if_stopped(stop: NDArray[np.int64]) -> None:
     if stop[0] == AT_ONCE:
         raise KeyboardInterrupt
     stop[0] = 0
+
+
+def torn() -> ModelError:
+    """Return the error of a network that goes on after it was interrupted within a step."""
+    return ModelError(
+        "the network was interrupted within a step: expected whole steps",
+        hint="sim.reset() begins anew; sim.restore continues from a saved state",
+    )

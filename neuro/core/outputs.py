@@ -44,7 +44,9 @@ __all__ = [
     "Unwritable",
     "check_output",
     "check_picture",
+    "free_part",
     "kept_json",
+    "kept_parts",
     "make_folder",
     "marked",
     "output",
@@ -173,7 +175,7 @@ def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False, keep
     path = file_path(path, "path")
     check_output(path, kind, replace)
     keep = keep and not _is_special(path)
-    part = _free_part(path) if keep else _part(path)
+    part = free_part(path) if keep else _part(path)
     try:
         with _telling(path, part):
             part.touch(exist_ok=False)
@@ -343,11 +345,21 @@ def _part(path: Path) -> Path:
     return folder / f".{path.name[:50]}.{_HOST}.{os.getpid()}.{next(_number)}.part"
 
 
-def _free_part(path: Path) -> Path:
-    """A name that no file has: FILE.part, or one with a number where earlier work left such files."""
+def kept_parts(path: Path) -> Iterator[Path]:
+    """Names of parts that stay after a failure, without end: of walk.dat walk.dat.part, walk.2.dat.part, and so on."""
     target = _leads_to(path)
     names = itertools.chain([target.name], (f"{target.stem}.{k}{target.suffix}" for k in itertools.count(2)))
-    return next(part for name in names if not os.path.lexists(part := target.with_name(name + PART)))
+    return (target.with_name(name + PART) for name in names)
+
+
+def free_part(path: Path, is_kept: Callable[[Path], bool] = os.path.lexists) -> Path:
+    """The first of `kept_parts` that may be written.
+
+    Args:
+        path: of the complete file.
+        is_kept: whether a part must stay; every part that exists if not given.
+    """
+    return next(part for part in kept_parts(path) if not is_kept(part))
 
 
 def _leads_to(path: Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import keyword
 from dataclasses import MISSING, dataclass, field
 from typing import Any, TypeAlias
 
@@ -120,3 +121,8 @@ def quantity(default: Any = MISSING, unit: str = "", doc: str = "", **more: Any)
 def word_of(name: str) -> str:
     """The word of the language for a Python field name (`lambda_` is `lambda`)."""
     return name.rstrip("_")
+
+
+def field_of(word: str) -> str:
+    """The Python field name for a word of the language: keywords get a trailing underscore (`lambda` is `lambda_`)."""
+    return f"{word}_" if keyword.iskeyword(word) else word

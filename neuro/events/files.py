@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from neuro.core.checks import argument
@@ -256,10 +255,8 @@ def _write_at_the_end(parts: Iterator[Events], part: Path, chosen: Format) -> No
     again = stream(part, format=TABLE.name)
     first = next(again, None)
     whole = chain([load(part, format=TABLE.name) if first is None else first], again)
-    with TemporaryDirectory(prefix=part.name, dir=part.parent) as folder:
-        target = Path(folder) / part.name
+    with output(part, RECORDING, replace=True) as target:
         _write(chosen, (Events._trusted(e.t, e.x, e.y, e.p, e.sensor_size, metadata) for e in whole), target)
-        target.replace(part)
 
 
 def _write(format: Format, parts: Iterator[Events], path: Path) -> None:

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from neuro.chips.arithmetic import is_whole
 from neuro.core.errors import ModelError
+from neuro.core.hdf5 import check_tree
 from neuro.core.inputs import record_input
 from neuro.core.paths import existing
 from neuro.exchange.verdict import EXACT, REFUSED, Verdict, Verdicts
@@ -330,6 +331,7 @@ def _read(path: Path) -> list[Layer]:
     """All layers of a file."""
     try:
         with h5py.File(path, "r") as file:
+            check_tree(file, several_names=True)
             found = file.get("layer")
             if not isinstance(found, h5py.Group):
                 raise ModelError("there is no 'layer' in it: expected a network of lava-dl")

@@ -31,9 +31,11 @@ the counts of each neuron, so a report prices what the simulation would.
 
 from __future__ import annotations
 
+import fcntl
 import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from itertools import takewhile
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -46,9 +48,9 @@ from neuro.core.clock import Clock
 from neuro.core.english import a
 from neuro.core.errors import ModelError, unknown
 from neuro.core.growing import JournalReader
-from neuro.core.hdf5 import has_format, new_file
+from neuro.core.hdf5 import check_tree, has_format, new_file
 from neuro.core.inputs import record_input
-from neuro.core.outputs import Kind
+from neuro.core.outputs import Kind, kept_parts
 from neuro.core.paths import existing
 from neuro.core.tables import Table, as_html, as_text
 from neuro.files.finished_runs import Sought, one_each, weights
@@ -300,7 +302,8 @@ class Results:
             played: whether they must be there. Without them the network can be looked at, and not compiled.
 
         Raises:
-            ModelError: a recording is not found; the message says where it was looked for.
+            ModelError: a recording is not found, and the message says where it was looked for; or the results are of
+                other populations than their network has.
         """
         from neuro.model.language import load
         from neuro.model.language.files import elsewhere
@@ -310,6 +313,8 @@ class Results:
             for name, content in self.files.items():
                 (Path(folder) / name).write_bytes(content)
             net = load(Path(folder) / YAML)
+        if differing := sorted(net.populations.keys() ^ self.populations.keys()):
+            raise ModelError(f"damaged results: expected {differing[0]!r} both in them and in their network")
         if played:
             sought.check()
         return net
@@ -385,19 +390,36 @@ def read(path: str | PathLike[str]) -> Results:
         raise ModelError(f"{path}: there is no such file", hint=hint)
     path = existing(path)
     record_input(path)
+    return _opened(path)
+
+
+def _opened(path: Path) -> Results:
+    """The results in a file; errors as of `read`."""
     try:
         held = JournalReader(path, "a file of results, as 'neuro run' writes it", FORMAT)
         with held.reading() as file:
+            check_tree(file)
             return read_file(file, held.reading, path)
     except ModelError:
         raise
-    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+    except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise ModelError(f"{path}: damaged: {error}") from None
 
 
 def unfinished(path: Path) -> Path:
-    """Where a run is recorded that is to have the name `path` when it ends."""
-    return path.with_name(path.name + ".part")
+    """The part that the last run left which was to have the name `path`; a name that no file has if there is none."""
+    parts = list(takewhile(Path.exists, kept_parts(path)))
+    return max(parts, key=lambda part: part.stat().st_mtime_ns, default=next(kept_parts(path)))
+
+
+def is_kept(part: Path) -> bool:
+    """Return whether an earlier run left a recording in a part; a run that still writes it has left none."""
+    try:
+        with part.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            return _opened(part).duration_ms > 0.0
+    except (ModelError, OSError):
+        return False
 
 
 def recorded_in(part: Path) -> str:

@@ -21,7 +21,7 @@ import numpy as np
 
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
-from neuro.core.hdf5 import check, has_format
+from neuro.core.hdf5 import check, check_tree, has_format
 from neuro.core.inputs import digest_of
 from neuro.core.paths import file_path
 from neuro.core.progress import Bar
@@ -42,6 +42,10 @@ Repeat = Callable[[Sequence[str], Callable[[str], str]], list[str]]
 """Gives the arguments by which a recorded command is run again; see `neuro.cli.recorded.repeated`."""
 
 _WAYS = "make it again yourself, then neuro rerun FILE --against OTHER compares the two"
+
+
+_LONGEST = 1 << 16
+"""Characters of a command that is repeated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,6 +244,9 @@ def _of_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
 
 def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path], repeat: Repeat | None) -> Verdict:
     """What a command of ours made: the same command in an empty folder."""
+    if len(record["command"]) > _LONGEST:  # to split it takes the square of its length
+        size = len(record["command"])
+        raise ModelError(f"{path}: its command has {size:,} characters: expected at most {_LONGEST:,}")
     try:
         words = shlex.split(record["command"])
     except ValueError:
@@ -254,7 +261,8 @@ def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path], r
                 folder.add(name, Path(elsewhere.get(name, name)))
             asked = repeat(words[1:], folder.place)
         except ModelError as error:
-            raise error.but(message=f"{path}: {error.message}", hint=error.hint or _by(record), where=None) from None
+            message = f"{path}: {error.message.replace(root, '')}"
+            raise error.but(message=message, hint=error.hint or _by(record), where=None) from None
         except OSError as error:
             raise ModelError(f"{path}: cannot be made again: {error.strerror or error}", hint=_by(record)) from None
         env = {**os.environ, "PYTHONPATH": os.pathsep.join(os.path.abspath(each) for each in sys.path)}
@@ -263,8 +271,7 @@ def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path], r
         )
         # A verdict is written, too: `neuro doctor` ends with 1 where it finds a fault, as it did the first time.
         if done.returncode and not (done.returncode == 1 and words[1:2] == ["doctor"]):
-            last = (done.stderr.strip() or "no word").splitlines()[-1]
-            raise ModelError(f"{shlex.join(words)}: ended with {done.returncode}: {last}")
+            raise ModelError(f"{shlex.join(words)}: ended with {done.returncode}: {_error_line(done.stderr, root)}")
         made = next(iter(folder.made(path.name)), None)
         if made is None:
             raise ModelError(f"{path}: its command writes no file of that name now")
@@ -273,6 +280,13 @@ def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path], r
         else:
             difference = first_difference(path, made)
         return Verdict(difference, (*differences(record, record_of(made)), *edited(record["inputs"], elsewhere)))
+
+
+def _error_line(printed: str, root: str) -> str:
+    """Return the line of a command's error, its last line otherwise; names are those of the record, without `root`."""
+    lines = printed.replace(root, "").strip().splitlines()
+    errors = [line for line in lines if line.startswith("error: ")]
+    return (errors or lines or ["no word"])[-1].removeprefix("error: ")
 
 
 def _of_texts(then: Path, now: Path) -> str:
@@ -291,7 +305,10 @@ def _counts(line: str) -> bool:
 
 
 def _by(record: Mapping[str, Any]) -> str:
-    return f"it was made by: {record['command'] or 'a program'}, in {record['folder'] or 'a folder'}; {_WAYS}"
+    command, folder = (
+        text if len(text) <= 1000 else f"{text[:1000]}..." for text in (record["command"], record["folder"])
+    )
+    return f"it was made by: {command or 'a program'}, in {folder or 'a folder'}; {_WAYS}"
 
 
 _ON_PAGE = re.compile(rf'<meta name="{ATTRIBUTE}" content="([^"]*)">')
@@ -384,8 +401,10 @@ def first_difference(then: Path, now: Path) -> str:
         check(then)
         check(now)
         with h5py.File(then) as a, h5py.File(now) as b:
+            check_tree(a, several_names=True)
+            check_tree(b, several_names=True)
             return _of_groups(a, b, _BESIDE)
-    except OSError:
+    except (OSError, ValueError):
         raise ModelError(f"{then}: cannot be compared: expected two HDF5 files") from None
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from neuro.compiler import compile_network
 from neuro.core.checks import check, is_number
 from neuro.core.errors import ModelError
+from neuro.core.memory import free_memory
 from neuro.core.quantities import Quantity
 from neuro.core.values import shown
 from neuro.model.network import Network
@@ -100,7 +101,9 @@ def compile(
         _report(chosen.name, chosen.problems(program, **options))
         return Simulation(net, chosen.name, program, chosen.build(program, threads=threads, **options))
     except MemoryError as error:
-        raise ModelError(f"network '{net.name}' needs more memory than there is: {error}") from None
+        free = free_memory()
+        at_hand = f"; {free:,} bytes are free" if free is not None else ""
+        raise ModelError(f"network '{net.name}' needs more memory than there is: {error}{at_hand}") from None
 
 
 def _backend(given: str | PathLike[str] | Backend) -> Backend:

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
-from neuro.core.outputs import check_output
+from neuro.core.outputs import check_output, free_part
 from neuro.core.paths import file_path
 from neuro.core.provenance import ATTRIBUTE
-from neuro.files.results import KIND, Results, unfinished
+from neuro.files.results import KIND, Results, is_kept
 from neuro.model.network import Network
 from neuro.program.backend import Engine
 from neuro.program.program import Ints, Probe, SynapseProbe
@@ -43,7 +43,7 @@ class ResultsWriter:
         net: the network it was made of.
         engine: that of the simulation.
         recorder: that of the simulation.
-        path: of the file; it is written beside, see `neuro.files.results.unfinished`.
+        path: of the file; it is written beside, to the first part that keeps no recording of an earlier run.
         threads: that it runs on.
         record: the populations whose spikes to keep; all that are recorded if empty.
         all_weights: as of `neuro.run.collect.collect`.
@@ -75,7 +75,7 @@ class ResultsWriter:
         self._ends = {index: sim.program.connections(index) for index in probed}
         self._threads, self._all_weights = threads, all_weights
         self.path = Path(os.path.realpath(file_path(path, "path")))
-        self.part = unfinished(self.path)
+        self.part = free_part(self.path, is_kept)
         for each in (self.path, self.part):
             check_output(each, KIND)
         files = collect.files_of(net)

@@ -36,6 +36,8 @@ from neuro.sweeps.claims import began, machine, parsed
 
 DONE, FAILED, PRUNED = "done", "failed", "pruned"
 _RUN = "neuro run of a sweep 1"
+_NAMED = {"network": ("file", "backend"), "function": ("name", "module", "file")}
+"""Texts by which the file of a folder names what is run, by its kind."""
 SUM = "sum"
 """Of runs, and of lines of a journal."""
 
@@ -193,6 +195,11 @@ class Folder:
             lack = "damaged, or edited by hand" if "digest" in content else "damaged"
             wrote = f"expected what 'neuro {self.holding.command} run' wrote"
             raise ModelError(f"{path}: {lack}: {wrote}", hint=hint)
+        run = content.get("what")
+        run = run if isinstance(run, dict) else {}
+        named = _NAMED.get(str(run.get("kind")), ())
+        if not named or not all(isinstance(run.get(word), str) for word in named):
+            raise ModelError(f"{path}: damaged: expected a network or a function under 'what'")
         return content
 
     def _other(self) -> str:

@@ -264,8 +264,12 @@ def storage_of(folder: Folder) -> JournalStorage:
     optuna()
     from optuna.storages import JournalStorage
 
-    with quietly():
-        return JournalStorage(journal_of(folder))  # type: ignore[arg-type]
+    try:
+        with quietly():
+            return JournalStorage(journal_of(folder))  # type: ignore[arg-type]
+    except (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        lack = f"damaged: Optuna cannot read it: {type(error).__name__}"
+        raise ModelError(f"{journal_path(folder)}: {lack}", hint="the folder without it asks for new trials") from None
 
 
 def study_of(folder: Folder, directions: Sequence[str]) -> Study:
@@ -299,4 +303,8 @@ def trials_of(folder: Folder) -> list[Any]:
     """
     storage = storage_of(folder)
     studies = storage.get_all_studies()
-    return storage.get_all_trials(studies[0]._study_id, deepcopy=False) if studies else []
+    trials = storage.get_all_trials(studies[0]._study_id, deepcopy=False) if studies else []
+    for trial in trials:
+        if not all(isinstance(value, float | int) for value in trial.values or ()):
+            raise ModelError(f"{journal_path(folder)}: damaged: trial {trial.number}: expected numbers as values")
+    return trials

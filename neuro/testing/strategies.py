@@ -327,7 +327,9 @@ def quiet_networks(draw: st.DrawFn) -> Network:
     for index, kind in enumerate(kinds):
         name = f"cells{index}"
         net.population(name, 1 if alone else draw(st.integers(1, 4)), draw(_quiet_neurons(kind)))
-        for source in dict.fromkeys(["listed", draw(st.sampled_from([*net.populations][:-1]))]):
+        # Payloads are refused by relays, conductances and signs that choose a receptor.
+        sources = [each for each, part in net.populations.items() if each != name and not part.model.graded]
+        for source in dict.fromkeys(["listed", draw(st.sampled_from(sources))]):
             _connect_quietly(draw, net, source, name)
         for state in net.populations[name].model.states:
             if not state.hidden:

@@ -215,7 +215,7 @@ def test_compare_with_stable_baselines(walk, monkeypatch, observations):
     told = []
     found = compare.run(plan, told.append)
     assert [(one["name"], one["steps"], len(one["returns"])) for one in found.each] == [
-        ("agent", 300, 2), ("ppo", 2048, 2), ("dqn", 300, 2)
+        ("agent", 300, 2), ("ppo", 256, 2), ("dqn", 300, 2)
     ]  # fmt: skip
     assert len(told) == 3
 

@@ -7,6 +7,7 @@ import ctypes
 import dataclasses
 import os
 import re
+import resource
 import shutil
 import subprocess
 import warnings
@@ -352,6 +353,19 @@ def test_files_of_others_and_edited_ones_stay(tmp_path: Path):
     with pytest.raises(neuro.ModelError, match="exists and is not a file of C of neuro, as it was written"):
         save(small(), tmp_path)
     assert (tmp_path / "net.h").read_bytes() == before
+
+
+def test_the_files_are_replaced_together(tmp_path: Path):
+    save(small(), tmp_path)
+    complete = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(complete["net_test.c"]) - 1, before[1]))
+    try:
+        with pytest.raises(neuro.ModelError, match=r"net_test\.c: cannot be written: File too large$"):
+            save(small(tau_m=30.0), tmp_path, duration=2000.0)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == complete
 
 
 @pytest.mark.parametrize(

@@ -73,6 +73,27 @@ class Case:
     words: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class Ran:
+    """What came of a case.
+
+    Attributes:
+        case: that was run.
+        status: with which its command ended.
+        printed: to both streams.
+        did: what it must not do, a line for each; "" if nothing.
+        seconds: on the clock.
+        processor_s: seconds of the processor.
+    """
+
+    case: Case
+    status: int
+    printed: str
+    did: str
+    seconds: float
+    processor_s: float
+
+
 class Writer:
     """Writes cases below a folder.
 
@@ -220,8 +241,72 @@ def _pages(w: Writer) -> None:
     w.page("page zero byte", "neuro report a.h5\0", None)
     w.page("page open quote", "neuro report 'a.h5")
     w.page("page steers the terminal", "neuro \x1b]0;owned\x07 --with evil.py")
+    _asked_by_pages(w)
     deep = w.page("page deep", run)
     (deep / "page.html").write_text(f'<meta name="{ATTRIBUTE}" content="{"[" * 100_000}">')
+
+
+def _asked_by_pages(w: Writer) -> None:
+    """Options in other spellings, names that are no files, and inputs without an end."""
+    out = w.outside
+    code = {"net.yaml": "x", "a.h5": "x", "evil.py": "x"}
+    words = {
+        "short": "neuro report -o {out}/new.html a.h5",
+        "abbreviated": "neuro report a.h5 --ou {out}/new.html",
+        "capitals": "neuro report a.h5 --WITH evil.py",
+        "wide dashes": "neuro report a.h5 \uff0d\uff0dwith evil.py",
+        "long dash": "neuro report a.h5 \u2014with=evil.py",
+        "turned": "neuro report a.h5 \u202e--with evil.py",
+        "no break": "neuro report a.h5\u00a0--with\u00a0evil.py",
+        "line": "neuro report a.h5\n--with\nevil.py",
+        "two commands": "neuro report a.h5\nneuro check net.yaml --with evil.py",
+        "two dashes": "neuro -- report a.h5 --with evil.py",
+        "dashes twice": "neuro report -- -- --with=evil.py",
+        "before the command": "neuro --with evil.py report a.h5",
+        "completion": "neuro --install-completion",
+        "completion shown": "neuro report --show-completion",
+        "file of words": "neuro report @words.txt",
+        "shell": f"neuro report 'a.h5; touch {out}/CODE_RAN'",
+        "substitution": f"neuro report '$(touch {out}/CODE_RAN)' --out '`touch {out}/CODE_RAN`.html'",
+        "home": "neuro report a.h5 --out ~/new.html",
+        "variables": f"NEURO_CACHE={out} PYTHONPATH=. XDG_CACHE_HOME={out} neuro report a.h5",
+        "env": f"env PYTHONPATH=. neuro report a.h5 --out {out}/new.html",
+        "package": "neuro doctor net.yaml --html page.html --backend ./evil.py",
+        "chip": f"neuro report a.h5 --chip {out}/victim.txt",
+        "script": "neuro recognise compare --data . --method evil:Method --out page.html",
+        "workers": "neuro recognise compare --data . --workers 100000000 --out page.html",
+        "drone": "neuro drone compare --scenario evil.py --json page.html --steps 10",
+        "bench": f"neuro bench run --out {out}/new.json",
+        "sweep": "neuro sweep run sweep.yaml --on here",
+        "study": "neuro sweep run study.yaml --out runs",
+        "sweep with": "neuro sweep run sweep.yaml --with evil.py",
+        "tuning": f"neuro tune run tune.yaml --out {out}/tuned",
+        "update": "neuro plugins evil",
+        "new": "neuro new evil",
+    }
+    for name, command in words.items():
+        here = w.page(f"page by {name}", command, code | {"words.txt": "x", "study.yaml": "x", "sweep.yaml": "x"})
+        (here / "words.txt").write_text("a.h5 --with evil.py\n")
+        (here / "study.yaml").write_text("study: evil:f\nparameters: {command: [ls]}\n")
+    w.page("page of many words", "neuro report a.h5 " + "x " * 300_000)
+    w.page("page of a long word", "neuro report a.h5 --out " + "x" * 1_000_000)
+    w.page("page of many values", "neuro report a.h5 " + "--with=evil.py " * 20_000)
+    w.page("page of many inputs", "neuro report a.h5", {f"inputs/{k}": "x" for k in range(20_000)})
+    w.page("page of a long folder", "neuro report a.h5", {"a.h5": "x"}, "/" + "x/" * 5000)
+    w.page("page of a folder that is none", "neuro report a.h5", {"a.h5": "x"}, "/dev/null")
+    w.page("page root as input", "neuro report a.h5", {"a.h5": "x", "/": "x"})
+    w.page("page files of the system", "neuro report a.h5", {"a.h5": "x", "/proc": "x", "/sys": "x", "/dev": "x"})
+    w.page("page memory as input", "neuro report a.h5", {"a.h5": "x", "/proc/self/mem": "x", "/dev/stdin": "x"})
+    moved = w.page("page pipe among the moved", "neuro report a.h5", {"a.h5": "x", "lost": "x"})
+    os.mkfifo(moved / "pipe")
+    w.add("page pipe among the moved", "page", moved, "rerun page.html --moved-to .")
+    loop = w.page("page loop of links", "neuro report a.h5", {"a.h5": "x", "loop": "x", "around": "x"})
+    (loop / "loop").symlink_to("loop")
+    (loop / "around").mkdir()
+    (loop / "around" / "up").symlink_to(".")
+    sparse = w.page("page larger than the disk", "neuro report a.h5", {"a.h5": "x", "sparse": "x"})
+    with (sparse / "sparse").open("wb") as file:
+        file.truncate(2**43)
 
 
 def _described(text: str, files: dict[str, str] | None = None, **record: Any) -> Callable[[Any], None]:
@@ -264,6 +349,12 @@ def _results(w: Writer) -> None:
         *reads,
     )
 
+    yaml = {f"{k}.yaml": f"include: [{k + 1}.yaml]\n" for k in range(1, 2000)} | {"2000.yaml": "include: [1.yaml]\n"}
+    included = _described("neuro: 1\ninclude: [1.yaml]\n", yaml)
+    w.edited("results include each other", "results", "a.h5", included, *reads)
+    for name, path, edit in _links(w):
+        w.edited(f"results {name}", "results", "a.h5", lambda f, p=path, e=edit: e(f, p), *reads)
+
     def huge(opened: Any) -> None:
         del opened["populations/exc"]
         group = opened.create_group("populations/exc")
@@ -276,6 +367,55 @@ def _results(w: Writer) -> None:
     w.edited("results script in a name", "results", "a.h5", _described(names), *reads)
 
 
+def _links(w: Writer, *paths: str) -> list[tuple[str, str, Callable[[Any, str], None]]]:
+    """Links to other files, in the place of arrays and groups; each with its name and place."""
+    passwords, pipe = w.outside / "victim.txt", w.place / "pipe"
+    if not pipe.exists():
+        os.mkfifo(pipe)
+
+    def link(target: Any) -> Callable[[Any, str], None]:
+        def edit(opened: Any, path: str) -> None:
+            opened.pop(path, None)
+            opened[path] = target
+
+        return edit
+
+    def virtual(opened: Any, path: str) -> None:
+        """An array whose numbers are in a pipe, that nobody writes into."""
+        opened.pop(path, None)
+        layout = h5py.VirtualLayout(shape=(10,), dtype="i8")
+        layout[:] = h5py.VirtualSource(str(pipe), "x", shape=(10,))
+        opened.create_virtual_dataset(path, layout)
+
+    def outside(opened: Any, path: str) -> None:
+        """An array whose bytes are those of any file."""
+        opened.pop(path, None)
+        opened.create_dataset(path, (4,), "u1", external=[(str(passwords), 0, 4)])
+
+    def objects(opened: Any, path: str) -> None:
+        opened.pop(path, None)
+        opened.create_dataset(path, (1,), h5py.ref_dtype)[0] = opened.ref
+
+    def bomb(opened: Any, path: str) -> None:
+        """A petabyte of zeros, packed."""
+        opened.pop(path, None)
+        opened.create_dataset(path, (2**47,), "i8", chunks=(2**20,), compression="gzip")
+
+    edits = {
+        "soft link in a ring": link(h5py.SoftLink("/")),
+        "soft link to nothing": link(h5py.SoftLink("/nothing")),
+        "external link": link(h5py.ExternalLink(str(passwords), "/")),
+        "external link to a pipe": link(h5py.ExternalLink(str(pipe), "/x")),
+        "external link to a device": link(h5py.ExternalLink("/dev/zero", "/x")),
+        "virtual array of a pipe": virtual,
+        "array of another file": outside,
+        "references": objects,
+        "bomb": bomb,
+    }
+    places = paths or ("network", "populations/exc", "populations/exc/steps", "network_files")
+    return [(f"{name} at {path}", path, edit) for name, edit in edits.items() for path in places]
+
+
 def _states(w: Writer) -> None:
     restore = ("RESTORE net.yaml state.h5", "rerun state.h5")
 
@@ -284,6 +424,8 @@ def _states(w: Writer) -> None:
 
     state("state command", lambda f: _command(f, "neuro check net.yaml --with=evil.py"))
     state("state network", lambda f: _network_of(f, "!!python/name:os.system"))
+    for name, path, edit in _links(w, "engine", "engine/net/step", "engine/emitted/0/ids"):
+        state(f"state {name}", lambda f, p=path, e=edit: e(f, p))
     state("state huge", lambda f: f.create_dataset("more", (2**50,), "i8", chunks=(64,)))
     state("state pickled", lambda f: f.attrs.modify("format", _pickled(w)))
 
@@ -309,6 +451,10 @@ def _models(w: Writer) -> None:
         w.edited(
             f"agent environment {k}", "model", "agent.h5", lambda f, t=text: f.attrs.modify("environment", t), *agent
         )
+    for name, path, edit in _links(w, "learnt", "learnt/value"):
+        w.edited(f"agent {name}", "model", "agent.h5", lambda f, p=path, e=edit: e(f, p), agent[0])
+    for name, path, edit in _links(w, "network/network.yaml", "learnt/cells_motors"):
+        w.edited(f"drone {name}", "model", "fly.h5", lambda f, p=path, e=edit: e(f, p), "drone energy fly.h5")
     trains = "neuro agent train evil:Env --out agent.h5 --steps 10"
     w.edited("agent command", "model", "agent.h5", lambda f: _command(f, trains), *agent)
     outside = f"neuro agent train CartPole-v1 --steps 10 --out {w.outside}/new.h5"
@@ -514,6 +660,8 @@ def watch(event, arguments):
             name = os.path.abspath(arguments[0].co_filename)
             if name.startswith(STRANGER + os.sep) and os.path.isfile(name):
                 tell("runs", name)
+        elif event == "ctypes.dlopen" and str(arguments[0]).startswith(STRANGER + os.sep):
+            tell("loads", arguments[0])
         elif event == "import" and arguments[0] in ("evil", "antigravity"):
             tell("imports", arguments[0])
     finally:
@@ -523,50 +671,73 @@ sys.addaudithook(watch)
 '''
 
 DRIVER = '''\
-"""Run each case in a process of its own, which begins with all modules there."""
-import json, os, signal, sys, time, traceback, warnings
+"""Run each case in a process of its own, which begins with all modules there; two at once."""
+import json, os, resource, signal, sys, time, traceback
+import sitecustomize
 import neuro.cli.commands, neuro.rerun.again, neuro.sweeps.definition, neuro.files.results, neuro, matplotlib.figure
 
 cases, log = json.load(open(sys.argv[1])), os.environ["HOSTILE_LOG"]
-for number, (folder, words) in enumerate(cases):
-    before = os.path.getsize(log) if os.path.exists(log) else 0
-    begin = time.monotonic()
+
+
+def run(number, folder, words):
+    signal.alarm(100)
+    os.chdir(folder)
+    sitecustomize.LOG = os.environ["HOSTILE_LOG"] = f"{log}-{number}"
+    sitecustomize.busy = True  # the next file is ours
+    printed = os.open(f"{log}-{number}-printed", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    sitecustomize.busy = False
+    os.dup2(printed, 1), os.dup2(printed, 2)
+    status = 99
+    try:
+        if words[0] == "RESTORE":
+            try:
+                sim = neuro.compile(neuro.load(words[1]), backend="reference")
+                sim.restore(words[2])
+                status = 0
+            except neuro.ModelError as error:
+                print(error)
+                status = 2
+        else:
+            sys.argv = ["neuro", *words]
+            from neuro.cli import main
+            main()
+    except SystemExit as leaving:
+        status = leaving.code or 0
+    except BaseException:
+        traceback.print_exc()
+    sys.stdout.flush(), sys.stderr.flush()
+    os._exit(status)
+
+
+def wait():
+    child, ended, used = os.wait4(-1, 0)
+    number, begin = running.pop(child)
+    texts = []
+    for name in (f"{log}-{number}-printed", f"{log}-{number}"):
+        texts.append(open(name, errors="replace").read() if os.path.exists(name) else "")
+    seconds = time.monotonic() - begin, used.ru_utime + used.ru_stime
+    done[number] = [os.waitstatus_to_exitcode(ended), *texts, *seconds]
+
+
+running, done = {}, {}
+waiting = dict(enumerate(cases))
+while waiting or running:
+    free = [n for n, (folder, _) in waiting.items() if folder not in {cases[k][0] for k, _ in running.values()}]
+    if len(running) == 2 or not free:
+        wait()
+        continue
+    number = free[0]
+    folder, words = waiting.pop(number)
     child = os.fork()
     if not child:
-        signal.alarm(100)
-        os.chdir(folder)
-        for stream in (1, 2):
-            os.dup2(os.open(os.path.join(folder, f".printed-{number}"), os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream)
-        status = 99
-        try:
-            if words[0] == "RESTORE":
-                try:
-                    sim = neuro.compile(neuro.load(words[1]), backend="reference")
-                    sim.restore(words[2])
-                    status = 0
-                except neuro.ModelError as error:
-                    print(error)
-                    status = 2
-            else:
-                sys.argv = ["neuro", *words]
-                from neuro.cli import main
-                main()
-        except SystemExit as leaving:
-            status = leaving.code or 0
-        except BaseException:
-            traceback.print_exc()
-        sys.stdout.flush(), sys.stderr.flush()
-        os._exit(status)
-    _, ended = os.waitpid(child, 0)
-    printed = open(os.path.join(folder, f".printed-{number}"), errors="replace").read()
-    after = os.path.getsize(log) if os.path.exists(log) else 0
-    done = open(log, "rb").read()[before:after].decode() if after > before else ""
-    print(json.dumps([os.waitstatus_to_exitcode(ended), printed, done, time.monotonic() - begin]), flush=True)
+        run(number, folder, words)
+    running[child] = number, time.monotonic()
+print(json.dumps([done[number] for number in range(len(cases))]))
 '''
 
 
-def run(cases: list[Case], place: Path, roots: list[Path], timeout_s: float) -> Iterator[tuple[Case, int, str, str]]:
-    """Run cases, and yield for each the exit status, what it printed, and what it did that it must not.
+def run(cases: list[Case], place: Path, roots: list[Path], timeout_s: float) -> Iterator[Ran]:
+    """Run cases, two at once but one in a folder, and yield what came of each.
 
     Args:
         cases: to run.
@@ -596,8 +767,6 @@ def run(cases: list[Case], place: Path, roots: list[Path], timeout_s: float) -> 
     }
     command = [sys.executable, "-P", str(place / "driver.py"), str(place / "cases.json")]
     done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=timeout_s)
-    lines = done.stdout.splitlines()
-    assert len(lines) == len(cases), done.stderr[-2000:]
-    for case, line in zip(cases, lines, strict=True):
-        status, printed, did, _ = json.loads(line)
-        yield case, status, printed, did
+    assert not done.returncode, done.stderr[-2000:]
+    for case, (status, printed, did, *seconds) in zip(cases, json.loads(done.stdout), strict=True):
+        yield Ran(case, status, printed, did, *seconds)

@@ -66,6 +66,10 @@ PLAIN: tuple[type[Model], ...] = (iaf_psc_delta, iaf_psc_exp, iaf_psc_alpha, izh
 """Cells without an integrator, which the reference runs quickly."""
 
 MUS = (0.0, 0.3, 1.0, 2.0)
+
+EXTREME = (1e-3, 1e6)
+"""Time constants far from all steps, ms."""
+
 ADAPTIVE = (aeif_cond_exp, aeif_psc_exp)
 """Of several spikes within a step NEST sends all and ours one, so they are refractory for a step at least."""
 
@@ -76,7 +80,7 @@ CONDUCTANCES = (iaf_cond_exp, iaf_cond_alpha, aeif_cond_exp)
 def cells(draw: st.DrawFn, h: float, kinds: tuple[type[Model], ...]) -> Model:
     """A model of some kinds, for a network of resolution h."""
     kind = draw(st.sampled_from(kinds))
-    tau_minus = draw(st.sampled_from([20.0, 1.0, uniform(low=5.0, high=40.0)]))
+    tau_minus = draw(st.sampled_from([20.0, 1.0, uniform(low=5.0, high=40.0), *EXTREME]))
     if kind is parrot_neuron:
         return parrot_neuron(tau_minus=tau_minus)
     if kind is izhikevich:
@@ -89,11 +93,11 @@ def cells(draw: st.DrawFn, h: float, kinds: tuple[type[Model], ...]) -> Model:
 
 @st.composite
 def _leaky(draw: st.DrawFn, h: float, kind: type[Model], tau_minus: Any) -> Model:
-    tau_m = draw(st.one_of(st.sampled_from([1.0, 10.0, 500.0]), st.floats(0.5, 100.0)))
+    tau_m = draw(st.one_of(st.sampled_from([1.0, 10.0, 500.0]), st.floats(0.5, 100.0), st.sampled_from(EXTREME)))
     rest = draw(st.sampled_from([-70.0, 0.0]))
     words: dict[str, Any] = {
         "tau_m": draw(st.sampled_from([tau_m, tau_m, uniform(low=tau_m, high=2.0 * tau_m)])),
-        "C_m": draw(st.sampled_from([250.0, 1.0, 1e4])),
+        "C_m": draw(st.sampled_from([250.0, 1.0, 1e4, 1e-6, 1e9])),
         "t_ref": draw(st.sampled_from([0, 0, 1, 3, 25])) * h,
         "E_L": rest,
         "V_reset": rest + draw(st.sampled_from([0.0, -5.0, 0.25])),
@@ -106,8 +110,8 @@ def _leaky(draw: st.DrawFn, h: float, kind: type[Model], tau_minus: Any) -> Mode
     if kind is iaf_psc_delta:
         return iaf_psc_delta(**words, refractory_input=draw(st.booleans()))
     near = tau_m * (1.0 + draw(st.sampled_from([0.0, 1e-13, -1e-11, 1e-9, -1e-7, 1e-5, -1e-3])))
-    words["tau_syn_ex"] = draw(st.one_of(st.just(near), st.sampled_from([0.2, 2.0, 60.0])))
-    words["tau_syn_in"] = draw(st.one_of(st.just(near), st.sampled_from([0.2, 2.0, 60.0])))
+    words["tau_syn_ex"] = draw(st.one_of(st.just(near), st.sampled_from([0.2, 2.0, 60.0, h / 600.0, 1e6])))
+    words["tau_syn_in"] = draw(st.one_of(st.just(near), st.sampled_from([0.2, 2.0, 60.0, h / 600.0, 1e6])))
     return iaf_psc_exp(**words) if kind is iaf_psc_exp else iaf_psc_alpha(**words)
 
 
@@ -118,9 +122,9 @@ def _two_thresholds(draw: st.DrawFn, h: float, tau_minus: Any) -> Model:
         tau_m=draw(st.sampled_from([5.0, 0.7, 100.0])),
         t_ref=draw(st.sampled_from([1, 3, 25])) * h,
         I_e=draw(st.sampled_from([0.0, 500.0, 1e4, uniform(low=0.0, high=800.0)])),
-        tau_syn_ex=draw(st.sampled_from([1.0, 0.2, 60.0])),
+        tau_syn_ex=draw(st.sampled_from([1.0, 0.2, 60.0, h / 600.0, 1e6])),
         tau_syn_in=draw(st.sampled_from([3.0, 0.2, 60.0])),
-        tau_1=draw(st.sampled_from([10.0, 0.5])),
+        tau_1=draw(st.sampled_from([10.0, 0.5, *EXTREME])),
         alpha_1=draw(st.sampled_from([37.0, 0.0, -3.0, uniform(low=1.0, high=40.0)])),
         alpha_2=draw(st.sampled_from([2.0, 0.0])),
         tau_minus=tau_minus,
@@ -142,8 +146,8 @@ def _integrated(draw: st.DrawFn, h: float, kind: type[Model], tau_minus: Any) ->
         words["V_reset"] = draw(st.sampled_from([-60.0, -75.0])) - 10.0 * (words["V_th"] == -69.0)
     if kind in ADAPTIVE:
         words["a"], words["b"] = draw(st.sampled_from([4.0, 0.0, -1.0])), draw(st.sampled_from([80.5, 0.0, 400.0]))
-        words["Delta_T"] = draw(st.sampled_from([2.0, 0.0, 1.0]))
-        words["tau_w"] = draw(st.sampled_from([144.0, 5.0]))
+        words["Delta_T"] = draw(st.sampled_from([2.0, 0.0, 1.0, 0.1]))
+        words["tau_w"] = draw(st.sampled_from([144.0, 5.0, 1e6]))
     return kind(**words)
 
 
@@ -228,7 +232,10 @@ def synapses(draw: st.DrawFn, net: Network, ends: tuple[str, str], shortest: int
             return static()
         case 1:
             mus = {word: _each(draw, draw(st.sampled_from(MUS))) for word in ("mu_plus", "mu_minus")}
-            tau_plus, step = draw(st.sampled_from([20.0, 2.0])), _each(draw, draw(st.sampled_from([0.01, 0.5])))
+            tau_plus, step = (
+                draw(st.sampled_from([20.0, 2.0, *EXTREME])),
+                _each(draw, draw(st.sampled_from([0.01, 0.5, 0.0]))),
+            )
             return stdp(lambda_=step, alpha=_each(draw, 1.1), tau_plus=tau_plus, Wmax=w_max, **mus)
         case 2 | 3:
             return draw(_pair_rules(w_max))
@@ -246,8 +253,8 @@ def synapses(draw: st.DrawFn, net: Network, ends: tuple[str, str], shortest: int
         A_plus=step,
         A_minus=draw(st.sampled_from([0.0, 1.5])) * step,
         tau_plus=draw(st.sampled_from([20.0, 2.0])),
-        tau_c=draw(st.sampled_from([1000.0, 10.0])),
-        tau_n=draw(st.sampled_from([200.0, 5.0])),
+        tau_c=draw(st.sampled_from([1000.0, 10.0, 1e6])),
+        tau_n=draw(st.sampled_from([200.0, 5.0, 1e6])),
         b=draw(st.sampled_from([0.0, 0.02, -0.01] if source else [0.02, -0.01])),
         Wmin=draw(st.sampled_from([0.0, 0.0, -0.5, 0.3])) * w_max,
         Wmax=w_max,
@@ -260,7 +267,7 @@ def synapses(draw: st.DrawFn, net: Network, ends: tuple[str, str], shortest: int
 def _pair_rules(draw: st.DrawFn, w_max: float) -> Synapse:
     """A rule of pairs or triplets, or of short-term plasticity; some inhibit."""
     signed, step = w_max * draw(st.sampled_from([1.0, -1.0])), draw(st.sampled_from([0.01, 0.5]))
-    tau = draw(st.sampled_from([20.0, 2.0]))
+    tau = draw(st.sampled_from([20.0, 2.0, *EXTREME]))
     mus = {word: _each(draw, draw(st.sampled_from(MUS))) for word in ("mu_plus", "mu_minus")}
     pairs: dict[str, Any] = {"lambda_": _each(draw, step), "alpha": _each(draw, 1.1), "tau_plus": tau, "Wmax": signed}
     pairs |= mus
@@ -277,9 +284,9 @@ def _pair_rules(draw: st.DrawFn, w_max: float) -> Synapse:
         case 4:
             return vogels_sprekeler(tau=tau, eta=_each(draw, a), Wmax=signed)
         case 5:
-            u, fac = draw(st.sampled_from([0.1, 0.8])), draw(st.sampled_from([0.0, 50.0]))
-            return tsodyks2(U=_each(draw, u), tau_rec=draw(st.sampled_from([800.0, 10.0])), tau_fac=fac)
-    slow = {"tau_plus": tau, "tau_plus_triplet": draw(st.sampled_from([100.0, 2.0]))}
+            u, fac = draw(st.sampled_from([0.1, 0.8, 0.0, 1.0])), draw(st.sampled_from([0.0, 50.0, 1e6]))
+            return tsodyks2(U=_each(draw, u), tau_rec=draw(st.sampled_from([800.0, 10.0, *EXTREME])), tau_fac=fac)
+    slow = {"tau_plus": tau, "tau_plus_triplet": draw(st.sampled_from([100.0, 2.0, *EXTREME]))}
     shares = {"Aplus": 0.5, "Aplus_triplet": 0.2, "Aminus": 0.6, "Aminus_triplet": 0.2}
     sizes = {word: _each(draw, share * a) for word, share in shares.items()}
     return stdp_triplet(**sizes, **slow, Wmax=signed)
@@ -314,7 +321,7 @@ MANY = 400
 
 C = TypeVar("C", bound=Choice)
 
-RESOLUTIONS = (0.05, 0.1, 0.2, 0.5, 1.0)
+RESOLUTIONS = (0.05, 0.1, 0.2, 0.5, 1.0, 0.7, 0.35, 0.009)
 
 
 @dataclass(frozen=True, slots=True)

@@ -78,12 +78,19 @@ def nest_alpha(tau_m: float, tau_syn: float, c_m: float, h: float) -> float:
     return beta / c_m * math.exp(-h / tau_syn) * (beta * growth - h)
 
 
+def nest_constant(tau_m: float, c_m: float, h: float) -> float:
+    """That of a constant current in iaf_psc_delta and iaf_psc_exp likewise: 1 - exp() cancels where tau_m is long."""
+    return tau_m / c_m * (1.0 - math.exp(-h / tau_m))
+
+
 @contextmanager
 def propagators_of_nest() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for model in (neuro.iaf_psc_exp, neuro.iaf_psc_alpha):
             patch.setattr(model.arithmetic, "from_exponential", nest_exponential)
         patch.setattr(neuro.iaf_psc_alpha.arithmetic, "from_alpha", nest_alpha)
+        for leaky in (neuro.iaf_psc_delta, neuro.iaf_psc_exp):
+            patch.setattr(leaky.arithmetic, "from_constant", nest_constant)
         yield
 
 

@@ -117,7 +117,17 @@ def test_a_recording_that_asks_nothing_teaches_nothing(net, files):
         (
             {"targets": np.where(np.arange(40 * STEPS * 2).reshape(40, STEPS, 2) == 250, np.inf, 0.0)},
             (),
-            "targets: recording 2, step 5: found an infinite value: expected numbers in mV, or NaN where",
+            "targets: recording 2, step 5: found inf: expected at most 1e+15 mV, or NaN where",
+        ),
+        (
+            {"targets": np.full((40, STEPS, 2), 1e300)},
+            (),
+            "targets: recording 0, step 0: found 1e+300: expected at most",
+        ),
+        (
+            {"spikes": np.zeros((0, STEPS, CHANNELS)), "targets": np.zeros((0, STEPS, 2))},
+            (),
+            "spikes: found no recording: expected at least one",
         ),
         ({"targets": np.full((40, STEPS, 2), np.nan)}, (), "targets: all are NaN, so nothing is asked"),
         ({"spikes": np.zeros((40, STEPS, CHANNELS))}, (), "spikes: all are 0: expected a recording with an event"),

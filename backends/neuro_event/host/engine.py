@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from neuro.core.clock import NEVER
 from neuro.core.english import a
 from neuro.core.errors import ModelError
-from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped
+from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped, torn
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wins
 from neuro.program.currents import Currents
 from neuro.program.drives import Rates
@@ -45,6 +45,7 @@ class EventEngine:
     def __init__(self, program: Program, threads: int) -> None:
         self._program = program
         self._n_threads = threads
+        self._stop: Ints = np.zeros(1, dtype=np.int64)
         self._start_over(None)
 
     def _start_over(
@@ -56,6 +57,7 @@ class EventEngine:
     ) -> None:
         cut = () if edges is None else (edges, joined)
         self._a = build.build(self._program, self._n_threads, eager, *cut)
+        self._a.net["stop"] = self._stop
         self._step, self._torn = 0, False
         self._changes = ChangedValues(self._program)
         self._record = RecordedSpikes()
@@ -86,7 +88,7 @@ class EventEngine:
         build.link(self._a)
         self._table = table_of(net, self._a.plastic)
         self._view = self._table.ctypes.data
-        self._overrun, self._uncounted = net["clock"][:, t.OVERRUN], net["clock"][:, t.UNCOUNTED]
+        self._flags = net["clock"][:, t.OVERRUN : t.UNCOUNTED + 1]
         self._copy, self._cells = reading.SynapseReader(self._a, self._table), reading.NeuronReader(self._a)
 
     @property
@@ -96,16 +98,23 @@ class EventEngine:
 
     def run(self, steps: int) -> None:
         """Advance; stops at the steps where a current or a rate changes and where the record must be emptied."""
-        if self._torn:
-            raise ModelError(
-                "the network was interrupted within a step: expected whole steps",
-                hint="sim.reset() begins anew; sim.restore continues from a saved state",
-            )
+        self._refuse_torn()
         end = self._step + steps
         self.join_rows()
-        with Interruptible(self._a.net["stop"]):
+        with Interruptible(self._stop):
             while self._step < end:
                 self._run_to(end if self._steady else min(end, self._prepare(self._step)))
+
+    def share_stop(self, engines: Sequence[EventEngine]) -> Ints:
+        """Let several engines end together; return the number that stops all, see `neuro.core.interrupts`."""
+        for engine in engines:
+            engine._stop = engine._a.net["stop"] = self._stop
+            engine._pack()
+        return self._stop
+
+    def _refuse_torn(self) -> None:
+        if self._torn:
+            raise torn()
 
     def join_rows(self) -> None:
         """Lay out joined rows before a run: weights that were set have parted them, and many may be set in turn."""
@@ -125,7 +134,7 @@ class EventEngine:
         return min(until, self._currents.next_change(step), self._rates.next_change(step))
 
     def _run_to(self, end: int) -> None:
-        first, stop = self._step + 1, self._a.net["stop"]
+        first, stop = self._step + 1, self._stop
         while first <= end:
             last = self._next_stop(first, end) if self._stops else end
             self._torn = True
@@ -163,9 +172,11 @@ class EventEngine:
         They count spikes with 64 bits. Histories are as long as refractoriness lets them grow: a model that fires
         earlier has lost spikes.
         """
-        if uncounted := int(self._uncounted.max()):
+        uncounted = overrun = 0
+        for flags in self._flags.tolist():  # of each thread
+            overrun, uncounted = max(overrun, flags[0]), max(uncounted, flags[1])
+        if uncounted:
             raise too_many(self._program.populations[uncounted - 1])
-        overrun = max(self._overrun.tolist())
         if overrun:
             part = self._program.populations[overrun - 1]
             raise ModelError(
@@ -242,10 +253,16 @@ class EventEngine:
         net, start, h = self._a.net, self._step, self._program.resolution
         from neuro_event.loop import steps
 
+        self._refuse_torn()
         self.join_rows()
         steps.begin_trial(self._view, spec.output, spec.group, start, h)
         peaks = PotentialPeaks(spec.output, self._program.populations[spec.output].size, h) if trial.peaks else None
-        ticks = self._run_trial(spec, peaks)
+        with Interruptible(self._stop):
+            try:
+                ticks = self._run_trial(spec, peaks)
+            except BaseException:
+                self._torn = int(self._stop[0]) == AT_ONCE
+                raise
         self._listed.drop(spec.input)
         steps.end_trial(self._view, spec.output, spec.group, start + ticks, h)
         self._trial_start, self._step = start, start + ticks
@@ -271,6 +288,7 @@ class EventEngine:
             reached = steps.run_trial(
                 self._view, spec.group, step, end, spec.stop_at_decision, self._a.reach, self._program.resolution
             )
+            end_if_stopped(self._stop)
             if reached == step:
                 self._drain()
                 if steps.has_room(self._view, step, 1, self._a.reach) < 1:
@@ -600,6 +618,7 @@ class EventEngine:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs to continue bit for bit."""
+        self._refuse_torn()
         self._drain()
         generators.settle(self._a)
         return {

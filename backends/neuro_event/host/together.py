@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.interrupts import Interruptible, end_if_stopped
 from neuro.program.program import Floats, Ints
 from neuro_event.host import reading
 from neuro_event.loop import stages, tables as t, together
@@ -27,6 +28,7 @@ class EventEngines:
         self._reached: Ints = np.zeros(len(engines), dtype=np.int64)
         self._plain = all(len(e._a.net["edges"][0]) == 2 and e._steady and not e._stops for e in engines)
         self._run = stages.entry("run").address()
+        self._stop = first.share_stop(self._engines)
 
     @property
     def _views(self) -> Ints:
@@ -44,14 +46,21 @@ class EventEngines:
                 engine.join_rows()
             a = self._at
             args = (begin + 1, last, a.longest_slice, a.reach, self._program.resolution, forget, reached)
-            together.run_all(self._run, self._views, *args)
+            with Interruptible(self._stop):
+                try:
+                    together.run_all(self._run, self._views, *args)
+                    end_if_stopped(self._stop)
+                except BaseException:  # some engines are ahead of others
+                    for engine in self._engines:
+                        engine._torn = True
+                    raise
         for k, engine in enumerate(self._engines):
             # Where a log or a record was full, the engine makes room and goes on by itself.
             engine._step = int(reached[k]) - 1 if self._plain else begin
             if engine._step < begin + steps:
                 engine.run(begin + steps - engine._step)
-            elif engine._overrun[0]:
-                engine._check_histories()
+            elif engine._flags[0, 0] or engine._flags[0, 1]:
+                engine._check_flags()
             if forget and not self._plain:
                 engine.forget(engine._step)
 

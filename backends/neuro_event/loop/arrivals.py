@@ -145,6 +145,8 @@ def gather_runs(view, row, runs, step, thread, add):
                 n += 1
                 # The queue has room for 256 runs, so prefetches reach across spikes.
                 if n == queue.shape[0]:
+                    if net.stop[0] == t.AT_ONCE:
+                        return
                     add(view, row, thread, n, total, slot)
                     n = total = 0
     if n > 0:
@@ -165,6 +167,8 @@ def at_emission(view, q, step, after, thread):
     mask, slot = net.log_ids.shape[1] - 1, step & (net.log_ends.shape[1] - 1)
     for sender in range(net.edges.shape[1] - 1):
         for place in range(net.log_ends[sender, slot, row[t.SOURCE]], net.log_ends[sender, slot, row[t.SOURCE] + 1]):
+            if net.stop[0] == t.AT_ONCE:
+                return
             i = np.int64(net.log_ids[sender, place & mask]) - net.pops[row[t.SOURCE], t.BEGIN]
             keep_for_later(view, row, i, np.float64(net.log_counts[sender, place & mask]), step, after, thread)
 

@@ -263,7 +263,7 @@ def deliver_each(view, q, sent_step, now, log_slot, thread, out, receptor_stride
         ):
             source_id = np.int64(net.log_ids[sender, place & mask]) - source[t.BEGIN]
             m = np.float64(net.log_counts[sender, place & mask])
-            if net.stop[0] == 2:
+            if net.stop[0] == t.AT_ONCE:
                 return
             if row[t.LAYOUT] == t.CSR and row[t.DELAY_STRIDE] == 1:
                 csr_delayed(view, q, source_id, m, sent_step, now, thread, lo, hi)

@@ -203,7 +203,7 @@ def eager_entry(model, own_rows):
         on, last = p.incoming[table[t.INCOMING] + ahead] - begin, p.in_synapse.shape[0] - 1
         weights, stop = address(p.y) + 8 * first, net_of(view).stop
         for k in range(m):
-            if stop[0] == 2:
+            if stop[0] == t.AT_ONCE:
                 return
             # A spike of multiplicity m acts as m spikes one after the other, as in NEST.
             post = values_after(before, k)

@@ -35,6 +35,8 @@ def draw_poisson(view, thread, pop, step, at, done, h):
     for block in range(net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]):
         if net.awake[block] == 0:
             continue
+        if net.stop[0] == t.AT_ONCE:
+            break
         lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
         first = lo - row[t.BEGIN]
         fired = np.uint64(0)
@@ -58,6 +60,8 @@ def let_emit(view, thread, pop, step, at, done, h):
     if step <= row[t.START] or step > row[t.STOP]:
         return at
     for block in range(net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]):
+        if net.stop[0] == t.AT_ONCE:
+            break
         lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
         call_entry(view, row, STEP, lo, hi, thread, step, h)
         fired = marked(net.fired, lo)
@@ -121,6 +125,8 @@ def draw_counts(view, thread, pop, step):
     # Up to 512 neighbours are drawn in one go, so words are made by lanes.
     run = begin
     for block in range(begin, end + 1):
+        if net.stop[0] == t.AT_ONCE:
+            return
         awake = block < end and net.awake[block] == 1
         if run < block and (not awake or block - run == t.GROUPED):
             lo, hi = run * t.BLOCK - row[t.BEGIN], min(block * t.BLOCK, row[t.END]) - row[t.BEGIN]

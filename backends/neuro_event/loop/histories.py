@@ -94,6 +94,8 @@ def dopamine_arrivals(view, q, step, thread, h):
                 total += m
     if total > 0.0:
         for target in range(lo, hi):
+            if net.stop[0] == t.AT_ONCE:
+                return
             release(view, q, thread, target, step, total * each, h)
 
 

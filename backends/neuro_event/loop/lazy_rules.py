@@ -238,7 +238,7 @@ def rule_entry(model, own_rows):
             since = time + delay
             pre = pre_values(p, q, thread, own, since, h)
             for m in range(past[NEWEST + ENTRY * k + 2]):
-                if net.stop[0] == 2:
+                if net.stop[0] == t.AT_ONCE:
                     return
                 on_post(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, kept_values(p, column, history, k, m))
         if whole and since < upto:

@@ -51,20 +51,28 @@ def post_trace(decay, past, traces, before, h, tau_minus, neuron):
     return 0.0
 
 
-@inlined
-def repeat(on_post, view, y, z, c, k, m):
-    """Let m post spikes of one step act on a synapse."""
-    for _ in range(m):
-        weight = y[0, z]
-        on_post(y, z, c, (k,), (0.0,))
-        # What changes nothing once changes nothing again: the spikes of a runaway network are no turns of a loop.
-        if y[0, z] == weight or net_of(view).stop[0] == 2:
-            return
+def repeating(model, on_post):
+    """Compile the pass of m post spikes of one step over a synapse."""
+    last = len(model.states)
+    assert last <= 1  # so the weight and the last state are all states
+
+    @inlined
+    def repeat(view, y, z, c, k, m):
+        for _ in range(m):
+            weight, state = y[0, z], y[last, z]
+            on_post(y, z, c, (k,), (0.0,))
+            # A spike that changes no state leaves nothing for the next one to change: weights of a runaway network are
+            # at their bound, and its spikes are not turns of a loop.
+            if (y[0, z] == weight and y[last, z] == state) or net_of(view).stop[0] == t.AT_ONCE:
+                return
+
+    return repeat
 
 
 def _modulated(model, on_post):
     """What a synapse under dopamine does with a history; see `_plain`."""
     advance = taking(model, "advance", "y, e, c, begin, end, n, grid")
+    repeat = repeating(model, on_post)
 
     @subkernel
     def hear(view, q, z, own, thread, target, past, upto, delay, h):
@@ -82,7 +90,7 @@ def _modulated(model, on_post):
             # Without a pre trace a post spike changes nothing, but the flow of dopamine has to be cut at it.
             if k_plus != 0.0:
                 k = k_plus * decayed(p.decay[q, PLUS], arrival - then, h, p.tau[q], 0)
-                repeat(on_post, view, p.y, z, c, k, past[NEWEST + ENTRY * i + 2])
+                repeat(view, p.y, z, c, k, past[NEWEST + ENTRY * i + 2])
         return since
 
     @inlined
@@ -114,11 +122,12 @@ def _modulated(model, on_post):
     return learn, bring_one
 
 
-def _plain(on_post):
+def _plain(model, on_post):
     """What a synapse without dopamine does with a history: at a pre spike, of which `last` is the one before, and else.
 
     It shows the weight that it sent last, so that is kept aside before the first change.
     """
+    repeat = repeating(model, on_post)
 
     @inlined
     def learn(view, q, z, c, own, thread, target, past, plus, tau, k_plus, last, upto, whole, delay, h):
@@ -132,7 +141,7 @@ def _plain(on_post):
             if arrival > upto:
                 break
             k = k_plus * decayed(plus, arrival - last, h, tau, 0)
-            repeat(on_post, view, y, z, c, k, past[NEWEST + ENTRY * i + 2])
+            repeat(view, y, z, c, k, past[NEWEST + ENTRY * i + 2])
 
     @inlined
     def bring_one(view, q, z, c, own, thread, target, past, upto, whole, delay, h):
@@ -151,7 +160,7 @@ def lazy_entry(model, own_rows):
     """The passes of one rule, whose synapses have rows of constants of their own or share one, which costs less."""
     row_of = own_row if own_rows else shared_row
     on_pre, on_post = (taking(model, name, "y, e, c, pre, post") for name in ("on_pre", "on_post"))
-    learn, bring_one = _modulated(model, on_post) if model.modulated else _plain(on_post)
+    learn, bring_one = (_modulated if model.modulated else _plain)(model, on_post)
 
     @subkernel
     def pre_spike(view, q, source, step, thread, h):

@@ -194,6 +194,8 @@ def move_entry(model):
         if n == 0:
             return
         for at in range(p.move_count[thread, k, LIT]):
+            if net.stop[0] == t.AT_ONCE:
+                return
             gather_from(view, k, p.move_lists[thread, LIT, p.move_table[k, t.MOVE_SOURCE] + at], thread, n)
         for at in range(n):
             p.move_spikes[to + p.move_concerned[to + lo + at]] = 0.0

@@ -184,6 +184,8 @@ def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
         # One 64-bit word covers eight blocks: silent networks skip 512 neurons at a time.
         if net.awake_groups[word] == 0 and net.due_groups[thread, slot // t.GROUPED + word] == 0:
             continue
+        if net.stop[0] == t.AT_ONCE:
+            break
         # A population begins at a new group of 8 blocks, so that a word never covers two populations.
         begin, end = word * t.GROUPED, min((word + 1) * t.GROUPED, last)
         step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all)
@@ -276,6 +278,8 @@ def step_collecting(view, thread, pop, step, at, done, h, slots, blocks):
         due = net.due_groups[thread, slot // t.GROUPED + word] != 0
         if not due and net.awake_groups[word] == 0:
             continue
+        if net.stop[0] == t.AT_ONCE:
+            break
         begin, end = word * t.GROUPED, min((word + 1) * t.GROUPED, last)
         run = begin
         for block in range(begin, end + 1):

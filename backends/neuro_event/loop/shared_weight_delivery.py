@@ -35,11 +35,13 @@ def deliver_shared_weight(view, q, first_source, log_slot, begin, stop, out, mar
     targets, rows, buf, ids, counts = net.targets, net.rows, net.buf, net.log_ids, net.log_counts
     mask, source, senders = ids.shape[1] - 1, projection[t.SOURCE], net.edges.shape[1] - 1
     base, width = projection[t.ROW] + begin - first_source * senders, stop - begin
-    weight, due = net.weights[projection[t.WEIGHT]], net.due[begin]
+    weight, due, ending = net.weights[projection[t.WEIGHT]], net.due[begin], net.stop
     # Threads own ascending ids, so going through them in order adds as one thread would.
     for sender in range(senders):
         end = net.log_ends[sender, log_slot, source + 1]
         for place in range(net.log_ends[sender, log_slot, source], end):
+            if ending[0] == t.AT_ONCE:
+                return
             row = base + np.int64(ids[sender, place & mask]) * senders
             # Rows are scattered over a table of many megabytes: that of the next spike is prefetched.
             if place + 1 < end:
@@ -135,6 +137,8 @@ def deliver_in_ranges(view, q, first_source, log_slot, begin, stop, lo, hi, out)
             queue[n, 2] = net.log_counts[sender, place & mask]
             n += 1
             if n == queue.shape[0]:
+                if net.stop[0] == t.AT_ONCE:
+                    return
                 add_rows(net.targets, queue, n, net.weights[projection[t.WEIGHT]], net.buf, out, lo, hi)
                 n = 0
     add_rows(net.targets, queue, n, net.weights[projection[t.WEIGHT]], net.buf, out, lo, hi)

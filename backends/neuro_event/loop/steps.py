@@ -152,6 +152,8 @@ def advance(view, begin, stop, first, last, h):
     for thread in range(begin, stop):
         act_at_emission(view, thread, done, done, h)
     for step in range(first, last):
+        if net.stop[0] == t.AT_ONCE:
+            return
         if driven:
             for thread in range(begin, stop):
                 drive(view, thread, step)
@@ -402,7 +404,7 @@ def learn_step(view, step, done_arrivals, thread, h, arrivals_only):
             for place in range(net.log_ends[sender, slot, source], net.log_ends[sender, slot, source + 1]):
                 local = np.int64(net.log_ids[sender, place & mask]) - net.pops[source, t.BEGIN]
                 for nth in range(net.log_counts[sender, place & mask]):
-                    if net.stop[0] == 2:
+                    if net.stop[0] == t.AT_ONCE:
                         return
                     call_rule(view, p.table[q], PRE_SPIKE + nth, local, step, thread, h)
                     if p.table[q, t.NOTED] == 1:

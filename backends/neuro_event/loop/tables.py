@@ -13,6 +13,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from neuro.core.interrupts import AT_ONCE as AT_ONCE  # the kernels compare `stop` with it
 from neuro.kernels import views
 from neuro.kernels.address import caller
 from neuro.kernels.jit import inlined, subkernel

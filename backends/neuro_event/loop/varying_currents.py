@@ -16,6 +16,8 @@ def drive(view, thread, step):
         line = net.lines[k]
         row = net.pops[line[t.DRIVEN]]
         for block in range(net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]):
+            if net.stop[0] == t.AT_ONCE:
+                return
             # A current that changes at each step keeps its neurons awake.
             net.busy[block] = step
             if line[t.CHARGED] < 0:

@@ -115,7 +115,7 @@ def fading(tau: float) -> tuple[tuple[Term, ...], str]:
     off, every, part = near[0] if near else min(found)
     bits = [1 << k for k in range(7) if part >> k & 1]
     terms = tuple(Term(-1, bit.bit_length() - 8, "u", every, (Factor("t"),)) for bit in bits)
-    return terms, f"the eligibility loses {part}/128 in every {2**every}th step: tau_c is {off:.1%} off"
+    return terms, f"the eligibility loses {part}/128 {_period(every)}: tau_c is {off:.1%} off"
 
 
 def too_small(what: str, change: float) -> ModelError:
@@ -195,6 +195,11 @@ def rule_of(
     return Mapped(mapped.rule, (*mapped.approximations, *shared), mapped.update, mapped.n_scale)
 
 
+def _period(every: int) -> str:
+    """Return "every step" for 0, "every 32 steps" for 5."""
+    return f"every {2**every} steps" if every else "every step"
+
+
 def _pairs(p: stdp, h: float, tau_minus: float, scale: float) -> Mapped:
     for word, mu in (("mu_plus", p.mu_plus), ("mu_minus", p.mu_minus)):
         if mu not in (0.0, 1.0):
@@ -258,7 +263,7 @@ def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n:
         factor,
         f"n is r1 - r2 in units of {n_scale:.4g} 1/ms, 7 bits each; b = {p.b:g} is {baseline * n_scale:.4g}",
         f"the eligibility is a 9-bit tag, {one:.4g} for each of its units; beyond {255 / one:.4g} it saturates",
-        f"the weight moves by c (n - b) of every {2**every}th step, cut towards 0 to 2^-7 of a mantissa",
+        f"the weight moves {_period(every)} by c (n - b), cut towards 0 to 2^-7 of a mantissa",
         f"the chip clips at 0 and 255 mantissas ({255 * scale:g}), not at Wmin = {p.Wmin:g} and Wmax = {p.Wmax:g}",
     )
     update = gain * one * max(abs(p.A_plus), abs(p.A_minus)) * (largest_n if p.dopamine is None else 1.0 / p.tau_n)

@@ -177,10 +177,10 @@ def _metadata(archive: zipfile.ZipFile) -> dict[str, Any]:
 
 
 def write(parts: Iterator[Events], path: Path) -> None:
-    """Encode as NPZ; columns are gathered beside the file, since an NPZ begins with their length."""
+    """Encode as NPZ. The columns are collected in files without a name, since an NPZ begins with their length."""
     size, metadata, total = (1, 1), {}, 0
-    with tempfile.TemporaryDirectory(prefix=path.name, dir=path.parent) as folder, ExitStack() as opened:
-        columns = {key: opened.enter_context((Path(folder) / key).open("w+b")) for key in "txyp"}
+    with ExitStack() as opened:
+        columns = {key: opened.enter_context(tempfile.TemporaryFile(dir=path.parent)) for key in "txyp"}
         for events in parts:
             size, metadata = events.sensor_size, dict(events.metadata)
             for key, file in columns.items():

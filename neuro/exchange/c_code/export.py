@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.resources import files
 from os import PathLike
@@ -15,7 +16,7 @@ from neuro.chips.quantising.quantise import quantise
 from neuro.core.checks import check
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
-from neuro.core.outputs import check_output, make_folder, sealed, write_text
+from neuro.core.outputs import make_folder, output, sealed
 from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
 from neuro.exchange.c_code.arrays import Memory, number
@@ -225,12 +226,11 @@ def _data(run: Recorded, name: str) -> str:
 
 
 def _write(folder: Path, texts: Mapping[str, str]) -> None:
-    """All files, or none where one of them may not be replaced."""
+    """Write all files, or none if one of them cannot be written."""
     make_folder(folder)
-    for file in texts:
-        check_output(folder / file, KIND)
-    for file, text in texts.items():
-        write_text(folder / file, text, KIND)
+    with ExitStack() as parts:  # none takes its name before all are written
+        for file, text in texts.items():
+            parts.enter_context(output(folder / file, KIND)).write_text(KIND.seal(text), "utf-8")
 
 
 def _template(file: str, words: Mapping[str, str]) -> str:

@@ -138,7 +138,17 @@ def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) ->
         _find_links(found)
     if not found.table().refused:
         _find_depths(found)
+        _name_written_out(found)
     return found
+
+
+def _name_written_out(found: Read) -> None:
+    """Say at a layer that its convolution has a weight for each connection here, as a grid has one stride."""
+    for link in found.links:
+        if link.target in found.cells and link.map.kernel is not None and _grid(link.map) is None:
+            old, weights = found.verdicts[link.target], link.map.sparse().nnz
+            how = f"{old.how}; its convolution is {some(weights, 'weight')}, as a grid has one stride for both axes"
+            found.verdicts[link.target] = replace(old, how=how)
 
 
 def _measure(found: Read) -> None:

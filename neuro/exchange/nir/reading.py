@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from neuro.core.errors import ModelError
+from neuro.core.hdf5 import check_tree
 from neuro.core.hdf5_texts import Texts
 from neuro.core.inputs import record_input
 from neuro.core.paths import existing
@@ -100,6 +101,7 @@ def _check_sizes(path: Path) -> None:
             raise ModelError(f"{path}: is damaged: the texts of '{name}' are not in the file")
 
     with h5py.File(path, "r") as file:
+        check_tree(file, several_names=True)
         file.visititems(look)
         kind = file["node/type"][()].decode() if "node/type" in file else "no node"
         if kind != "NIRGraph":

@@ -25,7 +25,6 @@ from neuro.model.equations.dimensions import (
 from neuro.model.equations.functions import ARGUMENTS
 from neuro.model.equations.habits import parse
 from neuro.model.equations.parameters import NAME, Parameter, read_parameters
-from neuro.model.neurons.base import Neuron
 
 CURRENT_NAME = "I"
 """The name of the current from outside."""
@@ -136,7 +135,7 @@ def read(name: str, said: Mapping[str, Any]) -> Definition:
     mapping(said, WORDS, "a model")
     if "equations" not in said:
         raise ModelError("a model needs 'equations', e.g. {V_m: (E_L - V_m)/tau_m + I/C_m}")
-    parameters = read_parameters(said.get("parameters", {}), Neuron)
+    parameters = read_parameters(said.get("parameters", {}))
     states, let = expressions(said, "equations"), expressions(said, "let")
     if not states:
         raise ModelError("no equation: expected at least one", path=("equations",))

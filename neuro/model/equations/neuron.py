@@ -11,7 +11,7 @@ import numpy as np
 
 from neuro.core.errors import ModelError
 from neuro.core.grammar import Binary, Call, Expression, Name, Negative, Tree
-from neuro.core.quantities import Quantity, Value
+from neuro.core.quantities import Quantity, Value, field_of
 from neuro.core.units import TIME, times, unit_of
 from neuro.model.equations import steps
 from neuro.model.equations.definition import CURRENT_NAME, HELD, Definition, read
@@ -19,11 +19,13 @@ from neuro.model.equations.dimensions import refuse
 from neuro.model.equations.divisions import Divisions, InEquations, Words
 from neuro.model.equations.exact import matrix_lines, quiet_lines, room, slope_of, system
 from neuro.model.equations.functions import PUBLIC
+from neuro.model.equations.parameters import refuse_attributes
 from neuro.model.equations.twin import Twin, twin
 from neuro.model.equations.writing import Constants, function, module
 from neuro.model.neurons.base import Neuron, State
 
 _CLASSES: dict[str, type[EquationNeuron]] = {}
+_READ_OTHERWISE = dict.fromkeys(("spikes", "rate", "counts"), "what probes and ports read of every neuron")
 _HEAD = f"""\
 import math
 
@@ -77,6 +79,8 @@ def neuron(name: str, said: Mapping[str, Any]) -> type[EquationNeuron]:
 
 
 def _made(d: Definition) -> type[EquationNeuron]:
+    refuse_attributes(d.parameters, EquationNeuron)
+    steps.refuse_added(d, _READ_OTHERWISE | dict.fromkeys(EquationNeuron.quantities(), "a parameter of every neuron"))
     constants = Constants(d.parameters, 1, {*d.states, *d.let, *(r.name for r in d.receptors), CURRENT_NAME}, d.full)
     divisions = Divisions(d.parameters, constants.variables, d.let, *_expressions(d))
     refuse(divisions.mistakes({name: p.default for name, p in d.parameters.items()}))
@@ -86,7 +90,11 @@ def _made(d: Definition) -> type[EquationNeuron]:
     arithmetic = module(text)
     positive = {*_divisors(d), *(r.tau.tree.name for r in d.receptors if r.tau and isinstance(r.tau.tree, Name))}
     fields = [
-        (word, Value, _field(p.quantity(word in positive) if word != "t_ref" else _period(p.unit, p.doc), p.default))
+        (
+            field_of(word),
+            Value,
+            _field(_period(p.unit, p.doc) if word == "t_ref" else p.quantity(word in positive), p.default),
+        )
         for word, p in d.parameters.items()
     ]
     threshold = d.plain.get("threshold", "")

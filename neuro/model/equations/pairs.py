@@ -15,7 +15,7 @@ from neuro.model.equations.definition import at, check_name, expressions, mappin
 from neuro.model.equations.dimensions import Dimensions
 from neuro.model.equations.functions import ARGUMENTS
 from neuro.model.equations.parameters import Parameter, read_parameters
-from neuro.model.synapses.base import Modulated, Synapse, Trace
+from neuro.model.synapses.base import Trace
 
 WORDS = ("traces", "states", "on_pre", "on_post", "on_signal", "initial", "parameters", "doc", "source")
 SPIKES = ("on_pre", "on_post")
@@ -68,7 +68,7 @@ def read(name: str, said: Mapping[str, Any]) -> Pairs:
         ModelError: the first mistake, with the column where it is one of an expression.
     """
     mapping(said, WORDS, "a rule")
-    parameters = read_parameters(said.get("parameters", {}), Modulated if "on_signal" in said else Synapse)
+    parameters = read_parameters(said.get("parameters", {}))
     for word, parameter in parameters.items():
         _check_special(word, parameter)
     traces = _traces(said.get("traces", {}), parameters)
@@ -97,7 +97,9 @@ def read(name: str, said: Mapping[str, Any]) -> Pairs:
 
 
 def _check_special(word: str, parameter: Parameter) -> None:
-    """Parameters that mean something outside the expressions, where numbers are in pA, mV and ms."""
+    """Refuse parameters that have another meaning in expressions or outside of them (numbers in pA, mV and ms)."""
+    if word == WEIGHT or word in ARGUMENTS:
+        raise ModelError(f"'{word}' means something else, too: expected another name", path=("parameters", word))
     if word in ("Wmin", "Wmax") and parameter.factor != 1.0:
         message = f"{word} is in '{parameter.unit}': expected pA, nS or mV, in which weights are said"
         raise ModelError(message, path=("parameters", word))

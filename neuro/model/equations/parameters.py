@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,12 +44,11 @@ class Parameter:
         return Quantity(unit=self.unit, doc=self.doc, arrays=arrays, **bounds)
 
 
-def read_parameters(said: Any, base: type[Choice]) -> dict[str, Parameter]:
+def read_parameters(said: Any) -> dict[str, Parameter]:
     """Read `{C_m: 281 pF, a: {default: 4 nS, at_least: 0, doc: ...}}`.
 
     Args:
         said: the words.
-        base: the class of the model, whose attributes are no names for parameters.
 
     Raises:
         ModelError: one is wrong; its path leads there.
@@ -59,19 +58,19 @@ def read_parameters(said: Any, base: type[Choice]) -> dict[str, Parameter]:
     found = {}
     for name, words in said.items():
         try:
-            found[name] = _parameter(name, words, base)
+            found[name] = _parameter(name, words)
         except ModelError as error:
             message = f"parameters.{name}: {error.message}"
             raise error.but(message=message, path=("parameters", str(name), *error.path)) from None
     return found
 
 
-def _parameter(name: Any, words: Any, base: type[Choice]) -> Parameter:
+def _parameter(name: Any, words: Any) -> Parameter:
     tree = parse(name).tree if isinstance(name, str) else None
     if not isinstance(tree, Name) or tree.name != name or name.endswith("_") or "__" in name:
         raise ModelError(f"name {shown(name)}: {NAME}")
-    if name == "I" or name in ARGUMENTS or hasattr(base, name) or name in base.quantities():
-        raise ModelError(f"'{name}' has a meaning in every model: expected another name")
+    if name == "I" or name in ARGUMENTS:
+        raise _taken(name)
     if not isinstance(words, Mapping):
         words = {"default": words}
     for word in words:
@@ -88,6 +87,26 @@ def _parameter(name: Any, words: Any, base: type[Choice]) -> Parameter:
     parameter = Parameter(default, text, factor, dimension, bounds, doc)
     check(parameter.quantity(positive=False), default, "default")
     return parameter
+
+
+def refuse_attributes(parameters: Iterable[str], base: type[Choice]) -> None:
+    """Refuse parameters that are called like an attribute of the class that gets them as fields.
+
+    Args:
+        parameters: their names.
+        base: the class. An attribute that is only annotated counts, too.
+
+    Raises:
+        ModelError: the first such parameter; its path leads there.
+    """
+    for name in parameters:
+        if hasattr(base, name) or any(name in vars(each).get("__annotations__", {}) for each in base.__mro__):
+            error = _taken(name)
+            raise error.but(message=f"parameters.{name}: {error.message}", path=("parameters", name))
+
+
+def _taken(name: str) -> ModelError:
+    return ModelError(f"'{name}' has a meaning in every model: expected another name")
 
 
 def _bound(word: str, value: Any) -> float:

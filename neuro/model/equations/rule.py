@@ -13,6 +13,7 @@ from typing import Any
 
 from neuro.core.errors import ModelError, here
 from neuro.core.grammar import Expression, Name, Tree
+from neuro.core.quantities import field_of
 from neuro.core.units import unit_of
 from neuro.model.equations.algebra import culprit, names, polynomial
 from neuro.model.equations.definition import at
@@ -20,6 +21,7 @@ from neuro.model.equations.dimensions import refuse, text_of
 from neuro.model.equations.divisions import Divisions, InEquations, Words
 from neuro.model.equations.functions import PUBLIC
 from neuro.model.equations.pairs import DECAY_OF_SIGNAL, SIGNAL, SPIKES, WEIGHT, Pairs, read
+from neuro.model.equations.parameters import refuse_attributes
 from neuro.model.equations.writing import Constants, function, local, module, written
 from neuro.model.neurons.base import State
 from neuro.model.synapses.base import Modulated, Synapse
@@ -35,7 +37,7 @@ class EquationSynapse(InEquations, Synapse):
     def __post_init__(self) -> None:
         super().__post_init__()
         try:
-            refuse(self.divisions.mistakes({word: getattr(self, word) for word in self.numbers()}))
+            refuse(self.divisions.mistakes(self.parameters()))
         except ModelError as error:
             raise error.at(here(), self.name) from None
 
@@ -70,6 +72,12 @@ def rule(name: str, said: Mapping[str, Any]) -> type[EquationSynapse]:
 
 
 def _made(pairs: Pairs) -> type[EquationSynapse]:
+    base = _Between if pairs.between else EquationSynapse
+    refuse_attributes(pairs.parameters, base)
+    for name in pairs.states:
+        with at("states", name):
+            if name in base.quantities():
+                raise ModelError(f"'{name}' is a parameter of such rules, too: expected another name")
     constants = Constants(pairs.parameters, 0, {WEIGHT, *pairs.traces, *pairs.states}, lambda tree: tree)
     lasting = {trace.tau for _, trace in pairs.traces.values()} | {DECAY_OF_SIGNAL}
     taus = lasting | {*pairs.states.values()}  # a state may last no time, where its author says so
@@ -77,7 +85,7 @@ def _made(pairs: Pairs) -> type[EquationSynapse]:
     refuse(divisions.mistakes({name: p.default for name, p in pairs.parameters.items()}))
     arithmetic = module(_text(pairs, constants))
     fields = [
-        (word, float, field(default=p.default, metadata={"quantity": p.quantity(word in taus, arrays=False)}))
+        (field_of(word), float, field(default=p.default, metadata={"quantity": p.quantity(word in taus, arrays=False)}))
         for word, p in pairs.parameters.items()
     ]
     namespace = {
@@ -92,7 +100,6 @@ def _made(pairs: Pairs) -> type[EquationSynapse]:
         "states": tuple(_state(pairs, name) for name in pairs.states),
         "width": max(Synapse.width, len(constants.places)),
     }
-    base = _Between if pairs.between else EquationSynapse
     made: Any = make_dataclass(
         pairs.name, fields, bases=(base,), namespace=namespace, frozen=True, kw_only=True, eq=False
     )

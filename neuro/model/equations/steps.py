@@ -70,6 +70,27 @@ class NeuronSteps:
         return self.write(self.definition.threshold.tree, variables)
 
 
+def refuse_added(d: Definition, others: Mapping[str, str]) -> None:
+    """Refuse names of states that a model has beside those of its author, and of what is read like a state.
+
+    Args:
+        d: the neuron.
+        others: what is read like a state, by name.
+
+    Raises:
+        ModelError: the first such name; its path leads there.
+    """
+    slopes = {slope_of(r): f"the slope of {r.name}" for r in d.receptors if r.kernel == "alpha"}
+    added = {**others, **slopes, **({PART: "the size of a part of a step"} if d.integrator == "rkf45" else {})}
+    kernels = [receptor.name for receptor in d.receptors]
+    sections = (("equations", d.states, added), ("receptors", kernels, added))
+    for section, names, meanings in (*sections, ("parameters", d.parameters, slopes), ("let", d.let, slopes)):
+        for name in names:
+            if name in meanings:
+                message = f"{section}.{name}: '{name}' is {meanings[name]}, too: expected another name"
+                raise ModelError(message, path=(section, name))
+
+
 def checked(neuron: NeuronSteps) -> NeuronSteps:
     """The neuron, if its integrator can do its equations.
 
@@ -111,8 +132,8 @@ def fire_lines(neuron: NeuronSteps) -> list[str]:
     variables = {name: local(name) for name in neuron.integrated}
     lines = [f"{local(name)} = s[{neuron.rows[name]}, i]" for name in _read_in_reset(neuron)]
     reset = neuron.definition.reset
-    lines += [f"next_{local(name)} = {neuron.write(e.tree, variables)}" for name, e in reset.items()]
-    lines += [f"s[{neuron.rows[name]}, i] = next_{local(name)}" for name in reset]
+    lines += [f"{local(name, 'next')} = {neuron.write(e.tree, variables)}" for name, e in reset.items()]
+    lines += [f"s[{neuron.rows[name]}, i] = {local(name, 'next')}" for name in reset]
     if neuron.definition.hold is not None:
         lines.append(f"s[{neuron.rows[HELD]}, i] = {neuron.constants.place_of('round(t_ref_ / h)')}")
     return lines or ["pass"]
@@ -164,12 +185,11 @@ def _relaxing(neuron: NeuronSteps, name: str, tree: Tree, variables: dict[str, s
         message = f"equations.{name}: not linear in {name}, as exponential_euler needs"
         hint = "write integrator: {rkf45: {tolerance: 1e-6}}, or {rk4: {substeps: 4}}"
         raise ModelError(message, hint=hint, path=("integrator",), about=("integrator", name))
-    h = Name("h", 0)
-    exponent = algebra.multiplied(row.get(name, algebra.ZERO), h)
-    spelled = {**variables, "h": neuron.constants.place_of("h")}
-    leaf = neuron.constants.leaf(spelled)
+    step, h = local("h"), neuron.constants.place_of("h")  # no name of an author's, who may have an h
+    exponent = algebra.multiplied(row.get(name, algebra.ZERO), Name(step, 0))
+    leaf = neuron.constants.leaf({**variables, step: h})
     rate, rest = written(exponent, leaf), written(row[""], leaf)
-    return f"{local(name)} * of_exp({rate}) + ({rest}) * {spelled['h']} * of_exprel({rate})"
+    return f"{local(name)} * of_exp({rate}) + ({rest}) * {h} * of_exprel({rate})"
 
 
 def _kernel_updates(neuron: NeuronSteps, receptor: Receptor) -> dict[str, str]:
@@ -212,9 +232,9 @@ def _loop(neuron: NeuronSteps, updates: dict[str, str]) -> list[str]:
             whole = f"{whole} if held == 0.0 else {local(name)}"
         elif " if held" in text and name in arriving:
             whole = f"({text}) + {arriving[name]}"
-        body.append(f"next_{local(name)} = {whole}")
-    body += [f"s[{rows[name]}, i] = next_{local(name)}" for name in updates]
-    fires = neuron.fires({name: f"next_{local(name)}" for name in neuron.integrated})
+        body.append(f"{local(name, 'next')} = {whole}")
+    body += [f"s[{rows[name]}, i] = {local(name, 'next')}" for name in updates]
+    fires = neuron.fires({name: local(name, "next") for name in neuron.integrated})
     if held:
         body.append(f"s[{rows[HELD]}, i] = 0.0 if held == 0.0 else held - 1.0")
         fires = f"({fires}) & (held == 0.0)" if neuron.definition.threshold else fires
@@ -262,9 +282,9 @@ def _spike_lines(neuron: NeuronSteps) -> Iterator[str]:
     yield f"if {'held == 0.0 and ' if d.hold is not None else ''}{neuron.fires(variables)}:"
     yield "    fired[i] = True"
     for name, expression in d.reset.items():
-        yield f"    next_{local(name)} = {neuron.write(expression.tree, variables)}"
+        yield f"    {local(name, 'next')} = {neuron.write(expression.tree, variables)}"
     for name in d.reset:
-        yield f"    {local(name)} = next_{local(name)}"
+        yield f"    {local(name)} = {local(name, 'next')}"
     if d.hold is not None:
         steps = neuron.constants.place_of("round(t_ref_ / h)")
         yield f"    held = {steps} + 1.0 if {steps} > 0.0 else 0.0"
@@ -336,9 +356,9 @@ def rk4_lines(
     lines = _stage(1, states, call({name: local(name) for name in states}))
     for stage, share in ((2, 0.5), (3, 0.5), (4, 1.0)):
         near = f"{share} * {h}" if share != 1.0 else h
-        lines += _stage(stage, states, call({n: f"{local(n)} + {near} * k{stage - 1}_{local(n)}" for n in states}))
+        lines += _stage(stage, states, call({n: f"{local(n)} + {near} * {local(n, f'k{stage - 1}')}" for n in states}))
     for name in states:
-        k1, k2, k3, k4 = (f"k{stage}_{local(name)}" for stage in range(1, 5))
+        k1, k2, k3, k4 = (local(name, f"k{stage}") for stage in range(1, 5))
         lines.append(f"{local(name)} += {h} * ({k1} + 2.0 * {k2} + 2.0 * {k3} + {k4}) / 6.0")
     lines += spike
     return lines if count == 1 else [f"for _ in range({count}):", *indented(lines)]
@@ -363,7 +383,7 @@ def rkf45_lines(
         "    while trying:",
         *indented(_try(states, call, h, settings), 2),
         f"    t = {h} if last else t + now",
-        *indented([f"{local(name)} = new_{local(name)}" for name in states]),
+        *indented([f"{local(name)} = {local(name, 'new')}" for name in states]),
         *indented(spike),
         f"{part} = size",
     ]
@@ -376,10 +396,10 @@ def _try(states: tuple[str, ...], call: Call, h: str, settings: Mapping[str, flo
     for stage in range(2, 7):
         near = {n: f"{local(n)} + now * ({_sum(FEHLBERG.stages[stage - 1], n)})" for n in states}
         lines += _stage(stage, states, call(near))
-    lines += [f"new_{local(n)} = {local(n)} + now * ({_sum(FEHLBERG.result, n)})" for n in states]
+    lines += [f"{local(n, 'new')} = {local(n)} + now * ({_sum(FEHLBERG.result, n)})" for n in states]
     if by_slope:
-        lines += _stage(7, states, call({n: f"new_{local(n)}" for n in states}))
-    allowed = {n: f" + {by_slope!r} * abs(now * k7_{local(n)})" if by_slope else "" for n in states}
+        lines += _stage(7, states, call({n: local(n, "new") for n in states}))
+    allowed = {n: f" + {by_slope!r} * abs(now * {local(n, 'k7')})" if by_slope else "" for n in states}
     errors = [f"abs(now * ({_sum(FEHLBERG.error, n)})) / ({tolerance!r}{allowed[n]})" for n in states]
     worst = errors[0]
     for error in errors[1:]:
@@ -395,10 +415,10 @@ def _try(states: tuple[str, ...], call: Call, h: str, settings: Mapping[str, flo
 
 
 def _stage(stage: int, states: tuple[str, ...], call: str) -> list[str]:
-    names = "".join(f"k{stage}_{local(name)}, " for name in states)
+    names = "".join(f"{local(name, f'k{stage}')}, " for name in states)
     return [f"{names}= {call}"]
 
 
 def _sum(factors: tuple[float, ...], name: str) -> str:
-    terms = [f"{factor!r} * k{k}_{local(name)}" for k, factor in enumerate(factors, 1) if factor]
+    terms = [f"{factor!r} * {local(name, f'k{k}')}" for k, factor in enumerate(factors, 1) if factor]
     return " + ".join(terms)

@@ -25,9 +25,13 @@ AS_IT_IS = ("abs", "min", "max", "where")
 _CONSTANT = re.compile(r"\bc\[(\d+)\]")
 
 
-def local(name: str) -> str:
-    """The variable of a name: no word of Python ends so."""
-    return f"{name}_"
+def local(name: str, role: str = "") -> str:
+    """Return the variable of a name: `V_m_`, or `V_m__next` for one of its other values.
+
+    Names have no two underscores in a row and none at their end, so variables of different names never collide, nor
+    with a word of Python.
+    """
+    return f"{name}__{role}" if role else f"{name}_"
 
 
 def written(tree: Tree, leaf: Leaf) -> str:

@@ -9,7 +9,7 @@ from neuro.core.errors import ModelError
 from neuro.core.values import shown
 from neuro.model.language.files import inside
 from neuro.model.language.nodes import found, mistake, plain, within, words
-from neuro.model.language.reader import Node, read
+from neuro.model.language.reader import MAX_DEPTH, Node, read
 
 OWN = ("neuro", "name", "include")
 GATHERED = ("parameters", "models", "populations", "projections", "signals", "groups", "probes")
@@ -74,6 +74,10 @@ def _included_sections(
             raise mistake(node, f"'{node.value}' includes itself: {names}")
         if real in seen:
             raise mistake(node, f"'{node.value}' is included twice", "include it once; its parts are seen everywhere")
+        if len(chain) > MAX_DEPTH:
+            raise mistake(
+                node, f"'{node.value}' is included at level {len(chain)}: expected at most {MAX_DEPTH} levels"
+            )
     seen.add(real)
     inner = _sections(reading(path), [*chain, real], seen, reading)
     return {section: part for section, part in inner.items() if section not in OWN}
