@@ -1,5 +1,5 @@
 # mypy: ignore-errors
-"""The decoder of all layouts of `_words`, with the packets of AEDAT 3.1, and the encoder of Event Stream."""
+"""The decoder of all layouts of `_layout`, with the packets of AEDAT 3.1, and the encoder of Event Stream."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from neuro.events.formats._words import (
+from neuro.events.formats._layout import (
     ADDED,
     BEGIN,
     CLOCK,

@@ -13,22 +13,9 @@ import numpy.typing as npt
 
 from neuro.events._events import Events
 from neuro.events.formats._format import Damage, Format, Size, outside, refuse, within
+from neuro.events.formats._layout import HALF, OTHER, PERIOD, SECOND, Field, Layout, Odd, encoded, first_state
 from neuro.events.formats._reading import write_words
-from neuro.events.formats._words import (
-    HALF,
-    OTHER,
-    PERIOD,
-    SECOND,
-    Decoder,
-    Field,
-    Layout,
-    Odd,
-    SeekingReader,
-    WordReader,
-    encoded,
-    first_state,
-    layout_decoder,
-)
+from neuro.events.formats._words import Decoder, SeekingReader, WordReader, layout_decoder
 from neuro.events.source import Bytes, Source
 
 MAGIC_2 = b"#!AER-DAT2.0"

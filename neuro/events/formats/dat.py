@@ -35,18 +35,9 @@ import numpy.typing as npt
 
 from neuro.events._events import Events
 from neuro.events.formats._format import HEAD, Damage, Format, Size, outside, refuse, within
+from neuro.events.formats._layout import PERIOD, WRAPS, Field, Layout, Odd, encoded
 from neuro.events.formats._reading import write_words
-from neuro.events.formats._words import (
-    PERIOD,
-    WRAPS,
-    Decoder,
-    Field,
-    Layout,
-    Odd,
-    SeekingReader,
-    encoded,
-    layout_decoder,
-)
+from neuro.events.formats._words import Decoder, SeekingReader, layout_decoder
 from neuro.events.source import Bytes, Source
 
 ATIS = (304, 240)

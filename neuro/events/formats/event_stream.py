@@ -25,8 +25,9 @@ import numpy.typing as npt
 from neuro.events._events import Events
 from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.formats._format import SMALLER, Damage, Format, Size, Unsavable, refuse
+from neuro.events.formats._layout import GAPS, Field, Layout, Odd
 from neuro.events.formats._reading import write_words
-from neuro.events.formats._words import GAPS, Decoder, Field, Layout, Odd, WordReader, layout_decoder
+from neuro.events.formats._words import Decoder, WordReader, layout_decoder
 from neuro.events.source import Bytes, Given, Source, opened_source
 
 MAGIC = b"Event Stream"

@@ -12,20 +12,9 @@ import numpy.typing as npt
 
 from neuro.events._events import Events
 from neuro.events.formats._format import HEAD, Damage, Format
+from neuro.events.formats._layout import ADDED, OTHER, STARTED, Field, Layout, Odd, encoded, first_state
 from neuro.events.formats._reading import begin, write_words
-from neuro.events.formats._words import (
-    ADDED,
-    OTHER,
-    STARTED,
-    Decoder,
-    Field,
-    Layout,
-    Odd,
-    SeekingReader,
-    encoded,
-    first_state,
-    layout_decoder,
-)
+from neuro.events.formats._words import Decoder, SeekingReader, layout_decoder
 from neuro.events.formats.dat import GEN3, GEN4, check_room, has_room, parse, raw_text, read_header
 from neuro.events.source import Bytes, Source
 

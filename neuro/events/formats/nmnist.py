@@ -17,8 +17,9 @@ import numpy.typing as npt
 
 from neuro.events._events import Events
 from neuro.events.formats._format import Format, Size, outside, refuse, within
+from neuro.events.formats._layout import Field, Layout, Odd, encoded
 from neuro.events.formats._reading import write_words
-from neuro.events.formats._words import Decoder, Field, Layout, Odd, WordReader, encoded, layout_decoder
+from neuro.events.formats._words import Decoder, WordReader, layout_decoder
 from neuro.events.source import Source
 
 SENSOR_SIZE = (34, 34)

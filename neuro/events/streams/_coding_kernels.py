@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 
 from neuro.events.formats._evt_kernels import BASE, ROW, STATES_3, TIME_HIGH, decode3, room3
+from neuro.events.formats._layout import OTHER
 from neuro.events.formats._word_kernels import decoder, field, word
-from neuro.events.formats._words import OTHER
 from neuro.events.streams._ring_kernel import EVENTS, MISSING, RECEIVED, SIZE, START
 from neuro.kernels.jit import kernel, subkernel
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
 from neuro.events._events import Columns, Events, empty_columns
-from neuro.events.formats._words import Field, Layout, Odd, encoded, first_state
+from neuro.events.formats._layout import Field, Layout, Odd, encoded, first_state
 
 DATAGRAM = 1400
 """Bytes of a datagram, at most; the usual Ethernet carries 1,472."""
