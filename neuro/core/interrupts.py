@@ -8,6 +8,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from threading import get_ident
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -111,7 +113,7 @@ class Interruptible:
     Signals reach the main thread only; in another one this does nothing.
 
     Args:
-        stop: one number, which is set to `BETWEEN_STEPS`, and to `AT_ONCE` where that has no effect.
+        stop: one number, cleared when the block begins. A signal sets it to `BETWEEN_STEPS`, and later to `AT_ONCE`.
     """
 
     def __init__(self, stop: NDArray[np.int64]) -> None:
@@ -119,12 +121,13 @@ class Interruptible:
 
     def __enter__(self) -> None:
         global _watch
-        self._stop[0] = 0
-        if threading.get_ident() != _MAIN:
+        if self._stop.item():  # a signal came as the last block ended
+            self._stop[0] = 0
+        if get_ident() != _MAIN:
             return
         if _watch is None:
             _watch = _Watch()
-        now = time.monotonic()
+        now = monotonic()
         if now - _watch.set_at > _AGAIN_S:
             before = signal.set_wakeup_fd(_watch.write, warn_on_full_buffer=False)
             if before != _watch.write:
@@ -132,10 +135,10 @@ class Interruptible:
             _watch.set_at = now
         _watch.stop = self._stop
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, kind: object, error: object, traceback: object) -> None:
         if _watch is not None and _watch.stop is self._stop:
             _watch.stop = None
-        if error[0] is not None:
+        if kind is not None:
             self._stop[0] = 0
 
 
@@ -145,9 +148,11 @@ def end_if_stopped(stop: NDArray[np.int64]) -> None:
     Raises:
         KeyboardInterrupt: a step is unfinished.
     """
-    if stop[0] == AT_ONCE:
+    asked = stop.item()
+    if asked == AT_ONCE:
         raise KeyboardInterrupt
-    stop[0] = 0
+    if asked:
+        stop[0] = 0
 
 
 def torn() -> ModelError:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.memory import Need, check_room
+from neuro.compiler.memory import LEAST, Need, check_room
+from neuro.core.clock import NEVER
 from neuro.program.backend import Engine, Notes, Samples, Sent
 from neuro.program.program import Floats, Ints, Probe, Program, SynapseProbe
 from neuro.program.spikes import one_by_one
@@ -101,6 +102,8 @@ class Recorder:
             self._due = {name: probe for name, probe in self._due.items() if name not in self._sampled}
         self._counted = {p.name: (0, 0) for p in probes if p.record == "rate"}
         self._resolution = program.resolution
+        per_step = sum(8.0 * (columns(program, probe) + 1) / probe.every for probe in probes)
+        self.few_steps = int(LEAST / per_step) if per_step else NEVER
 
     def check_room(self, steps: int, file: Path | None) -> None:
         """Refuse a run that records more values than memory, or the disk of a file, has room for.

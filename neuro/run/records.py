@@ -67,7 +67,8 @@ class Records:
 
     def check_room(self, steps: int) -> None:
         """Refuse a run that records more than memory, or the disk of the file that takes it, has room for."""
-        self.recorder.check_room(steps, None if self.recording is None else self.recording.path)
+        if steps > self.recorder.few_steps:
+            self.recorder.check_room(steps, None if self.recording is None else self.recording.path)
 
     def run(self, steps: int) -> None:
         """Advance the engine, recording on the way."""

@@ -159,7 +159,7 @@ class Simulation:
             with Bar() as bar:
                 advance(self, steps, bar)
             return
-        self.check_room(steps)
+        self._records.check_room(steps)
         for stretch in self._inflow.stretches(steps):
             for part in self._fed.stretches(stretch):
                 self._records.run(part)

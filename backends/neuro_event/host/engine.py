@@ -46,6 +46,7 @@ class EventEngine:
         self._program = program
         self._n_threads = threads
         self._stop: Ints = np.zeros(1, dtype=np.int64)
+        self._interruptible = Interruptible(self._stop)
         self._start_over(None)
 
     def _start_over(
@@ -89,6 +90,7 @@ class EventEngine:
         self._table = table_of(net, self._a.plastic)
         self._view = self._table.ctypes.data
         self._flags = net["clock"][:, t.OVERRUN : t.UNCOUNTED + 1]
+        self._no_flags = np.zeros_like(self._flags).tolist()
         self._copy, self._cells = reading.SynapseReader(self._a, self._table), reading.NeuronReader(self._a)
 
     @property
@@ -98,10 +100,11 @@ class EventEngine:
 
     def run(self, steps: int) -> None:
         """Advance; stops at the steps where a current or a rate changes and where the record must be emptied."""
-        self._refuse_torn()
+        if self._torn:
+            raise torn()
         end = self._step + steps
         self.join_rows()
-        with Interruptible(self._stop):
+        with self._interruptible:
             while self._step < end:
                 self._run_to(end if self._steady else min(end, self._prepare(self._step)))
 
@@ -109,6 +112,7 @@ class EventEngine:
         """Let several engines end together; return the number that stops all, see `neuro.core.interrupts`."""
         for engine in engines:
             engine._stop = engine._a.net["stop"] = self._stop
+            engine._interruptible = self._interruptible
             engine._pack()
         return self._stop
 
@@ -142,7 +146,8 @@ class EventEngine:
                 reached = self._threads.run(
                     self._view, first, last + 1, self._a.longest_slice, self._a.reach, self._program.resolution, stop
                 )
-                end_if_stopped(stop)
+                if stop.item():
+                    end_if_stopped(stop)
             except BaseException:  # Ctrl-C is heard as soon as a kernel returns
                 self._torn = self._threads.several or int(stop[0]) == AT_ONCE
                 self._step = int(self._a.net["reached"][0]) - 1
@@ -172,9 +177,10 @@ class EventEngine:
         They count spikes with 64 bits. Histories are as long as refractoriness lets them grow: a model that fires
         earlier has lost spikes.
         """
-        uncounted = overrun = 0
-        for flags in self._flags.tolist():  # of each thread
-            overrun, uncounted = max(overrun, flags[0]), max(uncounted, flags[1])
+        flags = self._flags.tolist()
+        if flags == self._no_flags:
+            return
+        overrun, uncounted = (max(column) for column in zip(*flags, strict=True))
         if uncounted:
             raise too_many(self._program.populations[uncounted - 1])
         if overrun:
