@@ -4,8 +4,7 @@ import numpy as np
 from scipy.stats import skellam
 
 import neuro
-from neuro.coding import first_to_fire, highest_rate, poisson
-from neuro.testing.closed_forms import (
+from closed_forms import (
     NOISY,
     drift_of_inhibition,
     drifted,
@@ -17,6 +16,7 @@ from neuro.testing.closed_forms import (
     settled,
     triplets,
 )
+from neuro.coding import first_to_fire, highest_rate, poisson
 from neuro_models import motion
 
 

@@ -22,8 +22,11 @@ if TYPE_CHECKING:
         Seed as Seed,
         Set as Set,
         assignments as assignments,
+        at_least as at_least,
         resumable as resumable,
+        seeds as seeds,
         whole as whole,
+        with_settings as with_settings,
     )
     from neuro.core import hdf5 as hdf5, html as html
     from neuro.core.checks import check as check, check_fields as check_fields
@@ -48,6 +51,7 @@ if TYPE_CHECKING:
     from neuro.core.provenance import provenance as provenance
     from neuro.core.quantities import Quantity as Quantity
     from neuro.core.registry import Registry as Registry
+    from neuro.core.settings import Part as Part, Settings as Settings, part as part, setting as setting
     from neuro.core.tables import console as console, echo as echo, table as table
     from neuro.core.values import literal as literal
     from neuro.files.state import Checkpoint as Checkpoint, fingerprint as fingerprint

@@ -21,6 +21,9 @@ settings.load_profile("suite")
 # NEST's threads wait for each other at each step: where others use the cores, to spin meanwhile takes minutes.
 os.environ |= {"OMP_WAIT_POLICY": "passive", "GOMP_SPINCOUNT": "0"}
 
+# The width of tables in a pipe follows COLUMNS, which processes of pytest-xdist have from their terminal.
+os.environ.pop("COLUMNS", None)
+
 # Started in the background, all programs that the tests start would not hear Ctrl-C.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

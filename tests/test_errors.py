@@ -11,6 +11,19 @@ FILES = {
     for path in sorted((ROOT / folder).rglob("*.py"))
 }
 INSIDE = {
+    (
+        "ValueError",
+        "neuro/core/hdf5.py",
+    ): "of a file with parts elsewhere, beside those of h5py; readers tell it as damage",
+    (
+        "Ambiguous",
+        "neuro/events/formats/_columns.py",
+    ): "of an order of columns; the reader of tables tells it as Damage",
+    ("_Unclear", "neuro/events/formats/table.py"): "of a line; the reader of tables tells it as Damage",
+    ("RuntimeError", "neuro/exchange/pynn/kernel.py"): "in the process of a script; it ends before the script begins",
+    ("OSError", "neuro/exchange/pynn/kernel.py"): "as of the system; the process of a script ends before it begins",
+    ("Damaged", "neuro/exchange/pynn/report.py"): "of what a script reports; read tells it as ModelError",
+    ("_BaselineError", "apps/neuro_agent/compare.py"): "of a baseline; run tells it as ModelError, or leaves it out",
     ("Damage", "neuro/events/"): "from a reader; neuro.events.opening tells it as EventFileError",
     ("Unsavable", "neuro/events/"): "from a writer; save and convert tell it as EventFileError",
     ("Malformed", "neuro/events/formats/"): "of a packet; its reader tells it as Damage",

@@ -52,7 +52,7 @@ def interrupted(sim: neuro.Simulation, ms: float, after: float) -> float:
 def test_a_step_that_does_not_end_is_interrupted():
     sim = neuro.compile(runaway(), "event", threads=1)
     sim.run(0.1)
-    assert interrupted(sim, 1e6, 1.0) < SOON_S
+    assert interrupted(sim, 1e6, 3.0) < SOON_S  # by then a step takes minutes, also on a busy machine
     with pytest.raises(ModelError, match="the network was interrupted within a step: expected whole steps"):
         sim.run(1.0)
     sim.reset()

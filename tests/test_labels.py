@@ -7,8 +7,10 @@ import numpy as np
 
 from neuro.compare.cells import where
 from neuro.compare.spikes import Divergence
+from neuro.core import html
 from neuro.pages import bills
-from neuro.sweeps import page, pictures
+from neuro.plots._canvas import COLOURS, Picture
+from neuro.sweeps import pictures
 from neuro_drone.report import columns_of
 from neuro_train.telling import curves
 
@@ -26,18 +28,37 @@ def test_static_joules_are_those_of_their_clock():
 def test_values_of_a_map_lie_beside_their_axes():
     axes = [[1, 2, 3], [10, 20]]
     grid = np.array([[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]])
-    data = SimpleNamespace(grid=lambda: grid, axis=axes.__getitem__, names=["a", "b"], metric="m")
-    drawn = str(page._map(data))
+    data = SimpleNamespace(grid=lambda: grid, axis=axes.__getitem__, names=["a", "b"], metric="m", mean_of="")
+    figure = pictures._map(data, "", 4.6)
+    assert np.array_equal(figure.axes[0].collections[0].get_array(), grid)
+    drawn = str(html.drawn(figure, "a map"))
     ticks = {told: float(y) for y, told in re.findall(r'<text[^>]* y="([\d.]+)"[^>]*>(\d+)</text>', drawn)}
-    for y, told in re.findall(r'<rect[^>]* y="([\d.]+)".*?b = (\d+):', drawn):
-        assert 0.0 < ticks[told] - float(y) < 34.0
+    corners = r'<path d="M[\d.]+ ([\d.]+)L[\d. ]+L[\d.]+ ([\d.]+)L[^>]*>'
+    cells = re.findall(corners + r"<title>a = \d, b = (\d+): [\d.]+</title>", drawn)
+    assert len(cells) == grid.size
+    for bottom, top, told in cells:
+        assert float(top) < ticks[told] < float(bottom)
+
+
+def test_marks_of_a_figure_in_a_page_say_what_they_are():
+    figure = Picture(figsize=(3.0, 2.0))
+    axis = figure.subplots()
+    axis.plot([1.0, 2.0], [3.0, 4.0], "o-", color=COLOURS[0], gid="line")
+    axis.set_xlabel("a < b")
+    figure.titles["line"] = ["the first", "the second"]
+    drawn = str(html.drawn(figure, "two points"))
+    assert re.findall(r"<use[^>]*><title>([^<]*)</title></use>", drawn) == ["the first", "the second"]
+    assert ">a &lt; b</text>" in drawn
+    assert "var(--ink)" in drawn
+    assert COLOURS[0].lower() not in drawn
+    assert not re.search(r"#ffffff|DejaVu|\bid=\"(figure|axes|line)", drawn)
 
 
 def test_bars_of_importance_stand_at_their_names(monkeypatch):
     shares = {"first": 0.1, "second": 0.7, "third": 0.2}
     monkeypatch.setattr(pictures, "importance", lambda table, name: shares)
     plan = SimpleNamespace(objectives={"loss": "minimise"}, names=tuple(shares))
-    (axis,) = pictures._importance(SimpleNamespace(plan=plan, name="search"), []).axes
+    (axis,) = pictures._importance(SimpleNamespace(plan=plan, name="search"), "", 7.0).axes
     names = [label.get_text() for label in axis.get_yticklabels()]
     lengths = {names[round(bar.get_y() + bar.get_height() / 2)]: bar.get_width() for bar in axis.patches}
     assert lengths == shares

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import neuro
+from closed_forms import expected_lesson, lessons
 from neuro.extend import ModelError, Modulated, State, quantity
 from neuro.testing import check_part
-from neuro.testing.closed_forms import expected_lesson, lessons
 
 BACKENDS = pytest.mark.parametrize("backend", ["reference", "event"])
 

@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 
 import neuro
+from closed_forms import held_rate, settled
 from neuro.model.neurons import Neuron
 from neuro.testing import check_part
-from neuro.testing.closed_forms import held_rate, settled
-from neuro.verify.verify import Result, verify
+from neuro.testing.golden import Result
+from neuro.testing.verify import verify
 from refusals import refusal, refusals
 
 NEURONS = [

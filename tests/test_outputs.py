@@ -363,6 +363,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "apps/neuro_agent/watch.py",
         "neuro/exchange/pynn/write.py",
         "neuro/exchange/sonata.py",
+        "neuro/exchange/c_code/export.py",
     }
     temporary = {
         *("neuro/rerun/again.py", "neuro/files/results.py", "neuro/events/formats/rosbag.py"),

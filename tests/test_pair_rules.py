@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import neuro
+from closed_forms import FIXED_POINTS, drifted, expected_triplets, triplets
 from neuro.model.synapses import Synapse
 from neuro.testing import check_part, observe
 from neuro.testing.case import differences
-from neuro.testing.closed_forms import FIXED_POINTS, drifted, expected_triplets, triplets
-from neuro.verify.verify import verify
+from neuro.testing.verify import verify
 
 RULES: dict[str, Synapse] = {
     "stdp_triplet": neuro.stdp_triplet(Aplus=0.1, Aplus_triplet=0.03, Aminus=0.2, Aminus_triplet=0.01),

@@ -61,6 +61,9 @@ def test_the_clock_starts_when_kernels_are_compiled(monkeypatch, capsys):
     class Slow:
         program = SimpleNamespace(resolution=0.1)
 
+        def check_room(self, steps):
+            pass
+
         def run(self, ms):
             now[0] += 20.0 if not now[0] else 0.1 * ms
 

@@ -13,7 +13,7 @@ from neuro.model.network import Network
 from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
-from neuro.testing.strategies import SILENCE, networks, quiet_networks
+from strategies import SILENCE, networks, quiet_networks
 
 STEPS = 100
 SETTINGS = settings(

@@ -12,20 +12,22 @@ from neuro.model.network import Network
 from neuro.program.program import Ints
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
-from neuro.testing.strategies import networks
 from neuro_event.building import joined_rows, layout, thread_partition
 from neuro_event.host import engine
 from neuro_event.host.threads import LINE
 from neuro_event.loop import steps, tables as t
+from strategies import networks
 
 
 class InTurn:
     """In place of `Threads`: the parts of each slice one after the other, the last thread's first."""
 
+    several = True
+
     def __init__(self, n: int) -> None:
         self._n = n
 
-    def run(self, view: Ints, first: int, last: int, longest: int, reach: int, h: float) -> int:
+    def run(self, view: Ints, first: int, last: int, longest: int, reach: int, h: float, stop: Ints) -> int:
         step = first
         while step < last:
             end = min(step + longest, last)
@@ -56,7 +58,7 @@ class AtRandom(InTurn):
         super().__init__(n)
         self._random = np.random.default_rng(n)
 
-    def run(self, view: Ints, first: int, last: int, longest: int, reach: int, h: float) -> int:
+    def run(self, view: Ints, first: int, last: int, longest: int, reach: int, h: float, stop: Ints) -> int:
         told = np.full((self._n + 1, LINE), first, dtype=np.int64)
         step, end = told[: self._n, 0], told[self._n :, 0]
         while True:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.testing.closed_forms import NOISY, escapes
+from closed_forms import NOISY, escapes
 
 DRIVEN = {"tau_m": 20.0, "C_m": 200.0, "E_L": 0.0, "V_th": 15.0, "eta_0": 15.0, "I_e": 250.0, "t_ref": 0.0}
 """u0 = 25 mV, theta = 15 mV, eta0 = 15 mV."""

@@ -1,4 +1,4 @@
-"""`neuro.verify.verify`: NEST's traces come out on every float backend, and a wrong value is found."""
+"""`neuro.testing.verify`: NEST's traces come out on every float backend, and a wrong value is found."""
 
 import json
 import shutil
@@ -11,7 +11,8 @@ import pytest
 
 import neuro
 from neuro.core.errors import ModelError
-from neuro.verify.verify import Result, verify
+from neuro.testing.golden import Result
+from neuro.testing.verify import verify
 
 BACKENDS = ("reference", "event")
 

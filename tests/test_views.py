@@ -14,7 +14,7 @@ from neuro.extend import Rule
 from neuro.model.network import Network
 from neuro.model.parts import Population
 from neuro.testing.case import differences, observe
-from neuro.testing.strategies import views
+from strategies import views
 
 SETTINGS = settings(max_examples=60, deadline=None, derandomize=True)
 FLOATS = ("reference", "event")

@@ -7,21 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
-from neuro.apps import Backend, Seed, Set, assignments, whole
+from neuro.apps import Backend, Seed, Set, assignments, at_least, seeds
 
 app = typer.Typer(
     name="agent", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
 )
-
-
-def count(text: str) -> int:
-    """A whole number >= 1."""
-    return whole(text, 1)
-
-
-def seeds_of(text: str) -> tuple[int, ...]:
-    """Whole numbers >= 0 with commas between them."""
-    return tuple(whole(part, 0) for part in text.split(","))
 
 
 Environment = Annotated[
@@ -33,8 +23,8 @@ MaybeEnvironment = Annotated[
     typer.Argument(metavar="ENV", help="Another environment than that of the training.", show_default=False),
 ]
 AgentFile = Annotated[Path, typer.Argument(metavar="FILE", help="An agent, as 'train' writes it.")]
-Episodes = Annotated[int, typer.Option("--episodes", metavar="N", parser=count, help="Episodes of each test.")]
-Steps = Annotated[int, typer.Option("--steps", metavar="N", parser=count, help="Control steps of each training.")]
+Episodes = Annotated[int, typer.Option("--episodes", metavar="N", parser=at_least(1), help="Episodes of each test.")]
+Steps = Annotated[int, typer.Option("--steps", metavar="N", parser=at_least(1), help="Control steps of each training.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
 
 
@@ -47,15 +37,15 @@ def train(
         typer.Option(metavar="R", help="Mean return of 100 episodes to stop at.", show_default="what ENV asks for"),
     ] = None,
     steps: Annotated[
-        int | None, typer.Option("--steps", metavar="N", parser=count, help="Control steps at most.")
+        int | None, typer.Option("--steps", metavar="N", parser=at_least(1), help="Control steps at most.")
     ] = None,
     episodes: Annotated[
-        int | None, typer.Option("--episodes", metavar="N", parser=count, help="Episodes at most.")
+        int | None, typer.Option("--episodes", metavar="N", parser=at_least(1), help="Episodes at most.")
     ] = None,
     seed: Seed = 0,
     envs: Annotated[
         int,
-        typer.Option("--envs", metavar="N", parser=count, help="Environments side by side, each with a network."),
+        typer.Option("--envs", metavar="N", parser=at_least(1), help="Environments side by side, each with a network."),
     ] = 1,
     set: Set = [],  # noqa: B006
 ) -> None:
@@ -149,7 +139,7 @@ def compare(
     environment: Environment,
     steps: Steps,
     seeds: Annotated[
-        Any, typer.Option("--seeds", metavar="A,B,...", parser=seeds_of, help="Seeds; each is a training of each.")
+        Any, typer.Option("--seeds", metavar="A,B,...", parser=seeds, help="Seeds; each is a training of each.")
     ] = "1,2,3",
     episodes: Episodes = 100,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="All figures as JSON.")] = None,

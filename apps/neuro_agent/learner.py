@@ -18,7 +18,7 @@ from neuro_agent.log import Log
 from neuro_agent.network import CRITIC, GAIN, REST, STEP, TAU, Weights, circuit, network
 from neuro_agent.observations import States, encoder_of
 from neuro_agent.rewards import ErrorScale, Novelty, RewardScale
-from neuro_agent.settings import SEED, USUAL, Settings, settings_of
+from neuro_agent.settings import SEED, USUAL, Settings
 
 __all__ = ["Decision", "Learner"]
 
@@ -74,7 +74,7 @@ class Learner:
     def __init__(
         self, observations: gymnasium.Space[Any], actions: gymnasium.Space[Any], *, seed: int = 0, **settings: Any
     ) -> None:
-        self.settings = s = settings_of(settings)
+        self.settings = s = Settings().changed(settings)
         self.observations, self.seed = observations, check(SEED, seed, "seed")
         self.places, self.states = encoder_of(observations, s), States(observations)
         self.actions = actions_of(actions, s.levels, s.circuits)

@@ -2,39 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass
 from typing import Any
 
-from neuro import ModelError
-from neuro.apps import Quantity, check_fields, unknown
+from neuro import ModelError, apps
+from neuro.apps import Quantity, setting
 
-__all__ = ["SEED", "Settings", "settings_of"]
+__all__ = ["SEED", "Settings"]
 
 SEED = Quantity(kind="integer", at_least=0, at_most=2**63 - 1)
 """What a seed may be, as of `neuro.compile`."""
-
-
-def _number(default: float, **bounds: Any) -> Any:
-    return field(default=default, metadata={"quantity": Quantity(**bounds)})
-
-
-def _word(default: str, *words: str) -> Any:
-    return field(default=default, metadata={"quantity": Quantity(kind="word", words=words)})
-
-
-def _whole(default: int, least: int = 1, **bounds: Any) -> Any:
-    return field(default=default, metadata={"quantity": Quantity(kind="integer", at_least=least, **bounds)})
-
-
 USUAL = 24
 """Active places to which rates refer."""
 LEARNING = ("event", "reference")
 """Backends that have neurons that draw, and rules that learn from move to move."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Settings:
+@dataclass(frozen=True, kw_only=True)
+class Settings(apps.Settings):
     """Of the network and of its learning; the defaults are one set for all tasks.
 
     Attributes:
@@ -61,47 +46,35 @@ class Settings:
         backend: on which it learns, "event" or "reference"; chips have no neurons that draw.
     """
 
-    encoder: str = _word("places", "places", "tiles", "one_hot", "population")
-    spikes: str = _word("regular", "regular", "poisson")
-    group: int = _whole(2)
-    fields: int = _whole(6, 2)
-    active: int = _whole(USUAL)
-    critics: int = _whole(100, at_most=10_000)
-    levels: int = _whole(7, 2)
-    circuits: int = _whole(1, at_most=64)
-    reward_scale: float = _number(1.0, above=0.0)
-    discount: float = _number(0.99, at_least=0.0, below=1.0)
-    decay: float = _number(0.9, at_least=0.0, at_most=1.0)
-    actor_rate: float = _number(2.4, at_least=0.0)
-    critic_rate: float = _number(0.06, at_least=0.0)
-    errors: str = _word("plain", "plain", "normalised")
-    novelty: float = _number(0.0, at_least=0.0)
-    sharpness: float = _number(4.0, above=0.0)
-    explore: int = _whole(400, 0)
-    backend: str = _word("event", *LEARNING)
+    encoder: str = setting("places", words=("places", "tiles", "one_hot", "population"))
+    spikes: str = setting("regular", words=("regular", "poisson"))
+    group: int = setting(2, at_least=1)
+    fields: int = setting(6, at_least=2)
+    active: int = setting(USUAL, at_least=1)
+    critics: int = setting(100, at_least=1, at_most=10_000)
+    levels: int = setting(7, at_least=2)
+    circuits: int = setting(1, at_least=1, at_most=64)
+    reward_scale: float = setting(1.0, above=0)
+    discount: float = setting(0.99, at_least=0, below=1)
+    decay: float = setting(0.9, at_least=0, at_most=1)
+    actor_rate: float = setting(2.4, "mV", at_least=0)
+    critic_rate: float = setting(0.06, at_least=0)
+    errors: str = setting("plain", words=("plain", "normalised"))
+    novelty: float = setting(0.0, at_least=0)
+    sharpness: float = setting(4.0, above=0)
+    explore: int = setting(400, at_least=0)
+    backend: str = setting("event", words=LEARNING)
 
     def __post_init__(self) -> None:
-        check_fields(self, "agent")
+        if self.backend not in LEARNING:
+            message = f"agent: backend = {self.backend!r}: it learns on {' or '.join(LEARNING)}"
+            raise ModelError(message, hint="train on event, then agent.test(env, backend='loihi')")
+        super().__post_init__()
+
+    def place(self) -> str:
+        """Return what messages call it."""
+        return "an agent"
 
     def plain(self) -> dict[str, Any]:
-        """The values by name."""
-        return asdict(self)
-
-
-def settings_of(named: Mapping[str, Any]) -> Settings:
-    """Settings by name.
-
-    Raises:
-        ModelError: a name is unknown, or a value out of bounds.
-    """
-    known = {one.name for one in fields(Settings)}
-    for name in named:
-        if name not in known:
-            raise unknown("setting of an agent", name, known)
-    if named.get("backend", "event") not in LEARNING:
-        message = f"agent: backend = {named['backend']!r}: it learns on {' or '.join(LEARNING)}"
-        raise ModelError(message, hint="train on event, then agent.test(env, backend='loihi')")
-    try:
-        return Settings(**named)
-    except TypeError as error:
-        raise ModelError(f"settings of an agent: {error}") from None
+        """Return the values by name."""
+        return self.as_words()

@@ -7,22 +7,12 @@ from typing import Annotated
 
 import typer
 
-from neuro.apps import Bar, Set, assignments, check_output, resumable, whole
+from neuro.apps import Bar, Set, assignments, at_least, check_output, resumable, seeds
 
 app = typer.Typer(
     name="bench", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
 )
 Option = typer.Option
-
-
-def count(text: str) -> int:
-    """A whole number >= 1."""
-    return whole(text, 1)
-
-
-def seeds_of(text: str) -> tuple[int, ...]:
-    """Whole numbers >= 0 with commas between them."""
-    return tuple(whole(part, 0) for part in text.split(","))
 
 
 @app.command()
@@ -47,11 +37,14 @@ def run_method(
     split: Annotated[str | None, Option("--split", metavar="NAME", help="Which folds, such as speakers.")] = None,
     out: Annotated[Path | None, Option("--out", metavar="FILE", help="TASK-SPLIT-METHOD.json if not given.")] = None,
     tries: Annotated[
-        int, Option("--tries", metavar="N", parser=count, help="Settings to try in each fold, by its validation part.")
+        int,
+        Option(
+            "--tries", metavar="N", parser=at_least(1), help="Settings to try in each fold, by its validation part."
+        ),
     ] = 1,
-    seeds: Annotated[tuple, Option("--seeds", metavar="A,B,...", parser=seeds_of, help="Each on all folds.")] = "0",  # type: ignore[assignment, type-arg]
+    seeds: Annotated[tuple, Option("--seeds", metavar="A,B,...", parser=seeds, help="Each on all folds.")] = "0",  # type: ignore[assignment, type-arg]
     first_folds: Annotated[
-        int | None, Option("--first-folds", metavar="N", parser=count, help="Only so many folds, the first.")
+        int | None, Option("--first-folds", metavar="N", parser=at_least(1), help="Only so many folds, the first.")
     ] = None,
     split_seed: Annotated[int, Option("--split-seed", metavar="N", min=0, help="Of folds that are drawn.")] = 0,
     threads: Annotated[int, Option("--threads", metavar="N", min=1, help="Threads to compute with.")] = 1,

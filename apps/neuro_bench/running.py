@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import kept_json, provenance, sealed, unknown, write_text
+from neuro.apps import check, kept_json, provenance, sealed, setting, unknown, write_text
 from neuro_bench.known import METHODS, TASKS
 from neuro_bench.method import Method, tries
 from neuro_bench.task import Fold, Task
@@ -52,7 +52,8 @@ class Request:
         """The task and the method.
 
         Raises:
-            ModelError: there is none of that name, they do not suit each other, or a setting is unknown.
+            ModelError: there is none of that name, they do not suit each other, or a setting is unknown or
+                of another kind.
         """
         for what, name, known in (("task", self.task, TASKS), ("method", self.method, METHODS)):
             if name not in known:
@@ -62,9 +63,13 @@ class Request:
             suits = ", ".join(name for name in METHODS if METHODS[name].kind == kind.kind)
             message = f"method '{self.method}' is for {method.kind}, task '{self.task}' is of {kind.kind}"
             raise ModelError(f"{message}: expected one of {suits}")
-        for name in self.changes or {}:
+        for name, value in (self.changes or {}).items():
             if name not in method.settings:
                 raise unknown("setting", name, method.settings)
+            default = method.settings[name]
+            if isinstance(default, (bool, int, float, str)):
+                like = setting(default, infinite=True).metadata["quantity"]
+                check(like, value, f"method '{self.method}': {name}")
         return kind(self.data, self.split, self.split_seed), method
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import PRICED, Backend, Chips, Seed, Set, Sources, whole
+from neuro.apps import PRICED, Backend, Chips, Seed, Set, Sources, at_least
 
 if TYPE_CHECKING:
     from neuro_drone.model import Model
@@ -17,16 +17,6 @@ if TYPE_CHECKING:
 app = typer.Typer(
     name="drone", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
 )
-
-
-def count(text: str) -> int:
-    """A whole number >= 1."""
-    return whole(text, 1)
-
-
-def natural(text: str) -> int:
-    """A whole number >= 0."""
-    return whole(text, 0)
 
 
 def errors(text: str) -> tuple[float, ...]:
@@ -44,7 +34,7 @@ MaybeModel = Annotated[
 ScenarioName = Annotated[
     str, typer.Option("--scenario", metavar="NAME", help="See 'neuro drone scenarios', or a YAML file.")
 ]
-Steps = Annotated[int, typer.Option("--steps", metavar="N", parser=count, help="Steps of control.")]
+Steps = Annotated[int, typer.Option("--steps", metavar="N", parser=at_least(1), help="Steps of control.")]
 Scenario = Annotated[
     str | None,
     typer.Option("--scenario", metavar="NAME", help="See 'neuro drone scenarios', or a YAML file.", show_default=False),
@@ -54,7 +44,7 @@ Untrained = Annotated[
     typer.Option("--controller", metavar="NAME", help="Instead of a model one that does not learn, say oracle."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
-Grid = Annotated[int, typer.Option("--starts", metavar="N", parser=count, help="From a grid of N x N starts.")]
+Grid = Annotated[int, typer.Option("--starts", metavar="N", parser=at_least(1), help="From a grid of N x N starts.")]
 PathKind = Annotated[
     str,
     typer.Option(
@@ -63,7 +53,7 @@ PathKind = Annotated[
         help="Laps with a path of their own each, or the scenario's in all, which a recorded flight can fly blindly.",
     ),
 ]
-PathSeed = Annotated[int, typer.Option("--seed", metavar="N", parser=natural, help="Of the varied paths.")]
+PathSeed = Annotated[int, typer.Option("--seed", metavar="N", parser=at_least(0), help="Of the varied paths.")]
 
 
 @app.command()
@@ -75,7 +65,8 @@ def train(
     steps: Steps = 60_000,
     seed: Seed = 0,
     repeats: Annotated[
-        int, typer.Option("--repeats", metavar="N", parser=count, help="Trainings, each from its seed, on all cores.")
+        int,
+        typer.Option("--repeats", metavar="N", parser=at_least(1), help="Trainings, each from its seed, on all cores."),
     ] = 1,
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The model to write.")] = Path("model.h5"),
     set: Set = [],  # noqa: B006
@@ -196,13 +187,13 @@ def compare(
     scenario: ScenarioName = "B60",
     steps: Steps = 60_000,
     repeats: Annotated[
-        int, typer.Option("--repeats", metavar="N", parser=count, help="Trainings of each, each from its seed.")
+        int, typer.Option("--repeats", metavar="N", parser=at_least(1), help="Trainings of each, each from its seed.")
     ] = 5,
     seed: Seed = 0,
     starts: Grid = 5,
     path: PathKind = "varied",
     test_seed: Annotated[
-        int, typer.Option("--test-seed", metavar="N", parser=natural, help="Of the varied paths.")
+        int, typer.Option("--test-seed", metavar="N", parser=at_least(0), help="Of the varied paths.")
     ] = 0,
     row: Annotated[
         list[str],

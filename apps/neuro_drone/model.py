@@ -18,7 +18,7 @@ import platform
 import tempfile
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -93,8 +93,10 @@ class Model:
         """
         settings = dict(self.settings)
         if self.network:
-            own = {f.name for f in fields(kind_of(self.controller).settings)}
-            settings = {name: settings[name] for name in settings.keys() & own} | {"network": unpacked(self.network)}
+            own = kind_of(self.controller).settings.own()
+            settings = {name: settings[name] for name in settings.keys() & own.keys()} | {
+                "network": unpacked(self.network)
+            }
         made = make(self.controller, scenario or self.scenario, self.seed, settings)
         if isinstance(made, Learner):
             made.restore(self.learnt)

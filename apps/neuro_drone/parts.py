@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import cos, radians, sin
 from typing import Any
 
 from neuro import ModelError
-from neuro.apps import Quantity, check_fields
+from neuro.apps import check_fields, setting
 
 __all__ = [
     "GRAVITY",
@@ -22,8 +22,6 @@ __all__ = [
     "Wind",
     "WorldPart",
     "check_whole",
-    "choice",
-    "number",
 ]
 
 GRAVITY = 9.81
@@ -31,17 +29,6 @@ GRAVITY = 9.81
 
 MASS = 0.716
 """Of the drone without a load, kg. Source: rotors_simulator, see `neuro_drone.bullet`."""
-
-
-def number(default: float, unit: str = "", **bounds: Any) -> Any:
-    """A field that is a number within bounds, those of `Quantity`; a whole one where the default is."""
-    kind = "integer" if isinstance(default, int) else "number"
-    return field(default=default, metadata={"quantity": Quantity(unit=unit, kind=kind, **bounds)})
-
-
-def choice(default: str, *words: str) -> Any:
-    """A field that is one of some words."""
-    return field(default=default, metadata={"quantity": Quantity(kind="word", words=words)})
 
 
 def check_whole(name: str, value: Any, least: int = 0, below: str = "") -> None:
@@ -84,17 +71,17 @@ class Ball(WorldPart):
 
     _place = "task.ball"
 
-    lap: float = number(7.5, above=0.0, at_most=1000.0, unit="m")
-    speed: float = number(0.075, above=0.0, at_most=20.0, unit="m/s")
-    radius: float = number(0.17, above=0.0, at_most=10.0, unit="m")
-    brightness: float = number(0.2, at_least=0.0, at_most=1.0)
-    axes: int = number(2, at_least=2, at_most=3)
-    tall: float = number(13.0, at_least=2.0, at_most=64.0, unit="px")
-    rise: float = number(0.0, at_least=0.0, at_most=100.0, unit="m")
-    rise_time: float = number(20.0, at_least=0.1, at_most=10_000.0, unit="s")
-    bounce: float = number(0.0, at_least=0.0, at_most=10.0, unit="m")
-    swell: float = number(0.0, at_least=0.0, at_most=0.9)
-    swell_time: float = number(20.0, at_least=0.1, at_most=10_000.0, unit="s")
+    lap: float = setting(7.5, "m", above=0.0, at_most=1000.0)
+    speed: float = setting(0.075, "m/s", above=0.0, at_most=20.0)
+    radius: float = setting(0.17, "m", above=0.0, at_most=10.0)
+    brightness: float = setting(0.2, at_least=0.0, at_most=1.0)
+    axes: int = setting(2, at_least=2, at_most=3)
+    tall: float = setting(13.0, "px", at_least=2.0, at_most=64.0)
+    rise: float = setting(0.0, "m", at_least=0.0, at_most=100.0)
+    rise_time: float = setting(20.0, "s", at_least=0.1, at_most=10_000.0)
+    bounce: float = setting(0.0, "m", at_least=0.0, at_most=10.0)
+    swell: float = setting(0.0, at_least=0.0, at_most=0.9)
+    swell_time: float = setting(20.0, "s", at_least=0.1, at_most=10_000.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,11 +100,11 @@ class Line(WorldPart):
 
     _place = "task.line"
 
-    side: float = number(3.0, above=0.0, at_most=1000.0, unit="m")
-    width: float = number(0.12, above=0.0, at_most=10.0, unit="m")
-    speed: float = number(0.075, above=0.0, at_most=20.0, unit="m/s")
-    brightness: float = number(0.2, at_least=0.0, at_most=1.0)
-    direction: int = number(0, at_least=-1, at_most=1)
+    side: float = setting(3.0, "m", above=0.0, at_most=1000.0)
+    width: float = setting(0.12, "m", above=0.0, at_most=10.0)
+    speed: float = setting(0.075, "m/s", above=0.0, at_most=20.0)
+    brightness: float = setting(0.2, at_least=0.0, at_most=1.0)
+    direction: int = setting(0, at_least=-1, at_most=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,10 +120,10 @@ class Ground(WorldPart):
 
     _place = "ground"
 
-    brightness: float = number(0.6, at_least=0.0, at_most=1.0)
-    texture: float = number(0.0, at_least=0.0, at_most=1.0)
-    grain: float = number(0.2, at_least=0.01, at_most=100.0, unit="m")
-    redraw: bool = field(default=False, metadata={"quantity": Quantity(kind="boolean")})
+    brightness: float = setting(0.6, at_least=0.0, at_most=1.0)
+    texture: float = setting(0.0, at_least=0.0, at_most=1.0)
+    grain: float = setting(0.2, "m", at_least=0.01, at_most=100.0)
+    redraw: bool = setting(False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,17 +145,17 @@ class Camera(WorldPart):
 
     _place = "camera"
 
-    tilt: float = number(60.0, at_least=1.0, at_most=90.0, unit="degrees")
-    fov: float = number(65.0, at_least=10.0, at_most=150.0, unit="degrees")
-    mount: str = choice("gimbal", "gimbal", "body")
-    roll: float = number(0.0, at_least=-180.0, at_most=180.0, unit="degrees")
-    shake: float = number(0.0, at_least=0.0, at_most=5.0, unit="degrees")
-    pos_thres: float = number(0.15, at_least=0.01, at_most=10.0)
-    neg_thres: float = number(0.15, at_least=0.01, at_most=10.0)
-    sigma_thres: float = number(0.0, at_least=0.0, at_most=1.0)
-    leak_rate_hz: float = number(0.0, at_least=0.0, at_most=1000.0, unit="Hz")
-    shot_noise_rate_hz: float = number(0.0, at_least=0.0, at_most=1000.0, unit="Hz")
-    refractory_period_s: float = number(0.0, at_least=0.0, at_most=1.0, unit="s")
+    tilt: float = setting(60.0, "degrees", at_least=1.0, at_most=90.0)
+    fov: float = setting(65.0, "degrees", at_least=10.0, at_most=150.0)
+    mount: str = setting("gimbal", words=("gimbal", "body"))
+    roll: float = setting(0.0, "degrees", at_least=-180.0, at_most=180.0)
+    shake: float = setting(0.0, "degrees", at_least=0.0, at_most=5.0)
+    pos_thres: float = setting(0.15, at_least=0.01, at_most=10.0)
+    neg_thres: float = setting(0.15, at_least=0.01, at_most=10.0)
+    sigma_thres: float = setting(0.0, at_least=0.0, at_most=1.0)
+    leak_rate_hz: float = setting(0.0, "Hz", at_least=0.0, at_most=1000.0)
+    shot_noise_rate_hz: float = setting(0.0, "Hz", at_least=0.0, at_most=1000.0)
+    refractory_period_s: float = setting(0.0, "s", at_least=0.0, at_most=1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,15 +180,15 @@ class Drone(WorldPart):
 
     _place = "drone"
 
-    physics: str = choice("kinematic", "kinematic", "bullet")
-    height: float = number(2.4, above=0.0, at_most=1000.0, unit="m")
-    v_max: float = number(2.0, above=0.0, at_most=20.0, unit="m/s")
-    climb_max: float = number(1.0, above=0.0, at_most=20.0, unit="m/s")
-    yaw_max: float = number(0.8, above=0.0, at_most=10.0, unit="rad/s")
-    spin: float = number(0.0, at_least=-3.0, at_most=3.0, unit="rad/s")
-    lag: float = number(0.2, at_least=0.01, at_most=10.0, unit="s")
-    a_max: float = number(3.0, above=0.0, at_most=30.0, unit="m/s^2")
-    drag: float = number(0.4, at_least=0.0, at_most=10.0, unit="1/s")
+    physics: str = setting("kinematic", words=("kinematic", "bullet"))
+    height: float = setting(2.4, "m", above=0.0, at_most=1000.0)
+    v_max: float = setting(2.0, "m/s", above=0.0, at_most=20.0)
+    climb_max: float = setting(1.0, "m/s", above=0.0, at_most=20.0)
+    yaw_max: float = setting(0.8, "rad/s", above=0.0, at_most=10.0)
+    spin: float = setting(0.0, "rad/s", at_least=-3.0, at_most=3.0)
+    lag: float = setting(0.2, "s", at_least=0.01, at_most=10.0)
+    a_max: float = setting(3.0, "m/s^2", above=0.0, at_most=30.0)
+    drag: float = setting(0.4, "1/s", at_least=0.0, at_most=10.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,12 +210,12 @@ class Wind(WorldPart):
 
     _place = "wind"
 
-    speed: float = number(0.0, at_least=0.0, at_most=20.0, unit="m/s")
-    towards: float = number(90.0, at_least=-360.0, at_most=360.0, unit="degrees")
-    turning: float = number(0.0, at_least=-180.0, at_most=180.0, unit="degrees/s")
-    gust: float = number(0.0, at_least=0.0, at_most=10.0, unit="m/s")
-    gust_time: float = number(4.6, at_least=0.01, at_most=1000.0, unit="s")
-    since: float = number(0.0, at_least=0.0, at_most=100_000.0, unit="s")
+    speed: float = setting(0.0, "m/s", at_least=0.0, at_most=20.0)
+    towards: float = setting(90.0, "degrees", at_least=-360.0, at_most=360.0)
+    turning: float = setting(0.0, "degrees/s", at_least=-180.0, at_most=180.0)
+    gust: float = setting(0.0, "m/s", at_least=0.0, at_most=10.0)
+    gust_time: float = setting(4.6, "s", at_least=0.01, at_most=1000.0)
+    since: float = setting(0.0, "s", at_least=0.0, at_most=100_000.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,8 +231,8 @@ class Load(WorldPart):
 
     _place = "load"
 
-    mass: float = number(0.0, at_least=-0.5, at_most=1.0, unit="kg")
-    since: float = number(0.0, at_least=0.0, at_most=100_000.0, unit="s")
+    mass: float = setting(0.0, "kg", at_least=-0.5, at_most=1.0)
+    since: float = setting(0.0, "s", at_least=0.0, at_most=100_000.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,10 +248,10 @@ class Motors(WorldPart):
 
     _place = "motors"
 
-    mirror: bool = field(default=False, metadata={"quantity": Quantity(kind="boolean")})
-    angle: float = number(0.0, at_least=-360.0, at_most=360.0, unit="degrees")
-    gain: float = number(1.0, above=0.0, at_most=10.0)
-    since: float = number(0.0, at_least=0.0, at_most=100_000.0, unit="s")
+    mirror: bool = setting(False)
+    angle: float = setting(0.0, "degrees", at_least=-360.0, at_most=360.0)
+    gain: float = setting(1.0, above=0.0, at_most=10.0)
+    since: float = setting(0.0, "s", at_least=0.0, at_most=100_000.0)
 
     def flown(self, right: float, down: float) -> tuple[float, float]:
         """What the drone does at a command to fly to the right and down the picture, as shares of v_max."""

@@ -33,7 +33,7 @@ def chosen(scenario: str | Path, controller: str, texts: Sequence[str]) -> tuple
     Raises:
         ModelError: there is no such scenario, controller or word, or a value cannot be.
     """
-    own = {one.name for one in fields(kind_of(controller).settings)}
+    own = set(kind_of(controller).settings.own())
     values = _said(texts)
     world = {name for name in values if "." in name or name in _WORDS - own}
     changed = load(scenario, **{name: values[name] for name in values if name in world})

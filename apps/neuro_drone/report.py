@@ -6,7 +6,6 @@ import json
 import sys
 from collections import defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -253,9 +252,8 @@ def list_controllers() -> None:
     """Print the controllers, and the settings of each."""
     rows = []
     for name, kind in CONTROLLERS.items():
-        given = (one.name for one in fields(kind.settings) if "fixed" not in one.metadata)
-        own = (word for word in given if not isinstance(getattr(kind.settings, word), Mapping))
-        numbers = ", ".join(f"{word} {_short(getattr(kind.settings, word))}" for word in own)
+        own = {word: getattr(kind.settings, word) for word in kind.settings.own()}
+        numbers = ", ".join(f"{word} {_short(v)}" for word, v in own.items() if not isinstance(v, Mapping))
         source = "the reward" if kind.rewarded else "the error" if kind.learns else "-"
         rows.append((name, kind.what, source, numbers))
     console().print(table(("name", "what", "learns from", "settings"), rows))

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from neuro import ModelError
-from neuro.apps import Node, Quantity, Where, about, check, check_fields, mistake, plain, read, unknown, words
-from neuro_drone.parts import GRAVITY, MASS, Ball, Camera, Drone, Ground, Line, Load, Motors, Wind, WorldPart, number
+from neuro.apps import Node, Quantity, Where, about, check, check_fields, mistake, plain, read, setting, unknown, words
+from neuro_drone.parts import GRAVITY, MASS, Ball, Camera, Drone, Ground, Line, Load, Motors, Wind, WorldPart
 
 __all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Load", "Motors", "Scenario", "Wind", "errors", "load"]
 
@@ -54,7 +54,7 @@ class Scenario:
     """
 
     name: str = "B60"
-    step: float = number(50.0, at_least=0.1, at_most=1000.0, unit="ms")
+    step: float = setting(50.0, "ms", at_least=0.1, at_most=1000.0)
     task: Ball | Line = field(default_factory=Ball)
     camera: Camera = field(default_factory=Camera)
     ground: Ground = field(default_factory=Ground)
@@ -62,7 +62,7 @@ class Scenario:
     wind: Wind = field(default_factory=Wind)
     load: Load = field(default_factory=Load)
     motors: Motors = field(default_factory=Motors)
-    light: float = number(1.0, at_least=0.001, at_most=1000.0)
+    light: float = setting(1.0, at_least=0.001, at_most=1000.0)
     start: tuple[float, ...] | None = None
     seed: int | None = None
 

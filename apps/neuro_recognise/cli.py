@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import PRICED, Backend, Chips, Seed, Set, Sources, assignments, resumable, whole
+from neuro.apps import PRICED, Backend, Chips, Seed, Set, Sources, assignments, at_least, resumable
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
@@ -28,16 +28,6 @@ app = typer.Typer(
 
 
 Option, Argument = typer.Option, typer.Argument
-
-
-def folds(text: str) -> int:
-    """A whole number >= 2."""
-    return whole(text, 2)
-
-
-def count(text: str) -> int:
-    """A whole number >= 1."""
-    return whole(text, 1)
 
 
 MethodName = Annotated[str, Argument(metavar="METHOD", help="See 'neuro recognise list'.")]
@@ -192,7 +182,7 @@ def early(
     data: Data,
     part: Part = "Train",
     every: Annotated[float, Option(metavar="MS", help="From moment to moment.")] = 10.0,
-    folds: Annotated[int, Option(metavar="N", parser=folds, help="Of recordings, each held out once.")] = 5,
+    folds: Annotated[int, Option(metavar="N", parser=at_least(2), help="Of recordings, each held out once.")] = 5,
     assurance: Assurance = 0.9,
     backend: Backend = "event",
 ) -> None:
@@ -251,12 +241,12 @@ def compare(
     ] = [],  # noqa: B006
     part: Part = "Train",
     without: Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")] = [],  # noqa: B006
-    folds: Annotated[int, Option(metavar="N", parser=folds, help="Each is tested once.")] = 5,
-    repeats: Annotated[int, Option(metavar="N", parser=count, help="Folds and trainings anew, by seed.")] = 1,
+    folds: Annotated[int, Option(metavar="N", parser=at_least(2), help="Each is tested once.")] = 5,
+    repeats: Annotated[int, Option(metavar="N", parser=at_least(1), help="Folds and trainings anew, by seed.")] = 1,
     chips: Chips = PRICED,
     backend: Backend = "event",
     workers: Annotated[
-        int | None, Option(metavar="N", parser=count, help="Folds at a time; one for each core.")
+        int | None, Option(metavar="N", parser=at_least(1), help="Folds at a time; one for each core.")
     ] = None,
 ) -> None:
     """Train and test all methods on the same folds: accuracy, time, joules on each chip, as a table and a page.

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 
-from neuro_recognise.settings import Settings
+from neuro.apps import Settings
 
 OURS = ("neuro", "neuro_event", "neuro_models", "neuro_recognise", "neuro_torch", "neuro_train")
 """Packages that compute what is observed and learnt; another backend is a setting."""

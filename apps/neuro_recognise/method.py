@@ -18,10 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import Registry, find_backend, unknown
+from neuro.apps import Registry, Settings, find_backend, setting, unknown
 from neuro.events import Events
 from neuro.events.parts import together
-from neuro_recognise.settings import Settings, setting
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints
 
 if TYPE_CHECKING:
@@ -196,10 +195,9 @@ class Method(Settings):
         if len(self.size) != 2:
             raise ModelError(f"{self.place()}: size = {list(self.size)}: expected width and height")
 
-    @classmethod
-    def place(cls) -> str:
+    def place(self) -> str:
         """``method`` and its name."""
-        return f"method '{cls.called()}'"
+        return f"method '{self.called()}'"
 
     def way_out_of_silence(self) -> str:
         """Return what to change where recordings get no decision, with the settings that are thresholds."""

@@ -19,14 +19,15 @@ from neuro.apps import (
     Seed,
     Set,
     assignments,
+    at_least,
     check_output,
     install,
     plain,
     read,
     resumable,
-    whole,
+    with_settings,
 )
-from neuro_train.plan import LOSSES, TrainingPlan, augmentation, costs
+from neuro_train.plan import TrainingPlan, augmentation, costs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -42,30 +43,16 @@ app = typer.Typer(
 Option = typer.Option
 
 
-def folds(text: str) -> int:
-    """A whole number >= 2."""
-    return whole(text, 2)
-
-
 # recordings
 Data = Annotated[Path, Option("--data", metavar="PATH", help="Recordings: a folder, zip or HDF5; for mse a .npz.")]
 Part = Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train.")]
 Without = Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")]
 Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")]
 Folds = Annotated[
-    int | None, Option(metavar="N", parser=folds, help="Test each Nth on what the others taught instead.")
+    int | None, Option(metavar="N", parser=at_least(2), help="Test each Nth on what the others taught instead.")
 ]
 
-# how they are seen
-Input = Annotated[str, Option("--input", metavar="NAME", help="The population of the pixels.")]
-Output = Annotated[str, Option("--output", metavar="NAME", help="The population with a neuron a class.")]
-Duration = Annotated[float, Option("--for", metavar="MS", help="Of each recording, in ms.")]
-Start = Annotated[float, Option(metavar="MS", help="What is left out before that, in ms.")]
-Scale = Annotated[int, Option(metavar="N", help="Pixels in a row and column that are one neuron.")]
-Window = Annotated[
-    str | None,
-    Option(metavar="X,Y", help="Of a larger sensor: its part from that pixel, or 'centred' on each recording."),
-]
+# how it learns, beside the plan
 Augment = Annotated[
     list[str],
     Option(
@@ -74,35 +61,8 @@ Augment = Annotated[
         help="shift=2: move by up to 2 px; warp=0.1: turn, scale, shear; mirror=0.5: every second; repeatable.",
     ),
 ]
-
-# how it learns
-Epochs = Annotated[int, Option(metavar="N", help="How often each recording is shown; 0 tests only.")]
-Batch = Annotated[int, Option(metavar="N", help="Recordings between two steps of learning.")]
-Rate = Annotated[float, Option(metavar="R", help="The largest learning rate, for weights of about 0.1.")]
-Decay = Annotated[float, Option(metavar="R", help="Of weights, in each step, times the rate.")]
-Loss = Annotated[str, Option(metavar="NAME", help=", ".join(LOSSES))]
-Temperature = Annotated[float, Option(metavar="N", help="Spikes, mV or steps that make a class e times likelier.")]
-Surrogate = Annotated[str, Option(metavar="NAME", help="fast_sigmoid, arctan, slayer or triangle.")]
-Slope = Annotated[float, Option(metavar="X", help="Of the surrogate, per V_th - V_reset.")]
-Learn = Annotated[
-    list[str],
-    Option(
-        "--learn",
-        metavar="NAME",
-        help="A projection whose weights learn, NAME=weight,delay, or POPULATION=tau_m,V_th; repeatable.",
-    ),
-]
-Device = Annotated[str, Option(metavar="NAME", help="A device of torch, such as cuda.")]
 Threads = Annotated[int, Option(metavar="N", min=1, help="Threads to compute with.")]
-
-# for a chip
 Cost = Annotated[list[str], Option(metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")]
-Bits = Annotated[int | None, Option(metavar="N", help="Of weights while they learn, on a chip's grid.")]
-OnChip = Annotated[
-    str | None, Option("--chip", metavar="NAME", help="Of --bits: that of --cost, or loihi, if not given.")
-]
-Prune = Annotated[float, Option(metavar="SHARE", help="Drop so many synapses, the smallest, half way.")]
-NeuronsPerCore = Annotated[int | None, Option(metavar="N", help="Of a chip, fewer than it allows.")]
 
 # what comes of it
 Out = Annotated[Path, Option("--out", metavar="FILE", help="The network to write.")]
@@ -115,39 +75,21 @@ Budget = Annotated[int, Option(metavar="N", min=1, help="Networks that a search 
 
 
 @app.command()
+@with_settings
 def train(
     file: NetworkFile,
     data: Data,
-    input: Input = "pixels",
-    output: Output = "out",
+    plan: TrainingPlan,
     out: Out = Path("trained.yaml"),
     part: Part = "Train",
     without: Without = [],  # noqa: B006
     test: Test = None,
     backends: Backends = "event,loihi,spinnaker",
     folds: Folds = None,
-    epochs: Epochs = 60,
-    duration: Duration = 100.0,
-    start: Start = 0.0,
-    scale: Scale = 1,
-    window: Window = None,
-    batch: Batch = 20,
-    rate: Rate = 0.01,
-    decay: Decay = 0.01,
-    loss: Loss = "count",
-    temperature: Temperature = 3.0,
-    surrogate: Surrogate = "fast_sigmoid",
-    slope: Slope = 1.0,
-    learn: Learn = [],  # noqa: B006
     augment: Augment = [],  # noqa: B006
     cost: Cost = [],  # noqa: B006
-    bits: Bits = None,
-    chip: OnChip = None,
-    prune: Prune = 0.0,
-    neurons_per_core: NeuronsPerCore = None,
     search: Search = None,
     budget: Budget = 20,
-    device: Device = "cpu",
     html: Html = None,
     seed: Seed = 0,
     threads: Threads = 1,
@@ -161,21 +103,16 @@ def train(
         raise ModelError("neuro train learns by PyTorch, which is not installed", hint=install("torch"))
     import torch
 
-    plan = TrainingPlan(
-        input=input, output=output, trainable=tuple(learn), epochs=epochs, duration=duration, start=start, scale=scale,
-        window=window, batch=batch, rate=rate, decay=decay, loss=loss, temperature=temperature, surrogate=surrogate,
-        slope=slope, **augmentation(augment), cost=costs(cost), bits=bits, on=chip, prune=prune,
-        neurons_per_core=neurons_per_core, seed=seed, device=device,
-    )  # fmt: skip
+    plan = plan.changed({**augmentation(augment), "cost": costs(cost), "seed": seed})
     net = neuro.load(file, params=assignments(set))
     torch.set_num_threads(threads)
-    if loss == "mse":
-        classes: Any = {"folds": folds, "search": search, "without": without, "augment": augment, "window": window}
-        classes |= {"for": duration != 100.0, "start": start, "scale": scale > 1}
+    if plan.loss == "mse":
+        classes: Any = {"folds": folds, "search": search, "without": without, "augment": augment, "window": plan.window}
+        classes |= {"for": plan.duration != 100.0, "start": plan.start, "scale": plan.scale > 1}
         _follow(net, data, test, plan, classes, backends, out, html or out.with_suffix(".html"))
         return
     if search is None:
-        Clock(net.resolution).step(duration, "--for")
+        Clock(net.resolution).step(plan.duration, "--for")
     if folds and test is not None:
         raise ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
     _check_before(net, plan, backends if folds or test else [], out, html)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 from neuro import ModelError
-from neuro.apps import unknown
+from neuro.apps import Quantity, Settings, check, setting, unknown
 
 LOSSES = ("count", "potential", "first_spike", "mse")
 SHARE = "a share, 0 to less than 1"
@@ -17,8 +16,8 @@ CENTRED = "centred"
 """Asks for a window round what each recording shows."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrainingPlan:
+@dataclass(frozen=True, kw_only=True)
+class TrainingPlan(Settings):
     """The settings of a training.
 
     Attributes:
@@ -54,53 +53,61 @@ class TrainingPlan:
         ModelError: a value cannot be.
     """
 
-    input: str
-    output: str
-    trainable: tuple[str, ...] = ()
-    epochs: int = 60
-    duration: float = 100.0
-    start: float = 0.0
-    scale: int = 1
-    window: str | None = None
-    batch: int = 20
-    rate: float = 0.01
-    decay: float = 0.01
-    loss: str = "count"
-    temperature: float = 3.0
-    surrogate: str = "fast_sigmoid"
-    slope: float = 1.0
-    shift: int = 0
-    warp: float = 0.0
-    mirror: float = 0.0
+    input: str = setting("pixels", "", "the population of the pixels", option="NAME")
+    output: str = setting("out", "", "the population with a neuron a class", option="NAME")
+    trainable: tuple[str, ...] = setting(
+        (), "", "a projection whose weights learn, NAME=weight,delay, or POPULATION=tau_m,V_th; repeatable",
+        kind="names", option="--learn NAME",
+    )  # fmt: skip
+    epochs: int = setting(60, "", "how often each recording is shown; 0 tests only", at_least=0, option="N")
+    duration: float = setting(100.0, "ms", "of each recording, in ms", above=0, option="--for MS")
+    start: float = setting(0.0, "", "what is left out before that, in ms", at_least=0, option="MS")
+    scale: int = setting(1, "", "pixels in a row and column that are one neuron", at_least=1, option="N")
+    window: str | None = setting(
+        None, "", "of a larger sensor: its part from that pixel, or 'centred' on each recording",
+        kind="name", option="X,Y",
+    )  # fmt: skip
+    batch: int = setting(20, "", "recordings between two steps of learning", at_least=1, option="N")
+    rate: float = setting(0.01, "", "the largest learning rate, for weights of about 0.1", above=0, option="R")
+    decay: float = setting(0.01, "", "of weights, in each step, times the rate", at_least=0, option="R")
+    loss: str = setting("count", "", "one of " + ", ".join(LOSSES), option="NAME")
+    temperature: float = setting(
+        3.0, "", "spikes, mV or steps that make a class e times likelier", above=0, option="N"
+    )  # fmt: skip
+    surrogate: str = setting("fast_sigmoid", "", "one of fast_sigmoid, arctan, slayer, triangle", option="NAME")
+    slope: float = setting(1.0, "", "of the surrogate, per V_th - V_reset", above=0, option="X")
+    shift: int = setting(0, at_least=0)
+    warp: float = setting(0.0)
+    mirror: float = setting(0.0)
     cost: Mapping[str, float] = field(default_factory=dict)
-    bits: int | None = None
-    on: str | None = None
-    prune: float = 0.0
-    neurons_per_core: int | None = None
+    bits: int | None = setting(
+        None, "", "of weights while they learn, on a chip's grid", kind="integer", at_least=1, option="N"
+    )  # fmt: skip
+    on: str | None = setting(
+        None, "", "of --bits: that of --cost, or loihi, if not given", kind="name", option="--chip NAME"
+    )  # fmt: skip
+    prune: float = setting(0.0, "", "drop so many synapses, the smallest, half way", option="SHARE")
+    neurons_per_core: int | None = setting(
+        None, "", "of a chip, fewer than it allows", kind="integer", at_least=1, option="N"
+    )  # fmt: skip
     seed: int = 0
-    device: str = "cpu"
+    device: str = setting("cpu", "", "a device of torch, such as cuda", option="NAME")
 
     def __post_init__(self) -> None:
-        for name, least in (("epochs", 0), ("batch", 1), ("scale", 1), ("shift", 0)):
-            self._whole(name, least)
-        for name, unit in (("duration", " ms"), ("rate", ""), ("slope", ""), ("temperature", "")):
-            _expect(name, getattr(self, name), lambda v: 0.0 < v < math.inf, f"a number > 0{unit}")
-        for name in ("decay", "start"):
-            _expect(name, getattr(self, name), lambda v: 0.0 <= v < math.inf, "a number >= 0")
+        super().__post_init__()
         for name in ("prune", "warp", "mirror"):
-            _expect(name, getattr(self, name), lambda v: 0.0 <= v < 1.0, SHARE)
-        for name in ("bits", "neurons_per_core"):
-            if getattr(self, name) is not None:
-                self._whole(name, 1)
+            if not 0.0 <= getattr(self, name) < 1.0:
+                raise ModelError(f"{name} = {getattr(self, name)!r}: expected {SHARE}")
         if self.window is not None:
             corner(self.window)
         if self.loss not in LOSSES:
             raise unknown("loss", self.loss, LOSSES)
         for name, weight in self.cost.items():
-            _expect(f"cost of {name}", weight, lambda v: 0.0 <= v < math.inf, "a number >= 0")
+            check(Quantity(at_least=0), weight, f"cost of {name}")
 
-    def _whole(self, name: str, least: int) -> None:
-        _expect(name, getattr(self, name), lambda v: type(v) is int and v >= least, f"a whole number >= {least}")
+    def place(self) -> str:
+        """Return nothing: messages have the names alone."""
+        return ""
 
     @property
     def learns(self) -> dict[str, tuple[str, ...]]:
@@ -120,10 +127,6 @@ class TrainingPlan:
             seen["window"] = corner(self.window) or CENTRED
         return {"input": self.input, "output": self.output, "decide": "counts", "classes": tuple(classes), **seen}
 
-    def as_words(self) -> dict[str, Any]:
-        """All of it as plain data."""
-        return asdict(self) | {"trainable": list(self.trainable), "cost": dict(self.cost)}
-
 
 def corner(text: str) -> tuple[int, int] | None:
     """Column and row of the window's first pixel; None for one round what each recording shows.
@@ -140,21 +143,19 @@ def corner(text: str) -> tuple[int, int] | None:
     return int(column), int(row)
 
 
-def augmentation(texts: Sequence[str]) -> dict[str, Any]:
+def augmentation(texts: Sequence[str]) -> dict[str, float]:
     """How recordings are changed at random, from texts such as "shift=2", "warp=0.1".
 
     Raises:
         ModelError: there is no such change, or its number is none.
     """
-    found = {}
-    for name, value in (_named("augment", text) for text in texts):
+
+    def expected(name: str) -> str:
         if name not in AUGMENTATIONS:
             raise unknown("augmentation", name, AUGMENTATIONS)
-        try:
-            found[name] = int(value) if name == "shift" else float(value)
-        except ValueError:
-            raise ModelError(f"--augment {name}={value}: expected {AUGMENTATIONS[name]}") from None
-    return found
+        return AUGMENTATIONS[name]
+
+    return _numbers("--augment", texts, "shift=2", expected)
 
 
 def costs(texts: Sequence[str]) -> dict[str, float]:
@@ -163,24 +164,19 @@ def costs(texts: Sequence[str]) -> dict[str, float]:
     Raises:
         ModelError: a text is no name and number.
     """
-    found = {}
-    for name, value in (_named("cost", text) for text in texts):
+    return _numbers("--cost", texts, "loihi=0.1", lambda name: "a number for each microjoule of a recording")
+
+
+def _numbers(option: str, texts: Sequence[str], example: str, expected: Callable[[str], str]) -> dict[str, float]:
+    """Return numbers by name from texts; `expected` gives the number that a name takes, for messages."""
+    numbers = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not name or not equals or not value:
+            raise ModelError(f"{option} {text}: expected NAME=NUMBER", hint=f"{option} {example}")
+        accepted = expected(name)
         try:
-            found[name] = float(value)
+            numbers[name] = float(value)
         except ValueError:
-            raise ModelError(f"--cost {name}={value}: expected a number for each microjoule of a recording") from None
-    return found
-
-
-def _named(option: str, text: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not name or not equals or not value:
-        example = {"augment": "shift=2", "cost": "loihi=0.1"}[option]
-        raise ModelError(f"--{option} {text}: expected NAME=NUMBER", hint=f"--{option} {example}")
-    return name, value
-
-
-def _expect(name: str, value: Any, fits: Callable[[Any], bool], expected: str) -> None:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not fits(value):
-        raise ModelError(f"{name} = {value!r}: expected {expected}")
+            raise ModelError(f"{option} {name}={value}: expected {accepted}") from None
+    return numbers

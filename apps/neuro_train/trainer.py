@@ -39,6 +39,9 @@ WAYS = {
 }
 """Hints for what a training knows by a hash alone, where that is not the same."""
 
+PATIENCE = 10
+"""Epochs in which no output neuron fires, after which a training warns."""
+
 CURVES = ("loss", "right", "joules", "rate")
 """What is noted of each epoch: mean loss, share of right decisions, joules of a recording, learning rate.
 
@@ -152,11 +155,11 @@ def learn(
         before = training.state()
         try:
             training.epoch()
-            training.warn_of_silence()
         except (ModelError, KeyboardInterrupt):
             if checkpoint is not None and training.done:
                 checkpoint.keep(**before)
             raise
+        training.warn_of_silence()
         report(training.done, training.last())
         if checkpoint is not None and time.monotonic() - written > KEEP_S:
             checkpoint.keep(**training.state())
@@ -174,8 +177,7 @@ class _Training:
         self._noted: dict[str, list[float]] = {name: [] for name in CURVES}
         self._labels = torch.from_numpy(shown.labels)
         self._variance = _variance(shown, plan)
-        self._has_fired = plan.loss not in ("count", "first_spike")  # other losses need no spike
-        self._has_warned = False
+        self._silent_epochs, self._has_warned = 0, plan.loss not in ("count", "first_spike")  # others need no spike
         module = module_of(net, plan)
         self._sizes = sizes(module)
         self._take(module)
@@ -220,6 +222,7 @@ class _Training:
         rng = np.random.default_rng((plan.seed, self.done))
         order = rng.permutation(len(self._shown))
         self._module.train()
+        self._silent_epochs += 1
         sums, recordings = dict.fromkeys(CURVES, 0.0), 0
         for k in range(self._batches):
             chosen = order[k * plan.batch : (k + 1) * plan.batch]
@@ -243,7 +246,8 @@ class _Training:
         for group in self._optimiser.param_groups:
             group["lr"] = rate * group["size"]
         found = self._module(events)
-        self._has_fired = self._has_fired or bool(found.spikes[plan.output].detach().any())
+        if self._silent_epochs and bool(found.spikes[plan.output].detach().any()):
+            self._silent_epochs = 0
         loss = _loss(plan, found, wanted)
         right = self._right(loss.detach(), found, wanted)
         joules = {chip: bill(found) for chip, bill in self._bills.items()}
@@ -292,12 +296,18 @@ class _Training:
         raise ModelError(f"{where}: {message}{kept}", hint=way)
 
     def warn_of_silence(self) -> None:
-        """Warn once if no output neuron has fired so far: with a loss of spikes nothing is learnt."""
-        if self._has_fired or self._has_warned:
+        """Warn once of output neurons that stay silent for `PATIENCE` epochs, or in the last one.
+
+        A network may begin silent: surrogate gradients raise its weights until it fires.
+        """
+        if self._has_warned or not self._silent_epochs:
+            return
+        if self._silent_epochs < PATIENCE and self.done < self._plan.epochs:
             return
         self._has_warned = True
-        output = self._plan.output
-        message = f"population '{output}': no neuron fired in epoch {self.done}, so the network learns nothing"
+        first = self.done - self._silent_epochs + 1
+        epochs = f"epoch {self.done}" if first == self.done else f"epochs {first} to {self.done}"
+        message = f"population '{self._plan.output}': no neuron fired in {epochs}, so no recording is decided"
         if reason := why_silent(self._module.network(), self._shown, self._plan):
             message += f": {reason}"
         warnings.warn(message, neuro.ModelWarning, stacklevel=3)

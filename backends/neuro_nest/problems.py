@@ -213,7 +213,7 @@ UNSUPPORTED: dict[str, str] = {
     **dict.fromkeys(("cutting_does_not_matter", "probes_do_not_matter"), _MOMENT),
     **dict.fromkeys(
         (
-            *("trials_decide", "trials_run_to_their_end", "silent_trials", "rewarded_learning", "rescued_learning"),
+            *("silent_trials", "rewarded_learning", "rescued_learning"),
             *("dropout_of_each_trial", "rewarded_learning_with_padding", "rewarded_learning_of_all_pairs"),
             *("rewarded_learning_by_channel",),
             *("rewarded_learning_with_delays", "rewarded_learning_from_a_layer", "states_that_go_on"),

@@ -48,7 +48,7 @@ UNSUPPORTED: dict[str, str] = {
     ),
     **dict.fromkeys(
         (
-            *("trials_decide", "trials_run_to_their_end", "silent_trials", "rewarded_learning", "rescued_learning"),
+            *("silent_trials", "rewarded_learning", "rescued_learning"),
             *("dropout_of_each_trial", "rewarded_learning_with_padding", "rewarded_learning_of_all_pairs"),
             *("rewarded_learning_by_channel", "rewarded_learning_with_delays", "rewarded_learning_from_a_layer"),
             *("learning_without_labels", "learning_at_the_peak", "states_that_go_on"),

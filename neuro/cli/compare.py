@@ -16,7 +16,7 @@ from neuro.cli.options import Backends, Duration, NetworkFile, Seed, Set, Thread
 if TYPE_CHECKING:
     from neuro.compare.result import Comparison
     from neuro.model.network import Network
-    from neuro.verify.verify import Result
+    from neuro.testing.golden import Result
 
 BACKENDS = "event,loihi,spinnaker"
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
@@ -121,7 +121,7 @@ def verify(folder: Folder, backend: Chosen = None, as_json: VerifyJson = False) 
     """Compare a backend with golden traces; the exit status is 1 if a value is wrong."""
     from neuro.core.progress import Bar
     from neuro.program.backend import find_backend
-    from neuro.verify.verify import verify as compare
+    from neuro.testing.verify import verify as compare
 
     with Bar() as bar:
         results = compare(folder, find_backend(backend) if backend else None, progress=bar.say)

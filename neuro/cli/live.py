@@ -19,10 +19,10 @@ from neuro.cli.options import (
     Set,
     Threads,
     assignments,
+    at_least,
     milliseconds,
     refuse_unused,
     stoppable,
-    whole,
 )
 from neuro.cli.run import Record, keep_spikes
 from neuro.core.errors import ModelError
@@ -97,9 +97,7 @@ ShowPage = Annotated[
     bool, typer.Option("--page", help="Show the run in the browser; without --input and --out the page keeps time.")
 ]
 Host = Annotated[str, typer.Option("--host", metavar="NAME", help="Where the page listens.")]
-Port = Annotated[
-    int, typer.Option("--port", metavar="N", parser=lambda text: whole(text, 0), help="Of the page; 0: any free one.")
-]
+Port = Annotated[int, typer.Option("--port", metavar="N", parser=at_least(0), help="Of the page; 0: any free one.")]
 Speed = Annotated[
     float | None,
     typer.Option("--speed", metavar="X", parser=times_real_time, help="With --page: times real time, or inf."),

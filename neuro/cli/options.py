@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import fields
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -46,6 +49,51 @@ def group(name: str, about: str) -> typer.Typer:
             typer.echo(context.get_help())
 
     return app
+
+
+def with_settings(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command options for the fields of the settings that it takes, and call it with the settings.
+
+    ``def train(file: Path, plan: TrainingPlan)`` gets an option for each field of `TrainingPlan` that `setting` made
+    with ``option=``: its value on the command line, its help from the meaning, its default. All are passed by name.
+    """
+    from neuro.core.settings import Settings
+
+    settings: dict[str, type[Any]] = {}
+    parameters: list[inspect.Parameter] = []
+    hints = get_type_hints(command, include_extras=True)
+    for each in inspect.signature(command).parameters.values():
+        kind = hints[each.name]
+        if isinstance(kind, type) and issubclass(kind, Settings):
+            settings[each.name] = kind
+            parameters += _options_of(kind)
+        else:
+            parameters.append(each.replace(kind=each.KEYWORD_ONLY, annotation=kind))
+
+    @wraps(command)
+    def called(**values: Any) -> Any:
+        for name, kind in settings.items():
+            values[name] = kind(**{option.name: values.pop(option.name) for option in _options_of(kind)})
+        return command(**values)
+
+    called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    called.__annotations__ = {each.name: each.annotation for each in parameters}
+    return called
+
+
+def _options_of(kind: type[Any]) -> list[inspect.Parameter]:
+    """Return the options of settings: a parameter of a command for each field that was made with ``option=``."""
+    types, options = get_type_hints(kind), []
+    for one in fields(kind):
+        if option := one.metadata.get("option"):
+            *names, metavar = option.split()
+            doc = one.metadata["quantity"].doc
+            words = typer.Option(*names, metavar=metavar, help=f"{doc[0].upper()}{doc[1:]}.")
+            value: Any = list[str] if isinstance(one.default, tuple) else types[one.name]
+            annotation: Any = Annotated[value, words]
+            parameter = inspect.Parameter
+            options.append(parameter(one.name, parameter.KEYWORD_ONLY, default=one.default, annotation=annotation))
+    return options
 
 
 def milliseconds(text: str) -> float:
@@ -116,14 +164,14 @@ def memory_size(text: str) -> int:
     return int(digits) * unit
 
 
-def seed(text: str) -> int:
-    """A whole number >= 0."""
-    return whole(text, 0)
+def at_least(least: int) -> Callable[[str], int]:
+    """Return a parser of whole numbers that are not less."""
+    return lambda text: whole(text, least)
 
 
-def threads(text: str) -> int:
-    """A whole number >= 1."""
-    return whole(text, 1)
+def seeds(text: str) -> tuple[int, ...]:
+    """Whole numbers >= 0 with commas between them."""
+    return tuple(whole(part, 0) for part in text.split(","))
 
 
 def assignments(texts: list[str]) -> dict[str, Any]:
@@ -177,6 +225,6 @@ Backends = Annotated[
         "--backends", metavar="A,B,...", parser=listed, help="What to run on; others are compared with the first."
     ),
 ]
-Seed = Annotated[int, typer.Option("--seed", metavar="N", parser=seed, help="Seed of everything random.")]
+Seed = Annotated[int, typer.Option("--seed", metavar="N", parser=at_least(0), help="Seed of everything random.")]
 Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
-Threads = Annotated[int, typer.Option("--threads", metavar="N", parser=threads, help="Threads to compute with.")]
+Threads = Annotated[int, typer.Option("--threads", metavar="N", parser=at_least(1), help="Threads to compute with.")]

@@ -33,7 +33,7 @@ ALLOWED = {
     "recognise compare": "data out method part without folds repeats chips backend workers",
     "remus demo": "data out seed",
     "train": "file data input output out part without test backends folds epochs duration start scale window batch "
-    "rate decay loss temperature surrogate slope learn augment cost bits chip prune neurons_per_core search budget "
+    "rate decay loss temperature surrogate slope trainable augment cost bits on prune neurons_per_core search budget "
     "device html seed threads set",
 }
 """Parameters by command: those that read inputs, choose numbers, or name a file that is written into the new folder.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import group, stoppable, threads as workers
+from neuro.cli.options import at_least, group, stoppable
 from neuro.cli.run import Format, PictureFormat, write_pictures
 from neuro.core.progress import Bar
 
@@ -50,7 +50,8 @@ On = Annotated[
     str, typer.Option(metavar="WHERE", help="cores, here (this process), or a Dask scheduler: tcp://HOST:PORT, a file.")
 ]
 Workers = Annotated[
-    int | None, typer.Option(metavar="N", parser=workers, help="Processes; as many as there are cores if not given.")
+    int | None,
+    typer.Option(metavar="N", parser=at_least(1), help="Processes; as many as there are cores if not given."),
 ]
 Retry = Annotated[bool, typer.Option("--retry-failed", help="Do again what failed.")]
 TableFile = Annotated[

@@ -39,6 +39,7 @@ MOST = 1000
 """Mistakes after which no more are looked for."""
 _ENDS = (("from",), ("to",), ("of",), ("record",))
 _OF_SENSOR = ("file", "events", "stream", "sensor", "format", "polarity", "crop", "scale", "event_camera")
+_OF_ARRAY = {"file", "key"}
 _OF_DECISIONS = ("labels", "dropout", "reset")
 _WORDS = ("unknown word of", "unknown parameter of", "unknown state of")
 _HANGS_ON = {"count of synapses": ("from", "to", "rule"), "neurons at an end": ("from", "to")}
@@ -202,6 +203,8 @@ class _Search:
             return
         while len(path) > 1 and (self.mended.count(path) > (len(path) == 2) or not has(root, path[:-1])):
             path = path[:-1]
+        if len(path) > 2 and path[-1] in _OF_ARRAY and set(at(root, path[:-1]).value) == _OF_ARRAY:
+            path = path[:-1]  # the other word by itself would be read as the name of a distribution
         within = at(root, path[:-1]).value
         gone = within.pop(path[-1], None) if isinstance(within, dict) else None
         instead = None

@@ -342,7 +342,7 @@ def check_tree(file: Any, several_names: bool = False) -> None:
     Raises:
         ValueError: a part lies in another file, or has more than one name where it must not.
     """
-    from h5py import h5d, h5l, h5o
+    from h5py import h5d, h5l, h5o, h5t
 
     links = (h5l.TYPE_HARD, h5l.TYPE_SOFT) if several_names else (h5l.TYPE_HARD,)
 
@@ -351,12 +351,18 @@ def check_tree(file: Any, several_names: bool = False) -> None:
 
     def placed(name: bytes, part: Any) -> bytes | None:
         if part.type == h5o.TYPE_DATASET:
-            made = h5o.open(file.id, name).get_create_plist()
+            array = h5o.open(file.id, name)
+            made = array.get_create_plist()
             if made.get_layout() == h5d.VIRTUAL or made.get_external_count():
+                return name
+            if isinstance(array.get_type(), h5t.TypeReferenceID):
                 return name
         return name if part.rc > 1 and not several_names else None
 
-    name = file.id.links.visit(linked, info=True) or h5o.visit(file.id, placed, info=True)
+    try:
+        name = file.id.links.visit(linked, info=True) or h5o.visit(file.id, placed, info=True)
+    except (KeyError, RuntimeError):
+        raise ValueError("it has a name that leads to no part of it") from None
     if name:
         raise ValueError(f"{name.decode('utf-8', 'replace')[:60]!r} lies elsewhere: expected a part of the file")
 

@@ -6,11 +6,13 @@ import base64
 import hashlib
 import io
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 from neuro.core.provenance import ATTRIBUTE, provenance
 
@@ -133,12 +135,74 @@ def figure(picture: Html, caption: object, title: str = "", class_: str | None =
 
 
 def picture(drawing: Figure, label: str) -> Html:
-    """A figure of Matplotlib inside the page, at most as wide as its place; `label` is for screen readers."""
-    drawn = io.BytesIO()
-    drawing.savefig(drawn, format="png", metadata={"Software": "neuro"})
-    data = base64.b64encode(drawn.getvalue()).decode()
+    """A figure of Matplotlib as an image, in its own colours, at most as wide as its place; `drawn` takes the page's.
+
+    Args:
+        drawing: the figure.
+        label: for screen readers.
+    """
+    file = io.BytesIO()
+    drawing.savefig(file, format="png", metadata={"Software": "neuro"})
+    data = base64.b64encode(file.getvalue()).decode()
     style = f"width:{drawing.get_size_inches()[0] * 96:.0f}px;max-width:100%"
     return tag("figure", tag("img", src=f"data:image/png;base64,{data}", alt=label, style=style))
+
+
+_COLOURS = {
+    "#000000": "ink",
+    "#0072b2": "item2",
+    "#d55e00": "chip1",
+    "#009e73": "item0",
+    "#cc79a7": "item3",
+    "#e69f00": "item1",
+    "#56b4e9": "item6",
+}
+"""Colours of `neuro.plots`, and those of the style by which the page replaces them."""
+_SPACE, _LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
+
+
+def drawn(drawing: Figure, label: str) -> Html:
+    """The SVG of a figure of Matplotlib, with text as text, in the colours of the page, light or dark.
+
+    Args:
+        drawing: the figure. Its attribute `titles` has, by the `gid` of an artist, a text for each marker, line or cell
+            of the artist, which shows when this is pointed at.
+        label: for screen readers.
+    """
+    from matplotlib import rc_context
+
+    file = io.BytesIO()
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "neuro"}):
+        drawing.savefig(file, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    root = ElementTree.fromstring(file.getvalue())
+    titles = getattr(drawing, "titles", {})
+    for part in root.iter():
+        part.tag = part.tag.removeprefix(_SPACE)
+        part.attrib = {name.removeprefix(_LINK): _shorter(name, value) for name, value in part.attrib.items()}
+        part.text, part.tail = (words and (words.strip() or None) for words in (part.text, part.tail))
+    for group in root.iter("g"):
+        marks = list(group.iter("use")) or list(group.iter("path"))
+        for mark, text in zip(marks, titles.get(group.attrib.pop("id", ""), ()), strict=False):
+            ElementTree.SubElement(mark, "title").text = text
+    content = "".join(ElementTree.tostring(part, encoding="unicode") for part in root if part.tag != "metadata")
+    for colour, name in _COLOURS.items():
+        content = content.replace(colour, f"var(--{name})")
+    width, height = drawing.get_size_inches() * 72
+    box = f"0 0 {_text(float(width))} {_text(float(height))}"
+    # Text of 10 points stays readable: on a narrow screen the figure scrolls.
+    style = f"max-width:{width * 96 / 72:.0f}px;min-width:{width * 0.75:.0f}px"
+    return tag("svg", Html(content), viewBox=box, role="img", aria_label=label, style=style)
+
+
+def _shorter(name: str, value: str) -> str:
+    """An attribute of an SVG with two decimals, without superfluous spaces and the font, which is that of the page."""
+    if name in ("d", "x", "y", "transform"):
+        value = re.sub(r"(\.\d\d)\d+", r"\1", " ".join(value.split()))
+        return re.sub(r" (?=[MLCQz-])|(?<=[MLCQ]) ", "", value) if name == "d" else value
+    if name == "style":
+        value = re.sub(r"font: ([\d.]+px)[^;]*", r"font-size: \1", value)
+        return re.sub(r"font-family: [^;]*;? ?|(?<=[:;]) ", "", value)
+    return value
 
 
 def legend(*entries: tuple[str, str]) -> Html:

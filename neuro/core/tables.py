@@ -92,7 +92,7 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str =
     texts = list(zip(names, *cells, strict=True))
     widths = [max(map(len, "\n".join(column).split("\n"))) for column in texts]
     words = [max(map(len, " ".join(column).split()), default=0) for column in texts]
-    room = console().width - 2
+    room = console().width - 4  # two for the box, and two for padding at the edges, which rich counts but does not draw
     is_tight = sum(words) + 3 * (len(names) - 1) > room
     out = Table(
         box=box.SIMPLE_HEAD, title=Text(title) if title else None, title_justify="left", pad_edge=False,

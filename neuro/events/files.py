@@ -62,7 +62,7 @@ def load(
     size = None if sensor_size is None else checked_size(sensor_size)
     sort, strict = argument("sort", sort, kind="boolean"), argument("strict", strict, kind="boolean")
     with opened(source, format, name, size) as file:
-        checked = Checked(file.name, size or file.sensor_size, strict, sort)
+        checked = Checked(file.name, size or file.sensor_size, strict, sort, file.way_out)
         pieces = [checked.piece(piece) for piece in file.pieces(WHOLE, strict)]
         if not strict:
             checked.warn()
@@ -167,7 +167,7 @@ def _parts(file: Opened, size: tuple[int, int] | None, start_us: int | None, str
 
 
 def _decoded(file: Opened, size: tuple[int, int], start_us: int | None, strict: bool) -> Iterator[Events]:
-    checked = Checked(file.name, size, strict, sort=False)
+    checked = Checked(file.name, size, strict, sort=False, way_out=file.way_out)
     for piece in file.pieces(BLOCK, strict, start_us):
         arrays = checked.piece(piece)
         if arrays[0].size:

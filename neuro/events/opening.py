@@ -28,10 +28,11 @@ class Checked:
         size: width and height of the sensor, None where any will do.
         strict: whether an impossible event is an error; otherwise it is left out and counted.
         sort: whether time may run back, since the events will be sorted.
+        way_out: the option that chooses another sensor, for messages.
     """
 
-    def __init__(self, path: str, size: tuple[int, int] | None, strict: bool, sort: bool) -> None:
-        self.path, self.size, self._strict, self._sort = path, size, strict, sort
+    def __init__(self, path: str, size: tuple[int, int] | None, strict: bool, sort: bool, way_out: str = "") -> None:
+        self.path, self.size, self._strict, self._sort, self._way_out = path, size, strict, sort, way_out
         self._last = np.iinfo(np.int64).min
         self._seen = 0
         self._dropped = 0
@@ -84,7 +85,8 @@ class Checked:
             k = int(bad.argmax())
             line = piece.line(k)
             where = f"event {self._seen + k}" if line is None else f"line {line}"
-            raise EventFileError(self.path, f"{where}: {self._fault(piece, k, off[k])}", piece.place(k))
+            hint = self._way_out if off[k] else ""
+            raise EventFileError(self.path, f"{where}: {self._fault(piece, k, off[k])}", piece.place(k), hint)
         self._dropped += int(bad.sum())
         keep = ~bad
         return piece.t[keep], piece.x[keep], piece.y[keep], piece.p[keep]
@@ -149,6 +151,11 @@ class Opened:
     def name(self) -> str:
         """The file, as messages call it."""
         return self.source.name
+
+    @property
+    def way_out(self) -> str:
+        """The option that chooses another sensor, "" where the format has none."""
+        return self.reader.way_out if isinstance(self.reader, Sized) else ""
 
     @property
     def sensor_size(self) -> tuple[int, int] | None:

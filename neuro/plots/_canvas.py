@@ -24,7 +24,15 @@ WIDTH_IN, PANEL_IN, TALLEST_IN = 10.0, 2.2, 60.0
 
 
 class Picture(Figure):
-    """A figure of matplotlib; a notebook shows it, `savefig` writes it."""
+    """A figure of matplotlib; a notebook shows it, `savefig` writes it.
+
+    Attributes:
+        titles: by the `gid` of an artist, a text for each of its marks, which a page shows when one is pointed at.
+    """
+
+    def __init__(self, *args: Any, **words: Any) -> None:
+        super().__init__(*args, **words)
+        self.titles: dict[str, list[str]] = {}
 
     def _repr_png_(self) -> bytes:
         out = BytesIO()

@@ -267,6 +267,8 @@ def storage_of(folder: Folder) -> JournalStorage:
     try:
         with quietly():
             return JournalStorage(journal_of(folder))  # type: ignore[arg-type]
+    except ModelError:
+        raise
     except (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         lack = f"damaged: Optuna cannot read it: {type(error).__name__}"
         raise ModelError(f"{journal_path(folder)}: {lack}", hint="the folder without it asks for new trials") from None

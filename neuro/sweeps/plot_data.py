@@ -44,6 +44,13 @@ class PlotData:
         """Text such as "mean over tau_m and seeds"; "" if each point is one run."""
         return f"mean over {' and '.join(self.averaged)}" if self.averaged else ""
 
+    @property
+    def caption(self) -> str:
+        """What a point or field is the mean of, and what the band beside a line is; "" if each is one run."""
+        if self.kind == "parallel":
+            return ""
+        return self.mean_of and self.mean_of + "; band: lowest to highest run" * (self.kind == "lines")
+
     def axis(self, index: int) -> list[Any]:
         """The values of one parameter, ascending where these are numbers."""
         return ordered(values[index] for values, _ in self.points)
@@ -62,6 +69,13 @@ class PlotData:
             if x:
                 lines.append((name, places(x), mean, low, high))
         return lines
+
+    def first_lines(self, most: int) -> tuple[PlotData, int]:
+        """The data of the first lines alone, and how many more there are; other kinds as they are."""
+        others = [values[1:] for values, _ in self.points] if self.kind == "lines" else []
+        names = list(dict.fromkeys(others))
+        points = tuple(point for point in self.points if not names or point[0][1:] in names[:most])
+        return replace(self, points=points), max(0, len(names) - most)
 
     def grid(self) -> NDArray[np.float64]:
         """The mean at each value of the second parameter (rows) and the first (columns); NaN where there is none."""

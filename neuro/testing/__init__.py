@@ -19,18 +19,23 @@ and the laws of cutting, saving, seeds and counts must pass on every backend.
 A third-party model or rule is tried by `check_part`, in networks of its own, on a backend beside the reference.
 """
 
-from neuro.testing.case import CASES, Case, Found, observe
-from neuro.testing.conformance import NEEDS_FLOATS, check_backend, check_case, deviations
-from neuro.testing.parts import check_part
+from __future__ import annotations
 
-__all__ = [
-    "CASES",
-    "NEEDS_FLOATS",
-    "Case",
-    "Found",
-    "check_backend",
-    "check_case",
-    "check_part",
-    "deviations",
-    "observe",
-]
+from typing import TYPE_CHECKING
+
+from neuro.core.lazy import public_names
+
+if TYPE_CHECKING:
+    from neuro.testing.case import Case as Case, Found as Found, observe as observe
+    from neuro.testing.conformance import (
+        CASES as CASES,
+        NEEDS_FLOATS as NEEDS_FLOATS,
+        check_backend as check_backend,
+        check_case as check_case,
+        deviations as deviations,
+    )
+    from neuro.testing.parts import check_part as check_part
+
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__, __all__ = public_names(__name__, __file__)

@@ -23,7 +23,7 @@ from neuro.testing import (  # noqa: F401
     probes,
     trials,
 )
-from neuro.testing.case import CASES, Found, differences
+from neuro.testing.case import CASES as CASES, Found, differences
 
 ARITHMETIC = ("float", "integer")
 NEEDS_FLOATS = "its values are exact in floats only, and this backend computes in integers"

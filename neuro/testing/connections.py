@@ -52,87 +52,49 @@ def rule_one_to_one(start: Start) -> Found:
 
 
 @case
-def rule_fixed_indegree(start: Start) -> Found:
-    """fixed_indegree."""
-    return after(start, connected(fixed_indegree(n=4)))
-
-
-@case
-def rule_fixed_outdegree(start: Start) -> Found:
-    """fixed_outdegree without multapses."""
-    return after(start, connected(fixed_outdegree(n=3, multapses=False)))
-
-
-@case
-def rule_pairwise_bernoulli(start: Start) -> Found:
-    """pairwise_bernoulli."""
-    return after(start, connected(pairwise_bernoulli(p=0.4)))
-
-
-@case
-def rule_fixed_total_number(start: Start) -> Found:
-    """fixed_total_number, with multapses and without."""
-    net = connected(fixed_total_number(n=17))
-    net.connect("cells", "cells", fixed_total_number(n=11, autapses=False, multapses=False), weight=90.0, name="once")
-    return after(start, net)
-
-
-@case
-def rule_symmetric_pairwise_bernoulli(start: Start) -> Found:
-    """symmetric_pairwise_bernoulli with drawn weights."""
-    net = connected(all_to_all())
-    rule = symmetric_pairwise_bernoulli(p=0.4)
-    net.connect("cells", "cells", rule, weight=normal(mean=200.0, std=300.0), delay=0.7, name="both")
-    return after(start, net)
-
-
-@case
 def rule_pairs(start: Start) -> Found:
-    """Listed pairs in any order, some twice, with weights and delays of their own."""
+    """Every rule that lists or draws pairs, each onto neurons of its own, one of them without synapses."""
     net = network()
-    net.population("source", 3, poisson_generator(rate=1500.0))
-    net.population("cells", 4, iaf_psc_exp())
-    pre, post = [2, 0, 1, 0, 2, 0], [1, 3, 0, 0, 1, 3]
-    weight, delay = np.array([900.0, 300.0, -200.0, 700.0, -100.0, 50.0]), np.array([0.4, 0.1, 3.0, 1.0, 0.4, 2.0])
-    net.connect("source", "cells", pairs(pre=pre, post=post), weight=weight, delay=delay)
+    net.population("source", 6, poisson_generator(rate=1500.0))
+    listed = pairs(pre=[2, 0, 1, 0, 2, 0], post=[1, 3, 0, 0, 1, 3])
+    rules: dict[str, Rule] = {
+        "indegree": fixed_indegree(n=4),
+        "outdegree": fixed_outdegree(n=3, multapses=False),
+        "bernoulli": pairwise_bernoulli(p=0.4),
+        "total": fixed_total_number(n=17),
+        "once": fixed_total_number(n=11, multapses=False),
+        "listed": listed,
+        "none": pairs(pre=[], post=[]),
+    }
+    delay, drawn = uniform(low=0.1, high=2.0), normal(mean=200.0, std=300.0)
+    own = np.array([900.0, 300.0, -200.0, 700.0, -100.0, 50.0])
+    for name, rule in rules.items():
+        net.population(name, 6, iaf_psc_exp(I_e=300.0))
+        net.connect("source", name, rule, weight=own if name == "listed" else drawn, delay=delay)
+        net.connect(name, name, symmetric_pairwise_bernoulli(p=0.4), weight=drawn, delay=0.7)
     return after(start, net)
 
 
 @case
 def rule_grid(start: Start) -> Found:
-    """A shared kernel with channels, stride and padding; weights of both signs."""
+    """Shared kernels: with channels, stride and padding; of one channel, listed; depthwise. A layer on top of each."""
     net = network(1.0)
     net.population("sheet", (2, 6, 7), poisson_generator(rate=60.0))
-    net.population("maps", (3, "auto", "auto"), iaf_psc_exp(tau_syn_in=4.0))
-    kernel = normal(mean=150.0, std=200.0)
-    net.connect("sheet", "maps", grid(kernel=(3, 4), stride=2, padding=1), weight=kernel, delay=2.0)
-    return after(start, net)
-
-
-@case
-def rule_grid_of_one_channel(start: Start) -> Found:
-    """A grid from a sheet of one channel with listed kernels, and a second one on top of it."""
-    net = network(1.0)
-    net.population("sheet", (5, 5), poisson_generator(rate=150.0))
-    net.population("maps", (2, "auto", "auto"), iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=2.0, t_ref=0.0))
-    net.population("top", (2, "auto", "auto"), iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=3.0))
-    kernels = np.linspace(-0.5, 1.5, 18).reshape(2, 3, 3)
-    net.connect("sheet", "maps", grid(kernel=(3, 3)), weight=kernels)
-    net.connect("maps", "top", grid(kernel=(2, 2)), weight=0.75)
+    net.population("plain", (5, 5), poisson_generator(rate=150.0))
+    summed = iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=2.0, t_ref=0.0)
+    for name, maps, model in (
+        *(("maps", 3, iaf_psc_exp(tau_syn_in=4.0)), ("split", 4, iaf_psc_exp(tau_syn_in=4.0)), ("edges", 2, summed)),
+        *(("top", 2, summed), ("pooled", 4, summed), ("corners", 2, summed)),
+    ):
+        net.population(name, (maps, "auto", "auto"), model)
+    drawn = normal(mean=250.0, std=300.0)
+    net.connect("sheet", "maps", grid(kernel=(3, 4), stride=2, padding=1), weight=drawn, delay=2.0)
+    net.connect("sheet", "split", grid(kernel=(3, 4), padding="same", depthwise=True), weight=drawn, delay=2.0)
+    net.connect("plain", "edges", grid(kernel=(3, 3)), weight=np.linspace(-0.5, 1.5, 18).reshape(2, 3, 3))
+    net.connect("maps", "top", grid(kernel=(2, 2)), weight=1.0)
+    net.connect("split", "pooled", grid(kernel=(4, 4), stride=4, padding="same", depthwise=True), weight=1.0)
+    net.connect("edges", "corners", grid(kernel=(2, 2)), weight=0.75)
     return after(start, net, 100.0)
-
-
-@case
-def rule_grid_by_channel(start: Start) -> Found:
-    """Depthwise grids of the same size: two maps of each channel, then each map pooled by itself."""
-    net = network(1.0)
-    net.population("sheet", (2, 6, 7), poisson_generator(rate=60.0))
-    net.population("maps", (4, "auto", "auto"), iaf_psc_exp(tau_syn_in=4.0))
-    net.population("pooled", (4, "auto", "auto"), iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=2.0))
-    kernels = normal(mean=300.0, std=300.0)
-    net.connect("sheet", "maps", grid(kernel=(3, 4), padding="same", depthwise=True), weight=kernels, delay=2.0)
-    net.connect("maps", "pooled", grid(kernel=(4, 4), stride=4, padding="same", depthwise=True), weight=1.0)
-    return after(start, net)
 
 
 @case
@@ -142,14 +104,6 @@ def drawn_weights(start: Start) -> Found:
     weight = lognormal(mean=5.0, std=1.0, high=900.0)
     net.connect("source", "cells", fixed_indegree(n=2), weight=weight, delay=normal(mean=0.2, std=0.3), name="more")
     return after(start, net)
-
-
-@case
-def no_synapse_at_all(start: Start) -> Found:
-    """A projection without synapses."""
-    net = connected(pairwise_bernoulli(p=0.0))
-    net.connect("source", "cells", pairs(pre=[], post=[]), name="empty")
-    return after(start, net, 10.0)
 
 
 @case

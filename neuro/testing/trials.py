@@ -20,14 +20,22 @@ from neuro.testing.exact import cell, whole
 INF = float("inf")
 
 
-def recogniser(synapse: Synapse | None = None, rule: Rule | None = None, **words: Any) -> Network:
+DRAWN = normal(mean=0.5, std=0.1, low=0.0, high=1.0)
+
+
+def recogniser(
+    synapse: Synapse | None = None,
+    rule: Rule | None = None,
+    *,
+    weight: object = DRAWN,
+    threshold: float = 5.0,
+    **words: Any,
+) -> Network:
     """Six maps of two labels each over a small sheet; the first to fire decides."""
     net = network(1.0)
     net.population("sheet", (2, 6, 6), spike_generator())
     shape = (6, "auto", "auto") if rule is None else (6, 2)
-    model = iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=5.0)
-    net.population("maps", shape, model)
-    weight = normal(mean=0.5, std=0.1, low=0.0, high=1.0)
+    net.population("maps", shape, cell(V_th=threshold))
     net.connect("sheet", "maps", rule or grid(kernel=(4, 4)), synapse or r_stdp(), weight=weight, delay=2.0, name="s2")
     net.group("choice", winner_take_all(of="maps"))
     trial_results = {"labels": {"of": "maps", "maps_per_label": 2}, "reset": ["V_m"], "duration": 20.0}
@@ -66,22 +74,6 @@ def taught(start: Start, net: Network, epochs: int = 2) -> Found:
         results = sim.trials(times, ids, offsets, labels, learn=True, samples=np.arange(24) // 3, epoch=epoch)
         found |= trial_results(results, f"epoch {epoch}")
     return found | trial_results(sim.trials(times, ids, offsets), "test") | observe(sim)
-
-
-@case
-def trials_decide(start: Start) -> Found:
-    """Decisions, ties, potentials; a trial ends at its decision."""
-    sim = start(recogniser())
-    times, ids, offsets, _ = batch(20)
-    return trial_results(sim.trials(times, ids, offsets)) | observe(sim)
-
-
-@case
-def trials_run_to_their_end(start: Start) -> Found:
-    """`stop: full`: the potential is still that of the decision."""
-    sim = start(recogniser(stop="full"))
-    times, ids, offsets, _ = batch(20)
-    return trial_results(sim.trials(times, ids, offsets)) | observe(sim)
 
 
 @case
@@ -219,8 +211,7 @@ def sheets(group: dict[str, Any], synapse: Synapse | None = None, rule: Rule | N
     net = network(1.0)
     net.population("sheet", (2, 6, 6), spike_generator())
     net.population("maps", (6, 3, 3), iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=4.0))
-    weight = normal(mean=0.5, std=0.1, low=0.0, high=1.0)
-    net.connect("sheet", "maps", rule or grid(kernel=(4, 4)), synapse or static(), weight=weight, name="s2")
+    net.connect("sheet", "maps", rule or grid(kernel=(4, 4)), synapse or static(), weight=DRAWN, name="s2")
     net.group("choice", local_winners(of="maps", **group))
     net.trials(input="sheet", duration=20.0, **({"stop": "full"} | words))
     return net
@@ -295,16 +286,9 @@ def local_winners_without_trials(start: Start) -> Found:
 
 
 def chooser(synapse: Synapse | None = None, weight: object = None, threshold: float = 9.0, **words: Any) -> Network:
-    """Six maps of two labels each over a small sheet, with whole weights; the first to fire decides."""
-    net = network(1.0)
-    net.population("sheet", (2, 6, 6), spike_generator())
-    net.population("maps", (6, "auto", "auto"), cell(V_th=threshold))
+    """The recogniser with whole weights."""
     kernels = whole(-1, 3, (6, 2, 4, 4)) if weight is None else weight
-    net.connect("sheet", "maps", grid(kernel=(4, 4)), synapse or static(), weight=kernels, delay=2.0, name="s2")
-    net.group("choice", winner_take_all(of="maps"))
-    section = {"labels": {"of": "maps", "maps_per_label": 2}, "reset": ["V_m"], "duration": 20.0}
-    net.trials(input="sheet", **(section | words))
-    return net
+    return recogniser(synapse or static(), weight=kernels, threshold=threshold, **words)
 
 
 @integers_too
@@ -362,10 +346,4 @@ def exact_rescue(start: Start) -> Found:
 @case
 def exact_growth(start: Start) -> Found:
     """r_stdp where all weights are at Wmax, so that growth is counted and changes nothing; many ties."""
-    net = network(1.0)
-    net.population("sheet", (2, 6, 6), spike_generator())
-    net.population("maps", (6, 2), cell(V_th=8.0))
-    net.connect("sheet", "maps", all_to_all(), r_stdp(Wmax=2.0), weight=2.0, delay=3.0, name="s2")
-    net.group("choice", winner_take_all(of="maps"))
-    net.trials(input="sheet", labels={"of": "maps", "maps_per_label": 2}, reset=["V_m"], duration=20.0)
-    return taught(start, net)
+    return taught(start, recogniser(r_stdp(Wmax=2.0), all_to_all(), weight=2.0, threshold=8.0))

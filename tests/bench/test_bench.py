@@ -277,6 +277,12 @@ def test_commands(bench, sounds):
         (("run", "spoken-digits", "--method", "cnn"), "task 'spoken-digits' has no data: expected --data PATH"),
         (("run", "bars", "--method", "echo-state"), "method 'echo-state' is for series, task 'bars' is of classes"),
         (("run", "bars", "--method", "logistic", "--set", "D=1"), "unknown setting 'D'"),
+        (
+            ("run", "bars", "--method", "logistic", "--set", "C=much"),
+            "method 'logistic': C = 'much': expected a num",
+        ),
+        (("run", "bars", "--method", "cnn", "--set", "maps=1.5"), "method 'cnn': maps = 1.5: expected a whole number"),
+        (("run", "bars", "--method", "cnn", "--set", "norm=1"), "method 'cnn': norm = 1: expected true or false"),
         (("run", "bars", "--method", "logistic", "--split", "x"), "--split x: expected one of random"),
         (("run", "spoken-digits", "--method", "logistic", "--data", "none"), "none: is not there"),
         (("compare", "none.json"), "none.json: cannot be read: No such file or directory"),

@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from neuro.verify.verify import verify
+from neuro.testing.verify import verify
 
 CASES = {"loihi": 25, "spinnaker": 9}
 

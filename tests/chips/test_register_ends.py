@@ -36,7 +36,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.verify.verify import verify
+from neuro.testing.verify import verify
 
 GOLDEN = Path(__file__).parent / "loihi2_ends"
 

@@ -36,7 +36,8 @@ def cells(out):
     return [re.split(r"  +", line.strip()) for line in out.splitlines() if line.strip()]
 
 
-def test_tables(run):
+def test_tables(run, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
     status, out, err = run(*RUN, "--backends", "event, reference ,loihi,spinnaker", "--seed", "3")
     assert (status, err) == (0, "")
     rows = cells(out)

@@ -14,8 +14,8 @@ import neuro
 from neuro.compiler import compile_network
 from neuro.diagnosis.cell import Cell
 from neuro.model.network import Network
-from neuro.testing.strategies import networks
 from neuro_models import areas, delays, grid_world, hedonists, linear_track, motion, orders
+from strategies import networks
 
 ROOT = Path(__file__).parents[2]
 CLI = ROOT / "neuro" / "cli"

@@ -98,7 +98,7 @@ def test_where_the_header_ends():
 
 
 def test_clock_wraps():
-    assert load(HEADER + words((0, 2**32 - 5), (0, 3))).t.tolist() == [2**32 - 5, 2**32 + 3]
+    assert load(HEADER + words((2, 2**32 - 5), (2, 3))).t.tolist() == [2**32 - 5, 2**32 + 3]
     late = HEADER + words((0, 2**32 - 5), (2, 3), (4, 2**32 - 1), (6, 4))
     assert load(late, sort=True).t.tolist() == [2**32 - 5, 2**32 - 1, 2**32 + 3, 2**32 + 4]
     assert load(late, sort=True).x.tolist() == [0, 2, 1, 3]
@@ -148,23 +148,97 @@ def test_davis_is_read_and_written_as_by_jaer(data, size):
         assert load(Path(folder) / "a.aedat") == named
 
 
-def test_the_sensor_of_a_file_without_a_chip():
-    def one(*event, size=(346, 260)):
-        return HEADER + words(jaer(*event, size))
+def one(*event, size=(346, 260), header=HEADER):
+    return header + words(jaer(*event, size))
 
-    option = "sensor_size=(346, 260), or --sensor 346x260 (240x180, 640x480), gives that of a DAVIS"
-    what = f"no line '# AEChip:' names the camera, and the addresses are none of a DVS128: {option}"
-    for read in (load, lambda *given, **words: list(stream(*given, **words)), size_of, info):
-        assert refusal(read, one(5, 100, 50, 1), name="a.aedat") == f"a.aedat: byte {len(HEADER)}: {what}"
-    told = refusal(load, one(5, 100, 50, 1), name="a.aedat", sensor_size=(300, 200))
-    assert told.endswith("and the sensor is 300x200, expected one of 128x128, 240x180, 346x260, 640x480")
+
+OPTION = "sensor_size=(346, 260), or --sensor 346x260, chooses the camera by its sensor (128x128, "
+READS = (load, lambda *given, **words: list(stream(*given, **words)), size_of, info)
+
+
+@pytest.mark.parametrize("read", READS)
+def test_the_sensor_of_a_file_without_a_chip(read):
+    what = "no line '# AEChip:' names the camera, and address 0x344f5800 is none of a DVS128"
+    assert f"a.aedat: byte {len(HEADER)}: {what}: {OPTION}" in refusal(read, one(5, 100, 50, 1), name="a.aedat")
     corner = one(5, 345, 259, 1)  # its address is also one of a DVS128
-    assert rows(load(corner)) == [(5, 0, 8, 1)]
+    told = refusal(read, corner, name="a.aedat")
+    assert (
+        f"byte {len(HEADER)}: no line '# AEChip:' names the camera, and the addresses may be those of a DVS128" in told
+    )
+    assert OPTION in told
+
+
+def test_the_size_chooses_the_camera():
+    told = refusal(load, one(5, 100, 50, 1), name="a.aedat", sensor_size=(300, 200))
+    assert "names the camera, and no camera has a sensor of 300x200: " + OPTION in told
+    corner = one(5, 345, 259, 1)
     for read in (load, lambda *given, **words: next(stream(*given, **words))):
         assert rows(read(corner, sensor_size=(346, 260))) == [(5, 345, 259, 1)]
+        assert rows(read(corner, sensor_size=(128, 128))) == [(5, 0, 8, 1)]
+        assert rows(read(one(5, 7, 9, 1, size=(208, 192)), sensor_size=(208, 192))) == [(5, 7, 9, 1)]
     assert info(corner, sensor_size=(346, 260)).metadata["chip"] == "DAVIS346"
     small = HEADER + words((5 << 8 | 9 << 1, 7))
     assert rows(load(small, sensor_size=(30, 30))) == rows(load(small)) == [(7, 9, 5, 1)]
+
+
+@pytest.mark.parametrize("place", [1, 11, 2047, 2048, 5000])
+@pytest.mark.parametrize("read", READS[:2])
+def test_one_address_proves_that_it_is_no_dvs128(read, place):
+    data = HEADER + words(*[(0x802, k) for k in range(place)], (0x10800, place), (0x802, place + 1))
+    where = f"a.aedat: byte {len(HEADER) + 8 * place}: "
+    for size in (None, (128, 128), (100, 100)):
+        told = refusal(read, data, name="a.aedat", sensor_size=size)
+        assert told.startswith(where)
+        assert "address 0x00010800 is none of a DVS128: " + OPTION in told
+        assert "--from aedat2:davis128" in told
+
+
+def test_events_off_the_sensor_name_the_option():
+    for data, size in ((one(5, 0, 0, 1), (240, 180)), (HEADER + words((5 << 8 | 120 << 1, 7)), (100, 100))):
+        assert OPTION in refusal(load, data, name="a.aedat", sensor_size=size)
+    assert OPTION in refusal(load, one(5, 0, 0, 1, header=DAVIS), name="a.aedat")
+
+
+def test_external_events_of_the_dvs128():
+    """As jAER marks them: bit 15 or 31."""
+    events = load(HEADER + words((1 << 15, 5), (1 << 31, 6), (1 << 31 | 1 << 15, 7), (5 << 8 | 9 << 1, 8)))
+    assert (rows(events), events.metadata["external_events"]) == ([(8, 9, 5, 1)], 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("davis128", (128, 128)), ("davis208", (208, 192)), ("davis346", (346, 260))]
+)
+@pytest.mark.parametrize(
+    "header", [HEADER, DAVIS, HEADER + b"# AEChip: x.DVS128\r\n", HEADER + b"# AEChip: SBret21\r\n"]
+)
+def test_the_name_of_the_camera_may_be_given(name, size, header):
+    events = load(one(5, 30, 20, 1, size=size, header=header), format=f"aedat2:{name}")
+    assert (rows(events), events.sensor_size) == ([(5, 30, 20, 1)], size)
+    assert load(one(5, 30, 20, 1, size=size), format=f"aedat2:{name}", sensor_size=(400, 400)).x.tolist() == [30]
+
+
+def test_a_mistaken_name_of_a_camera():
+    told = refusal(load, one(5, 30, 20, 1), format="aedat2:davis", name="a.aedat")
+    names = "dvs128, davis240, davis346, davis640, davis128, davis208, dvs640"
+    assert told == f"a.aedat: the camera is given as 'davis', expected one of {names}"
+
+
+@pytest.mark.parametrize("title", ["SBret20", "SBret21", "DVXplorer", "dvs346", "DAVIS192", "DAVIS240C", "DVS128"])
+def test_the_size_overrides_a_chip_that_is_unknown_or_wrong(title):
+    data = one(5, 100, 50, 1, header=chip(title))
+    assert OPTION in refusal(load, data, name="a.aedat")
+    events = load(data, sensor_size=(346, 260))
+    assert (rows(events), events.metadata["chip"]) == ([(5, 100, 50, 1)], "DAVIS346")
+
+
+def test_a_larger_sensor_does_not_move_the_events_of_a_right_name(tmp_path):
+    small = chip("DVS128") + words((5 << 8 | 9 << 1, 7))
+    for size in DAVIS_SIZES:
+        assert rows(load(small, sensor_size=size)) == [(7, 9, 5, 1)]
+    one = np.array([1])
+    for sensor in ((128, 128), (200, 150), (346, 260)):
+        save(Events(one, one, one, one, sensor), tmp_path / "a.aedat", replace=True)
+        assert rows(load(tmp_path / "a.aedat", sensor_size=(640, 480))) == [(1, 1, 1, 1)]
 
 
 def test_v2e_writes_other_addresses_of_640x480():
@@ -214,6 +288,14 @@ def test_fields_of_aedat3():
     assert events.sensor_size == (32768, 32767)
 
 
+def test_signed_times_of_aedat3():
+    back = HEADER3 + packet([event(4, 1, 2), event(-9, 3, 4)])
+    what = "event 1: time runs back from 4 to -9 us; load(..., sort=True) sorts the events"
+    assert refusal(load, back, name="a.aedat") == f"a.aedat: byte {len(HEADER3) + 36}: {what}"
+    assert load(back, sort=True).t.tolist() == [-9, 4]
+    assert load(HEADER3 + packet([event(-9, 1, 2), event(4, 3, 4)])).t.tolist() == [-9, 4]
+
+
 def test_first_of_several_cameras():
     two = LINES.replace(b"#Source 0: DVS128\r\n", b"#Source 3: DVS128\r\n#Source 4: DAVIS240C\r\n#-Source 0: eDVS\r\n")
     data = two + b"#!END-HEADER\r\n" + packet([event(1, 2, 3)], camera=4) + packet([event(4, 5, 6)], camera=3)
@@ -251,11 +333,11 @@ ERRORS = {
     "byte 0: begins with b'#!AER-DAT1.0', expected the line #!AER-DAT2.0": b"#!AER-DAT1.0\r\n",
     "byte 0: begins with b'', expected the line #!AER-DAT2.0": b"",
     "byte 12: the first line does not end": b"#!AER-DAT2.0\0",
-    "byte 41: 3 bytes left over after 1 words of 8 bytes": HEADER + words((0, 1)) + b"abc",
-    "byte 41: address 0x00010000 is none of a DVS128": HEADER + words((0, 1), (1 << 16, 1)),
-    "byte 43: chip x.Cochlea is not known, expected one of DVS128, DAVIS240, DAVIS346, DAVIS640": (
-        HEADER + b"# AEChip: x.Cochlea\r\n"
+    "byte 41: 3 bytes left over after 1 words of 8 bytes": HEADER + words((2, 1)) + b"abc",
+    f"byte 59: address 0x00010000 is none of a DVS128: {Aedat2.way_out}": (
+        chip("DVS128") + words((0, 1), (1 << 16, 1))
     ),
+    f"byte 43: chip x.Cochlea is not known: {Aedat2.way_out}": HEADER + b"# AEChip: x.Cochlea\r\n",
     "byte 48: sensor size 0x5, expected 1x1 to 65536x65536": HEADER + b"# Sensor size: 0x5\r\n",
     f"byte {len(LINES)}: the header does not end, expected a line #!END-HEADER": LINES + bytes(28),
     "byte 23: packets are stored as SerializedTS, expected RAW": HEADER3.replace(b"RAW", b"SerializedTS"),
@@ -289,8 +371,9 @@ def test_wrong_packets(wrong):
 def test_what_is_whole_is_kept():
     for rest, what in (
         (b"ab", "2 bytes left over after 1 words of 8 bytes"),
-        (words((1 << 16, 1), (0, 2)), "address 0x00010000 is none of a DVS128"),
+        (words((1 << 16, 1), (0, 2)), f"address 0x00010000 is none of a DVS128: {Aedat2.way_out}"),
     ):
+        data = chip("DVS128") + words((0, 1)) + rest
         with pytest.warns(EventFileWarning) as told:
-            assert load(HEADER + words((0, 1)) + rest, name="a.aedat", strict=False).t.tolist() == [1]
-        assert [str(warning.message) for warning in told] == [f"a.aedat: byte 41: {what}; what is before it was read"]
+            assert load(data, name="a.aedat", strict=False).t.tolist() == [1]
+        assert [str(warning.message) for warning in told] == [f"a.aedat: byte 59: {what}; what is before it was read"]

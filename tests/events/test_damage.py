@@ -33,10 +33,11 @@ def limited():
 
 
 def opens(data, name, format):
-    """Whether the format is found and its header can be read."""
+    """Return whether the format is found, and its header and first events tell the sensor or leave it open."""
     source = Source(data, name)
     try:
-        find(source, format).open(source)
+        opened = find(source, format).open(source)
+        getattr(opened, "sensor_size", None)
     except (Damage, EventFileError):
         return False
     return True

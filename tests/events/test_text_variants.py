@@ -136,6 +136,80 @@ def test_columns_of_which_two_orders_are_possible():
     assert rows(of(b"x,y,t,p\n" + data, format="csv:txyp", sort=True)) == [(3, 1, 4, 0), (5, 1, 2, 1)]
 
 
+ORDINARY = {
+    "one row": ["7,5,6,1"],
+    "some rows of a time": ["7,5,6,1", "7,4,4,0", "8,5,5,1"],
+    "a time with a decimal point": ["0.000000 1 2 1", "0.000000 3 4 0"],
+    "all columns with decimal points": ["7.0 1.0 2.0 1.0", "8.0 3.0 4.0 0.0"],
+    "coordinates of one time, row by row": [f"33333,{x},{y},1" for y in range(40) for x in range(0, 30, 3)],
+    "coordinates of one time in any order": [f"7,{k * 7 % 31},{k * 11 % 37},{k % 2}" for k in range(40)],
+    "one pixel": [f"{k},5,6,1" for k in range(3)],
+}
+
+
+@pytest.mark.parametrize("name", ORDINARY)
+def test_ordinary_rows_are_t_x_y_p(name):
+    events = of("\n".join(ORDINARY[name] + [""]).encode())
+    assert events.metadata["columns"] == "t x y p"
+
+
+@pytest.mark.parametrize(
+    ("lines", "other"),
+    [
+        (["1,2,5,1", "1,2,3,0"], "x y t p"),
+        (["1,5,2,1", "1,3,2,0"], "x t y p"),
+        (["1,2,3,1", "1,2,5,0"], "x y t p"),
+        ([f"5,7,{10 * k},1" for k in range(100)], "x y t p"),
+        (["3 2 0 1.0", "3 2 0 1.0", "4 2 0 1.0"], "x y p t"),
+    ],
+)
+def test_time_that_stands_still_is_no_evidence(lines, other):
+    data = "\n".join([*lines, ""]).encode()
+    for sort in (False, True):
+        told = refusal(of, data, sort=sort)
+        assert told.startswith("a.csv: byte 0: columns without names may be ")
+        assert ", where time stands still at 1" in told or ", where time stands still at 5 us" in told
+        assert other in told
+        assert "--from csv:" in told
+    assert len(of(data, format="csv:txyp")) == len(of(data, format=f"csv:{other.replace(' ', '')}", sort=True))
+
+
+def test_decimal_points_tell_the_column_of_time():
+    for sign in (" ", ","):
+        data = "1 2 0 0.000000\n1 2 1 1.000000\n".replace(" ", sign).encode()
+        assert rows(of(data)) == [(0, 1, 2, 0), (1_000_000, 1, 2, 1)]
+        assert rows(of(data.replace(b"1.0", b"0.0"))) == [(0, 1, 2, 0), (0, 1, 2, 1)]
+    assert "may be x y p t, where time runs back from 1 to 0" in refusal(of, b"5 1 1 1.0\n6 1 0 0.0\n")
+
+
+@pytest.mark.parametrize("sign", [";", "; ", "\t", " "])
+@pytest.mark.parametrize("end", ENDS[:3])
+@pytest.mark.parametrize("names", [True, False])
+def test_decimal_commas(sign, end, names):
+    """As programs of many countries write 't;x;y;p' with 0,033333."""
+    lines = [sign.join("txyp")] * names + [sign.join(row.split()) for row in ("0,000000 1 2 1", "0,033333 3 4 0")]
+    data = end.join([*lines, ""]).encode()
+    expected = [(0, 1, 2, 1), (33_333, 3, 4, 0)]
+    assert rows(of(data)) == rows(of(data, format="csv:s")) == expected
+    assert rows(of(data.replace(b"0,000000", b"0"))) == expected
+    assert rows(load(b"%geometry:640,480\n" + data, name="events")) == expected
+    whole = data.replace(b"0,000000", b"5").replace(b"0,033333", b"6")
+    assert of(whole).t.tolist() == [5, 6]
+
+
+def test_decimal_commas_after_many_rows_without():
+    for sign in ";", " ":
+        row = sign.join(("0", "1", "2", "1")) + "\n"
+        head = sign.join("txyp") + "\n"
+        data = (head + row * (SAMPLE // len(row) + 10) + sign.join(("0,033333", "1", "2", "1")) + "\n").encode()
+        if sign == ";":
+            assert "t is '0.033333', expected whole us, as before; --from csv:s" in refusal(of, data)
+            assert of(data, format="csv:s").t[-1] == 33_333
+        else:
+            told = "'0,033333 1 2 1' has decimal commas, unlike the lines before: expected decimal points"
+            assert told in refusal(of, data)
+
+
 @given(EVENTS, st.booleans())
 def test_rows_without_names_are_read_in_their_order_or_refused(events, is_sorted):
     """t x y p is the default; no other order is taken for it, and it is taken for no other by a few rows."""

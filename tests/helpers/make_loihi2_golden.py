@@ -3,7 +3,7 @@
     PYTHON tests/helpers/make_loihi2_golden.py tests/chips/loihi2_ends
 
 PYTHON has lava-nc 0.10.0, which needs Python 3.10: `python3.10 -m venv lava && lava/bin/pip install lava-nc==0.10.0`.
-`neuro.verify.loihi2` says what the arrays are called; they are in lava's order, width before height.
+`neuro.testing.loihi2_traces` says what the arrays are called; they are in lava's order, width before height.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ import pytest
 import neuro
 from neuro.testing import observe
 from neuro.testing.case import Found, differences
-from neuro.verify.verify import verify
+from neuro.testing.verify import verify
 from neuro_nest.kernel import TOLD
 
 pytestmark = pytest.mark.usefixtures("nest")

@@ -432,7 +432,7 @@ def test_mozafari_learns_less_from_what_it_knows():
 def test_silence_is_no_mistake(letters):
     """With a threshold that no input reaches all frames are silent: neither right nor wrong in any epoch."""
     message = (
-        r"mozafari: no neuron fired in any of the \d+ frames of epoch 1, .* lower values than --set \S*theta=10000"
+        r"no neuron fired in any of the \d+ frames of the last 3 epochs, .* lower values than --set \S*theta=10000"
     )
     with pytest.warns(neuro.ModelWarning, match=message) as warned:
         learnt = learn(with_small("mozafari", theta=1e4), letters, "letters").learnt

@@ -15,7 +15,7 @@ import neuro
 from neuro.sweeps.claims import Claims, began
 from neuro.sweeps.definition import Limits
 from neuro.sweeps.folder import Folder
-from neuro.sweeps.page import _lines
+from neuro.sweeps.page import _metric
 from neuro.sweeps.pictures import pictures
 from neuro.sweeps.plot_data import plot_data
 from neuro.sweeps.space import RunItem
@@ -360,7 +360,7 @@ def test_pictures_hide_no_parameter(tmp_path):
     (some,) = pictures(table, of=["rate", "w"], kind="lines").values()
     assert some.axes[0].get_title() == "mean over tau_m and seeds; band: lowest to highest run"
     (data,) = plot_data(table, (), ("rate", "tau_m"), "lines")
-    assert "over rate: mean over w and seeds; band: lowest to highest run" in str(_lines(data))
+    assert "over rate: mean over w and seeds; band: lowest to highest run" in str(_metric(data))
 
 
 def test_parquet_without_its_package_is_told(runs, tmp_path, monkeypatch):

@@ -91,7 +91,7 @@ def test_pictures_and_the_page(folder, run, capsys):
     assert [path.name for path in (folder / "pictures").iterdir()] == ["front.svg"]
     page = (folder / "tuned" / "tune.html").read_text()
     assert "rate.exc maximised, energy.loihi minimised" in page
-    assert page.count("<circle") == 24
+    assert page.count("<title>trial ") == 24
     assert set(re.findall(r">(yes|no|True|False)<", page)) <= {"yes", "no"}
     assert ">yes<" in page
     assert '<meta name="provenance"' in page

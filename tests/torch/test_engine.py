@@ -15,8 +15,8 @@ from neuro.model.network import Network
 from neuro.testing import laws
 from neuro.testing.case import differences, observe
 from neuro.testing.laws import Subject, steer_wired, wired
-from neuro.testing.strategies import networks
 from neuro_torch import backend
+from strategies import networks
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 

@@ -7,7 +7,7 @@ frozen dataclass of its settings and one row.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -17,7 +17,7 @@ from neuro import ModelError
 from neuro.apps import unknown
 from neuro_drone.controllers.deep import DDPG, DQN, DDPGSettings, Deep, DQNSettings
 from neuro_drone.controllers.ppo import PPO, PPOSettings
-from neuro_drone.controllers.settings import changed, plain
+from neuro_drone.controllers.settings import ControllerSettings
 from neuro_drone.controllers.simple import (
     LMS,
     Centroid,
@@ -85,14 +85,14 @@ class ControllerKind:
     Attributes:
         what: it is, for lists.
         maker: class or function of scenario, seed and settings.
-        settings: the defaults, a frozen dataclass.
+        settings: the defaults.
         learns: whether training it makes sense.
         rewarded: learns from the reward alone; else from the supervised error, which then also steers.
     """
 
     what: str
     maker: Callable[[Scenario, int, Any], Controller]
-    settings: Any
+    settings: ControllerSettings
     learns: bool = True
     rewarded: bool = False
 
@@ -177,16 +177,16 @@ def settings_of(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> d
     Raises:
         ModelError: as `make`.
     """
-    return plain(_settings(name, scenario, settings))
+    return _settings(name, scenario, settings).as_words()
 
 
-def _settings(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> Any:
+def _settings(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> ControllerSettings:
     kind = kind_of(name)
     own = LINE if isinstance(scenario.task, Line) else HEIGHT if scenario.axes == 3 else {}
     defaults = dict(own.get(kind.maker, {}))
     if "network" in settings:
         defaults.pop("axes", None)  # a network of the user's own has the motors that it has
-    return changed(kind.settings, {**defaults, **settings}, f"controller '{name}'")
+    return replace(kind.settings, name=name).changed({**defaults, **settings})
 
 
 def kind_of(name: str) -> ControllerKind:

@@ -20,9 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import install
+from neuro.apps import install, setting
 from neuro_drone.controllers.dense import Dense, Flier, Floats, Singles, observed
-from neuro_drone.controllers.settings import choice, number, share, whole
+from neuro_drone.controllers.settings import ControllerSettings
 from neuro_drone.controllers.simple import Fixed
 from neuro_drone.env import ACTIONS
 from neuro_drone.scenario import Scenario
@@ -32,8 +32,8 @@ __all__ = ["DDPG", "DQN", "DDPGSettings", "DQNSettings", "Deep", "DeepSettings",
 _POLICY, _KEPT = "policy.", "kept."
 
 
-@dataclass(frozen=True, slots=True)
-class DeepSettings:
+@dataclass(frozen=True)
+class DeepSettings(ControllerSettings):
     """Settings of all of them.
 
     Attributes:
@@ -44,11 +44,11 @@ class DeepSettings:
         batch: transitions of an update.
     """
 
-    observation: str = choice("binary", "binary", "counts")
-    hidden: int = whole(64)
-    rate: float = number(1e-3, above=0)
-    gamma: float = share(0.9)
-    batch: int = whole(64)
+    observation: str = setting("binary", words=("binary", "counts"))
+    hidden: int = setting(64, at_least=1)
+    rate: float = setting(1e-3, above=0)
+    gamma: float = setting(0.9, at_least=0, at_most=1)
+    batch: int = setting(64, at_least=1)
 
 
 class Spaces(gymnasium.Env[Any, Any]):
@@ -243,7 +243,7 @@ def needed(name: str) -> tuple[Any, Any]:
     return stable_baselines3, torch
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ReplayingSettings(DeepSettings):
     """Settings of agents that learn from replay; the rest are in `DeepSettings`.
 
@@ -253,9 +253,9 @@ class ReplayingSettings(DeepSettings):
         every: steps from one update to the next.
     """
 
-    buffer: int = whole(50_000)
-    warm: int = whole(1000)
-    every: int = whole(1)
+    buffer: int = setting(50_000, at_least=1)
+    warm: int = setting(1000, at_least=1)
+    every: int = setting(1, at_least=1)
 
 
 class Replaying(Deep):
@@ -280,7 +280,7 @@ class Replaying(Deep):
                 self.algorithm.train(1, s.batch)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class DQNSettings(ReplayingSettings):
     """Settings of DQN; the rest are in `ReplayingSettings`.
 
@@ -292,11 +292,11 @@ class DQNSettings(ReplayingSettings):
         random: share of random actions from then on.
     """
 
-    rate: float = number(3e-4, above=0)
-    every: int = whole(4)
-    copy: int = whole(1000)
-    explore: int = whole(5000)
-    random: float = share(0.05)
+    rate: float = setting(3e-4, above=0)
+    every: int = setting(4, at_least=1)
+    copy: int = setting(1000, at_least=1)
+    explore: int = setting(5000, at_least=1)
+    random: float = setting(0.05, at_least=0, at_most=1)
 
 
 class DQN(Replaying):
@@ -342,7 +342,7 @@ class DQN(Replaying):
             self.algorithm.q_net_target.load_state_dict(self.algorithm.q_net.state_dict())
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class DDPGSettings(ReplayingSettings):
     """Settings of DDPG; the rest are in `ReplayingSettings`.
 
@@ -351,8 +351,8 @@ class DDPGSettings(ReplayingSettings):
         tau: share of the networks that their targets take over in an update.
     """
 
-    noise: float = number(0.2, at_least=0)
-    tau: float = share(0.005)
+    noise: float = setting(0.2, at_least=0)
+    tau: float = setting(0.005, at_least=0, at_most=1)
 
 
 class DDPG(Replaying):

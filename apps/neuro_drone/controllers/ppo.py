@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
+from neuro.apps import setting
 from neuro_drone.controllers.deep import Deep, DeepSettings, Spaces, alone, needed
 from neuro_drone.controllers.dense import Dense, Floats, Singles
-from neuro_drone.controllers.settings import number, share, whole
 from neuro_drone.scenario import Scenario
 
 __all__ = ["PPO", "PPOSettings"]
@@ -24,7 +24,7 @@ ADAM = {"fused": True, "eps": 1e-5}
 """Source: stable-baselines3, `ActorCriticPolicy`."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class PPOSettings(DeepSettings):
     """Settings of PPO; the rest are in `DeepSettings`.
 
@@ -37,12 +37,12 @@ class PPOSettings(DeepSettings):
         spread: standard deviation of the actions at first; it is learnt, too.
     """
 
-    rate: float = number(3e-4, above=0)
-    rollout: int = whole(256)
-    epochs: int = whole(10)
-    trace: float = share(0.95)
-    clip: float = number(0.2, above=0)
-    spread: float = number(1.0, above=0)
+    rate: float = setting(3e-4, above=0)
+    rollout: int = setting(256, at_least=1)
+    epochs: int = setting(10, at_least=1)
+    trace: float = setting(0.95, at_least=0, at_most=1)
+    clip: float = setting(0.2, above=0)
+    spread: float = setting(1.0, above=0)
 
 
 class PPO(Deep):

@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
+from neuro.apps import setting
 from neuro_drone.controllers.fields import DOWN, RIGHT, UNIT, shares
-from neuro_drone.controllers.settings import choice, each_axis, number, numbers, whole
+from neuro_drone.controllers.settings import ControllerSettings, each_axis
 from neuro_drone.parts import Ball, Line
 from neuro_drone.scenario import Scenario
 
@@ -55,8 +56,8 @@ class Fixed:
         """It does not learn."""
 
 
-@dataclass(frozen=True, slots=True)
-class NothingSettings:
+@dataclass(frozen=True)
+class NothingSettings(ControllerSettings):
     """It has none."""
 
 
@@ -71,8 +72,8 @@ class Nothing(Fixed):
         return self._action
 
 
-@dataclass(frozen=True, slots=True)
-class Gain:
+@dataclass(frozen=True)
+class Gain(ControllerSettings):
     """Settings of a proportional controller.
 
     Attributes:
@@ -80,7 +81,7 @@ class Gain:
             ball's size as much as it shall have.
     """
 
-    gain: float | tuple[float, ...] = numbers(8.0, above=0)
+    gain: float | tuple[float, ...] = setting(8.0, above=0)
 
 
 class Oracle(Fixed):
@@ -150,8 +151,8 @@ def _tall(shares: npt.NDArray[Any], x: float, y: float) -> float:
     return 2.0 * sqrt(max(0.0, around - 2.0 * FIELD**2 / 12.0))
 
 
-@dataclass(frozen=True, slots=True)
-class LMSSettings:
+@dataclass(frozen=True)
+class LMSSettings(ControllerSettings):
     """Settings of the read-out.
 
     Attributes:
@@ -160,9 +161,9 @@ class LMSSettings:
         coding: shares, rows or peaks, see `fields.shares`.
     """
 
-    gain: float | tuple[float, ...] = numbers(8.0, above=0)
-    mu: float = number(0.02, at_least=0)
-    coding: str = choice("shares", "shares", "rows", "peaks")
+    gain: float | tuple[float, ...] = setting(8.0, above=0)
+    mu: float = setting(0.02, at_least=0)
+    coding: str = setting("shares", words=("shares", "rows", "peaks"))
 
 
 class LMS(Fixed):
@@ -216,8 +217,8 @@ class LMS(Fixed):
         return other
 
 
-@dataclass(frozen=True, slots=True)
-class RandomSearchSettings:
+@dataclass(frozen=True)
+class RandomSearchSettings(ControllerSettings):
     """Settings of the search.
 
     Attributes:
@@ -227,10 +228,10 @@ class RandomSearchSettings:
         rate: of an update's step.
     """
 
-    directions: int = whole(8)
-    best: int = whole(4)
-    noise: float = number(1.0, above=0)
-    rate: float = number(1.0, above=0)
+    directions: int = setting(8, at_least=1)
+    best: int = setting(4, at_least=1)
+    noise: float = setting(1.0, above=0)
+    rate: float = setting(1.0, above=0)
 
 
 class LinearPolicy(Fixed):

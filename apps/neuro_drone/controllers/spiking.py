@@ -8,14 +8,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import isclose, prod
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 import neuro
+from neuro.apps import setting
 from neuro_drone.controllers.fields import pattern, shares
-from neuro_drone.controllers.settings import choice, each_axis, number, numbers
+from neuro_drone.controllers.settings import ControllerSettings, each_axis
 from neuro_drone.scenario import Scenario
 from neuro_models import names, path as network_path
 
@@ -27,8 +28,8 @@ WAY = "a larger eta and a shorter tau_c let the network learn there"
 SIDES = (1.0, -1.0)  # of each axis: the positive motor, the negative one
 
 
-@dataclass(frozen=True, slots=True)
-class SpikingSettings:
+@dataclass(frozen=True)
+class SpikingSettings(ControllerSettings):
     """Settings of the controller; any other name is a parameter of its network.
 
     Attributes:
@@ -52,19 +53,30 @@ class SpikingSettings:
     """
 
     network: str | neuro.Network = "drone"
-    eta: float = number(0.1)
-    settle: float = number(500_000.0, above=0)
-    gain: float | tuple[float, ...] = numbers(2.0, above=0)
-    coding: str = choice("shares", "shares", "rows", "peaks", "counts")
-    total: float = number(400.0, above=0)
-    rate: float = number(20.0, above=0)
-    rate_max: float = number(400.0, above=0)
-    start: str = choice("equal", "equal", "sign", "linear")
-    strength: float = number(1500.0, above=0)
+    eta: float = setting(0.1)
+    settle: float = setting(500_000.0, "ms", above=0)
+    gain: float | tuple[float, ...] = setting(2.0, above=0)
+    coding: str = setting("shares", words=("shares", "rows", "peaks", "counts"))
+    total: float = setting(400.0, "Hz", above=0)
+    rate: float = setting(20.0, "Hz", above=0)
+    rate_max: float = setting(400.0, "Hz", above=0)
+    start: str = setting("equal", words=("equal", "sign", "linear"))
+    strength: float = setting(1500.0, "pA", above=0)
     backend: str = "event"
     options: Mapping[str, Any] = field(default_factory=dict)
     learns: bool = field(default=True, metadata={"fixed": True})
     parameters: Mapping[str, Any] = field(default_factory=dict, metadata={"fixed": True})
+
+    def changed(self, values: Mapping[str, Any]) -> Self:
+        """Return settings with some values changed; any other name is a parameter of the network."""
+        own = {name: value for name, value in values.items() if self.takes(name)}
+        rest = {name: value for name, value in values.items() if name not in own}
+        return replace(super().changed(own), parameters={**self.parameters, **rest})
+
+    def as_words(self) -> dict[str, Any]:
+        """Return all values and parameters as plain data; a network that is no name and no file is left out."""
+        words = super().as_words() | dict(self.parameters)
+        return {name: value for name, value in words.items() if not isinstance(value, neuro.Network)}
 
 
 class Spiking:

@@ -8,14 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import Registry
+from neuro.apps import Part, Registry, Settings, part, setting
 from neuro.events import Events, representations
 from neuro.events.parts import together
 from neuro_recognise.detection.boxes import suppressed
 from neuro_recognise.detection.proposals import CHOSEN, Proposals, Region
 from neuro_recognise.detection.sliding import Dense
 from neuro_recognise.parts.segmenters import Hes, Segmenter
-from neuro_recognise.settings import Part, Settings, part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
 

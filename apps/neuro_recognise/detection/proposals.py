@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuro.apps import Registry
+from neuro.apps import Part, Registry, setting
 from neuro.events import Events
-from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
 ANGLES = np.pi * np.arange(8) / 8

@@ -13,13 +13,12 @@ import numpy as np
 
 import neuro
 from neuro import ModelError
-from neuro.apps import Registry
+from neuro.apps import Part, Registry, setting
 from neuro.events import Events
 from neuro_recognise.detection.proposals import CHOSEN, Proposals, Region
 from neuro_recognise.methods.framewise import Framewise
 from neuro_recognise.parts.layers import RemusLayer
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats
 
 LATE = 0.5

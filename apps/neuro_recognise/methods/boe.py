@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from neuro.apps import part
 from neuro.events import Events
 from neuro_recognise.method import Answer, Course, Learnt, Method, Pictures, View
 from neuro_recognise.parts.cleaners import Cleaner, Plain
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.parts.segmenters import Msd, Segmenter
-from neuro_recognise.settings import part
 from neuro_recognise.shown import Evidence, Features, Floats, Ints
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from neuro.apps import part
 from neuro.events import Events
 from neuro_recognise.method import Answer, Course, Learnt, Method
 from neuro_recognise.parts.readouts import Readout, Svm
-from neuro_recognise.settings import part
 from neuro_recognise.shown import Evidence, Features, Floats
 
 

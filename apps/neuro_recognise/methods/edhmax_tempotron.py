@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import neuro
+from neuro.apps import part, setting
 from neuro_recognise.method import Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.parts.banks import Bank, LeakyGabors, LocalMaximum, Pool
@@ -14,7 +15,6 @@ from neuro_recognise.parts.encoders import Encoder, Latency
 from neuro_recognise.parts.frames import Frames, votes
 from neuro_recognise.parts.layers import Inputs, Labelled, Layer, Shares
 from neuro_recognise.parts.segmenters import Segmenter, Ses
-from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Features, Floats, Ints
 
 CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"

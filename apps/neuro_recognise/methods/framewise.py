@@ -18,6 +18,7 @@ import numpy as np
 
 import neuro
 from neuro import ModelError
+from neuro.apps import part, setting
 from neuro.events import Events
 from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Pictures, Progress, TrialView, View
 from neuro_recognise.parts.banks import Bank, Gabors, Max, Pool
@@ -26,7 +27,6 @@ from neuro_recognise.parts.frames import VOTES, Frames, ended_by, votes
 from neuro_recognise.parts.layers import FOLLOWS, Inputs, Layer, RemusLayer, Shares, from_text, taught, to_text
 from neuro_recognise.parts.representations import Counts, Representation
 from neuro_recognise.parts.segmenters import Msd, Segmenter
-from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints, unlabelled
 
 ORDERS = ("recordings", "frames")
@@ -151,20 +151,20 @@ class Framewise(Method):
         codes = self.encoder.learn(frames.codes)
         sim = neuro.compile(net, backend=course.backend, seed=course.seed)
         shares: list[Shares] = []
-        has_warned = False
+        silent_epochs = 0
         if found := course.resume():
             shares = shares_of(found)
             restore(sim, found["state"])
         for epoch in range(len(shares), self.epochs):
             self.layer.begin(sim, epoch, shares[-1] if shares else None)
             shares.append(self._epoch(sim, frames, shown.labels, codes, epoch, course))
-            if shares[-1] == Shares(right=0.0, wrong=0.0) and not has_warned:
-                has_warned = True
-                message = f"{self.called()}: no neuron fired in any of the {len(frames)} frames of epoch {epoch + 1}"
-                warnings.warn(
-                    f"{message}, so nothing is decided: {self.way_out_of_silence()}", neuro.ModelWarning, stacklevel=2
-                )
+            silent_epochs = silent_epochs + 1 if shares[-1] == Shares(right=0.0, wrong=0.0) else 0
             course.keep(**told_of(shares), state=state_of(sim))
+        if silent_epochs:
+            epochs = f"the last {silent_epochs} epochs" if silent_epochs > 1 else "the last epoch"
+            message = f"{self.called()}: no neuron fired in any of the {len(frames)} frames of {epochs}"
+            message += f", so nothing is decided: {self.way_out_of_silence()}"
+            warnings.warn(message, neuro.ModelWarning, stacklevel=2)
         learnt: dict[str, Array | str] = {name: sim.weights(name) for name in taught(net)}
         learnt |= {"network": to_text(net), **told_of(shares), "seed": np.array(course.seed)}
         learnt |= codes | self.layer.also(sim)

@@ -17,12 +17,11 @@ import numpy as np
 
 import neuro
 from neuro import ModelError
-from neuro.apps import install
+from neuro.apps import install, setting
 from neuro.events import Events
 from neuro_models import path
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
 from neuro_recognise.parts.layers import from_text, to_text
-from neuro_recognise.settings import setting
 from neuro_recognise.shown import Array, Evidence, Features, Floats
 from neuro_torch import Events as Spikes
 from neuro_train.data import BatchData as Taught

@@ -8,11 +8,11 @@ from typing import Self
 
 import numpy as np
 
+from neuro.apps import part, setting
 from neuro.events import Events, representations
 from neuro_recognise.method import Course, Drawings, Growing, Grows, Learnt, Observer, Pictures, View
 from neuro_recognise.methods.descriptor import Descriptor
 from neuro_recognise.parts.readouts import Readout, Svm
-from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Features, Floats
 
 VIEW_US = 10_000

@@ -20,11 +20,10 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import Quantity, Registry, check
+from neuro.apps import Part, Quantity, Registry, check, part, setting
 from neuro.events import Events
 from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Progress
 from neuro_recognise.parts.readouts import Readout, Svm
-from neuro_recognise.settings import Part, part, setting
 from neuro_recognise.shown import Evidence, Features, Floats, Ints, Lazy
 
 Report: TypeAlias = Callable[["Layers", int, int], None]

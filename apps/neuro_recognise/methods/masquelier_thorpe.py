@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 import neuro
+from neuro.apps import part, setting
 from neuro_recognise.method import Course, Drawings, Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.parts.frames import Frames
 from neuro_recognise.parts.layers import Inputs, Layer
 from neuro_recognise.parts.readouts import Readout, Svm
-from neuro_recognise.settings import SPLITS, part, setting
+from neuro_recognise.settings import SPLITS
 from neuro_recognise.shown import Features, Floats
 
 PAPER = "Masquelier and Thorpe 2007"

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import neuro
+from neuro.apps import part, setting
 from neuro_recognise.methods.framewise import Framewise
 from neuro_recognise.parts.layers import Labelled, Layer, Shares
-from neuro_recognise.settings import SPLITS, part, setting
+from neuro_recognise.settings import SPLITS
 
 PAPER = "SpykeTorch's MozafariShallow, NORB"
 

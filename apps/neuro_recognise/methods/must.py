@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 import neuro
+from neuro.apps import part, setting
 from neuro_recognise.method import Course, Drawings, Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.parts.encoders import Encoder, LogLatency
 from neuro_recognise.parts.frames import Frames, majority, potentials
 from neuro_recognise.parts.layers import Inputs, Layer
-from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Features, Floats
 
 OURS = "ours: the paper's numbers were not found"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from neuro.apps import setting
 from neuro_recognise.methods.framewise import ORDERS, Framewise
-from neuro_recognise.settings import setting
 
 ADAPTED = {"per_class": 2, "rescue": False, "dropout": 0.25, "decay": 0.7, "order": "recordings", "vote": "majority"}
 """Settings of the thesis, except a threshold of 60 and an epsilon of 0.0002, with which its rule learns.

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuro.apps import kernel
+from neuro.apps import kernel, part
 from neuro.events import Events
 from neuro_recognise.method import Grows
 from neuro_recognise.methods.hats import Hats
 from neuro_recognise.parts.cleaners import Cleaner, Tar
-from neuro_recognise.settings import part
 from neuro_recognise.shown import Array, Floats, Ints
 
 NEVER = -(1 << 53)

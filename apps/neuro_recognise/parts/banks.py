@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import Registry
+from neuro.apps import Part, Registry, setting
 from neuro.events import Events
 from neuro_recognise.parts.representations import Counts, Representation
-from neuro_recognise.settings import SPLITS, Part, setting
+from neuro_recognise.settings import SPLITS
 from neuro_recognise.shown import Floats, Ints
 
 

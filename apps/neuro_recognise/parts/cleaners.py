@@ -6,9 +6,8 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from neuro.apps import Registry
+from neuro.apps import Part, Registry, setting
 from neuro.events import Events, filters
-from neuro_recognise.settings import Part, setting
 
 
 @dataclass(frozen=True)

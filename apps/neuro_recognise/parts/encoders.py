@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuro.apps import Registry
+from neuro.apps import Part, Registry, setting
 from neuro.coding import log_intensity_to_latency
 from neuro_recognise.method import Learnt
-from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
 CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import neuro
-from neuro.apps import Registry
+from neuro.apps import Part, Registry, setting
 from neuro_models import path as network_path
 from neuro_recognise.method import Learnt
-from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Ints
 
 TABLE_3 = "thesis table 3, lines 2450-2463"

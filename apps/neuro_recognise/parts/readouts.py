@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import Registry, install
+from neuro.apps import Part, Registry, install, setting
 from neuro_recognise.method import Course, Learnt
-from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
 

@@ -8,9 +8,8 @@ from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from neuro.apps import Registry
+from neuro.apps import Part, Registry, setting
 from neuro.events import Events, representations
-from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
 

@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from neuro.apps import Registry
+from neuro.apps import Part, Registry, setting
 from neuro.events import segmentation
-from neuro_recognise.settings import SPLITS, Part, setting
+from neuro_recognise.settings import SPLITS
 from neuro_recognise.shown import Ints
 
 

@@ -58,7 +58,8 @@ def repeating(model, on_post):
 
     @inlined
     def repeat(view, y, z, c, k, m):
-        for _ in range(m):
+        on_post(y, z, c, (k,), (0.0,))
+        for _ in range(1, m):  # nearly always there is one spike: it costs no comparison
             weight, state = y[0, z], y[last, z]
             on_post(y, z, c, (k,), (0.0,))
             # A spike that changes no state leaves nothing for the next one to change: weights of a runaway network are

@@ -90,39 +90,67 @@ def unit_of(t: Array) -> int:
     return SECONDS if t.dtype.kind == "f" and bool(np.any(np.isfinite(t) & (t != np.rint(t)))) else US
 
 
-def order_of(columns: Array) -> str:
+def order_of(columns: Array, pointed: Sequence[bool] = (False,) * 4) -> str:
     """Return the order of four columns without names: the likeliest whose coordinates and polarities are possible.
+
+    An order in which times have decimal points and coordinates have none is likelier than the others.
 
     If time runs back in that order, another one counts only where its times rise `MANY` times and never fall. E.g. the
     rows (5, 1, 2, 1) and (3, 1, 2, 0) are t x y p whose time runs back.
 
     Args:
         columns: (n, 4) the first rows.
+        pointed: of each column, whether its numbers have decimal points.
 
     Returns:
         one of `ORDERS`; the first where none is possible.
 
     Raises:
-        Ambiguous: time runs back in the likeliest order and rises in another, too seldom to decide for it.
+        Ambiguous: time runs back in the likeliest order and rises in another, too seldom to decide for it; or time
+            stands still in the likeliest order, and another column may be time.
     """
     possible = [order for order in ORDERS if fits(columns, order, in_time=False)] or [ORDERS[0]]
-    if fits(columns, possible[0], in_time=True):
-        return possible[0]
-    t = columns[:, possible[0].index("t")]
-    others = [order for order in possible if fits(columns, order, in_time=True) and _rises(columns, order)]
-    certain = [order for order in others if _rises(columns, order) >= MANY]
-    if len(certain) == 1:
-        return certain[0]
-    if not others or not np.isfinite(t).all():
-        return possible[0]
-    k = int(np.argmax(t[1:] < t[:-1]))
-    unit = "" if unit_of(t) else " us"
-    raise Ambiguous(possible[0], others, f"time runs back from {t[k]:.15g} to {t[k + 1]:.15g}{unit}")
+    told = [order for order in possible if in_seconds(pointed, order)]
+    first = (told or possible)[0]
+    t = columns[:, first.index("t")]
+    if len(t) < 2 or not np.isfinite(t).all():
+        return first
+    if fits(columns, first, in_time=True):
+        likelier = possible[: possible.index(first)] if told else possible
+        others = [] if _rises(columns, first) else [order for order in likelier if _may_be_time(columns, order)]
+        why = f"stands still at {t[0]:.15g}"
+    else:
+        others = [order for order in possible if fits(columns, order, in_time=True) and _rises(columns, order)]
+        certain = [order for order in others if _rises(columns, order) >= MANY]
+        if len(certain) == 1:
+            return certain[0]
+        k = int(np.argmax(t[1:] < t[:-1]))
+        why = f"runs back from {t[k]:.15g} to {t[k + 1]:.15g}"
+    if not others:
+        return first
+    raise Ambiguous(first, others, f"time {why}{'' if told or unit_of(t) else ' us'}")
+
+
+def in_seconds(pointed: Sequence[bool], order: str) -> bool:
+    """Return whether times have decimal points that coordinates lack, as seconds of whole numbers have."""
+    t, x, y = (pointed[order.index(name)] for name in "txy")
+    return t and not (x or y)
 
 
 def _rises(columns: Array, order: str) -> int:
     t = columns[:, order.index("t")]
     return int(np.count_nonzero(t[1:] > t[:-1]))
+
+
+def _may_be_time(columns: Array, order: str) -> bool:
+    """Return whether a column changes, of few rows, or rises in every second of many rows and never falls.
+
+    Of events that a simulator gives at one time, row by row of the sensor, y rises more seldom.
+    """
+    steps = np.diff(columns[:, order.index("t")])
+    if len(steps) < MANY:
+        return bool(steps.any())
+    return bool((steps >= 0).all() and 2 * np.count_nonzero(steps) >= len(steps))
 
 
 def fits(columns: Array, order: str, *, in_time: bool) -> bool:

@@ -115,7 +115,13 @@ class Seeker(Reader, Protocol):
 
 @runtime_checkable
 class Sized(Protocol):
-    """A reader of files that do not tell which of several sensors they are of."""
+    """A reader of files that do not tell which of several sensors they are of.
+
+    Attributes:
+        way_out: the option that tells it, for messages.
+    """
+
+    way_out: str
 
     def use_sensor(self, size: Size) -> None:
         """Read the file as one of this sensor; called before all else, where the user gives a size.

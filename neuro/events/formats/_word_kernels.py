@@ -30,6 +30,8 @@ U = np.uint32
 BLOCK = 1024
 """Words that are decoded together where all are events, as most are."""
 NEAR = PERIOD // 16
+NEVER = np.iinfo(np.int64).min
+"""us; before any time."""
 
 
 @cache
@@ -158,6 +160,7 @@ def decoder(layout, how=kernel):
     size, rule, least = layout.size, layout.rule, layout.least or layout.size
     group, clocked, waits = layout.group, rule in (WRAPS, HALF), layout.waits
     time_of = _signed if layout.is_signed else _unsigned
+    sign = U(1 << 31 if layout.is_signed else 0)
 
     @subkernel
     def run(data, at, begin, t, x, y, p):
@@ -176,8 +179,9 @@ def decoder(layout, how=kernel):
                 begin = now
             x_max = max(x_max, U(column))
             y_max = max(y_max, U(row))
-            fell |= U(raw < last)
-            last = raw
+            rank = raw ^ sign  # in the order of signed times
+            fell |= U(rank < last)
+            last = rank
         return x_max, y_max, rule == GAPS or fell == 0
 
     @subkernel
@@ -211,7 +215,7 @@ def decoder(layout, how=kernel):
         n = at = np.int64(0)
         x_max = y_max = U(0)
         ordered = True
-        begin, clock, before = state[BEGIN], state[CLOCK], np.int64(-1)
+        begin, clock, before = state[BEGIN], state[CLOCK], NEVER
         waiting = waits and not state[STARTED]
         patience = 1
         while at + least <= data.size and not state[STOPPED]:

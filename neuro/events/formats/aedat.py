@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +23,8 @@ LOOK = 1 << 14
 """Bytes of a block in which an event is looked for, to learn its time."""
 END_2 = b"#End Of ASCII Header"
 """How the last line begins, in files that have it."""
+
+Addresses = npt.NDArray[np.uint32]
 
 _CHIP = re.compile(rb"# *AEChip: *([\w.$]+)")
 _SIZE = re.compile(rb"# Sensor size: (\d{1,5})x(\d{1,5})\r?\n")
@@ -47,6 +48,20 @@ class _Chip:
     size: Size
     layout: Layout
 
+    @property
+    def is_turned(self) -> bool:
+        """Whether addresses count columns from the right and rows from the bottom."""
+        return self.layout.x.backwards > 0
+
+    def foreign(self, addresses: Addresses) -> npt.NDArray[np.bool_]:
+        """Return which addresses have bits that neither an event nor another word of this chip has."""
+        layout = self.layout
+        is_sample = addresses & np.uint32(layout.first) != 0
+        bits = sum(((1 << field.bits) - 1) << field.shift for field in (layout.x, layout.y, layout.p))
+        external = layout.odd.mask & ~(layout.first | layout.none)
+        free = ~np.uint32(bits | external)
+        return np.asarray(addresses & np.where(is_sample, np.uint32(layout.none), free) != 0)
+
 
 def _layout(x: Field, y: Field, p: Field, sample: int, external: int, none: int = 0) -> Layout:
     """The layout of a big-endian address, in which some bits mark other words or are never set, and a time."""
@@ -62,29 +77,38 @@ def _davis(name: str, title: str, named: str, size: Size) -> _Chip:
 
 _DVS128 = _Chip(
     "DVS128", "ch.unizh.ini.jaer.chip.retina.DVS128", "dvs128|tmpdiff128", (128, 128),
-    _layout(Field(1, 7), Field(8, 7), Field(0, 1, backwards=2), sample=0, external=1 << 15, none=0xFFFF0000),
+    _layout(
+        Field(1, 7), Field(8, 7), Field(0, 1, backwards=2), sample=0, external=1 << 31 | 1 << 15, none=0x7FFF0000
+    ),
 )  # fmt: skip
-_DAVIS640 = _davis("DAVIS640", "Davis640", r"davi[a-z]*640|cdavis", (640, 480))
+_DAVIS346 = _davis("DAVIS346", "Davis346blue", r"davi[a-z]*346", (346, 260))
 _CHIPS = (
     _DVS128,
     _davis("DAVIS240", "DAVIS240C", r"davi[a-z]*240|dvs240|sbret10", (240, 180)),
-    _davis("DAVIS346", "Davis346blue", r"davi[a-z]*346", (346, 260)),
-    _DAVIS640,
+    _DAVIS346,
+    _davis("DAVIS640", "Davis640", r"davi[a-z]*640|cdavis", (640, 480)),
 )
 """Layouts that are written, by the size of the sensor."""
-_DVS640 = _Chip(
-    "DVS640", "ch.unizh.ini.jaer.chip.retina.DVS640", "dvs640", (640, 480),
-    _layout(
-        Field(1, 10, backwards=640), Field(11, 10, backwards=480), Field(0, 1), sample=0, external=1 << 31,
-        none=0x7FE00000,
-    ),
-)  # fmt: skip
 _READ = (
     *_CHIPS,
     _davis("DAVIS128", "Davis128", r"davi[a-z]*128", (128, 128)),
     _davis("DAVIS208", "Davis208PixelParade", r"davi[a-z]*208", (208, 192)),
-    _DVS640,
+    _Chip(
+        "DVS640", "ch.unizh.ini.jaer.chip.retina.DVS640", "dvs640", (640, 480),
+        _layout(
+            Field(1, 10, backwards=640), Field(11, 10, backwards=480), Field(0, 1), sample=0, external=1 << 31,
+            none=0x7FE00000,
+        ),
+    ),
+)  # fmt: skip
+"""All layouts; of two with one size the first is taken that the addresses fit."""
+_SIZES = ", ".join(dict.fromkeys("{}x{}".format(*chip.size) for chip in sorted(_READ, key=lambda chip: chip.size)))
+_NAMES = ", ".join(chip.name.lower() for chip in _READ)
+_WAY_OUT = (
+    f"sensor_size=(346, 260), or --sensor 346x260, chooses the camera by its sensor ({_SIZES}; 128x128 is the DVS128), "
+    f"format='aedat2:davis128', or --from aedat2:davis128, by its name ({_NAMES})"
 )
+_NO_NAME = "no line '# AEChip:' names the camera"
 
 
 class Aedat2(SeekingReader):
@@ -96,11 +120,12 @@ class Aedat2(SeekingReader):
     Lines that begin with ``#`` and end with CR LF, then words of a big-endian 32-bit address and a
     big-endian 32-bit time in us. The time wraps; from then on 2^32 us are added.
 
-    DVS128 address: bit 0 polarity (0 = ON), bits 1-7 x, bits 8-14 y, bit 15 set for an external event.
+    DVS128 address: bit 0 polarity (0 = ON), bits 1-7 x, bits 8-14 y, bit 15 or 31 set for an external event.
     DAVIS address: bit 31 clear, y in bits 22-30, x in bits 12-21, bit 11 polarity (1 = ON); bit 10 marks an
     external event and bit 31 a sample of the pixels or of the inertial sensor.
 
-    The header may name the chip; without a name it is a DVS128, unless `use_sensor` is called with another size.
+    The header may name the chip. Without a name it is a DVS128 if the first 16 KiB have only addresses of that and are
+    no possible addresses of a DAVIS; `camera` or `use_sensor` choose another.
 
     Events have x rightwards and y downwards. Addresses of DAVIS count columns from the right and rows from the bottom,
     e.g. address x 245, y 209 of a DAVIS346 is the event at x 100, y 50. Addresses of the DVS128 are the event's x and
@@ -110,62 +135,83 @@ class Aedat2(SeekingReader):
     v2e names no chip. Its files of 640x480 have addresses of jAER's DVS640: bit 0 polarity (1 = ON), x in bits 1-10,
     y in bits 11-20, turned as those of DAVIS.
 
-    Source: "AEDAT 2.0" at docs.inivation.com; names of the chips, columns and rows of DAVIS: jAER,
-    ``DavisBaseCamera.DavisEventExtractor``, ``DVS640`` and v2e, ``aedat2_output.py``; polarity and axes of the DVS128
-    as in the published arrays of POKER-DVS.
+    Args:
+        source: the file.
+        camera: name of the camera, such as "davis346", whatever the header names; "": the header tells it.
+
+    Source: "AEDAT 2.0" at docs.inivation.com; names of the chips, columns and rows of DAVIS, external events: jAER,
+    ``DavisBaseCamera.DavisEventExtractor``, ``DVS128``, ``DVS640`` and v2e, ``aedat2_output.py``; polarity and axes of
+    the DVS128 as in the published arrays of POKER-DVS.
     """
 
     word = WORD
+    way_out = _WAY_OUT
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: Source, camera: str = "") -> None:
         lines, _ = header(source, MAGIC_2, END_2)
-        self.source = source
-        self.start = len(lines)
-        chip = _chip(lines)
-        self._is_named = chip is not None
-        self._use(chip or _DVS128, _size(lines))
+        self.source, self.start = source, len(lines)
+        size, match = _size(lines), _CHIP.search(lines)
+        name = match.group(1).decode("ascii", "replace") if match else ""
+        chip = _named(camera or name)
+        if camera and chip is None:
+            raise Damage(f"the camera is given as {camera!r:.40}, expected one of {_NAMES}", None)
+        self._is_known = chip is not None
+        self._is_certain = self._is_known and bool(camera or size)
+        self._unknown = (f"chip {name} is not known", match.start(1)) if match else None
+        self._use(chip or _DVS128, size)
 
     @property
     def sensor_size(self) -> Size | None:
         """Width and height.
 
         Raises:
-            Damage: the header names no chip, `use_sensor` was not called, and most addresses are none of a DVS128.
+            Damage: `use_sensor` was not called, and the header names an unknown chip, or none and the first addresses
+                are not those of a DVS128 alone.
         """
-        if not (self._is_named or self._is_sized):
-            foreign = self._first_addresses() & np.uint32(_DVS128.layout.none) != 0
-            if 2 * np.count_nonzero(foreign) > foreign.size:
-                what = "no line '# AEChip:' names the camera, and the addresses are none of a DVS128"
-                way_out = "sensor_size=(346, 260), or --sensor 346x260 (240x180, 640x480), gives that of a DAVIS"
-                raise Damage(f"{what}: {way_out}", self.start + WORD * int(foreign.argmax()))
+        if not self._is_known:
+            if self._unknown:
+                raise Damage(f"{self._unknown[0]}: {_WAY_OUT}", self._unknown[1])
+            addresses = self._first_addresses()
+            foreign = _DVS128.foreign(addresses)
+            if foreign.any():
+                k = int(foreign.argmax())
+                what = f"{_NO_NAME}, and address 0x{addresses[k]:08x} is none of a DVS128"
+                raise Damage(f"{what}: {_WAY_OUT}", self.start + WORD * k)
+            if addresses.size and not _DAVIS346.foreign(addresses).any():
+                what = f"{_NO_NAME}, and the addresses may be those of a DVS128 or of a DAVIS"
+                raise Damage(f"{what}: {_WAY_OUT}", self.start)
         return self._size
 
-    def _use(self, chip: _Chip, size: Size | None, is_sized: bool = False) -> None:
-        self._chip, self._size, self._is_sized = chip, size or chip.size, is_sized
+    def _use(self, chip: _Chip, size: Size | None) -> None:
+        self._chip, self._size = chip, size or chip.size
         self.metadata = {"chip": chip.name, "other_words": 0, "external_events": 0}
 
     def use_sensor(self, size: Size) -> None:
-        """Take the layout of the camera with this sensor, if the header names no chip; see `Sized`."""
-        if self._is_named:
+        """Take the layout of the camera with this sensor; see `Sized`.
+
+        The chip that the header names stays if no camera, or none that the addresses fit, has a sensor of this size.
+        """
+        if self._is_certain or (self._is_known and size == self._size):
             return
-        if size == _DVS640.size and self._has_low_addresses():
-            self._use(_DVS640, size, True)
-        elif size[0] <= _DVS128.size[0] and size[1] <= _DVS128.size[1]:
-            self._use(_DVS128, size, True)
-        else:
-            chip = next((chip for chip in _CHIPS if chip.size == size), None)
-            if chip is None:
-                known = ", ".join("{}x{}".format(*chip.size) for chip in _CHIPS)
-                found = "no line '# AEChip:' names the camera, and the sensor is {}x{}".format(*size)
-                raise Damage(f"{found}, expected one of {known}", self.start)
-            self._use(chip, size, True)
-
-    def _has_low_addresses(self) -> bool:
-        """Return whether the first addresses are those of DVS640: those of DAVIS have bits above, and none below 10."""
+        is_small = size[0] <= _DVS128.size[0] and size[1] <= _DVS128.size[1]
+        chips = [_DVS128] if is_small else [chip for chip in _READ if chip.size == size]
         addresses = self._first_addresses()
-        return not (addresses & _DVS640.layout.none).any() and bool((addresses & 0x3FF).any())
+        fitting = [chip for chip in chips if not chip.foreign(addresses).any()]
+        if not self._is_known:
+            if not chips:
+                what = self._unknown[0] if self._unknown else _NO_NAME
+                raise Damage(f"{what}, and no camera has a sensor of {size[0]}x{size[1]}: {_WAY_OUT}", self.start)
+            self._use((fitting or chips)[0], size)
+            self._is_known = True
+        elif (
+            fitting
+            and fitting[0].size == size
+            # Any address of a DVS128 is one of a DVS640, too: then the name decides.
+            and (fitting[0].is_turned == self._chip.is_turned or self._chip.foreign(addresses).any())
+        ):
+            self._use(fitting[0], size)
 
-    def _first_addresses(self) -> np.ndarray[Any, np.dtype[np.uint32]]:
+    def _first_addresses(self) -> Addresses:
         return _addresses(np.frombuffer(self.source.head(self.start + LOOK)[self.start :], np.uint8))
 
     def decoder(self) -> Decoder:
@@ -188,26 +234,18 @@ class Aedat2(SeekingReader):
 
     def stopped(self, rest: Bytes) -> str:
         """See `WordReader`."""
-        return f"address 0x{_addresses(rest[:WORD])[0]:08x} is none of a {self._chip.name}"
+        return f"address 0x{_addresses(rest[:WORD])[0]:08x} is none of a {self._chip.name}: {_WAY_OUT}"
 
 
-def _addresses(data: Bytes) -> np.ndarray[Any, np.dtype[np.uint32]]:
+def _addresses(data: Bytes) -> Addresses:
     whole = data[: data.size // WORD * WORD].tobytes()
     return np.frombuffer(whole, ">u4")[::2].astype(np.uint32)
 
 
-def _chip(lines: bytes) -> _Chip | None:
-    """Return the chip that the header names, None where it names none."""
-    match = _CHIP.search(lines)
-    if match is None:
-        return None
-    full = match.group(1).decode("ascii", "replace")
-    name = re.split(r"[.$]", full)[-1].lower()
-    for chip in _READ:
-        if re.match(chip.named, name):
-            return chip
-    known = ", ".join(chip.name for chip in _CHIPS)
-    raise Damage(f"chip {full} is not known, expected one of {known}", match.start(1))
+def _named(name: str) -> _Chip | None:
+    """Return the chip of a name, such as that of jAER's class, None where it is not known."""
+    last = re.split(r"[.$]", name)[-1].lower()
+    return next((chip for chip in _READ if re.match(chip.named, last)), None)
 
 
 def _size(lines: bytes) -> Size | None:
@@ -259,7 +297,7 @@ def _holds(events: Events, last: int | None) -> npt.NDArray[np.bool_]:
 
 AEDAT2 = Format(
     "aedat2", "AEDAT 2.0", (".aedat", ".aedat2"), lambda head: head.startswith(MAGIC_2), Aedat2, write,
-    holds=_holds, grows=True,
+    holds=_holds, grows=True, inside=Aedat2,
 )  # fmt: skip
 """Read and written."""
 

@@ -5,9 +5,11 @@ or ``%`` and empty ones are left out; ``%geometry:WIDTH,HEIGHT`` or ``# sensor W
 first line with two whole numbers only, tells the sensor. A line of names (also as the last comment) tells the columns
 and may tell the unit of time, as in `_columns`. Polarities may also be True and False.
 
+Where semicolons part the columns, or spaces or tabs part numbers with commas, a comma is a decimal point.
+
 Without names the first 64 KiB decide about the columns: coordinates are whole, polarities 0 or 1 (or -1 and 1), x
-stands before y, and of several possible orders the likeliest is taken, t x y p first. If time runs back in that one,
-see `_columns.order_of`.
+stands before y, and of several possible orders the likeliest is taken, t x y p first. If time runs back or stands still
+in that one, see `_columns.order_of`.
 
 Times that are all whole in the first 64 KiB are us; times with a fraction are seconds (as in the RPG's
 ``events.txt``), and so are times with a decimal point or an exponent where the coordinates have none; they are rounded
@@ -23,7 +25,7 @@ spaces part the columns, so that ``numpy.loadtxt`` reads it. Metadata are not ke
 from __future__ import annotations
 
 import re
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from neuro.events._events import Events, empty_columns
-from neuro.events.formats._columns import SECONDS, UNITS, US, Ambiguous, find_names, order_of, unit_of
+from neuro.events.formats._columns import SECONDS, UNITS, US, Ambiguous, find_names, in_seconds, order_of, unit_of
 from neuro.events.formats._format import Damage, Format, Piece, Size
 from neuro.events.formats._reading import growing
 from neuro.events.source import Bytes, Source
@@ -50,6 +52,7 @@ ROW_LIMIT = 35
 _SENSOR = re.compile(r"[#%] *(?:geometry *: *(\d+) *, *(\d+)|sensor +(\d+)x(\d+))", re.ASCII)
 _LINE_END = re.compile(rb"\r\n|\r|\n")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+_WITH_COMMA = re.compile(r"[+-]?\d+(?:,\d+)?(?:[eE][+-]?\d+)?", re.ASCII)
 _TRUTH = {"true": 1.0, "false": 0.0}
 _BOM = b"\xef\xbb\xbf"
 """What some programs write before text."""
@@ -61,7 +64,11 @@ class _Unclear(Damage):
 
 @dataclass(slots=True)
 class _Layout:
-    """What the beginning of a file states: first byte and line of the events, columns, order, unit and sensor."""
+    """What the beginning of a file states: first byte and line of the events, columns, order, unit and sensor.
+
+    Attributes:
+        commas: numbers have decimal commas.
+    """
 
     start: int
     line: int
@@ -69,6 +76,7 @@ class _Layout:
     where: dict[str, int]
     unit: int
     size: Size | None
+    commas: bool
 
 
 class Table:
@@ -109,6 +117,8 @@ class Table:
         layout = self._layout
         t, x, y, p = empty_columns(data.size // SHORTEST_ROW + 1)
         where = np.array([layout.where[name] for name in "txyp"], np.int64)
+        if layout.commas and (commas := data == ord(",")).any():
+            data = np.where(commas, np.uint8(ord(".")), data)
         n, end, lines, wrong, column = parse(data, layout.columns, where, layout.unit, t, x, y, p)
 
         def begin(event: int) -> tuple[int, int]:
@@ -133,6 +143,8 @@ class Table:
 
         layout = self._layout
         values = _values(text.strip())
+        if _has_decimal_commas(text) and not layout.commas:
+            return f"{text[:40]!r} has decimal commas, unlike the lines before: expected decimal points"
         if wrong in (TOO_FEW, TOO_MANY):
             return f"has {len(values)} columns, expected {layout.columns}"
         name = next(name for name, place in layout.where.items() if place == column)
@@ -203,13 +215,22 @@ def _layout(head: bytes, order: str | None = None, unit: int | None = None) -> _
 
 
 def _values(text: str) -> list[str]:
-    """Names or numbers of a line: parted by commas or semicolons, else by tabs, else by spaces."""
+    """Names or numbers of a line: parted by semicolons, else by commas, else by tabs, else by spaces."""
     text = text.rstrip(",; \t")
+    if _has_decimal_commas(text):
+        text = text.replace(",", ".")
     if "," in text or ";" in text:
         parts = re.split("[,;]", text)
     else:
         parts = text.split("\t") if "\t" in text else text.split()
     return [part.strip("\"' \t") for part in parts] if text else []
+
+
+def _has_decimal_commas(text: str) -> bool:
+    """Whether the commas of a line are decimal: semicolons, or spaces between numbers, part the columns."""
+    if "," not in text or not (";" in text or " " in text or "\t" in text):
+        return False
+    return ";" in text or all(map(_WITH_COMMA.fullmatch, text.split()))
 
 
 def _sensor(size: list[int], number: int, at: int) -> Size:
@@ -224,8 +245,12 @@ def _of_rows(
 ) -> _Layout:  # fmt: skip
     """The layout of a file whose events begin at a byte."""
     header = find_names(names) if names else None
-    lines = [_values(line.decode("utf-8", "replace").strip()) for line in rows.splitlines()]
-    lines = [line for line in lines if len(line) == columns]
+    texts = [line.decode("utf-8", "replace").strip() for line in rows.splitlines()]
+    first = texts[0].rstrip(",; \t") if texts else ""
+    commas = ("," not in first or _has_decimal_commas(first)) and (
+        ";" in first or any(_has_decimal_commas(text) and text[0] not in "#%" for text in texts)
+    )
+    lines = [line for line in map(_values, texts) if len(line) == columns]
     if order is not None and columns == len(order):
         where = {name: place for place, name in enumerate(order)}
     elif order is None and names and header and len(names) == columns:
@@ -235,7 +260,7 @@ def _of_rows(
         where = {name: place for place, name in enumerate(_found_order(lines, at))}
     else:
         raise Damage(f"line {number + 1}: has {columns} columns, expected {len(order or names or 'txyp')}", at)
-    return _Layout(at, number, columns, where, _found_unit(lines, where) if unit is None else unit, size)
+    return _Layout(at, number, columns, where, _found_unit(lines, where) if unit is None else unit, size, commas)
 
 
 def _found_order(lines: list[list[str]], at: int) -> str:
@@ -245,7 +270,8 @@ def _found_order(lines: list[list[str]], at: int) -> str:
         Damage: it may be one of several; says how to give it.
     """
     try:
-        return order_of(np.array([[_float(value) for value in line] for line in lines], np.float64).reshape(-1, 4))
+        rows = np.array([[_float(value) for value in line] for line in lines], np.float64).reshape(-1, 4)
+        return order_of(rows, _pointed(lines, range(4)))
     except Ambiguous as several:
         first, *others = several.orders
         what = f"columns without names may be {first}, where {several.why}, or {' or '.join(others)}"
@@ -258,13 +284,18 @@ def _found_unit(lines: list[list[str]], where: Mapping[str, int]) -> int:
     times = np.array([_float(line[where["t"]]) for line in lines], np.float64)
     if unit_of(times[np.isfinite(times)]) == SECONDS:
         return SECONDS
-    t, x, y = (any(_is_pointed(line[where[name]]) for line in lines) for name in "txy")
-    return SECONDS if t and not (x or y) else US
+    pointed = _pointed(lines, [where[name] for name in "txyp"])
+    return SECONDS if in_seconds(pointed, "txyp") else US
+
+
+def _pointed(lines: list[list[str]], columns: Sequence[int]) -> list[bool]:
+    """Return of each column whether some number has a decimal point or an exponent."""
+    return [any(_is_pointed(line[column]) for line in lines) for column in columns]
 
 
 def _is_pointed(text: str) -> bool:
     """Whether a number has a decimal point or an exponent."""
-    return _NUMBER.fullmatch(text) is not None and not text.lstrip("+-").isdecimal()
+    return not text.lstrip("+-").isdecimal() and _NUMBER.fullmatch(text) is not None
 
 
 def _float(text: str) -> float:

@@ -99,7 +99,8 @@ def read(name: str, said: Mapping[str, Any]) -> Pairs:
 def _check_special(word: str, parameter: Parameter) -> None:
     """Refuse parameters that have another meaning in expressions or outside of them (numbers in pA, mV and ms)."""
     if word == WEIGHT or word in ARGUMENTS:
-        raise ModelError(f"'{word}' means something else, too: expected another name", path=("parameters", word))
+        with at("parameters", word):
+            raise ModelError(f"'{word}' means something else, too: expected another name")
     if word in ("Wmin", "Wmax") and parameter.factor != 1.0:
         message = f"{word} is in '{parameter.unit}': expected pA, nS or mV, in which weights are said"
         raise ModelError(message, path=("parameters", word))

@@ -8,7 +8,7 @@
 | pairs | `synapse` of another model of PAIRS | the weight sent at each pre spike, final weight |
 | dopamine | `synapse` of model stdp_dopamine_synapse | the same and w, c, n, K+ over time |
 
-Files of chips are recognised and compared by `neuro.verify.chips`.
+Files of chips are recognised and compared by `neuro.testing.chip_traces`.
 
 In a case with `deliver_interval` > 1 NEST brings a synapse up to date at delivery points only, so between them
 its rows show a state that is out of date. Rows are compared at the delivery points.
@@ -17,7 +17,6 @@ its rows show a state that is out of date. Rows are compared at the delivery poi
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,8 +42,8 @@ from neuro.model.synapses import (
 )
 from neuro.program.backend import Backend, find_backend, unreadable
 from neuro.program.program import Floats, Ints
-from neuro.verify.chips import chip_of, compare_chip
-from neuro.verify.comparison import LIMIT, Golden, TraceComparison
+from neuro.testing.chip_traces import chip_of, compare_chip
+from neuro.testing.golden import LIMIT, Golden, Result, close
 
 LIMITS = {"hh_psc_alpha": 1e-6, "aeif_cond_exp": 1e-3, "mat2_psc_exp": 1e-11}
 """Accepted deviations other than 1e-9: adaptive steps let rounding grow with each spike, exact ones do not."""
@@ -63,7 +62,7 @@ PAIRS: Mapping[str, type[Synapse]] = {
 """NEST's synapses that learn by spike pairs, and ours."""
 
 
-def compare(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
+def compare(golden: Golden, backend: str | Backend) -> list[Result]:
     """Run a case on a backend and compare every quantity.
 
     Raises:
@@ -93,7 +92,7 @@ def compare(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
 # neurons
 
 
-def _compare_neuron(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
+def _compare_neuron(golden: Golden, backend: str | Backend) -> list[Result]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
     net = Network("neuron", resolution=clock.resolution)
     _add_neurons(net, 1, facts["neuron"])
@@ -114,10 +113,10 @@ def _compare_neuron(golden: Golden, backend: str | Backend) -> list[TraceCompari
     rows = _steps(arrays["times_ms"], clock) - 1 if recorded else np.zeros(0, dtype=np.int64)
     found = [_spikes(sim.spikes("neurons"), arrays["spikes_ms"], np.zeros_like(arrays["spikes_ms"], dtype=int), clock)]
     limit = LIMITS.get(facts["neuron"]["model"], LIMIT)
-    return found + [replace(_values(name, sim.trace(name)[1][rows, 0], arrays[name]), limit=limit) for name in recorded]
+    return found + [close(name, sim.trace(name)[1][rows, 0], arrays[name], limit) for name in recorded]
 
 
-def _compare_network(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
+def _compare_network(golden: Golden, backend: str | Backend) -> list[Result]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
     n = int(facts["neuron"]["n"])
     net = Network("network", resolution=clock.resolution)
@@ -139,7 +138,7 @@ def _compare_network(golden: Golden, backend: str | Backend) -> list[TraceCompar
     rows, columns = arrays["V_sample"].shape
     return [
         _spikes(sim.spikes("neurons"), arrays["spike_t_ms"], arrays["spike_id"], clock),
-        _values("V_m", sim.trace("V_m")[1][:rows, :columns], arrays["V_sample"]),
+        close("V_m", sim.trace("V_m")[1][:rows, :columns], arrays["V_sample"]),
     ]
 
 
@@ -165,7 +164,7 @@ def _add_neurons(net: Network, n: int, facts: Mapping[str, Any]) -> None:
 # synapses
 
 
-def _compare_stdp(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
+def _compare_stdp(golden: Golden, backend: str | Backend) -> list[Result]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
     words = ("tau_plus", "alpha", "mu_plus", "mu_minus", "Wmax")
     rule = stdp(lambda_=facts["synapse"]["lambda"], **{word: facts["synapse"][word] for word in words})
@@ -180,12 +179,12 @@ def _compare_stdp(golden: Golden, backend: str | Backend) -> list[TraceCompariso
     k_plus = sim.get("pre_post", "K_plus")[0] * np.exp(since_pre / facts["synapse"]["tau_plus"])
     final = np.array([sim.get("pre_post", "weight")[0], k_plus])  # NEST shows K+ as of the last pre spike
     return [
-        _values("w_after", np.array(sent), arrays["w_after"]),
-        _values("final", final[: arrays["final"].size], arrays["final"]),
+        close("w_after", np.array(sent), arrays["w_after"]),
+        close("final", final[: arrays["final"].size], arrays["final"]),
     ]
 
 
-def _compare_pairs(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
+def _compare_pairs(golden: Golden, backend: str | Backend) -> list[Result]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
     own = {"pre_at_start": True, "tau_minus_triplet": facts["synapse"].get("tau_minus_triplet_ms"), **facts["synapse"]}
     kind = PAIRS[own["model"]]
@@ -195,10 +194,10 @@ def _compare_pairs(golden: Golden, backend: str | Backend) -> list[TraceComparis
     for _ in _walk(sim, _steps(arrays["w_times_ms"], clock) + 1, clock):
         sent.append(sim.get("pre_post", "weight")[0])
     found = np.array(sent)
-    return [_values("w_after", found, arrays["w_after"]), _values("final", found[-1:], arrays["final"])]
+    return [close("w_after", found, arrays["w_after"]), close("final", found[-1:], arrays["final"])]
 
 
-def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
+def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[Result]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
     words = ("A_plus", "A_minus", "tau_plus", "tau_c", "tau_n", "b", "Wmin", "Wmax")
     dopa = facts["dopa"]
@@ -231,10 +230,10 @@ def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[TraceCompa
             sim.signal("n", written[step])
     found = np.array([read[int(step)] for step in rows[shown]])
     results = [
-        _values(name, found[:, column], arrays["trace"][shown, column + 1])
+        close(name, found[:, column], arrays["trace"][shown, column + 1])
         for column, name in enumerate(("w", "c", "n", "Kplus"))
     ]
-    return [*results, _values("w_after", np.array([read[int(step)][0] for step in pre]), arrays["w_after"])]
+    return [*results, close("w_after", np.array([read[int(step)][0] for step in pre]), arrays["w_after"])]
 
 
 def _synapse_network(golden: Golden, rule: Synapse, shortest: int) -> Network:
@@ -280,29 +279,13 @@ def _exact(times: Any, clock: Clock) -> Floats:
     return clock.array_ms(_steps(np.asarray(times), clock))
 
 
-def _values(quantity: str, found: NDArray[Any], expected: NDArray[Any]) -> TraceComparison:
-    if found.shape != expected.shape:
-        return TraceComparison(quantity, float("inf"), f"shape {list(found.shape)}: expected {list(expected.shape)}")
-    if not found.size:
-        return TraceComparison(quantity, 0.0)
-    error = np.abs(found - expected)
-    error[np.isnan(error)] = np.inf
-    worst = np.unravel_index(int(error.argmax()), error.shape)
-    return TraceComparison(
-        quantity,
-        float(error[worst]),
-        f"[{', '.join(str(i) for i in worst)}] = {found[worst]:.12g}: expected {expected[worst]:.12g}",
-    )
-
-
-def _spikes(found: tuple[Floats, Ints], times: NDArray[Any], ids: NDArray[Any], clock: Clock) -> TraceComparison:
+def _spikes(found: tuple[Floats, Ints], times: NDArray[Any], ids: NDArray[Any], clock: Clock) -> Result:
     mine = set(zip(_steps(found[0], clock).tolist(), found[1].tolist(), strict=True))
     right = set(zip(_steps(times, clock).tolist(), np.asarray(ids).tolist(), strict=True))
     wrong = sorted(mine ^ right)
     if not wrong:
-        return TraceComparison("spikes", float(abs(len(found[0]) - len(times))), "a spike is listed twice")
+        return Result("", "spikes", float(abs(len(found[0]) - len(times))), message="a spike is listed twice")
     step, neuron = wrong[0]
     what = "is not expected" if wrong[0] in mine else "is missing"
-    return TraceComparison(
-        "spikes", float(len(wrong)), f"{len(wrong)} differ, first: neuron {neuron} at {clock.ms(step):g} ms {what}"
-    )
+    text = f"{len(wrong)} differ, first: neuron {neuron} at {clock.ms(step):g} ms {what}"
+    return Result("", "spikes", float(len(wrong)), message=text)

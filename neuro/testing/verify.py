@@ -1,7 +1,7 @@
 """Compare a backend with golden traces: folders of cases, each NAME.json and NAME.npz.
 
 The format is that of traces recorded from NEST: what was simulated is in the json, what came out in the npz.
-The kind of a case follows from its content, see `neuro.verify.nest`.
+The kind of a case follows from its content, see `neuro.testing.nest_traces`.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -17,30 +17,9 @@ import numpy as np
 
 from neuro.core.errors import ModelError
 from neuro.program.backend import Backend
-from neuro.verify.chips import chip_of
-from neuro.verify.comparison import Golden, TraceComparison
-from neuro.verify.nest import compare
-
-
-@dataclass(frozen=True, slots=True)
-class Result:
-    """How one quantity of one case came out.
-
-    Attributes:
-        case: the name of the files.
-        quantity: "spikes", a state such as "V_m", or "case" where the case could not be compared.
-        error: largest deviation in the unit of the quantity; of spikes the number of wrong ones.
-        limit: what is accepted.
-        ok: whether it is within the limit.
-        message: what is wrong, "" if nothing is.
-    """
-
-    case: str
-    quantity: str
-    error: float
-    limit: float
-    ok: bool
-    message: str
+from neuro.testing.chip_traces import chip_of
+from neuro.testing.golden import Golden, Result, failure
+from neuro.testing.nest_traces import compare
 
 
 def verify(
@@ -51,7 +30,7 @@ def verify(
 ) -> list[Result]:
     """Run every case of a folder on a backend: spikes must be equal, values equal within 1e-9, those of chips exactly.
 
-    Of neurons that NEST integrates by adaptive steps, values are equal within what `neuro.verify.nest.LIMITS` says.
+    Neurons that NEST integrates by adaptive steps have limits of their own: `neuro.testing.nest_traces.LIMITS`.
 
     A case that cannot be read or is of an unknown kind is a result that is not ok, with a message.
 
@@ -72,20 +51,22 @@ def verify(
     results = []
     for file in files:
         progress(file.stem)
-        results += [_judge(file.stem, found) for found in _run(file, backend)]
+        for result in _run(file, backend):
+            name = f"{file.stem}: {result.case}" if result.case else file.stem
+            results.append(replace(result, case=name))
     return results
 
 
-def _run(file: Path, backend: str | Backend | None) -> list[TraceComparison]:
+def _run(file: Path, backend: str | Backend | None) -> list[Result]:
     try:
         golden = _read(file)
         return compare(golden, backend or chip_of(golden.facts) or "event")
     except ModelError as error:
-        return [_failed(str(error))]
+        return [failure(str(error))]
     except KeyError as error:
-        return [_failed(f"{error.args[0]!r} is missing")]
+        return [failure(f"{error.args[0]!r} is missing")]
     except (TypeError, ValueError, IndexError, AttributeError) as error:
-        return [_failed(f"it is not of the expected form: {error}")]
+        return [failure(f"it is not of the expected form: {error}")]
 
 
 def _read(file: Path) -> Golden:
@@ -103,15 +84,3 @@ def _read(file: Path) -> Golden:
             return Golden(facts, {name: stored[name] for name in stored.files})
     except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
         raise ModelError(f"{arrays.name} cannot be read: {error}") from None
-
-
-def _failed(message: str) -> TraceComparison:
-    return TraceComparison("case", float("inf"), message)
-
-
-def _judge(case: str, found: TraceComparison) -> Result:
-    limit = 0.0 if found.exact or found.quantity in ("spikes", "case") else found.limit
-    ok = bool(found.error <= limit)
-    message = "" if ok else found.message or f"it deviates by {found.error:.3g}: expected at most {limit:g}"
-    case = f"{case}: {found.case}" if found.case else case
-    return Result(case, found.quantity, found.error, limit, ok, message)

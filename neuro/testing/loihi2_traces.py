@@ -15,7 +15,6 @@ simulation; what a case gives as the input `a_in` of a neuron is emitted one ste
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -42,8 +41,8 @@ from neuro.model.neurons import (
 from neuro.model.rules import all_to_all, one_to_one, pairs
 from neuro.model.synapses import Synapse, loihi2_convolution, loihi2_learning, loihi2_static, static
 from neuro.model.synapses.loihi_rule import POST, PRE
-from neuro.program.backend import Backend, OverflowWarning
-from neuro.verify.comparison import Golden, TraceComparison, equal
+from neuro.program.backend import Backend
+from neuro.testing.golden import Golden, Result, equal, failure
 
 Array = NDArray[Any]
 
@@ -53,30 +52,21 @@ def is_of_loihi2(facts: Mapping[str, Any]) -> bool:
     return bool(facts) and "cases" not in facts and all(isinstance(case, Mapping) for case in facts.values())
 
 
-def compare_loihi2(golden: Golden, backend: str | Backend) -> Iterator[TraceComparison]:
+def compare_loihi2(golden: Golden, backend: str | Backend) -> Iterator[Result]:
     """Run every case of a file and compare all that it recorded."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", neuro.run.compiled.ApproximationWarning)
-        warnings.simplefilter("ignore", OverflowWarning)
-        for name, case in golden.facts.items():
-            prefix = f"{name}__"
-            arrays = {k.removeprefix(prefix): v for k, v in golden.arrays.items() if k.startswith(prefix)}
-            yield from _case(name, case, arrays, backend)
-
-
-def _case(
-    name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
-) -> Iterator[TraceComparison]:
-    compared = _learning if "dw" in case else _connections if "a" in arrays else _neurons
-    try:
-        yield from compared(name, case, arrays, backend)
-    except ModelError as error:
-        yield TraceComparison("case", float("inf"), str(error), case=name, exact=True)
+    for name, case in golden.facts.items():
+        prefix = f"{name}__"
+        arrays = {k.removeprefix(prefix): v for k, v in golden.arrays.items() if k.startswith(prefix)}
+        compared = _learning if "dw" in case else _connections if "a" in arrays else _neurons
+        try:
+            yield from compared(name, case, arrays, backend)
+        except ModelError as error:
+            yield failure(str(error), name)
 
 
 def _connections(
     name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
-) -> Iterator[TraceComparison]:
+) -> Iterator[Result]:
     expected, arrays = arrays["a"], _heard(case, arrays)
     net = Network("connections", resolution=1.0)
     if "padding" in case:
@@ -110,7 +100,7 @@ def _convolution(case: Mapping[str, Any], arrays: Mapping[str, Array]) -> tuple[
 
 def _neurons(
     name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
-) -> Iterator[TraceComparison]:
+) -> Iterator[Result]:
     expected = {word: array for word, array in arrays.items() if word in STATES or word == "s"}
     size, steps = arrays["s"].shape[1], len(arrays["s"])
     net = Network("neurons", resolution=1.0)
@@ -140,7 +130,7 @@ INPUTS = {"a_in": None, "a_real_in": "real", "a_imag_in": "imag", "a_in1": "firs
 
 def _learning(
     name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
-) -> Iterator[TraceComparison]:
+) -> Iterator[Result]:
     """Weights, tags and traces after each step, and what arrives.
 
     A teacher makes the targets fire as in the file: it takes away what should arrive, and adds what makes them fire.

@@ -2,7 +2,7 @@
 
 | kind | known by | compared |
 | --- | --- | --- |
-| loihi2 | cases by name | see `neuro.verify.loihi2` |
+| loihi2 | cases by name | see `neuro.testing.loihi2_traces` |
 | loihi, single neurons | `cases` with `du` | u, v and spikes of every case |
 | loihi, feedforward | `params` with `du1`, arrays `w1`, `w2` | u, v and spikes of both layers, also without bias |
 | spinnaker | `cases` with `registers` | v, g_exc, g_inh and spikes of every case |
@@ -30,8 +30,8 @@ from neuro.model.rules import pairs
 from neuro.model.synapses import Synapse, loihi_static
 from neuro.program.backend import Backend, OverflowWarning
 from neuro.program.program import Floats
-from neuro.verify.comparison import Golden, TraceComparison, equal
-from neuro.verify.loihi2 import compare_loihi2, is_of_loihi2
+from neuro.testing.golden import Golden, Result, equal
+from neuro.testing.loihi2_traces import compare_loihi2, is_of_loihi2
 
 FOLLOWED = "nengo_loihi"
 
@@ -48,7 +48,7 @@ def chip_of(facts: Mapping[str, Any]) -> str:
     return "loihi" if "du" in first or (isinstance(params, Mapping) and "du1" in params) else ""
 
 
-def compare_chip(golden: Golden, backend: str | Backend) -> Iterator[TraceComparison]:
+def compare_chip(golden: Golden, backend: str | Backend) -> Iterator[Result]:
     """Run every case of a chip's file and compare all recorded registers.
 
     Raises:
@@ -71,9 +71,7 @@ def compare_chip(golden: Golden, backend: str | Backend) -> Iterator[TraceCompar
                 yield from _single(case, golden.arrays, backend)
 
 
-def _single(
-    case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend: str | Backend
-) -> Iterator[TraceComparison]:
+def _single(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend: str | Backend) -> Iterator[Result]:
     net = Network("single", resolution=1.0)
     weights = np.array(case["weights"], dtype=np.float64)
     _add_sources(net, case["spikes"], weights.size)
@@ -88,7 +86,7 @@ def _single(
         )
 
 
-def _feedforward(golden: Golden, backend: str | Backend, biased: bool) -> Iterator[TraceComparison]:
+def _feedforward(golden: Golden, backend: str | Backend, biased: bool) -> Iterator[Result]:
     p, arrays = golden.facts["params"], golden.arrays
     steps = int(p["T"])
     net = Network("feedforward", resolution=1.0)
@@ -107,9 +105,7 @@ def _feedforward(golden: Golden, backend: str | Backend, biased: bool) -> Iterat
             yield equal(f"{case}layer{layer}", name, found, arrays[f"{case}{name}{layer}"])
 
 
-def _spinnaker(
-    case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend: str | Backend
-) -> Iterator[TraceComparison]:
+def _spinnaker(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend: str | Backend) -> Iterator[Result]:
     net = Network("spinnaker", resolution=1.0)
     synapses = np.array(case["syn_u16"], dtype=np.int64).reshape(-1, 5)
     spikes = case["spikes"]

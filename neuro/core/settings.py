@@ -1,0 +1,226 @@
+"""Settings as data: frozen dataclasses whose fields know unit, bounds, meaning and source; parts by name.
+
+A method consists of numbers and of parts. A part (a segmenter, a readout) is one of those that its `Registry` knows.
+A value is changed by its own name where only one part has it, else by the name of its part and a dot:
+``segmenter.tau``. The name of a part alone puts another in its place: ``readout=rbf``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import Field, dataclass, field, fields, replace
+from typing import Any, ClassVar, Self
+
+from neuro.core.checks import check
+from neuro.core.errors import ModelError, unknown
+from neuro.core.quantities import Quantity
+from neuro.core.registry import Registry
+
+
+def setting(default: Any, unit: str = "", doc: str = "", source: str = "", *, option: str = "", **more: Any) -> Any:
+    """Make a field for a value, or a tuple of values, within bounds.
+
+    Args:
+        default: a tuple takes lists of values, with kind "names" also empty ones; None may stay None.
+        unit: physical unit.
+        doc: meaning of the value.
+        source: origin of the default.
+        option: placeholder of the value on the command line, after another name than the field's if it has one:
+            "N", or "--for MS". Without it the command line has no option for the field.
+        more: bounds and words of `Quantity`; its `kind` follows from the default if not given.
+    """
+    example = default[0] if isinstance(default, tuple) and default else default
+    kinds = {bool: "boolean", int: "integer", str: "word" if more.get("words") else "name"}
+    more.setdefault("kind", kinds.get(type(example), "number"))
+    q = Quantity(unit=unit, doc=doc, optional=default is None, **more)
+    return field(default=default, metadata={"quantity": q, "source": source, "option": option})
+
+
+def part(kind: type[Part], default: Part) -> Any:
+    """Make a field for a part of a kind."""
+    return field(default=default, metadata={"part": kind})
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A value among settings: its full name, the value, and what is known of it."""
+
+    name: str
+    value: Any
+    unit: str
+    doc: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Base of settings: values that are checked when an instance is made.
+
+    A field is made by `setting` or `part`. A plain field has a name as well, but no check; one with the metadata
+    ``{"fixed": True}`` can be neither changed by name nor written to a file.
+
+    Class attributes:
+        known_as: the name by which a user chooses the class; the name of the class in small letters if empty.
+    """
+
+    known_as: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        place = self.place()
+        for one in fields(self):
+            if q := one.metadata.get("quantity"):
+                what = f"{place}: {one.name}" if place else one.name
+                object.__setattr__(self, one.name, self.checked(one, q, getattr(self, one.name), what))
+
+    def checked(self, one: Field[Any], q: Quantity, value: Any, what: str) -> Any:
+        """Return the value of a field in its canonical form; several values become a tuple.
+
+        Args:
+            one: the field.
+            q: its quantity.
+            value: to check.
+            what: the name of the value in messages.
+
+        Raises:
+            ModelError: the value is out of bounds, or no list where the default is one.
+        """
+        if not isinstance(one.default, tuple) or q.kind == "names":
+            return check(q, value, what)
+        if not isinstance(value, (list, tuple)) or not value:
+            raise ModelError(f"{what} = {value!r}: expected a list, each of it {q.expected()}")
+        return tuple(check(q, single, f"{what}[{k}]") for k, single in enumerate(value))
+
+    @classmethod
+    def called(cls) -> str:
+        """Return the name by which a user chooses the class: `known_as`, or its name in small letters."""
+        return cls.known_as or cls.__name__.lower()
+
+    def place(self) -> str:
+        """Return what messages write before the name of a value, "" for nothing."""
+        return self.called()
+
+    @classmethod
+    def own(cls) -> dict[str, Field[Any]]:
+        """Return the fields that can be changed by name."""
+        return {one.name: one for one in fields(cls) if "fixed" not in one.metadata}
+
+    def rows(self, before: str = "") -> Iterator[Row]:
+        """Yield all checked values, those of parts with the part's name before them."""
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, Part):
+                yield Row(before + one.name, value.called(), "", value.about(), value.source)
+                yield from value.rows(f"{before}{one.name}.")
+            elif q := one.metadata.get("quantity"):
+                yield Row(before + one.name, value, q.unit, q.doc, one.metadata["source"])
+
+    def changed(self, values: Mapping[str, Any]) -> Self:
+        """Return settings with some values changed.
+
+        Args:
+            values: by name; a part by the name of another, or its values by ``part.value``. The name of a part's value
+                is enough where no other has it.
+
+        Raises:
+            ModelError: a name is unknown or could mean several, or a value is out of its bounds.
+        """
+        own = self.own()
+        new = {name: self._part_of(own[name], value) for name, value in values.items() if _holds_part(own.get(name))}
+        new |= {name: values[name] for name in values if name in own and name not in new}
+        whole = replace(self, **new)
+        inner: dict[str, dict[str, Any]] = {}
+        for name in values:
+            if name not in own:
+                holder, word = whole._holder(name)
+                inner.setdefault(holder, {})[word] = values[name]
+        return replace(whole, **{name: getattr(whole, name).changed(each) for name, each in inner.items()})
+
+    def _part_of(self, one: Field[Any], value: Any) -> Part:
+        """Return the part that a word names; the present one keeps its values."""
+        kind: type[Part] = one.metadata["part"]
+        if isinstance(value, kind):
+            return value
+        present: Part = getattr(self, one.name)
+        return present if value == present.called() else kind.named(value)
+
+    def _holder(self, name: str) -> tuple[str, str]:
+        """Return the part, and the value in it, that a name means."""
+        parts = {word: getattr(self, word) for word, one in self.own().items() if _holds_part(one)}
+        first, dot, rest = name.partition(".")
+        if dot and first in parts:
+            return first, rest
+        having = [holder for holder, held in parts.items() if held.takes(name)]
+        if len(having) > 1:
+            raise ModelError(f"'{name}' could mean {' or '.join(f'{h}.{name}' for h in having)}: expected one of these")
+        if not having:
+            known = [row.name if dot else row.name.rpartition(".")[2] for row in self.rows()]
+            raise unknown(f"setting of {self.place()}", name, known)
+        return having[0], name
+
+    def takes(self, name: str) -> bool:
+        """Return whether a value of its own has this name."""
+        return name in self.own()
+
+    def as_words(self) -> dict[str, Any]:
+        """Return all values as plain data, for files: a part is ``{name: values}``."""
+        words: dict[str, Any] = {}
+        for name in self.own():
+            value = getattr(self, name)
+            if isinstance(value, Part):
+                words[name] = {value.called(): value.as_words()}
+            else:
+                words[name] = list(value) if isinstance(value, tuple) else value
+        return words
+
+    @classmethod
+    def from_words(cls, words: Mapping[str, Any]) -> Self:
+        """Return the settings of which `as_words` gave these words, also after a way through JSON."""
+        values: dict[str, Any] = {}
+        for name, one in cls.own().items():
+            value = words[name]
+            if _holds_part(one):
+                ((known, inner),) = value.items()
+                values[name] = type(one.metadata["part"].named(known)).from_words(inner)
+            else:
+                values[name] = tuple(value) if isinstance(value, list) else value
+        return cls(**values)
+
+
+@dataclass(frozen=True)
+class Part(Settings):
+    """Base of the parts of settings. A kind of part is a subclass with `kind`, whose subclasses are the parts.
+
+    Class attributes:
+        kind: its name in messages.
+        source: where the part is described.
+        known: the parts of this kind by name.
+    """
+
+    kind: ClassVar[str] = "part"
+    source: ClassVar[str] = ""
+    known: ClassVar[Registry[type[Any]]]
+
+    @classmethod
+    def named(cls, name: Any) -> Part:
+        """Return the part of this kind with a name and the default values.
+
+        Raises:
+            ModelError: there is none.
+        """
+        if not isinstance(name, str) or name not in cls.known:
+            raise unknown(cls.kind, str(name), cls.known)
+        made: Part = cls.known[name]()
+        return made
+
+    def place(self) -> str:
+        """Return the kind and the name."""
+        return f"{self.kind} '{self.called()}'"
+
+    @classmethod
+    def about(cls) -> str:
+        """Return the first line of the docstring."""
+        return (cls.__doc__ or "").partition("\n")[0]
+
+
+def _holds_part(one: Field[Any] | None) -> bool:
+    return one is not None and "part" in one.metadata

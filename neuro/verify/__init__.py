@@ -1,1 +1,0 @@
-"""Golden traces of other simulators beside ours."""
