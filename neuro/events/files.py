@@ -19,7 +19,7 @@ from neuro.events.formats._format import in_order
 from neuro.events.formats.table import TABLE
 from neuro.events.opening import Checked, Opened, joined, opened, smallest
 from neuro.events.parts import between, windows
-from neuro.events.segmentation.cutters import Counts, segmented
+from neuro.events.segmentation import Counts, segmented
 from neuro.events.source import WHOLE, Given, check_given
 
 RECORDING = Kind("a recording", ask="replace=True")

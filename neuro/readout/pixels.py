@@ -14,7 +14,7 @@ from neuro.core.errors import ModelError
 from neuro.core.values import shown
 from neuro.events import Events
 from neuro.events.dataset import Sample
-from neuro.events.window import windowed
+from neuro.events.parts import windowed
 from neuro.model.network import Network
 from neuro.model.parts import CENTRED, Readout
 

@@ -274,7 +274,7 @@ def view(
 ) -> None:
     """Write a page on which a browser plays the recording; the page needs nothing else."""
     from neuro.events.convert import read
-    from neuro.events.view import PAGE, view as write
+    from neuro.events.pictures import PAGE, view as write
 
     name = named(source)
     target = Path(f"{name}.html") if out is None else out

@@ -20,7 +20,7 @@ from neuro.core.inputs import record_input
 from neuro.core.paths import file_path
 from neuro.events._events import Events
 from neuro.events.dataset._layouts import ARCHIVES, Layout, LayoutItem, files_of, is_hdf5, is_part, layout_of, natural
-from neuro.events.dataset._stored import holds_samples, stored_samples
+from neuro.events.dataset._store import holds_samples, stored_samples
 from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.files import load
 from neuro.events.opening import find, opened

@@ -217,7 +217,7 @@ def kept(events: Events, keep: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any],
         events: from which to take.
         keep: (n,) whether to.
     """
-    from neuro.events.filters._kernels import compact
+    from neuro.events._kernels import compact
 
     columns = (events.t, events.x, events.y, events.p)
     n = int(np.count_nonzero(keep))

@@ -34,7 +34,7 @@ class BackgroundActivity(Sieve):
         return (np.full((self.sensor_size[1] + 2, self.sensor_size[0] + 2), NEVER, np.int64),)
 
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
-        from neuro.events.filters._kernels import supported
+        from neuro.events._kernels import supported
 
         supported(events.t, events.x, events.y, self.dt_us, self._state[0], keep)
 
@@ -59,7 +59,7 @@ class Refractory(Sieve):
         return (np.full((self.sensor_size[1], self.sensor_size[0]), NEVER, np.int64),)
 
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
-        from neuro.events.filters._kernels import rested
+        from neuro.events._kernels import rested
 
         rested(events.t, events.x, events.y, self.period_us, self.extend, self._state[0], keep)
 
@@ -93,7 +93,7 @@ class HotPixels(Sieve):
         return (good,)
 
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
-        from neuro.events.filters._kernels import look_up
+        from neuro.events._kernels import look_up
 
         look_up(events.x, events.y, self._state[0], keep)
 
@@ -207,7 +207,7 @@ class ShotNoise(Filter):
         return (None,)
 
     def _part(self, events: Events) -> Events:
-        from neuro.events.filters._kernels import merge, sprinkle
+        from neuro.events._kernels import merge, sprinkle
 
         (done,) = self._state
         first = int(events.t[0]) if done is None else done + 1
@@ -262,7 +262,7 @@ class TAR(Sieve):
         return np.zeros(shape), np.zeros(shape, np.int64), np.zeros(1, np.int64)
 
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
-        from neuro.events.filters._kernels import tar
+        from neuro.events._kernels import tar
 
         mask, touched, seen = self._state
         if not seen[0]:
@@ -306,7 +306,7 @@ class TARSurfaces(Sieve):
         return np.full(1, NEVER, np.int64), np.zeros(pixels), counts, sums
 
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
-        from neuro.events.filters._kernels import surfaces
+        from neuro.events._kernels import surfaces
 
         origin, held, counts, sums = self._state
         if origin[0] == NEVER:

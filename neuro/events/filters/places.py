@@ -165,7 +165,7 @@ class Downsample(Filter):
         return (np.zeros((height, width), np.int64),)
 
     def _part(self, events: Events) -> Events:
-        from neuro.events.filters._kernels import join
+        from neuro.events._kernels import join
 
         assert isinstance(self.factor, tuple)
         columns, rows = (_places(n, f) for n, f in zip(self.sensor_size, self.factor, strict=True))
@@ -295,7 +295,7 @@ class Jitter(Filter):
         return 0, ()
 
     def _part(self, events: Events) -> Events:
-        from neuro.events.filters._kernels import shake
+        from neuro.events._kernels import shake
 
         seen, held = self._state
         t = np.empty(len(events), np.int64)
@@ -318,7 +318,7 @@ def sorting(t: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     Args:
         t: (n,) us, n > 0.
     """
-    from neuro.events.filters._kernels import DIGIT, by_digit
+    from neuro.events._kernels import DIGIT, by_digit
 
     lowest = int(t.min())
     order, other, counts = np.arange(t.size), np.empty(t.size, np.int64), np.empty(1 << DIGIT, np.int64)

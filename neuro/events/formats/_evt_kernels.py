@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro.events.formats._layout import BEGIN, OTHER, STARTED
 from neuro.events.formats._word_kernels import time_high, word
+from neuro.events.formats._words import BEGIN, OTHER, STARTED
 from neuro.kernels.jit import kernel, subkernel
 
 TIME, ROW, BASE, ON, LAST_3, STATES_3 = range(3, 9)

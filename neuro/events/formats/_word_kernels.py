@@ -9,7 +9,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from neuro.events.formats._layout import (
+from neuro.events.formats._words import (
     ADDED,
     BEGIN,
     CLOCK,

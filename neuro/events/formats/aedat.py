@@ -11,10 +11,23 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events._events import Events
-from neuro.events.formats._format import Damage, Format, Size, outside, refuse, within
-from neuro.events.formats._layout import HALF, OTHER, PERIOD, SECOND, Field, Layout, Odd, encoded, first_state
+from neuro.events.formats._format import Damage, Format, Room, Size
 from neuro.events.formats._reading import write_words
-from neuro.events.formats._words import Decoder, SeekingReader, WordReader, layout_decoder
+from neuro.events.formats._words import (
+    HALF,
+    OTHER,
+    PERIOD,
+    SECOND,
+    Decoder,
+    Field,
+    Layout,
+    Odd,
+    SeekingReader,
+    State,
+    WordReader,
+    encoded,
+    first_state,
+)
 from neuro.events.source import Bytes, Source
 
 MAGIC_2 = b"#!AER-DAT2.0"
@@ -28,9 +41,6 @@ Addresses = npt.NDArray[np.uint32]
 
 _CHIP = re.compile(rb"# *AEChip: *([\w.$]+)")
 _SIZE = re.compile(rb"# Sensor size: (\d{1,5})x(\d{1,5})\r?\n")
-
-
-State = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +154,6 @@ class Aedat2(SeekingReader):
     the DVS128 as in the published arrays of POKER-DVS.
     """
 
-    word = WORD
     way_out = _WAY_OUT
 
     def __init__(self, source: Source, camera: str = "") -> None:
@@ -183,7 +192,7 @@ class Aedat2(SeekingReader):
         return self._size
 
     def _use(self, chip: _Chip, size: Size | None) -> None:
-        self._chip, self._size = chip, size or chip.size
+        self._chip, self._size, self.layout = chip, size or chip.size, chip.layout
         self.metadata = {"chip": chip.name, "other_words": 0, "external_events": 0}
 
     def use_sensor(self, size: Size) -> None:
@@ -214,14 +223,9 @@ class Aedat2(SeekingReader):
     def _first_addresses(self) -> Addresses:
         return _addresses(np.frombuffer(self.source.head(self.start + LOOK)[self.start :], np.uint8))
 
-    def decoder(self) -> Decoder:
-        """See `WordReader`."""
-        return layout_decoder(self._chip.layout)
-
     def clocks(self, step: int) -> Iterator[tuple[int, int]]:
         """The time of the first event of each block that has one; other words may have times that run back."""
-        layout = self._chip.layout
-        other = np.uint32(layout.odd.mask & ~layout.none)
+        other = np.uint32(self.layout.odd.mask & ~self.layout.none)
         for place, data in self.source.samples(self.start, step, min(step, LOOK)):
             events = np.flatnonzero((_addresses(data) & other) == 0)
             if events.size:
@@ -271,10 +275,7 @@ def _smallest(size: Size) -> _Chip:
 
 def _encoded(done: int, events: Events) -> bytes:
     chip = _smallest(events.sensor_size)
-    columns, rows = chip.size
-    off = outside(events, columns, rows)
-    limits = f"t 0 to {PERIOD - 1} us, x 0 to {columns - 1}, y 0 to {rows - 1}"
-    refuse(events, ~within(events, PERIOD) | off, done, limits, off)
+    Room(PERIOD, *chip.size).check(events, done)
     return encoded(chip.layout, events).tobytes()
 
 
@@ -291,13 +292,10 @@ def _new_header(sensor: Size | None) -> bytes:
     return text.encode("ascii")
 
 
-def _holds(events: Events, last: int | None) -> npt.NDArray[np.bool_]:
-    return within(events, PERIOD) & ~outside(events, *_smallest(events.sensor_size).size)
-
-
 AEDAT2 = Format(
     "aedat2", "AEDAT 2.0", (".aedat", ".aedat2"), lambda head: head.startswith(MAGIC_2), Aedat2, write,
-    holds=_holds, grows=True, inside=Aedat2,
+    holds=lambda events, last: Room(PERIOD, *_smallest(events.sensor_size).size).holds(events),
+    grows=True, inside=Aedat2,
 )  # fmt: skip
 """Read and written."""
 
@@ -333,8 +331,6 @@ class Aedat3(WordReader):
     Source: "AEDAT 3.1" at docs.inivation.com; the bits also as in the README of DVS Gesture (Amir et al., CVPR 2017).
     """
 
-    word = EVENT
-
     def __init__(self, source: Source) -> None:
         lines, ended = header(source, MAGIC_3, END_3)
         if not ended:
@@ -363,10 +359,6 @@ class Aedat3(WordReader):
         state[CAMERA] = self._camera
         return Decoder(packet_decoder(LAYOUT_3), state, EVENT, unit=1)
 
-    def block(self, size: int) -> int:
-        """See `WordReader`; packets begin anywhere."""
-        return size
-
     def count(self, state: State) -> None:
         """See `WordReader`."""
         self.metadata |= {"other_events": int(state[SECOND]), "invalid_events": int(state[OTHER])}
@@ -375,11 +367,11 @@ class Aedat3(WordReader):
         """See `WordReader`."""
         return "expected the header of a packet"
 
-    def ended(self, rest: Bytes, end: int, state: State) -> None:
+    def ended(self, rest: Bytes, end: int, decoder: Decoder) -> None:
         """See `WordReader`."""
         from neuro.events.formats._word_kernels import LEFT, SKIP
 
-        if missing := int(state[SKIP] + state[LEFT] * EVENT):
+        if missing := int(decoder.state[SKIP] + decoder.state[LEFT] * EVENT):
             raise Damage(f"the last packet is cut, {missing - rest.size} bytes are missing", end)
         if rest.size:
             raise Damage(f"{rest.size} bytes left over after the last packet", end)

@@ -26,18 +26,19 @@ No file of version 1 was to be had: it is read from the specification.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
-from neuro.events._events import Events
-from neuro.events.formats._format import HEAD, Damage, Format, Size, outside, refuse, within
-from neuro.events.formats._layout import PERIOD, WRAPS, Field, Layout, Odd, encoded
-from neuro.events.formats._reading import write_words
-from neuro.events.formats._words import Decoder, SeekingReader, layout_decoder
+from neuro.events.formats._format import HEAD, Damage, Format, Room, Size
+from neuro.events.formats._words import (
+    PERIOD,
+    WRAPS,
+    Field,
+    Layout,
+    Odd,
+    SeekingReader,
+    layout_writer,
+)
 from neuro.events.source import Bytes, Source
 
 ATIS = (304, 240)
@@ -159,33 +160,11 @@ def raw_text(version: str, size: Size | None) -> bytes:
     )
 
 
-def check_room(events: Events, done: int, times: int, side: int) -> None:
-    """See that a format has room for a part of a recording.
-
-    Args:
-        events: the part.
-        done: number of events before it.
-        times: times from 0 up to this, us, not included, can be held.
-        side: columns and rows from 0 up to this, not included, can be held.
-
-    Raises:
-        Unsavable: there is an event that cannot.
-    """
-    off = outside(events, side, side)
-    refuse(events, ~within(events, times) | off, done, f"t 0 to {times - 1} us, x and y 0 to {side - 1}", off)
-
-
-def has_room(times: int, side: int) -> Callable[[Events, int | None], npt.NDArray[np.bool_]]:
-    """`Format.holds` of a format with room for these times and sides; see `check_room`."""
-    return lambda events, last: within(events, times) & ~outside(events, side, side)
-
-
 WORD = 8
 KINDS = (0x00, 0x0C)
 """Kinds of events that are those of pixels."""
 
-ROOM = (PERIOD, 1 << 14)
-"""Times and sides that the words can tell."""
+ROOM = Room(PERIOD, 1 << 14)
 
 
 def _layout(x: Field, y: Field, p: Field, none: int) -> Layout:
@@ -201,7 +180,6 @@ _LAYOUTS = {
 class Dat(SeekingReader):
     """An open DAT file; ``metadata`` has ``version``, ``event_type`` and the lines of the ``header``."""
 
-    word = WORD
     called = "events"
 
     def __init__(self, source: Source) -> None:
@@ -219,13 +197,9 @@ class Dat(SeekingReader):
             raise Damage(f"events of kind 0x{kind[0]:02x} and {kind[1]} bytes, {expected}", header.length)
         self.start = header.length + 2
         version = _version(header, kind[0])
-        self._layout = _LAYOUTS[version]
+        self.layout = _LAYOUTS[version]
         self.sensor_size = header.sensor_size()
         self.metadata = {"version": version, "event_type": kind[0], "header": dict(header.fields)}
-
-    def decoder(self) -> Decoder:
-        """See `WordReader`."""
-        return layout_decoder(self._layout)
 
     def clocks(self, step: int) -> Iterator[tuple[int, int]]:
         """See `SeekingReader`."""
@@ -247,16 +221,6 @@ def _version(header: Header, kind: int) -> int:
     return max(int(version), 1)
 
 
-def write(parts: Iterator[Events], path: Path) -> None:
-    """Encode as version 2, kind 0x0C, with the sensor in the header; metadata are not kept."""
-    write_words(parts, path, _text, _encoded)
-
-
-def _encoded(done: int, events: Events) -> bytes:
-    check_room(events, done, *ROOM)
-    return encoded(_LAYOUTS[2], events).tobytes()
-
-
 def _text(size: tuple[int, int] | None) -> bytes:
     sides = [] if size is None else [("Height", str(size[1])), ("Width", str(size[0]))]
     return header_text([("Data", "file containing CD events."), ("Version", "2"), *sides]) + bytes([0x0C, WORD])
@@ -268,7 +232,7 @@ def _knows(head: bytes) -> bool:
 
 
 DAT = Format(
-    "dat", "Prophesee DAT", (".dat",), _knows, Dat, write, holds=has_room(*ROOM), grows=True,
-    usual=ATIS, larger=(GEN3, GEN4)
+    "dat", "Prophesee DAT", (".dat",), _knows, Dat, layout_writer(_text, _LAYOUTS[2], ROOM),
+    holds=ROOM.holds, grows=True, usual=ATIS, larger=(GEN3, GEN4),
 )  # fmt: skip
-"""Read and written."""
+"""Read and written: as version 2, kind 0x0C, with the sensor in the header; metadata are not kept."""

@@ -1,4 +1,6 @@
-"""Event Stream 2.0 (``.es``) of the Vision Institute in Paris: DVS events, and generic ones as bytes.
+"""Formats of five bytes an event: Event Stream of the Vision Institute in Paris, and the ``.bin`` of N-MNIST (`Bin`).
+
+Event Stream 2.0 (``.es``) has DVS events, and generic ones as bytes.
 
 "Event Stream", three bytes of version and one of type (0 generic, 1 DVS, 2 ATIS, 3 display, 4 colour). A DVS file goes
 on with width and height (uint16, little-endian) and events of 5 bytes: time since the event before (7 bits, us) and
@@ -24,10 +26,9 @@ import numpy.typing as npt
 
 from neuro.events._events import Events
 from neuro.events.errors import EventFileError, EventFileWarning
-from neuro.events.formats._format import SMALLER, Damage, Format, Size, Unsavable, refuse
-from neuro.events.formats._layout import GAPS, Field, Layout, Odd
+from neuro.events.formats._format import SMALLER, Damage, Format, Room, Size, Unsavable, refuse
 from neuro.events.formats._reading import write_words
-from neuro.events.formats._words import Decoder, WordReader, layout_decoder
+from neuro.events.formats._words import GAPS, Decoder, Field, Layout, Odd, WordReader, layout_writer
 from neuro.events.source import Bytes, Given, Source, opened_source
 
 MAGIC = b"Event Stream"
@@ -53,7 +54,7 @@ LAYOUT = Layout(
 class EventStream(WordReader):
     """An open Event Stream file of DVS events."""
 
-    word = EVENT
+    layout = LAYOUT
     start = START
 
     def __init__(self, source: Source) -> None:
@@ -72,15 +73,7 @@ class EventStream(WordReader):
         self.sensor_size: Size | None = (width, height)
         self.metadata = {"version": ".".join(str(number) for number in header[12:15])}
 
-    def decoder(self) -> Decoder:
-        """See `WordReader`."""
-        return layout_decoder(LAYOUT, unit=1)
-
-    def block(self, size: int) -> int:
-        """See `WordReader`; events begin anywhere."""
-        return size
-
-    def ended(self, rest: Bytes, end: int, state: npt.NDArray[np.int64]) -> None:
+    def ended(self, rest: Bytes, end: int, decoder: Decoder) -> None:
         """See `WordReader`."""
         if rest.size:
             raise Damage(f"the last event is cut after {rest.size} of {EVENT} bytes", end)
@@ -206,3 +199,44 @@ EVENT_STREAM = Format(
     holds=_holds, grows=True,
 )  # fmt: skip
 """Read and written."""
+
+
+NMNIST_SENSOR = (34, 34)
+"""Of N-MNIST, px."""
+
+OVERFLOW_ROW = 240
+"""Such a word is no event but adds 2^13 us to all times after it."""
+
+NMNIST_LAYOUT = Layout(
+    EVENT, t=Field(0, 23, byte=1), x=Field(0, 8, size=1), y=Field(24, 8, byte=1), p=Field(23, 1, byte=1),
+    odd=Odd(0xFF, OVERFLOW_ROW, differs=False, byte=1, size=1), others="overflow", is_big=True,
+)  # fmt: skip
+NMNIST_ROOM = Room(1 << 23, 256, reserved=OVERFLOW_ROW)
+
+
+class Bin(WordReader):
+    """An open ``.bin`` of N-MNIST or N-Caltech101; ``sensor_size`` is None, since the file does not tell it.
+
+    Five bytes an event, big-endian: x, y, then one bit polarity (1 = ON) and 23 bits of time in us.
+    The file has no header, so neither its kind nor its sensor is written in it.
+
+    Source: Orchard et al., Front. Neurosci. 9:437, 2015, and the data set's own Matlab reader, from which
+    the rule for y = 240 comes.
+    """
+
+    layout = NMNIST_LAYOUT
+    called = "events"
+    sensor_size: Size | None = None
+    start = 0
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.metadata = {}
+
+
+NMNIST = Format(
+    "nmnist", "N-MNIST .bin", (".bin",), lambda head: False, Bin,
+    layout_writer(lambda size: b"", NMNIST_LAYOUT, NMNIST_ROOM), holds=NMNIST_ROOM.holds, grows=True,
+    usual=NMNIST_SENSOR,
+)  # fmt: skip
+"""Read and written; the sensor size and the metadata are not kept."""

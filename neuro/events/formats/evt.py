@@ -11,11 +11,22 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events._events import Events
-from neuro.events.formats._format import HEAD, Damage, Format
-from neuro.events.formats._layout import ADDED, OTHER, STARTED, Field, Layout, Odd, encoded, first_state
+from neuro.events.formats._format import HEAD, Damage, Format, Room
 from neuro.events.formats._reading import begin, write_words
-from neuro.events.formats._words import Decoder, SeekingReader, layout_decoder
-from neuro.events.formats.dat import GEN3, GEN4, check_room, has_room, parse, raw_text, read_header
+from neuro.events.formats._words import (
+    ADDED,
+    OTHER,
+    STARTED,
+    Decoder,
+    Field,
+    Layout,
+    Odd,
+    SeekingReader,
+    State,
+    encoded,
+    first_state,
+)
+from neuro.events.formats.dat import GEN3, GEN4, parse, raw_text, read_header
 from neuro.events.source import Bytes, Source
 
 Words = npt.NDArray[Any]
@@ -30,11 +41,13 @@ class Evt(SeekingReader):
         coding: the word that a header has for it.
         title: the one that messages have.
         orders: orders of bytes that are read.
+        word: bytes of a word.
     """
 
     coding: ClassVar[str]
     title: ClassVar[str]
     orders: ClassVar[tuple[str, ...]] = ("little",)
+    word: ClassVar[int]
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -50,14 +63,14 @@ class Evt(SeekingReader):
         self.sensor_size = header.sensor_size()
         self.metadata = {"format": self.coding.lower(), "header": dict(header.fields)}
 
-    def count(self, state: npt.NDArray[np.int64]) -> None:
+    def count(self, state: State) -> None:
         """See `WordReader`."""
         self.metadata["other_words"] = int(state[OTHER])
 
-    def ended(self, rest: Bytes, end: int, state: npt.NDArray[np.int64]) -> None:
+    def ended(self, rest: Bytes, end: int, decoder: Decoder) -> None:
         """See `WordReader`."""
-        super().ended(rest, end, state)
-        if state[OTHER] and not state[STARTED]:
+        super().ended(rest, end, decoder)
+        if decoder.state[OTHER] and not decoder.state[STARTED]:
             raise Damage(f"no word of {self.title} gives the time of what follows", self.start)
 
 
@@ -67,8 +80,7 @@ PERIOD = 1 << 28
 """Values of TIME_HIGH, which tells the bits of the time above the low ones."""
 HIGH_LOOK = 1 << 14
 """Bytes of a block in which a TIME_HIGH is looked for; cameras send one every 16 us."""
-ROOM_2 = (1 << 34, 1 << 11)
-"""Times and sides that the words can tell."""
+ROOM_2 = Room(1 << 34, 1 << 11)
 
 LAYOUT_2 = Layout(
     4, t=Field(22, LOW_BITS), x=Field(11, 11), y=Field(0, 11), p=Field(28, 1),
@@ -94,10 +106,7 @@ class Evt2(Evt):
     coding = "EVT2"
     title = "EVT 2.0"
     word = 4
-
-    def decoder(self) -> Decoder:
-        """See `WordReader`."""
-        return layout_decoder(LAYOUT_2)
+    layout = LAYOUT_2
 
     def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
         """See `SeekingReader`."""
@@ -124,7 +133,7 @@ def write_evt2(parts: Iterator[Events], path: Path) -> None:
 
     def words(done: int, events: Events) -> bytes:
         nonlocal high
-        check_room(events, done, *ROOM_2)
+        ROOM_2.check(events, done)
         highs = events.t >> LOW_BITS
         new = np.diff(highs, prepend=high) != 0
         high = int(highs[-1]) if len(events) else high
@@ -139,7 +148,7 @@ def write_evt2(parts: Iterator[Events], path: Path) -> None:
 
 EVT2 = Format(
     "evt2", "Prophesee EVT 2.0", (".raw",), lambda head: parse(head).coding == Evt2.coding, Evt2, write_evt2,
-    holds=has_room(*ROOM_2), grows=True, usual=GEN3, larger=(GEN4,),
+    holds=ROOM_2.holds, grows=True, usual=GEN3, larger=(GEN4,),
 )  # fmt: skip
 """Read and written."""
 
@@ -203,7 +212,7 @@ EVT21 = Format(
 """Read only."""
 
 
-ROOM_3 = (1 << 40, 1 << 11)
+ROOM_3 = Room(1 << 40, 1 << 11)
 """Times and sides that are written. Wraps could tell any time, with two words each; this bounds their number."""
 
 OTHER_ROW, VECT_BASE_X, TIME_LOW = 1, 3, 6
@@ -300,7 +309,7 @@ def write_evt3(parts: Iterator[Events], path: Path) -> None:
     state = np.array([-1, -1], np.int64)
 
     def encoded(done: int, events: Events) -> bytes:
-        check_room(events, done, *ROOM_3)
+        ROOM_3.check(events, done)
         return b"".join(map(sliced, (events[first : first + SLICE] for first in range(0, len(events), SLICE))))
 
     def sliced(part: Events) -> bytes:
@@ -313,7 +322,7 @@ def write_evt3(parts: Iterator[Events], path: Path) -> None:
 
 EVT3 = Format(
     "evt3", "Prophesee EVT 3.0", (".raw",), lambda head: parse(head).coding == Evt3.coding, Evt3, write_evt3,
-    holds=has_room(*ROOM_3), grows=True, usual=GEN3, larger=(GEN4,),
+    holds=ROOM_3.holds, grows=True, usual=GEN3, larger=(GEN4,),
 )  # fmt: skip
 """Read and written."""
 

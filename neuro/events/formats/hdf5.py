@@ -33,8 +33,7 @@ from neuro.core.hdf5 import FRONT, Front, is_hdf5, new_file
 from neuro.events._events import EVENT, Events
 from neuro.events.errors import EventFileError
 from neuro.events.formats._format import Damage, Format, Piece, Size, Unsavable, as_json, from_json
-from neuro.events.formats._hdf5_chunks import FAILURES, Padded, one_line
-from neuro.events.formats._hdf5_recording import find, of_rows
+from neuro.events.formats._hdf5_recording import FAILURES, Padded, find, of_rows, one_line
 from neuro.events.source import WHOLE, Bytes, Source
 
 UNTESTED = "no recording in another layout than this library's was at hand"

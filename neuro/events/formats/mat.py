@@ -33,7 +33,7 @@ from neuro.events._events import Events
 from neuro.events.errors import EventFileError
 from neuro.events.formats._columns import Names, find_names, to_piece, unit_of
 from neuro.events.formats._format import Damage, Format, Found
-from neuro.events.formats._hdf5_chunks import FAILURES, believable
+from neuro.events.formats._hdf5_recording import FAILURES, believable
 from neuro.events.source import WHOLE, Given, Source
 
 MAGIC = b"MATLAB "

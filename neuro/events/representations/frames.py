@@ -106,7 +106,7 @@ def binary_frame(
 
 
 def _counted(events: Events, polarity: str, segments: npt.ArrayLike | None) -> npt.NDArray[np.int32]:
-    from neuro.events.representations._kernels import count
+    from neuro.events._kernels import count
 
     ranges = np.array([[0, len(events)]]) if segments is None else _ranges(segments, len(events))
     width, height = events.sensor_size
@@ -171,7 +171,7 @@ def voxel_grid(
 
     Source: Zhu et al., Unsupervised event-based learning of optical flow, depth, and egomotion, CVPR 2019, eqs 1-3.
     """
-    from neuro.events.representations._kernels import spread
+    from neuro.events._kernels import spread
 
     argument("polarity", polarity, words=("separate", "signed", "ignored"))
     separate = polarity == "separate"
@@ -220,7 +220,7 @@ def event_spike_tensor(
     Source: Gehrig et al., End-to-end learning of representations for asynchronous event-based data, ICCV 2019,
         sections 3.2-3.4; thesis section 3.4.
     """
-    from neuro.events.representations._kernels import spread
+    from neuro.events._kernels import spread
 
     argument("measurement", measurement, words=("time", "polarity", "count"))
     start, stop = span(events, start_us, stop_us)

@@ -117,7 +117,7 @@ class TimeSurface(_Decaying):
 
     def add(self, events: Events) -> None:
         """Take in the next events."""
-        from neuro.events.representations._kernels import mark
+        from neuro.events._kernels import mark
 
         if len(events):
             mark(events.t, events.x, events.y, events.p, self._separate, self._last)
@@ -136,7 +136,7 @@ class TimeSurface(_Decaying):
         Raises:
             ModelError: the time is before the newest event.
         """
-        from neuro.events.representations._kernels import ages
+        from neuro.events._kernels import ages
 
         when = self._when(t_us)
         out = np.empty(self._last.shape, real(dtype))
@@ -225,7 +225,7 @@ class LeakySurface(_Decaying):
 
     def add(self, events: Events) -> None:
         """Take in the next events."""
-        from neuro.events.representations._kernels import leak
+        from neuro.events._kernels import leak
 
         if not len(events):
             return
@@ -248,7 +248,7 @@ class LeakySurface(_Decaying):
         Raises:
             ModelError: the time is before the newest event.
         """
-        from neuro.events.representations._kernels import leaked
+        from neuro.events._kernels import leaked
 
         when = self._when(t_us)
         out = np.empty(self._value.shape, real(dtype))
@@ -352,7 +352,7 @@ class Hats:
 
     def add(self, events: Events) -> None:
         """Take in the next events."""
-        from neuro.events.representations._kernels import histograms
+        from neuro.events._kernels import histograms
 
         if not len(events):
             return
@@ -365,7 +365,7 @@ class Hats:
 
     def _forget(self) -> int:
         """Drop what has left the window; returns how many events are still held."""
-        from neuro.events.representations._kernels import forget
+        from neuro.events._kernels import forget
 
         assert self._held is not None
         held = self._held

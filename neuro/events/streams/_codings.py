@@ -1,19 +1,138 @@
-"""How events are written in datagrams, by name."""
+"""Where a stream comes from or goes to."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import errno
+import os
+import socket
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
 from typing import Any, Protocol
+from urllib.parse import urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.errors import ModelError
-from neuro.events._events import Columns, Events, empty_columns
-from neuro.events.formats._layout import Field, Layout, Odd, encoded, first_state
+from neuro.core.errors import ModelError, unknown
+from neuro.events._events import Columns, Events, empty_columns, joined_columns
+from neuro.events.formats._format import Damage
+from neuro.events.formats._words import Field, Layout, Odd, encoded, first_state
+from neuro.events.formats.aedat4 import (
+    ENTRY,
+    HEADER_LIMIT,
+    PACKET,
+    U32,
+    Header,
+    Malformed,
+    Packets,
+    new_header,
+    packet,
+    read_header,
+)
+
+SCHEMES = ("udp", "tcp")
+CLOSED = "NEURO_STREAMS_CLOSED"
+"""An environment variable: a process that has it, and those that it starts, open no stream."""
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """A URL of a stream.
+
+    Attributes:
+        url: as given.
+        scheme: udp or tcp.
+        family: of its sockets.
+        place: host and port, as sockets take them.
+    """
+
+    url: str
+    scheme: str
+    family: socket.AddressFamily
+    place: Any
+
+    def new_socket(self) -> socket.socket:
+        """A socket of its kind."""
+        return socket.socket(self.family, socket.SOCK_DGRAM if self.scheme == "udp" else socket.SOCK_STREAM)
+
+    def bound(self, place: Any) -> str:
+        """The URL with the port that a socket has got."""
+        host = f"[{place[0]}]" if self.family == socket.AF_INET6 else place[0]
+        return f"{self.scheme}://{host}:{place[1]}"
+
+    def refused(self, error: OSError) -> ModelError:
+        """What the system says of it."""
+        low = "ports below 1024 are for administrators; 3333 is none of them"
+        known = {
+            errno.EADDRINUSE: ("another program listens there", "port 0 takes a free one"),
+            errno.EACCES: ("this user may not use it", low if self.place[1] < 1024 else ""),
+            errno.EADDRNOTAVAIL: ("no interface of this machine has the address", "0.0.0.0 is all of them"),
+            errno.ECONNREFUSED: ("nobody listens there", "start the sender first"),
+        }
+        text, hint = known.get(error.errno or 0, (error.strerror or str(error) or type(error).__name__, ""))
+        return ModelError(f"{self.url}: {text}", hint=hint)
+
+
+def parsed(url: object) -> tuple[str, str, int]:
+    """Scheme, host and port of a URL such as udp://127.0.0.1:3333 or tcp://[::1]:7777.
+
+    Raises:
+        ModelError: it is none.
+    """
+    expected = "expected udp://HOST:PORT or tcp://HOST:PORT, such as udp://127.0.0.1:3333"
+    if not isinstance(url, str):
+        raise ModelError(f"url = {url!r:.60}: {expected}")
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    else:
+        if parts.scheme and parts.scheme not in SCHEMES and "://" in url:
+            raise unknown("kind of stream", parts.scheme, SCHEMES)
+    if host is None or port is None or parts.path.strip("/") or parts.query or parts.fragment or parts.username:
+        raise ModelError(f"url = {url!r:.80}: {expected}")
+    return parts.scheme, host, port
+
+
+def address(url: str) -> Address:
+    """Look up the host of a URL.
+
+    Raises:
+        ModelError: it is none, or its host is not known.
+    """
+    scheme, host, port = parsed(url)
+    if os.environ.get(CLOSED):
+        raise ModelError(f"{url}: is not opened while a file is made again")
+    kind = socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM
+    try:
+        family, _, _, _, place = socket.getaddrinfo(host, port, type=kind)[0]
+    except (OSError, UnicodeError) as error:
+        raise ModelError(f"{url}: host '{host}' is not known ({getattr(error, 'strerror', '') or error})") from None
+    return Address(url, scheme, family, place)
+
+
+def format_for(scheme: str, format: object, known: Iterable[str]) -> str:
+    """The format of a stream: by TCP only aedat4, by UDP one that is named.
+
+    Raises:
+        ModelError: there is no such format, or it does not come this way.
+    """
+    by_udp = tuple(known)
+    names = ("aedat4",) if scheme == "tcp" else by_udp
+    if format is None:
+        if scheme == "tcp":
+            return "aedat4"
+        raise ModelError(f"format is missing: expected one of {', '.join(names)}")
+    if not isinstance(format, str) or format not in names:
+        if isinstance(format, str) and format in ("aedat4", *by_udp):
+            other = "tcp" if scheme == "udp" else "udp"
+            raise ModelError(f"format '{format}' comes by {other}://: found {scheme}://")
+        raise unknown("format of a stream", format, names)
+    return str(format)
+
 
 DATAGRAM = 1400
 """Bytes of a datagram, at most; the usual Ethernet carries 1,472."""
@@ -84,7 +203,7 @@ class _Plain:
     def __call__(
         self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
     ) -> tuple[int, Columns, int]:
-        from neuro.events.streams._coding_kernels import plain_decoder, spif_decoder
+        from neuro.events.streams._kernels import plain_decoder, spif_decoder
 
         room = empty_columns(int(_sizes(index, first, last).sum()) // self.least + 1)
         decode = (plain_decoder if self.least == self.layout.size else spif_decoder)(self.layout)
@@ -94,7 +213,7 @@ class _Plain:
 
 def _sizes(index: NDArray[np.int64], first: int, last: int) -> NDArray[np.int64]:
     """Bytes of entries."""
-    from neuro.events.streams._ring_kernel import SIZE
+    from neuro.events.streams._kernels import SIZE
 
     begin, count, m = first % len(index), last - first, len(index)
     sizes = index[:, SIZE]
@@ -108,7 +227,7 @@ class _Evt3:
 
     def __init__(self, opened_ns: int) -> None:
         from neuro.events.formats.evt import evt3_decoder
-        from neuro.events.streams._coding_kernels import STATES
+        from neuro.events.streams._kernels import STATES
 
         begin = evt3_decoder().state
         self._state = np.zeros(STATES, np.int64)
@@ -117,7 +236,7 @@ class _Evt3:
     def __call__(
         self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
     ) -> tuple[int, Columns, int]:
-        from neuro.events.streams._coding_kernels import decode_evt3, room_evt3
+        from neuro.events.streams._kernels import decode_evt3, room_evt3
 
         words = ring.view("<u2")
         room = empty_columns(room_evt3(words, index, first, last))
@@ -222,3 +341,116 @@ CODINGS = {
     )
 }  # fmt: skip
 """By name."""
+
+
+_LARGEST = 1 << 24
+"""No packet is longer; a damaged length must not fill the memory."""
+
+
+def received_header(sock: socket.socket, url: str) -> tuple[Header, int, tuple[int, int]]:
+    """Read the header of a connection: it, the number of its stream of events, and the sensor.
+
+    Raises:
+        ModelError: this is no header, or lists no events.
+        OSError: it does not come.
+    """
+    size = U32.unpack(_exactly(sock, 4, url))[0]
+    if size > HEADER_LIMIT:
+        raise ModelError(f"{url}: does not send AEDAT 4: its header would have {size} bytes")
+    try:
+        header = read_header(_exactly(sock, size, url))
+        for number, stream in header.streams.items():
+            if stream["type"] == "events" and "width" in stream:
+                return header, number, (stream["width"], stream["height"])
+    except Malformed as error:
+        raise ModelError(f"{url}: does not send AEDAT 4: {error}") from None
+    raise ModelError(f"{url}: sends no events: expected a stream of type EVTS with a sensor")
+
+
+def _exactly(sock: socket.socket, count: int, url: str) -> bytes:
+    found = b""
+    while len(found) < count:
+        more = sock.recv(count - len(found))
+        if not more:
+            raise ModelError(f"{url}: does not send AEDAT 4: the connection ended within its header")
+        found += more
+    return found
+
+
+class PacketDecoder:
+    """Decodes the bytes of connections as they come; see `neuro.events.streams._codings.Decoder`.
+
+    Args:
+        compression: of the packets, as the header says.
+        wanted: number of the stream of events.
+        broken: called where bytes are no packets; what follows is left out up to the next connection.
+    """
+
+    def __init__(self, compression: str, wanted: int, broken: Callable[[], None]) -> None:
+        from neuro.events.formats._aedat4_kernels import split
+
+        self._packets, self._wanted, self._broken, self._split = Packets(compression), wanted, broken, split
+        self._held = bytearray()
+        self._lost = False
+
+    def __call__(
+        self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
+    ) -> tuple[int, Columns, int]:
+        from neuro.events.streams._kernels import EVENTS, SIZE, START
+
+        parts: list[Columns] = []
+        damaged = n = 0
+        for entry in range(first, last):
+            row, had = index[entry % len(index)], len(parts)
+            start, size = row[[START, SIZE]].tolist()
+            if not size:
+                damaged += bool(self._held)
+                self._held.clear()
+                self._lost = False
+            elif not self._lost:
+                self._held += ring[start : start + size].data
+                try:
+                    self._take(parts)
+                except Damage:
+                    damaged += 1
+                    self._lost = True
+                    self._held.clear()
+                    self._broken()
+            n += sum(len(each[0]) for each in parts[had:])
+            row[EVENTS] = n
+        columns = parts[0] if len(parts) == 1 else joined_columns(parts)
+        return n, columns, damaged
+
+    def _take(self, parts: list[Columns]) -> None:
+        """Take all whole packets."""
+        at = 0
+        try:
+            while len(self._held) - at >= ENTRY.size:
+                stream, size = ENTRY.unpack_from(self._held, at)
+                if not 0 <= size <= _LARGEST:
+                    raise Damage(f"a packet of {size} bytes", None)
+                end = at + ENTRY.size + size
+                if len(self._held) < end:
+                    return
+                if stream == self._wanted:
+                    parts.append(self._events(np.frombuffer(self._held[end - size : end], np.uint8)))
+                at = end
+        finally:
+            del self._held[:at]
+
+    def _events(self, data: NDArray[np.uint8]) -> Columns:
+        plain, start, count = self._packets.events(data, 0)
+        columns = empty_columns(count)
+        self._split(np.frombuffer(plain, np.uint8), start, count, 0, *columns)
+        return columns
+
+
+def sent_header(sensor: tuple[int, int]) -> bytes:
+    """What a connection begins with."""
+    return new_header(0, *sensor)
+
+
+def sent_packets(events: Events) -> bytes:
+    """Events as packets."""
+    parts = [packet(events[k : k + PACKET]) for k in range(0, len(events), PACKET)]
+    return b"".join(ENTRY.pack(0, len(data)) + data for data in parts)

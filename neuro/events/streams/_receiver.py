@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
-from neuro.events.streams import _ring_kernel as kernel
+from neuro.events.streams import _kernels as kernel
 
 ENTRIES = 1 << 16
 """Datagrams that wait at most."""
@@ -45,7 +45,7 @@ class Receiver:
 
     Attributes:
         ring: the bytes.
-        index: (`ENTRIES`, FIELDS) int64, entries in a ring; see `_ring_kernel`.
+        index: (`ENTRIES`, FIELDS) int64, entries in a ring; see `_kernels`.
         connections: how often a connection was made anew.
         opened_ns: when it began to receive, by `time.monotonic_ns`.
     """

@@ -18,8 +18,7 @@ from neuro.core.errors import ModelError
 from neuro.events._events import Event, Events
 from neuro.events.files import stream
 from neuro.events.playing import played
-from neuro.events.streams._address import Address, address, format_for
-from neuro.events.streams._codings import CODINGS, Coding
+from neuro.events.streams._codings import CODINGS, Address, Coding, address, format_for
 
 TICK = 0.001
 """Events whose time has come are sent so often, s."""
@@ -112,7 +111,7 @@ class Server:
 
     def put(self, events: Events) -> int:
         """Send events to all that have connected; one that is gone, or takes nothing, is left."""
-        from neuro.events.streams._aedat4 import sent_header, sent_packets
+        from neuro.events.streams._codings import sent_header, sent_packets
 
         self._server.settimeout(0.0)
         with contextlib.suppress(BlockingIOError):
