@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from neuro.events._events import Events
-from neuro.events.errors import EventFileError
 from neuro.events.files import load, save, stream, writer
 from neuro.events.formats import Format, Unsavable, called, held, written
-from neuro.events.source import Given
+from neuro.events.source import EventFileError, Given
 
 STANDARD = "-"
 """Standard input, or standard output."""

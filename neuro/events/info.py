@@ -11,10 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events._events import Columns
-from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.files import BLOCK
 from neuro.events.opening import Checked, Opened, opened, smallest
-from neuro.events.source import Given
+from neuro.events.source import EventFileError, EventFileWarning, Given
 
 BIN_US = 10_000
 """In which the highest rate is counted."""

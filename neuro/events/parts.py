@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from neuro.core.errors import ModelError
 from neuro.events._events import Events, joined_columns
-from neuro.events.errors import EventFileError
+from neuro.events.source import EventFileError
 
 MOST_EMPTY = 10**6
 """Windows without events between two events; more are a jump in the times of a damaged file."""
@@ -57,19 +57,14 @@ def windows(
             cut = int(np.searchsorted(part.t, begin + window_us))
             empty = (int(part.t[0]) - begin) // window_us
             if empty > MOST_EMPTY:
-                raise EventFileError(path, _jump(empty, window_us, int(part.t[0])))
+                message = f"{empty} windows of {window_us} us without events before {part.t[0]} us, "
+                hint = "look for a jump in the times, or take longer windows"
+                raise EventFileError(path, f"{message}expected at most {MOST_EMPTY}: {hint}")
             yield together([*held, part[:cut]])
             held, part, begin = [], part[cut:], begin + window_us
         held.append(part)
     if held:
         yield together(held)
-
-
-def _jump(empty: int, window_us: int, t: int) -> str:
-    return (
-        f"{empty} windows of {window_us} us without events before {t} us, expected at most {MOST_EMPTY}: "
-        "look for a jump in the times, or take longer windows"
-    )
 
 
 def together(parts: list[Events]) -> Events:

@@ -10,7 +10,7 @@ import pytest
 import neuro
 from event_tests import refusal
 from neuro.events import listen, send
-from neuro.events.errors import EventFileWarning
+from neuro.events.source import EventFileWarning
 from neuro.events.streams import _listener
 from seen import network, same_run
 

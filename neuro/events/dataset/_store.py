@@ -20,10 +20,10 @@ from neuro.core.hdf5 import check, has_format, is_whole, new_file
 from neuro.core.outputs import Kind, output, write_text
 from neuro.core.processes import Done, Lost, Processes, Raised, Work, cores
 from neuro.events._events import Events
-from neuro.events.dataset._layouts import natural
-from neuro.events.errors import EventFileError, EventFileWarning
+from neuro.events.dataset._layouts import FileContent, natural
 from neuro.events.formats._format import Damage
 from neuro.events.formats._hdf5_recording import FAILURES, member, one_line
+from neuro.events.source import EventFileError, EventFileWarning
 
 FORMAT = "neuro event data set 1"
 CLASSES = "classes"
@@ -118,6 +118,10 @@ class StoredSample:
         events = self.load()
         return repr(events.sensor_size).encode() + events.records().tobytes()
 
+    def stamp(self) -> str:
+        """Return the stamp of the file; see `Sample`."""
+        return FileContent(Path(self._file.path)).stamp()
+
     def sensor(self) -> tuple[tuple[int, int], bool]:
         """Width and height, and whether they are stated; see `Sample`."""
         from neuro.events.formats.hdf5 import sample_size
@@ -190,8 +194,9 @@ def _names(file: Any) -> Iterator[tuple[str, str]]:
         return
     own = CLASSES in file.attrs  # then all are samples; to open each of 10,000 takes seconds
     for group in sorted((name for name in file if isinstance(member(file, name), h5py.Group)), key=natural):
-        members = file[group]
-        yield from ((group, name) for name in sorted(members, key=natural) if own or _has_rows(member(members, name)))
+        for name in sorted(members := file[group], key=natural):
+            if own or getattr(getattr(member(members, name), "dtype", None), "names", None):
+                yield group, name
 
 
 def _listed(
@@ -212,10 +217,6 @@ def _listed(
     return known, tuple(samples)
 
 
-def _has_rows(node: Any) -> bool:
-    return getattr(getattr(node, "dtype", None), "names", None) is not None
-
-
 def _named(file: Any, groups: Sequence[str]) -> Sequence[str]:
     text = file.attrs.get(CLASSES)
     try:
@@ -234,6 +235,9 @@ CHOICE = "choice"
 """Attribute of the file: what was to become of damaged samples."""
 DAMAGED = "damaged"
 """Attribute of the file: number of each damaged sample, and what is wrong with it, as JSON."""
+
+STAMPS = "stamps"
+"""Attribute of a small file: the stamp of each sample in it by its number, as JSON. Of the whole file: their digest."""
 
 _LOST = "a process that packs samples {}, {} times: it was killed or ran out of memory; the same call goes on"
 
@@ -274,7 +278,7 @@ def store(
         return _finished(path, samples, plan, damaged)
     folder = path.with_name(f"{path.name}.parts")
     _begin(folder, f"{plan} {damaged}")
-    done = _done(folder)
+    done = _done(folder, samples)
     missing = [k for k in range(len(samples)) if k not in done]
     tell("reading", len(done), len(samples))
     job = ConversionJob(tuple(samples), sensor_size, damaged, str(folder))
@@ -284,7 +288,10 @@ def store(
     for finished in _pack_all(job, batches, jobs or cores()):
         count += finished
         tell("reading", count, len(samples))
-    _join(folder, path, samples, classes, {PLAN: plan, CHOICE: damaged}, tell)
+    stamps = _stamps(samples)
+    if stale := set(range(len(samples))) - _done(folder, samples):
+        raise EventFileError(samples[min(stale)].path, "was changed while it was converted: the same call goes on")
+    _join(folder, path, samples, classes, {PLAN: plan, CHOICE: damaged, STAMPS: stamps or ""}, tell)
     shutil.rmtree(folder)
     return _finished(path, samples, plan, damaged)
 
@@ -294,6 +301,14 @@ def _plan(samples: Sequence[Any], classes: Sequence[str], size: tuple[int, int] 
     for sample in samples:
         digest.update(f"\0{sample.name}\0{sample.label}".encode())
     return digest.hexdigest()
+
+
+def _stamps(samples: Sequence[Any]) -> str | None:
+    """Return a digest of the stamps of all samples, None where one is there no more."""
+    try:
+        return hashlib.sha256("\0".join(sample.stamp() for sample in samples).encode()).hexdigest()
+    except OSError:
+        return None
 
 
 def _finished(path: Path, samples: Sequence[Any], plan: str, choice: str) -> StoredDataSet:
@@ -306,6 +321,10 @@ def _finished(path: Path, samples: Sequence[Any], plan: str, choice: str) -> Sto
         with opened(str(path)) as file:
             damaged = json.loads(file.attrs.get(DAMAGED, "{}"))
             if file.attrs.get(PLAN) == plan and (not damaged or file.attrs[CHOICE] == choice):
+                if file.attrs.get(STAMPS) != (stamps := _stamps(samples)) and stamps is not None:
+                    raise EventFileError(
+                        str(path), "was made of samples that have changed since, or by neuro 0.2.0; expected a new name"
+                    )
                 count = sum(len(file[name]) for name in file)
                 return StoredDataSet(str(path), count, {samples[int(k)].path: what for k, what in damaged.items()})
     raise EventFileError(str(path), "exists and holds something else; expected a new name")
@@ -328,8 +347,11 @@ def _begin(folder: Path, plan: str) -> None:
         write_text(note, plan, Kind("a plan"))
 
 
-def _done(folder: Path) -> set[int]:
-    """The numbers of all samples in whole small files; others, and what was being written, are removed."""
+def _done(folder: Path, samples: Sequence[Any]) -> set[int]:
+    """Return the numbers of all samples in whole small files.
+
+    Other small files, those with a sample that has changed since, and what was being written are removed.
+    """
     import h5py
 
     done: set[int] = set()
@@ -340,7 +362,11 @@ def _done(folder: Path) -> set[int]:
             part.unlink()
             continue
         with h5py.File(part, "r") as file:
-            done |= {*map(int, file), *map(int, json.loads(file.attrs[DAMAGED]))}
+            stamps = json.loads(file.attrs[STAMPS])
+        if any(samples[int(number)].stamp() != stamp for number, stamp in stamps.items()):
+            part.unlink()
+            continue
+        done |= {*map(int, stamps)}
     return done
 
 
@@ -416,7 +442,7 @@ CHOICES = ("skip", "mend", "stop")
 """What may become of a damaged sample."""
 
 
-BATCH_FORMAT = "neuro event batch 1"
+BATCH_FORMAT = "neuro event batch 2"
 
 
 @dataclass(frozen=True, slots=True)
@@ -462,13 +488,14 @@ def pack(job: ConversionJob, numbers: Sequence[int]) -> int:
         output(path, Kind("a batch"), replace=True) as part,
         new_file(part, BATCH_FORMAT, libver=("v108", "v108")) as file,
     ):
+        stamps = {str(number): job.samples[number].stamp() for number in numbers}
         for number in numbers:
             events, fault = _loaded(job, job.samples[number])
             if fault:
                 damaged[str(number)] = fault
             if events is not None:
                 write_sample(file, str(number), events)
-        file.attrs[DAMAGED] = json.dumps(damaged)
+        file.attrs[DAMAGED], file.attrs[STAMPS] = json.dumps(damaged), json.dumps(stamps)
     return len(numbers)
 
 

@@ -168,15 +168,11 @@ class Downsample(Filter):
         from neuro.events._kernels import join
 
         assert isinstance(self.factor, tuple)
-        columns, rows = (_places(n, f) for n, f in zip(self.sensor_size, self.factor, strict=True))
+        sides = zip(self.sensor_size, self.factor, strict=True)
+        columns, rows = ((np.arange(pixels) // factor).astype(np.uint16) for pixels, factor in sides)
         out = empty_columns(len(events))
         n = join(events.t, events.x, events.y, events.p, columns, rows, self.integrate, self._state[0], *out)
         return self._of(events, tuple(values[:n] for values in out))
-
-
-def _places(pixels: int, factor: int) -> np.ndarray[tuple[int], np.dtype[np.uint16]]:
-    """The block of each column or row."""
-    return (np.arange(pixels) // factor).astype(np.uint16)
 
 
 @dataclass(frozen=True, eq=False)

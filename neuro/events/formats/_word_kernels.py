@@ -164,13 +164,18 @@ def decoder(layout, how=kernel):
 
     @subkernel
     def run(data, at, begin, t, x, y, p):
-        """Decode words that are all events, without a branch, so that the compiler makes vector instructions of it."""
+        """Decode words as events, without a branch, so that the compiler makes vector instructions of it.
+
+        Returns the largest x and y, whether time does not run back, and 0 where all words are events.
+        """
         x_max = y_max = fell = last = U(0)
+        odd = is_odd(data, at) & 0
         for k in range(t.size):
             here = at + size * k
             raw = t_of(data, here)
             column = x_of(data, here)
             row = y_of(data, here)
+            odd |= is_odd(data, here)
             t[k] = now = begin + time_of(raw)
             x[k] = column
             y[k] = row
@@ -182,7 +187,7 @@ def decoder(layout, how=kernel):
             rank = raw ^ sign  # in the order of signed times
             fell |= U(rank < last)
             last = rank
-        return x_max, y_max, rule == GAPS or fell == 0
+        return x_max, y_max, rule == GAPS or fell == 0, odd
 
     @subkernel
     def leading(data, at, count):
@@ -218,14 +223,20 @@ def decoder(layout, how=kernel):
         begin, clock, before = state[BEGIN], state[CLOCK], NEVER
         waiting = waits and not state[STARTED]
         patience = 1
+        clean = True  # the words before were all events: then those that follow are decoded before they are looked at
         while at + least <= data.size and not state[STOPPED]:
             count = min(BLOCK, (data.size - at) // size)
-            lead = 0 if waiting else leading(data, at, count)
-            patience = 1 if lead else min(2 * patience, 16)
+            lead = 0 if waiting else count if clean else leading(data, at, count)
+            end = n + lead
+            if lead:
+                column, row, rises, odd = run(data, at, begin, t[n:end], x[n:end], y[n:end], p[n:end])
+                if odd:
+                    clean = False
+                    continue
+            clean = lead == count
+            patience = 1 if lead else min(2 * patience, 32)
             stop = at + size * max(1, min(group * patience, count))
             if lead:
-                end = n + lead
-                column, row, rises = run(data, at, begin, t[n:end], x[n:end], y[n:end], p[n:end])
                 first, last = t[n] - begin, t[end - 1] - begin
                 if not clocked or (rises and first >= clock and (rule == WRAPS or last - clock <= PERIOD // 2)):
                     x_max = max(x_max, column)
@@ -258,7 +269,7 @@ def decoder(layout, how=kernel):
                     if used == 0:
                         break
                     continue
-                if at + size > data.size:
+                if least < size and at + size > data.size:
                     state[BEGIN], state[CLOCK] = begin, clock
                     return n, at, x_max, y_max, ordered
                 raw = t_of(data, at)

@@ -60,7 +60,8 @@ class Packets:
         """
         plain = self._unpack(data, place)
         if self._packed == "LZ4":
-            self.head = _plain_head(data[:7].tobytes())
+            head = data[:7].tobytes()  # used only where it says that there are neither checksums nor a length
+            self.head = head if len(head) == 7 and head[4] & 0b11011111 == 0b01000000 else b""
         start = 4 + len(self.lead) + 4
         try:
             if len(plain) < 12 or U32.unpack_from(plain)[0] != len(plain) - 4:
@@ -76,11 +77,6 @@ class Packets:
         # Only where all offsets stand before the events do bytes that are the same there mean the same.
         self.lead = plain[4:start] if table.looked <= start - 4 else b""
         return plain, 4 + start, count
-
-
-def _plain_head(head: bytes) -> bytes:
-    """The header of an LZ4 frame that was unpacked, if it says that there are neither checksums nor a length."""
-    return head if len(head) == 7 and head[4] & 0b11011111 == 0b01000000 else b""
 
 
 def _unpacker(packed: str) -> Callable[[Bytes, int], bytes]:

@@ -25,11 +25,10 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events._events import Events
-from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.formats._format import SMALLER, Damage, Format, Room, Size, Unsavable, refuse
 from neuro.events.formats._reading import write_words
 from neuro.events.formats._words import GAPS, Decoder, Field, Layout, Odd, WordReader, layout_writer
-from neuro.events.source import Bytes, Given, Source, opened_source
+from neuro.events.source import Bytes, EventFileError, EventFileWarning, Given, Source, opened_source
 
 MAGIC = b"Event Stream"
 VERSION = (2, 0, 0)

@@ -31,10 +31,9 @@ import numpy.typing as npt
 
 from neuro.core.hdf5 import FRONT, Front, is_hdf5, new_file
 from neuro.events._events import EVENT, Events
-from neuro.events.errors import EventFileError
 from neuro.events.formats._format import Damage, Format, Piece, Size, Unsavable, as_json, from_json
 from neuro.events.formats._hdf5_recording import FAILURES, Padded, find, of_rows, one_line
-from neuro.events.source import WHOLE, Bytes, Source
+from neuro.events.source import WHOLE, Bytes, EventFileError, Source
 
 UNTESTED = "no recording in another layout than this library's was at hand"
 
@@ -99,13 +98,9 @@ class Hdf5:
         yield from self._recording.pieces(block, start_us)
         if not self._heaps:
             raise Damage("a heap of strings is damaged; attributes with strings were left out", None)
-        if start_us is None and not self._is_whole():
+        front = None if start_us is not None else Front.of(bytes(self._bytes[:FRONT]))  # of what this library wrote
+        if front is not None and not front.fits(lambda at, n: self._bytes[at : at + n]):
             raise Damage("damaged: it is not what was written", None)
-
-    def _is_whole(self) -> bool:
-        """Whether a file that this library wrote is what was written; of others nothing is known."""
-        front = Front.of(bytes(self._bytes[:FRONT]))
-        return front is None or front.fits(lambda at, n: self._bytes[at : at + n])
 
 
 def read_sample(dataset: Any) -> Events:

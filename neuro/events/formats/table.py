@@ -206,7 +206,7 @@ def _layout(head: bytes, order: str | None = None, unit: int | None = None) -> _
             size = _sensor([int(value) for value in values], number, at)
         elif find_names(values):
             names = values
-        elif values and (names is not None or all(map(_is_value, values))):
+        elif values and (names is not None or not any(np.isnan(_float(value)) for value in values)):
             return _of_rows(head[at:], at, number, names, len(values), size, order, unit)
         elif values:
             raise Damage(f"line {number + 1}: {text[:60]!r}, expected names or numbers of t, x, y and p", at)
@@ -290,20 +290,12 @@ def _found_unit(lines: list[list[str]], where: Mapping[str, int]) -> int:
 
 def _pointed(lines: list[list[str]], columns: Sequence[int]) -> list[bool]:
     """Return of each column whether some number has a decimal point or an exponent."""
-    return [any(_is_pointed(line[column]) for line in lines) for column in columns]
-
-
-def _is_pointed(text: str) -> bool:
-    """Whether a number has a decimal point or an exponent."""
-    return not text.lstrip("+-").isdecimal() and _NUMBER.fullmatch(text) is not None
+    texts = ([line[column] for line in lines] for column in columns)
+    return [any(not text.lstrip("+-").isdecimal() and _NUMBER.fullmatch(text) for text in each) for each in texts]
 
 
 def _float(text: str) -> float:
     return float(text) if _NUMBER.fullmatch(text) else _TRUTH.get(text.lower(), float("nan"))
-
-
-def _is_value(text: str) -> bool:
-    return _NUMBER.fullmatch(text) is not None or text.lower() in _TRUTH
 
 
 def _knows(head: bytes) -> bool:

@@ -34,7 +34,7 @@ SECOND, SOON = 1_000_000_000, 1_000_000
 FULL = -2
 """Instead of a number of bytes: the ring has no room."""
 
-NAME, PIECE, CONTROL, CLOCK, BYTE, WORDS = 0, 7, 9, 17, 19, 20
+NAME, PIECE, CONTROL, TIMESPEC, BYTE, WORDS = 0, 7, 9, 17, 19, 20
 """Places in the words that the system reads and writes: `msghdr`, `iovec`, its control message, `timespec`, a byte."""
 _LENGTH, _ROOM = 5, 64
 
@@ -88,9 +88,9 @@ def receive(calls, descriptor, wake, datagrams, ring, index, state, message):
         message[_LENGTH], message[_LENGTH + 1] = _ROOM, 0
         message[PIECE], message[PIECE + 1] = address(ring) + (bytes_ if at < 0 else at), LARGEST
         got = _recvmsg(calls[0], (descriptor, words, 0))
-        before = message[CLOCK] * SECOND + message[CLOCK + 1]
-        _clock_gettime(calls[1], (calls[3], words + 8 * CLOCK))
-        received = message[CLOCK] * SECOND + message[CLOCK + 1]
+        before = message[TIMESPEC] * SECOND + message[TIMESPEC + 1]
+        _clock_gettime(calls[1], (calls[3], words + 8 * TIMESPEC))
+        received = message[TIMESPEC] * SECOND + message[TIMESPEC + 1]
         if got < 0 and received - before > SOON:
             continue
         if got < 0 or (got == 0 and not datagrams):

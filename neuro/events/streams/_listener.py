@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from neuro.events.streams._receiver import Receiver
 import warnings
 
-from neuro.events.errors import EventFileWarning
+from neuro.events.source import EventFileWarning
 from neuro.events.streams._codings import parsed
 
 BUFFER = 1 << 25
