@@ -24,9 +24,12 @@ import numpy.typing as npt
 
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
+from neuro.core.extras import LazyModule
 from neuro.core.registry import Registry
 from neuro.events._events import Events
 from neuro.events.parts import together
+
+kernels = LazyModule("neuro.events._kernels")
 
 Times = npt.NDArray[np.int64]
 NONE = np.zeros(0, np.int64)
@@ -250,12 +253,10 @@ class MSD(Cutter):
 
     def cuts(self, t: Times) -> Times:
         """The ends of segments; see `Cutter`."""
-        from neuro.events._kernels import msd
-
         if not self._seen and t.size:
             self._last = int(t[0])
         found = np.empty(t.size, np.int64)
-        n, self._v, self._last = msd(t, self._tau_us, self._threshold, self._v, self._last, found)
+        n, self._v, self._last = kernels.msd(t, self._tau_us, self._threshold, self._v, self._last, found)
         self._seen += t.size
         return found[:n] + (self._seen - t.size)
 
@@ -327,8 +328,6 @@ class Peaks(Cutter):
 
     def cuts(self, t: Times) -> Times:
         """The ends of segments, each after its peak; see `Cutter`."""
-        from neuro.events._kernels import peaks
-
         if not t.size:
             return NONE
         last = self._last if self._seen else int(t[0])
@@ -337,7 +336,7 @@ class Peaks(Cutter):
         queue_v = np.concatenate([self._recent[1], np.empty(t.size)])
         found = np.empty(t.size + 1, np.int64)
         constants = (self._tau, self._rise, self._v0, self._search, self._threshold)
-        n, head, tail = peaks(
+        n, head, tail = kernels.peaks(
             t, last, self._seen, constants, self._state, self._candidate, queue_t, queue_v, held, found
         )
         self._recent = (queue_t[head:tail].copy(), queue_v[head:tail].copy())

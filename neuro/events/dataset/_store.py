@@ -16,6 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from neuro.core.errors import ModelError, unknown
+from neuro.core.extras import LazyModule
 from neuro.core.hdf5 import check, has_format, is_whole, new_file
 from neuro.core.outputs import Kind, output, write_text
 from neuro.core.processes import Done, Lost, Processes, Raised, Work, cores
@@ -24,6 +25,8 @@ from neuro.events.dataset._layouts import FileContent, natural
 from neuro.events.formats._format import Damage
 from neuro.events.formats._hdf5_recording import FAILURES, member, one_line
 from neuro.events.source import EventFileError, EventFileWarning
+
+h5py = LazyModule("h5py")
 
 FORMAT = "neuro event data set 1"
 CLASSES = "classes"
@@ -42,8 +45,6 @@ def opened(path: str, whole: bool = False) -> Any:
     Raises:
         EventFileError: it is no whole HDF5 file, or not what this package wrote.
     """
-    import h5py
-
     try:
         if not whole:
             check(Path(path))
@@ -188,8 +189,6 @@ def _damage_told(holder: _File) -> Iterator[None]:
 
 def _names(file: Any) -> Iterator[tuple[str, str]]:
     """Class and name of each sample."""
-    import h5py
-
     if "CD/events" in file:  # Prophesee's place for the events of a recording, see `neuro.events.formats.hdf5`
         return
     own = CLASSES in file.attrs  # then all are samples; to open each of 10,000 takes seconds
@@ -352,8 +351,6 @@ def _done(folder: Path, samples: Sequence[Any]) -> set[int]:
 
     Other small files, those with a sample that has changed since, and what was being written are removed.
     """
-    import h5py
-
     done: set[int] = set()
     for stray in folder.glob(".*.part"):
         stray.unlink(missing_ok=True)
@@ -405,8 +402,6 @@ def _join(
     folder: Path, path: Path, samples: Sequence[Any], classes: Sequence[str], notes: Mapping[str, str], tell: Report
 ) -> None:
     """Copy all small files into one, in the order of the samples: the same bytes, however often it was gone on with."""
-    import h5py
-
     names = _unique_names(samples, classes)
     places, damaged = _contents(folder)
     done, order = 0, sorted(places)
@@ -428,8 +423,6 @@ def _join(
 
 def _contents(folder: Path) -> tuple[dict[int, Path], dict[str, str]]:
     """In which small file each sample is, and what is wrong with the damaged ones."""
-    import h5py
-
     places, damaged = dict[int, Path](), dict[str, str]()
     for small in folder.glob("*.h5"):
         with h5py.File(small, "r") as file:

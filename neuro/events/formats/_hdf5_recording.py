@@ -26,9 +26,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import LazyModule
 from neuro.events.formats._columns import SECONDS, US, Names, find_names, fits, to_piece, unit_of
 from neuro.events.formats._format import Damage, Piece, extra
 from neuro.events.formats._reading import bisected
+
+h5py = LazyModule("h5py")
 
 _ROW = 13
 
@@ -299,8 +302,6 @@ def _parted(where: str) -> tuple[str, str]:
 
 def _at(file: Any, place: str, order: str) -> OpenRecording:
     """The recording at a place, or below it."""
-    import h5py
-
     node = member(file, place)
     if isinstance(node, h5py.Group) and not _columns(node):
         found = list(_candidates(node))
@@ -331,8 +332,6 @@ def _several(found: list[Any]) -> str:
 
 def _candidates(group: Any, depth: int = DEPTH) -> Iterator[Any]:
     """What can be a recording below a group: groups with columns, rows, and tables that are called events."""
-    import h5py
-
     for name in list(group)[: None if depth == DEPTH else LIMIT]:
         node = member(group, name)
         if isinstance(node, h5py.Dataset):
@@ -351,8 +350,6 @@ def _rows(node: Any) -> bool:
 
 def _columns(group: Any) -> Names | None:
     """Which datasets of a group are columns of events, if it is one and they are there."""
-    import h5py
-
     if not isinstance(group, h5py.Group):
         return None
     return find_names(name for name in group if isinstance(member(group, name), h5py.Dataset))
@@ -400,8 +397,6 @@ def unpackable(dataset: Any) -> None:
     Raises:
         Damage: it is.
     """
-    import h5py
-
     plist = dataset.id.get_create_plist()
     for k in range(plist.get_nfilters()):
         number = plist.get_filter(k)[0]

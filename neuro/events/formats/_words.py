@@ -10,10 +10,13 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import LazyModule
 from neuro.events._events import Events, empty_columns
 from neuro.events.formats._format import Damage, Piece, Room, Size, no_place
 from neuro.events.formats._reading import begin, decoded, write_words
 from neuro.events.source import WHOLE, Bytes, Source, step
+
+word_kernels = LazyModule("neuro.events.formats._word_kernels")
 
 PERIOD = 1 << 32
 """us; times of a clock of 32 bits."""
@@ -227,10 +230,8 @@ class WordReader:
 
     def decoder(self) -> Decoder:
         """Return a new decoder."""
-        from neuro.events.formats._word_kernels import decoder
-
         size = self.layout.size
-        return Decoder(decoder(self.layout), first_state(), size, self.layout.least or size)
+        return Decoder(word_kernels.decoder(self.layout), first_state(), size, self.layout.least or size)
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""

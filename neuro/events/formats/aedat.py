@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import LazyModule
 from neuro.events._events import Events
 from neuro.events.formats._format import Damage, Format, Room, Size
 from neuro.events.formats._reading import write_words
@@ -29,6 +30,8 @@ from neuro.events.formats._words import (
     first_state,
 )
 from neuro.events.source import Bytes, Source
+
+word_kernels = LazyModule("neuro.events.formats._word_kernels")
 
 MAGIC_2 = b"#!AER-DAT2.0"
 WORD = 8
@@ -353,11 +356,9 @@ class Aedat3(WordReader):
 
     def decoder(self) -> Decoder:
         """See `WordReader`."""
-        from neuro.events.formats._word_kernels import CAMERA, packet_decoder
-
         state = first_state(more=3)
-        state[CAMERA] = self._camera
-        return Decoder(packet_decoder(LAYOUT_3), state, EVENT, unit=1)
+        state[word_kernels.CAMERA] = self._camera
+        return Decoder(word_kernels.packet_decoder(LAYOUT_3), state, EVENT, unit=1)
 
     def count(self, state: State) -> None:
         """See `WordReader`."""
@@ -369,9 +370,7 @@ class Aedat3(WordReader):
 
     def ended(self, rest: Bytes, end: int, decoder: Decoder) -> None:
         """See `WordReader`."""
-        from neuro.events.formats._word_kernels import LEFT, SKIP
-
-        if missing := int(decoder.state[SKIP] + decoder.state[LEFT] * EVENT):
+        if missing := int(decoder.state[word_kernels.SKIP] + decoder.state[word_kernels.LEFT] * EVENT):
             raise Damage(f"the last packet is cut, {missing - rest.size} bytes are missing", end)
         if rest.size:
             raise Damage(f"{rest.size} bytes left over after the last packet", end)

@@ -14,10 +14,13 @@ import lz4.frame
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import LazyModule
 from neuro.events._events import Events
 from neuro.events.formats._format import Damage, Format, Piece, Room, Size, extra, in_order
 from neuro.events.formats._reading import Cursor, GrowingArray, growing
 from neuro.events.source import Bytes, Source
+
+aedat4_kernels = LazyModule("neuro.events.formats._aedat4_kernels")
 
 RECORD = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("p", "u1"), ("unused", "u1", 3)])
 USUAL = 1 << 18
@@ -247,8 +250,6 @@ class Aedat4:
     """
 
     def __init__(self, source: Source) -> None:
-        from neuro.events.formats._aedat4_kernels import split, walk
-
         self._source = source
         lead = source.head(len(MAGIC) + 4)
         if not lead.startswith(MAGIC):
@@ -269,7 +270,7 @@ class Aedat4:
         if not events:
             raise Damage("the header lists no stream of events", len(lead))
         self._wanted = events[0]
-        self._packets, self._split, self._walk = Packets(packed), split, walk
+        self._packets, self._split, self._walk = Packets(packed), aedat4_kernels.split, aedat4_kernels.walk
         self._plain = np.empty(USUAL, np.uint8)
         wanted = streams[self._wanted]
         self.sensor_size: Size | None = (wanted["width"], wanted["height"]) if "width" in wanted else None

@@ -24,11 +24,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import LazyModule
 from neuro.events._events import Events
 from neuro.events.formats._format import SMALLER, Damage, Format, Room, Size, Unsavable, refuse
 from neuro.events.formats._reading import write_words
 from neuro.events.formats._words import GAPS, Decoder, Field, Layout, Odd, WordReader, layout_writer
 from neuro.events.source import Bytes, EventFileError, EventFileWarning, Given, Source, opened_source
+
+word_kernels = LazyModule("neuro.events.formats._word_kernels")
 
 MAGIC = b"Event Stream"
 VERSION = (2, 0, 0)
@@ -161,8 +164,6 @@ def _generic(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 def write(parts: Iterator[Events], path: Path) -> None:
     """Encode as Event Stream 2.0 of DVS events; the metadata are not kept."""
-    from neuro.events.formats._word_kernels import encode_event_stream
-
     now = 0
 
     def encoded(done: int, events: Events) -> bytes:
@@ -173,7 +174,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
         late = not done and bad[:1].any()  # where the recording begins, which a filter can move; no gap within it
         refuse(events, bad, done, limits, np.zeros(len(events), np.bool_) if late else None)
         out = np.empty(EVENT * len(events) + int((gaps // OVERFLOW_US).sum()), np.uint8)
-        encode_event_stream(events.t, events.x, events.y, events.p, now, out)
+        word_kernels.encode_event_stream(events.t, events.x, events.y, events.p, now, out)
         now = int(events.t[-1]) if len(events) else now
         return out.tobytes()
 

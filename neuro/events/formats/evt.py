@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import LazyModule
 from neuro.events._events import Events
 from neuro.events.formats._format import HEAD, Damage, Format, Room
 from neuro.events.formats._reading import begin, write_words
@@ -28,6 +29,8 @@ from neuro.events.formats._words import (
 )
 from neuro.events.formats.dat import GEN3, GEN4, parse, raw_text, read_header
 from neuro.events.source import Bytes, Source
+
+evt_kernels = LazyModule("neuro.events.formats._evt_kernels")
 
 Words = npt.NDArray[Any]
 
@@ -176,10 +179,9 @@ class Evt21(Evt2):
 
     def decoder(self) -> Decoder:
         """See `WordReader`."""
-        from neuro.events.formats._evt_kernels import decode21, room21
-
         half = self._upper_half()
-        return Decoder(partial(decode21, half), first_state(), self.word, self.word, partial(room21, half))
+        decode, room = (partial(kernel, half) for kernel in (evt_kernels.decode21, evt_kernels.room21))
+        return Decoder(decode, first_state(), self.word, self.word, room)
 
     def upper(self, words: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
         """See `Evt2`."""
@@ -228,17 +230,15 @@ def _whole(data: Bytes) -> npt.NDArray[np.uint16]:
 
 def evt3_decoder() -> Decoder:
     """A new decoder of EVT 3.0."""
-    from neuro.events.formats import _evt_kernels as kernel
-
-    state = np.zeros(kernel.STATES_3, np.int64)
-    state[kernel.ROW] = state[kernel.BASE] = -1
+    state = np.zeros(evt_kernels.STATES_3, np.int64)
+    state[evt_kernels.ROW] = state[evt_kernels.BASE] = -1
 
     def decode(data: Bytes, *rest: Any) -> tuple[int, int, int, int, bool]:
         words = _whole(data)
-        count, x_max, y_max, ordered = kernel.decode3(words, *rest)
+        count, x_max, y_max, ordered = evt_kernels.decode3(words, *rest)
         return count, words.nbytes, x_max, y_max, ordered
 
-    return Decoder(decode, state, 2, 2, lambda data: kernel.room3(_whole(data)))
+    return Decoder(decode, state, 2, 2, lambda data: evt_kernels.room3(_whole(data)))
 
 
 class Evt3(Evt):
@@ -271,19 +271,17 @@ class Evt3(Evt):
 
     def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
         """See `SeekingReader`. The clock wraps so soon that all TIME_HIGH before are looked at, and nothing else."""
-        from neuro.events.formats import _evt_kernels as kernel
-
         begin = self.start
         high, kinds, margin = -1, 0, (begin, -1)
         before = np.zeros(0, np.uint16)
         for place, data in self.source.blocks(begin, step, self.word):
             words = _whole(data)
             at_begin, kinds_before = high, kinds
-            high, kinds, most = kernel.track3(words, high, kinds)
+            high, kinds, most = evt_kernels.track3(words, high, kinds)
             if most >= start_us >> 12:
                 if margin[1] < 0 or not _settled(before, bool(kinds_before >> VECT_BASE_X & 1)):
                     return begin
-                decoder.state[STARTED], decoder.state[kernel.TIME] = 1, margin[1] << 12
+                decoder.state[STARTED], decoder.state[evt_kernels.TIME] = 1, margin[1] << 12
                 return margin[0]
             margin, before = (place, at_begin), words
         return begin
@@ -304,8 +302,6 @@ def _settled(words: npt.NDArray[np.uint16], vectors: bool) -> bool:
 
 def write_evt3(parts: Iterator[Events], path: Path) -> None:
     """Encode, with the sensor in the header; metadata are not kept."""
-    from neuro.events.formats._evt_kernels import encode3
-
     state = np.array([-1, -1], np.int64)
 
     def encoded(done: int, events: Events) -> bytes:
@@ -315,7 +311,7 @@ def write_evt3(parts: Iterator[Events], path: Path) -> None:
     def sliced(part: Events) -> bytes:
         wraps = (int(part.t[-1]) >> 24) - (max(int(state[0]), 0) >> 24)
         words = np.empty(4 * len(part) + 2 * wraps + 1, "<u2")
-        return words[: encode3(part.t, part.x, part.y, part.p, state, words)].tobytes()
+        return words[: evt_kernels.encode3(part.t, part.x, part.y, part.p, state, words)].tobytes()
 
     write_words(parts, path, partial(raw_text, "3.0"), encoded)
 

@@ -29,11 +29,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import LazyModule
 from neuro.core.hdf5 import FRONT, Front, is_hdf5, new_file
 from neuro.events._events import EVENT, Events
 from neuro.events.formats._format import Damage, Format, Piece, Size, Unsavable, as_json, from_json
 from neuro.events.formats._hdf5_recording import FAILURES, Padded, find, of_rows, one_line
 from neuro.events.source import WHOLE, Bytes, EventFileError, Source
+
+h5py = LazyModule("h5py")
 
 UNTESTED = "no recording in another layout than this library's was at hand"
 
@@ -51,8 +54,6 @@ class Hdf5:
     """
 
     def __init__(self, source: Source, where: str = "") -> None:
-        import h5py
-
         self._file: Any = None
         self._bytes: Any = b""
         try:
@@ -192,8 +193,6 @@ def attributes(node: Any, heaps: bool) -> dict[str, Any]:
         node: an open h5py group or dataset.
         heaps: whether strings of any length may be read.
     """
-    import h5py
-
     found = {}
     for name in node.attrs:
         attribute = h5py.h5a.open(node.id, name.encode())
@@ -247,8 +246,6 @@ def metadata_of(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 def describe(target: Any, sensor_size: tuple[int, int], metadata: Any) -> None:
     """Put sensor size and metadata into attributes of a group or dataset, once."""
-    import h5py
-
     if "sensor_size" not in target.attrs:
         text = as_json(metadata).encode()
         target.attrs["sensor_size"] = np.array(sensor_size, np.int64)

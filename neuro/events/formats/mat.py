@@ -29,11 +29,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import LazyModule
 from neuro.events._events import Events
 from neuro.events.formats._columns import Names, find_names, to_piece, unit_of
 from neuro.events.formats._format import Damage, Format, Found
 from neuro.events.formats._hdf5_recording import FAILURES, believable
 from neuro.events.source import WHOLE, EventFileError, Given, Source
+
+h5py = LazyModule("h5py")
 
 MAGIC = b"MATLAB "
 
@@ -144,15 +147,11 @@ def _is_vector(value: Any) -> bool:
 
 def _version_73(data: Any) -> dict[str, Any]:
     """Variables of version 7.3, which is HDF5: structs are groups, cells are references."""
-    import h5py
-
     with h5py.File(io.BytesIO(data), "r") as file:
         return {name: _of_hdf5(file, node, DEPTH) for name, node in file.items() if not name.startswith("#")}
 
 
 def _of_hdf5(file: Any, node: Any, depth: int) -> Any:
-    import h5py
-
     if not depth:
         return None
     if isinstance(node, h5py.Group):

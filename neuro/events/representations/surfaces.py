@@ -10,9 +10,12 @@ import numpy.typing as npt
 
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
+from neuro.core.extras import LazyModule
 from neuro.events._events import Events
 from neuro.events.parts import together
 from neuro.events.representations.frames import Representation, given, real
+
+kernels = LazyModule("neuro.events._kernels")
 
 Decay = Literal["exponential", "linear"]
 Which = Literal["separate", "ignored"]
@@ -126,14 +129,10 @@ class TimeSurface(_Decaying):
         self._last = np.full(self._shape, NEVER)
 
     def _add(self, events: Events) -> None:
-        from neuro.events._kernels import mark
-
-        mark(events.t, events.x, events.y, events.p, self._separate, self._last)
+        kernels.mark(events.t, events.x, events.y, events.p, self._separate, self._last)
 
     def _read(self, when: int, out: npt.NDArray[np.floating]) -> None:
-        from neuro.events._kernels import ages
-
-        ages(self._last.ravel(), when, self._tau, self._linear, out)
+        kernels.ages(self._last.ravel(), when, self._tau, self._linear, out)
 
 
 def time_surface(
@@ -215,17 +214,13 @@ class LeakySurface(_Decaying):
         self._since = np.zeros(self._shape, np.int64)
 
     def _add(self, events: Events) -> None:
-        from neuro.events._kernels import leak
-
         before = int(events.t[0]) if self._newest is None else self._newest
         options = (self._separate, self._linear, self._late)
         values = (self._tau, self._increment)
-        leak(events.t, events.x, events.y, events.p, before, options, values, self._value, self._since)
+        kernels.leak(events.t, events.x, events.y, events.p, before, options, values, self._value, self._since)
 
     def _read(self, when: int, out: npt.NDArray[np.floating]) -> None:
-        from neuro.events._kernels import leaked
-
-        leaked(self._value.ravel(), self._since.ravel(), when, self._tau, self._linear, out)
+        kernels.leaked(self._value.ravel(), self._since.ravel(), when, self._tau, self._linear, out)
 
 
 def leaky_surface(
@@ -324,19 +319,17 @@ class Hats:
 
     def add(self, events: Events) -> None:
         """Take in the next events."""
-        from neuro.events._kernels import forget, histograms
-
         if not len(events):
             return
         old, seen = 0, events
         if (held := self._held) is not None:  # drop what has left the window
             state = (self._memory, self._inside, self._queues, self._following)
-            first = forget(held.t, held.x, held.y, self._constants, *state)
+            first = kernels.forget(held.t, held.x, held.y, self._constants, *state)
             self._following = self._following[first:]
             old, seen = len(self._following), together([held[first:], events])
         following = np.concatenate([self._following, np.empty(len(events), np.int64)])
         sums = (self._memory, self._inside, self._queues, following, self._sums, self._counts)
-        histograms(seen.t, seen.x, seen.y, seen.p, old, self._constants, *sums)
+        kernels.histograms(seen.t, seen.x, seen.y, seen.p, old, self._constants, *sums)
         self._held, self._following = seen, following
 
     def histograms(self, dtype: npt.DTypeLike = np.float32) -> npt.NDArray[np.floating]:

@@ -9,13 +9,14 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, unknown
+from neuro.core.extras import LazyModule
 from neuro.events._events import Columns, Events, empty_columns, joined_columns
 from neuro.events.formats._format import Damage
 from neuro.events.formats._words import Field, Layout, Odd, encoded, first_state
@@ -27,10 +28,13 @@ from neuro.events.formats.aedat4 import (
     Header,
     Malformed,
     Packets,
-    new_header,
     packet,
     read_header,
 )
+
+aedat4_kernels = LazyModule("neuro.events.formats._aedat4_kernels")
+evt_kernels = LazyModule("neuro.events.formats._evt_kernels")
+kernels = LazyModule("neuro.events.streams._kernels")
 
 SCHEMES = ("udp", "tcp")
 CLOSED = "NEURO_STREAMS_CLOSED"
@@ -138,21 +142,9 @@ DATAGRAM = 1400
 """Bytes of a datagram, at most; the usual Ethernet carries 1,472."""
 
 
-class Decoder(Protocol):
-    """Decodes entries of a ring."""
-
-    def __call__(
-        self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
-    ) -> tuple[int, Columns, int]:
-        """The events of entries: how many, room that begins with them, and how many entries were damaged.
-
-        Args:
-            ring: the bytes of a `Receiver`.
-            index: its entries.
-            first: the first to decode.
-            last: the one after the last.
-        """
-
+Decoder = Callable[[NDArray[np.uint8], NDArray[np.int64], int, int], tuple[int, Columns, int]]
+"""Decodes entries of a ring: (bytes of a `Receiver`, its entries, the first to decode, the one after the last) ->
+number of events, room that begins with them, number of damaged entries."""
 
 Encoder = Callable[[Events, int], Iterator[Any]]
 """Datagrams (bytes) of at most so many bytes for events; parts of one recording in their order."""
@@ -203,20 +195,16 @@ class _Plain:
     def __call__(
         self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
     ) -> tuple[int, Columns, int]:
-        from neuro.events.streams._kernels import plain_decoder, spif_decoder
-
         room = empty_columns(int(_sizes(index, first, last).sum()) // self.least + 1)
-        decode = (plain_decoder if self.least == self.layout.size else spif_decoder)(self.layout)
+        decode = (kernels.plain_decoder if self.least == self.layout.size else kernels.spif_decoder)(self.layout)
         n, damaged = decode(ring, index, first, last, self.opened_ns, self.state, *room)
         return n, room, damaged
 
 
 def _sizes(index: NDArray[np.int64], first: int, last: int) -> NDArray[np.int64]:
     """Bytes of entries."""
-    from neuro.events.streams._kernels import SIZE
-
     begin, count, m = first % len(index), last - first, len(index)
-    sizes = index[:, SIZE]
+    sizes = index[:, kernels.SIZE]
     if begin + count <= m:
         return sizes[begin : begin + count]
     return np.concatenate((sizes[begin:], sizes[: begin + count - m]))
@@ -227,20 +215,17 @@ class _Evt3:
 
     def __init__(self, opened_ns: int) -> None:
         from neuro.events.formats.evt import evt3_decoder
-        from neuro.events.streams._kernels import STATES
 
         begin = evt3_decoder().state
-        self._state = np.zeros(STATES, np.int64)
+        self._state = np.zeros(kernels.STATES, np.int64)
         self._state[: begin.size] = begin
 
     def __call__(
         self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
     ) -> tuple[int, Columns, int]:
-        from neuro.events.streams._kernels import decode_evt3, room_evt3
-
         words = ring.view("<u2")
-        room = empty_columns(room_evt3(words, index, first, last))
-        n, damaged = decode_evt3(words, index, first, last, self._state, *room)
+        room = empty_columns(kernels.room_evt3(words, index, first, last))
+        n, damaged = kernels.decode_evt3(words, index, first, last, self._state, *room)
         return n, room, damaged
 
 
@@ -293,8 +278,6 @@ def _evt3() -> Encoder:
 
     def encode(events: Events, size: int) -> Iterator[Any]:
         nonlocal last
-        from neuro.events.formats._evt_kernels import TIME_HIGH, encode3
-
         silent = np.flatnonzero(np.diff(events.t, prepend=events.t[:1]) > _BEAT)
         for begin, end in pairwise([0, *silent, len(events)]):
             for k in range(begin, end, max(1, size // _EVENT_BYTES)):
@@ -304,10 +287,10 @@ def _evt3() -> Encoder:
                     silence = f"{(first - last) / 1e6:.0f} s without events before {first} us"
                     raise ModelError(f"format 'raw-evt3': found {silence}: expected at most {_LONGEST / 1e6:.0f} s")
                 beats = np.arange(first if last is None else last + _BEAT, first, _BEAT) >> 12
-                yield from _cut((TIME_HIGH << 12 | beats & 0xFFF).astype("<u2"), size)
+                yield from _cut((evt_kernels.TIME_HIGH << 12 | beats & 0xFFF).astype("<u2"), size)
                 since = part.t - first // _PERIOD_3 * _PERIOD_3
                 words = np.empty(4 * len(part) + 2 * (int(since[-1]) // _PERIOD_3) + 1, "<u2")
-                n = encode3(since, part.x, part.y, part.p, np.full(2, -1, np.int64), words)
+                n = evt_kernels.encode3(since, part.x, part.y, part.p, np.full(2, -1, np.int64), words)
                 last = int(part.t[-1])
                 yield words[:n].data.cast("B")
 
@@ -387,22 +370,18 @@ class PacketDecoder:
     """
 
     def __init__(self, compression: str, wanted: int, broken: Callable[[], None]) -> None:
-        from neuro.events.formats._aedat4_kernels import split
-
-        self._packets, self._wanted, self._broken, self._split = Packets(compression), wanted, broken, split
+        self._packets, self._wanted, self._broken = Packets(compression), wanted, broken
         self._held = bytearray()
         self._lost = False
 
     def __call__(
         self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
     ) -> tuple[int, Columns, int]:
-        from neuro.events.streams._kernels import EVENTS, SIZE, START
-
         parts: list[Columns] = []
         damaged = n = 0
         for entry in range(first, last):
             row, had = index[entry % len(index)], len(parts)
-            start, size = row[[START, SIZE]].tolist()
+            start, size = row[[kernels.START, kernels.SIZE]].tolist()
             if not size:
                 damaged += bool(self._held)
                 self._held.clear()
@@ -417,7 +396,7 @@ class PacketDecoder:
                     self._held.clear()
                     self._broken()
             n += sum(len(each[0]) for each in parts[had:])
-            row[EVENTS] = n
+            row[kernels.EVENTS] = n
         columns = parts[0] if len(parts) == 1 else joined_columns(parts)
         return n, columns, damaged
 
@@ -441,13 +420,8 @@ class PacketDecoder:
     def _events(self, data: NDArray[np.uint8]) -> Columns:
         plain, start, count = self._packets.events(data, 0)
         columns = empty_columns(count)
-        self._split(np.frombuffer(plain, np.uint8), start, count, 0, *columns)
+        aedat4_kernels.split(np.frombuffer(plain, np.uint8), start, count, 0, *columns)
         return columns
-
-
-def sent_header(sensor: tuple[int, int]) -> bytes:
-    """What a connection begins with."""
-    return new_header(0, *sensor)
 
 
 def sent_packets(events: Events) -> bytes:

@@ -5,25 +5,33 @@ from __future__ import annotations
 import math
 import socket
 import time
+import warnings
 import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
+from neuro.core.extras import LazyModule
 from neuro.events._events import Events, checked_size
 from neuro.events.formats._format import Damage
-from neuro.events.streams._codings import CODINGS, Address, Decoder, address, format_for
-
-if TYPE_CHECKING:
-    from neuro.events.streams._receiver import Receiver
-import warnings
-
 from neuro.events.source import EventFileWarning
-from neuro.events.streams._codings import parsed
+from neuro.events.streams._codings import (
+    CODINGS,
+    Address,
+    Decoder,
+    PacketDecoder,
+    address,
+    format_for,
+    parsed,
+    received_header,
+)
+from neuro.events.streams._receiver import LEAST, Receiver
+
+kernels = LazyModule("neuro.events.streams._kernels")
 
 BUFFER = 1 << 25
 """Bytes that wait to be taken, at most; 0.8 s of 5 million events a second of 8 bytes."""
@@ -83,8 +91,6 @@ class Listener:
         self, url: str, format: str, sensor: tuple[int, int], receiver: Receiver, decoder: Decoder, period: int,
         until_silent: float, first_within: float, tick_ms: float,
     ) -> None:  # fmt: skip
-        from neuro.events.streams import _kernels as kernels
-
         self.url, self.format, self.sensor_size = url, format, sensor
         self.received_ns: int | None = None
         self._receiver, self._decoder, self._period = receiver, decoder, period
@@ -227,8 +233,6 @@ def listen(
         ModelError: the address cannot be used, the format is unknown, the sensor is missing or too large, or by TCP
             nobody sends there, or something else than AEDAT 4.
     """
-    from neuro.events.streams._receiver import LEAST, Receiver
-
     where = address(url)
     name = format_for(where.scheme, format, CODINGS)
     size = None if sensor is None else checked_size(sensor)
@@ -259,8 +263,6 @@ def _connected(
     where: Address, name: str, size: tuple[int, int] | None, buffer: int, times: tuple[float, float, float]
 ) -> Listener:
     """A listener to a server of AEDAT 4."""
-    from neuro.events.streams._codings import PacketDecoder, received_header
-    from neuro.events.streams._receiver import Receiver
 
     def connect() -> tuple[socket.socket, Any]:
         sock = where.new_socket()
