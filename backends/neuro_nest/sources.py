@@ -11,8 +11,7 @@ import numpy as np
 
 from neuro.core import keyed_random
 from neuro.model.neurons import Generator, noise_generator
-from neuro.program.currents import Currents, generator_of
-from neuro.program.drives import Emission
+from neuro.program.currents import Currents, Emission, generator_of
 from neuro.program.program import Floats, Ints, Population, Program, drawn_for
 from neuro_nest.clock import NestClock
 from neuro_nest.kernel import set_nodes

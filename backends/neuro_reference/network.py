@@ -13,7 +13,7 @@ from neuro.core import keyed_random
 from neuro.model.neurons import Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.backend import Sent, Spikes
-from neuro.program.drives import filtered_current
+from neuro.program.currents import filtered_current
 from neuro.program.program import Floats, Ints, Program
 from neuro.program.spikes import too_many
 from neuro_reference.decisions import LocalWinners

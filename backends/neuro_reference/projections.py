@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from neuro.model.neurons import Neuron
 from neuro.model.synapses.base import steps_of
-from neuro.program.currents import generator_of
-from neuro.program.drives import Emission
+from neuro.program.currents import Emission, generator_of
 from neuro.program.program import Floats, Ints, Program
 
 

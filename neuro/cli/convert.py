@@ -119,9 +119,7 @@ def _write_c(net: Network, folder: Path, options: Options) -> Verdicts | None:
 
 def _shown(net: Network, file: Path) -> dict[str, tuple[Any, Any]]:
     """The spikes of the network's pixels in a recording: steps, from 1, and neurons."""
-    from neuro.readout.asked import gather
-    from neuro.readout.pixels import Pixels, load
-    from neuro.readout.resolve import readout_of
+    from neuro.readout.asked import Pixels, gather, load, readout_of
 
     first, readout = gather([file], None, False).samples[0], readout_of(net)
     step, neuron = Pixels(net, readout).spikes(load(first), str(first.path))

@@ -1,29 +1,32 @@
-"""Where the arithmetic of a model stands, in the module of its class, and what third-party parts must have."""
+"""Where the arithmetic of a model stands, in its class or its module, and what third-party parts must have."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Collection, Mapping
-from types import ModuleType
+from types import FunctionType
 from typing import Any, TypeVar
 
 T = TypeVar("T")
 
 
 class OfModule:
-    """The class attribute `arithmetic`: the module of the nearest class whose module has one of some functions.
+    """The class attribute `arithmetic`: what has a model's functions, the nearest class or module that has one of some.
 
-    So a model and its functions are one file, and a subclass without functions has those of its base.
+    The functions of a class are in its body, without `self`, since they are called as `model.arithmetic.step(...)`: so
+    a subclass without functions, or with some of its own, has those of its base. Or they are in its module.
 
     Args:
-        functions: names by which a module is known.
+        functions: names by which a class or a module is known.
     """
 
     def __init__(self, functions: Collection[str]) -> None:
         self._functions = functions
 
-    def __get__(self, model: object, kind: type[Any]) -> ModuleType:
+    def __get__(self, model: object, kind: type[Any]) -> Any:
         for each in kind.__mro__:
+            if any(isinstance(vars(each).get(name), FunctionType) for name in self._functions):
+                return kind
             module = sys.modules.get(each.__module__)
             if module is not None and any(hasattr(module, name) for name in self._functions):
                 return module

@@ -12,9 +12,8 @@ from neuro.core.clock import NEVER, Clock
 from neuro.core.english import a
 from neuro.core.errors import ModelError
 from neuro.kernels.jit import kernel
-from neuro.program.backend import Engine
+from neuro.program.backend import Engine, together
 from neuro.program.program import Ints, Program
-from neuro.program.together import together
 from neuro.run.finite import Watch
 from neuro.run.handles import Handles
 

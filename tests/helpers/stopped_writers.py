@@ -247,7 +247,7 @@ def writers():
         "report": (".html", command("report", "{seed}/run.h5", "--out", "{out}"), sealed("neuro.report.page")),
         "plot": (".png", command("plot", "{seed}/run.h5", "--out", "{folder}")),
         "compare": (".html", command(*compare, "--html", "{out}"), sealed("neuro.compare.report")),
-        "doctor": (".html", doctor, sealed("neuro.diagnosis.page")),
+        "doctor": (".html", doctor, sealed("neuro.diagnosis.diagnosis")),
         "sweep table": (".csv", command("sweep", "table", "{seed}/sweep", "--out", "{out}")),
         "sweep page": (".html", command("sweep", "page", "{seed}/sweep", "--out", "{out}")),
         "sonata": (".json", command("convert", "{seed}/net.yaml", "{out}")),

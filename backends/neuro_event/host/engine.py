@@ -13,12 +13,10 @@ from neuro.core.clock import NEVER
 from neuro.core.english import a
 from neuro.core.errors import ModelError
 from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped, torn
-from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wins
-from neuro.program.currents import Currents
-from neuro.program.drives import Rates
+from neuro.program.backend import EngineCounts, Engines, Outcome, Sent, Spikes, Trial, Wins
+from neuro.program.currents import Currents, Rates
 from neuro.program.program import Floats, Ints, Program, Trials
 from neuro.program.spikes import ListedSpikes, RecordedSpikes, carrying, too_many
-from neuro.program.together import Engines
 from neuro_event.building import (
     build,
     generators,

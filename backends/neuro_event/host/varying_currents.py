@@ -8,8 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program.currents import NEVER, Currents, driven
-from neuro.program.drives import CurrentLine, Emission, filtered_current, lines_of
+from neuro.program.currents import NEVER, CurrentLine, Currents, Emission, driven, filtered_current, lines_of
 from neuro.program.program import Floats, Program
 from neuro_event.building.arrays import EventArrays
 from neuro_event.loop import steps, tables as t

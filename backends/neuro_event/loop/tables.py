@@ -14,10 +14,9 @@ from numba import types
 from numpy.typing import NDArray
 
 from neuro.core.interrupts import AT_ONCE as AT_ONCE  # the kernels compare `stop` with it
-from neuro.kernels import views
-from neuro.kernels.address import caller
+from neuro.kernels import address
+from neuro.kernels.address import Views, caller, fields_of, viewer
 from neuro.kernels.jit import inlined, subkernel
-from neuro.kernels.views import Views, fields_of, viewer
 
 # 64 neurons are a block; 8 blocks are a group, whose flags, a byte each, are tested as one word of 64 bits.
 BLOCK = 64
@@ -338,7 +337,7 @@ NET_FIELDS, PLASTIC_FIELDS = ([name for name, _, _ in fields] for fields in (_NE
 
 def table_of(net: Mapping[str, NDArray[Any]], plastic: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
     """The table for some arrays, by name. The caller keeps the arrays alive."""
-    return views.table_of((_NET, net), (_PLASTIC, plastic))
+    return address.table_of((_NET, net), (_PLASTIC, plastic))
 
 
 def with_plastic(table: NDArray[np.int64], **arrays: NDArray[Any]) -> NDArray[np.int64]:
