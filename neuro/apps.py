@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
-    from neuro.chips.pricing.energy import number as number, quantity as quantity, sourced as sourced
+    from neuro.chips.energy import number as number, quantity as quantity, sourced as sourced
     from neuro.cli.chips import PRICED as PRICED, Chips as Chips, Sources as Sources
     from neuro.cli.live import announce as announce
     from neuro.cli.options import (

@@ -33,6 +33,48 @@ def fields_of(text: str) -> list[Field]:
     return [(name, kind, int(ndim)) for name, kind, ndim, *_ in words]
 
 
+@dataclass(frozen=True, slots=True)
+class Declared:
+    """An array as a text declares it.
+
+    Attributes:
+        name: by which kernels see it.
+        kind: its type, as in NumPy's short names.
+        shape: a number or the name of a size for each dimension.
+        line: the cache line of its page at which it begins, None where that does not matter.
+        life: how long what it holds lives, in the words of the text.
+        account: the heading above it.
+    """
+
+    name: str
+    kind: str
+    shape: tuple[str, ...]
+    line: int | None
+    life: str
+    account: str
+
+    @property
+    def field(self) -> Field:
+        """Name, type and number of dimensions."""
+        return self.name, self.kind, len(self.shape)
+
+
+def declared(text: str) -> list[Declared]:
+    """The arrays that a text declares, one a line: name, type, shape and after @ its line, life, remarks.
+
+    `state f8 states,row@4 run` has the sizes `states` and `row`, and begins at the fourth cache line of a page.
+    """
+    arrays, account = [], ""
+    for line in text.strip().splitlines():
+        name, kind, *words = line.split(maxsplit=4)
+        if name == "#":
+            account = kind
+            continue
+        shape, _, begin = words[0].partition("@")
+        arrays.append(Declared(name, kind, tuple(shape.split(",")), int(begin) if begin else None, words[1], account))
+    return arrays
+
+
 def table_of(*parts: tuple[Sequence[Field], Mapping[str, NDArray[Any]]]) -> NDArray[np.int64]:
     """The table for some arrays by name, of each list of fields in turn. The caller keeps the arrays alive."""
     return np.array([row_of(field, arrays[field[0]]) for fields, arrays in parts for field in fields], dtype=np.int64)

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.cameras import CameraInput
+from neuro.compiler.inputs import CameraInput
 from neuro.core.errors import ModelError
 from neuro.events import Events
 from neuro.events._events import empty_columns, joined_columns

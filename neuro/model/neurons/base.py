@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, here
 from neuro.core.quantities import Quantity, Value, quantity
-from neuro.model.arithmetic import OfModule, check_functions, fill
+from neuro.core.registry import OfModule, check_functions, fill
 
 FUNCTIONS = {"constants": 3, "step": 7, "fire": 3, "quiet": 5}
 """The functions of a neuron model's arithmetic and how many arguments each takes."""

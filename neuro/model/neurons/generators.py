@@ -81,7 +81,7 @@ class spike_train(Generator):
         self.__post_init__()
 
     def _read(self, file: str | PathLike[str], key: str | None) -> Any:
-        from neuro.model.language.trains import train_of
+        from neuro.model.language.files import train_of
 
         try:
             return train_of(file_path(file, "file"), key, here() or Where("Python"))

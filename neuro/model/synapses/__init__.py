@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from neuro.core.registry import Registry
-from neuro.model.arithmetic import check_functions, fill
+from neuro.core.registry import Registry, check_functions, fill
 from neuro.model.synapses import builtin
 from neuro.model.synapses.base import (
     FUNCTIONS,

@@ -41,7 +41,7 @@ from neuro.core.checks import is_number
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity, word_of
-from neuro.model.arithmetic import OfModule
+from neuro.core.registry import OfModule
 from neuro.model.neurons.base import State
 
 Ints = NDArray[np.int64]

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from neuro.core.quantities import quantity
-from neuro.model.arithmetic import OfModule
+from neuro.core.registry import OfModule
 from neuro.model.neurons.base import State
 from neuro.model.synapses.base import Modulated, Synapse, Trace
 
