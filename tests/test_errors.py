@@ -32,7 +32,7 @@ INSIDE = {
     ("FileNotFoundError", "neuro/core/growing.py"): "as of the system; a recording tells it as Unwritable",
     ("AttributeError", "neuro/files/parts.py"): "says that a field has no default, to Python of a dataclass",
     ("ValueError", "neuro/files/results.py"): "of a damaged file, beside those of h5py; read tells it as ModelError",
-    ("OverflowError", "neuro/events/filters/_kernels.py"): "a promise of a compiled kernel to its caller",
+    ("OverflowError", "neuro/events/_kernels.py"): "a promise of a compiled kernel to its caller",
     (
         "ValueError",
         "neuro/sweeps/folder.py",

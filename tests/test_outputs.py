@@ -19,8 +19,7 @@ from neuro import ModelError, events
 from neuro.core import outputs
 from neuro.core.hdf5 import writing
 from neuro.core.outputs import Unwritable, check_output, make_folder, marked, output, sealed, write_picture, write_text
-from neuro.events.pictures import gif
-from neuro.events.view import view
+from neuro.events.pictures import gif, view
 
 OURS = marked("a text of ours", "# ours")
 SEALED = sealed("a text with a seal", "# a seal", ", digest {}")

@@ -19,7 +19,7 @@ import neuro
 from neuro import ModelError
 from neuro.apps import record_input, unknown
 from neuro.events.dataset import UNKNOWN
-from neuro.events.window import windowed
+from neuro.events.parts import windowed
 from neuro_train.plan import TrainingPlan, corner
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.values import shown
 from neuro.events import Events, recordings
 from neuro.events.dataset import UNKNOWN, Sample
-from neuro.events.window import windowed
+from neuro.events.parts import windowed
 from neuro.exchange.nir.nodes import NEVER
 from neuro.model.network import Network
 from neuro.model.neurons import spike_generator

@@ -272,7 +272,11 @@ def writers():
         ),
         "frames": (".npz", command("events", "frames", "{seed}/rec.npz", "{out}", "--force")),
         "gif": (".gif", command("events", "gif", "{seed}/rec.npz", "{out}", "--force")),
-        "view": (".html", command("events", "view", "{seed}/rec.npz", "--out", "{out}"), sealed("neuro.events.view")),
+        "view": (
+            ".html",
+            command("events", "view", "{seed}/rec.npz", "--out", "{out}"),
+            sealed("neuro.events.pictures"),
+        ),
     }
     if find_spec("nir"):
         table["nir"] = (".nir", command("convert", "{seed}/lif.yaml", "{out}"))

@@ -1,8 +1,21 @@
-"""Where segments end: cutters see the times of events as they come; functions cut a whole recording at once."""
+"""Where a recording is cut into parts: by the clock, by count, or where the motion is.
+
+| method | a segment ends | thesis |
+| --- | --- | --- |
+| `time_segments`, `TimeWindows` | after a fixed time | hard segmentation (HES) |
+| `count_segments`, `Counts` | after a fixed number of events | hard segmentation (HES) |
+| `msd_segments`, `MSD` | when a leaky neuron reaches its threshold | soft segmentation (SES), ReMuS |
+| `peak_segments`, `Peaks` | where a leaky neuron's potential peaks | soft segmentation (SES), EDHMAX |
+
+The functions give the bounds of a whole recording: segment i is ``events[bounds[i]:bounds[i + 1]]``. The classes
+are the same with a memory: `segmented` cuts a recording with them that comes in parts, and gives the same segments.
+
+Source: thesis sections 3.3 (lines 875-890) and 6.1.1 (lines 2165-2176).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from math import exp, log
 from typing import Any, Protocol
 
@@ -11,8 +24,12 @@ import numpy.typing as npt
 
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
+from neuro.core.extras import LazyModule
+from neuro.core.registry import Registry
 from neuro.events._events import Events
 from neuro.events.parts import together
+
+kernels = LazyModule("neuro.events._kernels")
 
 Times = npt.NDArray[np.int64]
 NONE = np.zeros(0, np.int64)
@@ -236,12 +253,10 @@ class MSD(Cutter):
 
     def cuts(self, t: Times) -> Times:
         """The ends of segments; see `Cutter`."""
-        from neuro.events.segmentation._kernels import msd
-
         if not self._seen and t.size:
             self._last = int(t[0])
         found = np.empty(t.size, np.int64)
-        n, self._v, self._last = msd(t, self._tau_us, self._threshold, self._v, self._last, found)
+        n, self._v, self._last = kernels.msd(t, self._tau_us, self._threshold, self._v, self._last, found)
         self._seen += t.size
         return found[:n] + (self._seen - t.size)
 
@@ -313,8 +328,6 @@ class Peaks(Cutter):
 
     def cuts(self, t: Times) -> Times:
         """The ends of segments, each after its peak; see `Cutter`."""
-        from neuro.events.segmentation._kernels import peaks
-
         if not t.size:
             return NONE
         last = self._last if self._seen else int(t[0])
@@ -323,7 +336,7 @@ class Peaks(Cutter):
         queue_v = np.concatenate([self._recent[1], np.empty(t.size)])
         found = np.empty(t.size + 1, np.int64)
         constants = (self._tau, self._rise, self._v0, self._search, self._threshold)
-        n, head, tail = peaks(
+        n, head, tail = kernels.peaks(
             t, last, self._seen, constants, self._state, self._candidate, queue_t, queue_v, held, found
         )
         self._recent = (queue_t[head:tail].copy(), queue_v[head:tail].copy())
@@ -371,3 +384,25 @@ def peak_segments(
         ModelError: an argument is wrong; the message says which.
     """
     return bounds(Peaks(search_us, tau_us=tau_us, rise_us=rise_us, threshold=threshold), t, rest)
+
+
+SEGMENTERS: Registry[Callable[..., Times]] = Registry(
+    "segmenter",
+    (time_segments, count_segments, msd_segments, peak_segments),
+    group="neuro.segmenters",
+)
+"""All segmenters by name: functions of times, us, and named parameters that give the bounds of segments."""
+
+__all__ = [
+    "MSD",
+    "SEGMENTERS",
+    "Counts",
+    "Cutter",
+    "Peaks",
+    "TimeWindows",
+    "count_segments",
+    "msd_segments",
+    "peak_segments",
+    "segmented",
+    "time_segments",
+]
