@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError, apps
+from neuro.apps import write_text
 from neuro.chips import COLUMNS, cells
 from neuro.events import EventFileError, Recordings
 from neuro_recognise.energy import price
@@ -361,8 +362,8 @@ def write(found: Sequence[Compared], plan: MethodComparison, data: str) -> tuple
         text += "\nJoules of a recording:\n\n" + _markdown(BILLS, bills)
     if unpriced := list(_unpriced(found)):
         text += "\n" + "".join(f"- {line}\n" for line in unpriced)
-    apps.write_text(markdown, f"<!-- neuro recognise compare -->\n\n{text}", TABLE)
-    apps.write_text(
+    write_text(markdown, f"<!-- neuro recognise compare -->\n\n{text}", TABLE)
+    write_text(
         page, apps.html.page("neuro recognise compare", f"Recognisers on {data}", _parts(found, plan, data)), PAGE
     )
     return markdown, page
