@@ -21,9 +21,8 @@ from neuro.testing import observe
 from neuro.testing.case import differences, run_on
 from neuro_event import EventBackend
 from neuro_event.building import joined_rows, layout
-from neuro_event.host import snapshot
 from neuro_event.loop import tables as t
-from neuro_event.loop.joined_rows import FAR, add_steps, add_steps_by_sign
+from neuro_event.loop.arrivals import FAR, add_steps, add_steps_by_sign
 
 SETTINGS = settings(
     max_examples=8,
@@ -151,7 +150,6 @@ def test_a_state_of_before_there_were_joined_rows(tmp_path: Path):
         patched.setattr(layout, "_FEW_RUNS", 0)
         choose = joined_rows.choose
         patched.setattr(joined_rows, "choose", nothing)
-        patched.setattr(snapshot, "joined", lambda arrays: frozenset())
         old = neuro.compile(network(EVERY), "event", seed=1)
         run_on(old, 3.0)
         old.save(tmp_path / "state.h5")
@@ -255,7 +253,8 @@ def test_few_synapses_of_many_delays_are_joined_where_rings_would_take_longer():
     sims = [neuro.compile(net, backend, seed=1) for backend in ("reference", "event")]
     program = sims[1].program
     rare = [q for q, p in enumerate(program.projections) if p.name.startswith("rare")]
-    assert not joined_rows._is_filled(program, rare)
+    assert joined_rows._is_sparse(program, rare)
+    assert not all(joined_rows._in_runs(program, q) for q in rare)
     assert len(joined(sims[1])) == 18, "else what comes before or after them onto a target would have rings, too"
     for sim in sims:
         run_on(sim, 8.0)

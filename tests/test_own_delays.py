@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
-from neuro.chips.arrival_rule import lag
+from neuro.chips.inputs import lag
 from neuro.compiler import compile_network, pairs, resolve
 from neuro.compiler.rows import by_delay, draw_rows
 from neuro.core.keyed_random import uniform

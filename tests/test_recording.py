@@ -113,7 +113,7 @@ def test_spikes_of_a_time_are_read_alone(path):
 CHILD = """
 import sys
 import neuro
-import neuro.run.recording as recording
+import neuro.run.collect as recording
 sys.path[:0] = sys.argv[1:]
 from test_recording import network
 recording.COMMIT_S = 0.0

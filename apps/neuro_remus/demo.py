@@ -13,12 +13,12 @@ from neuro.apps import PRICED, console, make_folder, sealed, table, write_text
 from neuro.chips import COLUMNS
 from neuro.events import Recordings, recordings
 from neuro_models import path
-from neuro_recognise.evaluate import Priced
+from neuro_recognise import energy
+from neuro_recognise.energy import Priced
 from neuro_recognise.methods.gradients import Dense
 from neuro_recognise.recogniser import Recogniser, fit
-from neuro_recognise.telling import energy, report
-from neuro_recognise.telling.report import LearningBar
-from neuro_recognise.telling.tried import Tried, try_out
+from neuro_recognise.telling import report
+from neuro_recognise.telling.report import LearningBar, Tried, try_out
 from neuro_remus import page
 from neuro_remus.saccades import make_dataset
 

@@ -8,11 +8,10 @@ from typing import Any
 
 from neuro.apps import html, sealed, write_text
 from neuro.chips import COLUMNS, footnotes
-from neuro_recognise.evaluate import Priced
+from neuro_recognise.energy import Priced, notes
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.telling.energy import notes
 from neuro_recognise.telling.pictures import confusion
-from neuro_recognise.telling.tried import Tried
+from neuro_recognise.telling.report import Tried
 
 PAGE = sealed(
     "the page of 'neuro remus demo'", '<meta name="generator" content="neuro remus demo">', "<!-- digest {} -->"

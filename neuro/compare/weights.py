@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuro.chips.quantising.fixed_program import FixedProgram
+from neuro.chips.fixed_program import FixedProgram
 from neuro.model.neurons import Neuron
 from neuro.pages.histograms import Histogram, histogram
 from neuro.program.program import Floats, Program, Projection

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Collection, ItemsView, Iterable, Iterator, Mapping, ValuesView
 from functools import cache
 from importlib import import_module
-from types import ModuleType
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 from neuro.core.errors import ModelError, here
@@ -240,19 +240,22 @@ def registered() -> int:
 
 
 class OfModule:
-    """The class attribute `arithmetic`: the module of the nearest class whose module has one of some functions.
+    """The class attribute `arithmetic`: what has a model's functions, the nearest class or module that has one of some.
 
-    So a model and its functions are one file, and a subclass without functions has those of its base.
+    The functions of a class are in its body, without `self`, since they are called as `model.arithmetic.step(...)`: so
+    a subclass without functions, or with some of its own, has those of its base. Or they are in its module.
 
     Args:
-        functions: names by which a module is known.
+        functions: names by which a class or a module is known.
     """
 
     def __init__(self, functions: Collection[str]) -> None:
         self._functions = functions
 
-    def __get__(self, model: object, kind: type[Any]) -> ModuleType:
+    def __get__(self, model: object, kind: type[Any]) -> Any:
         for each in kind.__mro__:
+            if any(isinstance(vars(each).get(name), FunctionType) for name in self._functions):
+                return kind
             module = sys.modules.get(each.__module__)
             if module is not None and any(hasattr(module, name) for name in self._functions):
                 return module

@@ -20,7 +20,7 @@ from neuro.live.facts import is_signal, present, settable_words, sliders
 from neuro.live.frames import Frames
 from neuro.live.pace import SPEED, Pace
 from neuro.program.program import Floats
-from neuro.run.lesions import driver, outgoing
+from neuro.run.inputs import driver, outgoing
 from neuro.run.simulation import Simulation
 
 Asked = dict[str, Any]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from neuro.chips.pricing.energy import quantity
+from neuro.chips.energy import quantity
 
 _SLACK = (1e-9, 0.0)
 """Of a step: multiples that lie just outside are marks, too, where there is room for them."""

@@ -22,7 +22,7 @@ from neuro.realtime.report import PHASES, Cost, LiveRun
 from neuro.run.simulation import Simulation
 
 if TYPE_CHECKING:
-    from neuro.run.recording import ResultsWriter
+    from neuro.run.collect import ResultsWriter
 
 LATE = ("catch_up", "skip", "stop")
 """What to do when a tick's action comes too late."""

@@ -144,9 +144,9 @@ def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | Non
 
 
 def _run(then: Results, net: Network, record: Mapping[str, Any], backend: str, bar: Bar | None) -> Results:
+    from neuro.core.progress import advance
     from neuro.run.collect import collect
     from neuro.run.compiled import compile
-    from neuro.run.progress import advance
 
     on, threads = backend or str(then.about["backend"]), int(then.about["threads"])
     sim = compile(net, backend=on, seed=int(then.about["seed"]), threads=threads)

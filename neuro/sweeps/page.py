@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro.chips.pricing.energy import quantity
+from neuro.chips.energy import quantity
 from neuro.core import html
 from neuro.core.english import some
 from neuro.core.errors import ModelError

@@ -13,7 +13,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from neuro.chips.pricing.energy import quantity
+from neuro.chips.energy import quantity
 from neuro.core import tables
 from neuro.core.errors import ModelError, unknown
 from neuro.core.extras import needed

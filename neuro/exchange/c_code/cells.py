@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuro.chips.quantising.fixed import FixedPopulation
+from neuro.chips.fixed import FixedPopulation
 from neuro.exchange.c_code.arrays import TYPES, Memory, narrowest, number
 from neuro.program.program import Ints
 

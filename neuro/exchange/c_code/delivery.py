@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.quantising.fixed import FixedProjection
+from neuro.chips.fixed import FixedProjection
 from neuro.exchange.c_code.arrays import Memory, number, scaled
 from neuro.exchange.c_code.cells import Cells, function
 from neuro.program.program import Projection

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neuro.chips.quantising.quantise import quantise
+from neuro.chips.quantising import quantise
 from neuro.core.checks import check
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from neuro.chips.loihi.arithmetic import bounds, grain_of
-from neuro.chips.quantising.fixed import FixedProjection
+from neuro.chips.fixed import FixedProjection
+from neuro.chips.loihi import bounds, grain_of
 from neuro.core.keyed_random import key
 from neuro.exchange.c_code.arrays import Memory, number
 from neuro.exchange.c_code.cells import function, indented

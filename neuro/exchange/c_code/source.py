@@ -14,11 +14,11 @@ from zlib import crc32
 
 import numpy as np
 
-from neuro.chips.arithmetics import arithmetic_of
-from neuro.chips.arrival_rule import longest_lag
-from neuro.chips.quantising.fixed import FixedProjection
-from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.chips.quantising.quantise import names_of
+from neuro.chips.fixed import FixedProjection
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.inputs import longest_lag
+from neuro.chips.known import arithmetic_of
+from neuro.chips.quantising import names_of
 from neuro.exchange.c_code import loihi2_cells
 from neuro.exchange.c_code.arrays import TYPES, Memory, comment, narrowest
 from neuro.exchange.c_code.cells import (

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from neuro.chips.arithmetics import arithmetic_of
 from neuro.chips.description import Chip
-from neuro.chips.known import chip
-from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.chips.quantising.inputs import refused
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.inputs import refused
+from neuro.chips.known import arithmetic_of, chip
 from neuro.core.errors import ModelError
 from neuro.exchange.c_code.groups import supports
 from neuro.exchange.c_code.source import FAMILIES, INPUTS, STEPS
