@@ -100,7 +100,7 @@ def _hint(q: Quantity, value: Any) -> str:
     if isinstance(value, type) and hasattr(value, "called"):
         return f"write {value.called()}(...)"
     if q.of_distance and getattr(value, "kind", "") == "profile":
-        return f"write neuro.of_distance({_called(value)})"
+        return f"write neuro.of_distance({_home(type(value))}{value!r})"
     if q.part is not None:
         return f"its words are {', '.join(q.part.quantities())}"
     if q.choice is not None and isinstance(value, Mapping) and len(value) == 1:
@@ -123,10 +123,6 @@ def _as_call(base: type[Any], name: object, said: Any) -> str:
         return ""
     words = ", ".join(f"{word}={value!r:.60}" for word, value in said.items())
     return f"write {_home(found)}{name}({words})"
-
-
-def _called(choice: Any) -> str:
-    return f"{_home(type(choice))}{choice!r}"
 
 
 def _home(kind: type[Any]) -> str:

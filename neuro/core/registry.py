@@ -59,7 +59,9 @@ class Registry(Mapping[str, T], Generic[T]):
         *,
         takes: Callable[[object], bool] | None = None,
         group: str = "",
-        name: Callable[[Any], str] = lambda part: _called(part),
+        name: Callable[[Any], str] = lambda part: str(
+            part.called() if hasattr(part, "called") else getattr(part, "__name__", "")
+        ),
         complete: Callable[[Any], Any] = lambda part: part,
     ) -> None:
         self.kind, self.takes, self._group, self._name, self._complete = kind, takes, group, name, complete
@@ -167,10 +169,6 @@ class Registry(Mapping[str, T], Generic[T]):
             raise ModelError(str(error)) from None
         self._whole[id(part)] = part
         return complete
-
-
-def _called(part: Any) -> str:
-    return str(part.called() if hasattr(part, "called") else getattr(part, "__name__", ""))
 
 
 @cache

@@ -174,7 +174,8 @@ def _populations(net: Any) -> Iterator[tuple[str, ...]]:
         said = {word_of(name): value for name, value in part.model.changed().items()}
         words = [f"{word} = {in_words(value)} {units[word]}".rstrip() for word, value in said.items()]
         words += [f"{word} at 0 ms = {in_words(value)} {units[word]}".rstrip() for word, value in part.initial.items()]
-        yield part.name, part.model.name, _shape(part.shape), ", ".join(words)
+        shape = " x ".join(f"{axis:,}" if isinstance(axis, int) else axis for axis in part.shape)
+        yield part.name, part.model.name, shape, ", ".join(words)
 
 
 def _projections(net: Any) -> Iterator[tuple[str, ...]]:
@@ -201,7 +202,3 @@ def _probes(net: Any) -> Iterator[tuple[str, ...]]:
         ends = (("from", part.pre), ("to", part.post))
         of += "".join(f" {word} {view}" for word, view in ends if view is not None)
         yield part.name, of, f"mean {record}" if part.mean else record, every
-
-
-def _shape(shape: tuple[int | str, ...]) -> str:
-    return " x ".join(f"{axis:,}" if isinstance(axis, int) else axis for axis in shape)
