@@ -138,7 +138,7 @@ class Learners:
         term = next(term for term in rule.dt if term.gate == "y0")
         units_of_pair = term.mantissa * 2.0**term.exponent * rule.traces["x1"].impulse
         described = self._program.projections[index].synapse.parameters()
-        one = units_of_pair / (described["A_plus"] * np.exp(-self._program.resolution / described["tau_plus"]))
+        one = float(units_of_pair / (described["A_plus"] * np.exp(-self._program.resolution / described["tau_plus"])))
         return tags / one
 
     def raw(self, index: int, name: str) -> Ints | None:
