@@ -9,7 +9,8 @@ from neuro_drone.controllers import make
 from neuro_drone.env import DroneEnv
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import Pose, WorldScene
-from neuro_drone.scenario import Ball, Camera, Ground, Line, Scenario, load
+from neuro_drone.parts import Ball, Camera, Ground, Line
+from neuro_drone.scenario import Scenario, load
 from neuro_drone.train import train
 
 FRAMES = 2000

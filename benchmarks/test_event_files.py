@@ -130,7 +130,7 @@ def test_recorded(figure, tmp_path, case):
         pytest.skip("../shared is not here")
     data, path = (SHARED / name).read_bytes(), tmp_path / name
     begin = {".bin": 0, ".aedat4": 0, ".es": START}.get(path.suffix)
-    begin = Aedat2(Source(data))._start if begin is None else begin
+    begin = Aedat2(Source(data)).start if begin is None else begin
     path.write_bytes(data[:begin] + data[begin:] * times)
     source = Source(path)
 

@@ -28,12 +28,13 @@ if TYPE_CHECKING:
         whole as whole,
         with_settings as with_settings,
     )
-    from neuro.core import hdf5 as hdf5, html as html
+    from neuro.core import hdf5 as hdf5, html as html, player as player
     from neuro.core.checks import check as check, check_fields as check_fields
     from neuro.core.clock import Clock as Clock
     from neuro.core.errors import Where as Where, unknown as unknown
     from neuro.core.extension import extensions as extensions, run_extensions as run_extensions
     from neuro.core.extras import install as install
+    from neuro.core.grid import GridJob as GridJob, JobResults as JobResults, grid as grid
     from neuro.core.inputs import record_input as record_input
     from neuro.core.outputs import (
         Kind as Kind,
@@ -66,9 +67,8 @@ if TYPE_CHECKING:
     )
     from neuro.model.language.writer import NETWORK as NETWORK
     from neuro.program.backend import find_backend as find_backend
-    from neuro.readout.evaluation import Evaluation as Evaluation, evaluate as evaluate, wilson as wilson
-    from neuro.readout.overflows import Overflows as Overflows, warn_of_overflows as warn_of_overflows
-    from neuro.readout.showing import Showing as Showing
+    from neuro.readout.decisions import Evaluation as Evaluation, evaluate as evaluate, wilson as wilson
+    from neuro.readout.showing import Overflows as Overflows, Showing as Showing, warn_of_overflows as warn_of_overflows
 
 
 if not TYPE_CHECKING:

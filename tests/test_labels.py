@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from neuro.compare.cells import where
-from neuro.compare.spikes import Divergence
+from neuro.compare.differences import Divergence
 from neuro.core import html
 from neuro.pages import bills
 from neuro.plots._canvas import COLOURS, Picture

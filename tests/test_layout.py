@@ -28,7 +28,6 @@ LAYERS = (
     "compare",
     "exchange",
     "readout",
-    "report",
     "live",
     "sweeps",
     "rerun",

@@ -19,8 +19,7 @@ from neuro import ModelError, events
 from neuro.core import outputs
 from neuro.core.hdf5 import writing
 from neuro.core.outputs import Unwritable, check_output, make_folder, marked, output, sealed, write_picture, write_text
-from neuro.events.pictures import gif
-from neuro.events.view import view
+from neuro.events.pictures import gif, view
 
 OURS = marked("a text of ours", "# ours")
 SEALED = sealed("a text with a seal", "# a seal", ", digest {}")
@@ -366,7 +365,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "neuro/exchange/c_code/export.py",
     }
     temporary = {
-        *("neuro/rerun/again.py", "neuro/files/results.py", "neuro/events/formats/rosbag.py"),
+        *("neuro/rerun/__init__.py", "neuro/files/results.py", "neuro/events/formats/rosbag.py"),
         "apps/neuro_recognise/parts/layers.py",
         "neuro/kernels/kept.py",  # machine code, in a folder of its own
         "neuro/run/results_file.py",  # a run that is under way

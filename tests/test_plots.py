@@ -13,7 +13,7 @@ from neuro import ModelError, plots
 from neuro.files.parts import Trace, Train, Weights
 from neuro.files.recorded import SpikeTrain as Spikes, intervals, recorded, trains, variation
 from neuro.files.results import Results
-from neuro.plots import _spikes, _synapses, _traces
+from neuro.plots import _spikes, _traces
 
 
 def results(size=10, spikes=100, traced=1, recorded=True, duration=1000.0):
@@ -194,7 +194,7 @@ def test_weights_as_a_histogram_and_a_matrix(sim):
 
 
 def test_a_large_matrix_is_drawn_in_blocks(monkeypatch):
-    monkeypatch.setattr(_synapses, "MOST_CELLS", 4)
+    monkeypatch.setattr(_traces, "MOST_CELLS", 4)
     axis = plots.weights(results(), "own", "matrix").axes[0]
     assert axis.get_title("left") == "own: 100 weights, means of blocks of 3 x 3"
     image, whole = axis.images[0].get_array(), np.arange(100.0).reshape(10, 10)
@@ -209,7 +209,7 @@ def test_kernels_side_by_side(monkeypatch):
     sheet = plots.weights(run, "grid", "matrix").axes[0].images[0].get_array()
     assert sheet.shape == (5, 11)
     assert sheet[3:, 4:7].tolist() == np.arange(24.0, 30.0).reshape(2, 3).tolist()
-    monkeypatch.setattr(_synapses, "MOST_KERNELS", 2)
+    monkeypatch.setattr(_traces, "MOST_KERNELS", 2)
     axis = plots.weights(run, "grid", "matrix").axes[0]
     assert axis.get_title("left") == "grid: kernels of 2 x 3, 2 of 5 drawn"
 

@@ -1,4 +1,4 @@
-"""Ports: what they refuse, and what they fill. That they do what plain calls do is in `neuro.testing.ports`."""
+"""Ports: what they refuse, and what they fill. That they do what plain calls do is in `neuro.testing.probes`."""
 
 import gc
 import weakref

@@ -1,6 +1,6 @@
 """Random small networks: the event backend equals the reference, spike for spike.
 
-`NEURO_QUIET_NETWORKS` says how many networks with long silences there are.
+`NEURO_RANDOM_NETWORKS` sets how many networks are tried, `NEURO_QUIET_NETWORKS` how many with long silences.
 """
 
 import os
@@ -17,7 +17,7 @@ from strategies import SILENCE, networks, quiet_networks
 
 STEPS = 100
 SETTINGS = settings(
-    max_examples=20,
+    max_examples=int(os.environ.get("NEURO_RANDOM_NETWORKS", "20")),
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],

@@ -11,8 +11,8 @@ print(agent.test(env, episodes=100))
 
 from neuro_agent.agent import ActorCritic
 from neuro_agent.deployed import Deployed, Frozen
-from neuro_agent.log import Log, Test
-from neuro_agent.settings import Settings
+from neuro_agent.learner import Log, Test
+from neuro_agent.network import Settings
 from neuro_agent.twin import LinearTwin
 
 __all__ = ["ActorCritic", "Deployed", "Frozen", "LinearTwin", "Log", "Settings", "Test"]

@@ -9,16 +9,13 @@ from typing import TYPE_CHECKING, Any, Self
 from neuro.apps import Quantity, check, unknown
 from neuro_agent import files, training
 from neuro_agent.deployed import DRAWING, Deployed, Frozen
-from neuro_agent.learner import Learner
-from neuro_agent.log import Log, Test
+from neuro_agent.learner import Learner, Log, Test
 from neuro_agent.network import Weights
-from neuro_agent.observations import flat
+from neuro_agent.spaces import flat
 from neuro_agent.watch import Episode, watch
 
 if TYPE_CHECKING:
     from neuro.chips import Energy
-
-__all__ = ["ActorCritic"]
 
 
 class ActorCritic(Learner):

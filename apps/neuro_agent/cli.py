@@ -53,16 +53,16 @@ def train(
 
     --set changes a setting: --set fields=8 --set decay=0.8.
     """
-    from neuro_agent import ActorCritic, worlds
+    from neuro_agent import ActorCritic, environments
     from neuro_agent.training import BLOCK, checkpoint
 
     settings = assignments(set)
-    bar = worlds.bar_of(environment) if until is None else until
+    bar = environments.bar_of(environment) if until is None else until
     if bar is None and steps is None and episodes is None:
         message = f"'{environment}' names no return to reach: expected --until, --steps or --episodes"
         raise typer.BadParameter(message, param_hint="'--until'")
-    env = worlds.make_many(environment, envs)
-    one: Any = env if envs == 1 else worlds.make(environment)
+    env = environments.make_many(environment, envs)
+    one: Any = env if envs == 1 else environments.make(environment)
     agent = ActorCritic(one.observation_space, one.action_space, seed=seed, **settings)
     try:
         log = agent.train(env, bar, steps=steps, episodes=episodes, progress=True, out=out)
@@ -73,7 +73,7 @@ def train(
             message = f"Interrupted before the first checkpoint ({BLOCK * envs:,} steps). Nothing was kept."
         typer.echo(message, err=True)
         raise typer.Exit(130) from None
-    worlds.remember(out, environment)
+    environments.remember(out, environment)
     typer.echo(f"{out}: {str(log).removeprefix('Log(').removesuffix(')')}")
 
 
@@ -87,12 +87,12 @@ def try_agent(
     json: Json = False,
 ) -> None:
     """Test an agent with frozen weights in episodes that it has not seen."""
-    from neuro_agent import ActorCritic, report, worlds
+    from neuro_agent import ActorCritic, environments, report
 
     agent = ActorCritic.load(file)
     name = _environment(file, environment)
-    tried = agent.test(worlds.make(name), episodes, seed=seed, backend=backend)
-    bar = worlds.bar_of(name)
+    tried = agent.test(environments.make(name), episodes, seed=seed, backend=backend)
+    bar = environments.bar_of(name)
     if json:
         typer.echo(report.as_json(tried, {"environment": name, "seed": seed, "backend": backend, "bar": bar}))
     else:
@@ -108,9 +108,9 @@ def controls(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Train the agent, and agents that are kept from learning, which must fail; print the table."""
-    from neuro_agent import ActorCritic, report, worlds
+    from neuro_agent import ActorCritic, environments, report
 
-    env = worlds.make(environment)
+    env = environments.make(environment)
     agent = ActorCritic(env.observation_space, env.action_space, seed=seed, **assignments(set))
     agent.train(env, steps=steps, progress=True)
     found = {"agent": agent.test(env, episodes)} | agent.controls(env, steps=steps, episodes=episodes)
@@ -126,11 +126,11 @@ def watch(
     learning: Annotated[bool, typer.Option("--learning", help="Go on learning in this episode.")] = False,
 ) -> None:
     """Write an episode as one page for a browser: frames, spikes, value, error, return and weights."""
-    from neuro_agent import ActorCritic, worlds
+    from neuro_agent import ActorCritic, environments
     from neuro_agent.watch import watch as write
 
     agent = ActorCritic.load(file)
-    env = worlds.make(_environment(file, environment), frames=True)
+    env = environments.make(_environment(file, environment), frames=True)
     typer.echo(f"{out}: {write(agent, env, out, seed, learning=learning)}")
 
 
@@ -175,11 +175,11 @@ def compare(
 def _environment(file: Path, chosen: str | None) -> str:
     """The environment that the user names, or that in which an agent was trained."""
     from neuro import ModelError
-    from neuro_agent import worlds
+    from neuro_agent import environments
 
-    name = chosen or worlds.remembered(file)
+    name = chosen or environments.remembered(file)
     if chosen is None:
-        worlds.check_remembered(file, name)
+        environments.check_remembered(file, name)
     if not name:
         raise ModelError(f"{file}: does not say in which environment it was trained: expected ENV behind the file")
     return name

@@ -15,14 +15,12 @@ from gymnasium import spaces
 
 from neuro import ModelError
 from neuro.apps import install, side_by_side, unknown
-from neuro_agent import worlds
+from neuro_agent import environments
 from neuro_agent.agent import ActorCritic
 from neuro_agent.environments import Environments
-from neuro_agent.log import Test
+from neuro_agent.learner import Test
 from neuro_agent.training import MOST, TESTS, episode_seed
 from neuro_agent.twin import LinearTwin
-
-__all__ = ["NAMES", "Found", "Plan", "Trial", "run"]
 
 NAMES = {
     "agent": "spiking agent",
@@ -64,7 +62,7 @@ class Trial:
 
     def run(self, report: Callable[[str], None]) -> dict[str, Any]:
         """Train and test; the figures as plain data."""
-        env = worlds.make(self.environment)
+        env = environments.make(self.environment)
         began = time.perf_counter()
         try:
             steps, test = _TRAINED[self.name](self, env)
@@ -110,13 +108,13 @@ class Plan:
                 raise ModelError(f"'{name}' cannot be compared: {self.left_out[name]}")
         if len(set(self.seeds)) < len(self.seeds):
             raise ModelError(f"seeds {self.seeds}: found one twice: expected each once")
-        env = worlds.make(self.environment)
+        env = environments.make(self.environment)
         ActorCritic(env.observation_space, env.action_space, **self.settings)
 
     @property
     def left_out(self) -> dict[str, str]:
         """Who cannot take part, and why."""
-        env = worlds.make(self.environment)
+        env = environments.make(self.environment)
         found: dict[str, str] = {}
         if find_spec("stable_baselines3") is None:
             reason = f"stable-baselines3 is not installed: {install('rl')}"
@@ -230,13 +228,8 @@ def run(plan: Plan, report: Callable[[str], None] | None = None) -> Found:
 
 
 def _agent(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
-    agent = ActorCritic(env.observation_space, env.action_space, seed=trial.seed, **trial.settings)
-    agent.train(env, steps=trial.steps)
-    return trial.steps, agent.test(env, trial.episodes)
-
-
-def _twin(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
-    agent = LinearTwin(env.observation_space, env.action_space, seed=trial.seed, **trial.settings)
+    kind = ActorCritic if trial.name == "agent" else LinearTwin
+    agent = kind(env.observation_space, env.action_space, seed=trial.seed, **trial.settings)
     agent.train(env, steps=trial.steps)
     return trial.steps, agent.test(env, trial.episodes)
 
@@ -264,7 +257,7 @@ def _baseline(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
         model = getattr(stable_baselines3, trial.name.upper())(policy, env, seed=trial.seed, device="cpu", **words)
         model.learn(steps)
     except Exception as error:
-        raise _BaselineError(f"{NAMES[trial.name]}: {worlds.why(error)}") from error
+        raise _BaselineError(f"{NAMES[trial.name]}: {environments.why(error)}") from error
 
     def act(seen: Any) -> Any:
         action = model.predict(seen, deterministic=True)[0]
@@ -286,4 +279,4 @@ def _tested(trial: Trial, env: gymnasium.Env[Any, Any], act: Act) -> Test:
     return Test(returns, lengths)
 
 
-_TRAINED = {"agent": _agent, "twin": _twin, "ppo": _baseline, "dqn": _baseline, "random": _random}
+_TRAINED = {"agent": _agent, "twin": _agent, "ppo": _baseline, "dqn": _baseline, "random": _random}

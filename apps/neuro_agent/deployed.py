@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from neuro.extend import Program
     from neuro_agent.learner import Learner
 
-__all__ = ["DRAWING", "HOST", "TICKS", "Deployed", "Frozen", "deployed"]
 
 DRAWING = ("event", "reference")
 """Backends of neurons that spike at random."""

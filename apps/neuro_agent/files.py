@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import gymnasium
 import numpy as np
@@ -21,14 +21,9 @@ from gymnasium import spaces
 
 from neuro import ModelError
 from neuro.apps import hdf5, provenance, record_input
-from neuro_agent.log import Log
+from neuro_agent.learner import Learner, Log
 
-if TYPE_CHECKING:
-    from neuro_agent.learner import Learner
-
-__all__ = ["arrays_of", "load", "plain_of", "put_arrays", "save"]
-
-A = TypeVar("A", bound="Learner")
+A = TypeVar("A", bound=Learner)
 FORMAT = "neuro agent 1"
 
 

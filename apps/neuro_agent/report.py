@@ -11,9 +11,7 @@ import numpy as np
 
 from neuro.apps import check_output, console, provenance, sealed, table, write_text
 from neuro_agent.compare import NAMES, Found
-from neuro_agent.log import Test
-
-__all__ = ["as_json", "check_table", "show_comparison", "show_controls", "told", "write_table"]
+from neuro_agent.learner import Test
 
 FORMAT = "neuro agent comparison 1"
 TABLE = sealed("a table of 'neuro agent compare'", f'"format": "{FORMAT}"', ', "digest": "{}"')

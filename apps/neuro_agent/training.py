@@ -15,13 +15,12 @@ from neuro import ModelError
 from neuro.apps import Bar, Checkpoint, Quantity, check, check_output, hdf5
 from neuro_agent import files
 from neuro_agent.environments import Environments
-from neuro_agent.log import Log, Test
-from neuro_agent.settings import SEED
+from neuro_agent.learner import Log, Test
+from neuro_agent.network import SEED
 
 if TYPE_CHECKING:
     from neuro_agent.learner import Learner
 
-__all__ = ["CONTROLS", "Course", "episode_seed", "test", "train"]
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -118,12 +117,6 @@ class Course:
         """Count a control step of all."""
         self.steps += self.env.n - int(np.count_nonzero(begins))
 
-    def _scale(self, reward: Floats, begins: Bools) -> None:
-        """Learn the scale of rewards from the first ones: all before were 0."""
-        if not self.agent.rewards.known and reward.any():
-            now = reward[~begins]
-            self.agent.rewards.learn([0.0] * (self.steps - now.size) + now.tolist(), self.log.returns.tolist())
-
     def _seeds(self, begins: Bools | None = None) -> list[int]:
         """Seeds of the episodes that begin."""
         if begins is not None and not np.count_nonzero(begins):
@@ -158,7 +151,9 @@ class Course:
                 agent.forget(begins)
             seen, reward, ended, _ = env.step(agent.actions.of(self._winners(found.winners)), self._seeds(begins))
             self._count(begins)
-            self._scale(reward, begins)
+            if not agent.rewards.known and reward.any():  # the scale is that of the first rewards: all before were 0
+                first = reward[~begins]
+                agent.rewards.learn([0.0] * (self.steps - first.size) + first.tolist(), self.log.returns.tolist())
             over = sums.add(self, reward, begins, env.over)
             value = found.values
             share = agent.rewards.excess(value, reward)
@@ -292,6 +287,7 @@ def train(
 
 
 def fitting(agent: Learner, env: Any, patience: float) -> Environments:
+    """Return the environments, whose spaces must be those for which the agent was made."""
     worlds = Environments(env, patience)
     for what, known, found in (
         ("observations", agent.observations, worlds.observations),

@@ -16,7 +16,6 @@ from neuro_agent.network import Weights
 if TYPE_CHECKING:
     from neuro.chips import Energy
 
-__all__ = ["LinearTwin"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -1,41 +1,34 @@
 """An episode as one page for a browser: the environment's frames, spikes, value, error, return and weights.
 
-All data lie in the page, frames as small pictures and numbers as base64 of little-endian arrays, so it needs nothing
-else; no screen is needed to make it.
+Frames lie in the page as small pictures.
 """
 
 from __future__ import annotations
 
 import base64
 import io
-import json
 import math
 from dataclasses import dataclass, field
-from html import escape
-from importlib.resources import files as resources
 from os import PathLike
 from pathlib import Path
-from string import Template
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import html, output, sealed
+from neuro.apps import html, player, sealed
 from neuro_agent import files
 from neuro_agent.deployed import Frozen
-from neuro_agent.environments import Environments
+from neuro_agent.environments import Environments, why
 from neuro_agent.network import circuit
 from neuro_agent.training import TESTS, episode_seed, fitting
-from neuro_agent.worlds import why
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
     from neuro_agent.learner import Learner
 
-__all__ = ["Episode", "page", "played", "watch"]
 
 PAGE = sealed(
     "a page of 'neuro agent watch'", '<meta name="generator" content="neuro agent watch">', "<!-- digest {} -->"
@@ -50,6 +43,11 @@ COLUMNS = 1024
 """Columns of the picture of weights; of more places the largest of each few is shown."""
 MOMENTS = 40
 """Pictures of the weights of an episode in which an agent learns."""
+
+EDGE = 92
+"""Pixels of the names beside drawings."""
+COLOURS = ("a", "b", "d", "c", "e", "f")
+"""Of the actors of a circuit."""
 
 Floats = npt.NDArray[np.float64]
 
@@ -116,13 +114,12 @@ def watch(agent: Learner, env: Any, path: str | PathLike[str], seed: int = 0, *,
     Raises:
         ModelError: the file is not called .html or cannot be written, or as of `ActorCritic.test`.
     """
-    file = Path(path)
-    if file.suffix.lower() not in (".html", ".htm"):
-        raise ModelError(f"{file}: an episode is written as a page for a browser: expected a name that ends in .html")
-    with output(file, PAGE) as part:
+
+    def make() -> tuple[str, Episode]:
         episode = played(agent, env, seed, learning)
-        part.write_text(PAGE.seal(page(agent, episode, seed)), "utf-8")
-    return episode
+        return page(agent, episode, seed), episode
+
+    return player.write(Path(path), PAGE, "an episode is written as", make)
 
 
 def played(agent: Learner, env: Any, seed: int = 0, learning: bool = False) -> Episode:
@@ -167,17 +164,13 @@ def _play(
         episode.errors.append(error * unit if k else math.nan)
         episode.rewards.append(reward)
         if episode.learning or k == 0:
-            _keep(episode.weights, k, _policy(twin), MOMENTS)
+            weights = twin.weights
+            _keep(episode.weights, k, np.concatenate([weights[name] for name in twin.projections[1:]], axis=1), MOMENTS)
         if worlds.over[0]:
             break
         seen, rewards, ends, cuts = worlds.step(twin.actions.of(winners[None]), [0])
         reward, before, ended, cut = float(rewards[0]), value, bool(ends[0]), bool(cuts[0])
     episode.end = "terminated" if ended else "cut off by the environment" if cut else f"cut off after {STEPS} steps"
-
-
-def _policy(agent: Learner) -> Floats:
-    weights = agent.weights
-    return np.concatenate([weights[name] for name in agent.projections[1:]], axis=1)
 
 
 def _every(kept: dict[int, Any]) -> int:
@@ -217,13 +210,18 @@ class _Camera:
         """Take the picture of a control step, if it is one that has one."""
         if self._env is None or k % _every(self._images):
             return
+        from PIL import Image
+
         try:
             frame = np.asarray(self._env.render())
             if frame.ndim != 3 or frame.shape[2] not in (3, 4) or not frame.size:
                 raise ModelError(f"render() gave an array of shape {list(frame.shape)}")
             if frame.dtype != np.uint8:
                 raise ModelError(f"render() gave numbers of {frame.dtype}: expected uint8")
-            _keep(self._images, k, _small(frame[..., :3]), FRAMES)
+            image = Image.fromarray(frame[..., :3])
+            if max(image.size) > WIDTH:
+                image.thumbnail((WIDTH, WIDTH), Image.Resampling.BOX)
+            _keep(self._images, k, image, FRAMES)
         except KeyboardInterrupt:
             raise
         except Exception as error:
@@ -232,15 +230,6 @@ class _Camera:
     def frames(self) -> dict[int, str]:
         """The pictures by control step, as data URIs."""
         return {k: _picture(image) for k, image in self._images.items()}
-
-
-def _small(frame: npt.NDArray[np.uint8]) -> Image:
-    from PIL import Image
-
-    image = Image.fromarray(frame)
-    if max(image.size) > WIDTH:
-        image.thumbnail((WIDTH, WIDTH), Image.Resampling.BOX)
-    return image
 
 
 def _picture(image: Image) -> str:
@@ -260,59 +249,147 @@ def _written(image: Image, kind: str, **options: Any) -> str:
 def page(agent: Learner, episode: Episode, seed: int = 0) -> str:
     """The page as text."""
     steps = int(agent.log.steps[-1]) if len(agent.log) else 0
-    taught = f"after {steps:,} steps of training (seed {agent.seed})" if steps else "not trained yet"
     sizes = " + ".join(map(str, agent.actions.sizes))
     about = [
         f"an agent of {agent.places.size} places, {agent.settings.critics} critics and {sizes} actors",
-        taught,
+        f"after {steps:,} steps of training (seed {agent.seed})" if steps else "not trained yet",
         "learning goes on" if episode.learning else "weights frozen",
         f"episode of seed {seed}",
         str(episode),
     ]
-    template = Template(resources("neuro_agent").joinpath("watch.html").read_text("utf-8"))
-    return template.substitute(
-        head=html.head("neuro agent watch", episode.name),
-        style=html.player_style(),
-        script=html.player_script(),
-        title=escape(episode.name),
-        told=escape(" · ".join(about)),
-        data=json.dumps(_data(agent, episode)).replace("<", "\\u003c"),
+    series = {
+        "value": np.array(episode.values),
+        "error": np.array(episode.errors),
+        "return": np.cumsum(episode.rewards),
+    }
+    n = episode.moves + 1
+    timeline = player.Timeline(
+        end=episode.moves,
+        begin=min(episode.moves, round(0.4 * n)),
+        rate=0.001,
+        speeds=[(str(speed), speed) for speed in (1, 2, 5, 10, 30, 60, 120)],
+        speed=2 if n < 60 else 4,
+        shift=10,
+        help="move by a step, with <kbd>shift</kbd> by ten",
+        speed_label="steps/s",
+        label="step ",
+        readouts=[player.Readout(name, values) for name, values in series.items()],
     )
+    names = ["a", "e", "d"]
+    lanes = [
+        {"name": name, "low": min(0.0, np.nanmin(each)), "high": max(0.0, np.nanmax(each)), "marks": 4,
+         "lines": [{"y": each, "colour": colour}]}
+        for colour, (name, each) in zip(names, series.items(), strict=True)
+    ]  # fmt: skip
+    curves = {"lanes": lanes, "edge": EDGE, "cursor": "off", "click": True}
+    below = [
+        player.Panel(
+            "Spikes",
+            [_raster(agent, episode)],
+            "by control step of 20 ms: active places, spikes of each critic, the actor that spiked",
+        ),
+        player.Panel(
+            "Value, error, return",
+            [player.Track("curve", "traces", "value, error and return", curves, 216)],
+            "of the whole episode, in the reward's unit; click to go there",
+            controls=True,
+        ),
+        _weights(agent, episode),
+    ]
+    columns = "minmax(0, 1.25fr) minmax(0, 1fr)"
+    return player.page("neuro agent watch", episode.name, about, timeline, _top(agent, episode), below, columns=columns)
 
 
-def _data(agent: Learner, episode: Episode) -> dict[str, Any]:
-    dimensions = agent.places.dimensions
-    observations = np.array(episode.observations)
+def _top(agent: Learner, episode: Episode) -> list[player.Panel | list[player.Panel]]:
+    """The environment, or the observation where there are no frames; the policy."""
+    lit = np.concatenate([np.eye(size, dtype=bool)[[one[k] for one in episode.winners]]
+                          for k, size in enumerate(agent.actions.sizes)], axis=1)  # fmt: skip
+    names, colours = _actors(agent)
+    row = max(9.0, min(28.0, 150 / len(names)))
+    chances = {"labels": names, "colours": colours, "values": np.ravel(episode.chances), "low": [0], "high": [1],
+               "lit": lit.ravel(), "row": row, "unit": " %", "factor": 100}  # fmt: skip
+    policy = player.Panel(
+        "Policy",
+        [player.Track("bars", "policy", "probabilities of the actions", chances)],
+        "with which probability each actor spikes; in colour: the one that did",
+    )
+    if not episode.frames:
+        observed = player.Panel(
+            "Environment", [_observation(agent, episode, "large")], f"the observation {_bounds(agent, 24)}"
+        )
+        return [observed, [policy]]
+    frames = {"frames": list(episode.frames.values()), "at": list(episode.frames)}
+    shown = player.Panel("Environment", [player.Track("frames", "frame", "the environment", frames, 330)])
+    return [shown, [policy, player.Panel("Observation", [_observation(agent, episode, "state")], _bounds(agent, 12))]]
+
+
+def _bounds(agent: Learner, most: int) -> str:
+    many = len(agent.places.dimensions)
+    return "within its bounds" if many <= most else f"within its bounds, the first {most} of {many} numbers"
+
+
+def _observation(agent: Learner, episode: Episode, name: str) -> player.Track:
+    most, row = (24, 24) if name == "large" else (12, 19)
+    dimensions, seen = agent.places.dimensions[:most], np.array(episode.observations)[:, :most]
     low = np.array([one.first if one.states else one.low for one in dimensions], dtype=np.float64)
     high = np.array([one.first + one.states - 1 if one.states else one.high for one in dimensions], dtype=np.float64)
-    low = np.where(np.isfinite(low), low, observations.min(axis=0))
-    high = np.where(np.isfinite(high), high, observations.max(axis=0))
+    data = {
+        "labels": [one.name.removeprefix("observation") or "state" for one in dimensions], "values": seen.ravel(),
+        "low": np.where(np.isfinite(low), low, seen.min(axis=0)),
+        "high": np.where(np.isfinite(high), high, seen.max(axis=0)), "mark": True, "unit": "", "row": row,
+    }  # fmt: skip
+    return player.Track("bars", name, "the observation", data)
+
+
+def _actors(agent: Learner) -> tuple[list[str], list[str]]:
+    """Names and colours of the actors of all circuits."""
+    labels = _labels(agent)
+    names = [f"{k}: {each}" if len(labels) > 1 else each for k, one in enumerate(labels) for each in one]
+    return names, [COLOURS[k % len(COLOURS)] for one in labels for k in range(len(one))]
+
+
+def _raster(agent: Learner, episode: Episode) -> player.Track:
+    """Active places, spikes of critics and actors, by control step."""
+    names, colours = _actors(agent)
+    critic, steps = np.minimum(episode.critic, 255), np.arange(episode.moves)
+    at, spiking = critic.nonzero()
+    firsts = np.cumsum([0, *agent.actions.sizes[:-1]])
+    actors = (np.array(episode.winners[:-1]).reshape(len(steps), -1) + firsts).ravel()
+    levels = np.rint(255 * critic[at, spiking] / max(1, critic.max())).astype(np.uint8)
+    strips = [
+        {"name": "places", "size": agent.places.size, "height": 132, "ids": np.concatenate(episode.places),
+         "times": np.repeat(np.arange(episode.moves + 1), list(map(len, episode.places)))},
+        {"name": "critics", "size": agent.settings.critics, "height": 70, "times": at, "ids": spiking, "level": levels},
+        {"name": "actors", "size": len(names), "height": len(names) * max(4.0, min(16.0, 90 / len(names))),
+         "times": np.repeat(steps, len(firsts)), "ids": actors, "labels": [f"actor {name}" for name in names],
+         "colours": colours},
+    ]  # fmt: skip
+    window = max(24, min(160, episode.moves + 1))
+    data = {"strips": [one | {"each": 1} for one in strips], "window": window, "lead": 0.25, "edge": EDGE}
+    return player.Track("raster", "raster", "spikes by control step", data)
+
+
+def _weights(agent: Learner, episode: Episode) -> player.Panel:
+    """The weights of the policy as pictures by moment, with marks at the active places."""
+    names, colours = _actors(agent)
     weights = np.stack([_columns(each) for each in episode.weights.values()])
     largest = max(float(np.abs(weights).max()), 1e-9)
-    return {
-        "moves": episode.moves,
-        "places": agent.places.size,
-        "critics": agent.settings.critics,
-        "circuits": _labels(agent),
-        "dimensions": [one.name.removeprefix("observation") or "state" for one in dimensions],
-        "frames": list(episode.frames.values()),
-        "shown": list(episode.frames),
-        "first": _base64(np.cumsum([0, *map(len, episode.places)]), "<u4"),
-        "cells": _base64(np.concatenate(episode.places), "<u4"),
-        "critic": _base64(np.minimum(episode.critic, 255), "u1"),
-        "winners": _base64(episode.winners, "u1"),
-        "chances": _base64(episode.chances, "<f4"),
-        "observations": _base64(observations, "<f4"),
-        "low": _base64(low, "<f4"),
-        "high": _base64(high, "<f4"),
-        "values": _base64(episode.values, "<f4"),
-        "errors": _base64(np.nan_to_num(episode.errors), "<f4"),
-        "returns": _base64(np.cumsum(episode.rewards), "<f4"),
-        "moments": list(episode.weights),
-        "columns": weights.shape[2],
+    data = {
+        "rows": weights.shape[1], "columns": weights.shape[2], "at": list(episode.weights), "edge": EDGE,
+        "values": np.round(127 * weights / largest).astype(np.int8).ravel(), "shade": ["paper", "on", 0.5, "off"],
+        "labels": [f"actor {name}" for name in names], "colours": colours, "size": len(names), "rowsOf": "actors",
+        "marks": {"first": np.cumsum([0, *map(len, episode.places)]), "places": np.concatenate(episode.places),
+                  "of": agent.places.size},
         "largest": largest,
-        "weights": _base64(np.round(127 * weights / largest), "i1"),
-    }
+    }  # fmt: skip
+    note = html.Html(
+        'from each place onto each actor: <i style="background:var(--on)"></i>for it '
+        '<i style="background:var(--off);margin-left:4px"></i>against it <b style="margin-left:6px">▾</b> active '
+        f"places; largest {largest:.3g} mV"
+    )
+    return player.Panel(
+        "Weights of the policy", [player.Track("image", "weights", "weights of the policy", data)], note
+    )
 
 
 def _labels(agent: Learner) -> list[list[str]]:
@@ -333,7 +410,3 @@ def _columns(weights: Floats) -> Floats:
     groups = padded.reshape(-1, each, weights.shape[1])
     largest = np.abs(groups).argmax(axis=1)
     return np.take_along_axis(groups, largest[:, None], axis=1)[:, 0].T
-
-
-def _base64(values: Any, kind: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode("ascii")

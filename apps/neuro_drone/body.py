@@ -1,14 +1,16 @@
-"""How the drone follows commands of velocity."""
+"""Bodies of the drone, kinematic and of PyBullet: how it follows commands of velocity."""
 
 from __future__ import annotations
 
-from math import atan, copysign, cos, exp, hypot, sin
-from typing import Protocol
+import sys
+from math import asin, atan, atan2, ceil, copysign, cos, exp, hypot, pi, sin, sqrt
+from typing import Any, Protocol
+from weakref import finalize
 
+from neuro import ModelError
+from neuro.apps import install
 from neuro_drone.geometry import Pose
 from neuro_drone.parts import GRAVITY, MASS, Drone
-
-__all__ = ["GRAVITY", "MASS", "Body", "Kinematic"]
 
 CALM = (0.0, 0.0)
 
@@ -153,3 +155,249 @@ def _towards(size: float, a_max: float, lag: float, seconds: float, fall: float)
         return size - a_max * seconds, (size - 0.5 * a_max * seconds) * seconds
     fall = exp(-(seconds - limited) / lag)
     return knee * fall, 0.5 * (size + knee) * limited + knee * lag * (1.0 - fall)
+
+
+Vector = tuple[float, float, float]
+
+INERTIA = (0.007, 0.007, 0.012)
+ARM = 0.17
+DRAG_TO_THRUST = 0.016
+MOST_THRUST = 8.54858e-06 * 838.0**2
+"""kg m^2, m, m, N of one rotor: an AscTec Hummingbird, as is `neuro_drone.parts.MASS`.
+
+Source: rotors_simulator, rotors_description/urdf/hummingbird.xacro (body and four rotors; rotors in front, left, behind
+and right of the middle, those in front and behind turn clockwise).
+"""
+
+SUBSTEP = 0.004
+ATTITUDE = (30.0, 30.0, 12.0)
+SPEED_GAIN = 0.5
+HEIGHT_GAINS = (16.0, 8.0)
+"""s; rad/s about front, left and up; 1/s; 1/s^2 and 1/s: tuned so that steps of speed rise as those of `Kinematic`."""
+
+
+class Bullet:
+    """A quadrotor that follows commands by its four rotors only.
+
+    What it shall do is what `Kinematic` does; the wanted acceleration is that of this reference plus a share of what is
+    missing in speed, never more than a_max. The thrust is turned there by an attitude controller of second order with
+    critical damping, and the four rotors give what they can between 0 and their largest thrust. Height is held, or
+    follows that of the reference.
+
+    Wind is a force on the body, and a load is mass at its middle; the controller allows for neither. `Kinematic` drifts
+    in the wind as a proportional controller of velocity does, and here the thrust leaves that drift as it is; height,
+    held in proportion too, sinks with a load until the thrust is enough.
+
+    Args:
+        drone: height, lag, largest acceleration and drag.
+
+    Raises:
+        ModelError: PyBullet is not installed.
+
+    Source: for the controller: Lee, Leok, McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)",
+        CDC 2010, equations 15 and 16.
+    """
+
+    def __init__(self, drone: Drone) -> None:
+        self._p = _pybullet()
+        self.a_max = drone.a_max
+        self._drag, self._load = MASS * drone.drag, 0.0
+        self.reference = Kinematic(drone)
+        self.pose = Pose(0.0, 0.0, drone.height)
+        self.velocity = (0.0, 0.0)
+        self._connect()
+        self.reset(0.0, 0.0, 0.0)
+
+    def _connect(self) -> None:
+        """Make a world with the drone in it."""
+        p = self._p
+        self._client = p.connect(p.DIRECT)
+        self._closed = finalize(self, _disconnect, p, self._client)
+        self._at = at = {"physicsClientId": self._client}
+        p.setGravity(0.0, 0.0, -GRAVITY, **at)
+        self._body = p.createMultiBody(baseMass=MASS, **at)
+        p.changeDynamics(
+            self._body, -1, localInertiaDiagonal=INERTIA, linearDamping=0.0, angularDamping=0.0,
+            activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **at,
+        )  # fmt: skip
+        self._substep = 0.0
+
+    def reset(
+        self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0, z: float | None = None
+    ) -> None:
+        """See `Body`; opens a closed body again."""
+        if not self._closed.alive:
+            self._connect()
+        self.reference.reset(x, y, yaw, right, forward, z)
+        self.feel(CALM, 0.0)
+        level = (0.0, 0.0, sin(0.5 * yaw), cos(0.5 * yaw))
+        self.pose.yaw = yaw
+        self._put((x, y, self.reference.pose.z), level, (*self.reference.velocity, 0.0), (0.0, 0.0, 0.0))
+
+    def feel(self, wind: tuple[float, float], load: float) -> None:
+        """See `Body`."""
+        self.reference.feel(wind, load)
+        self._force = (self._drag * wind[0], self._drag * wind[1], 0.0)
+        if load != self._load:
+            self._load = load
+            self._weigh()
+
+    def _weigh(self) -> None:
+        """Give the body the mass that it has with its load."""
+        self._p.changeDynamics(self._body, -1, mass=MASS + self._load, localInertiaDiagonal=INERTIA, **self._at)
+
+    def _put(self, place: Vector, turned: tuple[float, ...], velocity: Vector, spin: Vector) -> None:
+        """Put the body at a place, turned by a quaternion, with its speeds."""
+        self._p.resetBasePositionAndOrientation(self._body, place, turned, **self._at)
+        self._p.resetBaseVelocity(self._body, velocity, spin, **self._at)
+        self._read()
+
+    def step(self, right: float, forward: float, turn: float, seconds: float, climb: float | None = None) -> None:
+        """See `Body`."""
+        p, client = self._p, self._client
+        n = ceil(seconds / SUBSTEP - 1e-9)
+        substep = seconds / n
+        if substep != self._substep:
+            p.setTimeStep(substep, physicsClientId=client)
+            self._substep = substep
+        heavier, (fx, fy, _) = self.reference.heavier, self._force
+        for _ in range(n):
+            before, rate, rising = self.reference.velocity, self.reference.rate, self.reference.climb
+            self.reference.step(right, forward, turn, substep, climb)
+            after = self.reference.velocity
+            # What of the reference's acceleration is thrust's, for a body without load.
+            ax = (after[0] - before[0]) / substep * heavier - fx / MASS
+            ay = (after[1] - before[1]) / substep * heavier - fy / MASS
+            az = (self.reference.climb - rising) / substep * heavier + GRAVITY * (heavier - 1.0)
+            az = 0.0 if climb is None else az
+            thrust, torque = self._control(ax, ay, az, (self.reference.rate - rate) / substep, before)
+            p.applyExternalForce(self._body, -1, (0.0, 0.0, thrust), (0.0, 0.0, 0.0), p.LINK_FRAME, client)
+            p.applyExternalTorque(self._body, -1, torque, p.LINK_FRAME, client)
+            p.applyExternalForce(self._body, -1, self._force, self._place, p.WORLD_FRAME, client)
+            p.stepSimulation(client)
+            self._read()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies and for other processes: where the body is, since PyBullet's world itself cannot be copied."""
+        place = (self._place, self._turned, (*self.velocity, self._climb), self._spin)
+        names = ("a_max", "reference", "pose", "velocity", "_drag", "_force", "_load")
+        kept = {name: getattr(self, name) for name in names}
+        return kept | {"_there": place, "_open": self._closed.alive}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._p = _pybullet()
+        for name, value in state.items():
+            if name not in ("_there", "_open"):
+                setattr(self, name, value)
+        self._connect()
+        self._weigh()
+        place, turned, velocity, spin = state["_there"]
+        self._put(place, turned, velocity, spin)
+        if not state["_open"]:
+            self.close()
+
+    def close(self) -> None:
+        """See `Body`; a reset opens it again."""
+        self._closed()
+
+    def _read(self) -> None:
+        """Take over place, attitude and speeds from PyBullet."""
+        p, pose = self._p, self.pose
+        self._place, self._turned = p.getBasePositionAndOrientation(self._body, self._client)
+        pose.x, pose.y, pose.z = self._place
+        (vx, vy, self._climb), self._spin = p.getBaseVelocity(self._body, self._client)
+        self.velocity = (vx, vy)
+        x, y, z, w = self._turned
+        self._front = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w))
+        self._left = (2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + x * w))
+        self._up = (2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y))
+        pose.pitch = asin(max(-1.0, min(1.0, -self._front[2])))
+        pose.roll = atan2(self._left[2], self._up[2])
+        yaw = atan2(self._front[1], self._front[0])
+        pose.yaw += (yaw - pose.yaw + pi) % (2.0 * pi) - pi
+
+    def _control(
+        self, ax: float, ay: float, az: float, spin_up: float, speed: tuple[float, float]
+    ) -> tuple[float, Vector]:
+        """Thrust, N, and torque in the body's frame, N m, towards accelerations, a speed and the heading."""
+        yaw = self.reference.pose.yaw
+        ax += SPEED_GAIN * (speed[0] - self.velocity[0])
+        ay += SPEED_GAIN * (speed[1] - self.velocity[1])
+        size = hypot(ax, ay)
+        if size > self.a_max:
+            ax, ay = ax * self.a_max / size, ay * self.a_max / size
+        stiff, damped = HEIGHT_GAINS
+        reference = self.reference
+        az += GRAVITY + stiff * (reference.pose.z - self.pose.z) - damped * (self._climb - reference.climb)
+        thrust = MASS * _dot((ax, ay, az), self._up)
+        size = sqrt(ax * ax + ay * ay + az * az)
+        up = (ax / size, ay / size, az / size)
+        left = _cross(up, (cos(yaw), sin(yaw), 0.0))
+        size = sqrt(_dot(left, left))
+        left = (left[0] / size, left[1] / size, left[2] / size)
+        front = _cross(left, up)
+        # half of vee(Rd' R - R' Rd), Lee et al. (10)
+        lean = (
+            0.5 * (_dot(up, self._left) - _dot(left, self._up)),
+            0.5 * (_dot(front, self._up) - _dot(up, self._front)),
+            0.5 * (_dot(left, self._front) - _dot(front, self._left)),
+        )
+        spin = self._spin
+        rates = (_dot(spin, self._front), _dot(spin, self._left), _dot(spin, self._up) - self.reference.rate)
+        wanted = [
+            -inertia * (stiff * stiff * e + 2.0 * stiff * w)
+            for inertia, stiff, e, w in zip(INERTIA, ATTITUDE, lean, rates, strict=True)
+        ]
+        return _rotors(thrust, wanted[0], wanted[1], wanted[2] + INERTIA[2] * spin_up)
+
+
+def _rotors(thrust: float, roll: float, pitch: float, yaw: float) -> tuple[float, Vector]:
+    """What four rotors make of a wanted thrust, N, and torques, N m, with each between 0 and its largest.
+
+    What is too much is taken from the torques, never from the thrust; yaw has at most two fifths of the room.
+    """
+    share = max(0.0, min(MOST_THRUST, 0.25 * thrust))
+    room = min(share, MOST_THRUST - share)
+    z = _within(0.25 * yaw / DRAG_TO_THRUST, 0.4 * room)
+    x, y = (_within(0.5 * torque / ARM, room - abs(z)) for torque in (roll, pitch))
+    return 4.0 * share, (2.0 * ARM * x, 2.0 * ARM * y, 4.0 * DRAG_TO_THRUST * z)
+
+
+def _within(value: float, most: float) -> float:
+    return max(-most, min(most, value))
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _pybullet() -> Any:
+    try:
+        import pybullet
+    except ImportError:
+        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        raise ModelError(
+            "drone.physics = 'bullet': the package pybullet is not installed",
+            hint=f"{install('bullet')}; pybullet has wheels for Python 3.11 only, and this is {version}",
+        ) from None
+    return pybullet
+
+
+def _disconnect(p: Any, client: int) -> None:
+    if p.isConnected(client):
+        p.disconnect(client)
+
+
+def body_of(drone: Drone) -> Body:
+    """The body for the physics that a drone asks for.
+
+    Raises:
+        ModelError: it needs a package that is not installed.
+    """
+    if drone.physics == "kinematic":
+        return Kinematic(drone)
+    return Bullet(drone)

@@ -75,9 +75,8 @@ def train(
 
     --set changes the scenario (camera.tilt=30) or the controller (eta=1e-3). Several trainings write model-0.h5, ...
     """
-    from neuro_drone.pilot import chosen
     from neuro_drone.report import Bars, learnt
-    from neuro_drone.train import TrainingJob, side_by_side
+    from neuro_drone.train import TrainingJob, chosen, side_by_side
 
     world, settings = chosen(scenario, controller, set)
     files = [out] if repeats == 1 else [out.with_name(f"{out.stem}-{seed + k}{out.suffix}") for k in range(repeats)]
@@ -297,7 +296,7 @@ def controllers() -> None:
 
 def _pilot(model: Path | None, scenario: str | None, controller: str | None, set: list[str]) -> Model:
     """The model that a command is about: a file's, or that of a controller that does not learn."""
-    from neuro_drone.pilot import pilot
+    from neuro_drone.train import pilot
 
     if (model is None) == (controller is None):
         raise typer.BadParameter("expected a model or --controller NAME", param_hint="'MODEL'")

@@ -12,8 +12,7 @@ import typer
 from neuro import ModelError
 from neuro.apps import console, number, quantity, sourced, table
 from neuro.chips import COLUMNS, between, chip, footnotes
-from neuro_drone.controllers.deep import DQNSettings
-from neuro_drone.controllers.dense import Flier
+from neuro_drone.controllers.deep import DQNSettings, Flier
 from neuro_drone.controllers.spiking import Spiking
 from neuro_drone.env import ACTIONS, CELLS, DroneEnv
 from neuro_drone.evaluate import Start, fly_lap
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from neuro import Counts
     from neuro.chips import Energy
 
-__all__ = ["Bills", "Dense", "priced", "show", "words"]
 
 PROCESSORS = ("cpu", "gpu")
 """Targets that multiply densely."""

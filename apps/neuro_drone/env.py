@@ -16,18 +16,13 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import kernel, unknown
 from neuro.events import Events
-from neuro_drone.ball import BallTask
-from neuro_drone.body import Body
-from neuro_drone.bullet import body_of
+from neuro_drone.body import Body, body_of
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import CameraView, WorldScene
-from neuro_drone.line import LineTask
-from neuro_drone.parts import Load, Motors, Wind
+from neuro_drone.parts import Ball, Load, Motors, Wind
 from neuro_drone.paths import FIXED, Variation
-from neuro_drone.scenario import Ball, Scenario, errors, load
-from neuro_drone.tasks import Judged, Task
-
-__all__ = ["ACTIONS", "SPACE", "DroneEnv", "Weather", "continuous", "discrete", "model"]
+from neuro_drone.scenario import Scenario, errors, load
+from neuro_drone.tasks import BallTask, Judged, LineTask, Task
 
 CELLS = 8
 OBSERVATIONS = ("counts", "binary", "frame", "normalised")
@@ -87,7 +82,13 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         _one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         self.observation, self.render_mode = observation, render_mode
         self.metadata = {**self.metadata, "render_fps": round(1000.0 / scenario.step)}
-        self.observation_space = _space(observation)
+        bounds: dict[str, tuple[Any, ...]] = {
+            "counts": (0, MOST_EVENTS, (CELLS, CELLS), np.int64),
+            "binary": (0, 1, (CELLS, CELLS), np.uint8),
+            "frame": (0, 255, (128, 128, 1), np.uint8),
+            "normalised": (0.0, 1.0, (CELLS * CELLS,), np.float32),
+        }
+        self.observation_space = gymnasium.spaces.Box(*bounds[observation])
         self.action_space, self._commands = model(actions, scenario.axes)
         camera, drone = scenario.camera, scenario.drone
         level = CameraView(fov=camera.fov, tilt=camera.tilt, roll=camera.roll)
@@ -204,16 +205,6 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         """Give back what the physics holds of the machine; `reset` begins again."""
         self._running = False
         self.body.close()
-
-
-def _space(observation: str) -> gymnasium.Space[Any]:
-    words: dict[str, tuple[Any, ...]] = {
-        "counts": (0, MOST_EVENTS, (CELLS, CELLS), np.int64),
-        "binary": (0, 1, (CELLS, CELLS), np.uint8),
-        "frame": (0, 255, (128, 128, 1), np.uint8),
-        "normalised": (0.0, 1.0, (CELLS * CELLS,), np.float32),
-    }
-    return gymnasium.spaces.Box(*words[observation])
 
 
 def _wishes(options: Mapping[str, Any], task: Task, axes: int) -> tuple[tuple[float, ...] | None, int, Variation]:

@@ -17,8 +17,6 @@ from neuro_drone.parts import Ball, Line, check_whole
 from neuro_drone.paths import FIXED, TESTS, VARIED, FlightCourse, Variation
 from neuro_drone.scenario import Scenario
 
-__all__ = ["FlightTest", "Lap", "Start", "begin", "flown", "fly_lap", "grid", "try_out"]
-
 
 @dataclass(frozen=True, slots=True)
 class Start:

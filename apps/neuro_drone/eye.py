@@ -10,9 +10,8 @@ import numpy.typing as npt
 
 from neuro.events import DVS, DVSParameters, Events
 from neuro_drone.geometry import CameraView, Pose, WorldScene
-from neuro_drone.scenario import Camera, Ground, Line, Scenario
-
-__all__ = ["SKY", "Eye", "Pattern", "pattern", "pyramid", "strips", "tile"]
+from neuro_drone.parts import Camera, Ground, Line
+from neuro_drone.scenario import Scenario
 
 SKY = 0.9
 """Brightness above the horizon, as a share of full scale; it is in the picture at tilts below 32.5 degrees."""

@@ -12,8 +12,6 @@ from math import cos, inf, radians, sin, sqrt, tan
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["AIM", "CameraView", "Pose", "WorldScene"]
-
 AIM = 63.0
 """Row and column of the picture at which a target shall be, px. Source: thesis, section 7.3.7 (63 x 63 px)."""
 

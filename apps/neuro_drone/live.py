@@ -31,7 +31,6 @@ from neuro_drone.scenario import Scenario
 if TYPE_CHECKING:
     from neuro.live import Page
 
-__all__ = ["LiveTest", "fly_live"]
 
 FORMAT = "faery13"
 _LOOK = struct.Struct("<?qq")  # whether an episode begins, number of the step, events that were sent so far

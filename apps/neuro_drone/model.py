@@ -31,8 +31,6 @@ from neuro.apps import hdf5, provenance, record_input
 from neuro_drone.controllers import Controller, Learner, kind_of, make
 from neuro_drone.scenario import Scenario
 
-__all__ = ["FORMAT", "Model"]
-
 FORMAT = "neuro drone model 1"
 _NETWORK = "network.yaml"
 _GROUPS = ("learnt", "history", "network", "curve")

@@ -9,26 +9,11 @@ from typing import Any
 from neuro import ModelError
 from neuro.apps import check_fields, setting
 
-__all__ = [
-    "GRAVITY",
-    "MASS",
-    "Ball",
-    "Camera",
-    "Drone",
-    "Ground",
-    "Line",
-    "Load",
-    "Motors",
-    "Wind",
-    "WorldPart",
-    "check_whole",
-]
-
 GRAVITY = 9.81
 """m/s^2."""
 
 MASS = 0.716
-"""Of the drone without a load, kg. Source: rotors_simulator, see `neuro_drone.bullet`."""
+"""Of the drone without a load, kg. Source: rotors_simulator, see `neuro_drone.body`."""
 
 
 def check_whole(name: str, value: Any, least: int = 0, below: str = "") -> None:

@@ -12,8 +12,6 @@ from neuro import ModelError
 from neuro.apps import unknown
 from neuro_drone.parts import check_whole
 
-__all__ = ["FIXED", "PATHS", "TESTS", "VARIED", "FlightCourse", "Path", "Variation", "drawn", "hexagon", "star"]
-
 Floats = npt.NDArray[np.float64]
 
 INNER = 0.5

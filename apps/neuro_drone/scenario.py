@@ -12,8 +12,6 @@ from neuro import ModelError
 from neuro.apps import Node, Quantity, Where, about, check, check_fields, mistake, plain, read, setting, unknown, words
 from neuro_drone.parts import GRAVITY, MASS, Ball, Camera, Drone, Ground, Line, Load, Motors, Wind, WorldPart
 
-__all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Load", "Motors", "Scenario", "Wind", "errors", "load"]
-
 FOLDER = Path(__file__).parent / "scenarios"
 NAMES = tuple(sorted(file.stem for file in FOLDER.glob("*.yaml")))
 """The scenarios that come along."""
@@ -105,35 +103,27 @@ class Scenario:
                 path=("wind", "speed"),
             )
         if isinstance(task, Ball):
-            self._below(task)
-            self._carried(task)
+            top = 2.0 * task.radius * (1.0 + task.swell) + task.rise + task.bounce
+            if top >= self.drone.height:
+                reaches = f": it reaches {top:g} m" if top > 2.0 * task.radius else ""
+                raise ModelError(
+                    f"task.ball.radius = {task.radius:g}: expected a ball below the drone, whose height is "
+                    f"{self.drone.height:g} m{reaches}",
+                    path=("task", "ball", "radius"),
+                )
+            sinks = self.drone.lag * GRAVITY * abs(self.load.mass) / MASS
+            if task.axes == 3 and sinks > self.drone.climb_max:
+                raise ModelError(
+                    f"load.mass = {self.load.mass:g}: the drone sinks or rises by {sinks:.3g} m/s, and climb_max is "
+                    f"{self.drone.climb_max:g}",
+                    path=("load", "mass"),
+                )
             return
         why = {"drone.spin": "where actions turn", "motors.angle": "where actions turn", "camera.roll": "which leans"}
         for name, reason in why.items():
             part, word = name.split(".")
             if value := getattr(getattr(self, part), word):
                 raise ModelError(f"{name} = {value:g}: expected 0 along a line, {reason}", path=(part, word))
-
-    def _below(self, ball: Ball) -> None:
-        """Refuse a ball that reaches the height of the drone."""
-        top = 2.0 * ball.radius * (1.0 + ball.swell) + ball.rise + ball.bounce
-        if top >= self.drone.height:
-            reaches = f": it reaches {top:g} m" if top > 2.0 * ball.radius else ""
-            raise ModelError(
-                f"task.ball.radius = {ball.radius:g}: expected a ball below the drone, whose height is "
-                f"{self.drone.height:g} m{reaches}",
-                path=("task", "ball", "radius"),
-            )
-
-    def _carried(self, ball: Ball) -> None:
-        """Refuse a load with which a drone that climbs cannot keep its height."""
-        sinks = self.drone.lag * GRAVITY * abs(self.load.mass) / MASS
-        if ball.axes == 3 and sinks > self.drone.climb_max:
-            raise ModelError(
-                f"load.mass = {self.load.mass:g}: the drone sinks or rises by {sinks:.3g} m/s, and climb_max is "
-                f"{self.drone.climb_max:g}",
-                path=("load", "mass"),
-            )
 
     @property
     def kind(self) -> str:
@@ -279,5 +269,5 @@ def _merge(said: dict[str, Any], changes: Mapping[str, Any]) -> None:
 
 
 def _other(task: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether a task is another one, which replaces the first as a whole."""
+    """Return whether a task is another one, which replaces the first as a whole."""
     return any(kind in other and kind not in task for kind in TASKS)

@@ -1,10 +1,11 @@
-"""Training: episodes from random starts, kept between them so that it can go on after a kill."""
+"""Training: episodes from random starts, saved between them so that it continues after a kill; `--set`."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -12,17 +13,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro import apps
-from neuro.apps import Checkpoint, check_output, hdf5
-from neuro_drone.controllers import Learner, kind_of, make, settings_of
+from neuro import ModelError, apps
+from neuro.apps import Checkpoint, assignments, check_output, hdf5, unknown
+from neuro_drone.controllers import CONTROLLERS, Learner, kind_of, make, settings_of
+from neuro_drone.controllers.deep import Deep, needed
 from neuro_drone.env import DroneEnv
 from neuro_drone.evaluate import flown
 from neuro_drone.model import FORMAT, Model, packed
 from neuro_drone.parts import Ball, Line, check_whole
 from neuro_drone.paths import drawn
 from neuro_drone.scenario import Scenario, load
-
-__all__ = ["STEPS", "Curve", "Report", "TrainingJob", "TrainingProgress", "side_by_side", "train"]
 
 STEPS = 60_000
 """Steps of a training. Source: thesis, table 5."""
@@ -276,3 +276,77 @@ def side_by_side(
         ModelError: of the first job that raises one.
     """
     return apps.side_by_side(TrainingJob.run, jobs, processes, report)
+
+
+_WORDS = {one.name for one in fields(Scenario)}
+
+
+def chosen(scenario: str | Path, controller: str, texts: Sequence[str]) -> tuple[Scenario, dict[str, Any]]:
+    """A scenario and the settings of a controller, with changes.
+
+    Args:
+        scenario: its name or file.
+        controller: its name.
+        texts: "name=value": with a dot, or a word that only a scenario has, a change of the scenario; else a setting
+            of the controller.
+
+    Raises:
+        ModelError: there is no such scenario, controller or word, or a value cannot be.
+    """
+    own = set(kind_of(controller).settings.own())
+    values = _said(texts)
+    world = {name for name in values if "." in name or name in _WORDS - own}
+    changed = load(scenario, **{name: values[name] for name in values if name in world})
+    settings = {name: values[name] for name in values if name not in world}
+    known = own | _WORDS
+    try:
+        made = make(controller, changed, 0, settings)  # mistakes are reported before any work
+    except ModelError as error:  # a name that is none of the network's parameters may be meant for a setting
+        for name in sorted(settings.keys() - known):
+            if error.kind.startswith("unknown parameter") and get_close_matches(name, known, 1):
+                raise unknown(f"setting of controller '{controller}'", name, known) from None
+        raise
+    if isinstance(made, Deep):
+        needed(controller)
+    return changed, settings
+
+
+def _said(texts: Sequence[str]) -> dict[str, Any]:
+    """Changes by name; the seed of a scenario is refused, since all episodes of a command have seeds of their own."""
+    values = assignments(list(texts))
+    if "seed" in values:
+        raise ModelError("--set seed: it would change nothing", hint="training has --seed; tests have fixed seeds")
+    return values
+
+
+def pilot(model: Path | None, scenario: str | None, controller: str | None, texts: Sequence[str]) -> Model:
+    """A trained model, or one of a controller that does not learn.
+
+    Args:
+        model: file of the model.
+        scenario: another one than the model's; of a controller B60 if not given.
+        controller: its name, if there is no file.
+        texts: changes, see `chosen`; of a model only those of the scenario.
+
+    Raises:
+        ModelError: as `chosen`, or a controller by name must learn first.
+    """
+    if model is None:
+        name = controller or ""
+        if kind_of(name).learns:
+            fixed = ", ".join(name for name, kind in CONTROLLERS.items() if not kind.learns)
+            raise ModelError(
+                f"controller '{name}' has to learn first: expected a model, or one of {fixed}",
+                hint=f"neuro drone train --controller {name}",
+            )
+        world, settings = chosen(scenario or "B60", name, texts)
+        return train(world, name, settings=settings)
+    trained = Model.load(model)
+    changes = _said(texts)
+    for name in changes:
+        if "." not in name and name not in _WORDS:
+            raise ModelError(
+                f"--set {name}: the settings of a trained controller stay: expected a word of the scenario",
+                hint="'neuro drone train --set' has settings of the controller",
+            )
+    return replace(trained, scenario=load(trained.scenario if scenario is None else scenario, **changes))

@@ -2,26 +2,20 @@
 
 `fly` flies a lap and keeps all that was seen, thought and done; `page` is that as text, `watch` does both.
 
-All data lie in the page as base64 of little-endian arrays, so it needs nothing else; no screen is needed to make it.
 """
 
 from __future__ import annotations
 
-import base64
-import json
 from dataclasses import dataclass, replace
-from html import escape
 from importlib.resources import files
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro import ModelError
-from neuro.apps import html, output, sealed
+from neuro.apps import html, player, sealed
 from neuro_drone.controllers import Controller
 from neuro_drone.env import DroneEnv
 from neuro_drone.evaluate import Start, begin
@@ -29,15 +23,27 @@ from neuro_drone.geometry import CameraView
 from neuro_drone.model import Model, packed, unpacked
 from neuro_drone.parts import Ball, Line
 from neuro_drone.paths import VARIED, FlightCourse
-from neuro_drone.pictures import motors
-
-__all__ = ["Flight", "FlightSpikes", "fly", "listening", "page", "watch"]
+from neuro_drone.report import motors
 
 MOST = 3_000_000
 """Events, and spikes of a population, of a page; of more an even choice is shown."""
 
 PAGE = sealed(
     "a page of 'neuro drone watch'", '<meta name="generator" content="neuro drone watch">', "<!-- digest {} -->"
+)
+
+TALL, EDGE = 216, 86
+"""Height of the raster, and width of the names beside it, px."""
+COLOURS = ("a", "b", "c", "d", "e", "f")
+"""Of the motors."""
+CAMERA = html.Html(
+    '<i style="background:var(--on)"></i>brighter <i style="background:var(--off);margin-left:4px"></i>darker '
+    '<i style="border:1.5px solid var(--target);border-radius:50%;margin-left:6px"></i>true place'
+)
+TRAINING = html.Html(
+    'error by steps, px: <i style="background:var(--d)"></i>weights frozen, short flights from afar: what was learnt '
+    '<i style="background:var(--soft);margin-left:4px"></i>episodes with learning on: dopamine steers, and exploration '
+    'disturbs <b style="color:var(--target);margin-left:6px">×</b> target lost in one of them'
 )
 
 POINTS = 600
@@ -178,7 +184,12 @@ def fly(model: Model, start: Start, backend: str = "event") -> Flight:
     balls = np.array([ball for ball in kept["balls"] if ball is not None]).reshape(-1, 2)
     whole |= {name: np.concatenate([getattr(part, name) for part in seen]) for name in "xyp"}
     each = np.array([len(part) for part in seen])
-    whole |= {"path": env.task.path.points, "spikes": _heard(pilot), "balls": balls, "events": each}
+    sim = getattr(pilot, "sim", None)
+    recorded = (
+        () if sim is None else ((part, sim.spikes(part.name)) for part in sim.program.populations if part.records)
+    )
+    spikes = tuple(FlightSpikes(part.name, part.size, *trains) for part, trains in recorded)
+    whole |= {"path": env.task.path.points, "spikes": spikes, "balls": balls, "events": each}
     return Flight(model, start, **whole, lap=bool(info["lap"]), lost=bool(info["lost"]), backend=backend)
 
 
@@ -208,13 +219,6 @@ def footprint(view: CameraView) -> list[tuple[float, float]]:
     return [corner or (x, y) for corner in corners]
 
 
-def _heard(pilot: Controller) -> tuple[FlightSpikes, ...]:
-    sim = getattr(pilot, "sim", None)
-    if sim is None:
-        return ()
-    return tuple(FlightSpikes(p.name, p.size, *sim.spikes(p.name)) for p in sim.program.populations if p.records)
-
-
 def watch(
     model: Model,
     file: Path,
@@ -239,18 +243,18 @@ def watch(
         ModelError: the file is not called .html or cannot be written, the start cannot be, or the backend refuses
             the network.
     """
-    if file.suffix.lower() not in (".html", ".htm"):
-        raise ModelError(f"{file}: a lap is written as a page for a browser: expected a name that ends in .html")
     line = isinstance(model.scenario.task, Line)
     begin = Start(start or ((20.0, 10.0) if line else (-30.0, -30.0)), 1 if line else 0, course.lap(0, line))
-    with output(file, PAGE) as part:
+
+    def make() -> tuple[str, str]:
         flight = fly(model, begin, backend)
-        part.write_text(PAGE.seal(page(flight)), "utf-8")
-    return told(flight)
+        return page(flight), outcome(flight)
+
+    return player.write(file, PAGE, "a lap is written as", make)
 
 
-def told(flight: Flight) -> str:
-    """What came of a lap."""
+def outcome(flight: Flight) -> str:
+    """Return duration, error and end of a lap in a few words."""
     end = "a lap that counts" if flight.lap else "the target was lost" if flight.lost else "no lap that counts"
     seconds = (len(flight.errors) - 1) * flight.model.scenario.step / 1000.0
     return f"{seconds:.1f} s, mean error {flight.errors[1:].mean():.2f} px, {end}"
@@ -260,57 +264,140 @@ def page(flight: Flight) -> str:
     """The page as text."""
     model, world = flight.model, flight.model.scenario
     taught = f"after {model.steps:,} steps of training (seed {model.seed})" if model.steps else "which does not learn"
-    thinned = -(-len(flight.x) // MOST)
-    about = [f"{model.controller}, {taught}", "weights frozen, no dopamine", str(flight.start.path), told(flight)]
+    thinned = player.evenly(len(flight.x), MOST)
+    about = [f"{model.controller}, {taught}", "weights frozen, no dopamine", str(flight.start.path), outcome(flight)]
     about += [f"network on {flight.backend}"] if flight.spikes and flight.backend != "event" else []
     about += [f"one of every {thinned} events is shown"] if thinned > 1 else []
-    template = Template(files("neuro_drone").joinpath("watch.html").read_text("utf-8"))
+    steps, window = len(flight.errors) - 1, max(3000.0, 20 * world.step) / world.step
+    timeline = player.Timeline(
+        end=steps,
+        begin=min(steps, round(window)),
+        rate=1.0 / world.step,
+        speeds=[(f"{speed:g}×", speed) for speed in (0.1, 0.25, 0.5, 1, 2, 5, 10)],
+        speed=3,
+        shift=round(1000 / world.step),
+        help="move by a step, with <kbd>shift</kbd> by a second",
+        scale=world.step / 1000.0,
+        digits=2,
+        unit=" s",
+        readouts=[player.Readout("error", flight.errors, 1, " px")],
+    )
+    spikes = "Spikes and actions" if flight.spikes else "Fields and actions"
+    note = f"of the last {window * world.step / 1000:g} s"
+    note += "" if flight.spikes else "; this controller has no spiking neurons"
+    below = [
+        player.Panel(spikes, [_raster(flight, window), _actions(flight, window)], note),
+        player.Panel("Error", [_errors(flight)], "of the whole lap, px; click to go there", controls=True),
+    ]
+    if len(model.history.get("steps", ())):
+        below.append(player.Panel("Training", [_training(model)], TRAINING))
+    script = files("neuro_drone").joinpath("watch.js").read_text("utf-8")
+    columns = "1fr 1fr 216px"
     title = f"{model.controller} in {world.name}"
-    return template.substitute(
-        head=html.head("neuro drone watch", title),
-        style=html.player_style(),
-        script=html.player_script(),
-        title=escape(title),
-        told=escape(" · ".join(about)),
-        data=json.dumps(_data(flight, max(1, thinned))).replace("<", "\\u003c"),
+    return player.page(
+        "neuro drone watch", title, about, timeline, _top(flight, thinned), below, columns=columns, script=script
     )
 
 
-def _data(flight: Flight, thinned: int) -> dict[str, Any]:
-    world = flight.model.scenario
-    ends = np.concatenate(([0], np.cumsum(flight.events)))
-    packed = (flight.x.astype(int) | flight.y.astype(int) << 7 | flight.p.astype(int) << 14)[::thinned]
-    names = ("poses", "heights", "winds", "loads", "footprints", "balls", "talls", "targets", "errors", "actions")
-    return {
-        "step": world.step, "steps": len(flight.errors) - 1, "motors": motors(world),
+def _top(flight: Flight, thinned: int) -> list[player.Panel | list[player.Panel]]:
+    """World, camera, fields and stick."""
+    world, names = flight.model.scenario, motors(flight.model.scenario)
+    seen = {
+        "path": flight.path[:: max(1, len(flight.path) // POINTS)].ravel(), "poses": flight.poses.ravel(),
+        "foot": flight.footprints.ravel(), "balls": flight.balls.ravel(), "heights": flight.heights,
+        "winds": flight.winds.ravel(), "loads": flight.loads, "climbs": world.axes > 2, "step": world.step,
         "ball": world.task.radius if isinstance(world.task, Ball) else 0,
         "width": world.task.width if isinstance(world.task, Line) else 0,
-        "path": _base64(flight.path[:: max(1, len(flight.path) // POINTS)], "<f4"),
-        **{name: _base64(np.nan_to_num(getattr(flight, name), posinf=0.0), "<f4") for name in names},
-        "counts": _base64(np.minimum(flight.counts, 65535), "<u2"),
-        "events": _base64(packed, "<u2"), "first": _base64(-(-ends // thinned), "<u4"),
-        "spikes": [_spikes(one) for one in flight.spikes],
-        "training": _training(flight.model),
     }  # fmt: skip
+    ends = np.concatenate(([0], np.cumsum(flight.events)))
+    place = 2 * (128 * flight.y.astype(int) + flight.x) + flight.p
+    camera = {
+        "width": 128, "height": 128, "place": place[::thinned], "first": -(-ends // thinned), "unit": 1, "span": 4,
+        "fade": [1, 0.45, 0.25, 0.13], "targets": flight.targets.ravel(),
+        "talls": np.nan_to_num(flight.talls, posinf=0.0),
+    }  # fmt: skip
+    shades = np.rint(255 * np.minimum(1.0, flight.counts / _busy(flight))).astype(np.uint8).ravel()
+    fields = {"rows": 8, "columns": 8, "values": shades, "shade": ["faint", "accent", 1], "tiles": True}
+    stick = {"actions": flight.actions.ravel(), "axes": world.axes, "motors": names}
+    return [
+        player.Panel(
+            "World",
+            [player.Track("world", "world", "drone, camera and target from above", seen, square=True)],
+            "from above",
+        ),
+        player.Panel(
+            "Event camera", [player.Track("camera", "camera", "events of the camera", camera, square=True)], CAMERA
+        ),
+        [
+            player.Panel(
+                "Fields", [player.Track("image", "fields", "events in 8 x 8 fields", fields, square=True)], "events"
+            ),
+            player.Panel("Action", [player.Track("stick", "stick", "action", stick, square=True)]),
+        ],
+    ]
 
 
-def _training(model: Model) -> dict[str, Any]:
-    """Errors along the training: of episodes, by the steps at their end, and with frozen weights; empty without one."""
-    history, curve = model.history, model.curve
-    if not len(history.get("steps", ())):
-        return {}
-    course = {"steps": _base64(np.cumsum(history["steps"]), "<f4"), "error": _base64(history["error_px"], "<f4")}
+def _busy(flight: Flight) -> int:
+    """Events of the fullest field, exceeded in a tenth of the steps: its shade is the darkest."""
+    fullest = np.sort(flight.counts.max(axis=(1, 2)))
+    return max(1, int(fullest[int(0.9 * len(fullest))]))
+
+
+def _raster(flight: Flight, window: float) -> player.Track:
+    """Spikes of all populations; of a controller without neurons the events of the fields."""
+    world, names = flight.model.scenario, motors(flight.model.scenario)
+    if not flight.spikes:
+        counts = flight.counts.reshape(len(flight.counts), -1)
+        steps, ids = counts.nonzero()
+        level = np.rint(255 * np.minimum(1.0, 0.2 + 0.8 * counts[steps, ids] / _busy(flight))).astype(np.uint8)
+        strip = {"name": "fields", "size": 64, "height": TALL, "times": steps, "ids": ids, "level": level, "each": 1}
+        return player.Track(
+            "raster", "raster", "events of the fields", {"strips": [strip], "window": window, "edge": EDGE}
+        )
+    strips, pilots = list[dict[str, Any]](), [one.name == "motors" and one.size == len(names) for one in flight.spikes]
+    roots = [0.0 if pilot else np.sqrt(one.size) for one, pilot in zip(flight.spikes, pilots, strict=True)]
+    weights = np.array(
+        [0.4 if pilot else 0.6 * root / (sum(roots) or 1.0) for pilot, root in zip(pilots, roots, strict=True)]
+    )
+    for one, pilot, share in zip(flight.spikes, pilots, weights / weights.sum(), strict=True):
+        every = player.evenly(len(one.times), MOST)
+        strip = {
+            "name": one.name, "size": one.size, "height": share * (TALL + 8) - 8,
+            "times": one.times[::every] / world.step, "ids": one.ids[::every],
+        }  # fmt: skip
+        strips.append(strip | ({"labels": names, "colours": COLOURS} if pilot else {}))
+    return player.Track("raster", "raster", "spikes", {"strips": strips, "window": window, "edge": EDGE})
+
+
+def _actions(flight: Flight, window: float) -> player.Track:
+    names = motors(flight.model.scenario)[::2]
+    lines = [
+        {"y": actions, "style": "steps", "colour": COLOURS[2 * axis], "width": 1.8, "name": names[axis]}
+        for axis, actions in enumerate(flight.actions.T)
+    ]
+    lane = {"low": -1, "high": 1, "zero": True, "lines": lines}
+    return player.Track("curve", "actions", "actions along time", {"lanes": [lane], "window": window, "edge": EDGE}, 76)
+
+
+def _errors(flight: Flight) -> player.Track:
+    line = {"y": flight.errors, "style": "area", "colour": "accent"}
+    lane = {"low": 0, "high": max(10.0, flight.errors.max()), "marks": 3, "unit": " px", "lines": [line]}
+    data = {"lanes": [lane], "edge": EDGE, "cursor": "ink", "click": True, "fades": True}
+    return player.Track("curve", "lap", "error along the lap", data, 54)
+
+
+def _training(model: Model) -> player.Track:
+    """Errors along the training: of episodes, by the steps at their end, and with frozen weights."""
+    steps, error, curve = np.cumsum(model.history["steps"]), model.history["error_px"], model.curve
+    lines = [{"x": steps, "y": error, "style": "dots", "colour": "soft"}]
+    highest = max(10.0, np.max(error))
     if len(curve.get("steps", ())):
-        course |= {"tested": _base64(curve["steps"], "<f4"), "frozen": _base64(curve["error_px"], "<f4")}
-        course |= {"lost": _base64(curve["lost"], "<u2")}
-    return course
-
-
-def _spikes(one: FlightSpikes) -> dict[str, Any]:
-    every = max(1, -(-len(one.times) // MOST))
-    times, ids = _base64(one.times[::every], "<f4"), _base64(one.ids[::every], "<u2")
-    return {"name": one.name, "size": one.size, "times": times, "ids": ids}
-
-
-def _base64(values: Any, kind: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode("ascii")
+        tested, frozen, lost = (np.asarray(curve[name], float) for name in ("steps", "error_px", "lost"))
+        highest = max(highest, frozen.max())
+        lines.append({"x": tested, "y": frozen, "style": "rings", "colour": "d", "width": 1.8})
+        lines.append(
+            {"x": tested[lost > 0], "y": frozen[lost > 0], "style": "crosses", "colour": "target", "width": 1.8}
+        )
+    lane = {"low": 0, "high": highest, "marks": 4, "lines": lines}
+    data = {"lanes": [lane], "edge": EDGE, "end": steps[-1], "axis": "steps"}
+    return player.Track("curve", "training", "error along the training", data, 120)

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import neuro
-from neuro.apps import PRICED, console, make_folder, sealed, table, write_text
-from neuro.chips import COLUMNS
+from neuro.apps import PRICED, console, html, make_folder, sealed, table, write_text
+from neuro.chips import COLUMNS, footnotes
 from neuro.events import Recordings, recordings
 from neuro_models import path
-from neuro_recognise.evaluate import Priced
+from neuro_recognise import energy
+from neuro_recognise.energy import Priced
 from neuro_recognise.methods.gradients import Dense
 from neuro_recognise.recogniser import Recogniser, fit
 from neuro_recognise.telling import energy, report
-from neuro_recognise.telling.report import LearningBar
-from neuro_recognise.telling.tried import Tried, try_out
-from neuro_remus import page
+from neuro_recognise.telling.pictures import confusion
+from neuro_recognise.telling.report import LearningBar, Tried, try_out
 from neuro_remus.saccades import make_dataset
 
 N_TRAIN, N_TEST = 1500, 500
@@ -70,7 +71,7 @@ def run(data: Path | None, out: Path, seed: int) -> None:
     found = {"remus": (tried, priced)}
     if known:
         _show_beside(learning, unseen, out, found)
-    page.write(out / "index.html", made, found)
+    write_page(out / "index.html", made, found)
     print(f"\n{out / 'index.html'}: what was learnt, on one page")
     print(f"done in {time.perf_counter() - began:.0f} s")
 
@@ -141,3 +142,66 @@ def show_beside_each_other(found: Mapping[str, tuple[Tried, Priced]]) -> None:
         low, high = tried.own.interval
         rows.append((name, f"{tried.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}", *priced.bills[TARGET].cells()))
     console().print(table(heads, rows, title=f"a recording on {TARGET}"))
+
+
+PAGE = sealed(
+    "the page of 'neuro remus demo'", '<meta name="generator" content="neuro remus demo">', "<!-- digest {} -->"
+)
+ABOUT = (
+    "A network of spiking neurons looked at recordings of an event camera and learnt by reward: the first map to fire "
+    "names the digit, and its synapses grow if it is right. Each tile below is one of its maps."
+)
+
+
+def write_page(path: Path, recogniser: Recogniser, found: Mapping[str, tuple[Tried, Priced]]) -> None:
+    """Write the page.
+
+    Args:
+        path: of the page.
+        recogniser: what was learnt.
+        found: what came of it on unseen recordings and its bills, by name; the first is the recogniser's own.
+
+    Raises:
+        Unwritable: it cannot be written, or something else stands there.
+    """
+    write_text(path, html.page("neuro remus demo", "What was learnt", _parts(path, recogniser, found)), PAGE)
+
+
+def _parts(path: Path, recogniser: Recogniser, found: Mapping[str, tuple[Tried, Priced]]) -> Iterator[Any]:
+    tag = html.tag
+    name, (tried, priced) = next(iter(found.items()))
+    learnt_from = f"{recogniser.training['recordings']:,} recordings of {len(recogniser.classes)} classes"
+    yield tag("h1", "What was learnt")
+    yield tag("p", f"{name}, from {learnt_from}, tested on {tried.own.n:,} that it has never seen.", class_="lead")
+    yield tag("div", *_cards(found), class_="cards")
+    yield tag("p", ABOUT)
+    for drawn, figure in recogniser.method.pictures(recogniser.learnt, recogniser.classes).items():
+        yield tag("h2", {"prototypes": "What it looks for", "learning": "While it learnt"}.get(drawn, drawn))
+        yield html.picture(figure, drawn)
+    yield tag("h2", "What it takes for what")
+    yield html.picture(confusion(tried.own), f"confusion of {name}")
+    yield tag("h2", "What a recording takes")
+    rows = ((target, *bill.cells()) for target, bill in priced.bills.items())
+    yield html.table(("chip", *COLUMNS), rows, f"{name} on chips, and as dense layers on cpu and gpu")
+    yield tag("ul", *(tag("li", line) for line in (*footnotes(priced.bills.values(), False), *energy.notes(priced))))
+    yield tag("h2", "What next")
+    folder = path.parent
+    commands = {
+        f"neuro recognise watch {folder / 'model.h5'} RECORDING --out watch.html": "it decides while events arrive",
+        f"neuro recognise energy {folder / 'model.h5'} --data FOLDER --sources": "where each figure is published",
+        "neuro new my-classifier --template classifier": "a folder to start from",
+    }
+    wide = max(map(len, commands))
+    yield tag("pre", "\n".join(f"{command:{wide}}   # {why}" for command, why in commands.items()))
+
+
+def _cards(found: Mapping[str, tuple[Tried, Priced]]) -> Iterator[Any]:
+    """Accuracy and joules of each network."""
+    for name, (tried, priced) in found.items():
+        low, high = tried.own.interval
+        yield html.card(f"right, {name}", f"{tried.own.accuracy:.1%}", f"95 % interval {low:.1%} to {high:.1%}")
+        if TARGET in priced.bills:
+            bill = priced.bills[TARGET]
+            slow = bill.real_time.total(3)
+            below = f"a recording on {TARGET}, as fast as the chip can; {slow} in real time"
+            yield html.card(f"energy, {name}", bill.total(3), below)

@@ -19,8 +19,7 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped, torn
 from neuro.model.equations import EquationNeuron
 from neuro.program.backend import OverflowWarning, Problem
-from neuro.program.currents import Currents
-from neuro.program.drives import Rates
+from neuro.program.currents import Currents, Rates
 from neuro.program.program import Floats, Ints
 from neuro.program.spikes import ListedSpikes, RecordedSpikes
 from neuro_chip import tables as t

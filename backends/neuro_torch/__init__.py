@@ -15,11 +15,10 @@ from neuro_torch.backend import TorchBackend
 if TYPE_CHECKING:
     from neuro_torch import losses as losses, surrogates as surrogates
     from neuro_torch.bill import Bill as Bill
+    from neuro_torch.compressing import largest as largest, prune as prune, quantised as quantised
     from neuro_torch.events import Events as Events, collate as collate
     from neuro_torch.module import Module as Module
     from neuro_torch.outcome import Outcome as Outcome
-    from neuro_torch.pruning import largest as largest, prune as prune
-    from neuro_torch.quantise import quantised as quantised
     from neuro_torch.stepping import Stepper as Stepper
 
 backend = TorchBackend()

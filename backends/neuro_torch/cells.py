@@ -1,4 +1,4 @@
-"""The neurons of one population for a batch of recordings, and one step of them by their model's own arithmetic."""
+"""The neurons of one population for a batch of recordings, stepped by the arithmetic of their model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from neuro.model.neurons.base import PAYLOAD
 from neuro.program.program import Floats, Population, drawn_for
 from neuro_torch.lanes import ALL, LaneRows, Lanes, spread
 from neuro_torch.problems import reset_of
-from neuro_torch.sources import constants_of
+from neuro_torch.scan.layers import ScanTask
 from neuro_torch.surrogates import Surrogate
 
 
@@ -115,7 +115,8 @@ class TensorCells:
         lanes, arithmetic = Lanes(self.device, gate=gate), self.model.arithmetic
         states, fired = LaneRows(self.states, self.shape), LaneRows([0.0])
         free = self.states[self._held] == 0.0 if self._held >= 0 else None
-        drawn = (LaneRows([self._uniform(step)]),) if self.model.draws else ()
+        uniform = keyed_random.uniform(self._key, step, np.arange(self.part.size)) if self.model.draws else None
+        drawn = () if uniform is None else (LaneRows([torch.tensor(uniform, device=self.device)]),)
         arriving, flowing = LaneRows(list(x)), LaneRows([current])
         lanes.run(arithmetic.step, states, self.constants, arriving, flowing, ALL, ALL, fired, *drawn)
         reached = fired.rows[0]
@@ -130,21 +131,32 @@ class TensorCells:
             x, free = margin / self.scale(), free if free is not None else torch.ones_like(who)
             apply: Any = Surrogated.apply
             spikes = apply(spikes, x, free, surrogate)
-        self._fire(who)
+        if not self.model.resets_in_step and bool(who.any()):
+            states = LaneRows(self.states, self.shape)
+            Lanes(self.device, who).run(arithmetic.fire, states, self.constants, ALL)
+            self.states = states.rows
         return spikes
 
     def _gate(self, surrogate: Surrogate) -> Callable[[Tensor], Tensor]:
         unit = self.scale()
         return lambda margin: surrogate.derivative(margin / unit) / unit
 
-    def _fire(self, who: Tensor) -> None:
-        if not self.model.resets_in_step and bool(who.any()):
-            states = LaneRows(self.states, self.shape)
-            Lanes(self.device, who).run(self.model.arithmetic.fire, states, self.constants, ALL)
-            self.states = states.rows
 
-    def _uniform(self, step: int) -> Tensor:
-        return torch.tensor(keyed_random.uniform(self._key, step, np.arange(self.part.size)), device=self.device)
+def constants_of(part: Population, parameters: dict[str, Floats], resolution: float) -> Floats:
+    """The constants of every neuron, shape (size, width), or of the one that all are like, shape (1, width)."""
+    model = part.model
+    size = max((values.size for values in parameters.values()), default=1)
+    values = [np.broadcast_to(each, size) for each in parameters.values()]
+    rows, back = (
+        np.unique(np.stack(values, axis=1), axis=0, return_inverse=True)
+        if values
+        else (np.zeros((1, 0)), np.zeros(1, int))
+    )
+    found: Floats = np.zeros((len(rows), model.width))
+    for row, constants in zip(rows, found, strict=True):
+        model.arithmetic.constants(row.tolist(), resolution, constants)  # type: ignore[attr-defined]
+    every: Floats = found[back.reshape(-1)]
+    return every
 
 
 class Surrogated(torch.autograd.Function):
@@ -162,3 +174,48 @@ class Surrogated(torch.autograd.Function):
         """The gradient of `x`."""
         x, free = ctx.saved_tensors
         return None, g * ctx.surrogate.derivative(x) * free, None, None
+
+
+def graded_payloads(part: Population, drive: Tensor, task: ScanTask, resolution: float) -> Tensor:
+    """The payloads that a population sends, (batch, steps, neurons).
+
+    Args:
+        part: the population, whose neurons draw nothing.
+        drive: its input, of the same shape.
+        task: what the pass is about.
+        resolution: length of a step in ms.
+    """
+    cells = TensorCells(part, task.batch, resolution, 0, task.device)
+    none = torch.zeros_like(drive[:, 0], dtype=torch.float64)
+    sent = [cells.step([x.double(), none], 0.0, t, task.surrogate) for t, x in enumerate(drive.unbind(1), 1)]
+    return torch.stack(sent, 1).to(task.dtype)
+
+
+def graded_messages(part: Population, sent: Tensor, surrogate: Surrogate) -> Tensor:
+    """1 where a payload is sent, else 0; the gradient lowers a payload towards the threshold of sending.
+
+    Args:
+        part: the population.
+        sent: payloads, (batch, steps, neurons).
+        surrogate: stands in for the derivative at the threshold.
+    """
+    p: Any = part.parameters
+    least = p.get("vth", 0.0) * 2.0 ** p.get("spike_exp", 0.0)
+    threshold = torch.as_tensor(least, dtype=sent.dtype, device=sent.device)
+    counted: Tensor = _Messages.apply(sent, threshold, surrogate)  # type: ignore[no-untyped-call]
+    return counted
+
+
+class _Messages(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, sent: Tensor, threshold: Tensor, surrogate: Surrogate) -> Tensor:
+        ctx.save_for_backward(sent, threshold)
+        ctx.surrogate = surrogate
+        return (sent != 0).to(sent.dtype)
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> Any:
+        sent, threshold = ctx.saved_tensors
+        x = (sent.abs() - threshold) / threshold
+        lowered = grads[0] * sent.sign() * ctx.surrogate.derivative(x) / threshold
+        return torch.where((sent != 0) & (threshold > 0), lowered, 0.0), None, None

@@ -20,11 +20,12 @@ from neuro.compiler import compile_network
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Floats, Program
-from neuro_torch import bounds, feeding, memory, trainable as words
+from neuro_torch import events, memory, trainable as words
+from neuro_torch.cells import graded_messages, graded_payloads
 from neuro_torch.events import Events
 from neuro_torch.outcome import Outcome, Told, active_updates
 from neuro_torch.problems import problems, without_gradient
-from neuro_torch.scan import compiled, graded, layers, operations
+from neuro_torch.scan import compiled, layers, operations
 from neuro_torch.scan.layers import Plan, ScanTask, plan_of
 from neuro_torch.stepping import Learning, Stepper, stepped
 from neuro_torch.surrogates import Plain, Surrogate, surrogate_of
@@ -131,17 +132,17 @@ class Module(torch.nn.Module):
             ModelError: a name or a shape is wrong, something is NaN, delays or parameters of neurons are out of
                 their bounds, or the batch needs more memory than is free.
         """
-        size, steps = feeding.sizes(self.program, batch, self._steps)
+        size, steps = events.sizes(self.program, batch, self._steps)
         task = self._task(size, steps)
         named = batch.trains if isinstance(batch, Events) else batch
         asked = {
-            k: feeding.checked(part, named.get(part.name))
+            k: events.checked(part, named.get(part.name))
             for k, part in enumerate(self.program.populations)
             if part.kind in ("listed", "poisson", "generator")
         }
         if not torch.compiler.is_compiling():
             memory.refuse_large(self._need(asked, task), task)
-        given = {k: feeding.given_to(self.program.populations[k], each, task) for k, each in asked.items()}
+        given = {k: events.given_to(self.program.populations[k], each, task) for k, each in asked.items()}
         emitted, potentials = self._scanned(given, task) if self._plan.parts else self._stepped(given, task)
         return self._outcome(batch, emitted, potentials, task)
 
@@ -151,8 +152,8 @@ class Module(torch.nn.Module):
 
         def run(steps: int) -> None:
             few = replace(task, batch=1, steps=steps)
-            begun = {k: feeding.beginning(each, steps) for k, each in asked.items()}
-            self._stepped({k: feeding.given_to(parts[k], each, few) for k, each in begun.items()}, few)
+            begun = {k: events.beginning(each, steps) for k, each in asked.items()}
+            self._stepped({k: events.given_to(parts[k], each, few) for k, each in begun.items()}, few)
 
         def tape() -> float:
             if "tape" not in self._kept:
@@ -166,7 +167,7 @@ class Module(torch.nn.Module):
         """What populations emit, and potentials at the ends of steps."""
         scans = self._scans()[0]
         populations = self.program.populations
-        emitted = {k: feeding.emitted(self.program, populations[k], each, task, scans) for k, each in given.items()}
+        emitted = {k: events.emitted(self.program, populations[k], each, task, scans) for k, each in given.items()}
         weights = {q: self._weight(q, task) for q, p in enumerate(self.program.projections) if p.carries == "spikes"}
         potentials: dict[int, Tensor] = {}
         for part in self._plan.parts:
@@ -180,7 +181,7 @@ class Module(torch.nn.Module):
                 )
             if any(populations[k].model.graded for k in part.cells):
                 resolution = self.program.resolution
-                emitted |= {k: graded.scan(populations[k], drive, task, resolution) for k, drive in drives.items()}
+                emitted |= {k: graded_payloads(populations[k], drive, task, resolution) for k, drive in drives.items()}
                 continue
             inside = self._ways(part.inside, weights)
             spikes, before = scans.scan(layers.component(part, inside), drives, [weight for _, weight in inside], task)
@@ -199,7 +200,7 @@ class Module(torch.nn.Module):
                 found.append((part, weights[part.projection]))
                 continue
             listed, weight = self._one_by_one(part.projection), weights[part.projection]
-            steps = bounds.in_steps(self.delays[name], self.program.resolution, name)
+            steps = words.in_steps(self.delays[name], self.program.resolution, name)
             found += layers.ways(listed, weight, steps, self.training)
         return found
 
@@ -214,7 +215,7 @@ class Module(torch.nn.Module):
         name = self.program.projections[projection].name
         if name not in self.delays:
             return layers.synapses(self.program, projection)
-        steps = bounds.in_steps(self.delays[name], self.program.resolution, name)
+        steps = words.in_steps(self.delays[name], self.program.resolution, name)
         return layers.delayed(self._one_by_one(projection), layers.rounded(steps))
 
     def _stepped(self, given: Mapping[int, Any], task: ScanTask) -> tuple[dict[int, Any], dict[int, Tensor]]:
@@ -222,7 +223,7 @@ class Module(torch.nn.Module):
         populations = self.program.populations
         parameters = {name: dict(each.items()) for name, each in self.neurons.items()}
         inputs = {
-            populations[k].name: feeding.dense(each, populations[k], task)
+            populations[k].name: events.dense(each, populations[k], task)
             for k, each in given.items()
             if each is not None
         }
@@ -235,7 +236,7 @@ class Module(torch.nn.Module):
 
     def _whole(self, name: str) -> Tensor:
         """The nearest whole steps of the delays of a projection, in ms."""
-        steps = bounds.in_steps(self.delays[name].detach().double(), self.program.resolution, name)
+        steps = words.in_steps(self.delays[name].detach().double(), self.program.resolution, name)
         return steps.round() * self.program.resolution
 
     def hold(self) -> None:
@@ -248,7 +249,7 @@ class Module(torch.nn.Module):
         Raises:
             ModelError: what learns has become NaN or infinite, or a delay is longer than any may be; it says what.
         """
-        bounds.hold(self.program, self.weights, self.delays, self.neurons)
+        words.hold(self.program, self.weights, self.delays, self.neurons)
 
     def network(self) -> neuro.Network:
         """The network with what was learnt, which every backend runs; what was drawn at random is listed in it.
@@ -256,7 +257,7 @@ class Module(torch.nn.Module):
         Raises:
             ModelError: something that was learnt is NaN or out of its bounds.
         """
-        bounds.check(self.program, self.weights, self.delays, self.neurons)
+        words.check(self.program, self.weights, self.delays, self.neurons)
         found = {part.name: q for q, part in enumerate(self.program.projections)}
         taken = {found[name]: w.detach().cpu().double().numpy().reshape(-1) for name, w in self.weights.items()}
         parameters = {
@@ -400,7 +401,7 @@ class Module(torch.nn.Module):
         part = self.program.populations[population]
         if not part.model.graded or not isinstance(emitted, Tensor):
             return emitted
-        return graded.messages(part, emitted, self.surrogate)
+        return graded_messages(part, emitted, self.surrogate)
 
     def _count(self, batch: Any, index: int, emitted: Any, task: ScanTask) -> Tensor:
         """The spikes of each neuron of a population."""

@@ -16,15 +16,13 @@ from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError, unknown
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Program
-from neuro_torch.arrivals import Arrivals, Learnt
-from neuro_torch.bounds import check_parameters, in_steps
 from neuro_torch.cells import TensorCells
-from neuro_torch.flows import Flow
 from neuro_torch.problems import problems, without_gradient
 from neuro_torch.scan.gradients import joined
 from neuro_torch.scan.layers import ScanTask
-from neuro_torch.sources import TensorSource
-from neuro_torch.wires import Emitted, TorchProjection
+from neuro_torch.sources import Flow, TensorSource
+from neuro_torch.trainable import check_parameters, in_steps
+from neuro_torch.wires import Arrivals, Emitted, Learnt, TorchProjection
 
 if TYPE_CHECKING:
     from neuro_torch.surrogates import Surrogate
@@ -117,7 +115,7 @@ class Stepper:
         heard: which neurons an input or a spike of their own concerned in it, by index, if `hears`.
 
     Args:
-        program: the network; `neuro_torch.problems.problems` says what of one cannot run here.
+        program: the network; `neuro_torch.backend.problems` says what of one cannot run here.
         batch: recordings.
         device: "cpu", "cuda" or a torch.device.
         surrogate: with `derivative(x)`; None leaves spikes without a gradient.

@@ -14,8 +14,7 @@ from neuro.chips.loihi2 import LOIHI2
 from neuro.chips.spinnaker import SPINNAKER
 from neuro.core.errors import ModelError, unknown
 from neuro.core.registry import Registry
-from neuro.model.language.nodes import found, mistake, words
-from neuro.model.language.reader import Node, read
+from neuro.model.language.reader import Node, found, mistake, read, words
 
 ARITHMETICS = {arithmetic.name: arithmetic for arithmetic in (LOIHI, LOIHI2, SPINNAKER)}
 """The families of chips whose arithmetic is emulated, by name."""

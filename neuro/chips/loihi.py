@@ -175,11 +175,11 @@ def described(inputs: Inputs) -> Described:
     c = constants_of(part, inputs.program.resolution)
     tau = ""
     if isinstance(part.model, iaf_psc_delta):
-        from neuro.model.neurons.iaf_psc_delta import I_E, P30, P33
+        from neuro.model.neurons.potentials import I_E, P30, P33
 
         gain, fade, current = np.ones(1), np.zeros(1), np.zeros(1)
     else:
-        from neuro.model.neurons.iaf_psc_exp import I_E, P11_EX, P11_IN, P30, P32_EX, P32_IN, P33
+        from neuro.model.neurons.currents import I_E, P11_EX, P11_IN, P30, P32_EX, P32_IN, P33
 
         tau = "tau_syn_in" if only_inhibitory(inputs) else "tau_syn_ex"
         gain, fade = (c[:, P32_IN], c[:, P11_IN]) if tau == "tau_syn_in" else (c[:, P32_EX], c[:, P11_EX])

@@ -70,7 +70,7 @@ FINE = 256
 
 def _exponential(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floats, list[Rounding]]:
     """Registers of `iaf_psc_exp`, nA in a slot per pA of weight by receptor, i_offset per pA, and what is rounded."""
-    from neuro.model.neurons.iaf_psc_exp import P11_EX, P11_IN, P32_EX, P32_IN, P33
+    from neuro.model.neurons.currents import P11_EX, P11_IN, P32_EX, P32_IN, P33
 
     part, h = inputs.part, inputs.program.resolution
     p, c = part.parameters, constants_of(inputs.part, inputs.program.resolution)
@@ -98,7 +98,7 @@ def _exponential(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats]
 
 def _delta(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floats, list[Rounding]]:
     """Registers of `iaf_psc_delta`, mV in a slot per mV of weight, units per pA of current, and what is rounded."""
-    from neuro.model.neurons.iaf_psc_delta import P30, P33
+    from neuro.model.neurons.potentials import P30, P33
 
     p, c = inputs.part.parameters, constants_of(inputs.part, inputs.program.resolution)
     registers = _potentials(inputs, c[:, P33])

@@ -215,9 +215,9 @@ def energy(
     from neuro.chips.pricing import price
     from neuro.cli.run import silent_inputs, tell_silence
     from neuro.core.clock import Clock
+    from neuro.core.progress import advance
     from neuro.model.language import load
     from neuro.run.compiled import compile as compiled
-    from neuro.run.progress import advance
 
     if per[0] < 1:
         raise typer.BadParameter(f"'{per[0]}': expected a whole number >= 1", param_hint="'--per'")

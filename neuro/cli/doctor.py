@@ -59,8 +59,8 @@ def doctor(
 ) -> None:
     """Say why a network does not work: findings with evidence and remedy. The exit status is 1 if there is a fault."""
     from neuro.core.outputs import check_output, output
+    from neuro.diagnosis.diagnosis import PAGE
     from neuro.diagnosis.doctor import options_of
-    from neuro.diagnosis.page import PAGE
 
     options = options_of(ms=duration, backend=backend, chip=chip, train=train, drive=drive, reward_after=reward_after)
     if html is not None:

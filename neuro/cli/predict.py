@@ -60,10 +60,9 @@ def predict(
     from neuro.core.outputs import check_picture, write_picture
     from neuro.model.language import load
     from neuro.program.backend import find_backend
-    from neuro.readout import pictures, tables
-    from neuro.readout.asked import gather, with_classes
+    from neuro.readout import tables
+    from neuro.readout.asked import gather, readout_of, with_classes
     from neuro.readout.predict import ask, check_recordings
-    from neuro.readout.resolve import readout_of
 
     _check_network(file, recordings)
     net = load(file, params=assignments(set))
@@ -86,11 +85,11 @@ def predict(
         bar.say("reading recordings")
         check_recordings(asked.samples, readout, net)
         for name in backends:
-            keep = 0 if picture is None or found else pictures.MOST
+            keep = 0 if picture is None or found else tables.MOST
             words: dict[str, Any] = {"labels": asked.labels, "seed": seed, "keep": keep, "report": _shown(bar, name)}
             found.append(ask(net, asked.samples, readout, name, **words))
     if picture is not None:
-        write_picture(picture, pictures.draw(found[0]))
+        write_picture(picture, tables.draw(found[0]))
     if as_json:
         typer.echo(json.dumps(tables.as_dict(net.name, found), indent=1))
         return

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from neuro.chips.energy import COLUMNS
-from neuro.compare.result import Bill, Comparison, PopulationResult, Run
-from neuro.compare.spikes import Divergence
+from neuro.compare.differences import Divergence
+from neuro.compare.result import Bill, Comparison, Run
 from neuro.core.tables import table
 
 INPUTS = {"same": "the same", "merged": "the same, several spikes in a step as one", "other": "not the same"}
@@ -44,13 +44,11 @@ def populations(comparison: Comparison) -> Iterator[tuple[str, ...]]:
             kind = f"{name} (input)" if part.generator else name
             about = (kind if run is comparison.first else "", run.backend)
             figures = (f"{part.neurons:,}", f"{part.spikes:,}", f"{part.rate_hz:.2f}")
-            yield (*about, *figures, *_differences(comparison, run, part))
-
-
-def _differences(comparison: Comparison, run: Run, part: PopulationResult) -> tuple[str, str]:
-    if run is comparison.first:
-        return "", ""
-    return "none" if part.first is None else where(part.first), far(part.distance.per_spike if part.distance else None)
+            differences = ("", "")
+            if run is not comparison.first:
+                first = "none" if part.first is None else where(part.first)
+                differences = (first, far(part.distance.per_spike if part.distance else None))
+            yield (*about, *figures, *differences)
 
 
 def where(found: Divergence) -> str:

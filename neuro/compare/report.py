@@ -50,7 +50,9 @@ def page(comparison: Comparison) -> str:
         *_spikes(comparison),
         *_weights(comparison),
         *_maps(comparison),
-        *_energy(comparison),
+        tag("h2", "Energy"),
+        tag("p", ENERGY),
+        joules([(f"counts of {bill.counted_on}", bill.energy) for bill in comparison.bills if bill.energy]),
         *_rounding(comparison),
         *_remarks(comparison),
         tag("footer", f"Written by neuro {VERSION} (neuro compare)."),
@@ -128,12 +130,6 @@ def _maps(comparison: Comparison) -> Iterator[Html]:
         yield chip_map(placement, chip(run.backend))
 
 
-def _energy(comparison: Comparison) -> Iterator[Html]:
-    yield tag("h2", "Energy")
-    yield tag("p", ENERGY)
-    yield joules([(f"counts of {bill.counted_on}", bill.energy) for bill in comparison.bills if bill.energy])
-
-
 def _rounding(comparison: Comparison) -> Iterator[Html]:
     found = [(run.backend, run.fixed) for run in comparison.ran if run.fixed is not None]
     if found:
@@ -189,13 +185,9 @@ def rasters(comparison: Comparison) -> Html:
         parts.append(tag("p", f"{len(shown) - len(drawn)} more populations are not drawn: {MOST_POPULATIONS} are."))
     if silent:
         parts.append(tag("p", f"Silent on every backend: {', '.join(silent)}."))
-    return html.join([_legend(comparison), *parts])
-
-
-def _legend(comparison: Comparison) -> Html:
     first = comparison.first.backend
     kinds = (("same", f"as on {first}"), ("extra", f"only here, not on {first}"), ("missing", f"on {first}, not here"))
-    return html.legend(*kinds)
+    return html.join([html.legend(*kinds), *parts])
 
 
 def _raster(comparison: Comparison, name: str, dots: int) -> Html:

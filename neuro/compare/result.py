@@ -9,8 +9,7 @@ from typing import Any
 from neuro.chips.energy import Energy
 from neuro.chips.fixed_program import FixedProgram
 from neuro.chips.placing import Placement
-from neuro.compare.spikes import ComparedSpikes, Distance, Divergence
-from neuro.compare.weights import WeightDifference
+from neuro.compare.differences import ComparedSpikes, Distance, Divergence, WeightDifference
 from neuro.core.outputs import sealed
 from neuro.core.tables import Table, as_html, as_text
 from neuro.pages.histograms import Histogram
@@ -149,7 +148,7 @@ class Run:
             "populations": {name: asdict(part) for name, part in self.populations.items()},
             "weights": {name: asdict(part) for name, part in self.weights.items()},
             "delays": {name: asdict(part) for name, part in self.delays.items()},
-            "weight_rounding": _words(self.rounding),
+            "weight_rounding": self.rounding and {name: asdict(part) for name, part in self.rounding.items()},
             "rounding": self.fixed.as_dict() if self.fixed else None,
             "placement": self.placement.as_dict() if self.placement else None,
         }

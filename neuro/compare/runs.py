@@ -15,10 +15,17 @@ from neuro.chips.fixed_program import FixedProgram
 from neuro.chips.placing import Placement, place
 from neuro.chips.pricing import RULES_APPLIED
 from neuro.chips.quantising import quantise
-from neuro.compare import spikes
+from neuro.compare.differences import (
+    ComparedSpikes,
+    difference,
+    distance,
+    divergence,
+    histograms,
+    learnt,
+    rounding,
+    same_steps,
+)
 from neuro.compare.result import Bill, Comparison, PopulationResult, Run
-from neuro.compare.spikes import ComparedSpikes
-from neuro.compare.weights import difference, histograms, learnt, rounding
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.extras import install
@@ -61,7 +68,12 @@ def compare(
         ModelError: a name is unknown or said twice, fewer than two backends run the network, or `ms` is off the grid.
     """
     names = [str(name) for name in backends]
-    _check(names)
+    if len(names) < 2:
+        raise ModelError(f"backends = {', '.join(names) or 'none'}: expected two or more to compare")
+    for index, name in enumerate(names):
+        find_backend(name)
+        if name in names[:index]:
+            raise ModelError(f"backends: '{name}' is said twice")
     steps = Clock(net.resolution).step(ms, "ms")
     watched, runs = _recording(net), list[Run]()
     for name in names:
@@ -69,7 +81,10 @@ def compare(
         with _warnings() as caught:
             try:
                 sim = compile(watched, backend=name, seed=seed, threads=threads)
-                (advance or _run)(sim, steps)
+                if advance is None:
+                    sim.run(Clock(sim.program.resolution).ms(steps))
+                else:
+                    advance(sim, steps)
             except ModelError as error:
                 run = Run(name, refused=str(error), reason=next(iter(error.others), error).alone())
             else:
@@ -95,15 +110,6 @@ def _comparison(net: Network, ms: float, seed: int, runs: list[Run], record: Map
         notes=tuple(_notes(runs, float(ms))),
         record=record,
     )
-
-
-def _check(backends: Sequence[str]) -> None:
-    if len(backends) < 2:
-        raise ModelError(f"backends = {', '.join(backends) or 'none'}: expected two or more to compare")
-    for index, name in enumerate(backends):
-        find_backend(name)
-        if name in backends[:index]:
-            raise ModelError(f"backends: '{name}' is said twice")
 
 
 def _enough(runs: list[Run]) -> None:
@@ -132,10 +138,6 @@ def _recording(net: Network) -> Network:
                 free += "_"
             watched.probe(free, name)
     return watched
-
-
-def _run(sim: Simulation, steps: int) -> None:
-    sim.run(Clock(sim.program.resolution).ms(steps))
 
 
 @contextmanager
@@ -202,11 +204,11 @@ def _against(run: Run, first: Run | None, duration_ms: float) -> Run:
     populations = {}
     for name, part in run.populations.items():
         mine, its = first.trains[name], run.trains[name]
-        found = spikes.divergence(mine, its)
-        far = spikes.distance(mine, its, duration_ms)
+        found = divergence(mine, its)
+        far = distance(mine, its, duration_ms)
         populations[name] = replace(part, same=found is None, first=found, distance=far)
     inputs = [name for name, part in populations.items() if part.generator and not part.same]
-    merged = all(spikes.same_steps(first.trains[name], run.trains[name]) for name in inputs)
+    merged = all(same_steps(first.trains[name], run.trains[name]) for name in inputs)
     return replace(
         run,
         populations=populations,
@@ -239,24 +241,17 @@ def _notes(runs: list[Run], ms: float) -> Iterable[str]:
     populations = [(name, part) for run in ran[1:] for name, part in run.populations.items()]
     if any(part.distance is None for _, part in populations):
         yield f"spike-train distances are left out: {install('compare')} installs what computes them"
-    yield from dict.fromkeys(_measured(name, part, ms) for name, part in populations if _in_part(part, ms))
+    measured = dict[str, None]()
+    for name, part in populations:
+        far = part.distance
+        if far is not None and (far.neurons < part.neurons or far.until_ms < ms):
+            chosen = f"{far.neurons:,} of {part.neurons:,} neurons, evenly chosen"
+            neurons = chosen if far.neurons < part.neurons else "all neurons"
+            time = f", up to {far.until_ms:g} ms" if far.until_ms < ms else ""
+            measured[f"the distance of '{name}' is of {neurons}{time}"] = None
+    yield from measured
     for bill in ran[0].bills:
         if bill.energy is not None and bill.energy.refused:
             yield f"no total for {bill.target}, which refuses the network: {bill.energy.refused}"
     if any(name.startswith("rules applied") for run in ran if run.counts for name in run.counts.native):
         yield RULES_APPLIED
-
-
-def _in_part(part: PopulationResult, ms: float) -> bool:
-    far = part.distance
-    return far is not None and (far.neurons < part.neurons or far.until_ms < ms)
-
-
-def _measured(name: str, part: PopulationResult, ms: float) -> str:
-    """What of a population its distance is of."""
-    far = part.distance
-    assert far is not None
-    chosen = f"{far.neurons:,} of {part.neurons:,} neurons, evenly chosen"
-    neurons = chosen if far.neurons < part.neurons else "all neurons"
-    time = f", up to {far.until_ms:g} ms" if far.until_ms < ms else ""
-    return f"the distance of '{name}' is of {neurons}{time}"

@@ -1,4 +1,4 @@
-"""How to get the packages that only some parts need, without a word that means another package on the index."""
+"""Modules that only some parts need: how to get their packages, and imports when they are first used."""
 
 from __future__ import annotations
 
@@ -48,6 +48,25 @@ def needed(module: str, extra: str, message: str) -> Any:
         return import_module(module)
     except ImportError:
         raise ModelError(message, hint=install(extra)) from None
+
+
+class LazyModule:
+    """A module that is imported when something of it is first used, such as one of compiled kernels.
+
+    Args:
+        name: of the module.
+
+    Example:
+        >>> json = LazyModule("json")
+        >>> json.dumps([1])
+        '[1]'
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(import_module(self._name), name)
 
 
 def _origin() -> dict[str, Any] | None:

@@ -83,6 +83,10 @@ def player_script() -> str:
     return (_FOLDER / "player.js").read_text("utf-8").strip()
 
 
+_VOID = ("img", "input")
+"""Elements that contain nothing."""
+
+
 def tag(name: str, *parts: object, **attributes: object) -> Html:
     """An element.
 
@@ -96,7 +100,7 @@ def tag(name: str, *parts: object, **attributes: object) -> Html:
         for key, value in attributes.items()
         if value is not None
     )
-    return Html(f"<{name}{words}>{join(parts)}</{name}>")
+    return Html(f"<{name}{words}>" if name in _VOID else f"<{name}{words}>{join(parts)}</{name}>")
 
 
 def join(parts: Iterable[object]) -> Html:

@@ -1,4 +1,4 @@
-"""What a short run shows of activity: missing inputs, ceilings, runaway, copies, dead outputs."""
+"""Checks of the activity in a short run: silence, missing inputs, ceilings, runaway, rhythms, copies, dead outputs."""
 
 from __future__ import annotations
 
@@ -9,16 +9,14 @@ from itertools import chain
 import numpy as np
 
 from neuro.core.english import some
-from neuro.diagnosis import rhythm
 from neuro.diagnosis.findings import Finding, fault, figure, finding, note, warning
-from neuro.diagnosis.neurons import FAST_HZ
+from neuro.diagnosis.learning import balanced
 from neuro.diagnosis.observing import Observation
-from neuro.diagnosis.rules import changes_weights
-from neuro.diagnosis.silence import Silence, rheobase
-from neuro.diagnosis.structure import is_end
+from neuro.diagnosis.parts import FAST_HZ, changes_weights
+from neuro.diagnosis.structure import can_fire_alone, is_end
 from neuro.diagnosis.wiring import Wiring
 from neuro.model.neurons import Neuron
-from neuro.program.program import Population
+from neuro.program.program import Ints, Population
 
 CEILING, RUNAWAY = 0.7, 0.5
 """Shares of the highest possible rate. At the first a neuron gets 13 times the input that makes it fire (tau_m 10 ms,
@@ -65,8 +63,8 @@ def _milder(found: Finding) -> Finding:
 
 def _firing(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     """Of a population that fires."""
-    yield from list(_fast(wiring, seen, k)) or rhythm.findings(wiring, seen, k)
-    yield from list(rhythm.shared(wiring, seen, k)) or _copies(wiring, seen, k)
+    yield from list(_fast(wiring, seen, k)) or of_rhythm(wiring, seen, k)
+    yield from list(shared(wiring, seen, k)) or _copies(wiring, seen, k)
     yield from _dead(wiring, seen, k)
 
 
@@ -171,7 +169,7 @@ def _by(wiring: Wiring, seen: Observation, k: int) -> str:
 
 
 def _copies(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
-    if not rhythm.is_copied(seen, k):
+    if not is_copied(seen, k):
         return
     part, s = seen.program.populations[k], seen.populations[k]
     # A signal has a value for each neuron, so it may teach copies differently.
@@ -206,3 +204,293 @@ def _dead(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     excited = not any(wiring.pushes(q)[1] for q in wiring.onto(k))
     severity = "fault" if excited and 2 * silent >= part.size else "warning"
     yield finding("dead-outputs", severity, part, evidence, remedy, part.name)
+
+
+NEARLY = 0.9
+"""Share of the way to the threshold beyond which a longer run, or another seed, may well bring spikes."""
+SHORT_MS = 100.0
+"""A run in which silence is no fault yet: at 10 Hz a spike comes every 100 ms."""
+EARLY, FADED, KEPT = 10, 0.02, 0.5
+"""Spikes in the first third of a run, and the share of them in the last third at which a population has fallen silent,
+where each of its inputs keeps half of its spikes. Of 10 spikes expected, none is a chance of 1 in 20,000."""
+WITHERED, WITHERED_HZ = 0.2, 1.0
+"""Such a share, and the rate it comes down to, where learning weakened the inputs, which goes on."""
+DEPLETED, SHRUNK = 0.5, 0.75
+"""Share of what a rested synapse sends that is left by depression, and of weights by learning, which explains it."""
+
+
+class Silence:
+    """Judges populations that are silent, from the beginning or later.
+
+    Args:
+        wiring: of the network.
+        seen: the run.
+    """
+
+    def __init__(self, wiring: Wiring, seen: Observation) -> None:
+        self.wiring, self.seen, self.program = wiring, seen, seen.program
+        self.silent = {k for k, s in enumerate(seen.populations) if not s.spikes.any()}
+        self.heard = {
+            part.target
+            for q, part in enumerate(self.program.projections)
+            if part.carries == "current"
+            or (part.source not in self.silent and wiring.may_excite(q) and part.delay_span[0] < seen.steps)
+        }
+        brief = {k for k in range(len(seen.populations)) if seen.is_brief(k)}
+        self.waiting = wiring.reached((seen.idle - seen.driven) | brief)
+
+    def falls(self, k: int) -> Iterator[Finding]:
+        """Of one population that fired at first, if it falls silent while all that excites it goes on."""
+        part, (early, late), after = self.program.populations[k], self._thirds(k), self.wiring.reached([k])
+        onto = [q for q in self.wiring.onto(k) if self.wiring.may_excite(q)]
+        inputs = [self._thirds(j) for j in {self.program.projections[q].source for q in onto} - after]
+        if self.seen.ms < SHORT_MS or early < EARLY or self.wiring.onto(k, "current"):
+            return
+        if not inputs or any(then < KEPT * before or not then for before, then in inputs):
+            return
+        moved = {q: self.seen.learning[q] for q in onto if q in self.seen.learning}
+        shrunk = [q for q, w in moved.items() if np.abs(w.last).mean() < SHRUNK * np.abs(w.first).mean()]
+        slow = bool(shrunk) and 3000.0 * late < WITHERED_HZ * part.size * self.seen.ms
+        if late > (WITHERED if slow else FADED) * early:
+            return
+        evidence = (
+            f"{some(early, 'spike')} in the first third of the run, {late} in the last, though its inputs went on"
+        )
+        inhibit, severity = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1]], "fault"
+        more, remedy = self._held(part) or self._depleted(onto)
+        if shrunk:
+            first, last = moved[shrunk[0]].first.mean(), moved[shrunk[0]].last.mean()
+            more = f": learning brought the mean weight of {self.wiring.names(shrunk)} from {first:.3g} to {last:.3g}"
+            remedy = f"{balanced(self.program.projections[shrunk[0]], grows=False)}, or lower the learning rate"
+        elif inhibit and not more:
+            if not late and not after & {self.program.projections[q].source for q in inhibit}:  # no loop that settles
+                yield self._inhibited(k, "falls-silent", evidence, inhibit)
+            return
+        elif not more:
+            remedy = f"raise `weight` of {self.wiring.names(onto)}: initial states made it fire at first, or it adapts"
+            severity = "fault" if is_end(self.wiring, k) else "warning"
+        yield finding("falls-silent", severity, part, evidence + more, remedy, part.name)
+
+    def _thirds(self, k: int) -> tuple[int, int]:
+        """Spikes in the first and in the last third of the run."""
+        course, third = self.seen.course[:, k], max(1, len(self.seen.course) // 3)
+        return int(course[:third].sum()), int(course[-third:].sum())
+
+    def _held(self, part: Population) -> tuple[str, str] | None:
+        """A refractory time of a third of the run or more, and what to do; None where it is shorter."""
+        held = float(part.parameters.get("t_ref", np.zeros(1)).min())
+        return (f"; t_ref is {held:g} ms", f"lower t_ref of '{part.name}'") if 3.0 * held >= self.seen.ms else None
+
+    def _depleted(self, onto: list[int]) -> tuple[str, str]:
+        """What short-term depression leaves of a projection, and how to leave more; empty where none depletes."""
+        for q in onto:
+            part, rate = self.program.projections[q], self.seen.per_step()
+            rested, left = (self.wiring.efficacy(q, per_step) for per_step in (1e-9, rate[part.source]))
+            if left < DEPLETED * rested:
+                words = [word for word in ("U", "tau_rec") if word in part.synapse.parameters()]
+                said = (
+                    f"; short-term depression leaves {left:.2g} of the weights of '{part.name}' at the "
+                    f"{self.seen.rate(part.source):.3g} Hz of its source, where a rested synapse sends {rested:.2g}"
+                )
+                return said, f"lower {' or '.join(words) or 'the depression'} of '{part.name}'"
+        return "", ""
+
+    def _inhibited(self, k: int, name: str, evidence: str, inhibit: list[int]) -> Finding:
+        sources = {self.program.projections[q].source for q in inhibit}
+        back = {self.program.projections[q].target for q in self.wiring.out_of(k) if self.wiring.pushes(q)[1]}
+        # Of populations that inhibit each other one may lose.
+        severity, part = "note" if sources & back else "warning", self.program.populations[k]
+        remedy = f"lower the inhibition of {self.wiring.names(inhibit)}, or raise its excitation"
+        return finding(name, severity, part, evidence, remedy, part.name)
+
+    def findings(self, k: int) -> Iterator[Finding]:
+        """Of one population; none if the cause lies before it, or an input is missing."""
+        part, cell = self.program.populations[k], self.wiring.cell(k)
+        # Of a model that is not followed nothing is known but what it hears.
+        alone = can_fire_alone(self.wiring, k) if cell is not None else not self.wiring.onto(k)
+        if k in self.waiting or not (k in self.heard or alone):
+            return
+        v = self.seen.populations[k].potentials
+        evidence = f"0 of {some(part.size, 'neuron')} fired in {self.seen.ms:g} ms{self._silenced(k)}"
+        if cell is None or not v.size:
+            yield self._silent(k, part, evidence, "")
+            return
+        top = float(v.max())
+        evidence += f"; the largest V_m was {top:.4g} mV, V_th is {cell.threshold:g} mV"
+        per_step, current = self.seen.per_step(), self.wiring.current(k)
+        up, crossed = cell.follow(self.wiring.drive(k, per_step, excite=True), current=current)
+        mean, _ = cell.follow(self.wiring.drive(k, per_step), current=current)
+        lift = float(up[-1]) - cell.rest
+        if (crossed or lift > NEARLY * cell.distance) and mean[-1] < up[-1]:
+            evidence += f"; excitation alone leads to {up[-1]:.4g} mV, inhibition keeps the mean at {mean[-1]:.4g} mV"
+            inhibit = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1]]
+            yield self._inhibited(k, "silenced", evidence, inhibit)
+            return
+        evidence += f"; its mean excitation leads to {up[-1]:.4g} mV{rheobase(part)}"
+        times = f" to about {figure(cell.distance / lift)} times" if lift > 1e-4 * cell.distance else ""
+        found = self._silent(k, part, evidence, times)
+        nearly = top - cell.rest > NEARLY * cell.distance and found.severity == "fault"
+        yield replace(found, severity="warning") if nearly else found
+
+    def _silent(self, k: int, part: Population, evidence: str, times: str) -> Finding:
+        # A short run says little, and an output whose states are recorded may be looked at below its threshold.
+        sources = {self.program.projections[q].source for q in self.wiring.onto(k)}
+        stimuli = all(self.program.populations[j].kind == "listed" for j in sources)
+        probed = any(p.population == k and p.record not in ("spikes", "rate") for p in self.program.probes)
+        severity = "note" if probed and stimuli and not self.wiring.out_of(k) else "fault"
+        # Recurrent weights are no remedy: nothing arrives by them before the first spike, and too much after it.
+        heard = [q for q in self.wiring.onto(k) if self.program.projections[q].source not in self.silent]
+        onto = [q for q in heard if self.wiring.may_excite(q)] + self.wiring.onto(k, "current")
+        slow = {j for j in (self.program.projections[q].source for q in onto) if self.seen.rate(j) < WITHERED_HZ}
+        before = [q for j in sorted(slow) for q in self.wiring.onto(j) if self.wiring.may_excite(q)]
+        depleted, rested = self._depleted(onto + before)
+        rates = "" if depleted else ", or the rate of its inputs"  # they deplete it the more
+        names = f"`weight` of {self.wiring.names(onto)}{times}{rates}" if onto else "its I_e"
+        sources = {self.program.projections[q].source for q in onto}
+        shows = [p.name for j, p in enumerate(self.program.populations) if j in sources and p.records and j != k]
+        held_down = " or I_e" if onto and float(part.parameters.get("I_e", np.zeros(1)).max()) < 0.0 else ""
+        remedy = f"raise {names}{held_down}, or lower {'V_th' if 'V_th' in part.parameters else 'its threshold'}"
+        if depleted:
+            evidence, remedy = evidence + depleted, f"{rested}, or {remedy}"
+        severity = "note" if self.seen.ms < SHORT_MS else severity
+        return finding("silent", severity, part, evidence, remedy, part.name, *shows)
+
+    def _silenced(self, k: int) -> str:
+        """The populations that hear nothing since it is silent."""
+        after = (self.wiring.reached([k]) - {k} - self.heard) & self.silent
+        names = ", ".join(f"'{self.program.populations[j].name}'" for j in sorted(after)[:5])
+        return f", so nothing reaches {names}" if names else ""
+
+
+def rheobase(part: Population) -> str:
+    """The constant current that brings V_m to the threshold, in words; "" where it is not known."""
+    p = {word: float(v[0]) for word, v in part.parameters.items()}
+    if not {"tau_m", "C_m", "E_L"} <= p.keys() or not np.isfinite(p["tau_m"]):
+        return ""
+    return f", its rheobase is {p['C_m'] * (p['V_th'] - p['E_L']) / p['tau_m']:.3g} pA"
+
+
+CROWD = 10
+"""Neurons below which a common rhythm may be chance."""
+VOLLEY = 0.5
+"""Share of neurons that fire within a bin which makes a volley."""
+WIDTHS_MS = (1.0, 2.0, 5.0, 10.0, 20.0)
+"""Lengths of volleys: along equal delays a millisecond, along spread ones as long as the slowest delays and inputs."""
+IN_VOLLEYS, MORE = 0.7, 0.3
+"""Share of spikes in volleys that makes activity synchronous, and how far that is above their share of time. Gamma
+rhythms of balanced networks have volleys of a few percent of the neurons."""
+LOOP = 0.1
+"""Share of the way to the threshold that one spike of each neuron brings back, below which inhibition sets the pace."""
+COLLECTIVE = 3.0
+"""Variance over mean of the spikes in a step above which neurons act together; independent ones have at most 1."""
+FEW_STEPS, FAST = 4, 0.8
+"""A rhythm of so few steps follows from the resolution: delay and reset are one step each at least."""
+
+NOISE_HZ = 200.0
+"""A generator neuron that is faster stands for the noise of many neurons, and not for a stimulus that all may hear."""
+MAIN = 0.5
+"""Share of the excitation which makes an input the main drive."""
+
+
+def of_rhythm(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
+    """Of a population that fires."""
+    part, s, h = seen.program.populations[k], seen.populations[k], seen.program.resolution
+    active = int((s.spikes > 0).sum())
+    if active < CROWD or not s.bins.size or not s.bins.any():
+        return
+    back = _comes_back(wiring, k)
+    found = next(filter(None, (_volleys(s.bins, active, round(ms / (seen.bin * h))) for ms in WIDTHS_MS)), None)
+    if found is None or not back:
+        yield from _alternates(seen, k, back)
+        return
+    if is_copied(seen, k) or not wiring.excites_itself(k):
+        return  # equal inputs make equal spikes, and inhibition may well pace a population
+    cell, loops = wiring.cell(k), wiring.loops(k)
+    back_by = sum(wiring.pushes(q)[0] for q in loops) / part.size
+    if cell is not None and back_by * max(map(cell.slope, range(cell.model.receptors))) < LOOP * cell.distance:
+        return
+    begins, share, width = found
+    # Spikes that are listed, as those of a recording, may well come in volleys by themselves, and rates may vary.
+    heard = [j for j, p in enumerate(seen.program.populations) if p.kind != "neuron" and k in wiring.reached([j])]
+    if width > 2 and any(seen.varies(j) for j in heard):
+        return
+    listed = any(seen.program.populations[j].kind == "listed" and seen.populations[j].spikes.any() for j in heard)
+    period, lasts = float(np.median(np.diff(begins))) * seen.bin * h, width * seen.bin * h
+    volleys = f"{begins.size} volleys of more than half of {active:,} neurons within {lasts:g} ms"
+    evidence = f"{share:.0%} of its spikes fall into {volleys}, {period:.3g} ms apart"
+    names = wiring.names(loops)
+    spread = "spread its delays (`delay: {uniform: ...}`)"
+    remedy = f"lower `weight` of {names}, {spread}, or give each neuron noise of its own"
+    severity = "warning" if listed else "fault"
+    yield finding("synchrony", severity, part, evidence, remedy, part.name)
+
+
+def _volleys(bins: Ints, active: int, width: int) -> tuple[Ints, float, int] | None:
+    """Where volleys within some bins begin, the share of spikes in them, and the bins; None if there are too few."""
+    if width < 1 or bins.size < 5 * width:
+        return None
+    window = np.ones(width, dtype=np.int64)
+    crowded = np.convolve(bins, window, "valid") >= VOLLEY * active
+    inside = np.convolve(crowded, window) > 0
+    begins, share = np.flatnonzero(np.diff(inside.astype(np.int8), prepend=0) == 1), bins[inside].sum() / bins.sum()
+    synchronous = begins.size >= 5 and share >= IN_VOLLEYS and share - inside.mean() >= MORE
+    return (begins, float(share), width) if synchronous else None
+
+
+def _comes_back(wiring: Wiring, k: int) -> bool:
+    """Whether spikes of a population have any effect on it."""
+    return any(wiring.program.projections[q].source in wiring.reached([k], excite=False) for q in wiring.onto(k))
+
+
+def _alternates(seen: Observation, k: int, back: bool) -> Iterator[Finding]:
+    """A rhythm of a few steps of neurons that hear each other, which another resolution would not have."""
+    part, s, h = seen.program.populations[k], seen.populations[k], seen.program.resolution
+    if not back or s.ids.size < CROWD or is_copied(seen, k) or seen.steps < 100:
+        return
+    steps = s.bins if seen.bin == 1 else np.bincount(s.steps, minlength=seen.steps + 1)[1:]
+    if steps.mean() == 0.0 or steps.var() < COLLECTIVE * steps.mean():
+        return
+    power = np.abs(np.fft.rfft(steps - steps.mean())) ** 2
+    per_step = np.fft.rfftfreq(steps.size)
+    fast = per_step >= 1.0 / FEW_STEPS
+    if power[fast].sum() > FAST * power.sum():
+        period = 1.0 / per_step[int(power.argmax())]
+        evidence = (
+            f"its spikes come every {period:.2g} steps of {h:g} ms: {power[fast].sum() / power.sum():.0%} of the "
+            f"variance of their number, which is {steps.var() / steps.mean():.2g} times that of independent neurons"
+        )
+        remedy = f"use a finer `resolution`, as {h / 10.0:g} ms, with delays of many steps, drawn for each synapse"
+        yield fault("step-oscillation", part, evidence, remedy, part.name)
+
+
+def shared(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
+    """Noise of a single generator neuron that all neurons of a population hear."""
+    program, per_step, target = seen.program, seen.per_step(), seen.program.populations[k]
+    up = {q: per_step[program.projections[q].source] * wiring.pushes(q)[0] for q in wiring.onto(k)}
+    for q, excitation in up.items():
+        source = program.populations[program.projections[q].source]
+        alone = source.kind == "poisson" and source.size == 1 and wiring.weights[q].synapses >= target.size >= CROWD
+        if alone and source.largest("rate") >= NOISE_HZ and excitation > MAIN * sum(up.values()):
+            evidence = (
+                f"all its {some(target.size, 'neuron')} hear the same spikes of the one neuron of '{source.name}', "
+                f"{excitation / sum(up.values()):.0%} of their excitation"
+            )
+            remedy = (
+                f"give '{source.name}' `shape: {target.size}`, and connect it one_to_one: a neuron for each target "
+                "(NEST's poisson_generator sends each target a train of its own, a neuron here sends one train)"
+            )
+            yield warning("shared-input", target, evidence, remedy, target.name, source.name)
+
+
+def is_copied(seen: Observation, k: int) -> bool:
+    """Whether all neurons that were followed fired the same spikes, at least three."""
+    s = seen.populations[k]
+    if s.ids.size < 2 or s.steps.size < 3 * s.ids.size or s.steps.size % s.ids.size:
+        return False
+    if np.any(np.diff(s.spikes[s.ids])):
+        return False  # they fire in the same steps, not equally often
+    trains = np.sort(s.steps * s.ids.size + s.rows).reshape(-1, s.ids.size)
+    return bool(
+        (trains % s.ids.size == np.arange(s.ids.size)).all()
+        and (trains // s.ids.size == trains[:, :1] // s.ids.size).all()
+    )

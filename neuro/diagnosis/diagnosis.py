@@ -1,20 +1,121 @@
-"""All findings about a network."""
+"""All findings about a network, and their page."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from neuro.core import html
 from neuro.core.english import some
+from neuro.core.html import Html, tag
+from neuro.core.outputs import sealed
 from neuro.core.tables import Table, as_html
+from neuro.core.version import VERSION
 from neuro.diagnosis.findings import SEVERITIES, Finding
 from neuro.diagnosis.observing import Observation
-from neuro.diagnosis.page import page
+from neuro.diagnosis.wiring import has_threshold
+from neuro.pages import raster
+from neuro.pages.histograms import drawings, histogram
+from neuro.pages.raster import Strip, Window
+
+PAGE = sealed("a page of 'neuro doctor'", '<meta name="generator" content="neuro doctor">', "<!-- digest {} -->")
+WIDE, TALL, TOP, LEFT = 900, 110, 12, 110
+"""Pixels of a drawing of potentials: its right and lower end, and where it begins."""
+_HEADS = ("severity", "finding", "of", "place")
+
+
+def page(network: str, lead: str, findings: Sequence[Finding], seen: Observation | None) -> str:
+    """The page as HTML text.
+
+    Args:
+        network: its name.
+        lead: what was found and how, in a line or two.
+        findings: what was found.
+        seen: of the run, None where nothing ran.
+    """
+    parts = (
+        tag("header", tag("h1", network), tag("p", lead, class_="lead")),
+        html.table(_HEADS, [(e.severity, e.name, e.what, e.where or "-") for e in findings]) if findings else None,
+        *(part for each in findings for part in _finding(each, seen)),
+        *(() if seen is None else _run(seen)),
+        tag("footer", f"Written by neuro {VERSION} (neuro doctor)."),
+    )
+    return html.page("neuro doctor", f"{network}: a diagnosis", parts, raster.script())
+
+
+def _finding(each: Finding, seen: Observation | None) -> Iterator[Html]:
+    yield tag("h2", f"{each.severity.capitalize()}: {each.name}")
+    yield tag("p", tag("b", each.what), f" {each.where}" if each.where else None)
+    yield tag("p", each.evidence)
+    yield tag("p", tag("b", "Remedy: "), each.remedy)
+    if seen is None or each.severity == SEVERITIES[-1]:
+        return
+    shown = [k for k, p in enumerate(seen.program.populations) if p.name in each.shows]
+    yield from _raster(seen, shown)
+    yield from (_potential(seen, k) for k in shown if has_threshold(seen.program.populations[k]))
+    for q, learnt in seen.learning.items():
+        name = seen.program.projections[q].name
+        if each.what == f"projection '{name}'":
+            found = histogram(name, "", {"first": learnt.first, "last": learnt.last})
+            yield drawings([found], {"first": "at the beginning", "last": "at the end"})
+
+
+def _potential(seen: Observation, k: int) -> Html:
+    """The largest V_m of the neurons that were followed, along time, below the threshold."""
+    part, v = seen.program.populations[k], seen.populations[k].potentials.max(axis=1)
+    threshold = float(part.parameters["V_th"][0])
+    low, high = min(float(v.min()), threshold), max(float(v.max()), threshold)
+    x = LEFT + (WIDE - LEFT) * np.arange(1, v.size + 1) / v.size
+    y = TALL - (TALL - TOP) * (np.append(v, threshold) - low) / max(high - low, 1e-12)
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=False))
+    drawing = html.svg(
+        WIDE,
+        TALL + 20,
+        html.line(LEFT, float(y[-1]), WIDE, float(y[-1]), "rule"),
+        html.text(LEFT - 6, float(y[-1]) + 4, f"V_th {threshold:g} mV", "quiet", "end"),
+        html.text(LEFT - 6, float(y[0]) + 4, f"{v[0]:.4g} mV", "quiet", "end") if abs(y[0] - y[-1]) > 12 else None,
+        html.text(WIDE, TALL + 16, f"{seen.ms:g} ms", "quiet", "end"),
+        tag("polyline", points=points, class_="curve chip0"),
+        label=f"largest V_m of {part.name}",
+    )
+    return html.figure(drawing, f"The largest V_m of {seen.populations[k].ids.size:,} neurons of {part.name}.")
+
+
+def _run(seen: Observation) -> Iterator[Html]:
+    yield tag("h2", "The run")
+    populations = seen.program.populations
+    rows = [
+        (p.name, p.said, f"{p.size:,}", f"{int(seen.populations[k].spikes.sum()):,}", f"{seen.rate(k):.3g}")
+        for k, p in enumerate(populations)
+        if p.kind != "current"
+    ]
+    yield html.table(("population", "model", ">neurons", ">spikes", ">rate Hz"), rows)
+    yield from _raster(seen, [k for k, p in enumerate(populations) if p.records and p.kind != "current"][:50])
+
+
+def _raster(seen: Observation, indices: list[int]) -> Iterator[Html]:
+    """Strips of the neurons that were followed."""
+    strips = []
+    for k in indices:
+        s, part = seen.populations[k], seen.program.populations[k]
+        if not part.records:
+            continue
+        window = Window(s.ids, seen.steps + 1, part.size)
+        about = f"{seen.rate(k):.3g} Hz, {window.described(seen.ms, seen.program.resolution)}"
+        keys = window.keys(s.steps, s.ids[s.rows]) if s.steps.size else np.zeros(0, dtype=np.int64)
+        strips.append(Strip(part.name, about, window, {"spike": keys}))
+    if strips:
+        names = ", ".join(strip.name for strip in strips)
+        drawn = raster.raster(strips, seen.ms, seen.program.resolution, label=f"raster of {names}", tallest=100)
+        yield html.figure(drawn, "Each row is a neuron, the first at the bottom.", class_="raster")
+
 
 MOST_ALIKE = 4
 """Findings of one name that are printed in full."""
-COLUMNS = ("severity", "finding", "of", "place", "found", "remedy")
+COLUMNS = (*_HEADS, "found", "remedy")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,11 +11,11 @@ from neuro.compiler import compile_network
 from neuro.core.checks import check
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
-from neuro.diagnosis import activity, learning, neurons, rules, structure
+from neuro.diagnosis import activity, learning, parts, structure
+from neuro.diagnosis.activity import SHORT_MS
 from neuro.diagnosis.diagnosis import Diagnosis, ordered
 from neuro.diagnosis.findings import Finding
 from neuro.diagnosis.observing import Observation, observe
-from neuro.diagnosis.silence import SHORT_MS
 from neuro.diagnosis.wiring import Wiring
 from neuro.model.network import Network
 from neuro.program.backend import find_backend
@@ -127,7 +126,7 @@ def _mistake(error: ModelError) -> Finding:
 def examine(program: Program, options: Options) -> Diagnosis:
     """Judge a compiled network."""
     wiring = Wiring(program)
-    findings = [*structure.findings(wiring), *neurons.findings(wiring), *rules.findings(wiring, options.reward_after)]
+    findings = [*structure.findings(wiring), *parts.of_neurons(wiring), *parts.of_rules(wiring, options.reward_after)]
     backend = find_backend(options.backend)
     problems = backend.problems(program)
     for each in problems:
@@ -153,7 +152,11 @@ def examine(program: Program, options: Options) -> Diagnosis:
     silent = {each.what for each in acts if each.name == "silent" and each.severity == "fault"}
     findings = [each for each in findings if each.name != "cannot-fire" or each.what not in silent]
     findings += [*acts, *learning.findings(wiring, seen, options.ran, options.steered)]
-    findings += _on_request(wiring, seen, options)
+    if options.chip is not None or options.train:
+        from neuro.diagnosis import on_request
+
+        findings += on_request.of_chip(wiring, seen, options.chip) if options.chip is not None else ()
+        findings += on_request.of_gradients(wiring, seen) if options.train else ()
     if not (_works(wiring, seen) or seen.idle):
         causes = [each for each in findings if each.severity == "warning" and each.name in EXPLAIN]
         findings = [replace(each, severity="fault") if each in causes else each for each in findings]
@@ -165,17 +168,6 @@ def _works(wiring: Wiring, seen: Observation) -> bool:
     neurons = [k for k, part in enumerate(seen.program.populations) if part.kind == "neuron"]
     ends = [k for k in neurons if structure.is_end(wiring, k)] or neurons
     return seen.ms < SHORT_MS or not ends or any(seen.populations[k].spikes.any() for k in ends)
-
-
-def _on_request(wiring: Wiring, seen: Observation, options: Options) -> Iterator[Finding]:
-    if options.chip is not None:
-        from neuro.diagnosis import chips
-
-        yield from chips.findings(wiring, seen, options.chip)
-    if options.train:
-        from neuro.diagnosis import gradients
-
-        yield from gradients.findings(wiring, seen)
 
 
 def _about(seen: Observation, options: Options) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from neuro.core.english import some
 from neuro.diagnosis.findings import Finding, fault, figure, finding, note, warning
 from neuro.diagnosis.observing import Learnt, Observation
-from neuro.diagnosis.rules import LEFT, changes_weights
+from neuro.diagnosis.parts import LEFT, changes_weights
 from neuro.diagnosis.wiring import Wiring
 from neuro.program.program import Projection
 

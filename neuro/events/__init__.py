@@ -11,9 +11,9 @@ from neuro.events import filters, representations, segmentation
 from neuro.events._events import EVENT, Event, Events
 from neuro.events.dataset import Dataset, Recording, Recordings, recordings
 from neuro.events.dvs import DVS, DVSParameters, dvs_events, frames_of
-from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.files import load, save, stream
 from neuro.events.segmentation import msd_segments
+from neuro.events.source import EventFileError, EventFileWarning
 from neuro.events.streams import Listener, Sent, StreamCounts, listen, send
 
 __all__ = [

@@ -10,6 +10,7 @@ v(u) = v + a u + q (exp(-ru) - 1), with a = s + leak and q = lag + s/r (0 withou
 from __future__ import annotations
 
 from math import exp, expm1, inf, isnan, log, nan
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,6 +41,54 @@ the last event. They lie apart from the rest, which a pixel that stays below its
 FIXED = np.dtype([("cutoff", "f8"), ("blind", "f8"), ("wait", "f8"), ("dimmed", "f8"), ("seed", "i8")])
 """Of all pixels: cutoff 1/us at full scale or 0, refractory us, mean us between noise events in the dark,
 share of them that full scale takes away, seed."""
+
+
+class Pixels(NamedTuple):
+    """Arrays of a camera with n pixels in m blocks.
+
+    Attributes:
+        fixed: (1,) `FIXED`.
+        state: (n,) `PIXEL`.
+        levels: (n, 4) float64, see `ON`.
+        due: (n,) float64, us: until then a pixel has no event while its image stays as it is.
+        block_due: (m,) float64, us: the first of each block.
+        blocks: (m,) int64, filled by `look` with the blocks to be looked at.
+        changed: (m,) int64, filled by `look` with the number of their pixels that changed.
+        index: (n,) int64, filled by `pick` with the pixels to be worked on.
+        logs: (n,) float64, filled by `pick` with their log intensities, nan: as before.
+        bright: (n,) float64, filled by `pick` with their inten01.
+    """
+
+    fixed: Any
+    state: Any
+    levels: Any
+    due: Any
+    block_due: Any
+    blocks: Any
+    changed: Any
+    index: Any
+    logs: Any
+    bright: Any
+
+
+class Curve(NamedTuple):
+    """The log intensity of light.
+
+    Attributes:
+        table: (levels,) log intensities, empty for floats.
+        scale: that of the images.
+        floor: what is added to the light.
+        knee: where the log begins.
+        slope: of the line below it.
+        height: of the line at 0.
+    """
+
+    table: Any
+    scale: float
+    floor: float
+    knee: float
+    slope: float
+    height: float
 
 
 @subkernel
@@ -142,8 +191,9 @@ def due_time(state, levels, i, all_):
 
 
 @subkernel
-def run(state, levels, i, s, end, all_, origin, earliest, n, out_t, out_pixel, out_p):
+def run(state, levels, i, s, end, all_, origin, earliest, n, out):
     """Let a pixel see the log intensity go with slope s until `end`; returns events written, whether it got there."""
+    out_t, out_pixel, out_p = out
     r = bandwidth(state, all_)
     start = state.since
     span = end - start
@@ -192,22 +242,23 @@ def run(state, levels, i, s, end, all_, origin, earliest, n, out_t, out_pixel, o
 
 
 @kernel
-def advance(k, count, index, logs, bright, t0, t1, fixed, origin, pixels, levels, due, out_t, out_pixel, out_p):
+def advance(k, count, t0, t1, origin, pixels, out):
     """Let the pixels found by `look` see the image of t1; between t0 and t1 their log goes straight.
 
     Returns (events written, pixel to go on from); the latter is less than count where the buffers were
     full, and the call must be repeated with fresh ones.
     """
-    all_ = fixed[0]
+    all_, levels, due = pixels.fixed[0], pixels.levels, pixels.due
+    index, logs, bright = pixels.index, pixels.logs, pixels.bright
     n = 0
     earliest = int(t0)
     for j in range(k, count):
         i = index[j]
-        state = pixels[i]
+        state = pixels.state[i]
         s = 0.0
         if not isnan(logs[j]):
             if state.since < t0:
-                n, done = run(state, levels, i, 0.0, t0, all_, origin, earliest, n, out_t, out_pixel, out_p)
+                n, done = run(state, levels, i, 0.0, t0, all_, origin, earliest, n, out)
                 if not done:
                     return n, j
             s = (logs[j] - levels[i, LOG]) / (t1 - t0)
@@ -221,7 +272,7 @@ def advance(k, count, index, logs, bright, t0, t1, fixed, origin, pixels, levels
                 later = t1 + (levels[i, ON] - end) / state.leak if state.leak > 0.0 else inf
                 due[i] = min(later, state.noise)
                 continue
-        n, done = run(state, levels, i, s, t1, all_, origin, earliest, n, out_t, out_pixel, out_p)
+        n, done = run(state, levels, i, s, t1, all_, origin, earliest, n, out)
         if not done:
             return n, j
         if not isnan(logs[j]):
@@ -231,18 +282,18 @@ def advance(k, count, index, logs, bright, t0, t1, fixed, origin, pixels, levels
 
 
 @kernel
-def begin(logs, bright, fixed, pixels, levels, due):
+def begin(pixels):
     """Show the first image, at time 0."""
-    all_ = fixed[0]
-    for i in range(pixels.size):
-        state = pixels[i]
-        levels[i, LOG] = logs[i]
-        state.bright = bright[i]
+    all_, levels = pixels.fixed[0], pixels.levels
+    for i in range(pixels.due.size):
+        state = pixels.state[i]
+        levels[i, LOG] = pixels.logs[i]
+        state.bright = pixels.bright[i]
         if all_.wait < inf:
             next_noise(state, i, all_)
         else:
             state.noise = inf
-        due[i] = due_time(state, levels, i, all_)
+        pixels.due[i] = due_time(state, levels, i, all_)
 
 
 @kernel
@@ -317,15 +368,15 @@ def glide(logs, low, high, levels):
 
 
 @kernel
-def look(new, old, first, box, width, scale, block_due, t1, blocks, changed):
+def look(new, old, first, box, width, scale, t1, pixels):
     """Find the blocks in which pixels changed or are due until t1, and look at their intensities.
 
     Args: new, old: images, flat; first: take all for changed; box: x0, y0, x1, y1, outside of which
-    nothing changed; width: of the image; scale: of the images; block_due: us. Filled: the blocks, and
-    how many of their pixels changed.
+    nothing changed; width: of the image; scale: of the images; pixels: `Pixels`.
     Returns (number of blocks, first pixel with an impossible intensity or -1).
     """
     n = 0
+    block_due, blocks, changed = pixels.block_due, pixels.blocks, pixels.changed
     above, below = box[1] * width, box[3] * width
     for block in range(block_due.size):
         low = block * BLOCK
@@ -346,26 +397,23 @@ def look(new, old, first, box, width, scale, block_due, t1, blocks, changed):
 
 
 @subkernel
-def curve(value, table, scale, floor, knee, slope, height):
+def log_intensity(value, curve):
     """Log intensity of a pixel."""
-    if table.size:
-        return table[int(value)]
-    seen = value * scale + floor
-    return log(seen) if seen > knee else seen * slope + height
+    if curve.table.size:
+        return curve.table[int(value)]
+    seen = value * curve.scale + curve.floor
+    return log(seen) if seen > curve.knee else seen * curve.slope + curve.height
 
 
 @allocating
-def pick(
-    new, old, first, blocks, changed, count, calm, table, scale, floor, knee, slope, height, due, t1, levels,
-    index, logs, bright,
-):  # fmt: skip
+def pick(new, old, first, count, calm, curve, t1, pixels):
     """Find the pixels that changed or are due in the blocks found by `look`, but for those without an event.
 
-    Args: calm: no pixel has leak, noise, a limit of bandwidth or a refractory period; table: (levels,)
-    log intensities, empty for floats; floor, knee, slope, height: of the curve; due: (n,), us. Filled:
-    index of each pixel, its log (nan: as before), its inten01.
+    Args: calm: no pixel has leak, noise, a limit of bandwidth or a refractory period; curve: `Curve`; pixels: `Pixels`.
     Returns the number of pixels.
     """
+    blocks, changed, due, levels = pixels.blocks, pixels.changed, pixels.due, pixels.levels
+    index, logs, bright = pixels.index, pixels.logs, pixels.bright
     k = 0
     ahead = np.empty(BLOCK)
     for b in range(count):
@@ -375,12 +423,12 @@ def pick(
         if known:
             for i in range(low, high):
                 same = new[i] == old[i]
-                ahead[i - low] = levels[i, LOG] if same else curve(new[i], table, scale, floor, knee, slope, height)
+                ahead[i - low] = levels[i, LOG] if same else log_intensity(new[i], curve)
             if glide(ahead, low, high, levels):
                 continue
         for i in range(low, high):
             if changed[b] and (new[i] != old[i] or first):
-                to = ahead[i - low] if known else curve(new[i], table, scale, floor, knee, slope, height)
+                to = ahead[i - low] if known else log_intensity(new[i], curve)
                 if calm and not first:
                     end = levels[i, CHANGE] + (to - levels[i, LOG])
                     if TIE - levels[i, OFF] < end < levels[i, ON] - TIE:
@@ -389,7 +437,7 @@ def pick(
                         continue
                 index[k] = i
                 logs[k] = to
-                bright[k] = (255.0 * new[i] * scale + 20.0) / 275.0
+                bright[k] = (255.0 * new[i] * curve.scale + 20.0) / 275.0
                 k += 1
             elif due[i] <= t1:
                 index[k] = i
@@ -399,8 +447,9 @@ def pick(
 
 
 @kernel
-def settle(blocks, count, new, old, due, block_due):
+def settle(count, new, old, pixels):
     """Keep what was looked at, and when the first pixel of each block is due."""
+    blocks, due, block_due = pixels.blocks, pixels.due, pixels.block_due
     for k in range(count):
         low = blocks[k] * BLOCK
         high = min(low + BLOCK, due.size)

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from neuro.events._events import Events
-from neuro.events.errors import EventFileError
 from neuro.events.files import load, save, stream, writer
 from neuro.events.formats import Format, Unsavable, called, held, written
-from neuro.events.source import Given
+from neuro.events.source import EventFileError, Given
 
 STANDARD = "-"
 """Standard input, or standard output."""
@@ -126,7 +125,14 @@ def write(
     """
     done = 0
     to_output = os.fspath(target) == STANDARD
-    chosen = _output_format(format) if to_output else writer(Path(target), format)
+    if not to_output:
+        chosen = writer(Path(target), format)
+    elif format is None or (named := called(format, written())) is None:
+        message = "to no format" if format is None else f"as format {format!r}"
+        known = ", ".join(f.name for f in written())
+        raise EventFileError(OUTPUT, f"cannot write {message}, expected one of {known}")
+    else:
+        chosen = named
 
     def counted() -> Iterator[Events]:
         nonlocal done
@@ -141,14 +147,6 @@ def write(
     else:
         save(counted(), target, format=format, replace=replace, keep=keep)
     return done
-
-
-def _output_format(format: str | None) -> Format:
-    chosen = None if format is None else called(format, written())
-    if chosen is None or chosen.write is None:
-        message = "to no format" if format is None else f"as format {format!r}"
-        raise EventFileError(OUTPUT, f"cannot write {message}, expected one of {', '.join(f.name for f in written())}")
-    return chosen
 
 
 def _write_out(parts: Iterator[Events], chosen: Format) -> None:

@@ -12,8 +12,11 @@ import numpy.typing as npt
 
 from neuro.core.checks import argument, check_fields
 from neuro.core.errors import ModelError
+from neuro.core.extras import LazyModule
 from neuro.core.quantities import quantity
 from neuro.events._events import Events, checked_size, empty_columns, joined_columns
+
+kernels = LazyModule("neuro.events._dvs_kernels")
 
 __all__ = ["DVS", "DVSParameters", "dvs_events"]
 
@@ -63,27 +66,23 @@ class DVS:
 
     def reset(self) -> None:
         """Forget all images; the camera is as new."""
-        from neuro.events._dvs_kernels import BLOCK, FIXED, OFF, ON, PIXEL
-
         p, n = self.parameters, self.sensor_size[0] * self.sensor_size[1]
-        self._pixels = np.zeros(n, PIXEL)
-        self._levels = np.zeros((n, 4))
+        state, levels, blocks = np.zeros(n, kernels.PIXEL), np.zeros((n, 4)), -(-n // kernels.BLOCK)
         spread = (
             np.random.default_rng([self.seed, 1]).normal(0.0, p.sigma_thres, (2, n)) if p.sigma_thres else (0.0, 0.0)
         )
-        self._levels[:, ON] = np.maximum(p.pos_thres + spread[0], LOWEST_THRESHOLD)
-        self._levels[:, OFF] = np.maximum(p.neg_thres + spread[1], LOWEST_THRESHOLD)
+        levels[:, kernels.ON] = np.maximum(p.pos_thres + spread[0], LOWEST_THRESHOLD)
+        levels[:, kernels.OFF] = np.maximum(p.neg_thres + spread[1], LOWEST_THRESHOLD)
         if p.leak_rate_hz:
             decades = np.random.default_rng([self.seed, 4]).normal(0.0, p.noise_rate_cov_decades, n)
-            self._pixels["leak"] = 1e-6 * p.leak_rate_hz * self._levels[:, ON] * 10.0**decades
+            state["leak"] = 1e-6 * p.leak_rate_hz * levels[:, kernels.ON] * 10.0**decades
         self._calm = not (p.leak_rate_hz or p.shot_noise_rate_hz or p.cutoff_hz or p.refractory_period_s)
         wait = 1e6 / p.shot_noise_rate_hz if p.shot_noise_rate_hz else np.inf
         cutoff, blind = 2e-6 * np.pi * p.cutoff_hz, 1e6 * p.refractory_period_s
-        self._fixed = np.array([(cutoff, blind, wait, 1.0 - p.shot_noise_bright, self.seed % 2**63)], FIXED)
-        self._due = np.zeros(n)
-        self._block_due = np.zeros(-(-n // BLOCK))
-        self._blocks, self._changed = np.zeros((2, len(self._block_due)), np.int64)
-        self._index, self._logs, self._bright = np.zeros(n, np.int64), np.zeros(n), np.zeros(n)
+        fixed = np.array([(cutoff, blind, wait, 1.0 - p.shot_noise_bright, self.seed % 2**63)], kernels.FIXED)
+        looked = np.zeros(blocks), *np.zeros((2, blocks), np.int64)
+        picked = np.zeros(n, np.int64), np.zeros(n), np.zeros(n)
+        self._pixels = kernels.Pixels(fixed, state, levels, np.zeros(n), *looked, *picked)
         self._out = _room(max(1024, n // 4))
         self._old: npt.NDArray[Any] | None = None
         self._origin = self._t = 0
@@ -106,8 +105,6 @@ class DVS:
             ModelError: another shape or type than before, time not later, an intensity that is
                 negative or not finite, or `changed` not on the image; the camera is then as it was.
         """
-        from neuro.events._dvs_kernels import advance, begin, look, pick, settle
-
         new, t = self._checked(image, t_us)
         box = self._whole if changed is None else self._inside(changed, t)
         first = self._old is None
@@ -115,31 +112,23 @@ class DVS:
             self._start(new.dtype, t)
         assert self._old is not None
         t0, t1 = float(self._t - self._origin), float(t - self._origin)
-        blocks, bad = look(
-            new, self._old, first, box, self.sensor_size[0], self._scale, self._block_due, t1,
-            self._blocks, self._changed,
-        )  # fmt: skip
+        pixels = self._pixels
+        blocks, bad = kernels.look(new, self._old, first, box, self.sensor_size[0], self._curve.scale, t1, pixels)
         if bad >= 0:
             self._old = None if first else self._old
             raise self._impossible(new, bad, t)
-        count = pick(
-            new, self._old, first, self._blocks, self._changed, blocks, self._calm, self._table, self._scale,
-            *self.parameters.curve(), self._due, t1, self._levels, self._index, self._logs, self._bright,
-        )  # fmt: skip
+        count = kernels.pick(new, self._old, first, blocks, self._calm, self._curve, t1, pixels)
         found: list[Found] = []
         if first:
-            begin(self._logs, self._bright, self._fixed, self._pixels, self._levels, self._due)
+            kernels.begin(pixels)
         elif count:
             done = 0
             while done < count:
-                n, done = advance(
-                    done, count, self._index, self._logs, self._bright, t0, t1, self._fixed, self._origin,
-                    self._pixels, self._levels, self._due, *self._out,
-                )  # fmt: skip
+                n, done = kernels.advance(done, count, t0, t1, self._origin, pixels, self._out)
                 found.append((self._out[0][:n], self._out[1][:n], self._out[2][:n]))
                 if done < count:
                     self._out = _room(4 * len(self._out[0]))
-        settle(self._blocks, blocks, new, self._old, self._due, self._block_due)
+        kernels.settle(blocks, new, self._old, pixels)
         before, self._t = self._t, t
         return self._sorted(found, before, t)
 
@@ -203,11 +192,11 @@ class DVS:
 
     def _start(self, kind: np.dtype[Any], t: int) -> None:
         """Take on the type and the time of the first image."""
-        self._old = np.zeros(len(self._due), kind)
+        self._old = np.zeros(len(self._pixels.due), kind)
         self._origin = self._t = t
         levels = np.arange(np.iinfo(str(kind)).max + 1 if kind.kind == "u" else 0).astype(kind)
-        self._scale = 1.0 / (len(levels) - 1) if len(levels) else 1.0
-        self._table = self.parameters.log_intensity(shares(levels))
+        scale = 1.0 / (len(levels) - 1) if len(levels) else 1.0
+        self._curve = kernels.Curve(self.parameters.log_intensity(shares(levels)), scale, *self.parameters.curve())
 
     def _impossible(self, image: npt.NDArray[Any], bad: int, t: int) -> ModelError:
         y, x = divmod(int(bad), self.sensor_size[0])
@@ -216,16 +205,14 @@ class DVS:
 
     def _sorted(self, found: list[Found], before: int, now: int) -> Events:
         """What the kernel wrote, by time and then by pixel."""
-        from neuro.events._dvs_kernels import few_in_order, in_order
-
         t, pixel, p = found[0] if len(found) == 1 else _joined(found or [_room(0)])
         n, width = len(t), self.sensor_size[0]
         out = empty_columns(n)
         if n <= _FEW:
-            few_in_order(t, pixel, p, width, *out)
+            kernels.few_in_order(t, pixel, p, width, *out)
         else:
             key = (t - before).astype(np.uint16) if now - before < 65536 else t
-            in_order(t, pixel, p, width, np.argsort(key, kind="stable"), *out)
+            kernels.in_order(t, pixel, p, width, np.argsort(key, kind="stable"), *out)
         return Events._trusted(*out, self.sensor_size, {})
 
 

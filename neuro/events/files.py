@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -12,15 +12,14 @@ from neuro.core.checks import argument
 from neuro.core.errors import ModelError
 from neuro.core.outputs import Kind, Unwritable, output
 from neuro.core.paths import file_path
-from neuro.events._events import Columns, Events, checked_size
-from neuro.events.errors import EventFileError, with_notes
+from neuro.events._events import Events, checked_size
 from neuro.events.formats import Format, Unsavable, called, written
 from neuro.events.formats._format import in_order
 from neuro.events.formats.table import TABLE
 from neuro.events.opening import Checked, Opened, joined, opened, smallest
 from neuro.events.parts import between, windows
-from neuro.events.segmentation.cutters import Counts, segmented
-from neuro.events.source import WHOLE, Given, check_given
+from neuro.events.segmentation import Counts, segmented
+from neuro.events.source import WHOLE, EventFileError, Given, check_given, with_notes
 
 RECORDING = Kind("a recording", ask="replace=True")
 BLOCK = 1 << 20
@@ -67,7 +66,8 @@ def load(
         if not strict:
             checked.warn()
         t, x, y, p = joined(pieces, sort)
-        size = checked.size or _default(file.format, pieces)
+        columns, rows = (max((int(piece[k].max(initial=0)) for piece in pieces), default=0) for k in (1, 2))
+        size = checked.size or smallest(file.format, columns, rows)
         metadata = {"format": file.format.name, **({"t0": int(t[0])} if t.size else {}), **file.reader.metadata}
     return Events._trusted(t, x, y, p, size, metadata)
 
@@ -293,9 +293,3 @@ def writer(path: Path, format: str | None) -> Format:
             return f
     endings = ", ".join(dict.fromkeys(suffix for f in written() for suffix in f.suffixes))
     raise EventFileError(str(path), f"cannot save as {path.suffix!r}, expected {endings}")
-
-
-def _default(found: Format, pieces: Sequence[Columns]) -> tuple[int, int]:
-    x = max((int(piece[1].max(initial=0)) for piece in pieces), default=0)
-    y = max((int(piece[2].max(initial=0)) for piece in pieces), default=0)
-    return smallest(found, x, y)

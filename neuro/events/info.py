@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events._events import Columns
-from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.files import BLOCK
-from neuro.events.opening import Checked, Opened, opened, smallest
-from neuro.events.source import Given
+from neuro.events.opening import Checked, opened, smallest
+from neuro.events.source import EventFileError, EventFileWarning, Given
 
 BIN_US = 10_000
 """In which the highest rate is counted."""
@@ -111,47 +109,36 @@ def info(
         EventFileError: there is no such file, or it is of no known kind.
     """
     with opened(source, format, name, sensor_size) as file:
-        kind, told_size = file.format, _told_size(file, sensor_size is None)
+        kind, told_size = file.format, None
+        try:
+            told_size = file.sensor_size
+        except EventFileError:
+            if sensor_size is None:  # else it does not matter that the file states one that may mean two things
+                raise
         size = sensor_size or told_size
+        untested = kind.untested or getattr(file.reader, "untested", "")
+        is_told = told_size is not None
+        out = Info(file.name, kind.name, kind.title, untested, file.source.size, size or (1, 1), is_told)
+        pixels, peak = _Pixels(size or (0, 0)), _Peak()
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", EventFileWarning)
             checked = Checked(file.name, size, strict=False, sort=False)
-            pixels = _Pixels(size or (0, 0))
-            bytes_ = file.source.size
-            untested = kind.untested or getattr(file.reader, "untested", "")
-            out = Info(file.name, kind.name, kind.title, untested, bytes_, size or (1, 1), told_size is not None)
-            _survey(out, pixels, (checked.piece(piece) for piece in file.pieces(BLOCK, False)), report)
+            for piece in file.pieces(BLOCK, False):
+                t, x, y, p = checked.piece(piece)
+                if t.size:
+                    _add(out, t, p)
+                    pixels.add(x, y)
+                    peak.add(t)
+                if report is not None:
+                    report(out.events)
             checked.warn()
+        out.peak_hz = peak.most * 1e6 / BIN_US
+        out.active_pixels, hot = pixels.active(), pixels.hot()
+        out.hot, out.hot_pixels = hot[:HOT], len(hot)
         out.sensor_size = size or smallest(kind, pixels.width - 1, pixels.height - 1)
         out.damage = [str(one.message).removeprefix(f"{file.name}: ") for one in caught]
         out.metadata = {key: value for key, value in file.reader.metadata.items() if key not in FOUND_WHILE_READING}
     return out
-
-
-def _told_size(file: Opened, needed: bool) -> tuple[int, int] | None:
-    """The sensor that the file states; one that may mean two things is None where it is not needed."""
-    try:
-        return file.sensor_size
-    except EventFileError:
-        if needed:
-            raise
-        return None
-
-
-def _survey(out: Info, pixels: _Pixels, parts: Iterator[Columns], report: Callable[[int], None] | None) -> None:
-    """Count."""
-    peak = _Peak()
-    for t, x, y, p in parts:
-        if t.size:
-            _add(out, t, p)
-            pixels.add(x, y)
-            peak.add(t)
-        if report is not None:
-            report(out.events)
-    out.peak_hz = peak.most * 1e6 / BIN_US
-    out.active_pixels = pixels.active()
-    found = pixels.hot()
-    out.hot, out.hot_pixels = found[:HOT], len(found)
 
 
 def _add(out: Info, t: npt.NDArray[np.int64], p: npt.NDArray[np.uint8]) -> None:

@@ -11,13 +11,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import LazyModule
 from neuro.core.hints import near
 from neuro.core.inputs import record_input
 from neuro.core.outputs import PART
 from neuro.events._events import Columns, empty_columns, joined_columns
-from neuro.events.errors import EventFileError, EventFileWarning, let_go
 from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Seeker, Sized, called
-from neuro.events.source import Given, Source, opened_source
+from neuro.events.source import EventFileError, EventFileWarning, Given, Source, let_go, opened_source
+
+kernels = LazyModule("neuro.events.formats._table_kernel")
 
 
 class Checked:
@@ -118,9 +120,7 @@ def joined(pieces: list[Columns], sort: bool) -> Columns:
 
 def _survey(piece: Piece) -> tuple[tuple[int, int], bool]:
     """Largest x and y of a piece with events, and whether its time does not run back."""
-    from neuro.events.formats._table_kernel import survey
-
-    x, y, ordered = survey(piece.t, piece.x, piece.y)
+    x, y, ordered = kernels.survey(piece.t, piece.x, piece.y)
     return (int(x), int(y)), bool(ordered)
 
 
@@ -145,7 +145,9 @@ class Opened:
         """Close the file. A kept error about it keeps its frames, but not what they hold of the file."""
         if isinstance(error, EventFileError):
             let_go(error)
-        _close(self.reader, self.source)
+        for part in (self.reader, self.source):
+            if (close := getattr(part, "close", None)) is not None:
+                close()
 
     @property
     def name(self) -> str:
@@ -243,13 +245,6 @@ def opened(source: Given, format: str | None, name: str | None, size: tuple[int,
         let_go(error)
         data.close()
         raise
-
-
-def _close(*parts: Any) -> None:
-    for part in parts:
-        close = getattr(part, "close", None)
-        if close is not None:
-            close()
 
 
 def find(source: Source, format: str | None = None) -> Format:

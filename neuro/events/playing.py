@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
 from neuro.events._events import EVENT, Event, Events
-from neuro.events.errors import EventFileError
 from neuro.events.files import size_of, stream
 from neuro.events.formats import Unsavable, in_order
+from neuro.events.source import EventFileError
 
 Size = tuple[int, int]
 _WIDE = [(name, np.int64) for name in "txyp"]

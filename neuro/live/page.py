@@ -23,11 +23,9 @@ from neuro.core.extras import needed
 from neuro.core.quantities import Quantity
 from neuro.live.beside import Beside
 from neuro.live.channel import Channel
-from neuro.live.commands import Commands
+from neuro.live.commands import SPEED, Commands, Pace
 from neuro.live.facts import about, shown_value
-from neuro.live.frames import Frames
-from neuro.live.pace import SPEED, Pace
-from neuro.live.weights import weights_of
+from neuro.live.frames import Frames, weights_of
 from neuro.program.program import Floats
 from neuro.run.simulation import Simulation
 
@@ -334,7 +332,7 @@ class Page:
             self._beside_due = now + BESIDE_S
             for job, found in self.beside.found():
                 self._found(job, found)
-        if self._wanted and self._channel.idle and self._may_show():
+        if self._wanted and self._channel.idle and (self._ahead or self._used() >= self._frame_due):
             if self.sim.time != self.frames.time or (self._unseen and self._is_paused):
                 self._send_frame(now)
             if self._used() >= self._slow_due:
@@ -343,10 +341,6 @@ class Page:
     @property
     def _is_paused(self) -> bool:
         return self.pace is not None and self.pace.paused
-
-    def _may_show(self) -> bool:
-        """Whether a frame holds nothing up: the run is ahead and waits, or the last frames were long ago."""
-        return self._ahead or self._used() >= self._frame_due
 
     def _used(self) -> float:
         """Seconds that the run took and waited; of one that others pace, those on the wall."""

@@ -202,7 +202,7 @@ class Server:
         if getattr(request, "method", "GET") != "GET" or not hmac.compare_digest(begin, self._secret):
             return _response(HTTPStatus.NOT_FOUND)
         if name == "socket":
-            if not self._is_own(request.headers):
+            if request.headers.get_all("Origin") != [f"http://{request.headers['Host']}"]:  # not the page itself
                 return _response(HTTPStatus.FORBIDDEN)
             return _response(HTTPStatus.SERVICE_UNAVAILABLE) if len(self._clients) >= MOST_CLIENTS else None
         if name not in self._files:
@@ -215,10 +215,6 @@ class Server:
         hosts = headers.get_all("Host")
         name, _, port = hosts[0].rpartition(":") if len(hosts) == 1 else ("", "", "")
         return port == str(self._port) and (name in ("localhost", self._host) or _is_address(name.strip("[]")))
-
-    def _is_own(self, headers: Headers) -> bool:
-        """Whether a WebSocket is asked for by the page itself."""
-        return headers.get_all("Origin") == [f"http://{headers['Host']}"]
 
     async def _meet(self, connection: ServerConnection) -> None:
         if len(self._clients) >= MOST_CLIENTS:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from neuro.core import html
 from neuro.core.html import Html, tag
-from neuro.pages.scales import tick, ticks
+from neuro.pages.curves import tick, ticks
 from neuro.program.program import Floats
 
 BINS = 48

@@ -10,7 +10,6 @@ setting of matplotlib or keeps anything; what is too much to be drawn is drawn i
 """
 
 from neuro.plots._spikes import cv, isi, raster, rate
-from neuro.plots._synapses import weights
-from neuro.plots._traces import overview, trace
+from neuro.plots._traces import overview, trace, weights
 
 __all__ = ["cv", "isi", "overview", "raster", "rate", "trace", "weights"]

@@ -20,12 +20,9 @@ from neuro.events.dataset import Sample
 from neuro.model.network import Network
 from neuro.model.parts import Population, Readout
 from neuro.program.program import Program
-from neuro.readout.decisions import SILENT, by_counts, by_first, by_potential
-from neuro.readout.evaluation import Evaluation, evaluate
-from neuro.readout.overflows import Overflows
-from neuro.readout.pixels import Pixels, load, name_of
-from neuro.readout.resolve import fires, readout_of
-from neuro.readout.showing import Showing
+from neuro.readout.asked import Pixels, fires, load, name_of, readout_of
+from neuro.readout.decisions import SILENT, Evaluation, by_counts, by_first, by_potential, evaluate
+from neuro.readout.showing import Overflows, Showing
 from neuro.run.compiled import compile
 from neuro.run.simulation import Simulation
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from neuro.realtime.histogram import Histogram
-from neuro.realtime.inlet import Source
-from neuro.realtime.loop import LATE, Loop
-from neuro.realtime.pace import empty_loop
-from neuro.realtime.player import Player
-from neuro.realtime.report import LiveRun
+from neuro.realtime.loop import LATE, Loop, empty_loop
+from neuro.realtime.report import Histogram, LiveRun
+from neuro.realtime.sources import Player, Source
 
 __all__ = ["LATE", "Histogram", "LiveRun", "Loop", "Player", "Source", "empty_loop"]

@@ -19,9 +19,8 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.extras import needed
 from neuro.core.outputs import Kind, marked, output
 from neuro.core.paths import file_path
-from neuro.pages.scales import few
-from neuro.sweeps.claims import claimed
-from neuro.sweeps.folder import PRUNED, SWEEP, Folder, RunOutcome
+from neuro.pages.curves import few
+from neuro.sweeps.folder import PRUNED, SWEEP, Folder, RunOutcome, claimed
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -16,10 +16,8 @@ from neuro.testing import (  # noqa: F401
     connections,
     exact,
     features,
-    generators,
     laws,
     learning,
-    ports,
     probes,
     trials,
 )

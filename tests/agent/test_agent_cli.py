@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 import neuro_agent
 from neuro import ModelError
-from neuro_agent import compare, training, worlds
+from neuro_agent import compare, environments, training
 
 WALK = """\
 import gymnasium
@@ -55,7 +55,7 @@ def test_a_world_of_the_users_own_is_trained_tested_and_watched(neuro, walk):
     assert [path.name for path in Path().glob("*.h5*")] == ["walk.h5"]
     agent = neuro_agent.ActorCritic.load("walk.h5")
     assert (agent.seed, agent.settings.critics, agent.log.solved) == (1, 10, True)
-    assert worlds.remembered(Path("walk.h5")) == "my_walk:Walk-v0"
+    assert environments.remembered(Path("walk.h5")) == "my_walk:Walk-v0"
     code, out, _ = neuro("test", "walk.h5", "my_walk:Walk-v0", "--episodes", 5)
     assert (code, out) == (0, "my_walk:Walk-v0: 5 episodes, mean return 1, 95 % 1 to 1; it counts as solved at 0.9\n")
     told = json.loads(neuro("test", "walk.h5", "my_walk:Walk", "--episodes", 3, "--seed", 7, "--json")[1])

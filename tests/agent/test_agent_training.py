@@ -12,12 +12,10 @@ import neuro_agent
 from neuro import ModelError
 from neuro.coding import PERIOD, Places
 from neuro_agent import deployed, training
-from neuro_agent.actions import actions_of
 from neuro_agent.environments import Environments
-from neuro_agent.learner import RewardScale
+from neuro_agent.learner import ErrorScale, RewardScale
 from neuro_agent.network import TAU
-from neuro_agent.observations import dimensions_of, flat
-from neuro_agent.rewards import ErrorScale
+from neuro_agent.spaces import actions_of, dimensions_of, flat
 
 
 class Corridor(gymnasium.Env):

@@ -2,7 +2,6 @@
 
 import base64
 import io
-import json
 import re
 from functools import partial
 
@@ -16,6 +15,7 @@ import neuro
 import neuro_agent
 from neuro_agent import watch as watching
 from neuro_agent.watch import page, played, watch
+from players import tracks_of
 
 
 class Corridor(gymnasium.Env):
@@ -58,14 +58,6 @@ def episode(agent):
     return played(agent, Corridor(), seed=5)
 
 
-def data_of(text):
-    return json.loads(re.search(r'id="data">(.*?)</script>', text)[1])
-
-
-def column(data, name, kind):
-    return np.frombuffer(base64.b64decode(data[name]), kind)
-
-
 def test_an_episode_is_the_first_that_a_test_of_its_seed_has(agent, lake, episode):
     tested = agent.test(Corridor(), 1, seed=5)
     assert (episode.moves, sum(episode.rewards)) == (tested.lengths[0], pytest.approx(tested.returns[0]))
@@ -94,19 +86,18 @@ def test_errors_are_those_of_temporal_differences(agent, episode):
 
 def test_the_page_holds_it(agent, episode):
     text = page(agent, episode, 5)
-    data = data_of(text)
+    data = tracks_of(text)
     n = episode.moves + 1
-    assert data["moves"] == n - 1
-    assert data["circuits"] == [["-1", "-0.667", "-0.333", "0", "0.333", "0.667", "1"]]
-    assert data["dimensions"] == ["['at'][0]", "['open']"]
-    chances = column(data, "chances", "<f4").reshape(n, 7)
-    assert chances.sum(axis=1) == pytest.approx(1.0)
-    assert column(data, "critic", "u1").reshape(n, 20).sum(axis=1).tolist() == [c.sum() for c in episode.critic]
-    first, cells = column(data, "first", "<u4"), column(data, "cells", "<u4")
-    assert np.array_equal(cells[first[1] : first[2]], agent.places.cells(episode.observations[1]))
-    assert column(data, "returns", "<f4") == pytest.approx(np.cumsum(episode.rewards), abs=1e-5)
-    pictured = column(data, "weights", "i1").reshape(7, data["columns"]) * data["largest"] / 127
-    assert pictured == pytest.approx(agent.weights["policy0"].T, abs=data["largest"] / 100)
+    policy, (places, critics, _), weights = data["policy"], data["raster"]["strips"], data["weights"]
+    assert policy["labels"] == ["-1", "-0.667", "-0.333", "0", "0.333", "0.667", "1"]
+    assert data["state"]["labels"] == ["['at'][0]", "['open']"]
+    assert policy["values"].reshape(n, 7).sum(axis=1) == pytest.approx(1.0)
+    spikes = np.bincount(critics["times"], critics["level"], minlength=n) * np.max(episode.critic) / 255
+    assert spikes == pytest.approx([c.sum() for c in episode.critic], abs=0.5)
+    assert np.array_equal(places["ids"][places["times"] == 1], agent.places.cells(episode.observations[1]))
+    assert data["traces"]["lanes"][2]["lines"][0]["y"] == pytest.approx(np.cumsum(episode.rewards), abs=1e-5)
+    pictured = weights["values"].reshape(7, weights["columns"]) * weights["largest"] / 127
+    assert pictured == pytest.approx(agent.weights["policy0"].T, abs=weights["largest"] / 100)
     assert f"{episode.moves} steps, return {sum(episode.rewards):g}" in text
     assert "weights frozen" in text
     assert "http" not in text.replace("http-equiv", "")
@@ -143,7 +134,7 @@ def fails(self):
 def test_frames_that_cannot_be_rendered_are_told(agent, tmp_path, picture, told):
     found = watch(agent, Corridor(picture), tmp_path / "page.html", seed=5)
     assert str(found).endswith(f"; no frames, {told}")
-    assert data_of((tmp_path / "page.html").read_text())["frames"] == []
+    assert "frame" not in tracks_of((tmp_path / "page.html").read_text())
 
 
 def test_an_environment_that_renders_nothing(agent):
@@ -182,14 +173,14 @@ def test_only_pages_of_ours_are_replaced(agent, tmp_path):
 
 STEPS = """
 <script>
-const seen = [String(get("frame").hidden)];
+const seen = [String(!get("frame"))];
 get("time").value = 2; get("time").oninput(); draw();
 seen.push(get("now").textContent, get("return").textContent);
 get("traces").onclick({offsetX: get("traces").clientWidth}); draw(); seen.push(get("now").textContent);
-get("play").onclick(); seen.push(get("play").textContent, String(at));
+get("play").onclick(); seen.push(get("play").textContent, String(now));
 get("play").onclick(); seen.push(get("play").textContent);
 dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowRight"})); draw(); seen.push(get("now").textContent);
-for (const name of ["policy", "raster", "traces", "weights", get("frame").hidden ? "large" : "state"]) {
+for (const name of ["policy", "raster", "traces", "weights", !get("frame") ? "large" : "state"]) {
   const c = get(name), image = c.getContext("2d").getImageData(0, 0, c.width, c.height);
   seen.push(name + (new Set(new Uint32Array(image.data.buffer)).size > 3 ? " drawn" : " empty"));
 }

@@ -119,7 +119,7 @@ def test_a_mistake_of_the_network_is_told_once(run, tmp_path):
 
 
 def test_what_is_approximated_and_missing_is_told(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("neuro.compare.spikes._library", lambda: None)
+    monkeypatch.setattr("neuro.compare.differences._library", lambda: None)
     (tmp_path / "net.yaml").write_text(NETWORK.replace("100.0", "400.0"))
     status, out, err = run(*RUN, "--backends", "event,loihi")
     assert (status, err) == (0, "")
@@ -133,7 +133,7 @@ def test_an_interrupted_comparison_leaves_nothing(run, tmp_path, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("neuro.run.progress.advance", interrupted)
+    monkeypatch.setattr("neuro.core.progress.advance", interrupted)
     assert run(*FLOATS, "--html", "page.html") == (130, "", "interrupted: nothing is compared\n")
     assert [path.name for path in tmp_path.iterdir()] == ["net.yaml"]
 

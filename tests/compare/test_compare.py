@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 import neuro
 from neuro.chips.pricing import RULES_APPLIED
-from neuro.compare import compare, spikes
+from neuro.compare import compare, differences
 from neuro.compare.cells import bills
 from neuro.compare.runs import _against, _gather, _recording
 from neuro.core.errors import ModelError
@@ -205,7 +205,7 @@ def test_too_few_run():
 def test_notes(net, monkeypatch):
     silent = neuro.Network("silent", resolution=1.0)
     silent.population("cells", 150, neuro.iaf_psc_exp())
-    monkeypatch.setattr(spikes, "_library", lambda: None)
+    monkeypatch.setattr(differences, "_library", lambda: None)
     found = compare(silent, ["event", "reference"], 5.0)
     assert found.notes == (
         "no neuron fired on 'event': there is little to compare",
@@ -221,8 +221,8 @@ def test_a_sampled_distance_says_so(monkeypatch):
     found = compare(net, ["event", "reference"], 50.0)
     assert found.notes == ("the distance of 'cells' is of 100 of 150 neurons, evenly chosen",)
     assert found.first.populations["cells"].spikes > 0
-    monkeypatch.setattr(spikes, "MOST_SPIKES", 1)
-    monkeypatch.setattr(spikes, "MOST_NEURONS", 200)
+    monkeypatch.setattr(differences, "MOST_SPIKES", 1)
+    monkeypatch.setattr(differences, "MOST_NEURONS", 200)
     found = compare(net, ["event", "reference"], 50.0)
     second = found.first.trains["cells"].times_ms[150]  # all 150 spike at once
     assert found.notes == (f"the distance of 'cells' is of all neurons, up to {second:g} ms",)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from neuro.compare import spikes
-from neuro.compare.spikes import ComparedSpikes, Divergence, distance, divergence, evenly, same_steps
+from neuro.compare import differences
+from neuro.compare.differences import ComparedSpikes, Divergence, distance, divergence, evenly, same_steps
 
 LIBRARY = "the extra 'compare' is not installed"
 
@@ -87,14 +87,14 @@ def test_silence_is_equal_to_silence(library):
 def test_many_neurons_are_sampled_evenly(library):
     both = [train([(5, i) for i in range(1000)], 1000), train([(6, i) for i in range(1000)], 1000)]
     found = distance(*both, 10.0)
-    assert found.neurons == spikes.MOST_NEURONS
-    assert found.edits == pytest.approx(0.05 * spikes.MOST_NEURONS)
+    assert found.neurons == differences.MOST_NEURONS
+    assert found.edits == pytest.approx(0.05 * differences.MOST_NEURONS)
     assert evenly(5, 100).tolist() == [0, 1, 2, 3, 4]
     assert evenly(101, 3).tolist() == [0, 50, 100]
 
 
 def test_long_trains_are_measured_up_to_a_time(library, monkeypatch):
-    monkeypatch.setattr(spikes, "MOST_SPIKES", 10)
+    monkeypatch.setattr(differences, "MOST_SPIKES", 10)
     a, b = train([(2 * k, 0) for k in range(1, 31)], 1), train([(2 * k, 0) for k in range(1, 9)], 1)
     found = distance(a, b, 40.0)
     assert found.until_ms == 11.0  # of the 11th spike
@@ -102,5 +102,5 @@ def test_long_trains_are_measured_up_to_a_time(library, monkeypatch):
 
 
 def test_without_the_library_there_is_no_distance(monkeypatch):
-    monkeypatch.setattr(spikes, "_library", lambda: None)
+    monkeypatch.setattr(differences, "_library", lambda: None)
     assert distance(train([(1, 0)]), train([]), 10.0) is None

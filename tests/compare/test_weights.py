@@ -3,7 +3,7 @@ import pytest
 
 import neuro
 from neuro.chips import chip, quantise
-from neuro.compare.weights import difference, histograms, learnt, rounding
+from neuro.compare.differences import difference, histograms, learnt, rounding
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
 from neuro.compiler import compile_network
-from neuro.diagnosis.cell import Cell
+from neuro.diagnosis.wiring import Cell
 from neuro.model.network import Network
 from neuro_models import areas, delays, grid_world, hedonists, linear_track, motion, orders
 from strategies import networks

@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from neuro_drone.body import GRAVITY, Kinematic
-from neuro_drone.bullet import ARM, DRAG_TO_THRUST, HEIGHT_GAINS, MOST_THRUST, Bullet, _rotors, body_of
+from neuro_drone.body import ARM, DRAG_TO_THRUST, HEIGHT_GAINS, MOST_THRUST, Bullet, Kinematic, _rotors, body_of
 from neuro_drone.env import DroneEnv, Weather
-from neuro_drone.parts import MASS
-from neuro_drone.scenario import Drone, Load, Wind
+from neuro_drone.parts import GRAVITY, MASS, Drone, Load, Wind
 from refused import refused
 
 speeds = st.floats(-3.0, 3.0)

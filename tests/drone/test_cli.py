@@ -1,16 +1,15 @@
 """The commands: what they write and print; tests/drone/test_mistakes.py has what they tell of mistakes."""
 
-import base64
 import json
 import re
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 from matplotlib.image import imread
 
 from neuro_drone.model import Model
+from players import tracks_of
 
 ORACLE = ("--controller", "oracle", "--scenario", "short.yaml")
 
@@ -84,8 +83,7 @@ def test_watch_flies_the_first_lap_of_a_test_or_the_fixed_path(drone, tmp_path):
 def test_watch_begins_on_three_axes(drone, tmp_path):
     short = [word for set in ("task.ball.lap=0.6", "task.ball.speed=0.06") for word in ("--set", set)]
     assert drone("watch", "--controller", "oracle", "--scenario", "B60-height", *short, "--error", "5,-5,8")[0] == 0
-    data = json.loads(re.search('id="data">(.*?)</script>', (tmp_path / "lap.html").read_text("utf-8"))[1])
-    talls = np.frombuffer(base64.b64decode(data["talls"]), "<f4")
+    talls = tracks_of((tmp_path / "lap.html").read_text("utf-8"))["camera"]["talls"]
     assert talls[0] == pytest.approx(48.0)
 
 

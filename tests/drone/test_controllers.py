@@ -11,10 +11,10 @@ import neuro
 from drones import stop_at
 from neuro_drone import train as training
 from neuro_drone.controllers import CONTROLLERS, Learner, make
-from neuro_drone.controllers.fields import DOWN, RIGHT, pattern, shares
+from neuro_drone.controllers.simple import DOWN, RIGHT, pattern, shares
 from neuro_drone.evaluate import Start, grid, try_out
 from neuro_drone.model import Model
-from neuro_drone.pictures import weight_maps
+from neuro_drone.report import weight_maps
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 from refused import refused

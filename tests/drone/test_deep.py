@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from drones import SHORT, stop_at
 from neuro_drone import train as training
 from neuro_drone.controllers import make
-from neuro_drone.controllers.dense import Dense, observed
+from neuro_drone.controllers.deep import Dense, observed
 from neuro_drone.env import ACTIONS, DroneEnv
 from neuro_drone.evaluate import grid, try_out
 from neuro_drone.model import Model

@@ -11,7 +11,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from neuro.events import DVS
 from neuro_drone.eye import SIZE, SKY, Eye, pattern, pixels, pyramid, strips, tile
 from neuro_drone.geometry import CameraView, Pose, WorldScene
-from neuro_drone.scenario import Ball, Camera, Ground, Line, Scenario
+from neuro_drone.parts import Ball, Camera, Ground, Line
+from neuro_drone.scenario import Scenario
 from refused import refused
 
 POINTS = 100

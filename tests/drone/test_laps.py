@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from neuro_drone.ball import BallTask, hop
-from neuro_drone.body import GRAVITY, Kinematic
+from neuro_drone.body import Kinematic
 from neuro_drone.controllers import make
 from neuro_drone.env import ACTIONS, DroneEnv
 from neuro_drone.evaluate import Start, begin as begin_lap, fly_lap, grid
 from neuro_drone.geometry import CameraView, Pose
-from neuro_drone.line import LineTask
+from neuro_drone.parts import GRAVITY, Ball
 from neuro_drone.paths import FIXED, FlightCourse, Variation, hexagon, star
 from neuro_drone.report import axes
-from neuro_drone.scenario import NAMES, Ball, load
-from neuro_drone.tasks import border
+from neuro_drone.scenario import NAMES, load
+from neuro_drone.tasks import BallTask, LineTask, border, hop
 
 BALLS = [name for name in NAMES if load(name).kind == "ball" and "-" not in name]
 FEW, FEWER = settings(max_examples=25), settings(max_examples=12)

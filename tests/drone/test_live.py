@@ -9,8 +9,7 @@ import pytest
 from neuro import ModelError
 from neuro_drone.evaluate import grid
 from neuro_drone.live import fly_live
-from neuro_drone.pilot import pilot
-from neuro_drone.train import train
+from neuro_drone.train import pilot, train
 
 LAP = ("--controller", "centroid", "--scenario", "short.yaml", "--speed", "2")
 

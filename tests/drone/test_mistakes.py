@@ -15,8 +15,9 @@ from neuro_drone.controllers import make
 from neuro_drone.env import DroneEnv
 from neuro_drone.evaluate import grid
 from neuro_drone.model import Model
+from neuro_drone.parts import Drone
 from neuro_drone.paths import FlightCourse
-from neuro_drone.scenario import Drone, load
+from neuro_drone.scenario import load
 from neuro_drone.train import train
 from refused import refused
 

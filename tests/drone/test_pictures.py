@@ -7,7 +7,7 @@ import pytest
 
 from drones import SHORT
 from neuro_drone.evaluate import Start, try_out
-from neuro_drone.pictures import density, training, weight_maps, weights
+from neuro_drone.report import density, training, weight_maps, weights
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 

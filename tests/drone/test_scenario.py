@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, strategies as st
 
-from neuro_drone.scenario import NAMES, Ball, Camera, Drone, Ground, Line, Scenario, load
+from neuro_drone.parts import Ball, Camera, Drone, Ground, Line
+from neuro_drone.scenario import NAMES, Scenario, load
 
 
 def test_the_scenarios_that_come_along():

@@ -1,7 +1,5 @@
 """The page of a lap: what it holds, and what a browser makes of it."""
 
-import base64
-import json
 import re
 from dataclasses import replace
 from functools import partial
@@ -16,6 +14,7 @@ from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 from neuro_drone.watch import fly, page, watch
+from players import tracks_of
 from refused import refused
 
 START = (20.0, -15.0)
@@ -29,14 +28,6 @@ def model():
 @pytest.fixture(scope="module")
 def flight(model):
     return fly(model, Start(START))
-
-
-def data_of(text):
-    return json.loads(re.search(r'id="data">(.*?)</script>', text)[1])
-
-
-def column(data, name, kind):
-    return np.frombuffer(base64.b64decode(data[name]), kind)
 
 
 def test_listening_changes_nothing(model, flight):
@@ -65,31 +56,36 @@ def test_a_flight_in_the_wind_that_climbs():
     flight = fly(
         train(load("B60-height", wind={"speed": 3, "since": 2.5}, **changes), "static"), Start((0.0, 0.0, 8.0))
     )
-    data = data_of(page(flight))
-    winds, loads, talls = (column(data, name, "<f4") for name in ("winds", "loads", "talls"))
+    data = tracks_of(page(flight))
+    world, talls = data["world"], data["camera"]["talls"]
+    winds, loads = world["winds"], world["loads"]
     assert (winds[: 2 * 51] == 0.0).all()
     assert winds[2 * 51 + 1 :: 2] == pytest.approx(3.0)
     assert (loads[:101] == 0.0).all()
     assert loads[101:] == pytest.approx(0.05)
     assert talls[0] == pytest.approx(48.0)
-    assert column(data, "heights", "<f4") == pytest.approx(flight.heights, abs=1e-5)
+    assert world["heights"] == pytest.approx(flight.heights, abs=1e-5)
     assert np.ptp(flight.heights) > 0.1
     assert flight.actions.shape == (201, 3)
-    assert data["motors"] == ["right", "left", "backwards", "forward", "up", "down"]
-    assert [s["size"] for s in data["spikes"]] == [64, 6]
+    assert data["stick"]["motors"] == ["right", "left", "backwards", "forward", "up", "down"]
+    assert [s["size"] for s in data["raster"]["strips"]] == [64, 6]
 
 
 def test_the_page_holds_it(flight):
     text = page(flight)
-    data = data_of(text)
-    events, first = column(data, "events", "<u2"), column(data, "first", "<u4")
-    assert np.array_equal(events & 127, flight.x)
-    assert np.array_equal(events >> 7 & 127, flight.y)
-    assert np.array_equal(events >> 14, flight.p)
+    data = tracks_of(text)
+    events, first = data["camera"]["place"], data["camera"]["first"]
+    assert np.array_equal(events >> 1 & 127, flight.x)
+    assert np.array_equal(events >> 8, flight.y)
+    assert np.array_equal(events & 1, flight.p)
     assert np.array_equal(np.diff(first.astype(int)), flight.events)
-    assert np.allclose(column(data, "poses", "<f4").reshape(-1, 3), flight.poses, atol=1e-5)
-    assert (data["steps"], data["step"], data["ball"]) == (500, 20.0, 0.17)
-    assert [s["name"] for s in data["spikes"]] == ["cells", "motors"]
+    assert np.allclose(data["world"]["poses"].reshape(-1, 3), flight.poses, atol=1e-5)
+    assert (len(data["lap"]["lanes"][0]["lines"][0]["y"]), data["world"]["step"], data["world"]["ball"]) == (
+        501,
+        20.0,
+        0.17,
+    )
+    assert [s["name"] for s in data["raster"]["strips"]] == ["cells", "motors"]
     assert "static, which does not learn · weights frozen, no dopamine · the fixed path · 10.0 s, mean error" in text
     assert "network on" not in text
     assert "network on loihi" in page(replace(flight, backend="loihi"))
@@ -99,9 +95,9 @@ def test_the_page_holds_it(flight):
 def test_of_many_events_an_even_choice_is_shown_and_told(flight, monkeypatch):
     monkeypatch.setattr("neuro_drone.watch.MOST", len(flight.x) // 4 + 1)
     text = page(flight)
-    data = data_of(text)
-    assert np.array_equal(column(data, "events", "<u2") & 127, flight.x[::4])
-    first = column(data, "first", "<u4")
+    camera = tracks_of(text)["camera"]
+    assert np.array_equal(camera["place"] >> 1 & 127, flight.x[::4])
+    first = camera["first"]
     assert first[-1] == len(flight.x[::4])
     assert "one of every 4 events is shown" in text
 
@@ -129,7 +125,7 @@ const seen = [get("now").textContent];
 get("time").value = 250; get("time").oninput(); draw();
 seen.push(get("now").textContent, get("error").textContent);
 get("lap").onclick({offsetX: get("lap").clientWidth}); draw(); seen.push(get("now").textContent);
-get("play").onclick(); seen.push(get("play").textContent, String(at));
+get("play").onclick(); seen.push(get("play").textContent, String(now));
 get("play").onclick(); seen.push(get("play").textContent);
 dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowRight"})); draw(); seen.push(get("now").textContent);
 for (const name of ["world", "camera", "fields", "stick", "raster", "actions", "lap"]) {
@@ -163,13 +159,13 @@ def test_a_controller_without_neurons_on_a_line(tmp_path, chromium):
 
 
 def test_a_page_has_the_training_of_what_was_trained(flight):
-    assert data_of(page(flight))["training"] == {}
+    assert "training" not in tracks_of(page(flight))
     taught = train(SHORT, "lms", steps=1100)
-    data = data_of(page(replace(flight, model=taught)))["training"]
-    assert np.array_equal(column(data, "steps", "<f4"), np.cumsum(taught.history["steps"]))
-    assert column(data, "error", "<f4") == pytest.approx(taught.history["error_px"])
-    assert np.array_equal(column(data, "tested", "<f4"), taught.curve["steps"])
-    assert column(data, "frozen", "<f4") == pytest.approx(taught.curve["error_px"])
-    assert np.array_equal(column(data, "lost", "<u2"), taught.curve["lost"])
-    older = data_of(page(replace(flight, model=replace(taught, curve={}))))["training"]
-    assert set(older) == {"steps", "error"}
+    episodes, frozen, lost = tracks_of(page(replace(flight, model=taught)))["training"]["lanes"][0]["lines"]
+    assert np.array_equal(episodes["x"], np.cumsum(taught.history["steps"]))
+    assert episodes["y"] == pytest.approx(taught.history["error_px"])
+    assert np.array_equal(frozen["x"], taught.curve["steps"])
+    assert frozen["y"] == pytest.approx(taught.curve["error_px"])
+    assert np.array_equal(lost["x"], taught.curve["steps"][np.asarray(taught.curve["lost"]) > 0])
+    older = tracks_of(page(replace(flight, model=replace(taught, curve={}))))["training"]["lanes"][0]["lines"]
+    assert [line["style"] for line in older] == ["dots"]

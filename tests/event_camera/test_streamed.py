@@ -10,8 +10,8 @@ import pytest
 import neuro
 from event_tests import refusal
 from neuro.events import listen, send
-from neuro.events.errors import EventFileWarning
-from neuro.events.streams import _played
+from neuro.events.source import EventFileWarning
+from neuro.events.streams import _listener
 from seen import network, same_run
 
 HOST = "127.0.0.1"
@@ -28,7 +28,7 @@ def sent(monkeypatch):
         urls.put(stream.url)
         return stream
 
-    monkeypatch.setattr(_played, "listen", opened)
+    monkeypatch.setattr(_listener, "listen", opened)
 
     def to_come(events):
         thread = threading.Thread(target=lambda: send(urls.get(timeout=20.0), events, format="faery13"))

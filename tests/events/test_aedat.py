@@ -90,7 +90,7 @@ def test_where_the_header_ends():
     assert words((first, 1))[:1] == b"#"
     assert load(DAVIS + words((first, 1), (0, 13 << 8 | 10))).t.tolist() == [1, 13 << 8 | 10]
     text = b"#ab !cd\r\n#efghi\n"  # two words that are lines of text as well
-    assert Aedat2(Source(DAVIS + b"#End Of ASCII Header\r\n" + text))._start == len(DAVIS) + 22
+    assert Aedat2(Source(DAVIS + b"#End Of ASCII Header\r\n" + text)).start == len(DAVIS) + 22
     long = HEADER + b"".join(b"#<entry key=%d/>\r\n" % k for k in range(20_000)) + words((2, 5))
     for given_as in (long, io.BytesIO(long)):
         assert rows(load(given_as, name="a.aedat")) == [(5, 1, 0, 1)]
@@ -286,6 +286,14 @@ def test_fields_of_aedat3():
     events = load(header + packet([event(2**31 - 1, 32767, 32766)], overflow=2**31 - 1))
     assert rows(events) == [(2**62 - 1, 32767, 32766, 1)]
     assert events.sensor_size == (32768, 32767)
+
+
+def test_signed_times_of_aedat3():
+    back = HEADER3 + packet([event(4, 1, 2), event(-9, 3, 4)])
+    what = "event 1: time runs back from 4 to -9 us; load(..., sort=True) sorts the events"
+    assert refusal(load, back, name="a.aedat") == f"a.aedat: byte {len(HEADER3) + 36}: {what}"
+    assert load(back, sort=True).t.tolist() == [-9, 4]
+    assert load(HEADER3 + packet([event(-9, 1, 2), event(4, 3, 4)])).t.tolist() == [-9, 4]
 
 
 def test_first_of_several_cameras():

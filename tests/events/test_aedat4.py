@@ -17,8 +17,7 @@ from event_tests import damage_is_told, read_pieces, refusal
 from neuro.core.extras import install
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
 from neuro.events.formats import aedat4
-from neuro.events.formats._aedat4_packet import RECORD
-from neuro.events.formats.aedat4 import Aedat4
+from neuro.events.formats.aedat4 import RECORD, Aedat4
 from neuro.events.source import Source
 
 FILES = ["dvxplorer_lite_320x240.aedat4", "davis346_aestream.aedat4", "davis346_small.aedat4"]

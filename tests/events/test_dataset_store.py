@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import h5py
@@ -95,6 +96,45 @@ def test_damaged_samples(folder, tmp_path):
     )
 
 
+def test_samples_that_changed_are_not_taken_for_those_stored(folder, tmp_path):
+    data, out = Dataset(folder), tmp_path / "o.h5"
+    data.to_hdf5(out, jobs=1)
+    (folder / "Train/1/4.bin").write_bytes(word(7) + word(8))
+    text = "was made of samples that have changed since, or by neuro 0.2.0; expected a new name"
+    assert refusal(Dataset(folder).to_hdf5, out, jobs=1) == f"{out}: {text}"
+    assert refusal(Dataset(folder).cached, out, jobs=1) == f"{out}: {text}"
+    with h5py.File(data.to_hdf5(tmp_path / "new.h5", jobs=1).path) as file:
+        assert file["1/4"]["ts"].tolist() == [7, 8]
+
+
+def test_a_sample_that_changed_is_converted_anew_where_a_kill_is_gone_on_with(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(_store, "_join", lambda *words: pytest.fail("as a kill would"))
+    data, out = Dataset(folder), tmp_path / "o.h5"
+    with pytest.raises(pytest.fail.Exception):
+        data.to_hdf5(out, jobs=1)
+    monkeypatch.undo()
+    (folder / "Train/1/4.bin").write_bytes(word(7) + word(8))
+    with h5py.File(data.to_hdf5(out, jobs=1).path) as file:
+        assert file["1/4"]["ts"].tolist() == [7, 8]
+
+
+def test_a_zip_tells_changes_by_check_sums(folder, tmp_path):
+    packed = tmp_path / "set.zip"
+
+    def pack(first):
+        with zipfile.ZipFile(packed, "w") as archive:
+            archive.writestr("Train/0/0.bin", word(first))
+            archive.writestr("Train/1/0.bin", word(2))
+
+    pack(1)
+    out = tmp_path / "o.h5"
+    first = Dataset(packed).to_hdf5(out, jobs=1)
+    pack(1)
+    assert Dataset(packed).to_hdf5(out, jobs=1) == first
+    pack(9)
+    assert "was made of samples that have changed since" in refusal(Dataset(packed).to_hdf5, out, jobs=1)
+
+
 def test_a_folder_of_another_conversion_is_left_alone(folder, tmp_path):
     parts = tmp_path / "o.h5.parts"
     data = Dataset(folder)
@@ -159,7 +199,10 @@ def test_after_a_kill_the_same_call_goes_on(folder, tmp_path):
     assert len(done) >= 5
     (parts / ".00000099.1.part").write_bytes(b"half")
     (parts / "00000099.h5").write_bytes(b"cut by a crash of the machine")
-    Dataset(folder).samples[min(done)].read.__self__.write_bytes(b"not read again")
+    not_read_again = Dataset(folder).samples[max(done)].read.path
+    before = not_read_again.stat()
+    not_read_again.write_bytes(bytes(before.st_size))
+    os.utime(not_read_again, ns=(before.st_atime_ns, before.st_mtime_ns))
     seen = []
     stored = Dataset(folder).to_hdf5(out, jobs=1, report=lambda *what: seen.append(what))
     assert seen[0] == ("reading", len(done), 30)

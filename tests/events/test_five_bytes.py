@@ -8,8 +8,7 @@ from hypothesis import given, strategies as st
 
 from event_tests import read_pieces, refusal, rows
 from neuro.events import EventFileError, EventFileWarning, Events, load, save
-from neuro.events.formats.event_stream import LONGEST_GAP, EventStream, generic
-from neuro.events.formats.nmnist import Bin
+from neuro.events.formats.event_stream import LONGEST_GAP, Bin, EventStream, generic
 from neuro.events.source import Source
 
 GENERIC = b"Event Stream\x02\x00\x00\x00"

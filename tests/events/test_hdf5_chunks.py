@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 import neuro.events.files as files
 from event_tests import refusal
 from neuro.events import EVENT, EventFileError, load, stream
-from neuro.events.formats import _hdf5_chunks
+from neuro.events.formats import _hdf5_recording
 
 N = 60
 K = np.arange(N)
@@ -144,8 +144,8 @@ def test_load_and_stream_agree(options, monkeypatch):
 def test_chunks_are_looked_up_one_by_one_only_where_one_is_damaged(monkeypatch):
     """HDF5 goes through all before one to find it: the square of their number for a whole file."""
     asked = []
-    whole = _hdf5_chunks.chunks_whole
-    monkeypatch.setattr(_hdf5_chunks, "chunks_whole", lambda *given: asked.append(given[1:]) or whole(*given))
+    whole = _hdf5_recording.chunks_whole
+    monkeypatch.setattr(_hdf5_recording, "chunks_whole", lambda *given: asked.append(given[1:]) or whole(*given))
     data, chunks = rows_file()
     assert len(read(data)) == N
     assert asked == []

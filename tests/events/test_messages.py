@@ -14,9 +14,8 @@ from event_tests import refusal
 from neuro import events
 from neuro.events import DVS, EventFileError, Events, dvs_events, filters, frames_of, load, msd_segments, save
 from neuro.events.filters import Flip, Scale, Shift, ShotNoise, Transpose, chain, hot_pixels
-from neuro.events.pictures import gif
+from neuro.events.pictures import gif, view
 from neuro.events.representations import LeakySurface, TimeSurface
-from neuro.events.view import view
 
 SIZE = (9, 6)
 FOUR = Events([1, 2, 3, 4], [0] * 4, [0] * 4, [1] * 4, (7, 5))

@@ -16,7 +16,7 @@ from hypothesis import given, settings, strategies as st
 
 from neuro import ModelError
 from neuro.events import Events, StreamCounts, filters, listen, representations, save, send
-from neuro.events.streams import _ring_kernel as ring_kernel
+from neuro.events.streams import _kernels as ring_kernel
 from neuro.events.streams._codings import CODINGS
 from neuro.events.streams._sender import channel, paced
 
@@ -106,7 +106,7 @@ def timed(request):
 @given(events=recordings(), datagram=st.sampled_from([16, 40, 200, 1400]))
 def test_any_recording_comes_back(timed, events, datagram):
     """In time, too: but for what its clock cannot tell, and for a clock that falls back between two recordings."""
-    from neuro.events.streams._coding_kernels import ADDED, CLOCK
+    from neuro.events.streams._kernels import ADDED, CLOCK
 
     timed._facts[[CLOCK, ADDED]] = 0  # as a stream that begins
     got = through(timed, events, timed.format, datagram=datagram)
@@ -208,7 +208,7 @@ def test_a_clock_that_jumps_is_believed_when_the_next_event_agrees():
 
 def test_a_sender_that_begins_anew_after_moments_is_recognised():
     """A recording of 50 ms in a loop: what is left out before it is recognised is counted."""
-    from neuro.events.streams._coding_kernels import AGAIN
+    from neuro.events.streams._kernels import AGAIN
 
     events = some(2000, span=50_000)
     with open_udp("faery13") as stream:

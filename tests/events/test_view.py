@@ -15,8 +15,7 @@ from event_tests import refusal
 from neuro.core.errors import ModelError
 from neuro.events import Events, save
 from neuro.events.info import info
-from neuro.events.pictures import gif
-from neuro.events.view import view
+from neuro.events.pictures import gif, view
 
 
 @pytest.fixture

@@ -97,7 +97,7 @@ def agent(path, seed):
     from gymnasium.spaces import Box, Discrete
 
     import neuro_agent
-    from neuro_agent.worlds import remember
+    from neuro_agent.environments import remember
 
     spaces = Box(-1.0, 1.0, (4,)), Discrete(2)
     neuro_agent.ActorCritic(*spaces, critics=5, explore=20, seed=seed).save(path)
@@ -244,10 +244,10 @@ def writers():
     table = {
         "run": (".h5", command(*run), results, part_of_results),
         "live": (".h5", live, results, part_of_results),
-        "report": (".html", command("report", "{seed}/run.h5", "--out", "{out}"), sealed("neuro.report.page")),
+        "report": (".html", command("report", "{seed}/run.h5", "--out", "{out}"), sealed("neuro.pages.report")),
         "plot": (".png", command("plot", "{seed}/run.h5", "--out", "{folder}")),
         "compare": (".html", command(*compare, "--html", "{out}"), sealed("neuro.compare.report")),
-        "doctor": (".html", doctor, sealed("neuro.diagnosis.page")),
+        "doctor": (".html", doctor, sealed("neuro.diagnosis.diagnosis")),
         "sweep table": (".csv", command("sweep", "table", "{seed}/sweep", "--out", "{out}")),
         "sweep page": (".html", command("sweep", "page", "{seed}/sweep", "--out", "{out}")),
         "sonata": (".json", command("convert", "{seed}/net.yaml", "{out}")),
@@ -272,7 +272,11 @@ def writers():
         ),
         "frames": (".npz", command("events", "frames", "{seed}/rec.npz", "{out}", "--force")),
         "gif": (".gif", command("events", "gif", "{seed}/rec.npz", "{out}", "--force")),
-        "view": (".html", command("events", "view", "{seed}/rec.npz", "--out", "{out}"), sealed("neuro.events.view")),
+        "view": (
+            ".html",
+            command("events", "view", "{seed}/rec.npz", "--out", "{out}"),
+            sealed("neuro.events.pictures"),
+        ),
     }
     if find_spec("nir"):
         table["nir"] = (".nir", command("convert", "{seed}/lif.yaml", "{out}"))

@@ -13,10 +13,9 @@ import pytest
 
 import neuro
 from neuro import ModelError
+from neuro.live.commands import Pace
 from neuro.live.facts import about
-from neuro.live.frames import MOST_SPIKES, Frames, smaller
-from neuro.live.pace import Pace
-from neuro.live.weights import weights_of
+from neuro.live.frames import MOST_SPIKES, Frames, smaller, weights_of
 from running_page import Running, network, until
 
 
@@ -343,7 +342,7 @@ def test_what_is_reset_elsewhere_begins_anew(websockets):
 
 def test_pace_keeps_real_time_and_catches_nothing_up(monkeypatch):
     clock = [100.0]
-    monkeypatch.setattr("neuro.live.pace.time.perf_counter", lambda: clock[0])
+    monkeypatch.setattr("neuro.live.commands.time.perf_counter", lambda: clock[0])
     pace = Pace(2.0)
     assert pace.wait_s(0.0) == 0.0
     assert pace.wait_s(20.0) == pytest.approx(0.01)

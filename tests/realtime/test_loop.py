@@ -20,8 +20,8 @@ from neuro import ModelError
 from neuro.core.inputs import digest_of
 from neuro.events import Events, listen, save, send
 from neuro.realtime import Histogram, LiveRun, Loop, Player, empty_loop
-from neuro.realtime.inlet import Inlet
-from neuro.rerun.again import rerun
+from neuro.realtime.sources import Inlet
+from neuro.rerun import rerun
 
 SIZE = 16, 12
 

@@ -10,6 +10,7 @@ from matplotlib.image import imread
 
 from neuro.events import Events, save
 from neuro_recognise.detection.boxes import read_boxes
+from players import tracks_of
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +87,7 @@ def test_an_empty_recording_has_no_objects(neuro, made):
 
 def page_of(path):
     text = path.read_text("utf-8")
-    return json.loads(re.search(r'id="data">(.*?)</script>', text)[1]), text
+    return tracks_of(text)["events"], text
 
 
 def test_boxes_that_are_found_and_given_on_one_page(neuro, made):

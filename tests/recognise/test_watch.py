@@ -1,7 +1,5 @@
 """The page of a recording: what it holds, and what a browser makes of it."""
 
-import base64
-import json
 import re
 from dataclasses import replace
 from functools import partial
@@ -11,16 +9,17 @@ import pytest
 from matplotlib.image import imread
 
 from neuro.events import Events, recordings, save
-from neuro_recognise.deciding.learn_early import learn_early
 from neuro_recognise.detection.boxes import Boxes
 from neuro_recognise.detection.report import page as boxes_page
+from neuro_recognise.early import learn_early
 from neuro_recognise.method import Course, Pictures, TrialView
-from neuro_recognise.methods.hats import Hats
+from neuro_recognise.methods.descriptor import Hats
 from neuro_recognise.observations import observed
-from neuro_recognise.parts.encoders import Latency, LogLatency
+from neuro_recognise.parts.frames import Latency, LogLatency
 from neuro_recognise.recogniser import fit, method_of
-from neuro_recognise.telling.tried import predict_files
+from neuro_recognise.telling.report import predict_files
 from neuro_recognise.telling.watch import decisions, page, watch
+from players import tracks_of
 from refused import refused
 
 
@@ -61,35 +60,28 @@ def text(made, events):
     return page(made, "1.bin", events, decisions(made, events, 0.3, "event"), views, 0.3)
 
 
-def data_of(text):
-    return json.loads(re.search(r'id="data">(.*?)</script>', text)[1])
-
-
-def column(data, name, kind):
-    return np.frombuffer(base64.b64decode(data[name]), kind)
-
-
 def test_the_page_holds_it(made, events, text):
-    data = data_of(text)
-    for name, kind in (("x", "<u2"), ("y", "<u2"), ("p", "u1")):
-        assert np.array_equal(column(data, name, kind), getattr(events, name))
-    assert np.array_equal(column(data, "t", "<u4"), events.t - events.t[0])
-    at = column(data, "at", "<f4")
+    data = tracks_of(text)
+    seen, bars, curve = data["events"], data["bars"], data["curve"]
+    assert np.array_equal(seen["place"], 2 * (34 * events.y.astype(int) + events.x) + events.p)
+    assert np.array_equal(seen["t"], events.t - events.t[0])
+    at = curve["lanes"][0]["lines"][0]["x"]
     length = (events.t[-1] - events.t[0]) / 1000
     assert at == pytest.approx([5, 10, 15, 20, 25, 30, 35, length])
     expected = made.scores_at(events, at.astype(float))
-    assert column(data, "scores", "<f4").reshape(-1, 2) == pytest.approx(expected, rel=1e-5)
-    assert data["labels"] == expected.argmax(1).tolist()
+    above_mean = expected - expected.mean(axis=1, keepdims=True)
+    assert bars["values"].reshape(-1, 2) == pytest.approx(above_mean, rel=1e-5)
+    assert bars["lit"].reshape(-1, 2).argmax(1).tolist() == expected.argmax(1).tolist()
     said = decisions(made, events, 0.3, "event")
-    assert data["stop"] == [one.settled for one in said].index(True)
-    assert data["classes"] == list(made.classes)
-    seen, spikes = data["views"]
+    stop = next(one for one in said if one.settled)
+    assert curve["stop"]["at"] == stop.after_ms
+    assert bars["labels"] == list(made.classes)
+    seen, spikes = data["view0"], data["view1"]
     assert seen["rows"] == seen["columns"] == 5 * 7
-    assert column(seen, "at", "<f4").tolist() == [10, 20, 30, 40]
-    assert column(seen, "images", "u1").reshape(4, -1).max(axis=1)[-1] > 0
-    assert column(spikes, "ends", "<u4").tolist() == [0, 3, 5]
-    assert spikes["told"] == ["first", "second"]
-    stop = said[data["stop"]]
+    assert seen["at"].tolist() == [10, 20, 30, 40]
+    assert seen["values"].reshape(4, -1).max(axis=1)[-1] > 0
+    assert spikes["ends"].tolist() == [0, 3, 5]
+    assert spikes["notes"] == ["none yet", "1 of 2, from 10 ms · first", "2 of 2, from 30 ms · second"]
     assert f"&lt;standing&gt;, settled after {stop.after_ms:.0f} of {length:.0f} ms for an error of 30.0%" in text
     assert "http" not in text.replace("http-equiv", "")
     assert "<standing>" not in text
@@ -100,14 +92,14 @@ def test_without_a_rule_the_whole_decides(made, events):
     said = decisions(plain, events, None, "event")
     assert len(said) in (60, 61)
     text = page(plain, "1.bin", events, said)
-    assert data_of(text)["stop"] == -1
+    assert "stop" not in tracks_of(text)["curve"]
     assert "&lt;standing&gt;, unchanged since" in text
 
 
 def test_of_many_events_an_even_choice_is_shown(made, events, monkeypatch):
     monkeypatch.setattr("neuro_recognise.telling.watch.MOST", 101)
     text = page(made, "1.bin", events, decisions(made, events, None, "event"))
-    assert np.array_equal(column(data_of(text), "x", "<u2"), events.x[::4])
+    assert np.array_equal((tracks_of(text)["events"]["place"] >> 1) % 34, events.x[::4])
     assert "one of every 4 events is shown" in text
 
 
@@ -166,7 +158,7 @@ for (const name of ["events", "view0", "view1", "bars", "curve"]) {
   const c = get(name), image = c.getContext("2d").getImageData(0, 0, c.width, c.height);
   seen.push(name + (new Set(new Uint32Array(image.data.buffer)).size > 3 ? " drawn" : " empty"));
 }
-get("curve").onclick({offsetX: 4}); draw(); seen.push(get("now").textContent, get("says").textContent);
+get("curve").onclick({offsetX: 4}); draw(); seen.push(get("now").textContent, get("barsNote").textContent);
 document.title = seen.join("|");
 </script></body>"""
 
@@ -190,7 +182,7 @@ for (const ms of [0, 12, 29, 40]) {
   go(ms); draw();
   lines.push([...get("rows").rows].map(row => [...row.cells].map(cell => cell.textContent).join(" ")).join(" & "));
 }
-lines.push(["sums", "curve"].map(id => get(id).clientHeight).join(" "));
+lines.push(["bars", "curve"].map(id => get(id)?.clientHeight ?? 0).join(" "));
 document.title = lines.join("|");
 </script></body>"""
 

@@ -10,12 +10,11 @@ from matplotlib.image import imread
 
 from neuro.events import Events, recordings, save
 from neuro_recognise import Recogniser, fit
+from neuro_recognise.energy import bills
 from neuro_recognise.method import Progress
 from neuro_recognise.methods import method_of
-from neuro_recognise.telling.energy import bills
-from neuro_recognise.telling.report import LearningBar
-from neuro_recognise.telling.tried import try_out
-from neuro_remus import page
+from neuro_recognise.telling.report import LearningBar, try_out
+from neuro_remus import demo
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +62,7 @@ def model(trained, tmp_path):
 def test_the_page_of_the_demonstration(trained, folder, tmp_path, capsys):
     made, unseen = Recogniser.load(trained), recordings(folder, part="Test")
     tried = try_out(made, unseen)
-    page.write(tmp_path / "index.html", made, {"remus": (tried, bills(tried, ["loihi", "cpu"]))})
+    demo.write_page(tmp_path / "index.html", made, {"remus": (tried, bills(tried, ["loihi", "cpu"]))})
     text = (tmp_path / "index.html").read_text("utf-8")
     assert f'<h3>right, remus</h3><p class="big">{tried.own.accuracy:.1%}</p>' in text
     assert text.count("<img ") == 3  # what it looks for, the curve, what it takes for what

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.image import imread
 
 import neuro
-from neuro.report.page import page
+from neuro.pages.report import page
 from neuro.run.collect import collect
 
 

@@ -10,11 +10,10 @@ from hypothesis import example, given, strategies as st
 import neuro
 from neuro.files import results
 from neuro.files.finished_runs import energy
+from neuro.pages.curves import curves, few, prefixed, rates, ticks
 from neuro.pages.histograms import histogram
 from neuro.pages.raster import packed
-from neuro.pages.scales import few, prefixed, ticks
-from neuro.report.curves import curves, rates
-from neuro.report.page import page
+from neuro.pages.report import page
 from neuro.run.collect import collect
 from rasters import Page, unpacked
 

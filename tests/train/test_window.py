@@ -8,7 +8,7 @@ import pytest
 import neuro as snn
 from neuro import ModelError
 from neuro.events import Events, recordings, save
-from neuro.events.window import windowed
+from neuro.events.parts import windowed
 from neuro_models import path as path_of
 from neuro_train.data import show
 from neuro_train.plan import TrainingPlan

@@ -17,10 +17,10 @@ from neuro import ModelError
 from neuro.apps import unknown
 from neuro_drone.controllers.deep import DDPG, DQN, DDPGSettings, Deep, DQNSettings
 from neuro_drone.controllers.ppo import PPO, PPOSettings
-from neuro_drone.controllers.settings import ControllerSettings
 from neuro_drone.controllers.simple import (
     LMS,
     Centroid,
+    ControllerSettings,
     Gain,
     LMSSettings,
     Nothing,

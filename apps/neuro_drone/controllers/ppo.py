@@ -14,11 +14,8 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import setting
-from neuro_drone.controllers.deep import Deep, DeepSettings, Spaces, alone, needed
-from neuro_drone.controllers.dense import Dense, Floats, Singles
+from neuro_drone.controllers.deep import Deep, DeepSettings, Dense, Floats, Singles, Spaces, alone, needed
 from neuro_drone.scenario import Scenario
-
-__all__ = ["PPO", "PPOSettings"]
 
 ADAM = {"fused": True, "eps": 1e-5}
 """Source: stable-baselines3, `ActorCriticPolicy`."""

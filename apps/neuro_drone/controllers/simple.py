@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import Field, dataclass, field
 from functools import partial
 from math import atan, pi, sqrt
 from typing import Any
@@ -17,27 +17,111 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import setting
-from neuro_drone.controllers.fields import DOWN, RIGHT, UNIT, shares
-from neuro_drone.controllers.settings import ControllerSettings, each_axis
+from neuro.apps import Quantity, Settings, check, setting
+from neuro_drone.geometry import AIM
 from neuro_drone.parts import Ball, Line
 from neuro_drone.scenario import Scenario
 
-__all__ = [
-    "LMS",
-    "Centroid",
-    "Fixed",
-    "Gain",
-    "LMSSettings",
-    "LinearPolicy",
-    "Nothing",
-    "NothingSettings",
-    "Oracle",
-    "RandomSearch",
-    "RandomSearchSettings",
-    "centroid",
-    "finder",
-]
+
+@dataclass(frozen=True)
+class ControllerSettings(Settings):
+    """Base of the settings of controllers; a `gain` may be one number for all axes, or a list of one for each.
+
+    Attributes:
+        name: of the controller, for messages.
+    """
+
+    name: str = field(default="", kw_only=True, metadata={"fixed": True})
+
+    def place(self) -> str:
+        """Return the controller with its name."""
+        return f"controller '{self.name}'"
+
+    def checked(self, one: Field[Any], q: Quantity, value: Any, what: str) -> Any:
+        """Return a value, or of a `gain` one for each axis; see `Settings.checked`."""
+        if one.name != "gain":
+            return super().checked(one, q, value, what)
+        if isinstance(value, (list, tuple)) and len(value) in (2, 3):
+            return tuple(check(q, each, f"{what}[{k}]") for k, each in enumerate(value))
+        try:
+            return super().checked(one, q, value, what)
+        except ModelError as error:
+            raise ModelError(f"{error.message} or a list of two or three, one an axis", hint=error.hint) from None
+
+
+def each_axis(name: str, value: float | tuple[float, ...], axes: int) -> npt.NDArray[np.float64]:
+    """Return the value of a setting for each axis, (axes,).
+
+    Args:
+        name: of the setting, for messages.
+        value: of it.
+        axes: of the scenario.
+
+    Raises:
+        ModelError: it is a list, and not of one for each.
+    """
+    if isinstance(value, tuple) and len(value) != axes:
+        raise ModelError(f"{name} = {list(value)}: expected a number or a list of {axes}, one an axis")
+    return np.broadcast_to(np.asarray(value, float), axes)
+
+
+UNIT = 64.0
+"""Pixels that an error of 1 stands for: half of the picture."""
+
+_MIDDLES = (16.0 * np.arange(8) + 7.5 - AIM) / UNIT
+RIGHT: npt.NDArray[np.float64] = np.tile(_MIDDLES, (8, 1))
+"""(8, 8), how far the middle of each field lies to the right of the aim, in units of 64 px."""
+DOWN: npt.NDArray[np.float64] = np.ascontiguousarray(RIGHT.T)
+"""(8, 8), how far it lies below it."""
+
+AWAY: npt.NDArray[np.float64] = np.hypot(RIGHT, DOWN)
+"""(8, 8), how far it lies from the aim."""
+
+
+def shares(counts: npt.NDArray[Any], coding: str) -> npt.NDArray[np.float64]:
+    """How the events are spread over the fields, whatever their number.
+
+    Args:
+        counts: (8, 8) events in each field.
+        coding: shares (of all events) or rows (of the events of the field's row, over 8). A line crosses all rows:
+            its mean place in each tells where it is and how it leans, however many events the row has. Or peaks (of
+            the events beyond twice the mean of all fields): textured ground makes events everywhere, a target in few.
+
+    Returns:
+        (64,), 1 in all; rows without events are 0, and all where no field has a peak.
+    """
+    if coding == "peaks":
+        counts = np.maximum(counts - 2.0 * counts.mean(), 0.0)
+    spread: npt.NDArray[np.float64]
+    if coding == "rows":
+        n = counts.sum(axis=1, keepdims=True) * len(counts)
+        spread = counts / np.where(n > 0, n, 1)
+    else:
+        spread = counts / (counts.sum() or 1)
+    return spread.ravel()
+
+
+def pattern(scenario: Scenario, shape: str) -> npt.NDArray[np.float64]:
+    """How strongly each field speaks for the positive direction of each axis, as a person would set it.
+
+    Args:
+        scenario: of a ball, whose axes are right and down, and the third its size: what is farther from the aim than
+            the outline of a ball as tall as wanted speaks for up; or of a line, whose second axis is its lean: what
+            is right above the aim or left below it leans to the right.
+        shape: sign (by the side only) or linear (in the distance).
+
+    Returns:
+        (64, axes), in [-1, 1].
+
+    Source: thesis, section 7.3.8 ("static weights set with human knowledge"), which prints no values.
+    """
+    second = -RIGHT * DOWN if isinstance(scenario.task, Line) else DOWN
+    axes = [RIGHT, second]
+    if scenario.axes == 3 and isinstance(scenario.task, Ball):
+        axes.append(AWAY - 0.5 * scenario.task.tall / UNIT)
+    wished = np.stack([one.ravel() for one in axes], axis=1)
+    return np.sign(wished) if shape == "sign" else wished / np.abs(wished).max(axis=0)
+
 
 Floats = npt.NDArray[np.float64]
 Find = Callable[[npt.NDArray[Any]], Floats]
@@ -137,18 +221,13 @@ def centroid(counts: npt.NDArray[Any], line: bool = False, tall: float | None = 
         return np.zeros(2 if tall is None else 3)
     x, y = n @ _X / total, n @ _Y / total
     if tall is not None:
-        return np.array((x, y, _tall(n / total, x, y) / tall - 1.0))
+        around = float(n @ (_X**2 + _Y**2) / total) - x * x - y * y  # of the circle with its events in these fields
+        return np.array((x, y, 2.0 * sqrt(max(0.0, around - 2.0 * FIELD**2 / 12.0)) / tall - 1.0))
     if not line:
         return np.array((x, y))
     spread = n @ (_Y - y) ** 2
     slope = n @ ((_X - x) * (_Y - y)) / spread if spread > 0.0 else 0.0
     return np.array((x - slope * y, -atan(slope) / (0.5 * pi)))
-
-
-def _tall(shares: npt.NDArray[Any], x: float, y: float) -> float:
-    """How tall the circle around a place is whose outline has its events in these fields, in units of 64 px."""
-    around = float(shares @ (_X**2 + _Y**2)) - x * x - y * y
-    return 2.0 * sqrt(max(0.0, around - 2.0 * FIELD**2 / 12.0))
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,9 @@ import numpy.typing as npt
 
 import neuro
 from neuro.apps import setting
-from neuro_drone.controllers.fields import pattern, shares
-from neuro_drone.controllers.settings import ControllerSettings, each_axis
+from neuro_drone.controllers.simple import ControllerSettings, each_axis, pattern, shares
 from neuro_drone.scenario import Scenario
 from neuro_models import names, path as network_path
-
-__all__ = ["Spiking", "SpikingSettings"]
 
 Floats = npt.NDArray[np.float64]
 CELLS, MOTORS = "cells", "motors"
@@ -159,7 +156,8 @@ class Spiking:
 
     def learnt(self) -> dict[str, npt.NDArray[Any]]:
         """The weights of each projection, in the form of `Simulation.weights`."""
-        return {p.name: _values(self.sim.weights(p.name)).copy() for p in self.sim.program.projections}
+        weights = {part.name: self.sim.weights(part.name) for part in self.sim.program.projections}
+        return {name: np.array(each[2] if isinstance(each, tuple) else each) for name, each in weights.items()}
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """The whole state of the simulation, as the bytes of the file that it saves."""
@@ -190,11 +188,6 @@ def static(net: neuro.Network) -> neuro.Network:
     other.projections = {name: replace(p, synapse=neuro.static()) for name, p in net.projections.items()}
     other.signals = {}
     return other
-
-
-def _values(weights: Any) -> npt.NDArray[Any]:
-    """What `Simulation.set_weights` takes of what `Simulation.weights` gives."""
-    return np.asarray(weights[2] if isinstance(weights, tuple) else weights)
 
 
 def _load(settings: SpikingSettings, axes: int) -> neuro.Network:

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import console, output, table, write_picture
+from neuro.apps import console, html, player, table, write_picture
 from neuro.events import Events
 from neuro_recognise.detection.boxes import COLOURS, UNKNOWN, Boxes, read_boxes, write_boxes
-from neuro_recognise.detection.detector import Detector
-from neuro_recognise.detection.measures import DetectionTrial
+from neuro_recognise.detection.detector import DetectionTrial, Detector
 from neuro_recognise.detection.scenes import Scenes
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.telling.watch import PAGE, check_page, filled, shown, watchable
+from neuro_recognise.telling.watch import length_ms, played, shown, span_note, watchable, write
 
 
 def watch_objects(
@@ -41,13 +41,14 @@ def watch_objects(
             empty.
         EventFileError: the recording is damaged.
     """
-    check_page(out)
-    with output(out, PAGE) as part:
+
+    def make() -> tuple[str, str]:
         events = watchable(recording)
         there = Boxes.of([]) if given is None else read_boxes(given, recogniser.classes)
         found = Detector(recogniser, backend=backend).detect(events) if find else Boxes.of([])
-        part.write_text(PAGE.seal(page(events, found, recogniser.classes, recording.name, there)), "utf-8")
-    return ", ".join(_told(found, there))
+        return page(events, found, recogniser.classes, recording.name, there), ", ".join(_told(found, there))
+
+    return write(out, make)
 
 
 def page(events: Events, found: Boxes, classes: Sequence[str], title: str, given: Boxes | None = None) -> str:
@@ -61,10 +62,22 @@ def page(events: Events, found: Boxes, classes: Sequence[str], title: str, given
         given: other boxes, drawn in dashes.
     """
     there = Boxes.of([]) if given is None else given
-    data, about = shown(events)
-    first = int(events.t[0]) if len(events) else 0
-    boxes = [*_rows(found, classes, first, ""), *_rows(there, classes, first, "given")]
-    return filled(title, [*_told(found, there), *about], {**data, "boxes": boxes, "colours": COLOURS})
+    first, end = int(events.t[0]) if len(events) else 0, max(1.0, length_ms(events))
+    boxes = [*_rows(found, classes, first, end, ""), *_rows(there, classes, first, end, "given")]
+    data, about = shown(events, end, 6, 50.0)
+    seen = player.Track("objects", "events", "events of the sensor", {**data, "boxes": boxes, "colours": COLOURS}, 520)
+    heads = ("", "class", "score", "left, top, right, bottom, px")
+    head = html.tag("thead", html.tag("tr", *(html.tag("th", each) for each in heads)))
+    objects = html.tag("table", head, html.tag("tbody", id="rows"))
+    top = [
+        player.Panel("Events", [seen], span_note(data["span"])),
+        player.Panel("Objects", [], "in view now", content=objects),
+    ]
+    moments = np.unique([one["start"] for one in boxes])
+    script = files("neuro_recognise.detection").joinpath("objects.js").read_text("utf-8")
+    columns = "minmax(0, 2fr) minmax(0, 1fr)"
+    words, controls = [*_told(found, there), *about], player.Panel("", [], controls=True)
+    return played(title, words, end, moments, top, controls, columns, script=script)
 
 
 def _told(found: Boxes, given: Boxes) -> list[str]:
@@ -79,17 +92,21 @@ def _counted(boxes: Boxes, how: str) -> str:
     return f"{objects} {'object' if objects == 1 else 'objects'} in {len(boxes)} boxes {how}"
 
 
-def _rows(boxes: Boxes, classes: Sequence[str], first: int, kind: str) -> list[dict[str, Any]]:
-    """Times in ms from the first event on."""
+def _rows(boxes: Boxes, classes: Sequence[str], first: int, end: float, kind: str) -> list[dict[str, Any]]:
+    """Times in ms from the first event on; a box holds until the next ones, but for a long pause."""
+    starts, stops = (boxes.start - first) / 1000.0, (boxes.stop - first) / 1000.0
+    later = np.append(np.unique(starts), 1e12)
+    following = later[np.searchsorted(later[:-1], stops - 1e-6, "right")]
+    until = np.where((stops >= end) | (following - stops <= stops - starts), following, stops)
     return [
         {
-            "start": (start - first) / 1000.0, "stop": (stop - first) / 1000.0, "id": identity, "kind": kind,
+            "start": start, "until": last, "id": identity, "kind": kind,
             "name": "?" if label == UNKNOWN else classes[label], "score": round(score, 3),
             "box": [round(side, 2) for side in box],
         }
-        for start, stop, identity, label, score, box in zip(
-            boxes.start.tolist(), boxes.stop.tolist(), boxes.identity.tolist(), boxes.label.tolist(),
-            boxes.score.tolist(), boxes.box.tolist(), strict=True,
+        for start, last, identity, label, score, box in zip(
+            starts.tolist(), until.tolist(), boxes.identity.tolist(), boxes.label.tolist(), boxes.score.tolist(),
+            boxes.box.tolist(), strict=True,
         )
     ]  # fmt: skip
 
@@ -137,14 +154,21 @@ def write_found(path: Path, events: Events, boxes: Boxes, classes: Sequence[str]
 
         write_picture(path, boxes_on_frames(events, boxes, classes, title))
     else:
-        with output(path, PAGE) as part:
-            part.write_text(PAGE.seal(page(events, boxes, classes, title)), "utf-8")
+        write(path, lambda: (page(events, boxes, classes, title), ""))
 
 
 def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:
     """Print one line for each object, or all boxes as JSON."""
     if as_json:
-        print(json.dumps({"format": FORMAT, "boxes": [_words(boxes, k, classes) for k in range(len(boxes))]}, indent=1))
+        columns = (boxes.start, boxes.stop, boxes.identity, boxes.label, boxes.score, boxes.box.round(2))
+        each = [
+            {
+                **{"start_us": start, "stop_us": stop, "identity": identity},
+                **{"class": None if label == UNKNOWN else classes[label], "score": score, "box": box},
+            }
+            for start, stop, identity, label, score, box in zip(*(part.tolist() for part in columns), strict=True)
+        ]
+        print(json.dumps({"format": FORMAT, "boxes": each}, indent=1))
         return
     if not len(boxes):
         print("no objects found")
@@ -153,8 +177,10 @@ def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:
     for number in np.unique(boxes.identity):
         of = boxes[boxes.identity == number]
         when = f"{of.start[0] / 1000:.0f} to {of.stop[-1] / 1000:.0f} ms"
-        way = f"{_place(of.box[0])} to {_place(of.box[-1])}"
-        rows.append((f"#{number}", _name(int(of.label[-1]), classes), f"{of.score[-1]:.2f}", when, len(of), way))
+        middles = (of.box[[0, -1], :2] + of.box[[0, -1], 2:]) / 2
+        way = " to ".join(f"{x:.0f}, {y:.0f}" for x, y in middles)
+        name = "unknown" if of.label[-1] == UNKNOWN else classes[of.label[-1]]
+        rows.append((f"#{number}", name, f"{of.score[-1]:.2f}", when, len(of), way))
     console().print(table(("object", "class", ">score", ">seen", ">boxes", "middle, px"), rows))
 
 
@@ -176,22 +202,3 @@ def show_tried(detector: Detector, tried: DetectionTrial, as_json: bool) -> None
     console().print(table(("of all scenes", ">"), rows, title=f"{tried.scenes} scenes"))
     of_class = [(name, "-" if np.isnan(ap) else f"{ap:.3f}") for name, ap in zip(classes, found.of_class, strict=True)]
     console().print(table(("class", ">AP"), of_class))
-
-
-def _words(boxes: Boxes, k: int, classes: Sequence[str]) -> dict[str, Any]:
-    return {
-        "start_us": int(boxes.start[k]),
-        "stop_us": int(boxes.stop[k]),
-        "identity": int(boxes.identity[k]),
-        "class": None if boxes.label[k] == UNKNOWN else classes[boxes.label[k]],
-        "score": float(boxes.score[k]),
-        "box": boxes.box[k].round(2).tolist(),
-    }
-
-
-def _name(label: int, classes: Sequence[str]) -> str:
-    return "unknown" if label == UNKNOWN else classes[label]
-
-
-def _place(box: Any) -> str:
-    return f"{(box[0] + box[2]) / 2:.0f}, {(box[1] + box[3]) / 2:.0f}"

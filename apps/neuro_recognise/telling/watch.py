@@ -1,29 +1,21 @@
-"""A recording and what a recogniser makes of it as one page for a browser: events, views, scores, the decision.
-
-All data lie in the page as base64 of little-endian arrays, so it needs nothing else; no screen is needed to make it.
-"""
+"""A recording and what a recogniser makes of it as one page for a browser: events, views, scores, the decision."""
 
 from __future__ import annotations
 
-import base64
-import json
-from collections.abc import Mapping, Sequence
-from html import escape
-from importlib.resources import files
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import html, output, sealed
+from neuro.apps import html, player, sealed
 from neuro.events import Events, load
-from neuro_recognise.deciding.session import Decision
-from neuro_recognise.deciding.stopping import ASSUMES, ASSURANCE
+from neuro_recognise.deciding import ASSUMES, ASSURANCE, Decision
 from neuro_recognise.method import SILENT, Pictures, View
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.telling.tried import MOMENTS
+from neuro_recognise.telling.report import MOMENTS
 
 MOST = 1_000_000
 """Events, and spikes of a view, of a page; of more an even choice is shown."""
@@ -31,6 +23,10 @@ LONGEST_MS = 4000.0
 """Of a recording; what comes later is not shown, since time is counted in ms from the first event."""
 FINER = 3
 """Moments of a page for each of `MOMENTS`, where no moments were learnt."""
+
+TALL = 340
+"""Height of the drawings beside each other, px."""
+HELP = "move by a moment, with <kbd>shift</kbd> by ten"
 
 PAGE = sealed("a page of 'neuro recognise'", '<meta name="generator" content="neuro recognise">', "<!-- digest {} -->")
 
@@ -61,15 +57,21 @@ def watch(
             recording is empty or does not fit.
         EventFileError: the recording is damaged.
     """
-    check_page(out)
-    with output(out, PAGE) as part:
+
+    def make() -> tuple[str, str]:
         events = watchable(recording)
-        first = int(events.t[0])
-        seen = events[: int(np.searchsorted(events.t, first + round(1000 * LONGEST_MS), "right"))]
+        seen = events[: int(np.searchsorted(events.t, int(events.t[0]) + round(1000 * LONGEST_MS), "right"))]
         said = decisions(recogniser, seen, allow, backend, assurance)
         views = recogniser.method.views(seen, recogniser.learnt, recogniser.classes)
-        part.write_text(PAGE.seal(page(recogniser, recording.name, seen, said, views, allow)), "utf-8")
-    return told(recogniser, said, allow)
+        text = page(recogniser, recording.name, seen, said, views, allow)
+        return text, told(recogniser, said, allow)
+
+    return write(out, make)
+
+
+def write(out: Path, make: Callable[[], tuple[str, str]]) -> str:
+    """Write a page, whose name must end in .html; return what came of it in a few words."""
+    return player.write(out, PAGE, "what is watched is", make)
 
 
 def watchable(recording: Path) -> Events:
@@ -83,16 +85,6 @@ def watchable(recording: Path) -> Events:
     if not len(events):
         raise ModelError(f"{recording}: the recording has no events: nothing to watch")
     return events
-
-
-def check_page(out: Path) -> None:
-    """Refuse a name that is not that of a page.
-
-    Raises:
-        ModelError: it ends otherwise.
-    """
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise ModelError(f"{out}: what is watched is a page for a browser: expected a name that ends in .html")
 
 
 def decisions(
@@ -145,72 +137,133 @@ def page(
         views: what the method makes of the recording.
         allow: the allowed error, None where none was asked.
     """
-    seen, about = shown(events)
-    data = seen | _said(recogniser, said) | {"views": [_view(one) for one in views]}
-    return filled(
-        f"{title} by {recogniser.method.called()}",
-        [told(recogniser, said, allow), recogniser.method.title, *about, *([] if allow is None else [ASSUMES])],
-        data,
+    at, stop = np.array([one.after_ms for one in said]), next((k for k, one in enumerate(said) if one.settled), None)
+    scores = np.stack([one.scores for one in said]).astype(np.float64)
+    scores[~np.isfinite(scores)] = np.nan
+    there = np.isfinite(scores).sum(axis=1, keepdims=True)
+    scores -= np.nansum(scores, axis=1, keepdims=True) / np.maximum(
+        there, 1
+    )  # sums of votes grow for all classes alike
+    low, high = (float(np.nanmin(scores)), float(np.nanmax(scores))) if there.any() else (0.0, 1.0)
+    end = max(1.0, length_ms(events), float(at[-1]))
+    seen, about = shown(events, end, 10, 20.0)
+    lit = np.array([one.label for one in said])[:, None] == np.arange(len(recogniser.classes))
+    bars = {
+        "labels": [name[:12] for name in recogniser.classes], "values": scores.ravel(), "lit": lit.ravel(),
+        "low": [min(0.0, low)], "high": [high], "notes": _notes(recogniser, said, stop),
+    }  # fmt: skip
+    top = [
+        player.Panel(
+            "Events", [player.Track("events", "events", "events of the sensor", seen, TALL)], span_note(seen["span"])
+        ),
+        *(_view(view, f"view{k}") for k, view in enumerate(views)),
+        player.Panel(
+            "Scores now, less their mean", [player.Track("bars", "bars", "scores of the classes now", bars, TALL)]
+        ),
+    ]
+    decided = said[-1 if stop is None else stop].label
+    order = [k for k in range(len(recogniser.classes)) if k != decided] + ([decided] if decided >= 0 else [])
+    lines = [
+        {"x": at, "y": scores[:, k], "name": recogniser.classes[k], "colour": "accent" if k == decided else "grey",
+         "width": 2.6 if k == decided else 1.2}
+        for k in order
+    ]  # fmt: skip
+    curve: dict[str, Any] = {
+        "lanes": [{"low": low, "high": high, "lines": lines}], "edge": 4, "right": 70, "axis": "ms", "fades": True,
+        "cursor": "ink", "click": True,
+    }  # fmt: skip
+    note = "of all classes along time, less their mean; the line in colour is the class that is decided"
+    if stop is not None:
+        curve["stop"] = {"at": at[stop], "text": f"settled: {recogniser.classes[decided]}"}
+        note += ", dashed where it is settled"
+    below = player.Panel(
+        "Scores", [player.Track("curve", "curve", "scores along time", curve, 210)], note, controls=True
     )
+    words = [told(recogniser, said, allow), recogniser.method.title, *about, *([] if allow is None else [ASSUMES])]
+    columns = f"repeat({len(top)}, minmax(0, 1fr))"
+    title = f"{title} by {recogniser.method.called()}"
+    return played(title, words, end, at, top, below, columns, help_=f"{HELP}; click the scores to go there")
 
 
-def shown(events: Events) -> tuple[dict[str, Any], list[str]]:
-    """The events of a page as data, and a few words on them; of many an even choice."""
-    every = max(1, -(-len(events) // MOST))
+def played(
+    title: str,
+    about: Sequence[str],
+    end: float,
+    moments: npt.NDArray[np.float64],
+    top: Sequence[player.Panel],
+    below: player.Panel,
+    columns: str,
+    *,
+    script: str = "",
+    help_: str = HELP,
+) -> str:
+    """The text of a page whose time is in ms; see `neuro.apps.player.page`."""
+    speeds = [(f"1/{part}×" if part > 1 else "1×", 1 / part) for part in (1000, 300, 100, 30, 10, 3, 1)]
+    speed = player.closest(speeds, end / 8000)  # the whole in about eight seconds
+    timeline = player.Timeline(end, end / 3, 1.0, speeds, speed, 10, help_, moments=moments, digits=1, unit=" ms")
+    return player.page("neuro recognise", title, about, timeline, top, [below], columns=columns, script=script)
+
+
+def shown(events: Events, end: float, parts: float, most: float) -> tuple[dict[str, Any], list[str]]:
+    """The events of a page as a track, and a few words on them; of many an even choice.
+
+    Args:
+        events: all.
+        end: of the page, ms.
+        parts: the last events are shown, of this part of the whole.
+        most: of the last ms at most.
+    """
+    every = player.evenly(len(events), MOST)
     width, height = events.sensor_size
     about = [f"{len(events):,} events, {width}×{height} px"]
     about += [f"one of every {every} events is shown"] if every > 1 else []
     some, first = events[::every], int(events.t[0]) if len(events) else 0
     data = {
-        "width": width, "height": height, "end": (int(events.t[-1]) - first) / 1000.0 if len(events) else 0.0,
-        "t": _base64(some.t - first, "<u4"), "x": _base64(some.x, "<u2"), "y": _base64(some.y, "<u2"),
-        "p": _base64(some.p, "u1"),
+        "width": width, "height": height, "t": some.t - first, "unit": 0.001,
+        "place": 2 * (some.y.astype(np.int64) * width + some.x) + some.p,
+        "span": max(1.0, min(most, end / parts)), "fade": np.linspace(1.0, 0.25, 9).tolist(),
     }  # fmt: skip
     return data, about
 
 
-def filled(title: str, about: Sequence[str], data: Mapping[str, Any]) -> str:
-    """The text of a page.
+def length_ms(events: Events) -> float:
+    """Return the time from the first to the last event; 0 without events."""
+    return (int(events.t[-1]) - int(events.t[0])) / 1000.0 if len(events) else 0.0
 
-    Args:
-        title: of the page.
-        about: a few words each, that stand below it.
-        data: events as of `shown`, with decisions and views, or with boxes.
-    """
-    template = Template(files("neuro_recognise.telling").joinpath("watch.html").read_text("utf-8"))
-    return template.substitute(
-        head=html.head("neuro recognise", title),
-        style=html.player_style(),
-        title=escape(title),
-        told=escape(" · ".join(about)),
-        data=json.dumps(data).replace("<", "\\u003c"),
+
+def span_note(span: float) -> html.Html:
+    """The key of a picture of events."""
+    return html.Html(
+        '<i style="background:var(--on)"></i>brighter <i style="background:var(--off);margin-left:4px"></i>darker, '
+        f"of the last <output>{span:.{0 if span >= 10 else 1}f} ms</output>"
     )
 
 
-def _said(recogniser: Recogniser, said: Sequence[Decision]) -> dict[str, Any]:
-    return {
-        "classes": list(recogniser.classes), "at": _base64([one.after_ms for one in said], "<f4"),
-        "scores": _base64(np.stack([one.scores for one in said]), "<f4"), "labels": [one.label for one in said],
-        "confidence": _base64([one.confidence for one in said], "<f4"),
-        "stop": next((k for k, one in enumerate(said) if one.settled), -1),
-    }  # fmt: skip
+def _notes(recogniser: Recogniser, said: Sequence[Decision], stop: int | None) -> list[str]:
+    """What is decided before the first moment, and at each."""
+    notes = ["nothing decided yet"]
+    for k, one in enumerate(said):
+        sure = f", {100 * one.confidence:.0f} % sure" if np.isfinite(one.confidence) else ""
+        settled = ", settled" if stop is not None and k >= stop else ""
+        notes.append("silent" if one.label < 0 else f"says {recogniser.classes[one.label]}{sure}{settled}")
+    return notes
 
 
-def _view(view: View) -> dict[str, Any]:
-    words = {"name": view.name, "at": _base64(view.at_ms, "<f4"), "told": list(view.told)}
+def _view(view: View, name: str) -> player.Panel:
+    many = len(view.at_ms)
+    words = [f"{k + 1} of {many}, from {at:.0f} ms" for k, at in enumerate(view.at_ms)]
+    notes = [" · ".join(each) for each in zip(words, view.told, strict=True)] if len(view.told) else words
+    data: dict[str, Any] = {"at": view.at_ms, "notes": ["none yet", *notes]}
     if isinstance(view, Pictures):
-        most = float(view.images.max(initial=0.0)) or 1.0
-        shades = np.clip(np.rint(255.0 * view.images / most), 0, 255)
+        shades = np.clip(np.rint(255.0 * view.images / (float(view.images.max(initial=0.0)) or 1.0)), 0, 255)
         _, rows, columns = view.images.shape
-        return words | {"rows": rows, "columns": columns, "images": _base64(shades, "u1")}
-    every = max(1, -(-len(view.times) // MOST))
-    ends = -(-view.offsets // every)
-    times, ids = _base64(view.times[::every], "<f4"), _base64(view.ids[::every], "<u4")
-    return words | {
-        "size": view.size, "bands": list(view.bands), "length": view.length_ms, "ends": _base64(ends, "<u4"),
-        "times": times, "ids": ids,
+        data |= {"rows": rows, "columns": columns, "values": shades.astype(np.uint8).ravel()}
+        data["shade"] = ["paper", "ink", 0.5]
+        return player.Panel(view.name, [player.Track("image", name, view.name, data, TALL)])
+    every = player.evenly(len(view.times), MOST)
+    strip = {
+        "name": "neurons", "size": view.size, "times": view.times[::every], "ids": view.size - 1 - view.ids[::every],
+        "labels": list(view.bands)[::-1],
     }  # fmt: skip
-
-
-def _base64(values: Any, kind: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode("ascii")
+    data |= {"strips": [strip], "window": view.length_ms, "ends": -(-view.offsets // every)}
+    return player.Panel(view.name, [player.Track("raster", name, view.name, data, TALL)])

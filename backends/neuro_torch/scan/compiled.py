@@ -217,7 +217,10 @@ class _Scan(torch.autograd.Function):
         for first, last in stretches(part.stretch, task.steps):
             for each in all_.values():
                 each.go(first, last)
-            sent = {s.source: _stretch(all_[s.source].spikes.numpy(), first, last) for s in part.inside}
+            sent = {}
+            for source in {each.source for each in part.inside}:
+                spikes_of, width = all_[source].spikes.numpy(), last - first
+                sent[source] = _pack(spikes_of, first, width, spikes_of.shape[0] * width * spikes_of.shape[2])
             for synapses, weight in zip(part.inside, weights, strict=True):
                 goal = all_[synapses.target].drive
                 _push(synapses, sent[synapses.source], first, last - first, weight, goal)
@@ -256,7 +259,3 @@ def stretches(length: int, steps: int) -> list[tuple[int, int]]:
     """The first step of each stretch, and that after its last."""
     length = length or steps
     return [(first, min(first + length, steps)) for first in range(0, steps, length)]
-
-
-def _stretch(spikes: Array, first: int, last: int) -> Packed:
-    return _pack(spikes, first, last - first, spikes.shape[0] * (last - first) * spikes.shape[2])

@@ -24,7 +24,7 @@ from neuro_torch.scan import kernels as rows
 from neuro_torch.surrogates import Surrogate
 
 CELLS = ("iaf_psc_delta", "iaf_psc_exp")
-"""Models that are scanned, beside graded ones without circles (`neuro_torch.scan.graded`)."""
+"""Models that are scanned, beside graded ones without circles (`neuro_torch.cells`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,18 +168,18 @@ def cells(program: Program, index: int) -> Cells:
         model.arithmetic.constants([float(values[i]) for values in parameters], program.resolution, each[i])
     if alike:
         each[:] = each[0]
-    named = {name: each[:, k] for name, k in vars(model.arithmetic).items() if name.isupper() and isinstance(k, int)}
+    at = model.arithmetic.constants.__globals__  # the rows of the constants by name
     table = np.zeros((rows.CONSTANTS, part.size))
     for row, name in ((rows.E_L, "E_L"), (rows.P33, "P33"), (rows.V_TH, "V_TH"), (rows.V_RESET, "V_RESET")):
-        table[row] = named[name]
-    table[rows.REFRACTORY] = named["R"]
+        table[row] = each[:, at[name]]
+    table[rows.REFRACTORY] = each[:, at["R"]]
     if model.name == "iaf_psc_delta":
-        table[rows.V_MIN] = named["V_MIN"]
+        table[rows.V_MIN] = each[:, at["V_MIN"]]
     else:
-        table[rows.P32], table[rows.P11] = named["P32_EX"], named["P11_EX"]
+        table[rows.P32], table[rows.P11] = each[:, at["P32_EX"]], each[:, at["P11_EX"]]
     start = {name: np.broadcast_to(values, part.size).astype(np.float64) for name, values in part.initial.items()}
     current = start.get("I_syn_ex", 0.0) + start.get("I_syn_in", 0.0) + np.zeros(part.size)
-    return Cells(index, part.size, model.name, table, named["P30"], named["I_E"], start["V_m"], current)
+    return Cells(index, part.size, model.name, table, each[:, at["P30"]], each[:, at["I_E"]], start["V_m"], current)
 
 
 def push(program: Program, part: Cells, steps: int) -> Floats:
@@ -232,7 +232,7 @@ def ways(part: Synapses, weight: Tensor, steps: Tensor, exact: bool) -> list[Way
     Args:
         part: its synapses, listed.
         weight: as a user sees it.
-        steps: the delay, of all or of each, of `neuro_torch.bounds.in_steps`.
+        steps: the delay, of all or of each, of `neuro_torch.trainable.in_steps`.
         exact: whether a spike arrives in the two steps between which the delay lies, in shares that say how near it is
             to each, so that a gradient moves it; else it arrives in the nearest step.
     """
@@ -300,17 +300,16 @@ class Plan:
         if not self.parts:
             return "\n".join(["all populations: step by step, since", *(f"  {why}" for why in self.why)])
         how = {"kernels": "by compiled kernels", "torch": "by torch's operations"}[self.by]
-        return "\n".join(f"{self._named(part)}: {self._told(part)} {how}" for part in self.parts)
-
-    def _named(self, part: Component) -> str:
-        return ", ".join(f"'{self.program.populations[k].name}'" for k in part.cells)
-
-    def _told(self, part: Component) -> str:
-        if any(self.program.populations[k].model.graded for k in part.cells):
-            return "graded neurons step by step, their input"
-        if not part.inside:
-            return "one scan over all steps"
-        return f"a recurrent scan, {some(part.stretch, 'step')} at once"
+        lines = []
+        for part in self.parts:
+            populations = [self.program.populations[k] for k in part.cells]
+            names = ", ".join(f"'{each.name}'" for each in populations)
+            scan = (
+                f"a recurrent scan, {some(part.stretch, 'step')} at once" if part.inside else "one scan over all steps"
+            )
+            is_graded = any(each.model.graded for each in populations)
+            lines.append(f"{names}: {'graded neurons step by step, their input' if is_graded else scan} {how}")
+        return "\n".join(lines)
 
 
 def plan_of(program: Program, by: str | None, learning: Iterable[str]) -> Plan:

@@ -57,8 +57,8 @@ Told = tuple[dict[str, Any], list[tuple[str, str]]]
 def _of_recording(file: Path, from_format: str | None, sensor: Any) -> Told:
     """Counts of a recording, also of generic events; or of a data set in an HDF5 file."""
     from neuro.events.convert import given
-    from neuro.events.errors import EventFileError
     from neuro.events.info import info as look
+    from neuro.events.source import EventFileError
 
     source, name = given(file)
     if from_format in (None, "event_stream", "es") and begins_generic(source):
@@ -95,8 +95,9 @@ def _rows(found: Info) -> list[tuple[str, str]]:
 
 def _counts(found: Info, pixels: int) -> list[tuple[str, str]]:
     on = found.on / found.events
+    seconds = f"{found.duration_us / 1e6:,.6f}".rstrip("0").rstrip(".")
     rows = [("polarity", f"{on:.1%} ON, {1 - on:.1%} OFF")]
-    rows.append(("time", f"{found.start_us} to {found.stop_us} us, {_number(found.duration_us / 1e6)} s"))
+    rows.append(("time", f"{found.start_us} to {found.stop_us} us, {seconds} s"))
     if found.rate_hz is not None:
         peak = f", at most {found.peak_hz:,.0f} in 10 ms" if found.peak_hz > found.rate_hz else ""
         rate = f"{found.rate_hz:,.0f}" if found.rate_hz >= 10 else f"{found.rate_hz:.3g}"
@@ -111,10 +112,6 @@ def _counts(found: Info, pixels: int) -> list[tuple[str, str]]:
     more = found.hot_pixels - len(found.hot)
     rows.append(("hot pixels", hot + (f" and {more} more" if more > 0 else "")))
     return rows
-
-
-def _number(value: float) -> str:
-    return f"{value:,.6f}".rstrip("0").rstrip(".")
 
 
 def _plain(value: Any) -> str:
@@ -161,8 +158,8 @@ def of_generic(source: Given, name: str) -> tuple[dict[str, Any], list[tuple[str
         source: a path or standard input.
         name: what to call it.
     """
-    from neuro.events.errors import EventFileWarning
     from neuro.events.formats.event_stream import generic
+    from neuro.events.source import EventFileWarning
 
     with warnings.catch_warnings(record=True) as damage:
         warnings.simplefilter("always", EventFileWarning)
@@ -274,7 +271,7 @@ def view(
 ) -> None:
     """Write a page on which a browser plays the recording; the page needs nothing else."""
     from neuro.events.convert import read
-    from neuro.events.view import PAGE, view as write
+    from neuro.events.pictures import PAGE, view as write
 
     name = named(source)
     target = Path(f"{name}.html") if out is None else out

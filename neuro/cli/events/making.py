@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -76,6 +76,7 @@ def filter(
     """Write a recording through filters, one after the other: 'tar: {tau: 0.08}' 'crop: {x: [0, 300]}'."""
     from neuro.events.convert import comes_once, read, write
     from neuro.events.files import RECORDING
+    from neuro.events.filters import Filter, chain
 
     spare(source, target, RECORDING, force)
     parts = [_parsed(text) for text in filters]
@@ -85,7 +86,12 @@ def filter(
         nonlocal seen
         made: Chain | None = None
         for part in read(source, from_format, sensor, not lenient):
-            made = made or _chain(part.sensor_size, parts)
+            if made is None:
+                size, steps = part.sensor_size, list[Filter]()
+                for kind, values in parts:
+                    steps.append(kind(size, **values))
+                    size = steps[-1].out_size
+                made = chain(*steps)
             seen += len(part)
             yield made(part)
         if made is not None:
@@ -106,16 +112,6 @@ def _parsed(text: str) -> tuple[type[Filter], dict[str, Any]]:
         example = "such as 'hot: {pixels: [[8, 1], [205, 59]]}'"
         raise ModelError("filter 'hot': expected pixels", hint=f"{example}; 'neuro events info' lists the hot ones")
     return kind, values
-
-
-def _chain(size: tuple[int, int], parts: Sequence[tuple[type[Filter], dict[str, Any]]]) -> Chain:
-    from neuro.events.filters import chain
-
-    made: list[Filter] = []
-    for kind, values in parts:
-        made.append(kind(size, **values))
-        size = made[-1].out_size
-    return chain(*made)
 
 
 def _list_filters(given: bool) -> None:
@@ -221,7 +217,7 @@ def frames(
     import numpy as np
 
     from neuro.core.errors import ModelError
-    from neuro.core.outputs import output
+    from neuro.core.outputs import Kind, output
     from neuro.events import load
     from neuro.events.representations import REPRESENTATIONS
     from neuro.events.segmentation import SEGMENTERS
@@ -230,21 +226,16 @@ def frames(
     cutter = None if cut is None else chosen(cut, SEGMENTERS, "segmenter", "--cut")
     if target.suffix != ".npz":
         raise typer.BadParameter(f"'{target}': expected a name that ends in .npz", param_hint="OUT.npz")
-    spare(source, target, _arrays_kind(), force)
+    arrays_kind = Kind("arrays of frames", ask="--force")
+    spare(source, target, arrays_kind, force)
     events: Events = load(source, format=from_format, sensor_size=sensor, strict=not lenient)
     bounds = np.array([0, len(events)]) if cutter is None else np.asarray(cutter[0](events.t, **cutter[1]))
     if len(bounds) < 2:
         raise ModelError(f"{source}: '{cut}' finds no segment in {len(events):,} events")
     arrays = np.stack([np.asarray(make(events[a:b], **values)) for a, b in pairwise(bounds)])
-    with output(target, _arrays_kind(), force) as part, part.open("wb") as file:
+    with output(target, arrays_kind, force) as part, part.open("wb") as file:
         np.savez_compressed(file, frames=arrays, bounds=bounds)
     typer.echo(f"{target}: {len(arrays):,} of {representation}, {list(arrays.shape[1:])} {arrays.dtype}")
-
-
-def _arrays_kind() -> Any:
-    from neuro.core.outputs import Kind
-
-    return Kind("arrays of frames", ask="--force")
 
 
 def _list_arrays(given: bool) -> None:

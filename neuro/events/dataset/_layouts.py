@@ -30,8 +30,8 @@ from pathlib import Path, PurePosixPath
 
 from neuro.core import hdf5
 from neuro.core.errors import unknown
-from neuro.events.errors import EventFileError
 from neuro.events.formats import FORMATS
+from neuro.events.source import EventFileError
 
 Files = Mapping[str, Callable[[], bytes]]
 """Path inside the folder or zip, with ``/``, to what gives the bytes."""
@@ -61,7 +61,7 @@ def files_of(where: str) -> Files:
     path = Path(where)
     if path.is_dir():
         inside = (Path(folder, f) for folder, _, names in os.walk(path) for f in names)
-        found = {f.relative_to(path).as_posix(): f.read_bytes for f in inside}
+        found = {f.relative_to(path).as_posix(): FileContent(f) for f in inside}
         return {name: read for name, read in found.items() if not _hidden(name)}
     if not path.exists():
         raise EventFileError(where, "no such folder, zip or HDF5 file")
@@ -69,7 +69,7 @@ def files_of(where: str) -> Files:
         raise EventFileError(where, "is neither file nor folder, expected a folder, zip or HDF5 file")
     try:
         archive = _Zip(where)
-        return {name: archive.reader(name) for name in archive.names() if not _hidden(name)}
+        return {name: _Member(archive, name) for name in archive.names() if not _hidden(name)}
     except zipfile.BadZipFile:
         text = "is no folder, zip or HDF5 file, expected one with recordings"
         hint = "; unpack it first" if where.lower().endswith(ARCHIVES) else ""
@@ -101,8 +101,8 @@ class _Zip:
     def names(self) -> list[str]:
         return [info.filename for info in self._zip().infolist() if not info.is_dir()]
 
-    def reader(self, name: str) -> Callable[[], bytes]:
-        return _Member(self, name)
+    def entry(self, name: str) -> zipfile.ZipInfo:
+        return self._zip().getinfo(name)
 
     def read(self, name: str) -> bytes:
         try:
@@ -118,6 +118,26 @@ class _Member:
 
     def __call__(self) -> bytes:
         return self.archive.read(self.name)
+
+    def stamp(self) -> str:
+        """Return the length and the check sum that the zip states."""
+        entry = self.archive.entry(self.name)
+        return f"{entry.file_size} {entry.CRC:08x}"
+
+
+@dataclass(frozen=True, slots=True)
+class FileContent:
+    """The bytes of a file when called."""
+
+    path: Path
+
+    def __call__(self) -> bytes:
+        return self.path.read_bytes()
+
+    def stamp(self) -> str:
+        """Return the size and the time of the last change, which differ where the content was replaced."""
+        stat = self.path.stat()
+        return f"{stat.st_size} {stat.st_mtime_ns}"
 
 
 def _hidden(name: str) -> bool:

@@ -19,12 +19,21 @@ from neuro.core.errors import ModelError
 from neuro.core.inputs import record_input
 from neuro.core.paths import file_path
 from neuro.events._events import Events
-from neuro.events.dataset._layouts import ARCHIVES, Layout, LayoutItem, files_of, is_hdf5, is_part, layout_of, natural
-from neuro.events.dataset._stored import holds_samples, stored_samples
-from neuro.events.errors import EventFileError, EventFileWarning
+from neuro.events.dataset._layouts import (
+    ARCHIVES,
+    FileContent,
+    Layout,
+    LayoutItem,
+    files_of,
+    is_hdf5,
+    is_part,
+    layout_of,
+    natural,
+)
+from neuro.events.dataset._store import holds_samples, stored_samples
 from neuro.events.files import load
 from neuro.events.opening import find, opened
-from neuro.events.source import WHOLE, opened_source
+from neuro.events.source import WHOLE, EventFileError, EventFileWarning, opened_source
 
 Ints = npt.NDArray[np.int64]
 
@@ -57,6 +66,9 @@ class Sample(Protocol):
         Raises:
             EventFileError: they cannot be read.
         """
+
+    def stamp(self) -> str:
+        """Return a text that differs after the content has changed, found without reading the recording if possible."""
 
     def sensor(self) -> tuple[tuple[int, int], bool]:
         """Width and height, px, and whether the file or its format states them; if not, they are those that hold all.
@@ -91,6 +103,11 @@ class Recording:
         size = sensor_size or self.sensor_size
         events = load(self.read(), name=self.path, sensor_size=size, sort=sort, strict=strict)
         return events if self.span_us is None else events.between(*self.span_us)
+
+    def stamp(self) -> str:
+        """Return the stamp of `read` where it has one, else a digest of the bytes; see `Sample`."""
+        stamp: Callable[[], str] | None = getattr(self.read, "stamp", None)
+        return stamp() if stamp else hashlib.sha256(self.read()).hexdigest()
 
     def sensor(self) -> tuple[tuple[int, int], bool]:
         """Width and height, px, and whether data set, file or format tell them; if not, they are those that hold all.
@@ -333,7 +350,7 @@ def _single(path: Path, where: str, classes: Sequence[str] | None, label: str | 
     if label is not None and label not in known:
         raise EventFileError(where, f"class {label!r} is new, expected one of {', '.join(known)}")
     number = UNKNOWN if label is None else known.index(label)
-    return Recordings(where, [Recording(path.name, where, number, path.read_bytes)], known, "recording")
+    return Recordings(where, [Recording(path.name, where, number, FileContent(path))], known, "recording")
 
 
 PARTS = ("train", "test")

@@ -13,9 +13,12 @@ import numpy.typing as npt
 
 from neuro.core.checks import check
 from neuro.core.errors import ModelError
+from neuro.core.extras import LazyModule
 from neuro.core.quantities import Quantity
 from neuro.events._events import Events, checked_size, empty_columns
 from neuro.events.parts import together
+
+kernels = LazyModule("neuro.events._kernels")
 
 Size = tuple[int, int]
 State = tuple[Any, ...]
@@ -217,15 +220,13 @@ def kept(events: Events, keep: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any],
         events: from which to take.
         keep: (n,) whether to.
     """
-    from neuro.events.filters._kernels import compact
-
     columns = (events.t, events.x, events.y, events.p)
     n = int(np.count_nonzero(keep))
     if n == len(events):
         return columns
     out = empty_columns(n + 1)
     for column, to in zip(columns, out, strict=True):
-        compact(keep, column, to)
+        kernels.compact(keep, column, to)
     return tuple(to[:n] for to in out)
 
 

@@ -9,10 +9,13 @@ from math import sqrt
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import LazyModule
 from neuro.core.keyed_random import key
 from neuro.core.quantities import quantity
 from neuro.events._events import Events, empty_columns
 from neuro.events.filters._filter import NEVER, Filter, FilterError, Sieve, State
+
+kernels = LazyModule("neuro.events._kernels")
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +37,7 @@ class BackgroundActivity(Sieve):
         return (np.full((self.sensor_size[1] + 2, self.sensor_size[0] + 2), NEVER, np.int64),)
 
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
-        from neuro.events.filters._kernels import supported
-
-        supported(events.t, events.x, events.y, self.dt_us, self._state[0], keep)
+        kernels.supported(events.t, events.x, events.y, self.dt_us, self._state[0], keep)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +60,7 @@ class Refractory(Sieve):
         return (np.full((self.sensor_size[1], self.sensor_size[0]), NEVER, np.int64),)
 
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
-        from neuro.events.filters._kernels import rested
-
-        rested(events.t, events.x, events.y, self.period_us, self.extend, self._state[0], keep)
+        kernels.rested(events.t, events.x, events.y, self.period_us, self.extend, self._state[0], keep)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +92,7 @@ class HotPixels(Sieve):
         return (good,)
 
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
-        from neuro.events.filters._kernels import look_up
-
-        look_up(events.x, events.y, self._state[0], keep)
+        kernels.look_up(events.x, events.y, self._state[0], keep)
 
 
 def hot_pixels(
@@ -207,8 +204,6 @@ class ShotNoise(Filter):
         return (None,)
 
     def _part(self, events: Events) -> Events:
-        from neuro.events.filters._kernels import merge, sprinkle
-
         (done,) = self._state
         first = int(events.t[0]) if done is None else done + 1
         last = int(events.t[-1])
@@ -216,9 +211,10 @@ class ShotNoise(Filter):
         mean_us = 1e6 / (self.rate_hz * width * height)
         room = self._room(last - first + 1, mean_us)
         t, pixel, p = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.uint8)
-        n = sprinkle(first, last, np.uint64(key(self.seed, "events", "noise")), mean_us, width * height, t, pixel, p)
+        word = np.uint64(key(self.seed, "events", "noise"))
+        n = kernels.sprinkle(first, last, word, mean_us, width * height, t, pixel, p)
         out = empty_columns(n + len(events))
-        merge(t[:n], pixel[:n], p[:n], width, events.t, events.x, events.y, events.p, *out)
+        kernels.merge(t[:n], pixel[:n], p[:n], width, events.t, events.x, events.y, events.p, *out)
         self._hold(last)
         return self._of(events, out)
 
@@ -262,12 +258,10 @@ class TAR(Sieve):
         return np.zeros(shape), np.zeros(shape, np.int64), np.zeros(1, np.int64)
 
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
-        from neuro.events.filters._kernels import tar
-
         mask, touched, seen = self._state
         if not seen[0]:
             touched.fill(events.t[0])
-        tar(events.t, events.x, events.y, 1e6 * self.tau, self.theta, self.radius, mask, touched, keep)
+        kernels.tar(events.t, events.x, events.y, 1e6 * self.tau, self.theta, self.radius, mask, touched, keep)
         keep[: max(0, self.first - int(seen[0]))] = True
         seen[0] += len(events)
 
@@ -306,12 +300,10 @@ class TARSurfaces(Sieve):
         return np.full(1, NEVER, np.int64), np.zeros(pixels), counts, sums
 
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
-        from neuro.events.filters._kernels import surfaces
-
         origin, held, counts, sums = self._state
         if origin[0] == NEVER:
             origin[0] = events.t[0]
-        surfaces(
+        kernels.surfaces(
             events.t, events.x, events.y, events.p, 1e6 * self.tau, self.theta, self.radius, self.cell,
             origin, held, counts, sums, keep,
         )  # fmt: skip

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import LazyModule
 from neuro.core.keyed_random import key
 from neuro.core.quantities import quantity
 from neuro.events._events import Events, empty_columns
 from neuro.events.filters._filter import Filter, FilterError, Sieve, Size, State
 from neuro.events.parts import together
+
+kernels = LazyModule("neuro.events._kernels")
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,18 +168,12 @@ class Downsample(Filter):
         return (np.zeros((height, width), np.int64),)
 
     def _part(self, events: Events) -> Events:
-        from neuro.events.filters._kernels import join
-
         assert isinstance(self.factor, tuple)
-        columns, rows = (_places(n, f) for n, f in zip(self.sensor_size, self.factor, strict=True))
+        sides = zip(self.sensor_size, self.factor, strict=True)
+        columns, rows = ((np.arange(pixels) // factor).astype(np.uint16) for pixels, factor in sides)
         out = empty_columns(len(events))
-        n = join(events.t, events.x, events.y, events.p, columns, rows, self.integrate, self._state[0], *out)
+        n = kernels.join(events.t, events.x, events.y, events.p, columns, rows, self.integrate, self._state[0], *out)
         return self._of(events, tuple(values[:n] for values in out))
-
-
-def _places(pixels: int, factor: int) -> np.ndarray[tuple[int], np.dtype[np.uint16]]:
-    """The block of each column or row."""
-    return (np.arange(pixels) // factor).astype(np.uint16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,11 +292,9 @@ class Jitter(Filter):
         return 0, ()
 
     def _part(self, events: Events) -> Events:
-        from neuro.events.filters._kernels import shake
-
         seen, held = self._state
         t = np.empty(len(events), np.int64)
-        shake(events.t, np.uint64(key(self.seed, "events", "jitter")), seen, self.amount_us, t)
+        kernels.shake(events.t, np.uint64(key(self.seed, "events", "jitter")), seen, self.amount_us, t)
         shaken = together([*held, self._of(events, (t, events.x, events.y, events.p))])
         order = sorting(shaken.t)
         ready = self._of(events, (shaken.t[order], shaken.x[order], shaken.y[order], shaken.p[order]))
@@ -318,11 +313,9 @@ def sorting(t: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     Args:
         t: (n,) us, n > 0.
     """
-    from neuro.events.filters._kernels import DIGIT, by_digit
-
     lowest = int(t.min())
-    order, other, counts = np.arange(t.size), np.empty(t.size, np.int64), np.empty(1 << DIGIT, np.int64)
-    for shift in range(0, (int(t.max()) - lowest).bit_length(), DIGIT):
-        by_digit(t, lowest, shift, order, counts, other)
+    order, other, counts = np.arange(t.size), np.empty(t.size, np.int64), np.empty(1 << kernels.DIGIT, np.int64)
+    for shift in range(0, (int(t.max()) - lowest).bit_length(), kernels.DIGIT):
+        kernels.by_digit(t, lowest, shift, order, counts, other)
         order, other = other, order
     return order

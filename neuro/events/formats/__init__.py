@@ -24,11 +24,10 @@ from neuro.events.formats._format import (
 from neuro.events.formats.aedat import AEDAT2, AEDAT3
 from neuro.events.formats.aedat4 import AEDAT4
 from neuro.events.formats.dat import DAT
-from neuro.events.formats.event_stream import EVENT_STREAM
+from neuro.events.formats.event_stream import EVENT_STREAM, NMNIST
 from neuro.events.formats.evt import EVT2, EVT3, EVT21, RAW
 from neuro.events.formats.hdf5 import HDF5
 from neuro.events.formats.mat import MAT
-from neuro.events.formats.nmnist import NMNIST
 from neuro.events.formats.npz import NPZ
 from neuro.events.formats.rosbag import ROS1, ROS2
 from neuro.events.formats.table import TABLE, TXT

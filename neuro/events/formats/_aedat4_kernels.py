@@ -21,7 +21,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from neuro.events.formats._aedat4_packet import LIMIT, RECORD
+from neuro.events.formats.aedat4 import LIMIT, RECORD
 from neuro.kernels.jit import kernel, subkernel
 from neuro.kernels.numba_internals import ir
 

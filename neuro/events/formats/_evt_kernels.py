@@ -1,15 +1,17 @@
 # mypy: ignore-errors
-"""Decoding the words of EVT 2.0, EVT 2.1, EVT 3.0 and DAT, and encoding those of EVT 3.0."""
+"""Decoding the words of EVT 2.1 and EVT 3.0, which hold several events, and encoding those of EVT 3.0."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from neuro.events.formats._word_kernels import time_high, word
+from neuro.events.formats._words import BEGIN, OTHER, STARTED
 from neuro.kernels.jit import kernel, subkernel
 
-OTHER, STARTED, TIME, ROW, BASE, ON, LAST_3, STATES_3 = range(8)
-"""State of EVT 3.0: words left out; whether a TIME_HIGH was seen; time with all wraps; row, -1 without one; next column
-of a vector, -1 without one; its polarity; time of the last event."""
+TIME, ROW, BASE, ON, LAST_3, STATES_3 = range(3, 9)
+"""State of EVT 3.0 after `OTHER`, `STARTED` and `STOPPED`, which is never set: time with all wraps; row, -1 without
+one; next column of a vector, -1 without one; its polarity; time of the last event."""
 
 ADDR_Y, ADDR_X, VECT_BASE_X, VECT_12, VECT_8, TIME_LOW, TIME_HIGH = 0, 2, 3, 4, 5, 6, 8
 OTHER_ROW = 1
@@ -232,112 +234,17 @@ def track3(words, high, kinds):
     return high, kinds, most
 
 
-HIGH, WRAPS, LAST_2, STATES_2 = range(2, 6)
-"""State of EVT 2.0 and 2.1, after `OTHER` and `STARTED`: the last TIME_HIGH; us that wraps add; last time."""
-
-NEAR_WRAP = (1 << 28) // 16
-T_BITS = 34
-BLOCK = 64
-"""Words that are looked at together: where all are events, as most are, they go a faster way."""
-
-
-@subkernel
-def time_high(state, value):
-    """A new TIME_HIGH: the time of events whose low bits are 0."""
-    if state[HIGH] >= (1 << 28) - NEAR_WRAP and value < NEAR_WRAP:
-        state[WRAPS] += 1 << T_BITS
-    state[STARTED] = 1
-    state[HIGH] = value
-    return state[WRAPS] + (value << 6)
-
-
-@subkernel
-def decode_events(words, begin, t, x, y, p):
-    """Decode words that are all events, without a branch, so that the compiler makes vector instructions of it.
-
-    Returns:
-        largest column and row as a word has them together, largest row, whether low times do not run back.
-    """
-    place = U(0)
-    row = U(0)
-    back = U(0)
-    before = U(0)
-    for k in range(words.size):
-        word = words[k]
-        low = (word >> U(22)) & U(0x3F)
-        t[k] = begin + np.int64(low)
-        x[k] = (word >> U(11)) & U(0x7FF)
-        y[k] = word & U(0x7FF)
-        p[k] = word >> U(28)
-        place = max(place, word & U(0x3FFFFF))
-        row = max(row, word & U(0x7FF))
-        back |= U(low < before)
-        before = low
-    return place, row, back == 0
+WORD_21 = 8
+_word = word(4, False)
 
 
 @kernel
-def decode2(words, state, t, x, y, p):
-    """Decode EVT 2.0.
-
-    Args:
-        words: (n,) uint32.
-        state: (STATES_2,) int64, zeros at first, changed.
-        t: (n,) int64, filled.
-        x: (n,) uint16, filled.
-        y: (n,) uint16, filled.
-        p: (n,) uint8, filled.
-
-    Returns:
-        number of events, largest x and y, whether time does not run back.
-    """
+def room21(upper, data):
+    """Events that EVT 2.1 words have at most; `upper` as for `decode21`."""
     n = 0
-    place = U(0)
-    row = U(0)
-    ordered = True
-    begin = state[WRAPS] + (state[HIGH] << 6)
-    last = state[LAST_2]
-    for first in range(0, words.size, BLOCK):
-        block = words[first : first + BLOCK]
-        kinds = U(0)
-        for k in range(block.size):
-            kinds |= block[k]
-        if kinds >> U(29) == 0 and state[STARTED]:
-            most, low, whole = decode_events(block, begin, t[n:], x[n:], y[n:], p[n:])
-            place = max(place, most)
-            row = max(row, low)
-            ordered &= whole & (t[n] >= last)
-            n += block.size
-            last = t[n - 1]
-            continue
-        for k in range(block.size):
-            word = block[k]
-            if word >> U(29) == 0 and state[STARTED]:
-                now = begin + np.int64((word >> U(22)) & U(0x3F))
-                t[n] = now
-                x[n] = (word >> U(11)) & U(0x7FF)
-                y[n] = word & U(0x7FF)
-                p[n] = word >> U(28)
-                place = max(place, word & U(0x3FFFFF))
-                row = max(row, word & U(0x7FF))
-                ordered &= now >= last
-                last = now
-                n += 1
-            elif word >> U(28) == 8:
-                begin = time_high(state, np.int64(word & U(0x0FFFFFFF)))
-            else:
-                state[OTHER] += 1
-    state[LAST_2] = last
-    return n, place >> U(11), row, ordered
-
-
-@kernel
-def room21(words):
-    """Events that EVT 2.1 words have at most."""
-    n = 0
-    for k in range(words.size // 2):
-        if words[2 * k + 1] >> U(28) < 2:
-            bits = words[2 * k]
+    for at in range(0, data.size - WORD_21 + 1, WORD_21):
+        if _word(data, at + 4 * upper) >> U(28) < 2:
+            bits = _word(data, at + 4 - 4 * upper)
             bits -= (bits >> U(1)) & U(0x55555555)
             bits = (bits & U(0x33333333)) + ((bits >> U(2)) & U(0x33333333))
             bits = (bits + (bits >> U(4))) & U(0x0F0F0F0F)
@@ -346,34 +253,36 @@ def room21(words):
 
 
 @kernel
-def decode21(words, state, t, x, y, p):
+def decode21(upper, data, state, t, x, y, p):
     """Decode EVT 2.1.
 
     Args:
-        words: (2 n,) uint32, the pixels that have an event, then kind, time and place.
-        state: as of `decode2`.
+        upper: which half of a word has kind, time and place, 0 or 1; the other tells the pixels that have an event.
+        data: (n,) uint8.
+        state: as of the layout of EVT 2.0.
         t: (`room21`,) int64, filled, as are the others.
         x: uint16.
         y: uint16.
         p: uint8.
 
     Returns:
-        as `decode2`.
+        as a decoder of a layout.
     """
     n = 0
     x_max = U(0)
     y_max = U(0)
     ordered = True
-    begin = state[WRAPS] + (state[HIGH] << 6)
-    last = state[LAST_2]
-    for k in range(words.size // 2):
-        word = words[2 * k + 1]
-        kind = word >> U(28)
+    begin = state[BEGIN]
+    last = np.int64(-1)
+    used = data.size // WORD_21 * WORD_21
+    for at in range(0, used, WORD_21):
+        word_ = _word(data, at + 4 * upper)
+        kind = word_ >> U(28)
         if kind < 2 and state[STARTED]:
-            now = begin + np.int64((word >> U(22)) & U(0x3F))
-            column = (word >> U(11)) & U(0x7FF)
-            row = word & U(0x7FF)
-            bits = words[2 * k]
+            now = begin + np.int64((word_ >> U(22)) & U(0x3F))
+            column = (word_ >> U(11)) & U(0x7FF)
+            row = word_ & U(0x7FF)
+            bits = _word(data, at + 4 - 4 * upper)
             while bits:
                 if bits & U(1):
                     t[n] = now
@@ -387,49 +296,9 @@ def decode21(words, state, t, x, y, p):
                     n += 1
                 bits >>= U(1)
                 column += U(1)
-        elif kind == 8:
-            begin = time_high(state, np.int64(word & U(0x0FFFFFFF)))
+        elif kind == TIME_HIGH:
+            begin = time_high(state, np.int64(word_ & U(0x0FFFFFFF)))
         else:
             state[OTHER] += 1
-    state[LAST_2] = last
-    return n, x_max, y_max, ordered
-
-
-@kernel
-def decode_dat(words, side, shift, up, t, x, y, p):
-    """Decode events; one simple loop, which the compiler turns into vector instructions.
-
-    Args:
-        words: (2 n,) uint32, time and address in turn.
-        side: bits of x, all set.
-        shift: bit at which y begins; its bits end below `up`.
-        up: bit of the polarity.
-        t: (n,) int64, filled with the 32-bit times as they are.
-        x: (n,) uint16, filled.
-        y: (n,) uint16, filled.
-        p: (n,) uint8, filled.
-
-    Returns:
-        largest x and y, whether time does not run back, all addresses or-ed.
-    """
-    x_max = U(0)
-    y_max = U(0)
-    seen = U(0)
-    back = U(0)
-    rows = (U(1) << U(up - shift)) - U(1)
-    last = U(0)
-    for k in range(t.size):
-        now = words[2 * k]
-        address = words[2 * k + 1]
-        column = address & U(side)
-        row = (address >> U(shift)) & rows
-        t[k] = now
-        x[k] = column
-        y[k] = row
-        p[k] = (address >> U(up)) & U(1)
-        x_max = max(x_max, column)
-        y_max = max(y_max, row)
-        seen |= address
-        back |= U(now < last)
-        last = now
-    return x_max, y_max, back == 0, seen
+    state[BEGIN] = begin
+    return n, used, x_max, y_max, ordered

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -307,18 +307,51 @@ def held(parts: Iterable[Events], format: Format, left_out: Callable[[int], None
         yield part
 
 
-def outside(events: Events, columns: int, rows: int) -> npt.NDArray[np.bool_]:
-    """Return which events lie at columns or rows beyond the first so many."""
-    return (events.x >= columns) | (events.y >= rows)
-
-
-def within(events: Events, times: int) -> npt.NDArray[np.bool_]:
-    """Return which events have a time from 0 up to this, us, not included."""
-    return (events.t >= 0) & (events.t < times)
-
-
 EARLIER = "the filter 'shift: {to_us: 0}' lets it begin at 0 us; what is longer fits in parts of 'neuro events split'"
 SMALLER = "the filters 'crop: {x: [0, 128], y: [0, 128]}' and 'downsample: {factor: 2}' make the sensor smaller"
+
+
+class Room(NamedTuple):
+    """Times and places that a format can store.
+
+    Attributes:
+        times: times from 0 up to this, us, not included; 0: any from 0 us on.
+        columns: number of columns.
+        rows: number of rows; 0: as many as columns.
+        reserved: a row that means something else; -1: none.
+    """
+
+    times: int
+    columns: int
+    rows: int = 0
+    reserved: int = -1
+
+    def outside(self, events: Events) -> npt.NDArray[np.bool_]:
+        """Return which events lie at places that cannot be stored."""
+        off: npt.NDArray[np.bool_] = (events.x >= self.columns) | (events.y >= (self.rows or self.columns))
+        return off if self.reserved < 0 else off | (events.y == self.reserved)
+
+    def holds(self, events: Events, last: int | None = None) -> npt.NDArray[np.bool_]:
+        """Return which events can be stored; see `Format.holds`."""
+        in_time: npt.NDArray[np.bool_] = (events.t >= 0) & ((events.t < self.times) | (self.times == 0))
+        return in_time & ~self.outside(events)
+
+    def check(self, events: Events, done: int) -> None:
+        """Refuse the first event of a part that cannot be stored.
+
+        Args:
+            events: the part.
+            done: number of events before it.
+
+        Raises:
+            Unsavable: there is one.
+        """
+        when = f"t 0 to {self.times - 1} us" if self.times else "t from 0 us on"
+        where = (
+            f"x 0 to {self.columns - 1}, y 0 to {self.rows - 1}" if self.rows else f"x and y 0 to {self.columns - 1}"
+        )
+        reserved = f", y not {self.reserved}" if self.reserved >= 0 else ""
+        refuse(events, ~self.holds(events), done, f"{when}, {where}{reserved}", self.outside(events))
 
 
 def refuse(

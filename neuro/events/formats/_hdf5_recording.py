@@ -12,28 +12,26 @@ Source: v2e's ``emulator.py`` (``dvs_h5``: uint32, times 10^6, -1 written as 0);
 
 from __future__ import annotations
 
+import io
+import itertools
+import math
 import operator
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import LazyModule
 from neuro.events.formats._columns import SECONDS, US, Names, find_names, fits, to_piece, unit_of
-from neuro.events.formats._format import Damage, Piece
-from neuro.events.formats._hdf5_chunks import (
-    FAILURES,
-    believable,
-    chunks_check,
-    chunks_whole,
-    one_line,
-    place,
-    unpackable,
-)
+from neuro.events.formats._format import Damage, Piece, extra
 from neuro.events.formats._reading import bisected
+
+h5py = LazyModule("h5py")
 
 _ROW = 13
 
@@ -304,8 +302,6 @@ def _parted(where: str) -> tuple[str, str]:
 
 def _at(file: Any, place: str, order: str) -> OpenRecording:
     """The recording at a place, or below it."""
-    import h5py
-
     node = member(file, place)
     if isinstance(node, h5py.Group) and not _columns(node):
         found = list(_candidates(node))
@@ -336,8 +332,6 @@ def _several(found: list[Any]) -> str:
 
 def _candidates(group: Any, depth: int = DEPTH) -> Iterator[Any]:
     """What can be a recording below a group: groups with columns, rows, and tables that are called events."""
-    import h5py
-
     for name in list(group)[: None if depth == DEPTH else LIMIT]:
         node = member(group, name)
         if isinstance(node, h5py.Dataset):
@@ -356,8 +350,6 @@ def _rows(node: Any) -> bool:
 
 def _columns(group: Any) -> Names | None:
     """Which datasets of a group are columns of events, if it is one and they are there."""
-    import h5py
-
     if not isinstance(group, h5py.Group):
         return None
     return find_names(name for name in group if isinstance(member(group, name), h5py.Dataset))
@@ -371,3 +363,132 @@ def _offset(file: Any, group: Any) -> int:
                 raise Damage(f"t_offset is {value}, expected one whole number of us", None)
             return int(value)
     return 0
+
+
+ECF = 36559
+"""Prophesee's registered filter number."""
+
+SWELL = 1100
+"""Most bytes that one byte of a file unpacks to; 1032 of gzip, which is the most that HDF5's own filters reach."""
+
+FAILURES = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError, OverflowError)
+"""What h5py raises for a damaged file."""
+
+SHUFFLE, FLETCHER = 2, 3
+"""Filters that keep the length, but for a check sum of 4 bytes of the latter."""
+
+
+class Padded(io.BytesIO):
+    """Bytes as a file; what HDF5 asks for beyond its end is 0, since h5py leaves there what was in memory."""
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill a buffer."""
+        count = super().readinto(buffer)
+        buffer[count:] = bytes(len(buffer) - count)
+        return count
+
+
+def unpackable(dataset: Any) -> None:
+    """Refuse a dataset that is packed in a way which is not known here.
+
+    Args:
+        dataset: an open h5py dataset.
+
+    Raises:
+        Damage: it is.
+    """
+    plist = dataset.id.get_create_plist()
+    for k in range(plist.get_nfilters()):
+        number = plist.get_filter(k)[0]
+        if h5py.h5z.filter_avail(number):
+            continue
+        if number == ECF:
+            text = "is packed with Prophesee's ECF filter, which HDF5 alone cannot unpack"
+            raise Damage(f"{dataset.name} {text}: use the RAW file, or export it with Metavision's tools", None)
+        extra("hdf5plugin", f"{dataset.name}, packed with HDF5 filter {number},")
+        if not h5py.h5z.filter_avail(number):
+            raise Damage(f"{dataset.name} is packed with HDF5 filter {number}, which is not known", None)
+
+
+def believable(dataset: Any) -> None:
+    """Refuse a dataset whose length cannot be: it would fill the memory.
+
+    Args:
+        dataset: an open h5py dataset.
+
+    Raises:
+        Damage: it is longer than what is stored of it can be when unpacked, or cannot be looked at.
+    """
+    try:
+        stored = min(dataset.id.get_storage_size(), dataset.file.id.get_filesize())
+        size = dataset.size * dataset.dtype.itemsize
+    except FAILURES as error:
+        raise Damage(f"{dataset.name} cannot be read: {one_line(error)}", None) from None
+    if size > SWELL * stored:
+        raise Damage(f"{dataset.name} has {dataset.size} items, which {stored} bytes cannot hold", None)
+
+
+def chunks_whole(dataset: Any, first: int, last: int) -> None:
+    """Refuse chunks that are not packed and not as long as they should be.
+
+    Args:
+        dataset: an open h5py dataset.
+        first: number of an item along the first axis.
+        last: number after the last item.
+
+    Raises:
+        ValueError: there is one.
+    """
+    if dataset.chunks is None:
+        return
+    fault = _fault(dataset)
+    long, *wide = dataset.chunks
+    rows = range(first // long * long, last, long)
+    for at in itertools.product(rows, *map(range, itertools.repeat(0), dataset.shape[1:], wide)):
+        if text := fault(dataset.id.get_chunk_info_by_coord(at)):
+            raise ValueError(text)
+
+
+def chunks_check(dataset: Any) -> Callable[[int, int], None]:
+    """As `chunks_whole`, for a dataset that is read in many parts.
+
+    To find one chunk HDF5 goes through all before it, so all are looked at once, where nothing is damaged.
+    """
+    if dataset.chunks is None:
+        return lambda first, last: None
+    fault, faults = _fault(dataset), []
+    try:
+        dataset.id.chunk_iter(lambda chunk: faults.append(text) if (text := fault(chunk)) else None)
+    except FAILURES:
+        return partial(chunks_whole, dataset)
+    return partial(chunks_whole, dataset) if faults else lambda first, last: None
+
+
+def _fault(dataset: Any) -> Callable[[Any], str]:
+    """Tells what is wrong with the length of a chunk of a dataset, "" where nothing is."""
+    filters = dataset.id.get_create_plist()
+    kinds = [filters.get_filter(k)[0] for k in range(filters.get_nfilters())]
+    size = math.prod(dataset.chunks) * dataset.dtype.itemsize
+
+    def fault(chunk: Any) -> str:
+        used = [kind for k, kind in enumerate(kinds) if not chunk.filter_mask >> k & 1]
+        expected = size + 4 * used.count(FLETCHER)
+        if chunk.byte_offset is not None and set(used) <= {SHUFFLE, FLETCHER} and chunk.size != expected:
+            return f"a chunk of {dataset.name} has {chunk.size} bytes, expected {expected}"
+        return ""
+
+    return fault
+
+
+def place(dataset: Any, item: int) -> int | None:
+    """Where the (first) chunk of an item begins in the file, None where that is not known or beyond its end."""
+    try:
+        found: int | None = dataset.id.get_chunk_info_by_coord((item, *(0 for _ in dataset.shape[1:]))).byte_offset
+        return found if found is not None and found < dataset.file.id.get_filesize() else None
+    except FAILURES:
+        return None
+
+
+def one_line(error: BaseException) -> str:
+    """The text of an error."""
+    return " ".join(str(error).split())

@@ -3,22 +3,38 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events._events import Events, empty_columns
-from neuro.events.formats._format import Damage, Format, Piece, Size, outside, refuse, within
-from neuro.events.formats._reading import Begin, begin, decoded, write_words
-from neuro.events.source import Bytes, Source, step
+from neuro.core.extras import LazyModule
+from neuro.events._events import Events
+from neuro.events.formats._format import Damage, Format, Room, Size
+from neuro.events.formats._reading import write_words
+from neuro.events.formats._words import (
+    HALF,
+    OTHER,
+    PERIOD,
+    SECOND,
+    Decoder,
+    Field,
+    Layout,
+    Odd,
+    SeekingReader,
+    State,
+    WordReader,
+    encoded,
+    first_state,
+)
+from neuro.events.source import Bytes, Source
+
+word_kernels = LazyModule("neuro.events.formats._word_kernels")
 
 MAGIC_2 = b"#!AER-DAT2.0"
 WORD = 8
-T_LIMIT = 1 << 32
 LOOK = 1 << 14
 """Bytes of a block in which an event is looked for, to learn its time."""
 END_2 = b"#End Of ASCII Header"
@@ -32,51 +48,51 @@ _SIZE = re.compile(rb"# Sensor size: (\d{1,5})x(\d{1,5})\r?\n")
 
 @dataclass(frozen=True, slots=True)
 class _Chip:
-    """A layout of addresses; places are the lowest bit and the number of bits.
+    """A camera.
 
     Attributes:
         named: pattern of the names that jAER's classes of this layout have, in lower case.
-        external: bits of which an external event has one.
-        unused: bits that no word has.
-        turned: the addresses count columns from the right and rows from the bottom.
+        layout: of its words; of those that are no events, the first kind are samples, the second external events.
     """
 
     name: str
     title: str
     named: str
     size: Size
-    x: tuple[int, int]
-    y: tuple[int, int]
-    polarity: int
-    on: int
-    sample: int
-    external: int
-    unused: int
-    turned: bool = True
+    layout: Layout
 
-    def layout(self) -> tuple[int, ...]:
-        (x, x_bits), (y, y_bits) = self.x, self.y
-        fields = (x, (1 << x_bits) - 1, y, (1 << y_bits) - 1, self.polarity, self.on)
-        return (*fields, self.sample, self.external, self.unused, *((-1, *self.size) if self.turned else (0, 0, 0)))
+    @property
+    def is_turned(self) -> bool:
+        """Whether addresses count columns from the right and rows from the bottom."""
+        return self.layout.x.backwards > 0
 
     def foreign(self, addresses: Addresses) -> npt.NDArray[np.bool_]:
         """Return which addresses have bits that neither an event nor another word of this chip has."""
-        x, x_mask, y, y_mask, polarity, *_ = self.layout()
-        is_sample = addresses & np.uint32(self.sample) != 0
-        free = ~np.uint32(x_mask << x | y_mask << y | 1 << polarity | self.external)
-        return np.asarray(addresses & np.where(is_sample, np.uint32(self.unused), free) != 0)
+        layout = self.layout
+        is_sample = addresses & np.uint32(layout.first) != 0
+        bits = sum(((1 << field.bits) - 1) << field.shift for field in (layout.x, layout.y, layout.p))
+        external = layout.odd.mask & ~(layout.first | layout.none)
+        free = ~np.uint32(bits | external)
+        return np.asarray(addresses & np.where(is_sample, np.uint32(layout.none), free) != 0)
+
+
+def _layout(x: Field, y: Field, p: Field, sample: int, external: int, none: int = 0) -> Layout:
+    """The layout of a big-endian address, in which some bits mark other words or are never set, and a time."""
+    odd = Odd(sample | external | none)
+    return Layout(WORD, Field(0, 32, byte=4), x, y, p, odd, none=none, first=sample, rule=HALF, is_big=True)
 
 
 def _davis(name: str, title: str, named: str, size: Size) -> _Chip:
-    chip = f"eu.seebetter.ini.chips.davis.{title}"
-    return _Chip(
-        name, chip, named, size, (12, 10), (22, 9), polarity=11, on=1, sample=1 << 31, external=1 << 10, unused=0
-    )
+    columns, rows = Field(12, 10, backwards=size[0]), Field(22, 9, backwards=size[1])
+    layout = _layout(columns, rows, Field(11, 1), sample=1 << 31, external=1 << 10)
+    return _Chip(name, f"eu.seebetter.ini.chips.davis.{title}", named, size, layout)
 
 
 _DVS128 = _Chip(
-    "DVS128", "ch.unizh.ini.jaer.chip.retina.DVS128", "dvs128|tmpdiff128", (128, 128), (1, 7), (8, 7),
-    polarity=0, on=0, sample=0, external=1 << 31 | 1 << 15, unused=0x7FFF0000, turned=False,
+    "DVS128", "ch.unizh.ini.jaer.chip.retina.DVS128", "dvs128|tmpdiff128", (128, 128),
+    _layout(
+        Field(1, 7), Field(8, 7), Field(0, 1, backwards=2), sample=0, external=1 << 31 | 1 << 15, none=0x7FFF0000
+    ),
 )  # fmt: skip
 _DAVIS346 = _davis("DAVIS346", "Davis346blue", r"davi[a-z]*346", (346, 260))
 _CHIPS = (
@@ -91,8 +107,11 @@ _READ = (
     _davis("DAVIS128", "Davis128", r"davi[a-z]*128", (128, 128)),
     _davis("DAVIS208", "Davis208PixelParade", r"davi[a-z]*208", (208, 192)),
     _Chip(
-        "DVS640", "ch.unizh.ini.jaer.chip.retina.DVS640", "dvs640", (640, 480), (1, 10), (11, 10),
-        polarity=0, on=1, sample=0, external=1 << 31, unused=0x7FE00000,
+        "DVS640", "ch.unizh.ini.jaer.chip.retina.DVS640", "dvs640", (640, 480),
+        _layout(
+            Field(1, 10, backwards=640), Field(11, 10, backwards=480), Field(0, 1), sample=0, external=1 << 31,
+            none=0x7FE00000,
+        ),
     ),
 )  # fmt: skip
 """All layouts; of two with one size the first is taken that the addresses fit."""
@@ -105,7 +124,7 @@ _WAY_OUT = (
 _NO_NAME = "no line '# AEChip:' names the camera"
 
 
-class Aedat2:
+class Aedat2(SeekingReader):
     """An open AEDAT 2.0 file.
 
     ``metadata`` has ``chip`` and, for what was read so far, ``other_words``: samples of pixels and of the inertial
@@ -142,7 +161,7 @@ class Aedat2:
 
     def __init__(self, source: Source, camera: str = "") -> None:
         lines, _ = header(source, MAGIC_2, END_2)
-        self._source, self._start = source, len(lines)
+        self.source, self.start = source, len(lines)
         size, match = _size(lines), _CHIP.search(lines)
         name = match.group(1).decode("ascii", "replace") if match else ""
         chip = _named(camera or name)
@@ -169,15 +188,15 @@ class Aedat2:
             if foreign.any():
                 k = int(foreign.argmax())
                 what = f"{_NO_NAME}, and address 0x{addresses[k]:08x} is none of a DVS128"
-                raise Damage(f"{what}: {_WAY_OUT}", self._start + WORD * k)
+                raise Damage(f"{what}: {_WAY_OUT}", self.start + WORD * k)
             if addresses.size and not _DAVIS346.foreign(addresses).any():
                 what = f"{_NO_NAME}, and the addresses may be those of a DVS128 or of a DAVIS"
-                raise Damage(f"{what}: {_WAY_OUT}", self._start)
+                raise Damage(f"{what}: {_WAY_OUT}", self.start)
         return self._size
 
     def _use(self, chip: _Chip, size: Size | None) -> None:
-        self._chip, self._size = chip, size or chip.size
-        self.metadata: dict[str, Any] = {"chip": chip.name, "other_words": 0, "external_events": 0}
+        self._chip, self._size, self.layout = chip, size or chip.size, chip.layout
+        self.metadata = {"chip": chip.name, "other_words": 0, "external_events": 0}
 
     def use_sensor(self, size: Size) -> None:
         """Take the layout of the camera with this sensor; see `Sized`.
@@ -193,63 +212,36 @@ class Aedat2:
         if not self._is_known:
             if not chips:
                 what = self._unknown[0] if self._unknown else _NO_NAME
-                raise Damage(f"{what}, and no camera has a sensor of {size[0]}x{size[1]}: {_WAY_OUT}", self._start)
+                raise Damage(f"{what}, and no camera has a sensor of {size[0]}x{size[1]}: {_WAY_OUT}", self.start)
             self._use((fitting or chips)[0], size)
             self._is_known = True
         elif (
             fitting
             and fitting[0].size == size
             # Any address of a DVS128 is one of a DVS640, too: then the name decides.
-            and (fitting[0].turned == self._chip.turned or self._chip.foreign(addresses).any())
+            and (fitting[0].is_turned == self._chip.is_turned or self._chip.foreign(addresses).any())
         ):
             self._use(fitting[0], size)
 
     def _first_addresses(self) -> Addresses:
-        return _addresses(np.frombuffer(self._source.head(self._start + LOOK)[self._start :], np.uint8))
+        return _addresses(np.frombuffer(self.source.head(self.start + LOOK)[self.start :], np.uint8))
 
-    def pieces(self, block: int) -> Iterator[Piece]:
-        """The events; see `Reader`."""
-        return self._pieces(block, Begin(self._start))
-
-    def pieces_from(self, block: int, start_us: int) -> Iterator[Piece]:
-        """The events from some block on; see `Seeker`."""
-        size = step(block, WORD)
-        samples = self._source.samples(self._start, size, min(size, LOOK))
-        return self._pieces(block, begin(self._start, self._clocks(samples), start_us, T_LIMIT))
-
-    def _clocks(self, samples: Iterable[tuple[int, Bytes]]) -> Iterator[tuple[int, int]]:
-        """The time of the first event of each sample that has one; other words may have times that run back."""
-        other = np.uint32(self._chip.sample | self._chip.external)
-        for place, data in samples:
+    def clocks(self, step: int) -> Iterator[tuple[int, int]]:
+        """The time of the first event of each block that has one; other words may have times that run back."""
+        other = np.uint32(self.layout.odd.mask & ~self.layout.none)
+        for place, data in self.source.samples(self.start, step, min(step, LOOK)):
             events = np.flatnonzero((_addresses(data) & other) == 0)
             if events.size:
                 at = WORD * int(events[0])
                 yield place, int.from_bytes(data[at + 4 : at + 8].tobytes(), "big")
 
-    def _pieces(self, block: int, at: Begin) -> Iterator[Piece]:
-        from neuro.events.formats._byte_kernels import decode_aedat2
+    def count(self, state: State) -> None:
+        """See `WordReader`."""
+        self.metadata |= {"other_words": int(state[OTHER]), "external_events": int(state[SECOND])}
 
-        chip, layout = self._chip, self._chip.layout()
-        clock, skipped = np.array([-1 if at.clock is None else at.clock, at.added]), np.zeros(2, np.int64)
-        for place, data in self._source.blocks(at.place, block, WORD):
-            n = data.size // WORD
-            room = empty_columns(n)
-            found, done, x_max, y_max, ordered = decode_aedat2(data, layout, clock, skipped, *room)
-            self.metadata |= {"other_words": int(skipped[0]), "external_events": int(skipped[1])}
-            other = 0 if found == done else chip.sample | chip.external
-
-            def byte(event: int, place: int = place, data: Bytes = data, other: int = other) -> int:
-                if not other:
-                    return place + WORD * event
-                return place + WORD * int(np.flatnonzero((_addresses(data) & np.uint32(other)) == 0)[event])
-
-            yield decoded(room, found, (x_max, y_max), ordered, byte)
-            end = place + WORD * done
-            if done < n:
-                what = f"address 0x{_addresses(data)[done]:08x} is none of a {chip.name}"
-                raise Damage(f"{what}: {_WAY_OUT}", end)
-            if rest := data.size % WORD:
-                raise Damage(f"{rest} bytes left over after {(end - self._start) // WORD} words of 8 bytes", end)
+    def stopped(self, rest: Bytes) -> str:
+        """See `WordReader`."""
+        return f"address 0x{_addresses(rest[:WORD])[0]:08x} is none of a {self._chip.name}: {_WAY_OUT}"
 
 
 def _addresses(data: Bytes) -> Addresses:
@@ -276,7 +268,7 @@ def _size(lines: bytes) -> Size | None:
 
 def write(parts: Iterator[Events], path: Path) -> None:
     """Encode as AEDAT 2.0 of the smallest camera that has the sensor's size, which a line of the header keeps."""
-    write_words(parts, path, _new_header, _words)
+    write_words(parts, path, _new_header, _encoded)
 
 
 def _smallest(size: Size) -> _Chip:
@@ -284,20 +276,10 @@ def _smallest(size: Size) -> _Chip:
     return next((chip for chip in _CHIPS if size[0] <= chip.size[0] and size[1] <= chip.size[1]), _CHIPS[-1])
 
 
-def _words(done: int, events: Events) -> bytes:
+def _encoded(done: int, events: Events) -> bytes:
     chip = _smallest(events.sensor_size)
-    columns, rows = chip.size
-    off = outside(events, columns, rows)
-    limits = f"t 0 to {T_LIMIT - 1} us, x 0 to {columns - 1}, y 0 to {rows - 1}"
-    refuse(events, ~within(events, T_LIMIT) | off, done, limits, off)
-    words = np.empty((len(events), 2), ">u4")
-    address = (events.p == chip.on).astype(np.uint32) << chip.polarity
-    column, row = events.x.astype(np.uint32), events.y.astype(np.uint32)
-    if chip.turned:
-        column, row = columns - 1 - column, rows - 1 - row
-    address |= column << chip.x[0] | row << chip.y[0]
-    words[:, 0], words[:, 1] = address, events.t
-    return words.tobytes()
+    Room(PERIOD, *chip.size).check(events, done)
+    return encoded(chip.layout, events).tobytes()
 
 
 def _new_header(sensor: Size | None) -> bytes:
@@ -313,13 +295,10 @@ def _new_header(sensor: Size | None) -> bytes:
     return text.encode("ascii")
 
 
-def _holds(events: Events, last: int | None) -> npt.NDArray[np.bool_]:
-    return within(events, T_LIMIT) & ~outside(events, *_smallest(events.sensor_size).size)
-
-
 AEDAT2 = Format(
     "aedat2", "AEDAT 2.0", (".aedat", ".aedat2"), lambda head: head.startswith(MAGIC_2), Aedat2, write,
-    holds=_holds, grows=True, inside=Aedat2,
+    holds=lambda events, last: Room(PERIOD, *_smallest(events.sensor_size).size).holds(events),
+    grows=True, inside=Aedat2,
 )  # fmt: skip
 """Read and written."""
 
@@ -327,18 +306,17 @@ AEDAT2 = Format(
 MAGIC_3 = b"#!AER-DAT3.1"
 END_3 = b"#!END-HEADER"
 EVENT = 8
+LAYOUT_3 = Layout(EVENT, Field(0, 32, byte=4), Field(17, 15), Field(2, 15), Field(1, 1), Odd(1, 1), is_signed=True)
 SIZES = {"DVS128": (128, 128), "DAVIS128": (128, 128), "DAVIS208": (208, 192), "DAVIS240": (240, 180),
          "DAVIS346": (346, 260), "DAVIS640": (640, 480)}  # fmt: skip
 """px, by how the name of a camera begins."""
-
-State = npt.NDArray[np.int64]
 
 _FORMAT = re.compile(rb"#Format: *(\S+)")
 _CAMERA = re.compile(rb"\n#Source (\d{1,5}): *([\w-]+)")
 _START = re.compile(rb"#Start-Time: *([\x20-\x7e]+)")
 
 
-class Aedat3:
+class Aedat3(WordReader):
     """An open AEDAT 3.1 file.
 
     ``metadata`` has ``camera`` and ``start``, where stated, and, for what was read so far, ``other_events`` and
@@ -364,11 +342,11 @@ class Aedat3:
         if stored and stored.group(1) != b"RAW":
             what = stored.group(1).decode("ascii", "replace")
             raise Damage(f"packets are stored as {what}, expected RAW", stored.start(1))
-        self._source, self._start = source, len(lines)
+        self.source, self.start = source, len(lines)
         cameras = [(int(number), name.decode()) for number, name in _CAMERA.findall(lines)]
         self._camera = cameras[0][0] if len(cameras) > 1 else -1
         self.sensor_size: Size | None = None
-        self.metadata: dict[str, Any] = {"other_events": 0, "invalid_events": 0}
+        self.metadata = {"other_events": 0, "invalid_events": 0}
         if cameras:
             name = cameras[0][1]
             self.metadata["camera"] = name
@@ -376,42 +354,26 @@ class Aedat3:
         if start := _START.search(lines):
             self.metadata["start"] = start.group(1).decode()
 
-    def pieces(self, block: int) -> Iterator[Piece]:
-        """The events; see `Reader`."""
-        from neuro.events.formats._byte_kernels import decode_aedat3
+    def decoder(self) -> Decoder:
+        """See `WordReader`."""
+        state = first_state(more=3)
+        state[word_kernels.CAMERA] = self._camera
+        return Decoder(word_kernels.packet_decoder(LAYOUT_3), state, EVENT, unit=1)
 
-        state, left_out = np.zeros(3, np.int64), np.zeros(2, np.int64)
-        held, end = np.zeros(0, np.uint8), self._start
-        for place, more in self._source.blocks(self._start, block):
-            data = np.concatenate((held, more)) if held.size else more
-            begin, before, room = place - held.size, state.copy(), empty_columns(data.size // EVENT)
-            found, used, x_max, y_max, ordered, broken = decode_aedat3(data, self._camera, state, left_out, *room)
-            self.metadata |= {"other_events": int(left_out[0]), "invalid_events": int(left_out[1])}
+    def count(self, state: State) -> None:
+        """See `WordReader`."""
+        self.metadata |= {"other_events": int(state[SECOND]), "invalid_events": int(state[OTHER])}
 
-            def byte(event: int, begin: int = begin, data: Bytes = data, state: State = before) -> int:
-                return begin + _begins(data, self._camera, state, event)
+    def stopped(self, rest: Bytes) -> str:
+        """See `WordReader`."""
+        return "expected the header of a packet"
 
-            yield decoded(room, found, (x_max, y_max), ordered, byte)
-            if broken:
-                raise Damage("expected the header of a packet", begin + used)
-            held, end = data[used:], begin + used
-        if missing := int(state[0] + state[1] * EVENT):
-            raise Damage(f"the last packet is cut, {missing - held.size} bytes are missing", end)
-        if held.size:
-            raise Damage(f"{held.size} bytes left over after the last packet", end)
-
-
-def _begins(data: Bytes, camera: int, state: State, event: int) -> int:
-    """The byte at which an event begins: 8 before the end of the shortest beginning of the data that has it."""
-    from neuro.events.formats._byte_kernels import decode_aedat3
-
-    low, high = 0, data.size
-    while low < high:
-        middle = (low + high) // 2
-        room = empty_columns(middle // EVENT)
-        found = decode_aedat3(data[:middle], camera, state.copy(), np.zeros(2, np.int64), *room)[0]
-        low, high = (low, middle) if found > event else (middle + 1, high)
-    return low - EVENT
+    def ended(self, rest: Bytes, end: int, decoder: Decoder) -> None:
+        """See `WordReader`."""
+        if missing := int(decoder.state[word_kernels.SKIP] + decoder.state[word_kernels.LEFT] * EVENT):
+            raise Damage(f"the last packet is cut, {missing - rest.size} bytes are missing", end)
+        if rest.size:
+            raise Damage(f"{rest.size} bytes left over after the last packet", end)
 
 
 AEDAT3 = Format(

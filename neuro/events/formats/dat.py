@@ -26,18 +26,20 @@ No file of version 1 was to be had: it is read from the specification.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-from neuro.events._events import Events, empty_columns
-from neuro.events.formats._format import HEAD, Damage, Format, Piece, Size, outside, refuse, within
-from neuro.events.formats._reading import Begin, begin, write_words
-from neuro.events.source import Source, step
+from neuro.events.formats._format import HEAD, Damage, Format, Room, Size
+from neuro.events.formats._words import (
+    PERIOD,
+    WRAPS,
+    Field,
+    Layout,
+    Odd,
+    SeekingReader,
+    layout_writer,
+)
+from neuro.events.source import Bytes, Source
 
 ATIS = (304, 240)
 GEN3 = (640, 480)
@@ -158,44 +160,30 @@ def raw_text(version: str, size: Size | None) -> bytes:
     )
 
 
-def check_room(events: Events, done: int, times: int, side: int) -> None:
-    """See that a format has room for a part of a recording.
-
-    Args:
-        events: the part.
-        done: number of events before it.
-        times: times from 0 up to this, us, not included, can be held.
-        side: columns and rows from 0 up to this, not included, can be held.
-
-    Raises:
-        Unsavable: there is an event that cannot.
-    """
-    off = outside(events, side, side)
-    refuse(events, ~within(events, times) | off, done, f"t 0 to {times - 1} us, x and y 0 to {side - 1}", off)
-
-
-def has_room(times: int, side: int) -> Callable[[Events, int | None], npt.NDArray[np.bool_]]:
-    """`Format.holds` of a format with room for these times and sides; see `check_room`."""
-    return lambda events, last: within(events, times) & ~outside(events, side, side)
-
-
 WORD = 8
 KINDS = (0x00, 0x0C)
 """Kinds of events that are those of pixels."""
 
-T_LIMIT = 1 << 32
-NEAR_WRAP = T_LIMIT // 16
-ROOM = (T_LIMIT, 1 << 14)
-"""Times and sides that the words can tell."""
-
-_LAYOUTS = {1: (0x1FF, 9, 17), 2: (0x3FFF, 14, 28)}
+ROOM = Room(PERIOD, 1 << 14)
 
 
-class Dat:
+def _layout(x: Field, y: Field, p: Field, none: int) -> Layout:
+    return Layout(WORD, Field(0, 32), x, y, p, Odd(none, byte=4), none=none, rule=WRAPS, group=1024)
+
+
+_LAYOUTS = {
+    1: _layout(Field(0, 9, 4), Field(9, 8, 4), Field(17, 1, 4), none=0),
+    2: _layout(Field(0, 14, 4), Field(14, 14, 4), Field(28, 1, 4), none=0xE0000000),
+}
+
+
+class Dat(SeekingReader):
     """An open DAT file; ``metadata`` has ``version``, ``event_type`` and the lines of the ``header``."""
 
+    called = "events"
+
     def __init__(self, source: Source) -> None:
-        self._source = source
+        self.source = source
         header = read_header(source)
         kind = source.head(header.length + 2)[header.length :]
         if not header.length:
@@ -207,50 +195,21 @@ class Dat:
         if kind[0] not in KINDS or kind[1] != WORD:
             expected = "expected kind 0x00 or 0x0c (of pixels) and 8 bytes"
             raise Damage(f"events of kind 0x{kind[0]:02x} and {kind[1]} bytes, {expected}", header.length)
-        self._start = header.length + 2
-        self._version = _version(header, kind[0])
+        self.start = header.length + 2
+        version = _version(header, kind[0])
+        self.layout = _LAYOUTS[version]
         self.sensor_size = header.sensor_size()
-        self.metadata: dict[str, Any] = {
-            "version": self._version,
-            "event_type": kind[0],
-            "header": dict(header.fields),
-        }
+        self.metadata = {"version": version, "event_type": kind[0], "header": dict(header.fields)}
 
-    def pieces(self, block: int) -> Iterator[Piece]:
-        """The events; see `Reader`."""
-        return self._pieces(block, Begin(self._start))
+    def clocks(self, step: int) -> Iterator[tuple[int, int]]:
+        """See `SeekingReader`."""
+        samples = self.source.samples(self.start, step, 4)
+        return ((place, int(data.view("<u4")[0])) for place, data in samples if data.size == 4)
 
-    def pieces_from(self, block: int, start_us: int) -> Iterator[Piece]:
-        """The events from some block on; see `Seeker`."""
-        samples = self._source.samples(self._start, step(block, WORD), 4)
-        clocks = ((place, int(data.view("<u4")[0])) for place, data in samples if data.size == 4)
-        return self._pieces(block, begin(self._start, clocks, start_us, T_LIMIT))
-
-    def _pieces(self, block: int, at: Begin) -> Iterator[Piece]:
-        from neuro.events.formats._evt_kernels import decode_dat
-
-        layout = _LAYOUTS[self._version]
-        last, added = at.clock or 0, at.added
-        for place, data in self._source.blocks(at.place, block, WORD):
-            n = whole = data.size // WORD
-            words = data[: n * WORD].view("<u4")
-            t, x, y, p = empty_columns(n)
-            x_max, y_max, ordered, seen = decode_dat(words, *layout, t, x, y, p)
-            if self._version == 2 and seen >> 29:
-                whole = int((words[1::2] >> np.uint32(29) != 0).argmax())
-            if n and (added or not ordered or t[0] < last):
-                ordered, last, added = _unwrap(t, last, added)
-            elif n:
-                last = int(t[-1])
-            highest = (int(x_max), int(y_max)) if whole == n > 0 else None
-            byte = _places(place)
-            yield Piece(t[:whole], x[:whole], y[:whole], p[:whole], highest, bool(ordered), byte)
-            if whole < n:
-                address = words[2 * whole + 1]
-                raise Damage(f"address 0x{address:08x} has bits above the polarity, expected none", byte(whole))
-            if rest := data.size % WORD:
-                what = f"{rest} bytes left over after {(place - self._start) // WORD + n} events of 8 bytes"
-                raise Damage(what, place + n * WORD)
+    def stopped(self, rest: Bytes) -> str:
+        """See `WordReader`."""
+        address = int(rest[4:8].view("<u4")[0])
+        return f"address 0x{address:08x} has bits above the polarity, expected none"
 
 
 def _version(header: Header, kind: int) -> int:
@@ -260,41 +219,6 @@ def _version(header: Header, kind: int) -> int:
     if version not in ("0", "1", "2"):
         raise header.damage("version", "0, 1 or 2")
     return max(int(version), 1)
-
-
-def _places(place: int) -> Any:
-    return lambda event: place + WORD * event
-
-
-def _unwrap(t: npt.NDArray[np.int64], last: int, added: int) -> tuple[bool, int, int]:
-    """Add the wraps to the times of a block, in place.
-
-    Args:
-        t: (n,) 32-bit times, us.
-        last: the 32-bit time before them.
-        added: us that wraps before them add.
-
-    Returns:
-        whether time does not run back, the last 32-bit time, and us added from here on.
-    """
-    before = np.concatenate(([last], t[:-1]))
-    now = added + T_LIMIT * np.cumsum((before >= T_LIMIT - NEAR_WRAP) & (t < NEAR_WRAP))
-    last = int(t[-1])
-    t += now
-    return bool((t[1:] >= t[:-1]).all()), last, int(now[-1])
-
-
-def write(parts: Iterator[Events], path: Path) -> None:
-    """Encode as version 2, kind 0x0C, with the sensor in the header; metadata are not kept."""
-    write_words(parts, path, _text, _words)
-
-
-def _words(done: int, events: Events) -> bytes:
-    check_room(events, done, *ROOM)
-    words = np.empty((len(events), 2), "<u4")
-    words[:, 0] = events.t
-    words[:, 1] = events.x | events.y.astype(np.uint32) << 14 | events.p.astype(np.uint32) << 28
-    return words.tobytes()
 
 
 def _text(size: tuple[int, int] | None) -> bytes:
@@ -308,7 +232,7 @@ def _knows(head: bytes) -> bool:
 
 
 DAT = Format(
-    "dat", "Prophesee DAT", (".dat",), _knows, Dat, write, holds=has_room(*ROOM), grows=True,
-    usual=ATIS, larger=(GEN3, GEN4)
+    "dat", "Prophesee DAT", (".dat",), _knows, Dat, layout_writer(_text, _LAYOUTS[2], ROOM),
+    holds=ROOM.holds, grows=True, usual=ATIS, larger=(GEN3, GEN4),
 )  # fmt: skip
-"""Read and written."""
+"""Read and written: as version 2, kind 0x0C, with the sensor in the header; metadata are not kept."""

@@ -1,4 +1,6 @@
-"""Event Stream 2.0 (``.es``) of the Vision Institute in Paris: DVS events, and generic ones as bytes.
+"""Formats of five bytes an event: Event Stream of the Vision Institute in Paris, and the ``.bin`` of N-MNIST (`Bin`).
+
+Event Stream 2.0 (``.es``) has DVS events, and generic ones as bytes.
 
 "Event Stream", three bytes of version and one of type (0 generic, 1 DVS, 2 ATIS, 3 display, 4 colour). A DVS file goes
 on with width and height (uint16, little-endian) and events of 5 bytes: time since the event before (7 bits, us) and
@@ -16,18 +18,20 @@ Source: github.com/neuromorphic-paris/event_stream, README, version 2.0.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events._events import Events, empty_columns
-from neuro.events.errors import EventFileError, EventFileWarning
-from neuro.events.formats._format import SMALLER, Damage, Format, Piece, Size, Unsavable, refuse
-from neuro.events.formats._reading import decoded, write_words
-from neuro.events.source import Bytes, Given, Source, opened_source
+from neuro.core.extras import LazyModule
+from neuro.events._events import Events
+from neuro.events.formats._format import SMALLER, Damage, Format, Room, Size, Unsavable, refuse
+from neuro.events.formats._reading import write_words
+from neuro.events.formats._words import GAPS, Decoder, Field, Layout, Odd, WordReader, layout_writer
+from neuro.events.source import Bytes, EventFileError, EventFileWarning, Given, Source, opened_source
+
+word_kernels = LazyModule("neuro.events.formats._word_kernels")
 
 MAGIC = b"Event Stream"
 VERSION = (2, 0, 0)
@@ -43,9 +47,17 @@ TYPES = {GENERIC: "generic", DVS: "DVS", 2: "ATIS", 3: "display", 4: "colour"}
 LONGEST_GAP = OVERFLOW_US << 26
 """us; an event after a longer one would take more than 64 MB, since 127 us of silence take a byte."""
 
+LAYOUT = Layout(
+    EVENT, t=Field(1, 7, size=1), x=Field(0, 16, byte=1), y=Field(16, 16, byte=1), p=Field(0, 1, size=1),
+    odd=Odd(0xFE, 0xFE, differs=False, size=1), others="silence", rule=GAPS, least=1,
+)  # fmt: skip
 
-class EventStream:
+
+class EventStream(WordReader):
     """An open Event Stream file of DVS events."""
+
+    layout = LAYOUT
+    start = START
 
     def __init__(self, source: Source) -> None:
         kind = _kind(source)
@@ -59,27 +71,14 @@ class EventStream:
         width, height = (int.from_bytes(header[at : at + 2], "little") for at in (HEADER, HEADER + 2))
         if not width or not height:
             raise Damage(f"sensor size {width}x{height}, expected at least 1x1", HEADER)
-        self._source = source
+        self.source = source
         self.sensor_size: Size | None = (width, height)
-        self.metadata: Mapping[str, Any] = {"version": ".".join(str(number) for number in header[12:15])}
+        self.metadata = {"version": ".".join(str(number) for number in header[12:15])}
 
-    def pieces(self, block: int) -> Iterator[Piece]:
-        """The events; see `Reader`."""
-        from neuro.events.formats._byte_kernels import begins, decode_event_stream
-
-        now, held = 0, np.zeros(0, np.uint8)
-        for place, more in self._source.blocks(START, block):
-            data = np.concatenate((held, more)) if held.size else more
-            begin, room = place - held.size, empty_columns(data.size // EVENT)
-            found, used, x_max, y_max, now = decode_event_stream(data, now, *room)
-            held = data[used:]
-
-            def byte(event: int, begin: int = begin, data: Bytes = data) -> int:
-                return begin + int(begins(data, event))
-
-            yield decoded(room, found, (x_max, y_max), True, byte)
-        if held.size:
-            raise Damage(f"the last event is cut after {held.size} of {EVENT} bytes", begin + used)
+    def ended(self, rest: Bytes, end: int, decoder: Decoder) -> None:
+        """See `WordReader`."""
+        if rest.size:
+            raise Damage(f"the last event is cut after {rest.size} of {EVENT} bytes", end)
 
 
 def _kind(source: Source) -> int:
@@ -165,8 +164,6 @@ def _generic(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 def write(parts: Iterator[Events], path: Path) -> None:
     """Encode as Event Stream 2.0 of DVS events; the metadata are not kept."""
-    from neuro.events.formats._byte_kernels import encode_event_stream
-
     now = 0
 
     def encoded(done: int, events: Events) -> bytes:
@@ -177,7 +174,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
         late = not done and bad[:1].any()  # where the recording begins, which a filter can move; no gap within it
         refuse(events, bad, done, limits, np.zeros(len(events), np.bool_) if late else None)
         out = np.empty(EVENT * len(events) + int((gaps // OVERFLOW_US).sum()), np.uint8)
-        encode_event_stream(events.t, events.x, events.y, events.p, now, out)
+        word_kernels.encode_event_stream(events.t, events.x, events.y, events.p, now, out)
         now = int(events.t[-1]) if len(events) else now
         return out.tobytes()
 
@@ -202,3 +199,44 @@ EVENT_STREAM = Format(
     holds=_holds, grows=True,
 )  # fmt: skip
 """Read and written."""
+
+
+NMNIST_SENSOR = (34, 34)
+"""Of N-MNIST, px."""
+
+OVERFLOW_ROW = 240
+"""Such a word is no event but adds 2^13 us to all times after it."""
+
+NMNIST_LAYOUT = Layout(
+    EVENT, t=Field(0, 23, byte=1), x=Field(0, 8, size=1), y=Field(24, 8, byte=1), p=Field(23, 1, byte=1),
+    odd=Odd(0xFF, OVERFLOW_ROW, differs=False, byte=1, size=1), others="overflow", is_big=True,
+)  # fmt: skip
+NMNIST_ROOM = Room(1 << 23, 256, reserved=OVERFLOW_ROW)
+
+
+class Bin(WordReader):
+    """An open ``.bin`` of N-MNIST or N-Caltech101; ``sensor_size`` is None, since the file does not tell it.
+
+    Five bytes an event, big-endian: x, y, then one bit polarity (1 = ON) and 23 bits of time in us.
+    The file has no header, so neither its kind nor its sensor is written in it.
+
+    Source: Orchard et al., Front. Neurosci. 9:437, 2015, and the data set's own Matlab reader, from which
+    the rule for y = 240 comes.
+    """
+
+    layout = NMNIST_LAYOUT
+    called = "events"
+    sensor_size: Size | None = None
+    start = 0
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.metadata = {}
+
+
+NMNIST = Format(
+    "nmnist", "N-MNIST .bin", (".bin",), lambda head: False, Bin,
+    layout_writer(lambda size: b"", NMNIST_LAYOUT, NMNIST_ROOM), holds=NMNIST_ROOM.holds, grows=True,
+    usual=NMNIST_SENSOR,
+)  # fmt: skip
+"""Read and written; the sensor size and the metadata are not kept."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -12,72 +10,32 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events._events import Events, empty_columns
-from neuro.events.formats._format import HEAD, Damage, Format, Piece, no_place
-from neuro.events.formats._reading import begin, decoded, write_words
-from neuro.events.formats.dat import GEN3, GEN4, check_room, has_room, parse, raw_text, read_header
-from neuro.events.source import WHOLE, Bytes, Source, step
+from neuro.core.extras import LazyModule
+from neuro.events._events import Events
+from neuro.events.formats._format import HEAD, Damage, Format, Room
+from neuro.events.formats._reading import begin, write_words
+from neuro.events.formats._words import (
+    ADDED,
+    OTHER,
+    STARTED,
+    Decoder,
+    Field,
+    Layout,
+    Odd,
+    SeekingReader,
+    State,
+    encoded,
+    first_state,
+)
+from neuro.events.formats.dat import GEN3, GEN4, parse, raw_text, read_header
+from neuro.events.source import Bytes, Source
+
+evt_kernels = LazyModule("neuro.events.formats._evt_kernels")
 
 Words = npt.NDArray[Any]
-OTHER, STARTED = 0, 1
-"""Places in the state of every kernel: words left out, and whether a TIME_HIGH was seen."""
-
-STEP = 1 << 16
-"""Bytes decoded at a time to find an event."""
 
 
-def _same(words: Words) -> Words:
-    return words
-
-
-@dataclass(slots=True)
-class Decoder:
-    """A kernel and its state.
-
-    Attributes:
-        dtype: of the array that the kernel takes.
-        state: changed by `decode`.
-        room: events that words have at most.
-        decode: (words, state, t, x, y, p) -> events, largest x and y, whether time does not run back.
-        order: puts words in the order that the kernel takes.
-    """
-
-    dtype: str
-    state: npt.NDArray[np.int64]
-    room: Callable[[Words], int]
-    decode: Callable[..., tuple[int, int, int, bool]]
-    order: Callable[[Words], Words] = _same
-
-    def piece(self, data: Bytes, place: Callable[[int], int | None] = no_place) -> Piece:
-        """The events of whole words."""
-        words = self.order(data.view(self.dtype))
-        room = empty_columns(self.room(words))
-        found, x_max, y_max, ordered = self.decode(words, self.state, *room)
-        return decoded(room, found, (x_max, y_max), ordered, place)
-
-    def count(self, data: Bytes) -> int:
-        """Number of events of whole words; the state stays as it is."""
-        return self.copy().piece(data).t.size
-
-    def copy(self) -> Decoder:
-        """One with a state of its own."""
-        return replace(self, state=self.state.copy())
-
-    def find(self, data: Bytes, word: int, event: int) -> int:
-        """The byte of whole words at which an event begins."""
-        here, at = self.copy(), 0
-        while event >= (count := here.count(data[at : at + STEP])):
-            event -= count
-            here.piece(data[at : at + STEP])
-            at += STEP
-        low, high = 0, min(STEP, data.size - at) // word
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (low, middle) if here.count(data[at : at + middle * word]) > event else (middle, high)
-        return at + low * word
-
-
-class Evt(ABC):
+class Evt(SeekingReader):
     """An open RAW file.
 
     ``metadata`` has the lines of the ``header`` and, once all is read, ``other_words``: words left out.
@@ -85,20 +43,19 @@ class Evt(ABC):
     Attributes:
         coding: the word that a header has for it.
         title: the one that messages have.
-        word: bytes of a word.
         orders: orders of bytes that are read.
-        swell: `stream` takes blocks smaller by this, since a word may hold many events.
+        word: bytes of a word.
     """
 
     coding: ClassVar[str]
     title: ClassVar[str]
-    word: ClassVar[int]
     orders: ClassVar[tuple[str, ...]] = ("little",)
-    swell: ClassVar[int] = 1
+    word: ClassVar[int]
 
     def __init__(self, source: Source) -> None:
         self.source = source
         self.header = header = read_header(source)
+        self.start = header.length
         if header.coding not in (None, self.coding):
             key = "format" if "format" in header.fields else "evt"
             raise header.damage(key, f"that of {self.title}")
@@ -107,49 +64,17 @@ class Evt(ABC):
         if not header.length and source.size == 0:
             raise Damage(f"is empty, expected a header or words of {self.title}", 0)
         self.sensor_size = header.sensor_size()
-        self.metadata: dict[str, Any] = {"format": self.coding.lower(), "header": dict(header.fields)}
+        self.metadata = {"format": self.coding.lower(), "header": dict(header.fields)}
 
-    @abstractmethod
-    def decoder(self) -> Decoder:
-        """A new decoder of this coding."""
+    def count(self, state: State) -> None:
+        """See `WordReader`."""
+        self.metadata["other_words"] = int(state[OTHER])
 
-    def pieces(self, block: int) -> Iterator[Piece]:
-        """The events; see `Reader`."""
-        return self._pieces(block, self.decoder(), self.header.length)
-
-    def pieces_from(self, block: int, start_us: int) -> Iterator[Piece]:
-        """The events from some block on; see `Seeker`."""
-        decoder = self.decoder()
-        return self._pieces(block, decoder, self.sought(decoder, self._step(block), start_us))
-
-    @abstractmethod
-    def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
-        """A byte before which all events are earlier than `start_us`; the decoder is set for it.
-
-        Args:
-            decoder: a new one.
-            step: bytes of a block; the byte is at the beginning of one.
-            start_us: time, us.
-        """
-
-    def _step(self, block: int) -> int:
-        return step(block if block >= WHOLE else block // self.swell, self.word)
-
-    def _pieces(self, block: int, decoder: Decoder, begin: int) -> Iterator[Piece]:
-        start = self.header.length
-        for place, data in self.source.blocks(begin, self._step(block), self.word):
-            whole = data[: data.size // self.word * self.word]
-            piece = decoder.piece(whole, self._places(decoder.copy(), place, whole))
-            self.metadata["other_words"] = int(decoder.state[OTHER])
-            yield piece
-            if rest := data.size - whole.size:
-                n = (place + whole.size - start) // self.word
-                raise Damage(f"{rest} bytes left over after {n} words of {self.word} bytes", place + whole.size)
+    def ended(self, rest: Bytes, end: int, decoder: Decoder) -> None:
+        """See `WordReader`."""
+        super().ended(rest, end, decoder)
         if decoder.state[OTHER] and not decoder.state[STARTED]:
-            raise Damage(f"no word of {self.title} gives the time of what follows", start)
-
-    def _places(self, decoder: Decoder, place: int, data: Bytes) -> Callable[[int], int]:
-        return lambda event: place + decoder.find(data, self.word, event)
+            raise Damage(f"no word of {self.title} gives the time of what follows", self.start)
 
 
 TIME_HIGH = 8
@@ -158,8 +83,12 @@ PERIOD = 1 << 28
 """Values of TIME_HIGH, which tells the bits of the time above the low ones."""
 HIGH_LOOK = 1 << 14
 """Bytes of a block in which a TIME_HIGH is looked for; cameras send one every 16 us."""
-ROOM_2 = (1 << 34, 1 << 11)
-"""Times and sides that the words can tell."""
+ROOM_2 = Room(1 << 34, 1 << 11)
+
+LAYOUT_2 = Layout(
+    4, t=Field(22, LOW_BITS), x=Field(11, 11), y=Field(0, 11), p=Field(28, 1),
+    odd=Odd(0xE0000000), others="time_high", waits=True,
+)  # fmt: skip
 
 
 class Evt2(Evt):
@@ -180,26 +109,18 @@ class Evt2(Evt):
     coding = "EVT2"
     title = "EVT 2.0"
     word = 4
-
-    def decoder(self) -> Decoder:
-        """See `Evt`."""
-        from neuro.events.formats import _evt_kernels as kernel
-
-        return Decoder("<u4", np.zeros(kernel.STATES_2, np.int64), len, kernel.decode2)
+    layout = LAYOUT_2
 
     def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
-        """See `Evt`."""
-        from neuro.events.formats import _evt_kernels as kernel
-
-        samples = self.source.samples(self.header.length, step, min(step, HIGH_LOOK))
-        at = begin(self.header.length, self._highs(decoder, samples), start_us >> LOW_BITS, PERIOD)
-        decoder.state[kernel.WRAPS] = at.added << LOW_BITS
+        """See `SeekingReader`."""
+        at = begin(self.start, self.clocks(step), start_us >> LOW_BITS, PERIOD)
+        decoder.state[ADDED] = at.added << LOW_BITS
         return at.place
 
-    def _highs(self, decoder: Decoder, samples: Iterable[tuple[int, Bytes]]) -> Iterator[tuple[int, int]]:
+    def clocks(self, step: int) -> Iterator[tuple[int, int]]:
         """The first TIME_HIGH of each sample that has one."""
-        for place, data in samples:
-            words = self.upper(decoder.order(data[: data.size // self.word * self.word].view(decoder.dtype)))
+        for place, data in self.source.samples(self.start, step, min(step, HIGH_LOOK)):
+            words = self.upper(data[: data.size // self.word * self.word].view("<u4"))
             found = np.flatnonzero(words >> 28 == TIME_HIGH)
             if found.size:
                 yield place, int(words[found[0]] & 0x0FFFFFFF)
@@ -213,31 +134,24 @@ def write_evt2(parts: Iterator[Events], path: Path) -> None:
     """Encode, with the sensor in the header; metadata are not kept."""
     high = -1
 
-    def encoded(done: int, events: Events) -> bytes:
+    def words(done: int, events: Events) -> bytes:
         nonlocal high
-        check_room(events, done, *ROOM_2)
-        words, high = _words_2(events, high)
-        return words.tobytes()
+        ROOM_2.check(events, done)
+        highs = events.t >> LOW_BITS
+        new = np.diff(highs, prepend=high) != 0
+        high = int(highs[-1]) if len(events) else high
+        place = np.arange(len(events)) + np.cumsum(new)
+        out = np.empty(len(events) + int(new.sum()), "<u4")
+        out[place[new] - 1] = TIME_HIGH << 28 | highs[new]
+        out[place] = encoded(LAYOUT_2, events).view("<u4")[:, 0]
+        return out.tobytes()
 
-    write_words(parts, path, partial(raw_text, "2.0"), encoded)
-
-
-def _words_2(events: Events, high: int) -> tuple[npt.NDArray[np.uint32], int]:
-    """Words of events after a TIME_HIGH of this value, and the value after them."""
-    highs = events.t >> 6
-    new = np.diff(highs, prepend=high) != 0
-    place = np.arange(len(events)) + np.cumsum(new)
-    words = np.empty(len(events) + int(new.sum()), "<u4")
-    words[place[new] - 1] = TIME_HIGH << 28 | highs[new]
-    low = events.t.astype(np.uint32) & np.uint32(0x3F)
-    x, p = events.x.astype(np.uint32), events.p.astype(np.uint32)
-    words[place] = p << 28 | low << 22 | x << 11 | events.y
-    return words, int(highs[-1]) if len(events) else high
+    write_words(parts, path, partial(raw_text, "2.0"), words)
 
 
 EVT2 = Format(
     "evt2", "Prophesee EVT 2.0", (".raw",), lambda head: parse(head).coding == Evt2.coding, Evt2, write_evt2,
-    holds=has_room(*ROOM_2), grows=True, usual=GEN3, larger=(GEN4,),
+    holds=ROOM_2.holds, grows=True, usual=GEN3, larger=(GEN4,),
 )  # fmt: skip
 """Read and written."""
 
@@ -264,26 +178,23 @@ class Evt21(Evt2):
     swell = 16
 
     def decoder(self) -> Decoder:
-        """See `Evt`."""
-        from neuro.events.formats import _evt_kernels as kernel
-
-        order = self.header.options.get("endianness")
-        legacy = order == "legacy" if order else self._upper_first()
-
-        def halves(words: npt.NDArray[Any]) -> npt.NDArray[Any]:
-            return words.reshape(-1, 2)[:, ::-1].reshape(-1) if legacy else words
-
-        return Decoder("<u4", np.zeros(kernel.STATES_2, np.int64), kernel.room21, kernel.decode21, halves)
+        """See `WordReader`."""
+        half = self._upper_half()
+        decode, room = (partial(kernel, half) for kernel in (evt_kernels.decode21, evt_kernels.room21))
+        return Decoder(decode, first_state(), self.word, self.word, room)
 
     def upper(self, words: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
         """See `Evt2`."""
-        return words[1::2]
+        return words[self._upper_half() :: 2]
 
-    def _upper_first(self) -> bool:
+    def _upper_half(self) -> int:
+        """Which half of a word is the upper one: 0 where it comes first, else 1."""
+        if order := self.header.options.get("endianness"):
+            return int(order != "legacy")
         data = self.source.head(self.header.length + HEAD)[self.header.length :]
         words = np.frombuffer(data[: len(data) // self.word * self.word], "<u4").reshape(-1, 2)
         lower, upper = (int(strange(half).sum()) - int((half >> 28 == TIME_HIGH).sum()) for half in words.T)
-        return upper > lower
+        return int(upper <= lower)
 
 
 def strange(upper: npt.NDArray[np.uint32]) -> npt.NDArray[np.bool_]:
@@ -303,7 +214,7 @@ EVT21 = Format(
 """Read only."""
 
 
-ROOM_3 = (1 << 40, 1 << 11)
+ROOM_3 = Room(1 << 40, 1 << 11)
 """Times and sides that are written. Wraps could tell any time, with two words each; this bounds their number."""
 
 OTHER_ROW, VECT_BASE_X, TIME_LOW = 1, 3, 6
@@ -313,13 +224,21 @@ SLICE = 1 << 16
 """Events encoded at a time."""
 
 
+def _whole(data: Bytes) -> npt.NDArray[np.uint16]:
+    return data[: data.size // 2 * 2].view("<u2")
+
+
 def evt3_decoder() -> Decoder:
     """A new decoder of EVT 3.0."""
-    from neuro.events.formats import _evt_kernels as kernel
+    state = np.zeros(evt_kernels.STATES_3, np.int64)
+    state[evt_kernels.ROW] = state[evt_kernels.BASE] = -1
 
-    state = np.zeros(kernel.STATES_3, np.int64)
-    state[kernel.ROW] = state[kernel.BASE] = -1
-    return Decoder("<u2", state, kernel.room3, kernel.decode3)
+    def decode(data: Bytes, *rest: Any) -> tuple[int, int, int, int, bool]:
+        words = _whole(data)
+        count, x_max, y_max, ordered = evt_kernels.decode3(words, *rest)
+        return count, words.nbytes, x_max, y_max, ordered
+
+    return Decoder(decode, state, 2, 2, lambda data: evt_kernels.room3(_whole(data)))
 
 
 class Evt3(Evt):
@@ -347,24 +266,22 @@ class Evt3(Evt):
     swell = 4
 
     def decoder(self) -> Decoder:
-        """See `Evt`."""
+        """See `WordReader`."""
         return evt3_decoder()
 
     def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
-        """See `Evt`. The clock wraps so soon that all TIME_HIGH before are looked at, and nothing else."""
-        from neuro.events.formats import _evt_kernels as kernel
-
-        begin = self.header.length
+        """See `SeekingReader`. The clock wraps so soon that all TIME_HIGH before are looked at, and nothing else."""
+        begin = self.start
         high, kinds, margin = -1, 0, (begin, -1)
         before = np.zeros(0, np.uint16)
         for place, data in self.source.blocks(begin, step, self.word):
-            words = data[: data.size // self.word * self.word].view("<u2")
+            words = _whole(data)
             at_begin, kinds_before = high, kinds
-            high, kinds, most = kernel.track3(words, high, kinds)
+            high, kinds, most = evt_kernels.track3(words, high, kinds)
             if most >= start_us >> 12:
                 if margin[1] < 0 or not _settled(before, bool(kinds_before >> VECT_BASE_X & 1)):
                     return begin
-                decoder.state[kernel.STARTED], decoder.state[kernel.TIME] = 1, margin[1] << 12
+                decoder.state[STARTED], decoder.state[evt_kernels.TIME] = 1, margin[1] << 12
                 return margin[0]
             margin, before = (place, at_begin), words
         return begin
@@ -385,25 +302,23 @@ def _settled(words: npt.NDArray[np.uint16], vectors: bool) -> bool:
 
 def write_evt3(parts: Iterator[Events], path: Path) -> None:
     """Encode, with the sensor in the header; metadata are not kept."""
-    from neuro.events.formats._evt_kernels import encode3
-
     state = np.array([-1, -1], np.int64)
 
     def encoded(done: int, events: Events) -> bytes:
-        check_room(events, done, *ROOM_3)
+        ROOM_3.check(events, done)
         return b"".join(map(sliced, (events[first : first + SLICE] for first in range(0, len(events), SLICE))))
 
     def sliced(part: Events) -> bytes:
         wraps = (int(part.t[-1]) >> 24) - (max(int(state[0]), 0) >> 24)
         words = np.empty(4 * len(part) + 2 * wraps + 1, "<u2")
-        return words[: encode3(part.t, part.x, part.y, part.p, state, words)].tobytes()
+        return words[: evt_kernels.encode3(part.t, part.x, part.y, part.p, state, words)].tobytes()
 
     write_words(parts, path, partial(raw_text, "3.0"), encoded)
 
 
 EVT3 = Format(
     "evt3", "Prophesee EVT 3.0", (".raw",), lambda head: parse(head).coding == Evt3.coding, Evt3, write_evt3,
-    holds=has_room(*ROOM_3), grows=True, usual=GEN3, larger=(GEN4,),
+    holds=ROOM_3.holds, grows=True, usual=GEN3, larger=(GEN4,),
 )  # fmt: skip
 """Read and written."""
 

@@ -29,13 +29,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import LazyModule
 from neuro.core.hdf5 import FRONT, Front, is_hdf5, new_file
 from neuro.events._events import EVENT, Events
-from neuro.events.errors import EventFileError
 from neuro.events.formats._format import Damage, Format, Piece, Size, Unsavable, as_json, from_json
-from neuro.events.formats._hdf5_chunks import FAILURES, Padded, one_line
-from neuro.events.formats._hdf5_recording import find, of_rows
-from neuro.events.source import WHOLE, Bytes, Source
+from neuro.events.formats._hdf5_recording import FAILURES, Padded, find, of_rows, one_line
+from neuro.events.source import WHOLE, Bytes, EventFileError, Source
+
+h5py = LazyModule("h5py")
 
 UNTESTED = "no recording in another layout than this library's was at hand"
 
@@ -53,8 +54,6 @@ class Hdf5:
     """
 
     def __init__(self, source: Source, where: str = "") -> None:
-        import h5py
-
         self._file: Any = None
         self._bytes: Any = b""
         try:
@@ -100,13 +99,9 @@ class Hdf5:
         yield from self._recording.pieces(block, start_us)
         if not self._heaps:
             raise Damage("a heap of strings is damaged; attributes with strings were left out", None)
-        if start_us is None and not self._is_whole():
+        front = None if start_us is not None else Front.of(bytes(self._bytes[:FRONT]))  # of what this library wrote
+        if front is not None and not front.fits(lambda at, n: self._bytes[at : at + n]):
             raise Damage("damaged: it is not what was written", None)
-
-    def _is_whole(self) -> bool:
-        """Whether a file that this library wrote is what was written; of others nothing is known."""
-        front = Front.of(bytes(self._bytes[:FRONT]))
-        return front is None or front.fits(lambda at, n: self._bytes[at : at + n])
 
 
 def read_sample(dataset: Any) -> Events:
@@ -198,8 +193,6 @@ def attributes(node: Any, heaps: bool) -> dict[str, Any]:
         node: an open h5py group or dataset.
         heaps: whether strings of any length may be read.
     """
-    import h5py
-
     found = {}
     for name in node.attrs:
         attribute = h5py.h5a.open(node.id, name.encode())
@@ -253,8 +246,6 @@ def metadata_of(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 def describe(target: Any, sensor_size: tuple[int, int], metadata: Any) -> None:
     """Put sensor size and metadata into attributes of a group or dataset, once."""
-    import h5py
-
     if "sensor_size" not in target.attrs:
         text = as_json(metadata).encode()
         target.attrs["sensor_size"] = np.array(sensor_size, np.int64)

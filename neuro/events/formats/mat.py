@@ -29,12 +29,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import LazyModule
 from neuro.events._events import Events
-from neuro.events.errors import EventFileError
 from neuro.events.formats._columns import Names, find_names, to_piece, unit_of
 from neuro.events.formats._format import Damage, Format, Found
-from neuro.events.formats._hdf5_chunks import FAILURES, believable
-from neuro.events.source import WHOLE, Given, Source
+from neuro.events.formats._hdf5_recording import FAILURES, believable
+from neuro.events.source import WHOLE, EventFileError, Given, Source
+
+h5py = LazyModule("h5py")
 
 MAGIC = b"MATLAB "
 
@@ -71,17 +73,18 @@ def samples(given: Given) -> dict[str, Events]:
         ValueError: an event is impossible; the first is named.
         OSError: the path cannot be opened.
     """
+    recordings: dict[str, Events] = {}
     with Source(given) as source:
         try:
-            return {candidate[0]: _events(_recording(*candidate)) for candidate in _candidates(source)}
+            for candidate in _candidates(source):
+                recording = _recording(*candidate)
+                (piece,) = recording.pieces(WHOLE)
+                size = int(piece.x.max(initial=0)) + 1, int(piece.y.max(initial=0)) + 1
+                metadata = {"format": "mat", **recording.metadata}
+                recordings[candidate[0]] = Events(piece.t, piece.x, piece.y, piece.p, size, metadata)
         except Damage as damage:
             raise EventFileError(source.name, damage.what, damage.offset) from None
-
-
-def _events(found: Found) -> Events:
-    (piece,) = found.pieces(WHOLE)
-    size = int(piece.x.max(initial=0)) + 1, int(piece.y.max(initial=0)) + 1
-    return Events(piece.t, piece.x, piece.y, piece.p, size, {"format": "mat", **found.metadata})
+    return recordings
 
 
 def _candidates(source: Source) -> list[Candidate]:
@@ -95,7 +98,10 @@ def _candidates(source: Source) -> list[Candidate]:
         raise
     except FAILURES as error:
         raise Damage(f"no whole MAT file: {' '.join(str(error).split())}", None) from None
-    found = [candidate for name, value in _named(known).items() for candidate in _search(name, value, DEPTH)]
+    # Variables that are a recording together have no name.
+    together = find_names(name for name, value in known.items() if _is_vector(value))
+    parts = {"": known} if together else known
+    found = [candidate for name, value in parts.items() for candidate in _search(name, value, DEPTH)]
     if not found:
         names = ", ".join(known) or "nothing"
         raise Damage(f"has {names}; expected vectors t (or ts), x, y and p (or pol), also in a struct", None)
@@ -108,7 +114,9 @@ def _recording(variable: str, columns: Columns, names: Names) -> Found:
     if len(set(lengths.values())) != 1:
         lengths_text = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise Damage(f"{variable or 'its vectors'}: lengths are {lengths_text}, expected equal ones", None)
-    base = 1 if variable and names.t.lower() == "ts" and _from_one(vectors) else 0
+    places = vectors["x"], vectors["y"]
+    from_one = all(not place.size or (place.dtype.kind in "iuf" and place.min() >= 1) for place in places)
+    base = 1 if variable and names.t.lower() == "ts" and from_one else 0
     if base:
         vectors |= {key: np.asarray(vectors[key], np.float64) - 1 for key in "xy"}
     if vectors["p"].size and vectors["p"].dtype.kind in "iuf" and vectors["p"].max() == 2:
@@ -117,11 +125,6 @@ def _recording(variable: str, columns: Columns, names: Names) -> Found:
     piece, fault = to_piece(vectors, unit, 0, None)
     metadata = {"variable": variable, "counted_from": base} if variable else {"counted_from": base}
     return Found(None, metadata, (piece,), Damage(fault, None) if fault else None)
-
-
-def _from_one(vectors: Columns) -> bool:
-    """Whether no column and row is below 1."""
-    return all(not vectors[key].size or (vectors[key].dtype.kind in "iuf" and vectors[key].min() >= 1) for key in "xy")
 
 
 def _search(name: str, value: Any, depth: int) -> Iterator[Candidate]:
@@ -142,26 +145,13 @@ def _is_vector(value: Any) -> bool:
     return isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.size == max(value.shape, default=1)
 
 
-def _named(found: dict[str, Any]) -> dict[str, Any]:
-    """Variables; those that are a recording together, under no name."""
-    return {"": found} if find_names(_vectors(found)) else found
-
-
-def _vectors(variables: Mapping[str, Any]) -> list[str]:
-    return [name for name, value in variables.items() if _is_vector(value)]
-
-
 def _version_73(data: Any) -> dict[str, Any]:
     """Variables of version 7.3, which is HDF5: structs are groups, cells are references."""
-    import h5py
-
     with h5py.File(io.BytesIO(data), "r") as file:
         return {name: _of_hdf5(file, node, DEPTH) for name, node in file.items() if not name.startswith("#")}
 
 
 def _of_hdf5(file: Any, node: Any, depth: int) -> Any:
-    import h5py
-
     if not depth:
         return None
     if isinstance(node, h5py.Group):
@@ -227,18 +217,15 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
         if len(content) < size or len(data) - at < 8:
             raise ValueError("an element ends beyond the file or what it lies in")
         if kind == COMPRESSED:
-            yield from _elements(memoryview(_unpacked(content)), order)
+            try:
+                plain = zlib.decompressobj().decompress(content, UNPACKED)
+            except zlib.error as error:
+                raise ValueError(f"a compressed variable is damaged: {error}") from None
+            yield from _elements(memoryview(plain), order)
             at = start + size
         else:
             yield kind, content
             at = start + size + (-size % 8 if start == at + 8 else 4 - size)
-
-
-def _unpacked(content: memoryview) -> bytes:
-    try:
-        return zlib.decompressobj().decompress(content, UNPACKED)
-    except zlib.error as error:
-        raise ValueError(f"a compressed variable is damaged: {error}") from None
 
 
 def _matrix(content: memoryview, order: str, depth: int) -> tuple[str, Any]:

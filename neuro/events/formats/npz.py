@@ -124,7 +124,11 @@ class Npz:
         total = members[0].shape[0]
         while True:
             count = min(max(1, block // ROW), total - self._done)
-            columns = self._taken(members, count)
+            if len(members) == 1:
+                records = members[0].take(count)
+                columns = {key: records[getattr(self._names, key)] for key in "txyp"}
+            else:
+                columns = {key: member.take(count) for key, member in zip("txyp", members, strict=True)}
             unit = unit_of(columns["t"]) if unit is None else unit
             piece, fault = to_piece(columns, unit, self._done, members[0].place)
             yield piece
@@ -133,12 +137,6 @@ class Npz:
             self._done += count
             if self._done >= total:
                 return
-
-    def _taken(self, members: list[_Member], count: int) -> dict[str, npt.NDArray[Any]]:
-        if len(members) == 1:
-            records = members[0].take(count)
-            return {key: records[getattr(self._names, key)] for key in "txyp"}
-        return {key: member.take(count) for key, member in zip("txyp", members, strict=True)}
 
 
 def _arrays(archive: zipfile.ZipFile) -> list[str]:

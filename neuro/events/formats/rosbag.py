@@ -26,7 +26,8 @@ import numpy as np
 
 from neuro.events.formats._format import Damage, Format, Piece, Size, extra
 from neuro.events.formats._reading import Cursor, GrowingArray
-from neuro.events.formats.evt import Decoder, evt3_decoder
+from neuro.events.formats._words import Decoder
+from neuro.events.formats.evt import evt3_decoder
 from neuro.events.source import Bytes, Source
 
 MAGIC = b"#ROSBAG V2.0\n"

@@ -32,11 +32,14 @@ from typing import Any
 
 import numpy as np
 
+from neuro.core.extras import LazyModule
 from neuro.events._events import Events, empty_columns
 from neuro.events.formats._columns import SECONDS, UNITS, US, Ambiguous, find_names, in_seconds, order_of, unit_of
 from neuro.events.formats._format import Damage, Format, Piece, Size
 from neuro.events.formats._reading import growing
 from neuro.events.source import Bytes, Source
+
+kernels = LazyModule("neuro.events.formats._table_kernel")
 
 SHORT_UNITS = ("s", "ms", "us", "ns")
 """Units that a place may name, and `metadata` has."""
@@ -112,20 +115,16 @@ class Table:
 
     def _lines(self, data: Bytes, line: int, at: int) -> Generator[Piece, None, tuple[int, int]]:
         """The events of whole lines; gives the line and the byte after them."""
-        from neuro.events.formats._table_kernel import parse
-
         layout = self._layout
         t, x, y, p = empty_columns(data.size // SHORTEST_ROW + 1)
         where = np.array([layout.where[name] for name in "txyp"], np.int64)
         if layout.commas and (commas := data == ord(",")).any():
             data = np.where(commas, np.uint8(ord(".")), data)
-        n, end, lines, wrong, column = parse(data, layout.columns, where, layout.unit, t, x, y, p)
+        n, end, lines, wrong, column = kernels.parse(data, layout.columns, where, layout.unit, t, x, y, p)
 
         def begin(event: int) -> tuple[int, int]:
-            from neuro.events.formats._table_kernel import rows
-
             found = np.zeros(2, np.int64)
-            rows(data, event, found)
+            kernels.rows(data, event, found)
             return int(found[0]), int(found[1])
 
         yield Piece(
@@ -139,22 +138,20 @@ class Table:
 
     def _fault(self, wrong: int, column: int, text: str) -> str:
         """What is wrong with a column of a line."""
-        from neuro.events.formats._table_kernel import NOT_A_NUMBER, NOT_WHOLE, TOO_FEW, TOO_MANY
-
         layout = self._layout
         values = _values(text.strip())
         if _has_decimal_commas(text) and not layout.commas:
             return f"{text[:40]!r} has decimal commas, unlike the lines before: expected decimal points"
-        if wrong in (TOO_FEW, TOO_MANY):
+        if wrong in (kernels.TOO_FEW, kernels.TOO_MANY):
             return f"has {len(values)} columns, expected {layout.columns}"
         name = next(name for name, place in layout.where.items() if place == column)
         value = values[column] if column < len(values) else ""
         message = f"{name} is {value[:40]!r}"
-        if wrong == NOT_A_NUMBER:
+        if wrong == kernels.NOT_A_NUMBER:
             return f"{message}, expected a number"
         if name == "t":
             whole = "whole us, as before; --from csv:s or format='csv:s' reads seconds, csv:ms and csv:ns likewise"
-            return f"{message}, expected {whole if wrong == NOT_WHOLE else 'less than 2^63 us'}"
+            return f"{message}, expected {whole if wrong == kernels.NOT_WHOLE else 'less than 2^63 us'}"
         expected = "1 for ON, and 0 or -1 for OFF" if name == "p" else "a whole number from 0 to 65535"
         return f"{message}, expected {expected}"
 
@@ -206,7 +203,7 @@ def _layout(head: bytes, order: str | None = None, unit: int | None = None) -> _
             size = _sensor([int(value) for value in values], number, at)
         elif find_names(values):
             names = values
-        elif values and (names is not None or all(map(_is_value, values))):
+        elif values and (names is not None or not any(np.isnan(_float(value)) for value in values)):
             return _of_rows(head[at:], at, number, names, len(values), size, order, unit)
         elif values:
             raise Damage(f"line {number + 1}: {text[:60]!r}, expected names or numbers of t, x, y and p", at)
@@ -290,20 +287,12 @@ def _found_unit(lines: list[list[str]], where: Mapping[str, int]) -> int:
 
 def _pointed(lines: list[list[str]], columns: Sequence[int]) -> list[bool]:
     """Return of each column whether some number has a decimal point or an exponent."""
-    return [any(_is_pointed(line[column]) for line in lines) for column in columns]
-
-
-def _is_pointed(text: str) -> bool:
-    """Whether a number has a decimal point or an exponent."""
-    return not text.lstrip("+-").isdecimal() and _NUMBER.fullmatch(text) is not None
+    texts = ([line[column] for line in lines] for column in columns)
+    return [any(not text.lstrip("+-").isdecimal() and _NUMBER.fullmatch(text) for text in each) for each in texts]
 
 
 def _float(text: str) -> float:
     return float(text) if _NUMBER.fullmatch(text) else _TRUTH.get(text.lower(), float("nan"))
-
-
-def _is_value(text: str) -> bool:
-    return _NUMBER.fullmatch(text) is not None or text.lower() in _TRUTH
 
 
 def _knows(head: bytes) -> bool:
@@ -331,8 +320,6 @@ def write_txt(parts: Iterator[Events], path: Path) -> None:
 
 
 def _write(parts: Iterator[Events], path: Path, head: str, between: str) -> None:
-    from neuro.events.formats._table_kernel import form
-
     with growing(path.open("wb")) as append:
         for k, events in enumerate(parts):
             if not k:
@@ -340,7 +327,7 @@ def _write(parts: Iterator[Events], path: Path, head: str, between: str) -> None
             for begin in range(0, len(events), 1 << 18):
                 part = events[begin : begin + (1 << 18)]
                 out = np.empty(ROW_LIMIT * len(part), np.uint8)
-                append(out[: form(part.t, part.x, part.y, part.p, ord(between), out)].data)
+                append(out[: kernels.form(part.t, part.x, part.y, part.p, ord(between), out)].data)
 
 
 TABLE = Format("csv", "CSV", (".csv",), _knows, Table, write, grows=True, inside=Table, guesses=True)

@@ -9,8 +9,10 @@ import numpy.typing as npt
 
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
-from neuro.core.extras import needed
+from neuro.core.extras import LazyModule, needed
 from neuro.events._events import Events
+
+kernels = LazyModule("neuro.events._kernels")
 
 Polarity = Literal["separate", "signed", "ignored"]
 Representation = npt.NDArray[Any] | Any
@@ -106,13 +108,11 @@ def binary_frame(
 
 
 def _counted(events: Events, polarity: str, segments: npt.ArrayLike | None) -> npt.NDArray[np.int32]:
-    from neuro.events.representations._kernels import count
-
     ranges = np.array([[0, len(events)]]) if segments is None else _ranges(segments, len(events))
     width, height = events.sensor_size
     separate = polarity == "separate"
     out = np.zeros((len(ranges), 1 + separate, height, width), np.int32)
-    count(events.x, events.y, events.p, ranges, separate, polarity == "signed", out)
+    kernels.count(events.x, events.y, events.p, ranges, separate, polarity == "signed", out)
     frames = out if separate else out[:, 0]
     return frames[0] if segments is None else frames
 
@@ -171,14 +171,12 @@ def voxel_grid(
 
     Source: Zhu et al., Unsupervised event-based learning of optical flow, depth, and egomotion, CVPR 2019, eqs 1-3.
     """
-    from neuro.events.representations._kernels import spread
-
     argument("polarity", polarity, words=("separate", "signed", "ignored"))
     separate = polarity == "separate"
     start, stop = span(events, start_us, stop_us)
     width, height = events.sensor_size
     out = np.zeros((1 + separate, argument("bins", bins, kind="integer", at_least=1), height, width), real(dtype))
-    spread(events.t, events.x, events.y, events.p, start, stop, separate, polarity == "signed", False, out)
+    kernels.spread(events.t, events.x, events.y, events.p, start, stop, separate, polarity == "signed", False, out)
     return given(out if separate else out[0], as_torch)
 
 
@@ -220,12 +218,10 @@ def event_spike_tensor(
     Source: Gehrig et al., End-to-end learning of representations for asynchronous event-based data, ICCV 2019,
         sections 3.2-3.4; thesis section 3.4.
     """
-    from neuro.events.representations._kernels import spread
-
     argument("measurement", measurement, words=("time", "polarity", "count"))
     start, stop = span(events, start_us, stop_us)
     width, height = events.sensor_size
     out = np.zeros((2, argument("bins", bins, kind="integer", at_least=1), height, width), real(dtype))
     signed, timed = measurement == "polarity", measurement == "time"
-    spread(events.t, events.x, events.y, events.p, start, stop, True, signed, timed, out)
+    kernels.spread(events.t, events.x, events.y, events.p, start, stop, True, signed, timed, out)
     return given(out, as_torch)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Literal, Protocol
+from abc import ABC, abstractmethod
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
+from neuro.core.extras import LazyModule
 from neuro.events._events import Events
 from neuro.events.parts import together
 from neuro.events.representations.frames import Representation, given, real
+
+kernels = LazyModule("neuro.events._kernels")
 
 Decay = Literal["exponential", "linear"]
 Which = Literal["separate", "ignored"]
@@ -19,37 +23,56 @@ NEVER = np.iinfo(np.int64).min
 """The time of a pixel's last event before it had one."""
 
 
-def moments(at_us: int | npt.ArrayLike) -> npt.NDArray[np.int64]:
-    """Times at which a surface is read.
+class _Decaying(ABC):
+    """A surface that events decay on, and that can be read at any time after them."""
 
-    Raises:
-        ModelError: they are not whole, or run back.
-    """
-    at = np.atleast_1d(np.asarray(at_us))
-    if at.ndim != 1 or (at.size and at.dtype.kind not in "iu"):
-        raise ModelError(f"at_us is {at.dtype} of shape {at.shape}, expected a whole number of us, or (n,) of them")
-    if np.any(at[1:] < at[:-1]):
-        k = int((at[1:] < at[:-1]).argmax()) + 1
-        raise ModelError(f"at_us runs back from {at[k - 1]} to {at[k]} us, expected an order of time")
-    return at.astype(np.int64)
-
-
-class Surface(Protocol):
-    """What takes events in and can be read at a time."""
+    def __init__(self, sensor_size: tuple[int, int], tau_us: float, decay: Decay, polarity: Which) -> None:
+        self._tau = argument("tau_us", tau_us, unit="us", above=0, infinite=True)
+        self._linear = argument("decay", decay, words=("exponential", "linear")) == "linear"
+        self._separate = argument("polarity", polarity, words=("separate", "ignored")) == "separate"
+        self._shape = 1 + self._separate, sensor_size[1], sensor_size[0]
+        self._newest: int | None = None
 
     def add(self, events: Events) -> None:
         """Take in the next events."""
-        ...
+        if len(events):
+            self._add(events)
+            self._newest = int(events.t[-1])
 
-    def at(self, t_us: int, dtype: npt.DTypeLike = ...) -> npt.NDArray[np.floating]:
-        """The surface at a time."""
-        ...
+    def at(self, t_us: int, dtype: npt.DTypeLike = np.float32) -> npt.NDArray[np.floating]:
+        """Return the surface at a time.
+
+        Args:
+            t_us: when, us; not before the newest event.
+            dtype: float32 or float64.
+
+        Returns:
+            ([2,] height, width), 0 or more; of a `TimeSurface` 1 where an event is just now, towards 0 where it was
+            long ago.
+
+        Raises:
+            ModelError: the time is before the newest event.
+        """
+        when: int = argument("t_us", t_us, kind="microseconds")
+        if self._newest is not None and when < self._newest:
+            raise ModelError(f"at {when} us: events up to {self._newest} us are already in the surface")
+        out = np.empty(self._shape, real(dtype))
+        self._read(when, out.ravel())
+        return out if self._separate else out[0]
+
+    @abstractmethod
+    def _add(self, events: Events) -> None:
+        """Take in events, at least one."""
+
+    @abstractmethod
+    def _read(self, when: int, out: npt.NDArray[np.floating]) -> None:
+        """Fill in the value of each pixel at a time."""
 
 
 def read(
-    surface: Surface, events: Events, at_us: int | npt.ArrayLike | None, inclusive: bool, dtype: npt.DTypeLike
+    surface: _Decaying, events: Events, at_us: int | npt.ArrayLike | None, inclusive: bool, dtype: npt.DTypeLike
 ) -> npt.NDArray[np.floating]:
-    """The surface at each time, in one pass over the events.
+    """Return the surface at each time, in one pass over the events.
 
     Args:
         surface: a fresh one.
@@ -62,37 +85,28 @@ def read(
         one surface, or (n, ...) of them.
 
     Raises:
-        ModelError: times or type are wrong.
+        ModelError: times are not whole or run back, or the type is wrong.
     """
     if at_us is None:
         at_us = int(events.t[-1]) if len(events) else 0
-    times = moments(at_us)
+    times = np.atleast_1d(np.asarray(at_us))
+    if times.ndim != 1 or (times.size and times.dtype.kind not in "iu"):
+        raise ModelError(
+            f"at_us is {times.dtype} of shape {times.shape}, expected a whole number of us, or (n,) of them"
+        )
+    if np.any(times[1:] < times[:-1]):
+        k = int((times[1:] < times[:-1]).argmax()) + 1
+        raise ModelError(f"at_us runs back from {times[k - 1]} to {times[k]} us, expected an order of time")
+    times = times.astype(np.int64)
     stops = np.searchsorted(events.t, times, side="right" if inclusive else "left")
-    found, begin = [], 0
+    frames, begin = [], 0
     for when, stop in zip(times.tolist(), stops.tolist(), strict=True):
         surface.add(events[begin:stop])
-        found.append(surface.at(when, dtype))
+        frames.append(surface.at(when, dtype))
         begin = stop
     if np.ndim(at_us) == 0:
-        return found[0]
-    return np.stack(found) if found else np.zeros((0, *surface.at(0).shape), real(dtype))
-
-
-class _Decaying:
-    """What surfaces share: how they decay, and from when on they can be read."""
-
-    def __init__(self, tau_us: float, decay: Decay, polarity: Which) -> None:
-        self._tau = argument("tau_us", tau_us, unit="us", above=0, infinite=True)
-        self._linear = argument("decay", decay, words=("exponential", "linear")) == "linear"
-        self._separate = argument("polarity", polarity, words=("separate", "ignored")) == "separate"
-        self._newest: int | None = None
-
-    def _when(self, t_us: int) -> int:
-        """A time at which the surface can be read."""
-        when: int = argument("t_us", t_us, kind="microseconds")
-        if self._newest is not None and when < self._newest:
-            raise ModelError(f"at {when} us: events up to {self._newest} us are already in the surface")
-        return when
+        return frames[0]
+    return np.stack(frames) if frames else np.zeros((0, *surface.at(0).shape), real(dtype))
 
 
 class TimeSurface(_Decaying):
@@ -111,37 +125,14 @@ class TimeSurface(_Decaying):
     def __init__(
         self, sensor_size: tuple[int, int], *, tau_us: float, decay: Decay = "exponential", polarity: Which = "separate"
     ) -> None:
-        width, height = sensor_size
-        super().__init__(tau_us, decay, polarity)
-        self._last = np.full((1 + self._separate, height, width), NEVER)
+        super().__init__(sensor_size, tau_us, decay, polarity)
+        self._last = np.full(self._shape, NEVER)
 
-    def add(self, events: Events) -> None:
-        """Take in the next events."""
-        from neuro.events.representations._kernels import mark
+    def _add(self, events: Events) -> None:
+        kernels.mark(events.t, events.x, events.y, events.p, self._separate, self._last)
 
-        if len(events):
-            mark(events.t, events.x, events.y, events.p, self._separate, self._last)
-            self._newest = int(events.t[-1])
-
-    def at(self, t_us: int, dtype: npt.DTypeLike = np.float32) -> npt.NDArray[np.floating]:
-        """The surface at a time.
-
-        Args:
-            t_us: when, us; not before the newest event.
-            dtype: float32 or float64.
-
-        Returns:
-            ([2,] height, width): 1 where an event is just now, towards 0 where it was long ago.
-
-        Raises:
-            ModelError: the time is before the newest event.
-        """
-        from neuro.events.representations._kernels import ages
-
-        when = self._when(t_us)
-        out = np.empty(self._last.shape, real(dtype))
-        ages(self._last.ravel(), when, self._tau, self._linear, out.ravel())
-        return out if self._separate else out[0]
+    def _read(self, when: int, out: npt.NDArray[np.floating]) -> None:
+        kernels.ages(self._last.ravel(), when, self._tau, self._linear, out)
 
 
 def time_surface(
@@ -216,44 +207,20 @@ class LeakySurface(_Decaying):
         increment: float = 1.0,
         order: Order = "decay_first",
     ) -> None:
-        width, height = sensor_size
-        super().__init__(tau_us, decay, polarity)
+        super().__init__(sensor_size, tau_us, decay, polarity)
         self._late = argument("order", order, words=("decay_first", "increment_first")) == "increment_first"
         self._increment = argument("increment", increment, above=0, infinite=True)
-        self._value = np.zeros((1 + self._separate, height, width))
-        self._since = np.zeros(self._value.shape, np.int64)
+        self._value = np.zeros(self._shape)
+        self._since = np.zeros(self._shape, np.int64)
 
-    def add(self, events: Events) -> None:
-        """Take in the next events."""
-        from neuro.events.representations._kernels import leak
-
-        if not len(events):
-            return
+    def _add(self, events: Events) -> None:
         before = int(events.t[0]) if self._newest is None else self._newest
         options = (self._separate, self._linear, self._late)
         values = (self._tau, self._increment)
-        leak(events.t, events.x, events.y, events.p, before, options, values, self._value, self._since)
-        self._newest = int(events.t[-1])
+        kernels.leak(events.t, events.x, events.y, events.p, before, options, values, self._value, self._since)
 
-    def at(self, t_us: int, dtype: npt.DTypeLike = np.float32) -> npt.NDArray[np.floating]:
-        """The surface at a time.
-
-        Args:
-            t_us: when, us; not before the newest event.
-            dtype: float32 or float64.
-
-        Returns:
-            ([2,] height, width), 0 or more.
-
-        Raises:
-            ModelError: the time is before the newest event.
-        """
-        from neuro.events.representations._kernels import leaked
-
-        when = self._when(t_us)
-        out = np.empty(self._value.shape, real(dtype))
-        leaked(self._value.ravel(), self._since.ravel(), when, self._tau, self._linear, out.ravel())
-        return out if self._separate else out[0]
+    def _read(self, when: int, out: npt.NDArray[np.floating]) -> None:
+        kernels.leaked(self._value.ravel(), self._since.ravel(), when, self._tau, self._linear, out)
 
 
 def leaky_surface(
@@ -352,27 +319,18 @@ class Hats:
 
     def add(self, events: Events) -> None:
         """Take in the next events."""
-        from neuro.events.representations._kernels import histograms
-
         if not len(events):
             return
-        old = self._forget() if self._held is not None else 0
-        seen = together([self._held, events]) if self._held is not None else events
+        old, seen = 0, events
+        if (held := self._held) is not None:  # drop what has left the window
+            state = (self._memory, self._inside, self._queues, self._following)
+            first = kernels.forget(held.t, held.x, held.y, self._constants, *state)
+            self._following = self._following[first:]
+            old, seen = len(self._following), together([held[first:], events])
         following = np.concatenate([self._following, np.empty(len(events), np.int64)])
-        state = (self._memory, self._inside, self._queues, following, self._sums, self._counts)
-        histograms(seen.t, seen.x, seen.y, seen.p, old, self._constants, *state)
+        sums = (self._memory, self._inside, self._queues, following, self._sums, self._counts)
+        kernels.histograms(seen.t, seen.x, seen.y, seen.p, old, self._constants, *sums)
         self._held, self._following = seen, following
-
-    def _forget(self) -> int:
-        """Drop what has left the window; returns how many events are still held."""
-        from neuro.events.representations._kernels import forget
-
-        assert self._held is not None
-        held = self._held
-        state = (self._memory, self._inside, self._queues, self._following)
-        first = forget(held.t, held.x, held.y, self._constants, *state)
-        self._held, self._following = held[first:], self._following[first:]
-        return len(self._following)
 
     def histograms(self, dtype: npt.DTypeLike = np.float32) -> npt.NDArray[np.floating]:
         """What `hats` gives of all events so far.

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from neuro.events.streams._listener import Listener, StreamCounts, listen
-from neuro.events.streams._played import OfStream, check_stream
+from neuro.events.streams._listener import Listener, OfStream, StreamCounts, check_stream, listen
 from neuro.events.streams._sender import Sent, send
 
 __all__ = ["Listener", "OfStream", "Sent", "StreamCounts", "check_stream", "listen", "send"]

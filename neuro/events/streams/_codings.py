@@ -1,38 +1,150 @@
-"""How events are written in datagrams, by name."""
+"""Where a stream comes from or goes to."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+import errno
+import os
+import socket
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.errors import ModelError
-from neuro.events._events import Columns, Events, empty_columns
+from neuro.core.errors import ModelError, unknown
+from neuro.core.extras import LazyModule
+from neuro.events._events import Columns, Events, empty_columns, joined_columns
+from neuro.events.formats._format import Damage
+from neuro.events.formats._words import Field, Layout, Odd, encoded, first_state
+from neuro.events.formats.aedat4 import (
+    ENTRY,
+    HEADER_LIMIT,
+    PACKET,
+    U32,
+    Header,
+    Malformed,
+    Packets,
+    packet,
+    read_header,
+)
+
+aedat4_kernels = LazyModule("neuro.events.formats._aedat4_kernels")
+evt_kernels = LazyModule("neuro.events.formats._evt_kernels")
+kernels = LazyModule("neuro.events.streams._kernels")
+
+SCHEMES = ("udp", "tcp")
+CLOSED = "NEURO_STREAMS_CLOSED"
+"""An environment variable: a process that has it, and those that it starts, open no stream."""
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """A URL of a stream.
+
+    Attributes:
+        url: as given.
+        scheme: udp or tcp.
+        family: of its sockets.
+        place: host and port, as sockets take them.
+    """
+
+    url: str
+    scheme: str
+    family: socket.AddressFamily
+    place: Any
+
+    def new_socket(self) -> socket.socket:
+        """A socket of its kind."""
+        return socket.socket(self.family, socket.SOCK_DGRAM if self.scheme == "udp" else socket.SOCK_STREAM)
+
+    def bound(self, place: Any) -> str:
+        """The URL with the port that a socket has got."""
+        host = f"[{place[0]}]" if self.family == socket.AF_INET6 else place[0]
+        return f"{self.scheme}://{host}:{place[1]}"
+
+    def refused(self, error: OSError) -> ModelError:
+        """What the system says of it."""
+        low = "ports below 1024 are for administrators; 3333 is none of them"
+        known = {
+            errno.EADDRINUSE: ("another program listens there", "port 0 takes a free one"),
+            errno.EACCES: ("this user may not use it", low if self.place[1] < 1024 else ""),
+            errno.EADDRNOTAVAIL: ("no interface of this machine has the address", "0.0.0.0 is all of them"),
+            errno.ECONNREFUSED: ("nobody listens there", "start the sender first"),
+        }
+        text, hint = known.get(error.errno or 0, (error.strerror or str(error) or type(error).__name__, ""))
+        return ModelError(f"{self.url}: {text}", hint=hint)
+
+
+def parsed(url: object) -> tuple[str, str, int]:
+    """Scheme, host and port of a URL such as udp://127.0.0.1:3333 or tcp://[::1]:7777.
+
+    Raises:
+        ModelError: it is none.
+    """
+    expected = "expected udp://HOST:PORT or tcp://HOST:PORT, such as udp://127.0.0.1:3333"
+    if not isinstance(url, str):
+        raise ModelError(f"url = {url!r:.60}: {expected}")
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    else:
+        if parts.scheme and parts.scheme not in SCHEMES and "://" in url:
+            raise unknown("kind of stream", parts.scheme, SCHEMES)
+    if host is None or port is None or parts.path.strip("/") or parts.query or parts.fragment or parts.username:
+        raise ModelError(f"url = {url!r:.80}: {expected}")
+    return parts.scheme, host, port
+
+
+def address(url: str) -> Address:
+    """Look up the host of a URL.
+
+    Raises:
+        ModelError: it is none, or its host is not known.
+    """
+    scheme, host, port = parsed(url)
+    if os.environ.get(CLOSED):
+        raise ModelError(f"{url}: is not opened while a file is made again")
+    kind = socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM
+    try:
+        family, _, _, _, place = socket.getaddrinfo(host, port, type=kind)[0]
+    except (OSError, UnicodeError) as error:
+        raise ModelError(f"{url}: host '{host}' is not known ({getattr(error, 'strerror', '') or error})") from None
+    return Address(url, scheme, family, place)
+
+
+def format_for(scheme: str, format: object, known: Iterable[str]) -> str:
+    """The format of a stream: by TCP only aedat4, by UDP one that is named.
+
+    Raises:
+        ModelError: there is no such format, or it does not come this way.
+    """
+    by_udp = tuple(known)
+    names = ("aedat4",) if scheme == "tcp" else by_udp
+    if format is None:
+        if scheme == "tcp":
+            return "aedat4"
+        raise ModelError(f"format is missing: expected one of {', '.join(names)}")
+    if not isinstance(format, str) or format not in names:
+        if isinstance(format, str) and format in ("aedat4", *by_udp):
+            other = "tcp" if scheme == "udp" else "udp"
+            raise ModelError(f"format '{format}' comes by {other}://: found {scheme}://")
+        raise unknown("format of a stream", format, names)
+    return str(format)
+
 
 DATAGRAM = 1400
 """Bytes of a datagram, at most; the usual Ethernet carries 1,472."""
 
 
-class Decoder(Protocol):
-    """Decodes entries of a ring."""
-
-    def __call__(
-        self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
-    ) -> tuple[int, Columns, int]:
-        """The events of entries: how many, room that begins with them, and how many entries were damaged.
-
-        Args:
-            ring: the bytes of a `Receiver`.
-            index: its entries.
-            first: the first to decode.
-            last: the one after the last.
-        """
-
+Decoder = Callable[[NDArray[np.uint8], NDArray[np.int64], int, int], tuple[int, Columns, int]]
+"""Decodes entries of a ring: (bytes of a `Receiver`, its entries, the first to decode, the one after the last) ->
+number of events, room that begins with them, number of damaged entries."""
 
 Encoder = Callable[[Events, int], Iterator[Any]]
 """Datagrams (bytes) of at most so many bytes for events; parts of one recording in their order."""
@@ -73,30 +185,26 @@ class Coding:
 
 @dataclass(slots=True)
 class _Plain:
-    """Events of a fixed number of bytes, by one of the kernels; `least` is that number."""
+    """Events of a layout; each takes `least` bytes, at least."""
 
-    kernel: str
-    dtype: str
+    layout: Layout
     least: int
     opened_ns: int
+    state: NDArray[np.int64] = field(default_factory=first_state)
 
     def __call__(
         self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
     ) -> tuple[int, Columns, int]:
-        from neuro.events.streams import _coding_kernels
-
         room = empty_columns(int(_sizes(index, first, last).sum()) // self.least + 1)
-        decode = getattr(_coding_kernels, self.kernel)
-        n, damaged = decode(ring.view(self.dtype), index, first, last, self.opened_ns, *room)
+        decode = (kernels.plain_decoder if self.least == self.layout.size else kernels.spif_decoder)(self.layout)
+        n, damaged = decode(ring, index, first, last, self.opened_ns, self.state, *room)
         return n, room, damaged
 
 
 def _sizes(index: NDArray[np.int64], first: int, last: int) -> NDArray[np.int64]:
     """Bytes of entries."""
-    from neuro.events.streams._ring_kernel import SIZE
-
     begin, count, m = first % len(index), last - first, len(index)
-    sizes = index[:, SIZE]
+    sizes = index[:, kernels.SIZE]
     if begin + count <= m:
         return sizes[begin : begin + count]
     return np.concatenate((sizes[begin:], sizes[: begin + count - m]))
@@ -107,20 +215,17 @@ class _Evt3:
 
     def __init__(self, opened_ns: int) -> None:
         from neuro.events.formats.evt import evt3_decoder
-        from neuro.events.streams._coding_kernels import STATES
 
         begin = evt3_decoder().state
-        self._state = np.zeros(STATES, np.int64)
+        self._state = np.zeros(kernels.STATES, np.int64)
         self._state[: begin.size] = begin
 
     def __call__(
         self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
     ) -> tuple[int, Columns, int]:
-        from neuro.events.streams._coding_kernels import decode_evt3, room_evt3
-
         words = ring.view("<u2")
-        room = empty_columns(room_evt3(words, index, first, last))
-        n, damaged = decode_evt3(words, index, first, last, self._state, *room)
+        room = empty_columns(kernels.room_evt3(words, index, first, last))
+        n, damaged = kernels.decode_evt3(words, index, first, last, self._state, *room)
         return n, room, damaged
 
 
@@ -131,15 +236,21 @@ def _cut(records: NDArray[Any], size: int) -> Iterator[Any]:
         yield records[k : k + step].data.cast("B")
 
 
+SPIF = Layout(8, t=Field(0, 32, byte=4), x=Field(16, 15), y=Field(0, 15), p=Field(15, 1))
+"""An event with its time."""
+FAERY_13 = Layout(
+    13, t=Field(0, 64, size=8), x=Field(0, 16, byte=8), y=Field(16, 16, byte=8), p=Field(0, 1, byte=12, size=1),
+    odd=Odd(0xFE << 56 | 3 << 22, byte=5, size=8),
+)  # fmt: skip
+"""No time has its upper two bits set, and polarities are 0 or 1: the word at byte 5 tells."""
+FAERY_8 = Layout(8, t=Field(0, 32), x=Field(0, 16, byte=4), y=Field(17, 15, byte=4), p=Field(16, 1, byte=4))
+
+
 def _spif(events: Events, size: int, timed: bool) -> Iterator[Any]:
-    x, y, p = (getattr(events, name).astype("<u4") for name in "xyp")
-    words = np.empty((len(events), 1 + timed), "<u4")
-    words[:, 0] = x << 16 | p << 15 | y
     if timed:
-        words[:, 1] = events.t & 0xFFFFFFFF
-    else:
-        words[:, 0] |= np.uint32(1 << 31)
-    return _cut(words.view(f"V{4 + 4 * timed}").reshape(-1), size)
+        return _cut(encoded(SPIF, events).view("V8")[:, 0], size)
+    words = encoded(SPIF._replace(size=4, t=Field(0, 0)), events).view("<u4")
+    return _cut(words[:, 0] | np.uint32(1 << 31), size)
 
 
 def _faery13(events: Events, size: int) -> Iterator[Any]:
@@ -149,11 +260,7 @@ def _faery13(events: Events, size: int) -> Iterator[Any]:
 
 
 def _faery8(events: Events, size: int) -> Iterator[Any]:
-    words = np.empty((len(events), 2), "<u4")
-    words[:, 0] = events.t & 0xFFFFFFFF
-    y, p = events.y.astype("<u4"), events.p.astype("<u4")
-    words[:, 1] = events.x | y << 17 | p << 16
-    return _cut(words.view("V8").reshape(-1), size)
+    return _cut(encoded(FAERY_8, events).view("V8")[:, 0], size)
 
 
 _PERIOD_3 = 1 << 24
@@ -171,8 +278,6 @@ def _evt3() -> Encoder:
 
     def encode(events: Events, size: int) -> Iterator[Any]:
         nonlocal last
-        from neuro.events.formats._evt_kernels import TIME_HIGH, encode3
-
         silent = np.flatnonzero(np.diff(events.t, prepend=events.t[:1]) > _BEAT)
         for begin, end in pairwise([0, *silent, len(events)]):
             for k in range(begin, end, max(1, size // _EVENT_BYTES)):
@@ -182,18 +287,14 @@ def _evt3() -> Encoder:
                     silence = f"{(first - last) / 1e6:.0f} s without events before {first} us"
                     raise ModelError(f"format 'raw-evt3': found {silence}: expected at most {_LONGEST / 1e6:.0f} s")
                 beats = np.arange(first if last is None else last + _BEAT, first, _BEAT) >> 12
-                yield from _cut((TIME_HIGH << 12 | beats & 0xFFF).astype("<u2"), size)
+                yield from _cut((evt_kernels.TIME_HIGH << 12 | beats & 0xFFF).astype("<u2"), size)
                 since = part.t - first // _PERIOD_3 * _PERIOD_3
                 words = np.empty(4 * len(part) + 2 * (int(since[-1]) // _PERIOD_3) + 1, "<u2")
-                n = encode3(since, part.x, part.y, part.p, np.full(2, -1, np.int64), words)
+                n = evt_kernels.encode3(since, part.x, part.y, part.p, np.full(2, -1, np.int64), words)
                 last = int(part.t[-1])
                 yield words[:n].data.cast("B")
 
     return encode
-
-
-def _plain(kernel: str, dtype: str, least: int) -> Callable[[int], Decoder]:
-    return partial(_Plain, kernel, dtype, least)
 
 
 AESTREAM = 512
@@ -205,21 +306,125 @@ CODINGS = {
     for coding in (
         Coding(
             "spif", "SPIF, words of 32 bits, with times or without; sent without",
-            _plain("decode_spif", "<u4", 4), lambda: partial(_spif, timed=False), _32, 1 << 15, AESTREAM,
+            partial(_Plain, SPIF, 4), lambda: partial(_spif, timed=False), _32, 1 << 15, AESTREAM,
         ),
         Coding(
             "spif-timed", "SPIF, sent with times: two words of 32 bits",
-            _plain("decode_spif", "<u4", 4), lambda: partial(_spif, timed=True), _32, 1 << 15, AESTREAM,
+            partial(_Plain, SPIF, 4), lambda: partial(_spif, timed=True), _32, 1 << 15, AESTREAM,
         ),
         Coding(
             "faery13", "faery's t64_x16_y16_on8, 13 bytes",
-            _plain("decode_13", "<u1", 13), lambda: _faery13, 0, 1 << 16,
+            partial(_Plain, FAERY_13, 13), lambda: _faery13, 0, 1 << 16,
         ),
         Coding(
             "faery8", "faery's t32_x16_y15_on1, 8 bytes",
-            _plain("decode_8", "<u4", 8), lambda: _faery8, _32, 1 << 15,
+            partial(_Plain, FAERY_8, 8), lambda: _faery8, _32, 1 << 15,
         ),
         Coding("raw-evt3", "Prophesee's EVT 3.0, words of 16 bits", _Evt3, _evt3, 0, 1 << 11),
     )
 }  # fmt: skip
 """By name."""
+
+
+_LARGEST = 1 << 24
+"""No packet is longer; a damaged length must not fill the memory."""
+
+
+def received_header(sock: socket.socket, url: str) -> tuple[Header, int, tuple[int, int]]:
+    """Read the header of a connection: it, the number of its stream of events, and the sensor.
+
+    Raises:
+        ModelError: this is no header, or lists no events.
+        OSError: it does not come.
+    """
+    size = U32.unpack(_exactly(sock, 4, url))[0]
+    if size > HEADER_LIMIT:
+        raise ModelError(f"{url}: does not send AEDAT 4: its header would have {size} bytes")
+    try:
+        header = read_header(_exactly(sock, size, url))
+        for number, stream in header.streams.items():
+            if stream["type"] == "events" and "width" in stream:
+                return header, number, (stream["width"], stream["height"])
+    except Malformed as error:
+        raise ModelError(f"{url}: does not send AEDAT 4: {error}") from None
+    raise ModelError(f"{url}: sends no events: expected a stream of type EVTS with a sensor")
+
+
+def _exactly(sock: socket.socket, count: int, url: str) -> bytes:
+    found = b""
+    while len(found) < count:
+        more = sock.recv(count - len(found))
+        if not more:
+            raise ModelError(f"{url}: does not send AEDAT 4: the connection ended within its header")
+        found += more
+    return found
+
+
+class PacketDecoder:
+    """Decodes the bytes of connections as they come; see `neuro.events.streams._codings.Decoder`.
+
+    Args:
+        compression: of the packets, as the header says.
+        wanted: number of the stream of events.
+        broken: called where bytes are no packets; what follows is left out up to the next connection.
+    """
+
+    def __init__(self, compression: str, wanted: int, broken: Callable[[], None]) -> None:
+        self._packets, self._wanted, self._broken = Packets(compression), wanted, broken
+        self._held = bytearray()
+        self._lost = False
+
+    def __call__(
+        self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
+    ) -> tuple[int, Columns, int]:
+        parts: list[Columns] = []
+        damaged = n = 0
+        for entry in range(first, last):
+            row, had = index[entry % len(index)], len(parts)
+            start, size = row[[kernels.START, kernels.SIZE]].tolist()
+            if not size:
+                damaged += bool(self._held)
+                self._held.clear()
+                self._lost = False
+            elif not self._lost:
+                self._held += ring[start : start + size].data
+                try:
+                    self._take(parts)
+                except Damage:
+                    damaged += 1
+                    self._lost = True
+                    self._held.clear()
+                    self._broken()
+            n += sum(len(each[0]) for each in parts[had:])
+            row[kernels.EVENTS] = n
+        columns = parts[0] if len(parts) == 1 else joined_columns(parts)
+        return n, columns, damaged
+
+    def _take(self, parts: list[Columns]) -> None:
+        """Take all whole packets."""
+        at = 0
+        try:
+            while len(self._held) - at >= ENTRY.size:
+                stream, size = ENTRY.unpack_from(self._held, at)
+                if not 0 <= size <= _LARGEST:
+                    raise Damage(f"a packet of {size} bytes", None)
+                end = at + ENTRY.size + size
+                if len(self._held) < end:
+                    return
+                if stream == self._wanted:
+                    parts.append(self._events(np.frombuffer(self._held[end - size : end], np.uint8)))
+                at = end
+        finally:
+            del self._held[:at]
+
+    def _events(self, data: NDArray[np.uint8]) -> Columns:
+        plain, start, count = self._packets.events(data, 0)
+        columns = empty_columns(count)
+        aedat4_kernels.split(np.frombuffer(plain, np.uint8), start, count, 0, *columns)
+        return columns
+
+
+def sent_packets(events: Events) -> bytes:
+    """Events as packets."""
+    parts = [packet(events[k : k + PACKET]) for k in range(0, len(events), PACKET)]
+    return b"".join(ENTRY.pack(0, len(data)) + data for data in parts)

@@ -5,22 +5,33 @@ from __future__ import annotations
 import math
 import socket
 import time
+import warnings
 import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
+from neuro.core.extras import LazyModule
 from neuro.events._events import Events, checked_size
 from neuro.events.formats._format import Damage
-from neuro.events.streams._address import Address, address, format_for
-from neuro.events.streams._codings import CODINGS, Decoder
+from neuro.events.source import EventFileWarning
+from neuro.events.streams._codings import (
+    CODINGS,
+    Address,
+    Decoder,
+    PacketDecoder,
+    address,
+    format_for,
+    parsed,
+    received_header,
+)
+from neuro.events.streams._receiver import LEAST, Receiver
 
-if TYPE_CHECKING:
-    from neuro.events.streams._receiver import Receiver
+kernels = LazyModule("neuro.events.streams._kernels")
 
 BUFFER = 1 << 25
 """Bytes that wait to be taken, at most; 0.8 s of 5 million events a second of 8 bytes."""
@@ -80,8 +91,6 @@ class Listener:
         self, url: str, format: str, sensor: tuple[int, int], receiver: Receiver, decoder: Decoder, period: int,
         until_silent: float, first_within: float, tick_ms: float,
     ) -> None:  # fmt: skip
-        from neuro.events.streams import _coding_kernels as kernels
-
         self.url, self.format, self.sensor_size = url, format, sensor
         self.received_ns: int | None = None
         self._receiver, self._decoder, self._period = receiver, decoder, period
@@ -224,8 +233,6 @@ def listen(
         ModelError: the address cannot be used, the format is unknown, the sensor is missing or too large, or by TCP
             nobody sends there, or something else than AEDAT 4.
     """
-    from neuro.events.streams._receiver import LEAST, Receiver
-
     where = address(url)
     name = format_for(where.scheme, format, CODINGS)
     size = None if sensor is None else checked_size(sensor)
@@ -256,8 +263,6 @@ def _connected(
     where: Address, name: str, size: tuple[int, int] | None, buffer: int, times: tuple[float, float, float]
 ) -> Listener:
     """A listener to a server of AEDAT 4."""
-    from neuro.events.streams._aedat4 import PacketDecoder, received_header
-    from neuro.events.streams._receiver import Receiver
 
     def connect() -> tuple[socket.socket, Any]:
         sock = where.new_socket()
@@ -296,3 +301,78 @@ def _connected(
         raise
     receiver = Receiver(sock, buffer, again)
     return Listener(where.url, name, found, receiver, decoder, 0, *times)
+
+
+TICK_MS = 1.0
+"""Events that come within it are given together."""
+
+
+def check_stream(url: str | None, format: str | None, sensor: tuple[int, ...] | None) -> None:
+    """Refuse what `listen` would refuse, without listening.
+
+    Raises:
+        ModelError: the address or the format is none, or the sensor is missing or too large; `path` is the word.
+    """
+    word = "stream"
+    try:
+        scheme = parsed(url)[0]
+        word = "format"
+        name = format_for(scheme, format, CODINGS)
+        word = "sensor"
+        if sensor is None:
+            raise ModelError("sensor is missing: expected [width, height] in px")
+        size = checked_size(sensor)
+        if name in CODINGS:
+            CODINGS[name].check(size)
+    except ModelError as error:
+        raise error.but(path=(word,)) from None
+
+
+@dataclass(frozen=True, slots=True)
+class OfStream:
+    """A stream that is played as a recording is; see `neuro.events.playing.Played`.
+
+    Attributes:
+        url: as of `listen`, as are the others.
+        format: of the stream.
+        sensor_size: width and height, px.
+        until_silent: s, as is the next.
+        first_within: of the first datagram.
+        again: it cannot be played several times.
+        no_sensor: "", since its sensor is known.
+    """
+
+    url: str
+    format: str | None
+    sensor_size: tuple[int, int]
+    until_silent: float
+    first_within: float
+    again: bool = False
+    no_sensor: str = ""
+
+    @property
+    def identity(self) -> str:
+        """Its address."""
+        return f"stream {self.url}"
+
+    def first(self) -> None:
+        """Not known before it comes."""
+
+    def opened(self) -> Listener:
+        """Begin to listen.
+
+        Raises:
+            ModelError: as of `listen`.
+        """
+        return listen(
+            self.url, format=self.format, sensor=self.sensor_size, until_silent=self.until_silent,
+            first_within=self.first_within, tick_ms=TICK_MS,
+        )  # fmt: skip
+
+    def parts(self, start_us: int | None = None, least: tuple[int, int] = (1, 1)) -> Iterator[Events]:
+        """Its events as they come; at the end a warning if some were lost."""
+        with self.opened() as stream:
+            yield from stream
+            lost = ", ".join(f"{name.replace('_', ' ')} {count:,}" for name, count in stream.counts.lost.items())
+        if lost:
+            warnings.warn(f"{self.url}: {lost}", EventFileWarning, stacklevel=2)

@@ -18,12 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
-from neuro.events.streams import _ring_kernel as kernel
+from neuro.core.extras import LazyModule
+
+kernels = LazyModule("neuro.events.streams._kernels")
 
 ENTRIES = 1 << 16
 """Datagrams that wait at most."""
-LEAST = 4 * kernel.LARGEST
-"""Bytes of the smallest ring."""
+LEAST = 1 << 18
+"""Bytes of the smallest ring: it has room for four of the largest datagrams."""
 PATIENCE = 0.02
 """Time after which a call that receives nothing comes back, s; so long closing may take."""
 QUEUE = 1 << 25
@@ -45,28 +47,28 @@ class Receiver:
 
     Attributes:
         ring: the bytes.
-        index: (`ENTRIES`, FIELDS) int64, entries in a ring; see `_ring_kernel`.
+        index: (`ENTRIES`, FIELDS) int64, entries in a ring; see `_kernels`.
         connections: how often a connection was made anew.
         opened_ns: when it began to receive, by `time.monotonic_ns`.
     """
 
     def __init__(self, sock: socket.socket, buffer: int, again: Callable[[], socket.socket | None] | None) -> None:
         self._sock, self._again = sock, again
-        self.ring: NDArray[np.uint8] = np.empty(buffer + kernel.LARGEST, np.uint8)
-        self.index = np.zeros((ENTRIES, kernel.FIELDS), np.int64)
-        self._state = np.zeros((kernel.ROWS, 8), np.int64)
-        self._message = np.zeros(kernel.WORDS, np.int64)
+        self.ring: NDArray[np.uint8] = np.empty(buffer + kernels.LARGEST, np.uint8)
+        self.index = np.zeros((ENTRIES, kernels.FIELDS), np.int64)
+        self._state = np.zeros((kernels.ROWS, 8), np.int64)
+        self._message = np.zeros(kernels.WORDS, np.int64)
         self._calls = _calls()
         self._read, self._wake = os.pipe()
         for end in (self._read, self._wake):
             os.set_blocking(end, False)
         self.connections = 0
         self._prepare(sock)
-        self._state[kernel.STOP] = 1
+        self._state[kernels.STOP] = 1
         self._receive()  # compiles it
-        self._state[kernel.STOP] = 0
+        self._state[kernels.STOP] = 0
         self.opened_ns = int(time.monotonic_ns())
-        self._state[kernel.LAST] = self.opened_ns
+        self._state[kernels.LAST] = self.opened_ns
         self._overflown = 0
         self._poll = select.poll()
         self._poll.register(self._read, select.POLLIN)
@@ -82,7 +84,7 @@ class Receiver:
 
     def _receive(self) -> int:
         words = self._calls, self._sock.fileno(), self._wake, self._again is None
-        return int(kernel.receive(*words, self.ring, self.index, self._state, self._message))
+        return int(kernels.receive(*words, self.ring, self.index, self._state, self._message))
 
     def _run(self) -> None:
         while not self.closed:
@@ -96,9 +98,9 @@ class Receiver:
         """Connect anew, with an entry of no bytes between the two connections."""
         assert self._again is not None
         self._sock.close()
-        while not self._state[kernel.STOP, 0] and not kernel.end_entry(self.index, self._state):
+        while not self._state[kernels.STOP, 0] and not kernels.end_entry(self.index, self._state):
             time.sleep(0.001)
-        while not self._state[kernel.STOP, 0]:
+        while not self._state[kernels.STOP, 0]:
             sock = self._again()
             if sock is not None:
                 self._sock = sock
@@ -110,11 +112,11 @@ class Receiver:
     @property
     def entries(self) -> tuple[int, int]:
         """Numbers of the first entry that waits, and of the one after the last."""
-        return int(self._state[kernel.TAKEN, 0]), int(kernel.arrived(self._state))
+        return int(self._state[kernels.TAKEN, 0]), int(kernels.arrived(self._state))
 
     def received(self, entry: int) -> int:
         """When an entry that waits came, by `time.monotonic_ns`."""
-        return int(self.index[entry % ENTRIES, kernel.RECEIVED])
+        return int(self.index[entry % ENTRIES, kernels.RECEIVED])
 
     def before(self, ns: int) -> int:
         """The number after the last entry that waits and came before a time of `time.monotonic_ns`."""
@@ -123,7 +125,7 @@ class Receiver:
 
     def release(self, taken: int) -> None:
         """Give back the room of all entries before a number."""
-        kernel.release(self._state, taken)
+        kernels.release(self._state, taken)
 
     def wait(self, timeout_s: float) -> bool:
         """Wait for an entry; whether there is one."""
@@ -139,12 +141,12 @@ class Receiver:
     @property
     def last_ns(self) -> int:
         """When something was received last, or when it began to receive, by `time.monotonic_ns`."""
-        return int(self._state[kernel.LAST, 0])
+        return int(self._state[kernels.LAST, 0])
 
     @property
     def refused(self) -> int:
         """Datagrams for which the ring had no room."""
-        return int(self._state[kernel.REFUSED, 0])
+        return int(self._state[kernels.REFUSED, 0])
 
     @property
     def overflown(self) -> int | None:
@@ -156,7 +158,7 @@ class Receiver:
         if not self.closed:
             packed = self._sock.getsockopt(socket.SOL_SOCKET, _MEMINFO, _NUMBERS.size)
             whole = len(packed) == _NUMBERS.size
-            self._overflown = int(_NUMBERS.unpack(packed)[8] if whole else self._state[kernel.OVERFLOWN, 0])
+            self._overflown = int(_NUMBERS.unpack(packed)[8] if whole else self._state[kernels.OVERFLOWN, 0])
         return self._overflown
 
     def hang_up(self) -> None:
@@ -167,7 +169,7 @@ class Receiver:
     @property
     def closed(self) -> bool:
         """Whether it receives no more."""
-        return bool(self._state[kernel.STOP, 0])
+        return bool(self._state[kernels.STOP, 0])
 
     def close(self) -> None:
         """Stop receiving; what waits can still be taken."""
@@ -177,7 +179,7 @@ class Receiver:
         if self.closed:
             return
         _ = self.overflown
-        self._state[kernel.STOP] = 1
+        self._state[kernels.STOP] = 1
         self._thread.join()
         self._sock.close()
         os.close(self._read)

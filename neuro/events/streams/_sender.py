@@ -9,7 +9,7 @@ import socket
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +17,9 @@ from neuro.core.checks import argument
 from neuro.core.errors import ModelError
 from neuro.events._events import Event, Events
 from neuro.events.files import stream
+from neuro.events.formats.aedat4 import new_header
 from neuro.events.playing import played
-from neuro.events.streams._address import Address, address, format_for
-from neuro.events.streams._codings import CODINGS, Coding
+from neuro.events.streams._codings import CODINGS, Address, Coding, address, format_for, sent_packets
 
 TICK = 0.001
 """Events whose time has come are sent so often, s."""
@@ -48,20 +48,6 @@ class Sent:
     datagrams: int
     seconds: float
     latest_ms: float
-
-
-class Channel(Protocol):
-    """Where events go."""
-
-    @property
-    def url(self) -> str:
-        """The address."""
-
-    def put(self, events: Events) -> int:
-        """Send events; how many datagrams that took."""
-
-    def close(self) -> None:
-        """Send no more."""
 
 
 class Datagrams:
@@ -112,8 +98,6 @@ class Server:
 
     def put(self, events: Events) -> int:
         """Send events to all that have connected; one that is gone, or takes nothing, is left."""
-        from neuro.events.streams._aedat4 import sent_header, sent_packets
-
         self._server.settimeout(0.0)
         with contextlib.suppress(BlockingIOError):
             while True:
@@ -122,7 +106,7 @@ class Server:
         for reader, begun in list(self._readers.items()):
             try:
                 reader.settimeout(_STUCK_S)
-                reader.sendall(data if begun else sent_header(events.sensor_size) + data)
+                reader.sendall(data if begun else new_header(0, *events.sensor_size) + data)
                 self._readers[reader] = True
             except OSError:
                 reader.close()
@@ -133,6 +117,9 @@ class Server:
         """Close all connections."""
         for each in (self._server, *self._readers):
             each.close()
+
+
+Channel = Datagrams | Server
 
 
 def channel(url: str, format: str | None, datagram: int | None) -> Channel:

@@ -185,7 +185,7 @@ def test_interrupted(run, recording, monkeypatch, tmp_path):
     def stop(*given, **more):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("neuro.events.formats.nmnist.Bin.pieces", stop)
+    monkeypatch.setattr("neuro.events.formats.event_stream.Bin.pieces", stop)
     for words in (
         ("gif", "in.bin"),
         ("view", "in.bin"),

@@ -1,0 +1,230 @@
+"""Spaces of an environment: observations as dimensions, vectors and spikes; actions as circuits of neurons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from neuro import ModelError
+from neuro.coding import Dimension, Fields, OneHot, Places, Population, Tiles
+from neuro_agent.network import Settings
+
+Floats = npt.NDArray[np.float64]
+BOUNDLESS = 1e6
+"""A bound beyond this is none: spaces name the largest float where they know none."""
+EXPECTED = "Box, Discrete, MultiDiscrete, MultiBinary, or a Dict or Tuple of these"
+
+
+def encoder_of(space: gymnasium.Space[Any], settings: Settings) -> Fields:
+    """The neurons that stand for observations.
+
+    Raises:
+        ModelError: the space is of another kind or empty, or the encoder refuses it or has too many neurons for it.
+    """
+    dimensions, s = dimensions_of(space), settings
+    if not dimensions:
+        raise ModelError("observation space: it is empty: expected at least one dimension")
+    match s.encoder:
+        case "tiles":
+            return Tiles(dimensions, s.group, s.fields, s.active)
+        case "one_hot":
+            return OneHot(dimensions)
+        case "population":
+            return Population(dimensions, s.group, s.fields)
+    return Places(dimensions, s.group, s.fields, s.active)
+
+
+def dimensions_of(space: gymnasium.Space[Any], name: str = "observation") -> list[Dimension]:
+    """The dimensions of a space of observations, in the order of `flat`.
+
+    Raises:
+        ModelError: a part of it is of another kind.
+    """
+    match space:
+        case spaces.Discrete():
+            return [Dimension(name, int(space.n), int(space.start))]
+        case spaces.MultiDiscrete():
+            starts = np.ravel(space.start)
+            return [Dimension(f"{name}[{k}]", int(n), int(starts[k])) for k, n in enumerate(np.ravel(space.nvec))]
+        case spaces.MultiBinary():
+            return [Dimension(f"{name}[{k}]", 2) for k in range(int(np.prod(space.shape)))]
+        case spaces.Box():
+            ends = zip(np.ravel(space.low).astype(float), np.ravel(space.high).astype(float), strict=True)
+            whole = np.issubdtype(space.dtype, np.integer)
+            return [
+                Dimension(f"{name}[{k}]", low=_bound(low), high=_bound(high), whole=whole)
+                for k, (low, high) in enumerate(ends)
+            ]
+        case spaces.Dict():
+            return [one for key, part in _named(space, name) for one in dimensions_of(part, f"{name}[{key!r}]")]
+        case spaces.Tuple():
+            return [one for k, part in enumerate(space.spaces) for one in dimensions_of(part, f"{name}[{k}]")]
+    raise ModelError(f"{name} space: found {type(space).__name__}: expected {EXPECTED}")
+
+
+def _named(space: spaces.Dict, name: str = "observation") -> list[tuple[str, gymnasium.Space[Any]]]:
+    """The parts of a Dict by key: spaces that are equal may hold them in another order."""
+    for key in space.spaces:
+        if not isinstance(key, str):
+            raise ModelError(f"{name} space: the key {key!r} is of type {type(key).__name__}: expected a text")
+    return sorted(space.spaces.items())
+
+
+def _bound(value: float) -> float:
+    return value if abs(value) < BOUNDLESS else float(np.copysign(np.inf, value))
+
+
+def flat(space: gymnasium.Space[Any], found: Any, n: int = 0) -> Floats:
+    """Observations as vectors, (observations, dimensions), which stay: many environments write on in their arrays.
+
+    Args:
+        space: of one observation.
+        found: one observation, or with `n` as many as a vector of environments gives them.
+        n: how many there are.
+
+    Raises:
+        ModelError: one has another form than the space says, or holds NaN.
+    """
+    ahead = (n,) if n else ()
+    try:
+        if isinstance(space, (spaces.Dict, spaces.Tuple)):
+            vectors = np.concatenate([part.reshape(n or 1, -1) for part in _parts(space, found, ahead)], axis=1)
+        else:
+            vectors = _array(space, found, ahead).reshape(n or 1, -1)
+        vectors = vectors.astype(np.float64)
+    except (TypeError, ValueError, KeyError, IndexError, OverflowError):
+        listed = f"{n} of {space}, one for each environment" if n else f"one of {space}"
+        shape = getattr(found, "shape", None)
+        form = type(found).__name__ if shape is None else f"an array of shape {list(shape)}"
+        raise ModelError(f"observation: found {form}: expected {listed}") from None
+    good = np.isfinite(vectors)
+    if np.count_nonzero(good) < good.size:
+        bad = int(np.argmin(good))
+        which, d = divmod(bad, vectors.shape[1])
+        place = dimensions_of(space)[d].name + (f" of environment {which}" if n else "")
+        raise ModelError(f"{place} is {vectors.flat[bad]:g}: expected a finite number")
+    return vectors
+
+
+class States:
+    """Which numbers of an observation have states, and which these are.
+
+    Args:
+        space: of one observation.
+    """
+
+    def __init__(self, space: gymnasium.Space[Any]) -> None:
+        listed = [(d, one) for d, one in enumerate(dimensions_of(space)) if one.states]
+        self._space, self._at = space, [d for d, _ in listed]
+        self._first = np.array([one.first for _, one in listed])
+        self._count = np.array([one.states for _, one in listed])
+
+    def check(self, vectors: Floats) -> Floats:
+        """The vectors, (observations, dimensions), as they are.
+
+        Raises:
+            ModelError: a number is none of its states.
+        """
+        if self._at:
+            values = vectors[:, self._at]
+            bad = (values < self._first) | (values >= self._first + self._count) | (values != np.floor(values))
+            if bad.any():
+                raise ModelError(f"observation: found {values[bad][0]:g}: expected one of {self._space}")
+        return vectors
+
+
+def _parts(space: gymnasium.Space[Any], found: Any, ahead: tuple[int, ...]) -> Any:
+    if isinstance(space, spaces.Dict):
+        for key, part in _named(space):
+            yield from _parts(part, found[key], ahead)
+    elif isinstance(space, spaces.Tuple):
+        for part, one in zip(space.spaces, found, strict=True):
+            yield from _parts(part, one, ahead)
+    else:
+        yield _array(space, found, ahead)
+
+
+def _array(space: gymnasium.Space[Any], found: Any, ahead: tuple[int, ...]) -> npt.NDArray[Any]:
+    array = np.asarray(found)
+    if array.shape != (*ahead, *(space.shape or ())):
+        raise ValueError
+    return array
+
+
+ACTIONS = "Discrete, MultiDiscrete, MultiBinary, or a Box with finite bounds"
+MOST = 64
+"""Neurons of a circuit, see `neuro.soft_wta`."""
+
+
+@dataclass(frozen=True)
+class Actions:
+    """What the neurons that spike mean.
+
+    Attributes:
+        sizes: neurons of each circuit.
+        space: of the actions.
+        values: of a Box, what the neurons of each circuit stand for; of one of whole numbers the action is the nearest.
+    """
+
+    sizes: tuple[int, ...]
+    space: gymnasium.Space[Any]
+    values: tuple[npt.NDArray[np.float64], ...] = ()
+
+    def of(self, winners: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+        """The actions of the winners of each circuit, (copies, circuits); the first axis is that of the copies."""
+        if isinstance(self.space, spaces.Box):
+            chosen = np.stack([values[winners[:, k]] for k, values in enumerate(self.values)], axis=1)
+            means = chosen.reshape(len(chosen), *self.space.shape, -1).mean(axis=-1)
+            # Means of equal numbers are rounded, and so may lie beyond the bound.
+            winners = np.clip(means, self.space.low, self.space.high)
+            if np.issubdtype(self.space.dtype, np.integer):
+                winners = np.rint(winners)
+        elif isinstance(self.space, (spaces.Discrete, spaces.MultiDiscrete)):
+            winners = winners + np.ravel(self.space.start)
+        return winners.reshape(-1, *(self.space.shape or ())).astype(self.space.dtype, copy=False)
+
+
+def actions_of(space: gymnasium.Space[Any], levels: int, circuits: int = 1) -> Actions:
+    """The circuits for a space of actions.
+
+    Args:
+        space: of the actions.
+        levels: neurons of each circuit of a Box, between its bounds.
+        circuits: for each number of a Box, which is the mean of what they choose.
+
+    Raises:
+        ModelError: it is of another kind, has no bounds, or needs more neurons than a circuit has.
+    """
+    found = _actions(space, levels, circuits)
+    if max(found.sizes, default=0) > MOST:
+        raise ModelError(f"action space {space}: {max(found.sizes)} actions: expected at most {MOST}")
+    if not found.sizes:
+        raise ModelError(f"action space {space}: it is empty: expected {ACTIONS}")
+    return found
+
+
+def _actions(space: gymnasium.Space[Any], levels: int, circuits: int) -> Actions:
+    match space:
+        case spaces.Discrete():
+            return Actions((int(space.n),), space)
+        case spaces.MultiDiscrete():
+            return Actions(tuple(int(n) for n in np.ravel(space.nvec)), space)
+        case spaces.MultiBinary():
+            return Actions((2,) * int(np.prod(space.shape)), space)
+        case spaces.Box():
+            ends = [np.ravel(each).astype(np.float64) for each in (space.low, space.high)]
+            if np.abs(ends).max(initial=0.0) >= BOUNDLESS:
+                raise ModelError(
+                    f"action space {space}: it has no bounds, or one beyond {BOUNDLESS:,.0f}: expected {ACTIONS}",
+                    hint="a wrapper gives it others: gymnasium.wrappers.TransformAction",
+                )
+            values = tuple(
+                np.linspace(low, high, levels) for low, high in zip(*ends, strict=True) for _ in range(circuits)
+            )
+            return Actions((levels,) * len(values), space, values)
+    raise ModelError(f"action space: found {type(space).__name__}: expected {ACTIONS}")

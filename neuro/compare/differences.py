@@ -1,0 +1,257 @@
+"""Differences of spikes and weights between two runs, and of weights between a network and a chip's integers.
+
+The distance is that of Victor and Purpura (J. Neurophysiol. 76:1310, 1996) as the library `elephant` computes it: the
+least cost of turning one train into the other, where adding or removing a spike costs 1 and moving it by dt costs
+dt / `COST_MS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from neuro.chips.fixed_program import FixedProgram
+from neuro.model.neurons import Neuron
+from neuro.pages.histograms import Histogram, histogram
+from neuro.pages.raster import evenly
+from neuro.program.program import Floats, Ints, Program, Projection
+
+COST_MS = 10.0
+"""Moving a spike so far costs as much as removing it; pairs closer than twice this are moved."""
+
+MOST_NEURONS = 100
+MOST_SPIKES = 2000
+MOST_PAIRS = 20_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ComparedSpikes:
+    """Spikes of one population, by time, then neuron; several of one neuron in one step are listed as often.
+
+    Attributes:
+        size: its number of neurons.
+        times_ms: when.
+        steps: the same in steps.
+        ids: which neuron.
+    """
+
+    size: int
+    times_ms: Floats
+    steps: Ints
+    ids: Ints
+
+
+@dataclass(frozen=True, slots=True)
+class Divergence:
+    """The first spike that only one of two runs has.
+
+    Attributes:
+        ms: its time.
+        neuron: whose it is.
+        only_in_first: whether the first run has it, or the other.
+    """
+
+    ms: float
+    neuron: int
+    only_in_first: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Distance:
+    """Victor and Purpura's distance between two runs of a population.
+
+    Attributes:
+        edits: cost of all neurons measured.
+        spikes: of these neurons in both runs together.
+        per_spike: edits / spikes: 0 where the runs are equal, 1 where no spike has a partner.
+        neurons: how many were measured, an even choice where the population has more.
+        until_ms: spikes up to this time were measured, all of the run if these are not too many.
+    """
+
+    edits: float
+    spikes: int
+    per_spike: float
+    neurons: int
+    until_ms: float
+
+
+def divergence(first: ComparedSpikes, other: ComparedSpikes) -> Divergence | None:
+    """The earliest difference, of the smallest neuron; None where both runs have the same spikes."""
+    size = max(first.size, 1)
+    a, b = np.sort(first.steps * size + first.ids), np.sort(other.steps * size + other.ids)
+    n = min(a.size, b.size)
+    unequal = np.flatnonzero(a[:n] != b[:n])
+    if unequal.size:
+        at = int(unequal[0])
+        mine = bool(a[at] < b[at])
+    elif a.size != b.size:
+        at, mine = n, a.size > b.size
+    else:
+        return None
+    key = int((a if mine else b)[at])
+    owner = first if mine else other
+    time = float(owner.times_ms[np.searchsorted(owner.steps, key // size)])
+    return Divergence(time, key % size, mine)
+
+
+def same_steps(first: ComparedSpikes, other: ComparedSpikes) -> bool:
+    """Whether the same neurons spike in the same steps, however often in each."""
+    size = max(first.size, 1)
+    a, b = np.unique(first.steps * size + first.ids), np.unique(other.steps * size + other.ids)
+    return bool(np.array_equal(a, b))
+
+
+def distance(first: ComparedSpikes, other: ComparedSpikes, duration_ms: float) -> Distance | None:
+    """The distance of two runs; None without the library.
+
+    At most `MOST_NEURONS` neurons are measured, and at most `MOST_SPIKES` spikes of each.
+    """
+    library = _library()
+    if library is None:
+        return None
+    busiest = max(_busiest(first), _busiest(other), 1)
+    length = min(busiest, MOST_SPIKES)
+    chosen = evenly(first.size, max(1, min(MOST_NEURONS, MOST_PAIRS // length**2)))
+    pairs = list(zip(_each(first, chosen), _each(other, chosen), strict=True))
+    ends = [float(train[MOST_SPIKES]) for pair in pairs for train in pair if train.size > MOST_SPIKES]
+    until = min(ends, default=duration_ms)
+    edits, spikes = 0.0, 0
+    for pair in pairs:
+        a, b = (train if until == duration_ms else train[train < until] for train in pair)
+        spikes += a.size + b.size
+        if not np.array_equal(a, b):
+            edits += _edits(library, a, b, until)
+    return Distance(edits, spikes, edits / spikes if spikes else 0.0, chosen.size, until)
+
+
+def _busiest(train: ComparedSpikes) -> int:
+    return int(np.bincount(train.ids, minlength=1).max())
+
+
+def _each(train: ComparedSpikes, chosen: Ints) -> list[Floats]:
+    """Times of the spikes of each chosen neuron."""
+    order = np.argsort(train.ids, kind="stable")
+    ids, times = train.ids[order], train.times_ms[order]
+    begin, end = np.searchsorted(ids, chosen), np.searchsorted(ids, chosen, side="right")
+    return [times[i:j] for i, j in zip(begin, end, strict=True)]
+
+
+def _edits(library: tuple[Any, Any, Any], a: Floats, b: Floats, until: float) -> float:
+    metrics, neo, quantities = library
+    trains = [neo.SpikeTrain(times, t_stop=until, units="ms") for times in (a, b)]
+    cost = 1.0 / (COST_MS * quantities.ms)
+    return float(metrics.victor_purpura_distance(trains, cost_factor=cost, sort=False)[0, 1])
+
+
+@cache
+def _library() -> tuple[Any, Any, Any] | None:
+    try:
+        return import_module("elephant.spike_train_dissimilarity"), import_module("neo"), import_module("quantities")
+    except ImportError:
+        return None
+
+
+_LAST_BITS = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class WeightDifference:
+    """How far the weights of one projection are from those of another run.
+
+    Attributes:
+        largest: largest absolute difference of a weight.
+        rms: root of the mean squared difference.
+        relative: `rms` divided by the root of the mean squared weight of the first run; 0 where that is 0.
+    """
+
+    largest: float
+    rms: float
+    relative: float
+
+
+def difference(first: Floats, other: Floats) -> WeightDifference:
+    """How far weights are from the first; nothing where only the last bits of a double differ."""
+    if first.size == 0:
+        return WeightDifference(0.0, 0.0, 0.0)
+    lost = other - first
+    largest, size = float(np.abs(lost).max()), float(np.sqrt(np.mean(first**2)))
+    if largest <= _LAST_BITS * size:
+        return WeightDifference(0.0, 0.0, 0.0)
+    rms = float(np.sqrt(np.mean(lost**2)))
+    return WeightDifference(largest, rms, rms / size if size else 0.0)
+
+
+def described(part: Projection) -> Floats:
+    """The weights of a projection as they are described, one for each synapse."""
+    return np.broadcast_to(part.weight, (part.size,))
+
+
+def rounded(fixed: FixedProgram, index: int) -> Floats | None:
+    """The same in a chip's integers; None for a projection that carries a current."""
+    part = fixed.projections[index]
+    if part is None:
+        return None
+    return np.broadcast_to(part.acting(part.words), (fixed.program.projections[index].size,))
+
+
+def rounding(fixed: FixedProgram) -> dict[str, WeightDifference]:
+    """What quantising does to the weights of each projection."""
+    by_name = {}
+    for index, part in enumerate(fixed.program.projections):
+        after = rounded(fixed, index)
+        if after is not None:
+            by_name[part.name] = difference(described(part), after)
+    return by_name
+
+
+def histograms(program: Program, chips: Mapping[str, FixedProgram]) -> tuple[Histogram, ...]:
+    """Of each projection: its weights as described and on each chip.
+
+    Args:
+        program: the network as the first backend saw it.
+        chips: the same in the integers of some chips.
+    """
+    found = []
+    for index, part in enumerate(program.projections):
+        on_chips = {name: rounded(fixed, index) for name, fixed in chips.items()}
+        weights = {"described": described(part)} | {name: w for name, w in on_chips.items() if w is not None}
+        found.append(_histogram(program, part, weights, _grain(chips, index)))
+    return tuple(part for part in found if part.synapses)
+
+
+def learnt(program: Program, final: Mapping[str, Mapping[str, Floats]]) -> tuple[Histogram, ...]:
+    """Of each projection that learns: its weights at the end of the run on each backend.
+
+    Args:
+        program: the network as the first backend saw it.
+        final: weights by backend and projection.
+    """
+    parts = [part for part in program.projections if part.synapse.learns and part.size]
+    return tuple(_histogram(program, part, {name: w[part.name] for name, w in final.items()}, 0.0) for part in parts)
+
+
+def _histogram(program: Program, part: Projection, weights: Mapping[str, Floats], grain: float) -> Histogram:
+    return histogram(part.name, unit(program, part), weights, grain)
+
+
+def _grain(chips: Mapping[str, FixedProgram], index: int) -> float:
+    """The coarsest difference of two weights that a chip can hold; 0 without a chip."""
+    parts = (fixed.projections[index] for fixed in chips.values())
+    return max((float(max(p.step.max(), p.step_below.max())) * p.grain for p in parts if p is not None), default=0.0)
+
+
+def unit(program: Program, part: Projection) -> str:
+    """The unit of a projection's weights: that of the input its target takes."""
+    model = program.populations[part.target].model
+    if model.chip or part.carries == "current":
+        return ""
+    states = {state.name: state.unit for state in model.states}
+    names = model.named_receptors() if isinstance(model, Neuron) else ()
+    receptor = part.receptor.name if part.receptor else next(iter(names), "ex")
+    moved = (receptor, f"g_{receptor}", f"I_syn_{receptor}", "V_m")
+    return next((states[name] for name in moved if name in states), "")

@@ -1,0 +1,230 @@
+"""Curves along time with their scales: rates of populations, and what probes recorded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from neuro.chips.energy import quantity
+from neuro.core import html
+from neuro.core.html import Html, tag
+from neuro.files.parts import Trace, Train
+from neuro.files.results import Results
+from neuro.pages.raster import evenly
+from neuro.program.program import Floats, Ints
+
+_SLACK = (1e-9, 0.0)
+"""Of a step: multiples that lie just outside are marks, too, where there is room for them."""
+_LEAST_PLAIN, _LARGE, _LARGEST_PLAIN = 1e-3, 1e3, 1e15
+
+
+def ticks(low: float, high: float, most: int) -> list[float]:
+    """At most so many round numbers from `low` to `high`, evenly apart, at least two if they can be round."""
+    ten = 10.0 ** math.floor(math.log10((high - low) / most))
+    found = [_multiples(low, high, n * ten, slack) for n in (1, 2, 5, 10, 20) for slack in _SLACK]
+    best = next((marks for marks in found if len(marks) <= most), found[-1])
+    if len(best) > 1:
+        return best
+    threes = (_multiples(low, high, 3 * ten, slack) for slack in _SLACK)  # -2 to 4: not 0 alone, but 0 and 3
+    return next((marks for marks in threes if 1 < len(marks) <= most), best)
+
+
+def _multiples(low: float, high: float, step: float, slack: float) -> list[float]:
+    return [step * k for k in range(math.ceil(low / step - slack), math.floor(high / step + slack) + 1)]
+
+
+def tick(mark: float, marks: Sequence[float]) -> str:
+    """A round number with the digits that all marks of its axis need."""
+    step = marks[1] - marks[0] if len(marks) > 1 else abs(mark) or 1.0
+    digits = max(0, -math.floor(math.log10(step) + 1e-9))
+    return f"{mark:,.{digits}f}" if digits < 5 and abs(mark) < 1e6 else f"{mark:.3g}"
+
+
+def few(value: float) -> str:
+    """A number in three digits: 0.0123, 16.4, 302,000."""
+    rounded = float(f"{value:.3g}")
+    if _LARGE <= abs(rounded) < _LARGEST_PLAIN:
+        return f"{rounded:,.0f}"
+    return f"{value:.3g}" if abs(rounded) >= _LEAST_PLAIN or not rounded else f"{value:.2e}"
+
+
+def prefixed(largest: float, unit: str) -> tuple[float, str]:
+    """A factor and the unit with a prefix, by which a quantity is at most 1000; only joules and seconds take one.
+
+    Args:
+        largest: the largest magnitude of the values.
+        unit: of the values.
+    """
+    if unit not in ("J", "s") or not 0.0 < largest < math.inf:
+        return 1.0, unit
+    number, with_prefix = quantity(largest, unit).split()
+    return 10.0 ** round(math.log10(float(number) / largest)), with_prefix
+
+
+WIDTH, LANE = 330.0, 84.0
+_TOP, _LEFT = 18.0, 48.0
+_WIDE = WIDTH - _LEFT
+"""What the lines have of the width; the numbers of their scale have the rest."""
+MOST = 60
+MOST_LINES = 4
+_HUGE = 1e300
+BINS, LEAST_BINS = 150, 10
+"""At most and at least so many bins of a rate: in between four spikes a bin."""
+_POINTS = 500
+
+
+def rates(results: Results) -> Html:
+    """The rate of a neuron of each population whose spikes were kept, along time."""
+    shown = [name for name, train in results.populations.items() if train.steps.size]
+    drawn = [_rate(name, results.populations[name], results) for name in shown[:MOST]]
+    return _grid(drawn, len(shown), "populations")
+
+
+def _rate(name: str, train: Train, results: Results) -> Html:
+    step, last = results.about["resolution_ms"], end_ms(results)
+    width = max(1, round(_round(last / min(BINS, max(LEAST_BINS, train.times_ms.size / 4))) / step)) * step
+    edges = np.append(np.arange(0.0, max(last - width / 2, step / 2), width), last)
+    counts, _ = np.histogram(train.times_ms, edges, weights=train.multiplicity)
+    hz = counts / (train.size * np.diff(edges) / 1000.0)
+    picture = curves(edges[:-1] + np.diff(edges) / 2, [hz], 0.0, last, "Hz", f"rate of {name}")
+    return html.figure(picture, f"bins of {width:g} ms", name)
+
+
+def traces(results: Results, of: str) -> Html:
+    """What each probe recorded of a "population", or of a "projection"."""
+    parts = [(name, trace) for name, trace in results.traces.items() if getattr(trace, of)]
+    return _grid([_trace(name, trace, end_ms(results)) for name, trace in parts[:MOST]], len(parts), "traces")
+
+
+def end_ms(results: Results) -> float:
+    """How long a run was, or one step where it has just begun."""
+    return max(results.duration_ms, float(results.about["resolution_ms"]))
+
+
+def _trace(name: str, trace: Trace, last: float) -> Html:
+    of, what = (trace.population, "neuron") if trace.population else (trace.projection, "synapse")
+    x, values = _of_synapses(trace) if trace.at_pre_spikes else (trace.times_ms, trace.values)
+    values = values[:, None] if values.ndim == 1 else values
+    chosen = evenly(values.shape[1], MOST_LINES)
+    if trace.single:
+        label = f"{'mean ' * trace.mean}{trace.state} of {of}"
+    else:
+        n = values.shape[1]
+        some = f"{chosen.size:,} of {n:,} {what}s of " if chosen.size < n else ""
+        label = f"{trace.state} of {some}{of}"
+        label += ", as pre spikes leave it" * trace.at_pre_spikes
+    each = [values[:, column] for column in chosen]
+    names = [] if trace.single else _names(trace, chosen)
+    return html.figure(curves(x, each, None, last, trace.unit or trace.state, label, names), label, name)
+
+
+def _names(trace: Trace, chosen: Ints) -> list[str]:
+    """What each of the lines that are drawn is of."""
+    if trace.at_pre_spikes:
+        ends = np.unique(np.stack([trace.pre, trace.post]), axis=1)
+        return [f"{pre} to {post}" for pre, post in ends[:, chosen].T]
+    if trace.pre is not None and trace.post is not None:
+        return [f"{trace.pre[k]} to {trace.post[k]}" for k in chosen]
+    noun = "neuron" if trace.population else "synapse"
+    return [f"{noun} {k if trace.ids is None else trace.ids[k]}" for k in chosen]
+
+
+def _of_synapses(trace: Trace) -> tuple[Floats, Floats]:
+    """What pre spikes left, a column a synapse, of as many as are drawn; not a number where it had no pre spike."""
+    ends, which = np.unique(np.stack([trace.pre, trace.post]), axis=1, return_inverse=True)
+    drawn = evenly(ends.shape[1], MOST_LINES)
+    values = np.where(which.reshape(-1, 1) == np.arange(ends.shape[1])[None, drawn], trace.values[:, None], np.nan)
+    mine = np.isfinite(values).any(axis=1)
+    table = np.full((int(mine.sum()), ends.shape[1]), np.nan)
+    table[:, drawn] = values[mine]
+    return trace.times_ms[mine], table
+
+
+def _grid(drawn: Sequence[Html], there: int, what: str) -> Html:
+    left_out = tag("p", f"{there - len(drawn)} more {what} are not drawn.") if there > len(drawn) else None
+    return html.join([tag("div", *drawn, class_="grid"), left_out])
+
+
+def curves(
+    x: Floats,
+    each: Sequence[Floats],
+    least: float | None,
+    last: float,
+    unit: str,
+    label: str,
+    names: Sequence[str] = (),
+) -> Html:
+    """Lines along time, from 0 to `last` ms, one below the other on one scale; the page's script zooms along the time.
+
+    Args:
+        x: times of all lines, in ms.
+        each: values of each line; what is not finite is left out.
+        least: the lowest value of the scale; the lowest of all values if None.
+        last: the end of the time axis.
+        unit: of the values, or what they are.
+        label: the text for screen readers.
+        names: what each line is of, if there is more than one.
+    """
+    head = 14.0 if names else 0.0
+    tall = LANE if len(each) == 1 else LANE / 2
+    floor = _TOP + (head + tall) * len(each)
+    low, high = _scale(each, least)
+    marks = ticks(low, high, 4 if len(each) == 1 else 2)
+    parts: list[Html] = [html.text(_LEFT - 8, _TOP - 6, unit, "tick", "end")]
+    for index, y in enumerate(each):
+        bottom = _TOP + (head + tall) * (index + 1)
+        share = (y - low) / (high - low)
+        path = tag("path", d=_path(x * (_WIDE / last), (tall - 4.0) * (1.0 - share) + 2.0), class_=f"curve chip{index}")
+        for mark in marks:
+            height = bottom - 2.0 - (tall - 4.0) * (mark - low) / (high - low)
+            parts += [html.line(_LEFT, height, WIDTH, height, "faint")]
+            parts += [html.text(_LEFT - 8, height + 4, tick(mark, marks), "tick", "end")]
+        if names:
+            parts.append(html.text(WIDTH, bottom - tall - 2, names[index], f"tick name{index}", "end"))
+        box = {"x": _LEFT, "y": bottom - tall, "width": _WIDE, "height": tall}
+        parts.append(
+            tag("svg", path, viewBox=f"0 0 {_WIDE:g} {tall:g}", preserveAspectRatio="none", class_="lines", **box)
+        )
+    below = tag("g", *_times(last, floor), class_="times", data_ms=last, data_left=_LEFT, data_wide=_WIDE, data_y=floor)
+    axis = html.line(_LEFT, floor, WIDTH, floor, "axis")
+    return html.svg(WIDTH, floor + 24, *parts, axis, below, label=label, class_="curves")
+
+
+def _scale(each: Sequence[Floats], least: float | None) -> tuple[float, float]:
+    """The lowest and the highest value that have room; round a value that stays."""
+    there = np.concatenate([y[np.isfinite(y)] for y in each]) if each else np.zeros(0)
+    there = np.clip(there, -_HUGE, _HUGE)
+    high = float(there.max()) if there.size else 0.0
+    low = least if least is not None else float(there.min()) if there.size else 0.0
+    if high - low > max(1e-9 * max(abs(high), abs(low)), 1.0 / _HUGE):
+        return low, high
+    return (0.0, 1.0) if least is not None else (low - (abs(low) / 100 or 1.0), low + (abs(low) / 100 or 1.0))
+
+
+def _round(ms: float) -> float:
+    """The next 1, 2 or 5 times a power of ten."""
+    ten = 10.0 ** math.floor(math.log10(ms))
+    return next(n * ten for n in (1, 2, 5, 10) if n * ten >= ms * (1 - 1e-9))
+
+
+def _times(last: float, floor: float) -> Iterator[Html]:
+    """The time axis of the whole run; the page's script draws that of a part."""
+    marks = ticks(0.0, last, 4)
+    for mark in marks:
+        at = _LEFT + _WIDE * mark / last
+        yield html.line(at, floor, at, floor + 4, "axis")
+        label = tick(mark, marks) + " ms" * (mark == marks[-1])
+        yield html.text(min(at, WIDTH), floor + 17, label, "tick", "end" if at > WIDTH - 26 else "middle")
+
+
+def _path(x: Floats, y: Floats) -> str:
+    """A line; of more points than there is room for, the lowest and the highest of each stretch."""
+    keep = np.isfinite(y)
+    x, y = x[keep], y[keep]
+    if y.size > 2 * _POINTS:
+        parts = np.array_split(np.arange(y.size), _POINTS)
+        at = np.array([sorted((part[y[part].argmin()], part[y[part].argmax()])) for part in parts]).ravel()
+        x, y = x[at], y[at]
+    return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True)) if y.size else ""

@@ -1,0 +1,250 @@
+"""The page of a run: it needs nothing else, neither the network's file nor a network connection."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from neuro.chips.energy import Energy
+from neuro.core import html
+from neuro.core.english import some
+from neuro.core.errors import ModelError
+from neuro.core.extension import extensions
+from neuro.core.html import Html, table, tag
+from neuro.core.outputs import sealed
+from neuro.core.provenance import provenance
+from neuro.core.version import VERSION
+from neuro.files.finished_runs import energy
+from neuro.files.parts import Train, Weights
+from neuro.files.results import Results, spike_columns
+from neuro.model.neurons import CurrentGenerator, Generator
+from neuro.model.parts import Population
+from neuro.pages import raster
+from neuro.pages.bills import joules
+from neuro.pages.curves import end_ms, rates, traces
+from neuro.pages.histograms import drawings, histogram
+from neuro.pages.raster import Strip, window
+
+PAGE = sealed("a page of 'neuro report'", '<meta name="generator" content="neuro report">', "<!-- digest {} -->")
+
+MOST_STRIPS = 300
+MOST_DOTS = 40_000
+MOST_DOTS_IN_ALL = 600_000
+TALLEST, LOWER = 140, 60
+"""Pixels of a strip; of one of more than a dozen."""
+
+POPULATIONS = ("population", "model", "shape", ">neurons", ">spikes", ">rate Hz", ">that fired", ">active updates")
+PROJECTIONS = (
+    "projection", "from", "to", "synapse", ">synapses", ">least weight", ">mean", ">largest", ">operations",
+)  # fmt: skip
+Described: TypeAlias = Mapping[str, Population]
+"""The populations as the network says them."""
+
+TOTALS = {
+    "spikes": "spikes",
+    "synaptic_ops": "synaptic operations",
+    "neuron_updates": "neuron updates",
+    "neuron_updates_active": "of these with an arrival or a spike",
+    "learning_updates": "learning updates",
+}
+
+
+def page(results: Results, file: Path, target: str = "loihi") -> str:
+    """The page as HTML text.
+
+    Args:
+        results: what the run left behind.
+        file: where it is, for the commands on the page.
+        target: what its bill is of.
+    """
+    bill, reason = _bill(results, target)
+    said = _described(results)
+    has_traces = any(trace.population for trace in results.traces.values())
+    parts = (
+        _head(results),
+        tag("div", *_cards(results, said, bill, target), class_="cards"),
+        *_spikes(results, said),
+        *([tag("h2", "Traces"), traces(results, "population")] if has_traces else ()),
+        *_weights(results, said),
+        *_network(results, said),
+        *_energy(results, bill, reason, target),
+        *_next(results, file),
+        tag("footer", f"Written by neuro {VERSION} (neuro report)."),
+    )
+    record = provenance((os.path.abspath(file), *extensions()))
+    return html.page("neuro report", f"{results.about['network']}: a run", parts, raster.script(), record)
+
+
+def _bill(results: Results, target: str) -> tuple[Energy | None, str]:
+    """The bill, or why there is none."""
+    try:
+        return energy(results, results.network(played=False), target), ""
+    except ModelError as error:
+        return None, str(error)
+
+
+def _head(results: Results) -> Html:
+    about = results.about
+    line = f"{results.duration_ms:g} ms in steps of {about['resolution_ms']:g} ms on {about['backend']}"
+    rest = f", seed {about['seed']}, by neuro {about['neuro']}."
+    early = None if results.finished else tag("p", "It did not come to its end: all is there that was recorded so far.")
+    return tag("header", tag("h1", about["network"]), tag("p", line + rest, class_="lead"), early)
+
+
+def _cards(results: Results, said: Described, bill: Energy | None, target: str) -> Iterator[Html]:
+    populations, projections = results.populations, results.projections
+    inputs = {name for name, part in said.items() if isinstance(part.model, Generator)}  # no neuron fires their spikes
+    cells = [train for name, train in populations.items() if name not in inputs]
+    about = f"of {some(sum(each.size for each in cells), 'neuron')} in {some(len(cells), 'population')}"
+    emitted = sum(populations[name].counts["spikes"] for name in inputs)
+    about += f"; generators emitted {emitted:,} more" if emitted else ""
+    yield html.card("spikes", f"{sum(each.counts['spikes'] for each in cells):,}", about)
+    synapses = sum(part.synapses for part in projections.values())
+    carried = some(int(results.about["counts.synaptic_ops"]), "operation")
+    line = f"in {some(len(projections), 'projection')} carried {carried}"
+    yield html.card("synapses", f"{synapses:,}", line)
+    if bill is not None:
+        joules = bill.total()
+        yield html.card(f"energy on {target}", joules, bill.totals().removeprefix(joules).lstrip(" :"))
+
+
+def _spikes(results: Results, said: Described) -> Iterator[Html]:
+    yield tag("h2", "Spikes")
+    shown = [name for name, train in results.populations.items() if train.steps.size]
+    if shown:
+        yield tag("p", raster.HELP)
+        yield _raster(results, shown[:MOST_STRIPS])
+    if len(shown) > MOST_STRIPS:
+        yield tag("p", f"{len(shown) - MOST_STRIPS} more populations are not drawn.")
+    silent = [name for name, train in results.populations.items() if train.recorded and train.spikes == 0]
+    left_out = [n for n, train in results.populations.items() if train.counts["spikes"] and not train.steps.size]
+    if silent:
+        yield tag("p", f"Silent: {', '.join(silent)}.")
+    if left_out:
+        yield tag("p", f"Not kept: {', '.join(left_out)}; neuro run --record NAME keeps them.")
+    rows = (_population(name, said, train, results) for name, train in results.populations.items())
+    yield table(POPULATIONS, rows)
+    if shown:
+        yield tag("h3", "Rates along time")
+        yield rates(results)
+
+
+def _raster(results: Results, names: list[str]) -> Html:
+    """Strips of all populations."""
+    step, last = float(results.about["resolution_ms"]), end_ms(results)
+    most = min(MOST_DOTS, MOST_DOTS_IN_ALL // len(names))
+    strips = []
+    for name in names:
+        train = results.populations[name]
+        steps = np.asarray(train.steps)
+        drawn = window(train.size, [(steps, train.ids)], int(results.about["counts.steps"]), most)
+        about = f"{train.counts['spikes'] / train.size / (last / 1000.0):.2f} Hz, {drawn.described(last, step)}"
+        strips.append(Strip(name, about, drawn, {"spike": drawn.keys(steps, train.ids)}))
+    picture = raster.raster(
+        strips, last, step, label=f"raster of {', '.join(names)}", tallest=TALLEST if len(names) < 13 else LOWER
+    )
+    return html.figure(picture, "Each row is a neuron, the first at the bottom.", class_="raster")
+
+
+def _described(results: Results) -> Described:
+    """The populations as the network says them: a recording is compiled to another model; none if it says nothing."""
+    try:
+        return results.network().populations
+    except ModelError:
+        return {}
+
+
+def _weight_unit(said: Described, part: Weights) -> str:
+    """The unit of a projection's weights, "" of currents and where it is not known."""
+    if part.target not in said or isinstance(said[part.source].model, CurrentGenerator):
+        return ""
+    return str(getattr(said[part.target].model, "weight_unit", ""))
+
+
+def _population(name: str, said: Described, train: Train, results: Results) -> tuple[object, ...]:
+    model = said[name].model.name if name in said else train.model  # a recording is compiled to another model
+    fired = f"{np.unique(train.ids).size:,}" if train.recorded else "-"
+    shape = " x ".join(map(str, train.shape))
+    active = f"{train.counts['neuron_updates_active']:,}"
+    return (
+        name,
+        model,
+        shape,
+        f"{train.size:,}",
+        *spike_columns(train.spikes, train.size, end_ms(results)),
+        fired,
+        active,
+    )
+
+
+def _weights(results: Results, said: Described) -> Iterator[Html]:
+    found = [
+        histogram(name, _weight_unit(said, part), {"end": part.weight.ravel()})
+        for name, part in results.projections.items()
+        if part.weight is not None and part.weight.size
+    ]
+    probed = any(trace.projection for trace in results.traces.values())
+    if found or probed:
+        yield tag("h2", "Weights")
+    if probed:
+        yield tag("h3", "Along time")
+        yield traces(results, "projection")
+    if found:
+        yield tag("h3", "At the end of the run")
+        yield drawings(found, {"end": "at the end"})
+
+
+def _network(results: Results, said: Described) -> Iterator[Html]:
+    yield tag("h2", "Network")
+    if results.projections:
+        yield table(PROJECTIONS, (_projection(said, name, part) for name, part in results.projections.items()))
+    else:
+        yield tag("p", "Nothing is connected.")
+    yield tag("h3", "Counts")
+    yield table(("what", ">count"), [(label, f"{int(results.about[f'counts.{n}']):,}") for n, label in TOTALS.items()])
+
+
+def _projection(said: Described, name: str, part: Weights) -> tuple[object, ...]:
+    w = part.weight
+    there = w is not None and w.size > 0
+    unit = _weight_unit(said, part)
+    weights = (
+        [f"{n:.4g} {unit}".rstrip() for n in (w.min(), w.mean(), w.max())] if there and w is not None else ["-"] * 3
+    )
+    return (
+        name,
+        part.source,
+        part.target,
+        part.said,
+        f"{part.synapses:,}",
+        *weights,
+        f"{part.counts['synaptic_ops']:,}",
+    )
+
+
+def _energy(results: Results, bill: Energy | None, reason: str, target: str) -> Iterator[Html]:
+    yield tag("h2", "Energy")
+    if bill is None:
+        yield tag("p", f"There is no bill of {target}:")
+        yield tag("ul", tag("li", reason), class_="remarks")
+    else:
+        yield tag("p", "Counts times published figures, and static power times the time of the emulated chip.")
+        yield joules([(f"counts of {results.about['backend']}", bill)])
+
+
+def _next(results: Results, file: Path) -> Iterator[Html]:
+    name, net = shlex.quote(str(file)), "net.yaml"
+    again = f"net.yaml --for {results.duration_ms:g} --seed {results.about['seed']}"
+    read = f'from neuro import results\nresults.read("{file}").network().save("{net}")'
+    yield tag("h2", "What next")
+    yield tag("p", "Pictures of it as files:")
+    yield tag("pre", f"neuro plot {name}")
+    yield tag("p", "The network is in the file; in Python:")
+    yield tag("pre", read)
+    yield tag("p", "Then on chips, side by side, and what each takes:")
+    yield tag("pre", f"neuro compare {again} --html compare.html\nneuro energy {again}\nneuro fit {net}")

@@ -1,0 +1,242 @@
+"""Live sources of events, a recording among them, cut into ticks and put on the network's time."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, is_dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.compiler.inputs import CameraInput
+from neuro.core.checks import is_number
+from neuro.core.errors import ModelError
+from neuro.events import Events, stream
+from neuro.events._events import empty_columns, joined_columns
+from neuro.events.files import size_of
+from neuro.run.simulation import Simulation
+
+_NONE = np.zeros(0, dtype=np.int64)
+
+
+class Source(Protocol):
+    """Where live events come from, such as `neuro.events.listen` or a `Player`.
+
+    A source may also have `received_ns`, when each of the events last taken was received, in ns of
+    `time.monotonic_ns` (one time each, or that of the first for all); `sensor_size`, width and height in px;
+    `counts`, a mapping or a dataclass of what was lost and damaged; and `take_before(ns)`, which is then called instead
+    of `take` and leaves what came at that time or later, so that events whose times are not known one by one come in
+    the right tick after a late one, too.
+    """
+
+    def take(self) -> Events:
+        """All events that have come since this was last called, in the order of arrival; it does not wait."""
+
+
+class Inlet:
+    """One event camera of a network, and the source of its events.
+
+    An event acts one tick after it was received. Within a tick the first event is where it was received, and the others
+    are later by as much as their time stamps are, up to the end of the tick.
+
+    Args:
+        sim: the simulation.
+        name: of the population.
+        source: of its events.
+
+    Attributes:
+        name: of the population.
+        taken: events that have come.
+        fed: those that the network was given.
+        dropped: those of skipped ticks.
+
+    Raises:
+        ModelError: there is no such population, it cannot be fed, or the source has another sensor.
+    """
+
+    def __init__(self, sim: Simulation, name: str, source: Any) -> None:
+        if not callable(getattr(source, "take", None)):
+            raise ModelError(f"inputs: source of '{name}' is {source!r:.60}: expected one with 'take'")
+        neurons = sim.handles.neurons(name)
+        camera = neurons.part.stream
+        if neurons.view is not None or not isinstance(camera, CameraInput):
+            raise ModelError(f"inputs: '{name}' is {neurons.part.said}: expected an event_camera")
+        model = camera.model
+        if any(getattr(model, word) is not None for word in ("file", "events", "stream")):
+            raise ModelError(f"inputs: '{name}' plays a recording: expected an event_camera without one")
+        if model.start:
+            raise ModelError(f"inputs: '{name}' starts at {model.start:g} ms: expected 0")
+        if (size := getattr(source, "sensor_size", None)) is not None and model.seen(tuple(size)) != neurons.part.shape:
+            shapes = f"{list(model.seen(tuple(size)))}, that of its source: expected {list(neurons.part.shape)}"
+            raise ModelError(f"inputs: '{name}' would have the shape {shapes}")
+        self.name, self._sim, self._source, self._camera = name, sim, source, camera
+        self._take_before: Callable[[int], Events] | None = getattr(source, "take_before", None)
+        self._waiting: deque[tuple[Events, NDArray[np.int64]]] = deque()
+        self.taken = self.fed = self.dropped = 0
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What the source counts, e.g. datagrams that were lost."""
+        found: Any = getattr(self._source, "counts", None)
+        if is_dataclass(found) and not isinstance(found, type):
+            found = asdict(found)
+        counts = {str(k): v for k, v in found.items() if v is not None} if isinstance(found, Mapping) else {}
+        for word, count in counts.items():
+            if not isinstance(count, int | np.integer):
+                message = f"counts of the source of '{self.name}' has {word} = {count!r:.60}"
+                raise ModelError(f"inputs: {message}: expected a whole number")
+        return {word: int(count) for word, count in counts.items()}
+
+    def rehearse(self) -> None:
+        """Feed nothing, so that all that this needs is in memory."""
+        if (size := getattr(self._source, "sensor_size", None)) is not None:
+            self._sim.feed(self.name, Events(*empty_columns(0), tuple(size)))
+
+    def begin(self) -> None:
+        """Let go of what came before now."""
+        self._source.take()
+        self._waiting.clear()
+
+    def take(self, begin_ns: int, end_ns: int) -> tuple[Events | None, NDArray[np.int64]]:
+        """The events that were received between two moments, and when; those received before are dropped.
+
+        Raises:
+            ModelError: the source gives something else than events, or times that are not theirs.
+        """
+        if begin_ns and self._take_before is not None:  # their own times are not known
+            self._wait_for(self._take_before(begin_ns))
+        self._wait_for(self._source.take() if self._take_before is None else self._take_before(end_ns))
+        now = []
+        while self._waiting and self._waiting[0][1][0] < end_ns:
+            each, received = self._waiting.popleft()
+            if received[0] < begin_ns:
+                first = int(np.searchsorted(received, begin_ns))
+                self.dropped += first
+                each, received = each[first:], received[first:]
+            if len(each) and received[-1] >= end_ns:
+                end = int(np.searchsorted(received, end_ns))
+                self._waiting.appendleft((each[end:], received[end:]))
+                each, received = each[:end], received[:end]
+            if len(each):
+                now.append((each, received))
+        if len(now) < 2:
+            return now[0] if now else (None, _NONE)
+        parts, times = zip(*now, strict=True)
+        columns = joined_columns((part.t, part.x, part.y, part.p) for part in parts)
+        return Events._trusted(*columns, parts[0].sensor_size, {}), np.concatenate(times)
+
+    def _wait_for(self, events: Events) -> None:
+        """Keep what a source gives, and when it was received, until its tick."""
+        if not isinstance(events, Events):
+            raise ModelError(f"inputs: source of '{self.name}' gave {events!r:.60}: expected Events")
+        if len(events):
+            self.taken += len(events)
+            received = getattr(self._source, "received_ns", None)
+            moments = np.asarray(time.monotonic_ns() if received is None else received)
+            if moments.dtype.kind not in "iu" or moments.shape not in ((), (len(events),)):
+                message = f"received_ns of the source of '{self.name}' is {received!r:.60}"
+                raise ModelError(f"inputs: {message}: expected whole ns, one for all or each of {len(events):,} events")
+            self._waiting.append((events, moments if moments.ndim else np.full(len(events), moments)))
+
+    def feed(self, events: Events, received: NDArray[np.int64], begin_ns: int, step: int, steps: int) -> None:
+        """Let the camera emit the events of a tick in the next steps of the network.
+
+        Args:
+            events: of the tick.
+            received: when each was.
+            begin_ns: when the tick began.
+            step: the last finished step.
+            steps: of a tick.
+        """
+        low = self._camera.first_us(step)
+        if steps == 1:
+            t = np.full(len(events), low)
+        else:
+            high, first = self._camera.first_us(step + steps) - 1, low + (int(received[0]) - begin_ns) // 1000
+            t = np.clip(events.t + (first - int(events.t[0])), low, high)
+        placed = Events._trusted(t, events.x, events.y, events.p, events.sensor_size, {})
+        if steps > 1 and (t[1:] < t[:-1]).any():
+            placed = placed[np.argsort(t, kind="stable")]
+        self._sim.feed(self.name, placed)
+        self.fed += len(events)
+
+
+_PART = 1 << 13
+"""Events of a file that are decoded at once, in about 0.1 ms."""
+
+
+class Player:
+    """Plays a recording at the clock's pace, from the first `take` on.
+
+    Args:
+        recording: Events, or the path of a file, of which little is in memory.
+        speed: 2 plays it twice as fast.
+        format: of a file, where neither content nor ending shows it.
+
+    Attributes:
+        sensor_size: width and height in px.
+        received_ns: when each of the events last taken was due, in ns of `time.monotonic_ns`.
+        ended: whether all have been taken.
+
+    Raises:
+        ModelError: the speed is not above 0, or there is no such recording.
+    """
+
+    def __init__(
+        self, recording: Events | str | os.PathLike[str], speed: float = 1.0, format: str | None = None
+    ) -> None:
+        if not is_number(speed) or not 0 < speed < float("inf"):
+            raise ModelError(f"speed = {speed!r:.60}: expected a number > 0")
+        self._ns = 1000.0 / speed
+        if isinstance(recording, Events):
+            self.sensor_size = recording.sensor_size
+            self._parts: Iterator[Events] = iter([recording])
+        elif isinstance(recording, str | os.PathLike):
+            self.sensor_size = size_of(recording, format=format)
+            self._parts = stream(recording, format=format, sensor_size=self.sensor_size, count=_PART)
+        else:
+            raise ModelError(f"recording is {recording!r:.60}: expected Events or the path of a file")
+        first = next((part for part in self._parts if len(part)), None)
+        self.ended = first is None
+        self._origin = 0 if first is None else int(first.t[0])
+        self._part, self._at = self._of(first) if first is not None else (_none(self.sensor_size), _NONE)
+        self._begin: int | None = None
+        self.received_ns: NDArray[np.int64] = _NONE
+
+    def _of(self, part: Events) -> tuple[Events, NDArray[np.int64]]:
+        """A part, and when its events are due after the begin, ns."""
+        return part, ((part.t - self._origin) * self._ns).astype(np.int64)
+
+    def take(self) -> Events:
+        """The events that were due since this was last called; the first call begins, and has none."""
+        now = time.monotonic_ns()
+        if self._begin is None:
+            self._begin, self.received_ns = now, _NONE
+            return _none(self.sensor_size)
+        parts, received = [], []
+        while True:
+            n = int(np.searchsorted(self._at, now - self._begin, side="right"))
+            if n:
+                parts.append(self._part[:n])
+                received.append(self._at[:n] + self._begin)
+                self._part, self._at = self._part[n:], self._at[n:]
+            if len(self._part):
+                break
+            following = next((part for part in self._parts if len(part)), None)
+            if following is None:
+                self.ended = True
+                break
+            self._part, self._at = self._of(following)
+        self.received_ns = received[0] if len(received) == 1 else np.concatenate([_NONE, *received])
+        return sum(parts[1:], parts[0]) if parts else _none(self.sensor_size)
+
+
+_NONE = np.zeros(0, dtype=np.int64)
+
+
+def _none(size: tuple[int, int]) -> Events:
+    return Events(*empty_columns(0), size)
