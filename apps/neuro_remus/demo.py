@@ -18,7 +18,7 @@ from neuro_recognise import energy
 from neuro_recognise.energy import Priced
 from neuro_recognise.methods.gradients import Dense
 from neuro_recognise.recogniser import Recogniser, fit
-from neuro_recognise.telling import energy, report
+from neuro_recognise.telling import report
 from neuro_recognise.telling.pictures import confusion
 from neuro_recognise.telling.report import LearningBar, Tried, try_out
 from neuro_remus.saccades import make_dataset

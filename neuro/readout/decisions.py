@@ -70,9 +70,6 @@ def _first_of(neurons: Ints) -> int:
     return int(neurons[0]) if neurons.size else SILENT
 
 
-Ints = npt.NDArray[np.int64]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
     """Decisions against the truth.
