@@ -25,7 +25,7 @@ from neuro.core.errors import ModelError
 from neuro.kernels.jit import compiled, kernel
 from neuro.model.synapses import loihi2_learning
 from neuro.model.synapses.base import DELAY
-from neuro.model.synapses.loihi_rule import MODULATORY, POST, LearningRule
+from neuro.model.synapses.loihi_rule import MODULATORY, PRE, LearningRule
 from neuro.program.program import Floats, Ints, Program, Projection
 from neuro_chip import learning as kernels, tables as t
 from neuro_chip.plastic import Learner, Plastic, TwoFactors
@@ -119,28 +119,26 @@ class Learners:
 
     def read(self, index: int, name: str) -> Floats:
         """K_plus, c, t or n of every synapse, in the units of the language."""
-        plastic, rule = self._parts[index], self._parts[index].rule
-        if isinstance(plastic, TwoFactors) and name != "t":
-            side = self._program.connections(index)[name in POST]
-            return plastic.trace(name, int(self._a["clock"][t.STEP]))[side].astype(np.float64)
-        step = int(self._a["clock"][t.STEP])
+        plastic, rule, step = self._parts[index], self._parts[index].rule, int(self._a["clock"][t.STEP])
         pre, post = self._program.connections(index)
+        if isinstance(plastic, TwoFactors) and name != "t":
+            return plastic.trace(name, step)[pre if name in PRE else post]
         if name == "K_plus":
             impulse = rule.traces["x1"].impulse if "x1" in rule.traces else 0
-            units = plastic.trace("x1", step).astype(np.float64)[pre]
+            units = plastic.trace("x1", step)[pre]
             return units / impulse if impulse else np.zeros(pre.size)
         if name == "n":
-            r1, r2 = (plastic.trace(each, step).astype(np.float64) for each in MODULATORY)
+            r1, r2 = (plastic.trace(each, step) for each in MODULATORY)
             amount: Floats = (r1 - r2)[post] * self._wires(index).n_scale
             return amount
-        tags = plastic.tags.astype(np.float64)
+        tags: Floats = plastic.tags.astype(np.float64)
         if name == "t":
             return tags
         # Units of the tag for an eligibility of 1, from the product that a post spike adds to it.
         term = next(term for term in rule.dt if term.gate == "y0")
         units_of_pair = term.mantissa * 2.0**term.exponent * rule.traces["x1"].impulse
         described = self._program.projections[index].synapse.parameters()
-        one = units_of_pair / (described["A_plus"] * np.exp(-self._program.resolution / described["tau_plus"]))
+        one = float(units_of_pair / (described["A_plus"] * np.exp(-self._program.resolution / described["tau_plus"])))
         return tags / one
 
     def raw(self, index: int, name: str) -> Ints | None:

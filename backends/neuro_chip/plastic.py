@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,12 @@ class Learner:
 
     kept: ClassVar[tuple[str, ...]] = ("weights", "tags", "xs", "ys", "tx", "ty", "counts", "saturated")
     """Arrays that change."""
+    weights: NDArray[np.int16]
+    tags: NDArray[np.int16]
+    xs: NDArray[Any]
+    ys: NDArray[Any]
+    tx: NDArray[Any]
+    ty: NDArray[Any]
 
     def __init__(
         self,
@@ -104,7 +110,7 @@ class Learner:
         """
         raise NotImplementedError
 
-    def trace(self, name: str, step: int) -> NDArray[np.generic]:
+    def trace(self, name: str, step: int) -> Floats:
         """Return a trace of all its neurons after a step."""
         raise NotImplementedError
 
@@ -159,10 +165,11 @@ class Plastic(Learner):
         if slot == self.epoch - 1:
             kernels.learn_loihi(self.terms, self.settings, self._traces, self.synapses, self._draws, step, self.counts)
 
-    def trace(self, name: str, step: int) -> NDArray[np.uint8]:
+    def trace(self, name: str, step: int) -> Floats:
         """Return a trace of all its neurons after a step."""
-        now = (step - 1) % self.epoch
-        return self.xs[now, PRE.index(name)] if name in PRE else self.ys[now, (*POST, *MODULATORY).index(name)]
+        history, names = (self.xs, PRE) if name in PRE else (self.ys, (*POST, *MODULATORY))
+        trace: Floats = history[(step - 1) % self.epoch, names.index(name)].astype(np.float64)
+        return trace
 
     def release(self, step: int, ids: Ints) -> None:
         """Dopamine spikes reach the targets `ids` after a step: r1 grows by its impulse, once for each."""
@@ -291,6 +298,7 @@ class TwoFactors(Learner):
             before = now
         return history
 
-    def trace(self, name: str, step: int) -> Ints:
+    def trace(self, name: str, step: int) -> Floats:
         """Return a trace of all its neurons after a step."""
-        return self.xs[PRE.index(name)] if name in PRE else self.ys[POST.index(name)]
+        trace: Floats = (self.xs[PRE.index(name)] if name in PRE else self.ys[POST.index(name)]).astype(np.float64)
+        return trace

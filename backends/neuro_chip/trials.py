@@ -6,9 +6,10 @@ from __future__ import annotations
 import math
 from functools import cache
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.chips.loihi_learning import FRACTIONS
 from neuro.core import keyed_random
@@ -24,6 +25,10 @@ from neuro_chip.machine import Machine
 from neuro_chip.tables import net_of
 
 _REGISTERS = {"V_m": ("v",), "I_syn_ex": ("u", "g_exc"), "I_syn_in": ("u", "g_inh")}
+
+
+arrays_of: Any = net_of
+"""An intrinsic takes one argument more for type checkers than for callers."""
 
 
 class Scale(NamedTuple):
@@ -149,7 +154,7 @@ class ChipTrials:
         sources, slots = self._inputs_of(projection, neuron)
         first, begin = machine.arrays["first"], machine.slice(part.source).start
         if projection in machine.delays:  # steps that spikes take along the synapses
-            delay = machine.delays.steps(projection)[slots]
+            delay: NDArray[Any] = machine.delays.steps(projection)[slots]
         else:
             delay = part.delay[:1] if part.grid is not None else np.broadcast_to(part.delay, part.size)[slots]
             delay = delay.astype(np.int64)
@@ -223,7 +228,7 @@ def begin_trial(view, words, output, silenced, rested):
         silenced: whether each of its maps is.
         rested: whether none of its neurons is refractory any more.
     """
-    net = net_of(view, words)
+    net = arrays_of(view, words)
     # One kernel does all of it: each call from NumPy takes about a microsecond, and a trial begins with a dozen of
     # them.
     net.ring[:] = 0
@@ -245,7 +250,7 @@ def begin_trial(view, words, output, silenced, rested):
 @kernel
 def list_trial(view, words, population, first, ticks, ids, began):
     """List a trial's spikes, sorted by tick, then id, of a generator from place `first` on, equal ones joined."""
-    net = net_of(view, words)
+    net = arrays_of(view, words)
     at, begin = first - 1, net.pops[population, t.BEGIN]
     for k in range(ticks.size):
         # Several spikes of one neuron in one tick are one event of that multiplicity, as generators emit them.
@@ -278,7 +283,7 @@ def end_trial(view, words, output, group, volt, rest, potential, best):
     Returns:
         Whether a register has overflowed since the start.
     """
-    net = net_of(view, words)
+    net = arrays_of(view, words)
     begin, end = net.pops[output, t.BEGIN], net.pops[output, t.END]
     for i in range(begin, end):
         net.muted[i] &= ~t.SILENCED

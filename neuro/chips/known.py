@@ -47,8 +47,10 @@ def parse(root: Node, path: Path, base: Chip | None) -> Chip:
         limits={**base.limits, **_limits(table)},
         mesh=_mesh(table["mesh"]) if "mesh" in table else base.mesh,
         step_s=_figure(table["step_s"], "step_s", "s") if "step_s" in table else base.step_s,
-        costs=base.costs
-        | {word: _figure(each, word, COSTS[word][0]) for word, each in _entries(table, "costs", COSTS).items()},
+        costs={
+            **base.costs,
+            **{word: _figure(each, word, COSTS[word][0]) for word, each in _entries(table, "costs", COSTS).items()},
+        },
         path=str(path),
     )
     _agree(chip, root)

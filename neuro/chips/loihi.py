@@ -531,6 +531,8 @@ class Loihi(Arithmetic):
     states: Mapping[str, tuple[str, ...]] = {KIND: ("v", "u")}
     kind = KIND
     """The step that `models` with a potential take, see `FixedPopulation.kind`."""
+    shifts_sums = False
+    """Whether a negative exponent shifts the sum of a step, not each weight."""
 
     def ends(self, mode: str, bits: int) -> tuple[int, int, int]:
         """Return the smallest and the largest mantissa of a sign mode, and the step between two."""
@@ -584,6 +586,7 @@ class Loihi(Arithmetic):
             lag=lag,
             delay=register(lag, self.register_of_one),
             native=native,
+            shift=max(-exponent, 0) if self.shifts_sums else 0,
             rounding=rounding,
             **more,
         )

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -128,6 +127,7 @@ class Loihi2(Loihi):
         "graded_product": ("payload",),
     }
     kind = LIF
+    shifts_sums = True
 
     def ends(self, mode: str, bits: int) -> tuple[int, int, int]:
         """Return the smallest and the largest mantissa of a sign mode, and the step between two."""
@@ -140,10 +140,6 @@ class Loihi2(Loihi):
         # What has been learnt keeps its lowest bits, as in lava.
         sent = mantissas if wires.rule is not None else dropped(mantissas, wires.bits, wires.sign_mode)
         return sent << max(wires.exponent, 0)
-
-    def wires(self, inputs: Inputs, index: int, *numbers: Any, exponent: int = 0, **more: Any) -> FixedProjection:
-        """Return a projection by its mantissas; a negative exponent is the shift of the sum of a step."""
-        return super().wires(inputs, index, *numbers, exponent=exponent, shift=max(-exponent, 0), **more)
 
     def native(self, part: Population) -> FixedPopulation:
         """Return a neuron that is described in registers, and whose model's name is its step."""

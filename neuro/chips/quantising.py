@@ -137,8 +137,8 @@ def _population(
             wanted = Currents(inputs.program).full(inputs.index)
             unit = 2.0 ** fixed.registers.get("bias_exp", np.zeros(1)) / fixed.drive
             got = np.rint(wanted / unit) * unit
-            error = worst_rounding("dc", "pA", wanted, got, float(np.abs(wanted).max()))
-            fixed = replace(fixed, rounding=(*fixed.rounding, error))
+            rounding = worst_rounding("dc", "pA", wanted, got, float(np.abs(wanted).max()))
+            fixed = replace(fixed, rounding=(*fixed.rounding, rounding))
     return fixed, found, problems
 
 
