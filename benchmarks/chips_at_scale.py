@@ -15,7 +15,7 @@ from pathlib import Path
 
 import neuro
 from neuro.chips import chip, place
-from neuro.chips.quantising.quantise import refusals
+from neuro.chips.quantising import refusals
 from neuro.compiler import compile_network
 
 CIRCUIT = Path(__file__).resolve().parents[1] / "models" / "neuro_models" / "microcircuit.yaml"

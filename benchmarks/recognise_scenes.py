@@ -22,10 +22,8 @@ from neuro.cli.options import assignments
 from neuro.events import Recordings, recordings
 from neuro_recognise import Recogniser, fit
 from neuro_recognise.detection import Detecting, Detector, Scenery, write_scenes
-from neuro_recognise.detection.boxes import Boxes
-from neuro_recognise.detection.detector import WAYS
-from neuro_recognise.detection.learning import write_crops
-from neuro_recognise.detection.measures import precision, try_out
+from neuro_recognise.detection.boxes import Boxes, precision
+from neuro_recognise.detection.detector import WAYS, try_out, write_crops
 from neuro_recognise.detection.scenes import fold_of
 from neuro_recognise.recogniser import method_of
 

@@ -24,9 +24,8 @@ from neuro import ModelError
 from neuro.apps import assignments, console, make_folder, table, write_picture
 from neuro.events import Recordings, recordings
 from neuro.events.dataset import Sample
-from neuro_recognise.deciding.held import Held, margins
-from neuro_recognise.deciding.learn_early import learn_early, moments
-from neuro_recognise.deciding.stopping import outcome, stopped, stopping_rule, upper_bound
+from neuro_recognise.deciding import Held, margins, outcome, stopped, stopping_rule, upper_bound
+from neuro_recognise.early import learn_early, moments
 from neuro_recognise.method import METHODS, Method, choose
 from neuro_recognise.recogniser import Recogniser, fit, method_of
 from neuro_recognise.shown import Floats, Ints

@@ -26,7 +26,7 @@ import neuro
 from neuro.cli.options import assignments
 from neuro.events import recordings
 from neuro_recognise.method import choose
-from neuro_recognise.methods.remus import Remus
+from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.observations import observe
 from neuro_recognise.parts.frames import VOTES, Frames, votes
 from neuro_recognise.recogniser import Recogniser, learn

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import neuro
 from neuro.events import recordings
-from neuro_recognise.evaluate import price
+from neuro_recognise.energy import price
 from neuro_recognise.method import choose
-from neuro_recognise.methods.remus import Remus
+from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import learn
 from neuro_recognise.shown import Features, Ints

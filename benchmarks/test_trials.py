@@ -10,7 +10,7 @@ from networks import digits, feed_forward
 
 import neuro
 from neuro.events import recordings
-from neuro_recognise.methods.remus import Remus
+from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import learn as taught
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from neuro.apps import wilson, write_picture
-from neuro_train.front import logarithmic
+from neuro_train.telling import logarithmic
 
 REMUS = ((149.0, 217), (175.0, 218), (210.0, 224), (477.0, 220), (548.0, 224))
 """Microjoules, and right of 250 held out: docs/how-to/tune.md, two epochs."""

@@ -77,7 +77,7 @@ if TYPE_CHECKING:
     )
     from neuro.model.synapses.builtin import *  # noqa: F403
     from neuro.model.views import View as View
-    from neuro.model.wiring.controls import shuffled as shuffled
+    from neuro.model.wiring.edges import shuffled as shuffled
     from neuro.model.wiring.neurons import neuron_table as neuron_table
     from neuro.program.backend import OverflowWarning as OverflowWarning
     from neuro.program.counts import Counts as Counts
@@ -100,15 +100,15 @@ if TYPE_CHECKING:
     from neuro.run.simulation import Simulation as Simulation
     from neuro.run.stepper import Stepper as Stepper
     from neuro.run.trials import TrialCounts as TrialCounts, TrialResults as TrialResults
-    from neuro.sweeps.calling import sweep as sweep, tune as tune, tuned as tuned
-    from neuro.sweeps.metrics import Pruned as Pruned, report_step as report_step
+    from neuro.sweeps.execute import sweep as sweep, tune as tune, tuned as tuned
+    from neuro.sweeps.function import Pruned as Pruned, report_step as report_step
     from neuro.sweeps.table import SweepTable as SweepTable
     from neuro.sweeps.trials import TuneTable as TuneTable
 
 
 def _registered(name: str) -> object:
     """A third-party model, synapse, rule or distribution."""
-    from neuro.model.language.choices import TABLES
+    from neuro.model.language.loader import TABLES
 
     return next((table[name] for table in TABLES.values() if name in table), None)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
-    from neuro.chips.pricing.energy import number as number, quantity as quantity, sourced as sourced
+    from neuro.chips.energy import number as number, quantity as quantity, sourced as sourced
     from neuro.cli.chips import PRICED as PRICED, Chips as Chips, Sources as Sources
     from neuro.cli.live import announce as announce
     from neuro.cli.options import (
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from neuro.core.errors import Where as Where, unknown as unknown
     from neuro.core.extension import extensions as extensions, run_extensions as run_extensions
     from neuro.core.extras import install as install
+    from neuro.core.grid import GridJob as GridJob, JobResults as JobResults, grid as grid
     from neuro.core.inputs import record_input as record_input
     from neuro.core.outputs import (
         Kind as Kind,

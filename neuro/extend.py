@@ -54,11 +54,13 @@ if TYPE_CHECKING:
         K_MINUS as K_MINUS,
         K_PLUS as K_PLUS,
         DelayRule as DelayRule,
+        Growth as Growth,
+        Lesson as Lesson,
         Modulated as Modulated,
         Synapse as Synapse,
         Trace as Trace,
+        TrialEnd as TrialEnd,
     )
-    from neuro.model.synapses.lessons import Growth as Growth, Lesson as Lesson, TrialEnd as TrialEnd
     from neuro.model.synapses.moves import MoveRule as MoveRule
     from neuro.program.backend import (
         Backend as Backend,

@@ -12,7 +12,7 @@ from neuro.files.parts import Trace, Train, Weights
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from neuro.chips.pricing.energy import Energy
+    from neuro.chips.energy import Energy
 
 __all__ = ["Results", "Trace", "Train", "Weights", "read"]
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
-from neuro.compiler import blocks, compile_network
+from neuro.compiler import compile_network, connect
 from neuro.files.state import fingerprint
 from neuro.model.distributions import Distribution
 from neuro.model.rules import Rule
@@ -97,8 +97,8 @@ def test_a_million_synapses_in_one_block_keep_their_draws():
 @pytest.fixture
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks of some tens of synapses."""
-    monkeypatch.setattr(blocks, "LEAST", 40)
-    monkeypatch.setattr(blocks, "LEAST_OF_SOURCE", 0)
+    monkeypatch.setattr(connect, "LEAST", 40)
+    monkeypatch.setattr(connect, "LEAST_OF_SOURCE", 0)
 
 
 def rows(program: Program) -> np.ndarray:

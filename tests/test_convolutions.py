@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import correlate2d
 
 import neuro
-from neuro.model.convolution import out_size, synapses_of
+from neuro.model.rules import out_size, synapses_of
 
 STRIDES, PADDINGS, DILATIONS = [(1, 2), (2, 1), (3, 2)], [(0, 1), (2, 0), (1, 3)], [(1, 2), (2, 1), (3, 2)]
 KERNELS = [(2, 3), (3, 1), (1, 2)]

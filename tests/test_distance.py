@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 import neuro
 from neuro.compiler import compile_network
-from neuro.compiler.space import Between, space_of
+from neuro.compiler.pairs import Between, space_of
 from neuro.model.parts import Population
 from neuro.model.space import PROFILES, Profile
 from neuro.program.program import Projection

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, strategies as some
 
 from neuro import stdp_dopa
+from neuro.model.synapses import modulated
 
 ELIGIBILITY = 3.0
 rule = stdp_dopa.arithmetic
@@ -32,7 +33,7 @@ def test_the_weight_moves_exactly_however_short_the_time(h, steps, tau_c, tau_n,
     n = 0.7
     constants, state = np.zeros(stdp_dopa.width), np.array([[0.0], [ELIGIBILITY]])
     rule.constants(np.array([20.0, 1.0, 1.5, tau_c, tau_n, b, -1e9, 1e9]), h, constants)
-    left = rule.drift(state, 0, constants, steps, n)
+    left = modulated.drift(state, 0, constants, steps, n)
     by_n, by_b, expected = exact(h, steps, tau_c, tau_n, n, b)
     lost = 1.0 + steps * h / min(tau_c, tau_n)  # e^-x has the rounding of x
     assert state[0, 0] == pytest.approx(by_n - by_b, rel=0, abs=2e-15 * lost * (by_n + by_b))

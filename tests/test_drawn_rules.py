@@ -7,7 +7,7 @@ from scipy.stats import binom, chi2, kstest
 
 import neuro
 from neuro.compiler import compile_network
-from neuro.compiler.drawn import BLOCK, total_number
+from neuro.compiler.pairs import BLOCK, total_number
 from neuro.core.keyed_random import uniform_pairs, uniform_table
 from neuro.model.rules import Rule
 from neuro.program.program import Projection

@@ -16,7 +16,8 @@ from neuro.core.keyed_random import LARGEST_MEAN, poisson_table, uniform
 from neuro.kernels.draws import GUIDE_BITS, UNSURE, guide_to, poisson_by_table, words_of
 from neuro.kernels.jit import kernel
 from neuro.model import distributions
-from neuro_event.building.arrays import LINE, PAGE, aligned_rows, aligned_zeros
+from neuro_event.building.layout import LINE, PAGE, aligned_zeros, zeros
+from neuro_event.loop import tables as t
 
 MEANS = [0.06, 0.3, 1.3, 2.0, 8.0, 47.0, 499.0]
 means = st.floats(0.001, LARGEST_MEAN) | st.sampled_from(MEANS)
@@ -168,7 +169,8 @@ def test_a_chip_draws_the_same_numbers():
 
 
 def test_rows_that_are_read_together_begin_elsewhere_in_their_pages():
-    rows = aligned_rows(6, 1024, line=4)
+    state = next(each for each in t.NET_ARRAYS if each.name == "state")
+    rows = zeros([state], {"states": 6, "row": 1024 + t.BLOCK})["state"]
     places = {row.ctypes.data % PAGE for row in rows}
     assert len(places) == 6
     assert not any(place % LINE for place in places)

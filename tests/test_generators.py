@@ -7,7 +7,7 @@ import pytest
 
 import neuro
 from neuro.core.errors import ModelError
-from neuro.program.drives import Emission
+from neuro.program.currents import Emission
 from neuro.testing.connections import steered
 from neuro.testing.trials import chooser
 from refusals import refusal, refusals

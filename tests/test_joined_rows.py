@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
-from neuro.compiler import blocks, compile_network, drawn, resolve
+from neuro.compiler import compile_network, connect, pairs, resolve
 from neuro.core.errors import ModelError
 from neuro.core.memory import discard
 from neuro.kernels.jit import kernel
@@ -21,9 +21,8 @@ from neuro.testing import observe
 from neuro.testing.case import differences, run_on
 from neuro_event import EventBackend
 from neuro_event.building import joined_rows, layout
-from neuro_event.host import snapshot
 from neuro_event.loop import tables as t
-from neuro_event.loop.joined_rows import FAR, add_steps, add_steps_by_sign
+from neuro_event.loop.arrivals import FAR, add_steps, add_steps_by_sign
 
 SETTINGS = settings(
     max_examples=8,
@@ -151,7 +150,6 @@ def test_a_state_of_before_there_were_joined_rows(tmp_path: Path):
         patched.setattr(layout, "_FEW_RUNS", 0)
         choose = joined_rows.choose
         patched.setattr(joined_rows, "choose", nothing)
-        patched.setattr(snapshot, "joined", lambda arrays: frozenset())
         old = neuro.compile(network(EVERY), "event", seed=1)
         run_on(old, 3.0)
         old.save(tmp_path / "state.h5")
@@ -255,7 +253,8 @@ def test_few_synapses_of_many_delays_are_joined_where_rings_would_take_longer():
     sims = [neuro.compile(net, backend, seed=1) for backend in ("reference", "event")]
     program = sims[1].program
     rare = [q for q, p in enumerate(program.projections) if p.name.startswith("rare")]
-    assert not joined_rows._is_filled(program, rare)
+    assert joined_rows._is_sparse(program, rare)
+    assert not all(joined_rows._in_runs(program, q) for q in rare)
     assert len(joined(sims[1])) == 18, "else what comes before or after them onto a target would have rings, too"
     for sim in sims:
         run_on(sim, 8.0)
@@ -288,7 +287,7 @@ def large(single: bool = True) -> Network:
 @pytest.fixture
 def many(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every network has very many synapses."""
-    for module in (drawn, resolve):
+    for module in (pairs, resolve):
         monkeypatch.setattr(module, "MANY", 10)
 
 
@@ -315,8 +314,8 @@ def test_rows_in_place_of_the_programs_arrays(single: bool):
 
 @pytest.mark.usefixtures("many")
 def test_rows_of_blocks_as_they_were_drawn(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(blocks, "LEAST", 400)
-    monkeypatch.setattr(blocks, "LEAST_OF_SOURCE", 0)
+    monkeypatch.setattr(connect, "LEAST", 400)
+    monkeypatch.setattr(connect, "LEAST_OF_SOURCE", 0)
     first, other = (compile_network(large(), 1) for _ in range(2))
     parts = [part for part in first.projections if isinstance(part, CompactProjection)]
     assert min(len(part.blocks) for part in parts) > 1

@@ -8,7 +8,7 @@ from neuro.model.network import Network
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
 from neuro_event.loop.arrivals import QUEUE
-from neuro_event.loop.shared_weight_delivery import RANGE
+from neuro_event.loop.deliver import RANGE
 
 TARGETS = 2 * RANGE + 70
 """Three ranges, none of whole blocks."""

@@ -366,7 +366,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "neuro/exchange/c_code/export.py",
     }
     temporary = {
-        *("neuro/rerun/again.py", "neuro/files/results.py", "neuro/events/formats/rosbag.py"),
+        *("neuro/rerun/__init__.py", "neuro/files/results.py", "neuro/events/formats/rosbag.py"),
         "apps/neuro_recognise/parts/layers.py",
         "neuro/kernels/kept.py",  # machine code, in a folder of its own
         "neuro/run/results_file.py",  # a run that is under way

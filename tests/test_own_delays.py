@@ -8,8 +8,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
-from neuro.chips.arrival_rule import lag
-from neuro.compiler import compile_network, drawn, resolve
+from neuro.chips.inputs import lag
+from neuro.compiler import compile_network, pairs, resolve
 from neuro.compiler.rows import by_delay, draw_rows
 from neuro.core.keyed_random import uniform
 from neuro.model import distributions
@@ -170,7 +170,7 @@ def test_few_synapses_with_very_many_delays_go_into_a_ring():
 def many(monkeypatch: pytest.MonkeyPatch) -> None:
     """What holds for a million synapses holds for a hundred."""
     monkeypatch.setattr(distributions, "_MANY", 100)
-    monkeypatch.setattr(drawn, "MANY", 100)
+    monkeypatch.setattr(pairs, "MANY", 100)
     monkeypatch.setattr(resolve, "MANY", 100)
 
 
@@ -226,9 +226,9 @@ def test_draws_come_in_order(key: int, n: int, degrees: list[int]):
 @pytest.mark.parametrize("autapses", [True, False])
 def test_a_total_number_is_the_same_either_way(monkeypatch: pytest.MonkeyPatch, autapses: bool):
     but = None if autapses else np.arange(50)
-    few = drawn.total_number(5000, 50, 50, but, True, 7)
-    monkeypatch.setattr(drawn, "MANY", 1)
-    many = drawn.total_number(5000, 50, 50, but, True, 7)
+    few = pairs.total_number(5000, 50, 50, but, True, 7)
+    monkeypatch.setattr(pairs, "MANY", 1)
+    many = pairs.total_number(5000, 50, 50, but, True, 7)
     for one, two in zip(few, many, strict=True):
         assert np.array_equal(one, two)
 

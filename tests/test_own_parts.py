@@ -256,3 +256,51 @@ def test_an_installed_package_that_is_broken_troubles_only_who_names_it(tmp_path
         "model 'izhikevich' of nowhere:other is not used: there is one of that name",
         missing,
     ]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class late(Neuron):
+    """Fires in the step after an arrival; its functions are in its body."""
+
+    states: ClassVar[tuple[State, ...]] = (State("came", "", "what the last step brought"),)
+
+    def constants(p, h, c):
+        """There are none."""
+
+    def step(s, c, x, i_0, lo, hi, fired):
+        """Fire after an arrival."""
+        for i in range(lo, hi):
+            fired[i] = s[0, i] > 0.0
+            s[0, i] = x[0, i]
+
+    def fire(s, c, i):
+        """Nothing is reset."""
+
+    def quiet(s, c, i_0, lo, hi):
+        """As long as nothing came."""
+        came = 0
+        for i in range(lo, hi):
+            came += s[0, i] != 0.0
+        return came == 0
+
+
+class silent_once(late):
+    """As `late`, but a spike takes what came meanwhile; the other functions are those of its base."""
+
+    def fire(s, c, i):
+        """Forget."""
+        s[0, i] = 0.0
+
+
+@pytest.mark.parametrize("backend", ["reference", "event"])
+def test_functions_may_stand_in_the_body_of_a_class_and_are_inherited(backend):
+    counts = []
+    for model in (late, silent_once):
+        net = neuro.Network("own", resolution=1.0)
+        net.population("in", 1, neuro.spike_generator(spike_times=[[1.0, 2.0, 3.0, 4.0]]))
+        net.population("out", 1, model())
+        net.connect("in", "out", neuro.all_to_all(), weight=1.0, delay=1.0)
+        sim = neuro.compile(net, backend)
+        sim.run(10.0)
+        counts.append(len(sim.spikes("out")[0]))
+    assert counts == [4, 2]

@@ -8,7 +8,7 @@ import pytest
 
 import neuro
 from neuro.core import progress
-from neuro.run.progress import advance
+from neuro.core.progress import advance
 
 NET = """\
 neuro: 1
@@ -30,7 +30,7 @@ def sim(tmp_path):
 
 
 def test_progress_changes_no_bit(sim, monkeypatch, capsys):
-    monkeypatch.setattr("neuro.run.progress.STRETCH_S", 1e-5)
+    monkeypatch.setattr("neuro.core.progress.STRETCH_S", 1e-5)
     once, told = sim(), sim()
     once.run(300.0)
     told.run(300.0, progress=True)
@@ -68,8 +68,7 @@ def test_the_clock_starts_when_kernels_are_compiled(monkeypatch, capsys):
             now[0] += 20.0 if not now[0] else 0.1 * ms
 
     monkeypatch.setattr(progress, "EVERY_S", 0.0)
-    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr("neuro.run.progress.time", SimpleNamespace(perf_counter=lambda: now[0]))
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: now[0], perf_counter=lambda: now[0]))
     with progress.Bar() as bar:
         assert advance(Slow(), 2000, bar) == 20.0
     lines = capsys.readouterr().err.splitlines()

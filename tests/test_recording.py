@@ -20,7 +20,7 @@ from neuro.core import growing
 from neuro.core.growing import JournaledFile, JournalReader
 from neuro.core.hdf5 import FRONT
 from neuro.files.parts import Stored
-from neuro.rerun.again import first_difference
+from neuro.rerun import first_difference
 
 
 def network():
@@ -113,7 +113,7 @@ def test_spikes_of_a_time_are_read_alone(path):
 CHILD = """
 import sys
 import neuro
-import neuro.run.recording as recording
+import neuro.run.collect as recording
 sys.path[:0] = sys.argv[1:]
 from test_recording import network
 recording.COMMIT_S = 0.0

@@ -22,8 +22,7 @@ from neuro.core import provenance as provenances
 from neuro.core.hdf5 import seal
 from neuro.core.inputs import digest_of, gathering, record_input
 from neuro.core.provenance import ATTRIBUTE, differences, provenance
-from neuro.rerun.again import first_difference
-from neuro.rerun.new_folder import copy_input
+from neuro.rerun import copy_input, first_difference
 from neuro.sweeps.folder import SWEEP, Folder
 
 NET = """\
@@ -202,7 +201,7 @@ def test_a_run_that_was_steered_is_refused(folder):
         sim.run(10.0)
     told = json.loads(neuro.results.read("a.h5").about[ATTRIBUTE])
     assert told["steered"] == ["set"]
-    from neuro.rerun.again import rerun
+    from neuro.rerun import rerun
 
     with pytest.raises(neuro.ModelError) as error:
         rerun(folder / "a.h5")

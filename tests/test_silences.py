@@ -10,7 +10,7 @@ import pytest
 import neuro
 from neuro.extend import Neuron, State, leak, quantity
 from neuro.model.neurons import NEURONS
-from neuro.model.neurons.sleep import check_sleep
+from neuro.model.neurons.base import check_sleep
 from neuro.testing import observe
 from neuro.testing.case import differences
 from neuro.testing.parts import check_silences

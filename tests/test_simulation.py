@@ -14,6 +14,7 @@ import pytest
 import neuro
 from neuro import Network, all_to_all, grid, iaf_psc_delta, iaf_psc_exp, one_to_one, poisson_generator, stdp
 from neuro.core.errors import ModelError, Where
+from neuro.core.hdf5 import writing
 from neuro.program.backend import Problem
 from neuro.program.program import Program
 from neuro.run.compiled import ApproximationWarning
@@ -274,9 +275,20 @@ def test_a_damaged_state_is_refused(tmp_path: Path, backend: str, damage: str):
             file[last] = ~values if values.dtype == bool else values + 1
         elif damage == "an array is longer":
             file[last] = np.append(values, values)
-    with pytest.raises(ModelError, match=r"damaged neuro state 1: it is not what was written"):
+    with pytest.raises(ModelError, match=r"damaged neuro state 2: it is not what was written"):
         sim.restore(tmp_path / "state.h5")
     assert sim.time == 2.0
+
+
+def test_a_state_of_an_earlier_version_is_refused(tmp_path: Path):
+    with writing(tmp_path / "state.h5", "neuro state 1") as file:
+        file.attrs["backend"] = "event"
+    with pytest.raises(ModelError) as refused:
+        start().restore(tmp_path / "state.h5")
+    assert str(refused.value) == (
+        f"{tmp_path / 'state.h5'}: a state of neuro 0.2 or before: expected one that this version wrote\n"
+        "  hint: restore it with that version: what sim.network() gives there can be saved"
+    )
 
 
 def test_a_state_replaces_the_old_file_at_once(tmp_path: Path):

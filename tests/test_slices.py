@@ -7,13 +7,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
-from neuro.compiler import drawn, resolve
+from neuro.compiler import pairs, resolve
 from neuro.model.network import Network
 from neuro.program.program import Ints
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
 from neuro_event.building import joined_rows, layout, thread_partition
-from neuro_event.host import engine
+from neuro_event.host import running
 from neuro_event.host.threads import LINE
 from neuro_event.loop import steps, tables as t
 from strategies import networks
@@ -95,7 +95,7 @@ def test_delays_of_their_own(
     few: int, many: int, shortest: float, order: type[InTurn], monkeypatch: pytest.MonkeyPatch
 ):
     """Synapses of one source lie by delay in very large networks, and those of all threads' targets between another."""
-    for module in (drawn, resolve):
+    for module in (pairs, resolve):
         monkeypatch.setattr(module, "MANY", many)
     if few >= 0:
         monkeypatch.setattr(layout, "_FEW_RUNS", few)
@@ -113,7 +113,7 @@ def test_delays_of_their_own(
     alone = ran(net, 1, [20.0])
     assert alone["spikes of others: steps"].size > 100
     with monkeypatch.context() as patched:
-        patched.setattr(engine, "Threads", order)
+        patched.setattr(running, "Threads", order)
         for threads in (2, 3):
             assert differences(alone, ran(net, threads, [20.0]), exact=True) == []
             assert differences(alone, ran(net, threads, [0.1] * 5 + [19.5]), exact=True) == []
@@ -137,7 +137,7 @@ def test_random_networks(
 ):
     alone = ran(net, 1, [60 * net.resolution], seed)
     with monkeypatch.context() as patched:
-        patched.setattr(engine, "Threads", order)
+        patched.setattr(running, "Threads", order)
         if whole:
             patched.setattr(thread_partition, "SCATTERED", 0)
             patched.setattr(thread_partition, "EVEN", np.inf)

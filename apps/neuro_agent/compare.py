@@ -228,13 +228,8 @@ def run(plan: Plan, report: Callable[[str], None] | None = None) -> Found:
 
 
 def _agent(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
-    agent = ActorCritic(env.observation_space, env.action_space, seed=trial.seed, **trial.settings)
-    agent.train(env, steps=trial.steps)
-    return trial.steps, agent.test(env, trial.episodes)
-
-
-def _twin(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
-    agent = LinearTwin(env.observation_space, env.action_space, seed=trial.seed, **trial.settings)
+    kind = ActorCritic if trial.name == "agent" else LinearTwin
+    agent = kind(env.observation_space, env.action_space, seed=trial.seed, **trial.settings)
     agent.train(env, steps=trial.steps)
     return trial.steps, agent.test(env, trial.episodes)
 
@@ -284,4 +279,4 @@ def _tested(trial: Trial, env: gymnasium.Env[Any, Any], act: Act) -> Test:
     return Test(returns, lengths)
 
 
-_TRAINED = {"agent": _agent, "twin": _twin, "ppo": _baseline, "dqn": _baseline, "random": _random}
+_TRAINED = {"agent": _agent, "twin": _agent, "ppo": _baseline, "dqn": _baseline, "random": _random}

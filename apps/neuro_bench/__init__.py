@@ -6,10 +6,8 @@ A task or a method of one's own is a subclass of `Task` or `Method`, registered 
 """
 
 from neuro_bench.costs import Costs
-from neuro_bench.known import METHODS, TASKS
-from neuro_bench.method import Method, Model
-from neuro_bench.running import Request, run
-from neuro_bench.task import Examples, Fold, Recording, Series, Spikes, Task
+from neuro_bench.running import METHODS, TASKS, Request, run
+from neuro_bench.task import Examples, Fold, Method, Model, Recording, Series, Spikes, Task
 
 __all__ = [
     "METHODS",

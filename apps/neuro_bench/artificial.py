@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from neuro_bench.costs import Costs, arithmetic
-from neuro_bench.method import Method, check_installed
-from neuro_bench.task import Examples
+from neuro_bench.task import Examples, Method, check_installed
 
 if TYPE_CHECKING:
     from torch import Tensor, nn

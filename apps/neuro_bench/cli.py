@@ -19,7 +19,7 @@ Option = typer.Option
 def tasks() -> None:
     """List the tasks and the methods for them, with licences and sources."""
     from neuro.apps import console, table
-    from neuro_bench.known import METHODS, TASKS
+    from neuro_bench.running import METHODS, TASKS
 
     rows = [(name, one.title, ", ".join(one.splits), one.metric) for name, one in TASKS.items()]
     console().print(table(("task", "is", "splits", "metric"), rows))
@@ -74,7 +74,7 @@ def run_method(
     file = out or Path(f"{task}-{made.split}-{method}.json")
     kept = file.with_suffix(".folds")
     check_output(file, report.RESULT)
-    check_output(kept, KEPT)
+    check_output(kept, KEPT.kind)
     if find_spec("torch") is not None:
         import torch
 

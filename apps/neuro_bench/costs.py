@@ -93,6 +93,20 @@ def arithmetic(kind: str, macs: float, dense: float) -> dict[str, float]:
     return {f"{kind} arithmetic, 45 nm": PICOJOULES[kind] * 1e-12 * macs, name: each * 1e-12 * dense}
 
 
+def product_costs(parameters: int, footprint_bytes: int, macs: float, dense: float, **words: Any) -> Costs:
+    """Costs of a model of float32 multiply-accumulates alone.
+
+    Args:
+        parameters: numbers that were learnt.
+        footprint_bytes: of the weights.
+        macs: multiply-accumulates of an example whose factors are both not 0.
+        dense: all of them.
+        words: other attributes of `Costs`.
+    """
+    counts: Any = {"effective_macs": macs, "dense": dense, "joules": arithmetic("float32", macs, dense)}
+    return Costs(parameters=parameters, footprint_bytes=footprint_bytes, **counts, **words)
+
+
 def spiking_costs(
     sim: neuro.Simulation, taken: Any, examples: int, *, steps: int | None = None, clock: bool = True
 ) -> Costs:

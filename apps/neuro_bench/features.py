@@ -11,14 +11,8 @@ import numpy as np
 from neuro import ModelError
 from neuro.events import Events
 from neuro.events.representations import hats
-from neuro_bench.costs import UNKNOWN, Costs, arithmetic
-from neuro_bench.method import Method, check_installed
-from neuro_bench.task import Examples
-
-
-def _versions(train: Examples, count: int) -> Examples:
-    """The first versions of all recordings; an exact learner shown many of them takes long, and gains little."""
-    return train.take(np.arange(train.recordings), min(count, train.versions))
+from neuro_bench.costs import UNKNOWN, Costs, product_costs
+from neuro_bench.task import Examples, Method, check_installed
 
 
 def _rows(shown: Examples, pooled: int = 1) -> Any:
@@ -44,7 +38,8 @@ class LogisticRegression(Method):
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import StandardScaler
 
-        train = _versions(train, settings["versions"])
+        # the first versions of all recordings: an exact learner of many of them takes long, and gains little
+        train = train.take(np.arange(train.recordings), min(settings["versions"], train.versions))
         learner = make_pipeline(StandardScaler(), Logistic(C=settings["C"], max_iter=1000, random_state=seed))
         learner.fit(_rows(train, settings["pooled"]), train.labels)
         return _Classifier(learner, settings["pooled"], learner[-1].coef_)
@@ -69,7 +64,8 @@ class GradientBoosting(Method):
         check_installed(self, "sklearn")
         from sklearn.ensemble import HistGradientBoostingClassifier as Boosting
 
-        train = _versions(train, settings["versions"])
+        # the first versions of all recordings: an exact learner of many of them takes long, and gains little
+        train = train.take(np.arange(train.recordings), min(settings["versions"], train.versions))
         words = {"learning_rate": settings["rate"], "max_iter": settings["trees"], "early_stopping": False}
         learner = Boosting(max_leaf_nodes=settings["leaves"], random_state=seed, **words)
         learner.fit(_rows(train, settings["pooled"]), train.labels)
@@ -133,8 +129,7 @@ class _HATS:
         effective = seen + float((surfaces(shown, self.settings) != 0).sum() / len(shown)) * len(weights)
         dense = seen + weights.size
         size = weights.size + len(weights)
-        words: Any = {"effective_macs": effective, "dense": dense, "joules": arithmetic("float32", effective, dense)}
-        return Costs(parameters=size, footprint_bytes=8 * size, **words)
+        return product_costs(size, 8 * size, effective, dense)
 
 
 class _Classifier:
@@ -153,6 +148,5 @@ class _Classifier:
         used = (self._weights != 0).sum(axis=0)
         effective = float(((_rows(shown, self._pooled) != 0) * used).sum() / len(shown))
         zeros = 1.0 - np.count_nonzero(self._weights) / self._weights.size
-        words: Any = {"connection_sparsity": zeros, "effective_macs": effective, "dense": float(self._weights.size)}
-        words |= {"joules": arithmetic("float32", effective, float(self._weights.size))}
-        return Costs(parameters=size, footprint_bytes=self._weights.itemsize * size, **words)
+        footprint, dense = self._weights.itemsize * size, float(self._weights.size)
+        return product_costs(size, footprint, effective, dense, connection_sparsity=zeros)

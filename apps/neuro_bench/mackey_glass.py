@@ -23,6 +23,8 @@ TRAIN, TEST = 10, 10
 """Lyapunov times to learn from, and to go on for, as NeuroBench splits."""
 TUNING, APART = 3, 24
 """Further series of the same tau that settings are chosen by, and the Lyapunov time from which they begin."""
+POINTS_OF_ALL = (APART + TRAIN * TUNING + TEST) * POINTS
+"""Of a series that is computed."""
 REPEATS = 5
 """Series a tau, each half a Lyapunov time later than the one before, as NeuroBench's, which has 30."""
 SUBSTEPS = 20
@@ -53,12 +55,20 @@ class MackeyGlass(Task):
             ModelError: a file of the data is missing or too short.
         """
         taus = list(PARAMETERS) if self.split == "all" else [int(self.split.removeprefix("tau"))]
-        return [each for tau in taus for each in _folds(tau, self._series(tau))]
+        train, test, folds = TRAIN * POINTS, TEST * POINTS, []
+        for tau in taus:
+            values, own = self._series(tau), solution(tau, POINTS_OF_ALL)[APART * POINTS :]
+            tuned = [own[k * train : (k + 1) * train] for k in range(TUNING)]
+            asked = [own[k * train :][:test] for k in range(1, TUNING + 1)]
+            for repeat in range(REPEATS):
+                seen, name = values[repeat * POINTS // 2 :], f"tau {tau} series {repeat + 1}"
+                folds.append(Fold(name, tuned, asked, seen[:train], seen[train : train + test]))
+        return folds
 
     def _series(self, tau: int) -> Series:
         wanted = (TRAIN + TEST) * POINTS + (REPEATS - 1) * POINTS // 2 + 1
         if self.data is None:
-            return solution(tau, _points())[:wanted]
+            return solution(tau, POINTS_OF_ALL)[:wanted]
         file = self.data / f"mg_{tau}.npy"
         try:
             values: Series = np.asarray(np.load(file, allow_pickle=False), dtype=np.float64).reshape(-1)
@@ -74,21 +84,6 @@ class MackeyGlass(Task):
         if p.shape != w.shape or not np.isfinite(p).all():
             return 200.0
         return 200.0 * float(np.mean(np.abs(p - w) / (np.abs(p) + np.abs(w))))
-
-
-def _points() -> int:
-    return (APART + TRAIN * TUNING + TEST) * POINTS
-
-
-def _folds(tau: int, values: Series) -> list[Fold]:
-    own, train, test = solution(tau, _points())[APART * POINTS :], TRAIN * POINTS, TEST * POINTS
-    tuned = [own[k * train : (k + 1) * train] for k in range(TUNING)]
-    asked = [own[k * train :][:test] for k in range(1, TUNING + 1)]
-    folds = []
-    for repeat in range(REPEATS):
-        seen = values[repeat * POINTS // 2 :]
-        folds.append(Fold(f"tau {tau} series {repeat + 1}", tuned, asked, seen[:train], seen[train : train + test]))
-    return folds
 
 
 @cache

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import record_input
 from neuro_bench.task import Fold, Recording, Task
-from neuro_train.targets import r_squared
+from neuro_train.data import r_squared
 
 STEP = 4.0
 """ms between two positions of the cursor, as they were recorded."""
@@ -106,7 +106,9 @@ def read(path: Path) -> tuple[Recording, npt.NDArray[np.int64]]:
                 _check(path, name, values, (1 if name == "t" else 2, n))
             if cells.ndim != 2 or cells.dtype != h5py.ref_dtype:
                 raise ModelError(f"{path}: spikes: expected cells, one for each unit of each channel", hint=SOURCE)
-            units = [[_times(file[cell]) for cell in row] for row in cells]
+            units = [[file[cell] for cell in row] for row in cells]
+            # of an empty cell MATLAB writes the shape in place of the content
+            units = [[[] if cell.attrs.get("MATLAB_empty", 0) else np.ravel(cell[()]) for cell in row] for row in units]
     except KeyError as error:
         message = f"{path}: {error.args[0]}: expected the variables {', '.join(VARIABLES)}"
         raise ModelError(message, hint=SOURCE) from None
@@ -133,9 +135,3 @@ def _check(path: Path, name: str, values: Any, shape: tuple[int, int]) -> None:
         raise ModelError(f"{path}: {name}: found the shape {values.shape}: expected {shape}", hint=SOURCE)
     if values.dtype.kind not in "iuf" or not (np.abs(values) < LARGEST).all():
         raise ModelError(f"{path}: {name}: expected numbers below {LARGEST:g}", hint=SOURCE)
-
-
-def _times(cell: Any) -> npt.NDArray[np.float64]:
-    """The spikes of a unit, s; MATLAB writes the shape of an empty cell in place of its content."""
-    empty = cell.attrs.get("MATLAB_empty", 0)
-    return np.zeros(0) if empty else np.ravel(cell[()]).astype(np.float64)

@@ -12,11 +12,10 @@ import numpy as np
 
 import neuro
 from neuro_bench.artificial import Network, optimised
-from neuro_bench.costs import Costs, arithmetic, spiking_costs
-from neuro_bench.method import Method, check_installed
+from neuro_bench.costs import Costs, product_costs, spiking_costs
 from neuro_bench.spiking import CHIP, INPUT, OUTPUT
-from neuro_bench.task import Floats, Recording
-from neuro_train.targets import probe
+from neuro_bench.task import Floats, Method, Recording, check_installed
+from neuro_train.data import probe
 
 AT_ONCE = 10_000
 """Steps."""
@@ -49,8 +48,7 @@ class Windows:
     def at(self, steps: Any) -> Floats:
         """Those of some steps, (steps, lags x channels)."""
         ends = np.maximum(steps[:, None] + 1 - self._back, 0)
-        counts: Floats = -np.diff(self._sums[ends], axis=1).reshape(len(steps), self.size).astype(np.float32)
-        return counts
+        return np.asarray(-np.diff(self._sums[ends], axis=1).reshape(len(steps), self.size), np.float32)
 
     def parts(self) -> Any:
         """All, so many steps at once: the steps, and their counts."""
@@ -96,8 +94,7 @@ class _Linear:
         """Products of counts that are not 0; what it takes to count is not counted, as by NeuroBench."""
         used, size = (self._weights[:-1] != 0).sum(axis=1), self._weights[:-1].size
         macs = sum(float(((counts != 0) * used).sum()) for counts in self._parts(shown)) / len(shown)
-        words: Any = {"effective_macs": macs, "dense": float(size), "joules": arithmetic("float32", macs, float(size))}
-        return Costs(parameters=self._weights.size, footprint_bytes=4 * self._weights.size, **words)
+        return product_costs(self._weights.size, 4 * self._weights.size, macs, float(size))
 
 
 class Perceptron(Method):

@@ -53,42 +53,30 @@ def compared(results: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """
     first = results[0]
     for other in results[1:]:
-        for what in ("name", "split", "metric"):
-            _same(f"task {what}", first["task"][what], other["task"][what])
-        for word in SAME:
-            _same(word, first["asked"][word], other["asked"][word])
-        _same("data", first.get("data"), other.get("data"))
+        pairs = [(f"task {word}", "task", word) for word in ("name", "split", "metric")]
+        pairs += [(word, "asked", word) for word in SAME]
+        same = [(what, first[part][word], other[part][word]) for what, part, word in pairs]
+        for what, one, another in (*same, ("data", first.get("data"), other.get("data"))):
+            if one != another:
+                message = f"results differ in {what}: {one} and {another}: expected the same in one table"
+                raise ModelError(message)
     sign = -1.0 if first["task"]["higher"] else 1.0
     return sorted(results, key=lambda one: sign * one["mean"])
-
-
-def _same(what: str, one: Any, other: Any) -> None:
-    if one != other:
-        raise ModelError(f"results differ in {what}: {one} and {other}: expected the same in one table")
 
 
 def verdict(results: Sequence[Mapping[str, Any]]) -> str:
     """Who wins, in a line: the best of all, and the best of the other kind."""
     best = results[0]
-    spiking = best["method"]["spiking"]
+    spiking, kinds = best["method"]["spiking"], {True: "spiking", False: "non-spiking"}
     name, unit = best["method"]["name"], best["task"]["metric"]
-    line = f"{name} wins, a {_kind(spiking)} network or method: {_score(best)} ({unit})"
+    line = f"{name} wins, a {kinds[spiking]} network or method: {_score(best)} ({unit})"
     other = next((one for one in results if one["method"]["spiking"] != spiking), None)
     if other is None:
-        return f"{line}; nothing {_kind(not spiking)} was compared"
+        return f"{line}; nothing {kinds[not spiking]} was compared"
     gap = abs(best["mean"] - other["mean"])
-    also = "; their intervals overlap" if _overlap(best, other) else ""
-    return f"{line}; the best {_kind(not spiking)} is {other['method']['name']}, {_number(gap, best)} behind{also}"
-
-
-def _kind(spiking: bool) -> str:
-    return "spiking" if spiking else "non-spiking"
-
-
-def _overlap(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether both have intervals, which a single score lacks, and these overlap."""
-    (a, b), (c, d) = _interval(one), _interval(other)
-    return a <= d and c <= b
+    (a, b), (c, d) = _interval(best), _interval(other)  # NaN of a single score
+    also = "; their intervals overlap" if a <= d and c <= b else ""
+    return f"{line}; the best {kinds[not spiking]} is {other['method']['name']}, {_number(gap, best)} behind{also}"
 
 
 def _interval(result: Mapping[str, Any]) -> tuple[float, float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,14 +11,64 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import check, kept_json, provenance, sealed, setting, unknown, write_text
-from neuro_bench.known import METHODS, TASKS
-from neuro_bench.method import Method, tries
-from neuro_bench.task import Fold, Task
+from neuro.apps import JobResults, Registry, check, provenance, setting, unknown
+from neuro_bench.artificial import CNN, GRU, QuantisedCNN
+from neuro_bench.event_cameras import NMNIST, SHD, DVSGesture, PokerDVS
+from neuro_bench.features import HATS, GradientBoosting, LogisticRegression
+from neuro_bench.mackey_glass import MackeyGlass
+from neuro_bench.primate_reaching import PrimateReaching
+from neuro_bench.regression import LIFReadout, Perceptron, Wiener
+from neuro_bench.series import EchoState, PopulationCode, SeriesMean, TanhRidge
+from neuro_bench.sounds import Sounds, SpeechCommands, SpokenDigits
+from neuro_bench.spiking import Converted, Delays, Dense, Recurrent, ReMuS
+from neuro_bench.task import Fold, Method, Task, tries
+
+
+def _registry(
+    base: type[Any], kind: str, parts: tuple[type[Any], ...], group: str, method: str, words: tuple[str, ...]
+) -> Registry[Any]:
+    """Return a registry of subclasses; it refuses a class that lacks a word or a method."""
+
+    def complete(part: Any) -> Any:
+        for word in words:
+            if not getattr(part, word):
+                raise TypeError(f"{base.__name__.lower()} '{part.__name__}' has no {word}: expected a text")
+        if getattr(part, method) is getattr(base, method):
+            raise TypeError(f"{base.__name__.lower()} '{part.__name__}' has no method {method}")
+        return part
+
+    def takes(part: Any) -> bool:
+        return isinstance(part, type) and issubclass(part, base)
+
+    return Registry(kind, parts, takes=takes, group=group, complete=complete)
+
+
+TASKS: Registry[type[Task]] = _registry(
+    Task,
+    "bench task",
+    (SpokenDigits, Sounds, SpeechCommands, SHD, NMNIST, PokerDVS, DVSGesture, MackeyGlass, PrimateReaching),
+    "neuro.bench_tasks",
+    "folds",
+    ("called_by", "title", "licence", "source"),
+)
+"""The tasks by name; a package registers its own by the entry points `neuro.bench_tasks`."""
+
+METHODS: Registry[type[Method]] = _registry(
+    Method,
+    "bench method",
+    (
+        *(Converted, Recurrent, Delays, Dense, CNN, QuantisedCNN, GRU, LogisticRegression, GradientBoosting, HATS),
+        *(ReMuS, PopulationCode, TanhRidge, EchoState, SeriesMean, LIFReadout, Wiener, Perceptron),
+    ),
+    "neuro.bench_methods",
+    "fit",
+    ("called_by", "title"),
+)
+"""The methods by name; a package registers its own by the entry points `neuro.bench_methods`."""
+
 
 FORMAT = "neuro bench 1"
-KEPT_FORMAT = "neuro bench folds 1"
-KEPT = sealed("the folds of an unfinished 'neuro bench run'", f'"format": "{KEPT_FORMAT}"', ', "digest": "{}"')
+KEPT = JobResults("the folds of an unfinished 'neuro bench run'", "neuro bench folds 1")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,18 +152,21 @@ def run(
     }
     made = provenance()
     of = {"task": request.task, "split": task.split, "method": request.method, **asked}
-    of = json.loads(json.dumps(of | {word: made[word] for word in ("neuro", "commit", "inputs")}))
-    before = {} if kept is None else kept_json(kept)
-    found: list[dict[str, Any]] = before["folds"] if before.get("of") == of else []
+    of |= {word: made[word] for word in ("neuro", "commit", "inputs")}
+    found: list[dict[str, Any]] = [] if kept is None else KEPT.read(kept, of).get("folds", [])
     each = [(seed, k) for seed in request.seeds for k in range(len(folds))]
     for seed, k in each[len(found) :]:
         fold = folds[k]
         report(f"{fold.name}, seed {seed}", len(found), len(each))
-        known = _settings(found, folds, k, task.kind)
+        if len(found) >= len(folds):  # another seed: the settings that were chosen for this fold
+            known = found[k]["settings"]
+        else:  # or those of a fold with the same series to choose by
+            same = (j for j in range(len(found)) if task.kind == "series" and folds[j].validation is fold.validation)
+            known = next((found[j]["settings"] for j in same), None)
         tried = tries(method, asked["changes"], request.tries, seed) if known is None else [known]
         found.append(_fold(task, method, fold, tried, seed))
         if kept is not None:
-            write_text(kept, json.dumps({"format": KEPT_FORMAT, "of": of, "folds": found}), KEPT)
+            KEPT.write(kept, of, {"folds": found})
     scores = [each["score"] for each in found]
     mean, low, high = interval(scores)
     data = None if request.data is None else Path(request.data).absolute()
@@ -137,14 +189,6 @@ def run(
         "cpu_s": sum(each["cpu_s"] for each in found),
         "provenance": made,
     }
-
-
-def _settings(found: Sequence[Mapping[str, Any]], folds: Sequence[Fold], k: int, kind: str) -> Any:
-    """Settings that were chosen before for this fold, or for one with the same series to choose by; else None."""
-    if len(found) >= len(folds):
-        return found[k]["settings"]
-    shared = (j for j in range(len(found)) if kind == "series" and folds[j].validation is folds[k].validation)
-    return next((found[j]["settings"] for j in shared), None)
 
 
 def _fold(task: Task, method: Method, fold: Fold, tried: Sequence[dict[str, Any]], seed: int) -> dict[str, Any]:

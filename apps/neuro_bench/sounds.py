@@ -13,6 +13,7 @@ it as it is.
 from __future__ import annotations
 
 import io
+import re
 import warnings
 import zipfile
 from collections.abc import Iterator, Sequence
@@ -24,7 +25,7 @@ import numpy as np
 from neuro import ModelError
 from neuro.apps import record_input
 from neuro.coding import MelBands, crossings
-from neuro_bench.task import Examples, Floats, Fold, Series, Spikes, Task, random_folds
+from neuro_bench.task import Examples, Floats, Fold, Folds, Series, Spikes, Task, grouped_folds, random_folds
 
 Sound = tuple[str, float, Series]
 """Name, rate in Hz and samples in [-1, 1] of a recording."""
@@ -176,3 +177,72 @@ def _wav(place: str, content: bytes) -> tuple[float, Series]:
     elif samples.dtype.kind == "i":
         values /= np.iinfo(samples.dtype).max
     return float(rate), values if values.ndim == 1 else values.mean(axis=1)
+
+
+_NAME = re.compile(r"(?P<label>[^_/]+)_(?P<speaker>[^_/]+)_[^/]*\.wav", re.I)
+
+
+class SpokenDigits(Sounds):
+    """Which digit is spoken: a folder or a zip of CLASS_SPEAKER_INDEX.wav."""
+
+    called_by = "spoken-digits"
+    title = "spoken digits, 8 kHz, six speakers"
+    licence = "CC BY-SA 4.0"
+    source = "https://github.com/Jakobovski/free-spoken-digit-dataset: a folder or zip of CLASS_SPEAKER_INDEX.wav"
+    splits = ("random", "speakers")
+
+    def folds(self) -> Sequence[Fold]:
+        """Five random ones, or one for each speaker, who is heard in no other part.
+
+        Raises:
+            ModelError: a file is no sound, names no class, or there are too few.
+        """
+        heard, speakers = [], []
+        for name, rate, sound in self.sounds():
+            if (said := _NAME.fullmatch(Path(name).name)) is None:
+                message = f"{self.data}: {name} names no class: expected CLASS_SPEAKER_INDEX.wav"
+                raise ModelError(message, hint="7_jackson_32.wav; the task 'sounds' takes folders of classes")
+            heard.append((said["label"], rate, sound))
+            speakers.append(said["speaker"])
+        examples = self.examples(heard)
+        return random_folds(examples, 5, self.seed) if self.split == "random" else grouped_folds(examples, speakers)
+
+
+LISTS = ("validation_list.txt", "testing_list.txt")
+BACKGROUND = "_background_noise_"
+
+
+class SpeechCommands(Sounds):
+    """Which word is said, of the 35 of version 0.02, or of the folders that are there."""
+
+    called_by = "speech-commands"
+    title = "Speech Commands, one second at 16 kHz"
+    licence = "CC BY 4.0"
+    source = "Warden, arXiv:1804.03209; speech_commands_v0.02.tar.gz, unpacked: WORD/NAME.wav and the official lists"
+    splits = ("official",)
+    steps: ClassVar[int] = 80
+    versions: ClassVar[int] = 1
+
+    def folds(self) -> Sequence[Fold]:
+        """The official one.
+
+        Raises:
+            ModelError: a list is missing, or a part of the fold is empty.
+        """
+        assert self.data is not None
+        listed = []
+        for file in (self.data / name for name in LISTS):
+            try:
+                listed.append(file.read_text("utf-8").split())
+            except OSError as error:
+                raise ModelError(f"{file}: cannot be read: {error.strerror}", hint=self.source) from None
+        names, heard = [], []
+        for name, rate, sound in self.sounds():
+            if (word := self._folder(name)) != BACKGROUND:
+                names.append(f"{word}/{Path(name).name}")
+                heard.append((word, rate, sound))
+        held, kept = (np.isin(names, part) for part in listed)
+        for what, part in ((LISTS[0], held), (LISTS[1], kept), ("what is in no list", ~held & ~kept)):
+            if not part.any():
+                raise ModelError(f"{self.data}: {what} has no recording: expected some", hint=self.source)
+        return Folds(self.examples(heard), [("official", ~held & ~kept, held, kept)])

@@ -1,16 +1,19 @@
-"""What a task is: folds of data in one form for all methods, a metric, a licence, and where its data come from."""
+"""What a task is: folds of data in one form for all methods; and what a method is: settings, a space, and `fit`."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
+from neuro.apps import install
+from neuro_bench.costs import Costs
 
 Floats = npt.NDArray[np.float32]
 Series = npt.NDArray[np.float64]
@@ -250,15 +253,13 @@ def random_folds(examples: Examples, count: int, seed: int) -> Folds:
         own = np.flatnonzero(examples.labels[:n] == label)
         part[rng.permutation(own)] = (first + np.arange(len(own))) % count
         first += len(own)
-    return Folds(examples, [_drawn(f"random {k + 1}", part == k, (seed, 2, k)) for k in range(count)])
-
-
-def _drawn(name: str, tested: npt.NDArray[np.bool_], key: tuple[int, ...]) -> tuple[str, Any, Any, Any]:
-    """The fold that tests on some recordings and draws the validation part from the others."""
-    rest = np.random.default_rng(key).permutation(np.flatnonzero(~tested))
-    held = np.zeros(len(tested), dtype=np.bool_)
-    held[rest[: max(1, len(rest) // 10)]] = True
-    return name, ~tested & ~held, held, tested
+    parts = []
+    for k in range(count):
+        tested, held = part == k, np.zeros(n, dtype=np.bool_)
+        rest = np.random.default_rng((seed, 2, k)).permutation(np.flatnonzero(~tested))
+        held[rest[: max(1, len(rest) // 10)]] = True
+        parts.append((f"random {k + 1}", ~tested & ~held, held, tested))
+    return Folds(examples, parts)
 
 
 def grouped_folds(examples: Examples, groups: Sequence[str]) -> Folds:
@@ -280,3 +281,87 @@ def grouped_folds(examples: Examples, groups: Sequence[str]) -> Folds:
         tested, held = own == name, own == names[(k + 1) % len(names)]
         parts.append((f"without {name}", ~tested & ~held, held, tested))
     return Folds(examples, parts)
+
+
+class Model(Protocol):
+    """What was learnt."""
+
+    def predict(self, shown: Any) -> Any:
+        """The class of each of `Examples`, so many next values of a series, or the values of each step."""
+
+    def costs(self, shown: Any) -> Costs:
+        """What an example of these takes."""
+
+
+class Method:
+    """Base of the methods.
+
+    Class attributes:
+        kind: of the tasks that it suits.
+        called_by: the name on the command line.
+        title: in one line.
+        spiking: whether it is a spiking network.
+        settings: what may be chosen, with the values of the first try.
+        space: of some settings the values that further tries are drawn from.
+    """
+
+    kind: ClassVar[Kind] = "classes"
+    called_by: ClassVar[str] = ""
+    title: ClassVar[str] = ""
+    spiking: ClassVar[bool] = False
+    settings: ClassVar[Mapping[str, Any]] = {}
+    space: ClassVar[Mapping[str, Sequence[Any]]] = {}
+
+    @classmethod
+    def called(cls) -> str:
+        """The name on the command line."""
+        return cls.called_by
+
+    def fit(self, train: Any, settings: Mapping[str, Any], seed: int) -> Model:
+        """Learn from `Examples`, a `Series` or a `Recording`.
+
+        Args:
+            train: what to learn from.
+            settings: a value for each of `settings`.
+            seed: of all that is random.
+        """
+        raise NotImplementedError
+
+
+NEEDED = {"torch": ("PyTorch", "torch"), "sklearn": ("scikit-learn", "bench")}
+"""By module what it is called, and the extra that has it."""
+
+
+def check_installed(method: Method, module: str) -> None:
+    """Refuse a method where a module that it learns by is not installed.
+
+    Args:
+        method: the method.
+        module: a name of `NEEDED`.
+
+    Raises:
+        ModelError: it is not.
+    """
+    if find_spec(module) is None:
+        title, extra = NEEDED[module]
+        raise ModelError(f"method '{method.called_by}' learns by {title}, which is not installed", hint=install(extra))
+
+
+def tries(method: Method, changes: Mapping[str, Any], count: int, seed: int) -> list[dict[str, Any]]:
+    """The settings of each try: the first as they are, the others drawn from the space, none twice in a small space.
+
+    Args:
+        method: whose settings they are.
+        changes: settings that are otherwise than the method's, in all tries.
+        count: how many tries.
+        seed: of the draws.
+    """
+    rng = np.random.default_rng((seed, 7))
+    found = [{**method.settings, **changes}]
+    for _ in range(100 * count):
+        if len(found) == count:
+            break
+        drawn = {name: values[int(rng.integers(len(values)))] for name, values in method.space.items()}
+        if (one := {**method.settings, **drawn, **changes}) not in found:
+            found.append(one)
+    return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import check_output, kept_json, make_folder, provenance, sealed, side_by_side, write_text
+from neuro.apps import JobResults, make_folder, provenance, side_by_side
 from neuro_drone.controllers import kind_of
 from neuro_drone.evaluate import Lap, grid, try_out
 from neuro_drone.model import Model
@@ -20,8 +19,7 @@ from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import Scenario
 from neuro_drone.train import TrainingProgress, chosen, train
 
-FORMAT = "neuro drone result 1"
-RESULT = sealed("a result of 'neuro drone compare'", f'"format": "{FORMAT}"', ', "digest": "{}"')
+RESULTS = JobResults("a result of 'neuro drone compare'", "neuro drone result 1")
 ROWS = ("nothing", "oracle", "centroid", "static", "static-linear", "lms", "snn-eta0", "snn-flipped", "snn")
 """What is always compared: what a world gives for free, what the best can reach, and what must fail."""
 
@@ -67,7 +65,10 @@ class ComparisonRow:
         """
         name, *more = text.split() or [""]
         own = [word for word in more if not word.startswith("steps=")]
-        said = [_steps(text, word.removeprefix("steps=")) for word in more if word.startswith("steps=")]
+        for count in (word.removeprefix("steps=") for word in more if word.startswith("steps=")):
+            if not count.isdecimal() or int(count) < 1:
+                raise ModelError(f"row '{text}': steps = '{count}': expected a whole number >= 1")
+            steps = int(count)
         world, settings = chosen(scenario, name, [*changes, *own])
         learns = kind_of(name).learns
         return cls(
@@ -75,7 +76,7 @@ class ComparisonRow:
             name,
             world,
             settings,
-            (said[-1] if said else steps) if learns else 0,
+            steps if learns else 0,
             tuple(seeds[:1] if name in SEEDLESS else seeds),
         )
 
@@ -130,12 +131,8 @@ class ComparisonJob:
             report=learns,
         )  # fmt: skip
         flown = {"grid": self.starts, "path": self.course.path, "test_seed": self.course.seed}
-        known = json.loads(json.dumps(model.told() | {"steps": model.steps} | flown))
-        kept = kept_json(result)
-        if kept.get("of") != known:
-            check_output(result, RESULT)
-            kept = {"format": FORMAT, "of": known, "provenance": provenance(seed=self.seed), **self._tried(model, say)}
-            write_text(result, json.dumps(kept, indent=1), RESULT)
+        of = model.told() | {"steps": model.steps} | flown
+        kept = RESULTS.of_job(result, of, lambda: self._tried(model, say))
         say(1.0, f"{kept['error_px']:.2f} px, {kept['laps']} of {kept['starts']} laps")
         return kept
 
@@ -150,7 +147,8 @@ class ComparisonJob:
             say(0.6 + 0.39 * flown[0] / (len(places) * (1 + both)), f"test, {flown[0]} laps")
 
         flight = try_out(model, starts=places, report=tell).as_words()
-        figures = {name: flight[name] for name in ("error_px", "laps", "starts", "signed", "absolute")}
+        figures: dict[str, Any] = {"provenance": provenance(seed=self.seed)}
+        figures |= {name: flight[name] for name in ("error_px", "laps", "starts", "signed", "absolute")}
         if both:
             figures["learning_on"] = try_out(model, starts=places, learning=True, report=tell).error_px
         return figures
@@ -223,9 +221,3 @@ class Summary:
             "starts": self.total("starts"), "absolute": self.mean("absolute"), "signed": self.mean("signed"),
             "learning_on": self.mean("learning_on"), "each": [dict(one) for one in self.each],
         }  # fmt: skip
-
-
-def _steps(row: str, text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise ModelError(f"row '{row}': steps = '{text}': expected a whole number >= 1")
-    return int(text)

@@ -9,7 +9,7 @@ recogniser.predict(recordings("N-MNIST", part="Test", classes=recogniser.classes
 
 from __future__ import annotations
 
-from neuro_recognise.deciding.learn_early import learn_early
+from neuro_recognise.early import learn_early
 from neuro_recognise.recogniser import Recogniser, fit
 
 __all__ = ["Recogniser", "fit", "learn_early"]

@@ -10,7 +10,7 @@ import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,7 +18,6 @@ from neuro.apps import PRICED, Backend, Chips, Seed, Set, Sources, assignments, 
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
-    from neuro_recognise.detection.detector import Detector
     from neuro_recognise.method import Progress
     from neuro_recognise.recogniser import Recogniser
 
@@ -135,11 +134,10 @@ def try_model(
 ) -> None:
     """Test a recogniser on recordings: accuracy, its 95 % interval, and the confusion of the classes."""
     from neuro_recognise.telling import report
-    from neuro_recognise.telling.tried import try_out
 
     _refuse_network(model, [str(data), "--labels", "--part", part])
     trained = _loaded(model, set)
-    tried = try_out(trained, _recordings(data, part, trained.classes), backend)
+    tried = report.try_out(trained, _recordings(data, part, trained.classes), backend)
     if out is not None:
         report.write_confusion(tried, out)
     if json:
@@ -163,11 +161,10 @@ def predict(
     Damaged files are reported after the others; then the exit status is 1.
     """
     from neuro_recognise.telling import report
-    from neuro_recognise.telling.tried import predict_files
 
     _refuse_network(model, [str(file) for file in recordings])
     trained = _loaded(model, set)
-    found, wrong = predict_files(trained, recordings, backend, allow, assurance)
+    found, wrong = report.predict_files(trained, recordings, backend, allow, assurance)
     if found or json:
         report.show_predicted(trained, found, json, allow)
     for error in wrong:
@@ -190,7 +187,7 @@ def early(
 
     After a kill the same command goes on where it was.
     """
-    from neuro_recognise.deciding.learn_early import learn_early
+    from neuro_recognise.early import learn_early
     from neuro_recognise.telling import report
 
     trained = _loaded(model)
@@ -253,13 +250,12 @@ def compare(
 
     What is in the folder already is not done again.
     """
-    from neuro_recognise.compare import MethodComparison, compare as side_by_side, contestants
-    from neuro_recognise.telling.compare_report import show, write
+    from neuro_recognise.compare import MethodComparison, compare as compare_methods, contestants, show, write
     from neuro_train.data import but
 
     plan = MethodComparison(contestants(method), folds, tuple(range(repeats)), tuple(chips), out, backend, workers)
     with _learning() as shown:
-        found = side_by_side(but(_recordings(data, part), without), plan, shown)
+        found = compare_methods(but(_recordings(data, part), without), plan, shown)
     show(found, plan)
     for file in write(found, plan, data.name):
         typer.echo(file)
@@ -276,8 +272,8 @@ def energy(
     backend: Backend = "event",
 ) -> None:
     """Show recordings to a network and print what one of them takes on chips: joules and time."""
-    from neuro_recognise.telling import energy
-    from neuro_recognise.telling.tried import try_out
+    from neuro_recognise import energy
+    from neuro_recognise.telling.report import try_out
 
     trained = _loaded(model)
     energy.check_targets(trained, chips)
@@ -329,7 +325,10 @@ def scenes(
 
     from neuro_recognise.detection.scenes import Scenery, fold_of, write_scenes
 
-    given = {"sensor": _size(sensor), "touching": touching, "noise": noise, "length": length}
+    sides = sensor.lower().split("x")
+    if len(sides) != 2 or not all(side.isdecimal() and int(side) for side in sides):
+        raise typer.BadParameter(f"'{sensor}': expected width and height such as 100x80", param_hint="'--sensor'")
+    given = {"sensor": tuple(map(int, sides)), "touching": touching, "noise": noise, "length": length}
     scenery = Scenery().changed(given | assignments(set))
     found = _recordings(data, part)
     chosen = fold_of(found, folds, fold)
@@ -347,8 +346,7 @@ def crops(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Cut single objects out of scenes, as a detector sees them: recordings for 'neuro recognise train'."""
-    from neuro_recognise.detection.following import Detecting
-    from neuro_recognise.detection.learning import write_crops
+    from neuro_recognise.detection.detector import Detecting, write_crops
     from neuro_recognise.detection.scenes import Scenes
 
     settings = Detecting().changed(assignments(set))
@@ -371,49 +369,29 @@ def detect(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Find several objects in a recording, with boxes and identities; or measure that on scenes."""
-    from neuro_recognise.detection.detector import Detector
-    from neuro_recognise.detection.following import Detecting
+    from neuro.events import load
+    from neuro_recognise.detection import report
+    from neuro_recognise.detection.detector import Detecting, Detector, try_out
+    from neuro_recognise.detection.scenes import Scenes
 
     if (recording is None) == (data is None):
         raise typer.BadParameter("expected either a RECORDING or --data SCENES")
     settings: Detecting = Detecting().changed(assignments(set))
     detector = Detector(_loaded(model), settings, backend, way)
+    classes = detector.recogniser.classes
     if data is not None:
         if out is not None:
             raise typer.BadParameter("boxes are written of a RECORDING", param_hint="'--out'")
-        _measure(detector, data, json)
+        scenes = Scenes(data)
+        report.check_classes(classes, scenes)
+        with _counting("finding objects") as shown:
+            tried = try_out(detector, scenes, lambda done: shown(done, len(scenes)))
+        report.show_tried(detector, tried, json)
     elif recording is not None:
-        _find(detector, recording, out, json)
-
-
-def _measure(detector: Detector, folder: Path, as_json: bool) -> None:
-    from neuro_recognise.detection import report
-    from neuro_recognise.detection.measures import try_out
-    from neuro_recognise.detection.scenes import Scenes
-
-    scenes = Scenes(folder)
-    report.check_classes(detector.recogniser.classes, scenes)
-    with _counting("finding objects") as shown:
-        tried = try_out(detector, scenes, lambda done: shown(done, len(scenes)))
-    report.show_tried(detector, tried, as_json)
-
-
-def _find(detector: Detector, recording: Path, out: Path | None, as_json: bool) -> None:
-    from neuro.events import load
-    from neuro_recognise.detection import report
-
-    if out is not None:
-        report.check_ending(out)
-    events = load(recording)
-    boxes = detector.detect(events)
-    if out is not None:
-        report.write_found(out, events, boxes, detector.recogniser.classes, recording.name)
-    report.show_found(boxes, detector.recogniser.classes, as_json)
-
-
-def _size(text: str) -> Any:
-    """Width and height."""
-    sides = text.lower().split("x")
-    if len(sides) != 2 or not all(side.isdecimal() and int(side) for side in sides):
-        raise typer.BadParameter(f"'{text}': expected width and height such as 100x80", param_hint="'--sensor'")
-    return tuple(int(side) for side in sides)
+        if out is not None:
+            report.check_ending(out)
+        events = load(recording)
+        boxes = detector.detect(events)
+        if out is not None:
+            report.write_found(out, events, boxes, classes, recording.name)
+        report.show_found(boxes, classes, json)

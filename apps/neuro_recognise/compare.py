@@ -7,41 +7,26 @@ FOLDER/table.md, compare.html   all that is there
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, islice
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from neuro import ModelError
-from neuro.apps import (
-    Evaluation,
-    Unwritable,
-    check_output,
-    evaluate,
-    find_backend,
-    kept_json,
-    make_folder,
-    provenance,
-    sealed,
-    side_by_side,
-    write_text,
-)
+from neuro import ModelError, apps
+from neuro.chips import COLUMNS, cells
 from neuro.events import EventFileError, Recordings
-from neuro_recognise.code import code_of
-from neuro_recognise.evaluate import price
-from neuro_recognise.method import Answer, Method, Progress, choose
+from neuro_recognise.energy import price
+from neuro_recognise.method import Method, Progress, choose
 from neuro_recognise.methods import METHODS, method_of
-from neuro_recognise.observations import observe
+from neuro_recognise.observations import code_of, observe
 from neuro_recognise.recogniser import field_of, learn
 from neuro_recognise.shown import Features, Ints
 
-FORMAT = "neuro recognise fold 1"
-RESULT = sealed("a result of 'neuro recognise compare'", f'"format": "{FORMAT}"', ', "digest": "{}"')
+RESULTS = apps.JobResults("a result of 'neuro recognise compare'", "neuro recognise fold 1")
 TIMED = 20
 """Recordings that are observed anew to measure how long that takes."""
 
@@ -81,10 +66,6 @@ class MethodComparison:
     backend: str = "event"
     jobs: int | None = None
 
-    def runs(self, method: Method) -> str:
-        """What a method is run on; "event", which is not asked, for one without a network."""
-        return self.backend if method.spikes else "event"
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compared:
@@ -103,8 +84,8 @@ class Compared:
     """
 
     contestant: Contestant
-    of_seeds: tuple[Evaluation, ...] = ()
-    votes: Mapping[str, tuple[Evaluation, ...]] | None = None
+    of_seeds: tuple[apps.Evaluation, ...] = ()
+    votes: Mapping[str, tuple[apps.Evaluation, ...]] | None = None
     observe_ms: float = float("nan")
     train_s: float = float("nan")
     answer_ms: float = float("nan")
@@ -139,7 +120,7 @@ def contestants(names: Sequence[str] = ()) -> tuple[Contestant, ...]:
 def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress], None]) -> list[Compared]:
     """Train and test all; what is in the folder already is not done again.
 
-    Folds are done side by side in processes of their own, see `neuro.apps.side_by_side`.
+    Folds are done side by side in processes of their own, see `neuro.apps.grid`.
 
     Args:
         data: labelled recordings.
@@ -153,114 +134,122 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
         EventFileError: a recording is damaged, or all are of one class.
         ModelError: there is no such backend, a file in the folder is not ours, or there are too few recordings.
     """
-    find_backend(plan.backend)
+    apps.find_backend(plan.backend)
     field, folds = field_of(data), {seed: data.folds(plan.folds, seed=seed) for seed in plan.seeds}
-    make_folder(plan.folder)
+    apps.make_folder(plan.folder)
     fingerprint = data.fingerprint()
 
-    def looked(one: Contestant) -> tuple[Contestant, Features | str]:
-        """A method that fits the recordings, and what they show to it; or why it cannot be run."""
+    def look(name: str, done: int, total: int) -> None:
+        report(Progress(f"{name}: looking", done, total))
 
-        def look(done: int, n: int) -> None:
-            report(Progress(f"{one.name}: looking", done, n))
-
+    jobs: list[Fold] = []
+    seen: list[Contestant] = []
+    refused: dict[int, str] = {}
+    for number, one in enumerate(plan.contestants):
         try:
             fitting = Contestant(one.name, one.method.fitting(field))
-            return fitting, observe(fitting.method, data, fingerprint=fingerprint, report=look)
-        except (EventFileError, Unwritable):
+            seen.append(fitting)
+            shown = observe(fitting.method, data, fingerprint=fingerprint, report=partial(look, one.name))
+        except (EventFileError, apps.Unwritable):
             raise
         except ModelError as error:
-            return one, _reason(error)
+            seen[number:] = [one]
+            refused[number] = _reason(error)
+            continue
+        jobs += [
+            _fold_of(number, fitting, shown, fingerprint[:32], (seed, k), parts, plan)
+            for seed in plan.seeds
+            for k, parts in enumerate(folds[seed])
+        ]
+    done = 0
 
-    def compared(one: Contestant, shown: Features | str, runs: Sequence[Mapping[str, Any]]) -> Compared:
-        """One that cannot be run, as its extra is missing or the recordings do not suit it, says so."""
-        refused = shown if isinstance(shown, str) else next((each["refused"] for each in runs if "refused" in each), "")
-        if refused or isinstance(shown, str):
-            return Compared(one, refused=refused)
-        return _summary(one, runs, shown, plan, _observing_ms(one.method, data))
+    def tell(message: tuple[str, Progress | None] | None) -> None:
+        nonlocal done
+        name, progress = message or ("", None)
+        done += progress is None
+        if message is not None:
+            alone = progress or Progress("", done, len(jobs))
+            among = (done, len(jobs)) if len(jobs) > 1 else None
+            report(replace(alone, what=f"{name}: {alone.what}" if alone.what else name, among=among))
 
-    seen = [looked(one) for one in plan.contestants]
-    jobs = [
-        [_fold_of(one, shown, fingerprint[:32], (seed, k), parts, plan) for seed in plan.seeds
-         for k, parts in enumerate(folds[seed])] if isinstance(shown, Features) else []
-        for one, shown in seen
-    ]  # fmt: skip
-    results = iter(_told(list(chain(*jobs)), plan.jobs, report))
-    return [compared(*one, list(islice(results, len(mine)))) for one, mine in zip(seen, jobs, strict=True)]
+    results = apps.grid(RESULTS, jobs, plan.jobs, tell)
+    found = []
+    for number, one in enumerate(seen):
+        mine = [result for job, result in zip(jobs, results, strict=True) if job.contestant == number]
+        why = refused.get(number, "") or next((each["refused"] for each in mine if "refused" in each), "")
+        if why:  # its extra is missing, or the recordings do not suit it
+            found.append(Compared(one, refused=why))
+        else:
+            found.append(_summary(one, mine, data, plan))
+    return found
 
 
 def _reason(error: ModelError) -> str:
-    """What is wrong in one line, without the way out."""
+    """Return what is wrong in one line, without the way out."""
     return ": ".join(one.alone() for one in (error, *error.others))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fold:
-    """A training and its test.
+    """A training and its test, a job of `neuro.apps.grid`.
 
     Attributes:
+        contestant: number of the method.
         name: for people.
         method: with its settings.
         shown: what all recordings show to it.
         others, mine: recordings to learn from, and to test.
-        of: what its result is of, as plain data.
-        backend: runs networks.
-        targets: for which it is priced.
+        of: all that its result follows from, as plain data.
         file: of its result.
     """
 
+    contestant: int
     name: str
     method: Method
     shown: Features
     others: Ints
     mine: Ints
     of: Mapping[str, Any]
-    backend: str
-    targets: tuple[str, ...]
     file: Path
 
-    def kept(self) -> dict[str, Any]:
-        """Its result, if it is there; else nothing."""
-        kept = kept_json(self.file)
-        there = kept.get("of") == json.loads(json.dumps(self.of)) and _priced(kept, self.targets)
-        return kept if there else {}
-
-    def run(self, report: Callable[[_Said], None]) -> dict[str, Any]:
-        """Train and test; gives the result as plain data, or why it cannot be run."""
-        check_output(self.file, RESULT)
+    def work(self, report: Callable[[tuple[str, Progress | None]], None]) -> dict[str, Any]:
+        """Train and test; the result as plain data, or why it cannot be run."""
+        backend, seed, began = self.of["backend"], self.of["seed"], time.process_time()
+        words: Any = {"seed": seed, "backend": backend, "report": lambda progress: report((self.name, progress))}
         try:
-            kept = self._learnt_and_tested(report)
-        except (EventFileError, Unwritable):
+            made = learn(self.method, self.shown.take(self.others), self.of["data"], **words)
+            trained = time.process_time()
+            answer = made.answer_shown(self.shown.take(self.mine), backend)
+        except (EventFileError, apps.Unwritable):
             raise
         except ModelError as error:
-            kept = {"refused": _reason(error)}
-        else:
-            write_text(self.file, json.dumps(kept, indent=1), RESULT)
-        report((self.name, None))
-        return kept
-
-    def _learnt_and_tested(self, report: Callable[[_Said], None]) -> dict[str, Any]:
-        began = time.process_time()
-        made = learn(
-            self.method, self.shown.take(self.others), self.of["data"], seed=self.of["seed"], backend=self.backend,
-            report=lambda progress: report((self.name, progress)),
-        )  # fmt: skip
-        trained = time.process_time()
-        answer = made.answer_shown(self.shown.take(self.mine), self.backend)
+            report((self.name, None))
+            return {"refused": _reason(error)}
         ended = time.process_time()
-        decided = {vote: choose(scores).tolist() for vote, scores in answer.votes.items()}
-        record = provenance(backend=self.backend, seed=self.of["seed"])
-        kept = {"format": FORMAT, "of": dict(self.of), "provenance": record, "tested": self.mine.tolist()}
-        kept |= {"decided": choose(answer.scores).tolist(), "votes": decided}
-        kept |= {"train_s": trained - began, "answer_ms": 1000.0 * (ended - trained) / len(self.mine)}
-        return kept | {"bills": _bills(answer, len(self.mine), self.targets)}
-
-
-_Said = tuple[str, Progress | None]
-"""A fold, and how far it is; None when it is done."""
+        bills: dict[str, Any] | None = None
+        if answer.run is not None:
+            bills, run = {}, answer.run()
+            for target in self.of.get("targets", ()):
+                try:
+                    priced = price(run, len(self.mine), [target], answer.neurons_per_core, answer.duration_s)
+                    bills |= {name: bill.as_dict() for name, bill in priced.bills.items()}
+                    bills |= {name: {"refused": why} for name, why in priced.refused.items()}
+                except ModelError as error:
+                    bills[target] = {"refused": _reason(error)}
+        report((self.name, None))
+        return {
+            "provenance": apps.provenance(backend=backend, seed=seed),
+            "tested": self.mine.tolist(),
+            "decided": choose(answer.scores).tolist(),
+            "votes": {vote: choose(scores).tolist() for vote, scores in answer.votes.items()},
+            "train_s": trained - began,
+            "answer_ms": 1000.0 * (ended - trained) / len(self.mine),
+            "bills": bills,
+        }
 
 
 def _fold_of(
+    number: int,
     contestant: Contestant,
     shown: Features,
     digest: str,
@@ -269,57 +258,22 @@ def _fold_of(
     plan: MethodComparison,
 ) -> Fold:
     (seed, fold), method = which, contestant.method
-    backend, targets = plan.runs(method), plan.targets if which == (plan.seeds[0], 0) else ()
-    of: dict[str, Any] = {"method": method.called(), "settings": method.as_words(), "code": code_of(method)}
-    of |= {"data": digest, "backend": backend, "seed": seed, "fold": fold, "folds": plan.folds}
+    of: dict[str, Any] = {
+        "method": method.called(),
+        "settings": method.as_words(),
+        "code": code_of(method),
+        "data": digest,
+    }
+    of |= {"backend": plan.backend if method.spikes else "event", "seed": seed, "fold": fold, "folds": plan.folds}
+    if method.spikes and which == (plan.seeds[0], 0):  # the bills of one fold are enough
+        of["targets"] = list(plan.targets)
     name = f"{contestant.name}, seed {seed}, fold {fold + 1} of {plan.folds}"
     file = plan.folder / f"{contestant.name.replace(':', '-').replace('/', '_')}-{seed}-{fold}.json"
-    return Fold(name, method, shown, *parts, of, backend, targets, file)
-
-
-def _told(folds: Sequence[Fold], processes: int | None, report: Callable[[Progress], None]) -> list[dict[str, Any]]:
-    """The results of all folds; those that are not there are done now, side by side."""
-    kept = {number: found for number, fold in enumerate(folds) if (found := fold.kept())}
-    left = [number for number in range(len(folds)) if number not in kept]
-    done = len(kept)
-
-    def tell(said: _Said) -> None:
-        nonlocal done
-        name, progress = said
-        done += progress is None
-        alone = Progress("", done, len(folds)) if progress is None else progress
-        among = (done, len(folds)) if len(folds) > 1 else None
-        report(replace(alone, what=f"{name}: {alone.what}" if alone.what else name, among=among))
-
-    for number, found in zip(left, side_by_side(Fold.run, [folds[k] for k in left], processes, tell), strict=True):
-        kept[number] = found
-    return [kept[number] for number in range(len(folds))]
-
-
-def _bills(answer: Answer, recordings: int, targets: Iterable[str]) -> dict[str, Any] | None:
-    """By target joules and seconds of a recording, or why it cannot be priced; None without a network."""
-    if answer.run is None:
-        return None
-    bills: dict[str, Any] = {}
-    run = answer.run()
-    for target in targets:
-        try:
-            priced = price(run, recordings, [target], answer.neurons_per_core, answer.duration_s)
-            bills |= {name: bill.as_dict() for name, bill in priced.bills.items()}
-            bills |= {name: {"refused": why} for name, why in priced.refused.items()}
-        except ModelError as error:
-            bills[target] = {"refused": _reason(error)}
-    return bills
-
-
-def _priced(kept: Mapping[str, Any], targets: Iterable[str]) -> bool:
-    """Return whether a result has a bill for each target, if it has any, and not one of an earlier form."""
-    bills = kept["bills"]
-    return bills is None or all({"missing", "refused"} & set(bills.get(target, ())) for target in targets)
+    return Fold(number, name, method, shown, *parts, of, file)
 
 
 def _observing_ms(method: Method, data: Recordings) -> float:
-    """How long a recording is looked at, measured anew on some, after one that compiles what is needed."""
+    """Measure how long a recording is looked at, anew on some, after one that compiles what is needed."""
     events = [item.load() for item in data[:TIMED]]
     method.observe(events[0])
     began = time.process_time()
@@ -329,27 +283,151 @@ def _observing_ms(method: Method, data: Recordings) -> float:
 
 
 def _summary(
-    contestant: Contestant,
-    results: Sequence[Mapping[str, Any]],
-    shown: Features,
-    plan: MethodComparison,
-    observe_ms: float,
+    contestant: Contestant, results: Sequence[Mapping[str, Any]], data: Recordings, plan: MethodComparison
 ) -> Compared:
-    """What came of all folds."""
+    """Join the results of all folds."""
     seeds = [[one for one in results if one["of"]["seed"] == seed] for seed in plan.seeds]
 
-    def of_seed(parts: Sequence[Mapping[str, Any]], vote: str = "") -> Evaluation:
-        decided = np.full(len(shown), -1, np.int64)
-        for part in parts:
-            decided[part["tested"]] = part["votes"][vote] if vote else part["decided"]
-        return evaluate(decided, shown.labels, shown.classes)
+    def of_seed(decisions: Sequence[tuple[list[int], list[int]]]) -> apps.Evaluation:
+        decided = np.full(len(data), -1, np.int64)
+        for tested, labels in decisions:
+            decided[tested] = labels
+        return apps.evaluate(decided, data.labels, data.classes)
 
+    votes = {
+        vote: tuple(of_seed([(one["tested"], one["votes"][vote]) for one in parts]) for parts in seeds)
+        for vote in results[0]["votes"]
+    }
     return Compared(
         contestant,
-        tuple(of_seed(parts) for parts in seeds),
-        {vote: tuple(of_seed(parts, vote) for parts in seeds) for vote in results[0]["votes"]},
-        observe_ms,
+        tuple(of_seed([(one["tested"], one["decided"]) for one in parts]) for parts in seeds),
+        votes,
+        _observing_ms(contestant.method, data),
         float(np.mean([one["train_s"] for one in results])),
         float(np.mean([one["answer_ms"] for one in results])),
-        None if results[0]["bills"] is None else {target: results[0]["bills"][target] for target in plan.targets},
+        results[0]["bills"],
     )
+
+
+PAGE = apps.sealed(
+    "a page of 'neuro recognise compare'",
+    '<meta name="generator" content="neuro recognise compare">',
+    "<!-- digest {} -->",
+)
+TABLE = apps.sealed("a table of 'neuro recognise compare'", "<!-- neuro recognise compare -->", "<!-- digest {} -->")
+HEAD = ("method", "runs on", ">accuracy", ">95 % interval", "other votes", ">look, ms", ">train, s", ">decide, ms")
+ABOUT = (
+    "Networks run on a backend, the other methods on none. "
+    "Accuracy is that of all recordings, each decided by what was learnt from the other folds; after it the deviation "
+    "between seeds. The interval is Wilson's, of one seed's recordings. Times are of one core: to look at a recording, "
+    "to learn from the other folds, to decide on a recording that was looked at."
+)
+BILLS = ("method", "chip", *COLUMNS)
+BILL = (
+    "Joules of a recording: what the network does, and what the chip takes while it does; the host that turns events "
+    "into its input is not in the bill. Counts times published figures, in brackets the range of these. The chip is on "
+    "for as long as it works, or, in real time, for as long as the recording lasts. A total behind > lacks costs for "
+    "which no figure is published: static power, or learning."
+)
+
+
+def show(found: Sequence[Compared], plan: MethodComparison) -> None:
+    """Print the table."""
+    out = apps.console()
+    out.print(apps.table(HEAD, [_row(one, plan) for one in found]))
+    if bills := list(_bills(found)):
+        out.print(apps.table(BILLS, bills, title="joules of a recording"))
+    for one in found:
+        if one.refused:
+            print(f"- {one.contestant.name}: {one.refused}")
+    for line in _unpriced(found):
+        print(f"- {line}")
+
+
+def write(found: Sequence[Compared], plan: MethodComparison, data: str) -> tuple[Path, Path]:
+    """Write the table and the page into the folder.
+
+    Args:
+        found: of each method.
+        plan: what was compared.
+        data: what on, for the title.
+
+    Returns:
+        The files.
+    """
+    markdown, page = plan.folder / "table.md", plan.folder / "compare.html"
+    text = _markdown(HEAD, [_row(one, plan) for one in found])
+    if bills := list(_bills(found)):
+        text += "\nJoules of a recording:\n\n" + _markdown(BILLS, bills)
+    if unpriced := list(_unpriced(found)):
+        text += "\n" + "".join(f"- {line}\n" for line in unpriced)
+    apps.write_text(markdown, f"<!-- neuro recognise compare -->\n\n{text}", TABLE)
+    apps.write_text(
+        page, apps.html.page("neuro recognise compare", f"Recognisers on {data}", _parts(found, plan, data)), PAGE
+    )
+    return markdown, page
+
+
+def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table as Markdown; a head that begins with > stands over numbers."""
+    rule = ["---:" if name.startswith(">") else "---" for name in head]
+    return "".join(f"| {' | '.join(row)} |\n" for row in ([name.lstrip(">") for name in head], rule, *rows))
+
+
+def _parts(found: Sequence[Compared], plan: MethodComparison, data: str) -> Iterator[Any]:
+    from neuro_recognise.telling.pictures import accuracies, confusion
+
+    html, tag, ran = apps.html, apps.html.tag, [one for one in found if one.of_seeds]
+    n = ran[0].of_seeds[0].n if ran else 0
+    yield tag("h1", "Recognisers side by side")
+    seeds = f"{len(plan.seeds)} seed" + ("s" if len(plan.seeds) > 1 else "")
+    yield tag("p", f"{n} recordings of {data}, {plan.folds} folds, {seeds}.", class_="lead")
+    if ran:
+        yield html.picture(accuracies([(one.contestant.name, one.of_seeds) for one in ran]), "accuracy of each method")
+    yield html.table(HEAD, [_row(one, plan) for one in found])
+    yield tag("p", ABOUT)
+    if bills := list(_bills(found)):
+        yield tag("h2", "Joules of a recording")
+        yield html.table(BILLS, bills)
+        yield tag("p", BILL)
+    if unpriced := list(_unpriced(found)):
+        yield tag("ul", *(tag("li", line) for line in unpriced))
+    if refused := [one for one in found if one.refused]:
+        yield tag("h2", "What could not be run")
+        yield tag("ul", *(tag("li", f"{one.contestant.name}: {one.refused}") for one in refused))
+    yield tag("h2", "What is taken for what")
+    cards = []
+    for one in ran:
+        name = one.contestant.name
+        picture = html.picture(confusion(one.of_seeds[0]), f"confusion of {name}, seed {plan.seeds[0]}")
+        cards.append(tag("div", tag("h3", name), tag("p", one.contestant.method.title), picture))
+    yield tag("div", *cards, class_="cards")
+
+
+def _row(one: Compared, plan: MethodComparison) -> tuple[str, ...]:
+    runs = plan.backend if one.contestant.method.spikes else "-"
+    if not one.of_seeds:
+        return (one.contestant.name, runs, "not run", *[""] * (len(HEAD) - 3))
+    spread = "" if np.isnan(one.spread) else f" ± {100 * one.spread:.1f}"
+    n = one.of_seeds[0].n
+    low, high = apps.wilson(round(one.accuracy * n), n)
+    votes = {vote: np.mean([found.accuracy for found in each]) for vote, each in (one.votes or {}).items()}
+    text = ", ".join(f"{vote} {100 * share:.1f}" for vote, share in votes.items())
+    shares = (f"{100 * one.accuracy:.1f}{spread} %", f"{100 * low:.0f} - {100 * high:.0f}", text or "-")
+    return one.contestant.name, runs, *shares, *(f"{took:.2g}" for took in (one.observe_ms, one.train_s, one.answer_ms))
+
+
+def _bills(found: Sequence[Compared]) -> Iterator[tuple[str, ...]]:
+    """Of each network the bill on each target; a refusal in its place."""
+    for one in found:
+        for target, bill in (one.bills or {}).items():
+            refused = ("refused", *["-"] * (len(COLUMNS) - 1))
+            yield one.contestant.name, target, *(refused if bill.get("refused") else cells(bill))
+
+
+def _unpriced(found: Sequence[Compared]) -> Iterator[str]:
+    """Networks that a target refuses, and why."""
+    for one in found:
+        for target, bill in (one.bills or {}).items():
+            if bill.get("refused"):
+                yield f"{target} refuses {one.contestant.name}: {bill['refused']}"

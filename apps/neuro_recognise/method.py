@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from neuro.apps import Checkpoint
 
 
+SPLITS = "chosen on splits of N-MNIST's training recordings, which its accuracies are of, too"
+"""Source of a value that was chosen by what was reported afterwards, not on recordings apart."""
+
+
 Learnt: TypeAlias = Mapping[str, Array | str]
 """What training gives: arrays and texts by name, all that answering needs beside the settings."""
 
@@ -175,6 +179,7 @@ class Method(Settings):
         changeable: settings that may be changed after training, since what was learnt goes with any of their values.
         by_moment: whether beginnings of recordings have to be learnt apart to decide early, since what is seen of a
             beginning differs from what is seen of the whole.
+        unobserved: settings that what is observed does not depend on, such as those of learning.
         presets: other settings by name, as values that differ; the first, without a name, are the defaults.
         measured: accuracy by data set, as text; docs/reference/recognisers.md has the commands.
     """
@@ -185,6 +190,7 @@ class Method(Settings):
     spikes: ClassVar[bool] = False
     changeable: ClassVar[tuple[str, ...]] = ()
     by_moment: ClassVar[bool] = False
+    unobserved: ClassVar[tuple[str, ...]] = ()
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     measured: ClassVar[Mapping[str, str]] = {}
 
@@ -277,9 +283,9 @@ class Method(Settings):
         """The settings that a training under way cannot change, as plain data."""
         return self.as_words()
 
-    @abstractmethod
     def observing(self) -> Mapping[str, Any]:
         """The settings that `observe` depends on, as plain data: equal ones give the same evidence."""
+        return {name: value for name, value in self.as_words().items() if name not in self.unobserved}
 
     @abstractmethod
     def observe(self, events: Events) -> Evidence:

@@ -8,6 +8,7 @@ import platform
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace as with_changes
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -19,13 +20,10 @@ from neuro import ModelError
 from neuro.apps import Checkpoint, check_output, hdf5, provenance, record_input
 from neuro.events import EventFileError, Events, Recordings
 from neuro.events.dataset import UNKNOWN
-from neuro_recognise.code import code_of
-from neuro_recognise.deciding.held import Early, part_of
-from neuro_recognise.deciding.session import WINDOW_MS, Session
-from neuro_recognise.deciding.stopping import ASSURANCE, stopping_rule
+from neuro_recognise.deciding import ASSURANCE, WINDOW_MS, Early, Session, part_of, stopping_rule
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, choose
 from neuro_recognise.methods import method_of
-from neuro_recognise.observations import observe, observed
+from neuro_recognise.observations import code_of, observe, observed
 from neuro_recognise.shown import Evidence, Features, Floats, Ints, unlabelled
 
 Training: TypeAlias = Mapping[str, Any]
@@ -74,20 +72,13 @@ def check_same(out: Path, there: tuple[Method, Training], now: tuple[Method, Tra
     Raises:
         ModelError: with the first thing that differs.
     """
-    before, after = (_words(*one) for one in (there, now))
+    before, after = ({"method": one.called(), **one.as_words(), **training} for one, training in (there, now))
     for name in before | after:
-        if before.get(name) != after.get(name):
-            what = OTHER.get(name, f"{name} = {_word(before.get(name))}: found {_word(after.get(name))} now")
+        values = before.get(name), after.get(name)
+        if values[0] != values[1]:
+            was, found = (next(iter(value)) if isinstance(value, dict) else value for value in values)  # a part's name
+            what = OTHER.get(name, f"{name} = {was}: found {found} now")
             raise ModelError(f"{out}: a recogniser that was trained with {what}", hint=REPLACE)
-
-
-def _words(method: Method, training: Training) -> dict[str, Any]:
-    return {"method": method.called(), **method.as_words(), **training}
-
-
-def _word(value: Any) -> str:
-    """A value, or the name of a part."""
-    return next(iter(value)) if isinstance(value, dict) else str(value)
 
 
 AT_MOST = 4
@@ -245,8 +236,14 @@ class Recogniser:
         every = _microseconds("every_ms", every_ms)
         window = _microseconds("window_ms", seen if window_ms is None else window_ms)
         gap = None if gap_ms is None else _microseconds("gap_ms", gap_ms)
-        rule = None if allow is None else stopping_rule(self._early().held, allow, assurance)
-        held = self.early.held if self.early else None
+        held, rule = self.early.held if self.early else None, None
+        if allow is not None and held is None:
+            raise neuro.ModelError(
+                "the recogniser has not learnt when it may stop",
+                hint="learn_early, or 'neuro recognise early MODEL --data FOLDER'",
+            )
+        if allow is not None and held is not None:
+            rule = stopping_rule(held, allow, assurance)
         return Session(self.method.observer, self._asked(backend), every, window, gap, held, rule)
 
     def _asked(self, backend: str) -> Callable[[int, Evidence], Floats]:
@@ -258,14 +255,6 @@ class Recogniser:
             return scores
 
         return ask
-
-    def _early(self) -> Early:
-        if self.early is None:
-            raise neuro.ModelError(
-                "the recogniser has not learnt when it may stop",
-                hint="learn_early, or 'neuro recognise early MODEL --data FOLDER'",
-            )
-        return self.early
 
     def answer(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Answer:
         """Scores, those of other votes, and what it took to find them. Arguments and errors as of `scores`."""
@@ -296,7 +285,7 @@ class Recogniser:
                      neuro, python, numpy and numba
         /classes     names of the classes
         /learnt      arrays and texts by name, as the method gives them
-        /early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.deciding.held`
+        /early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.deciding`
         ```
 
         Raises:
@@ -369,16 +358,12 @@ def fit(
     fixed, fingerprint, tell = settled(chosen, data), data.fingerprint(), report or (lambda progress: None)
     digest = digest_of(fingerprint)
     training = training_record(fixed, digest, len(data), seed, backend)
-    # what stands in the way, or is done already, shows before long work
-    if out is not None and (made := _made(out, fixed, training, replace)) is not None:
-        _checkpoint(out, fixed, training).remove()
-        return made
 
     def look(done: int, n: int) -> None:
         tell(Progress("looking at recordings", done, n))
 
-    shown = observe(fixed, data, fingerprint=fingerprint, cache=cache, report=look)
-    return _learn(fixed, shown, training, Course(seed, backend, None, tell), out)
+    shown = partial(observe, fixed, data, fingerprint=fingerprint, cache=cache, report=look)
+    return _learn(fixed, shown, training, Course(seed, backend, None, tell), out, replace)
 
 
 def learn(
@@ -409,40 +394,39 @@ def learn(
     """
     method.check_backend(backend)
     training = training_record(method, digest, len(shown), seed, backend)
-    if out is not None and (made := _made(out, method, training, replace)) is not None:
-        _checkpoint(out, method, training).remove()
-        return made
-    return _learn(method, shown, training, Course(seed, backend, None, report), out)
+    return _learn(method, lambda: shown, training, Course(seed, backend, None, report), out, replace)
 
 
-def _learn(method: Method, shown: Features, training: Training, course: Course, out: Path | None) -> Recogniser:
-    """Train, and write to `out` what was learnt; what is reached is kept beside it until then."""
-    if out is None:
-        return Recogniser(method, shown.classes, method.fit(shown, course), training)
-    checkpoint = _checkpoint(out, method, training)
-    made = Recogniser(method, shown.classes, method.fit(shown, with_changes(course, checkpoint=checkpoint)), training)
-    made.save(out)
-    checkpoint.remove()
-    return made
-
-
-def _checkpoint(out: Path, method: Method, training: Training) -> Checkpoint:
-    asked = {"method": method.called(), "settings": method.fixed(), **training}
-    return Checkpoint(out, "neuro recogniser training 1", asked)
-
-
-def _made(out: Path, method: Method, training: Training, replace: bool) -> Recogniser | None:
-    """The finished recogniser of this very training, if it is there.
+def _learn(
+    method: Method,
+    look: Callable[[], Features],
+    training: Training,
+    course: Course,
+    out: Path | None,
+    replace: bool,
+) -> Recogniser:
+    """Train on what `look` gives, and write what was learnt to `out`; what is reached is kept beside it until then.
 
     Raises:
         ModelError: `out` cannot be written, or is of another training that is not to be replaced.
     """
+    if out is None:
+        shown = look()
+        return Recogniser(method, shown.classes, method.fit(shown, course), training)
+    asked = {"method": method.called(), "settings": method.fixed(), **training}
+    checkpoint = Checkpoint(out, "neuro recogniser training 1", asked)
+    # what stands in the way, or is done already, shows before long work
     check_output(out, hdf5.kind(FORMAT))
-    if replace or not hdf5.has_format(out, FORMAT):
-        return None
-    there = Recogniser.load(out)
-    check_same(out, (there.method, there.training), (method, training))
-    return there
+    if not replace and hdf5.has_format(out, FORMAT):
+        made = Recogniser.load(out)
+        check_same(out, (made.method, made.training), (method, training))
+    else:
+        shown = look()
+        learnt = method.fit(shown, with_changes(course, checkpoint=checkpoint))
+        made = Recogniser(method, shown.classes, learnt, training)
+        made.save(out)
+    checkpoint.remove()
+    return made
 
 
 def _microseconds(name: str, value: float) -> int:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeAlias, TypeVar, overload
 
 import numpy as np
@@ -21,11 +21,18 @@ T = TypeVar("T")
 
 
 class Lazy(Sequence[T]):
-    """A sequence whose items are made when they are asked for."""
+    """A sequence whose items are made when they are asked for.
 
-    @abstractmethod
-    def item(self, k: int) -> T:
-        """That of a number from 0 on."""
+    Args:
+        size: the number of items.
+        item: makes that of a number from 0 on; other processes can be given one that can be pickled.
+    """
+
+    def __init__(self, size: int, item: Callable[[int], T]) -> None:
+        self._size, self.item = size, item
+
+    def __len__(self) -> int:
+        return self._size
 
     @overload
     def __getitem__(self, index: int) -> T: ...
@@ -73,7 +80,8 @@ class Features:
         """Some of the recordings, in the order given."""
         indices = np.asarray(chosen if isinstance(chosen, np.ndarray) else list(chosen), np.int64)
         names = tuple(self.names[k] for k in indices)
-        return replace(self, evidence=_Taken(self.evidence, indices), labels=self.labels[indices], names=names)
+        evidence = Lazy(len(indices), partial(_taken, self.evidence, indices))
+        return replace(self, evidence=evidence, labels=self.labels[indices], names=names)
 
     def batches(self, size: int) -> Iterator[Features]:
         """All recordings, so many at a time; of none one empty batch."""
@@ -103,15 +111,5 @@ def unlabelled(evidence: Sequence[Evidence], classes: tuple[str, ...]) -> Featur
     return Features(evidence, np.full(len(evidence), -1, np.int64), tuple(map(str, range(len(evidence)))), classes)
 
 
-class _Taken(Lazy[Evidence]):
-    """Some of a sequence."""
-
-    def __init__(self, of: Sequence[Evidence], indices: Ints) -> None:
-        self._of, self._indices = of, indices
-
-    def __len__(self) -> int:
-        return len(self._indices)
-
-    def item(self, k: int) -> Evidence:
-        """That of the other sequence."""
-        return self._of[int(self._indices[k])]
+def _taken(evidence: Sequence[Evidence], indices: Ints, k: int) -> Evidence:
+    return evidence[int(indices[k])]

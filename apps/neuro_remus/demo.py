@@ -14,13 +14,13 @@ from neuro.apps import PRICED, console, html, make_folder, sealed, table, write_
 from neuro.chips import COLUMNS, footnotes
 from neuro.events import Recordings, recordings
 from neuro_models import path
-from neuro_recognise.evaluate import Priced
+from neuro_recognise import energy
+from neuro_recognise.energy import Priced
 from neuro_recognise.methods.gradients import Dense
 from neuro_recognise.recogniser import Recogniser, fit
-from neuro_recognise.telling import energy, report
+from neuro_recognise.telling import report
 from neuro_recognise.telling.pictures import confusion
-from neuro_recognise.telling.report import LearningBar
-from neuro_recognise.telling.tried import Tried, try_out
+from neuro_recognise.telling.report import LearningBar, Tried, try_out
 from neuro_remus.saccades import make_dataset
 
 N_TRAIN, N_TEST = 1500, 500

@@ -4,36 +4,20 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import (
-    NETWORK,
-    Backends,
-    Bar,
-    Clock,
-    NetworkFile,
-    Seed,
-    Set,
-    assignments,
-    at_least,
-    check_output,
-    install,
-    plain,
-    read,
-    resumable,
-    with_settings,
-)
+from neuro import apps
 from neuro_train.plan import TrainingPlan, augmentation, costs
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     import neuro
-    from neuro.events import Recordings
     from neuro_train.data import BatchData
 
 app = typer.Typer(
@@ -49,7 +33,7 @@ Part = Annotated[str, Option("--part", metavar="NAME", help="Of recordings in pa
 Without = Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")]
 Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")]
 Folds = Annotated[
-    int | None, Option(metavar="N", parser=at_least(2), help="Test each Nth on what the others taught instead.")
+    int | None, Option(metavar="N", parser=apps.at_least(2), help="Test each Nth on what the others taught instead.")
 ]
 
 # how it learns, beside the plan
@@ -75,36 +59,40 @@ Budget = Annotated[int, Option(metavar="N", min=1, help="Networks that a search 
 
 
 @app.command()
-@with_settings
+@apps.with_settings
 def train(
-    file: NetworkFile,
+    file: apps.NetworkFile,
     data: Data,
     plan: TrainingPlan,
     out: Out = Path("trained.yaml"),
     part: Part = "Train",
     without: Without = [],  # noqa: B006
     test: Test = None,
-    backends: Backends = "event,loihi,spinnaker",
+    backends: apps.Backends = "event,loihi,spinnaker",
     folds: Folds = None,
     augment: Augment = [],  # noqa: B006
     cost: Cost = [],  # noqa: B006
     search: Search = None,
     budget: Budget = 20,
     html: Html = None,
-    seed: Seed = 0,
+    seed: apps.Seed = 0,
     threads: Threads = 1,
-    set: Set = [],  # noqa: B006
+    set: apps.Set = [],  # noqa: B006
 ) -> None:
     """Train a network on recordings, write it, and test it; after a kill the same command goes on where it was."""
     import neuro
     from neuro import ModelError
 
     if find_spec("torch") is None:
-        raise ModelError("neuro train learns by PyTorch, which is not installed", hint=install("torch"))
+        raise ModelError("neuro train learns by PyTorch, which is not installed", hint=apps.install("torch"))
     import torch
 
+    from neuro.events import recordings
+    from neuro_train import telling
+    from neuro_train.data import but, show
+
     plan = plan.changed({**augmentation(augment), "cost": costs(cost), "seed": seed})
-    net = neuro.load(file, params=assignments(set))
+    net = neuro.load(file, params=apps.assignments(set))
     torch.set_num_threads(threads)
     if plan.loss == "mse":
         classes: Any = {"folds": folds, "search": search, "without": without, "augment": augment, "window": plan.window}
@@ -112,24 +100,32 @@ def train(
         _follow(net, data, test, plan, classes, backends, out, html or out.with_suffix(".html"))
         return
     if search is None:
-        Clock(net.resolution).step(plan.duration, "--for")
+        apps.Clock(net.resolution).step(plan.duration, "--for")
     if folds and test is not None:
         raise ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
     _check_before(net, plan, backends if folds or test else [], out, html)
-    learnt_from = _recordings(data, part, without=without)
-    with resumable():
+    learnt_from, unseen = but(recordings(data, part=part), without), None
+    held_out = None if test is None or search else recordings(test, part="Test", classes=learnt_from.classes)
+    page = html or out.with_suffix(".html")
+    with apps.resumable():
         if search is not None:
             inputs = (file, data, part, without)
-            _search(inputs, net, plan, assignments(set), search, budget, folds, test, out.with_suffix(""))
-        elif folds:
-            _validate(net, learnt_from, folds, plan, backends, out)
+            _search(inputs, net, plan, apps.assignments(set), search, budget, folds, test, out.with_suffix(""))
+            return
+        with apps.Bar() as bar:
+            count = partial(_count, bar)
+            shown = show(net, learnt_from, plan, count)
+            if folds:
+                from neuro_train.search import cross_validate
+
+                parts = learnt_from.folds(folds, seed=plan.seed)
+                results = cross_validate(net, shown, parts, plan, backends, out, count)
+            elif held_out is not None:
+                unseen = show(net, held_out, plan, count, "test on recordings of the sensor of --data")
+        if folds:
+            telling.show_folds(results)
         else:
-            unseen = None if test is None else _recordings(test, "Test", learnt_from.classes)
-            with Bar() as bar:
-                shown, other = _shown(net, learnt_from, plan, bar), None
-                if unseen is not None:
-                    other = _shown(net, unseen, plan, bar, "test on recordings of the sensor of --data")
-            _train(net, shown, other, plan, backends, out, html or out.with_suffix(".html"))
+            _train(net, shown, unseen, plan, backends, out, page)
 
 
 def _follow(
@@ -144,17 +140,15 @@ def _follow(
 ) -> None:
     """One training on targets; `classes` are the options that are for classes alone."""
     from neuro import ModelError
-    from neuro_train.data import check_network
-    from neuro_train.targets import read
+    from neuro_train.data import check_network, read
 
     if wrong := [name for name, value in classes.items() if value]:
         raise ModelError(f"--{wrong[0]}: is for recordings of classes: expected none with --loss mse")
     check_network(net, plan)
-    shown, other = (None if path is None else read(path, net, plan) for path in (data, test))
-    assert shown is not None
+    shown, other = read(data, net, plan), None if test is None else read(test, net, plan)
     plan = replace(plan, duration=shown.events.steps * net.resolution)
     _check_before(net, plan, backends if other else [], out, page)
-    with resumable():
+    with apps.resumable():
         _train(net, shown, other, plan, backends, out, page)
 
 
@@ -169,23 +163,20 @@ def _train(
 ) -> None:
     """One training, its network, its page and its tests."""
     from neuro_train import telling
-    from neuro_train.room import rooms
-    from neuro_train.tested import by_module, on_backend
-    from neuro_train.trainer import begun, learn
+    from neuro_train.tested import train_and_test
+    from neuro_train.trainer import begun
 
-    with Bar() as bar:
+    with apps.Bar() as bar:
+
+        def tell(epoch: int, noted: Mapping[str, float]) -> None:
+            spent = f", {1e6 * noted['joules']:.3g} uJ as fast as the chip can" if noted.get("joules") else ""
+            grade = _grade(plan, noted["right"])
+            bar.show(epoch, plan.epochs, f"epoch {epoch}: loss {noted['loss']:.4g}, {grade}{spent}")
+
         checkpoint = begun(net, out, shown, plan)
-        trained = learn(net, shown, plan, checkpoint, lambda epoch, noted: _tell(bar, plan, epoch, noted))
-        trained.net.save(out)
-        targets = [plan.chip] if plan.bits else []
-        targets += [] if other is None else backends
-        room = [one for target in dict.fromkeys(targets) for one in rooms(trained.net, target, shown, plan)]
-        tried = []
-        if other is not None:
-            bar.say("testing")
-            tried = [by_module(trained.module, other, plan)]
-            words = (other, plan, lambda what, done, n: bar.show(done, n, what))
-            tried += [on_backend(trained.net, backend, *words, room) for backend in backends]
+        chips = ([plan.chip] if plan.bits else []) + ([] if other is None else backends)
+        words = (checkpoint, tell, partial(_count, bar))
+        trained, room, tried = train_and_test(net, out, shown, other, plan, backends, chips, *words)
         telling.write(page, plan, trained, tried, len(shown), room)
         checkpoint.remove()
     telling.show(tried, room)
@@ -197,19 +188,6 @@ def _train(
         typer.echo(f"{plan.epochs} epoch{'s' * (plan.epochs > 1)}: {message}")
     for written in (out, page):
         typer.echo(f"{written}: written")
-
-
-def _validate(
-    net: neuro.Network, data: Recordings, folds: int, plan: TrainingPlan, backends: list[str], out: Path
-) -> None:
-    from neuro_train import telling
-    from neuro_train.folds import cross_validate
-
-    parts = data.folds(folds, seed=plan.seed)
-    with Bar() as bar:
-        shown = _shown(net, data, plan, bar)
-        results = cross_validate(net, shown, parts, plan, backends, out, lambda what, k, n: bar.show(k, n, what))
-    telling.show_folds(results)
 
 
 def _search(
@@ -225,40 +203,32 @@ def _search(
 ) -> None:
     """Networks that differ, and the front of accuracy against joules."""
     from neuro import ModelError
-    from neuro_train import front
+    from neuro_train import telling
     from neuro_train.search import check_optuna, search as ask, space
 
     if test is not None:
         why = "--search with --test: a search tests on recordings of --data that it holds out: expected one of both"
         raise ModelError(why, hint="test a network of its front: neuro train NETWORK --epochs 0 --test ...")
     check_optuna()
-    given = {**plain(read(inputs[0], "a network", "neuro: 1")).get("parameters", {}), **params}
+    given = {**apps.plain(apps.read(inputs[0], "a network", "neuro: 1")).get("parameters", {}), **params}
     varied = space(text, net, plan, given)
-    with Bar() as bar:
+    with apps.Bar() as bar:
         places = ask(*inputs, plan, params, varied, budget, folds, folder, bar.say)
-    files = front.write(folder, places, plan.chip)
-    front.show(places, plan.chip)
+    files = telling.write_front(folder, places, plan.chip)
+    telling.show_front(places, plan.chip)
     for written in files:
         typer.echo(f"{written}: written")
 
 
-def _shown(net: neuro.Network, data: Recordings, plan: TrainingPlan, bar: Bar, *hint: str) -> BatchData:
-    from neuro_train.data import show
-
-    return show(net, data, plan, lambda what, done, n: bar.show(done, n, what), *hint)
-
-
-def _tell(bar: Bar, plan: TrainingPlan, epoch: int, noted: Mapping[str, float]) -> None:
-    spent = f", {1e6 * noted['joules']:.3g} uJ as fast as the chip can" if noted.get("joules") else ""
-    message = f"epoch {epoch}: loss {noted['loss']:.4g}, {_grade(plan, noted['right'])}{spent}"
-    bar.show(epoch, plan.epochs, message)
+def _count(bar: apps.Bar, what: str, done: int, total: int) -> None:
+    bar.show(done, total, what)
 
 
 def _grade(plan: TrainingPlan, share: float) -> str:
     """Return the share of right decisions, or R2, as text."""
     if plan.loss != "mse":
         return f"{share:.1%} right"
-    from neuro_train.targets import r_squared_text
+    from neuro_train.data import r_squared_text
 
     return r_squared_text(share)
 
@@ -272,21 +242,11 @@ def _check_before(net: neuro.Network, plan: TrainingPlan, backends: list[str], o
     from neuro_train.trainer import module_of
 
     check_network(net, plan)
-    check_output(out, NETWORK)
-    check_output(page or out.with_suffix(".html"), PAGE)
+    apps.check_output(out, apps.NETWORK)
+    apps.check_output(page or out.with_suffix(".html"), PAGE)
     module = module_of(net, plan)
     if plan.prune:
         neuro_torch.prune(module, plan.prune)
     for name in backends:
         with warnings.catch_warnings(action="ignore"):  # what a backend warns of is reported when it runs
             neuro.compile(net, backend=name)
-
-
-def _recordings(
-    path: Path, part: str, classes: tuple[str, ...] | None = None, without: Sequence[str] | None = None
-) -> Recordings:
-    from neuro.events import recordings
-    from neuro_train.data import but
-
-    found = recordings(path, part=part, classes=classes)
-    return found if without is None else but(found, without)

@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
 
 import neuro
 from neuro import ModelError
-from neuro.apps import unknown
+from neuro.apps import record_input, unknown
 from neuro.events.dataset import UNKNOWN
 from neuro.events.window import windowed
 from neuro_train.plan import TrainingPlan, corner
 
 if TYPE_CHECKING:
-    from neuro.events import Events as Recorded, Recordings
-    from neuro.events.dataset import Sample
+    from neuro.events import Recordings
     from neuro_torch import Events
 
+
 Ints = npt.NDArray[np.int64]
-Floats = npt.NDArray[np.float64]
 Report = Callable[[str, int, int], None]
 """Called with what is done, how much of it, and of how much."""
 
@@ -123,34 +126,6 @@ def show(
     from neuro_torch import Events
 
     shape = tuple(int(side) for side in net.populations[plan.input].shape)
-    _check_labels(net, data, plan)
-    if plan.window is None:
-        _check_sensor(data, shape, plan, hint)
-    words: Any = {"shape": shape, "step": net.resolution, "duration": plan.duration}
-    words |= {"scale": plan.scale, "start": plan.start}
-    parts = []
-    for k in range(len(data)):
-        parts.append(Events.of_recordings([_seen(data[k], shape, plan)], plan.input, **words))
-        report("reading recordings", k + 1, len(data))
-    events = Events.join(parts)
-    if not events.trains[plan.input].step.size:
-        when = f"{plan.start:g} to {plan.start + plan.duration:g} ms"
-        message = f"{data.path}: no recording has an event from {when}: expected some to learn from"
-        raise ModelError(message, hint="--start and --duration say which part of each recording is used")
-    return BatchData(events, data.labels, data.classes, shape, data.fingerprint()[:32])
-
-
-def _seen(item: Sample, shape: tuple[int, ...], plan: TrainingPlan) -> Recorded:
-    """The events of a recording, those of the window where there is one."""
-    events = item.load()
-    if plan.window is None:
-        return events
-    rows, columns = shape[-2:]
-    size = columns * plan.scale, rows * plan.scale
-    return windowed(events, size, corner(plan.window), plan.start, plan.duration, str(item.path))
-
-
-def _check_labels(net: neuro.Network, data: Recordings, plan: TrainingPlan) -> None:
     if not len(data):
         raise ModelError(f"{data.path}: has no recordings: expected some of each class")
     for item in data:
@@ -163,18 +138,31 @@ def _check_labels(net: neuro.Network, data: Recordings, plan: TrainingPlan) -> N
         raise ModelError(
             f"{message}: expected one for each", hint="give the population as many neurons, such as by --set"
         )
-
-
-def _check_sensor(data: Recordings, shape: tuple[int, ...], plan: TrainingPlan, hint: str) -> None:
-    width, height = data.sensor_size(setting="another shape of the population")
-    rows, columns = (-(-side // plan.scale) for side in (height, width))
-    if shape[-2:] != (rows, columns):
-        seen = f"{width}x{height} px" + (f" by {plan.scale}" if plan.scale > 1 else "")
-        message = (
-            f"--input {plan.input}: shape {list(shape)}: recordings of {seen} have {rows} rows and {columns} columns"
-        )
-        expected = [*shape[:-2], rows, columns]
-        raise ModelError(f"{data.path}: {message}: expected the shape {expected}", hint=hint)
+    if plan.window is None:
+        width, height = data.sensor_size(setting="another shape of the population")
+        rows, columns = (-(-side // plan.scale) for side in (height, width))
+        if shape[-2:] != (rows, columns):
+            seen = f"{width}x{height} px" + (f" by {plan.scale}" if plan.scale > 1 else "")
+            message = f"--input {plan.input}: shape {list(shape)}: recordings of {seen} have {rows} rows"
+            message += f" and {columns} columns"
+            expected = [*shape[:-2], rows, columns]
+            raise ModelError(f"{data.path}: {message}: expected the shape {expected}", hint=hint)
+    words: Any = {"shape": shape, "step": net.resolution, "duration": plan.duration}
+    words |= {"scale": plan.scale, "start": plan.start}
+    parts = []
+    for k in range(len(data)):
+        events = data[k].load()
+        if plan.window is not None:
+            part = corner(plan.window), plan.start, plan.duration, str(data[k].path)
+            events = windowed(events, (shape[-1] * plan.scale, shape[-2] * plan.scale), *part)
+        parts.append(Events.of_recordings([events], plan.input, **words))
+        report("reading recordings", k + 1, len(data))
+    joined = Events.join(parts)
+    if not joined.trains[plan.input].step.size:
+        when = f"{plan.start:g} to {plan.start + plan.duration:g} ms"
+        message = f"{data.path}: no recording has an event from {when}: expected some to learn from"
+        raise ModelError(message, hint="--start and --duration say which part of each recording is used")
+    return BatchData(joined, data.labels, data.classes, shape, data.fingerprint()[:32])
 
 
 def moved(
@@ -207,10 +195,15 @@ def moved(
     if mirror:
         x = np.where((rng.random(events.batch) < mirror)[recording], columns - 1 - x, x)
     if warp:
+        # about the middle, turned by an angle, made larger by a share, and sheared by a share
+        turn, growth, shear = rng.uniform(-warp, warp, (3, events.batch))
+        cos, sin, larger = np.cos(turn), np.sin(turn), 1.0 + growth
+        matrix = larger * (cos + shear * sin), larger * (shear * cos - sin), larger * sin, larger * cos
+        a, b, c, d = (entry[recording] for entry in matrix)
         middle = (columns - 1) / 2, (rows - 1) / 2
-        by = rng.uniform(-warp, warp, (3, events.batch))
-        x, y = _warped(x - middle[0], y - middle[1], by, train.ends)
-        x, y = (np.rint(each + m).astype(np.int64) for each, m in zip((x, y), middle, strict=True))
+        right_of, below = x - middle[0], y - middle[1]
+        x = np.rint(a * right_of + b * below + middle[0]).astype(np.int64)
+        y = np.rint(c * right_of + d * below + middle[1]).astype(np.int64)
     x, y = x + right[recording], y + down[recording]
     inside = (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
     neuron = ((sheet * rows + y) * columns + x)[inside].astype(np.int32)
@@ -221,17 +214,82 @@ def moved(
     return Events.of_trains(events.steps, {population: type(train)(ends, step, neuron)})
 
 
-def _warped(x: Floats, y: Floats, by: Floats, ends: Ints) -> tuple[Floats, Floats]:
-    """Places about the middle, turned by an angle, made larger by a share, and sheared by a share.
+Array = npt.NDArray[Any]
+LARGEST = 1e15
+"""mV; the square of a larger error is not a number of float32."""
+HINT = "numpy.savez(path, spikes=..., targets=...)"
+
+
+def read(path: Path, net: neuro.Network, plan: TrainingPlan) -> BatchData:
+    """Recordings with targets of a ``.npz``.
+
+    Its `spikes` are 0 or 1, (recordings, steps, neurons of the input), also with the axes of its shape; its `targets`
+    are the potentials wanted of the output at the end of each step in mV, (recordings, steps, neurons), NaN where
+    nothing is asked.
+
+    Raises:
+        ModelError: the file cannot be read, lacks one of these, or they do not fit the network.
+    """
+    from neuro_torch import Events
+
+    record_input(path)
+    try:
+        content = path.read_bytes()
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            spikes, targets = file["spikes"], np.asarray(file["targets"], dtype=np.float64)
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror or error}", hint=HINT) from None
+    except (ValueError, TypeError, AttributeError, EOFError, BadZipFile):
+        raise ModelError(f"{path}: is no .npz: expected one of spikes and targets", hint=HINT) from None
+    except KeyError as error:
+        raise ModelError(f"{path}: {error.args[0]}: expected spikes and targets", hint=HINT) from None
+    inward, outward = (tuple(int(side) for side in net.populations[name].shape) for name in (plan.input, plan.output))
+    sizes = int(np.prod(inward)), int(np.prod(outward))
+    for name, found, size in (("spikes", spikes, sizes[0]), ("targets", targets, sizes[1])):
+        if found.ndim >= 2 and not len(found):
+            raise ModelError(f"{path}: {name}: found no recording: expected at least one", hint=HINT)
+        if found.ndim < 3 or not found.shape[1] or found[0, 0].size != size or found.shape[:2] != spikes.shape[:2]:
+            expected = f"(recordings, steps, {size}), as many of both"
+            raise ModelError(f"{path}: {name}: found the shape {found.shape}: expected {expected}", hint=HINT)
+    if (large := np.abs(targets) > LARGEST).any():
+        recording, step = np.argwhere(large)[0][:2]
+        message = f"{path}: targets: recording {recording}, step {step}: found {targets[large][0]:g}"
+        raise ModelError(f"{message}: expected at most {LARGEST:g} mV, or NaN where nothing is asked", hint=HINT)
+    if np.isnan(targets).all():
+        raise ModelError(f"{path}: targets: all are NaN, so nothing is asked: expected some numbers in mV", hint=HINT)
+    if not spikes.any():
+        raise ModelError(f"{path}: spikes: all are 0: expected a recording with an event", hint=HINT)
+    events = Events.of_dense({plan.input: spikes.reshape(*spikes.shape[:2], -1)})
+    digest = hashlib.sha256(content).hexdigest()[:32]
+    wanted = targets.astype(np.float32).reshape(*targets.shape[:2], -1)
+    return BatchData(events, wanted, (), inward, digest)
+
+
+def probe(output: str) -> str:
+    """The name of the probe of what a trained network says."""
+    return f"{output}_V_m"
+
+
+def r_squared(said: Array, wanted: Array) -> float:
+    """Return R2, the explained share of the targets' variance, as the mean over the neurons whose targets vary.
+
+    1 is all of it; the mean of the targets alone has 0. NaN if no neuron's targets vary.
 
     Args:
-        x: of all events, to the right.
-        y: of all events, downwards.
-        by: angle, growth and shear of each recording, (3, recordings).
-        ends: events of recording b are `ends[b] : ends[b + 1]`.
+        said: (..., neurons).
+        wanted: likewise; NaN where nothing is asked.
     """
-    turn, growth, shear = by
-    cos, sin, larger = np.cos(turn), np.sin(turn), 1.0 + growth
-    rows = larger * (cos + shear * sin), larger * (shear * cos - sin), larger * sin, larger * cos
-    a, b, c, d = (np.repeat(row, np.diff(ends)) for row in rows)
-    return a * x + b * y, c * x + d * y
+    wanted = np.asarray(wanted, dtype=np.float64)
+    but = tuple(range(wanted.ndim - 1))
+    asked = ~np.isnan(wanted).all(axis=but)
+    said, wanted = np.asarray(said)[..., asked], wanted[..., asked]
+    varies = np.nanmin(wanted, axis=but) < np.nanmax(wanted, axis=but)
+    said, wanted = said[..., varies], wanted[..., varies]
+    if not wanted.size:
+        return float("nan")
+    return float(np.mean(1.0 - np.nanmean((said - wanted) ** 2, axis=but) / np.nanvar(wanted, axis=but)))
+
+
+def r_squared_text(value: float) -> str:
+    """Return R2 with three digits, or why there is none."""
+    return "no R2 (constant targets)" if np.isnan(value) else f"R2 {value:.3f}"

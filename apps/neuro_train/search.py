@@ -1,8 +1,9 @@
-"""Accuracy against joules on a chip: trainings asked for by `neuro.tune`, and the front learnt anew and tested.
+"""Several trainings of one network: folds of recordings, and accuracy against joules on a chip.
 
-Recordings are divided in parts. The last is held out: only what the front has found is tested on it, once, after it has
-learnt from all the others. A trial learns from all but this one and one more, on which it is judged. What varies is a
-text such as "step,for,hidden=16:64,prune".
+A search has trainings asked for by `neuro.tune`, and its front is learnt anew and tested. Recordings are divided in
+parts. The last is held out: only what the front has found is tested on it, once, after it has learnt from all the
+others. A trial learns from all but this one and one more, on which it is judged. What varies is a text such as
+"step,for,hidden=16:64,prune".
 
 FOLDER/tune.json, journal.log, runs    of `neuro.tune`
 FOLDER/points/NAME.yaml                each trial's network
@@ -13,8 +14,8 @@ FOLDER/front.csv, front.png            the table and the figure
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, fields
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,33 +25,86 @@ import numpy.typing as npt
 
 import neuro
 from neuro import ModelError
-from neuro.apps import fingerprint, install, kept_json, make_folder, sealed, unknown, warn_of_overflows, write_text
-from neuro_train.data import but, show
-from neuro_train.front import SPENT, FrontPlace
+from neuro.apps import JobResults, fingerprint, install, make_folder, unknown, warn_of_overflows
+from neuro_train.data import BatchData, but, show
 from neuro_train.plan import TrainingPlan
-from neuro_train.room import rooms
-from neuro_train.tested import on_backend
+from neuro_train.telling import SPENT, FrontPlace
+from neuro_train.tested import on_backend, rooms, train_and_test
 from neuro_train.trainer import begun, identity, learn, module_of
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
 
+
+FOLD_RESULTS = JobResults("a result of 'neuro train --folds'", "neuro train fold 1")
+
+Fold = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
+
+
+def cross_validate(
+    net: neuro.Network,
+    shown: BatchData,
+    folds: Sequence[Fold],
+    plan: TrainingPlan,
+    backends: Sequence[str],
+    out: Path,
+    report: Callable[[str, int, int], None],
+) -> list[dict[str, Any]]:
+    """Train and test each fold.
+
+    Args:
+        net: the network.
+        shown: all recordings.
+        folds: of each the indices to learn from, and those to test on.
+        plan: settings of each training.
+        backends: to test on, beside what learnt.
+        out: of the networks: fold 1 of trained.yaml is trained-1.yaml, with its figures in trained-1.json.
+        report: called with how far it is.
+
+    Returns:
+        Of each fold `n`, `right` by backend, `equal` decisions by backend, overflows and joules by chip, `room` in
+        registers, and seconds of one core.
+    """
+
+    def of_fold(k: int, parts: Fold) -> dict[str, Any]:
+        name = f"fold {k + 1} of {len(folds)}"
+        own = out.with_name(f"{out.stem}-{k + 1}{out.suffix}")
+        file = own.with_suffix(".json")
+        of = identity(net, shown, plan) | {"fold": name, "backends": list(backends)}
+        if result := FOLD_RESULTS.read(file, of):
+            return result
+        checkpoint, unseen = begun(net, own, shown, plan, name), shown.take(parts[1])
+
+        def tell(epoch: int, noted: Mapping[str, float]) -> None:
+            report(f"{name}: learning, {noted.get('right', 0.0):.1%} right", epoch, plan.epochs)
+
+        trained, room, tried = train_and_test(
+            net, own, shown.take(parts[0]), unseen, plan, backends, backends, checkpoint, tell
+        )
+        figures = {
+            "n": len(unseen),
+            "cpu_s": trained.cpu_s,
+            "right": {one.backend: one.own.correct for one in tried},
+            "equal": {one.backend: one.agrees(tried[0]) for one in tried},
+            "same_spikes": {one.backend: one.same_spikes(tried[0]) for one in tried},
+            "overflows": {one.backend: one.overflows for one in tried if one.overflows},
+            "room": [asdict(one) for one in room],
+            "sent": {one.backend: one.sent for one in tried if one.sent},
+            "bills": {one.backend: one.bill.as_dict() for one in tried if one.bill},
+        }
+        result = FOLD_RESULTS.write(file, of, figures)
+        checkpoint.remove()
+        return result
+
+    return [of_fold(k, parts) for k, parts in enumerate(folds)]
+
+
 Space = dict[str, list[Any]]
 """Values to choose from, by name."""
 
 OF_PLAN = (
-    "prune",
-    "rate",
-    "decay",
-    "slope",
-    "temperature",
-    "warp",
-    "mirror",
-    "epochs",
-    "batch",
-    "bits",
-    "neurons_per_core",
-)
+    "prune", "rate", "decay", "slope", "temperature", "warp", "mirror", "epochs", "batch", "bits", "neurons_per_core",
+)  # fmt: skip
 """Words of a plan that may vary, beside `for`, its duration."""
 
 STEPS = (1, 2, 4)
@@ -75,7 +129,12 @@ def space(text: str, net: neuro.Network, plan: TrainingPlan, given: Mapping[str,
     Raises:
         ModelError: a name is unknown, a value is NaN, or a duration is not a whole number of steps.
     """
-    said = dict(_named(part) for part in text.split(","))
+    said: dict[str, list[float | int]] = {}
+    for part in text.split(","):
+        name, equals, listed = part.strip().partition("=")
+        if not name or (equals and not listed):
+            raise ModelError(f"--search {part}: expected NAME or NAME=VALUE:VALUE", hint=EXAMPLE)
+        said[name] = [_number(name, value) for value in listed.split(":")] if listed else []
     known = ["step", "for", *OF_PLAN, *(name for name in given if name != "resolution")]
     for name in said:
         if name not in known:
@@ -84,9 +143,7 @@ def space(text: str, net: neuro.Network, plan: TrainingPlan, given: Mapping[str,
         message = "--search step: the network's file has no parameter 'resolution'"
         raise ModelError(f"{message}: expected one, as 'neuro train dense' has")
     steps = said.get("step") or [net.resolution * k for k in STEPS] if "step" in said else [net.resolution]
-    found: Space = {}
-    for name, values in said.items():
-        found[name] = values or _usual(name, steps, plan, given)
+    found: Space = {name: values or _usual(name, steps, plan, given) for name, values in said.items()}
     for duration in found.get("for", [plan.duration]):
         for step in steps:
             if abs(duration / step - round(duration / step)) > 1e-9:
@@ -101,13 +158,6 @@ def parted(point: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     of_plan = {"duration" if name == "for" else name: value for name, value in point.items() if name in words}
     of_file = {"resolution" if name == "step" else name: value for name, value in point.items() if name not in words}
     return of_file, of_plan
-
-
-def _named(part: str) -> tuple[str, list[Any]]:
-    name, equals, text = part.strip().partition("=")
-    if not name or (equals and not text):
-        raise ModelError(f"--search {part}: expected NAME or NAME=VALUE:VALUE", hint=EXAMPLE)
-    return name, [_number(name, value) for value in text.split(":")] if text else []
 
 
 def _number(name: str, text: str) -> float | int:
@@ -127,8 +177,7 @@ def _usual(name: str, steps: list[Any], plan: TrainingPlan, given: Mapping[str, 
         return steps
     if name == "for":
         coarse = max(steps)
-        whole = [max(1, int(plan.duration * share / coarse + 1e-9)) for share in SHARES]
-        return [k * coarse for k in whole]
+        return [max(1, int(plan.duration * share / coarse + 1e-9)) * coarse for share in SHARES]
     if name == "hidden":
         return [max(1, round(given["hidden"] * share)) for share in HIDDEN]
     if name == "prune":
@@ -141,8 +190,7 @@ PARTS = 5
 
 Ints = npt.NDArray[np.int64]
 
-FORMAT = "neuro train point 1"
-RESULT = sealed("a result of 'neuro train --search'", f'"format": "{FORMAT}"', ', "digest": "{}"')
+RESULTS = JobResults("a result of 'neuro train --search'", "neuro train point 1")
 OBJECTIVES = {"accuracy": "maximise", "microjoules": "minimise"}
 
 
@@ -269,9 +317,9 @@ def point(
     learnt_from, judged = divided(found, settings.seed, fold, folds)
     which = f"part {'held out' if held else fold} of {folds + 1}"
     of = identity(net, shown, settings) | {"part": which, "varied": dict(varied)}
-    kept = kept_json(out.with_suffix(".json"))
-    if kept.get("of") == json.loads(json.dumps(of)) and out.exists() and set(SPENT) <= set(kept["found"]):
-        return {str(name): float(value) for name, value in kept["found"].items()}
+    result_file = out.with_suffix(".json")
+    if (result := RESULTS.read(result_file, of)) and out.exists():
+        return {str(name): float(value) for name, value in result["found"].items()}
     mine = shown.take(learnt_from)
     checkpoint = begun(net, out, mine, settings, which)
     trained = learn(net, mine, settings, checkpoint)
@@ -284,7 +332,7 @@ def point(
     each = [joules for bill in (tried.bill, tried.bill.real_time) for joules in (bill.total_j, bill.low_j, bill.high_j)]
     given = {"accuracy": tried.own.accuracy, **{name: 1e6 * joules for name, joules in zip(SPENT, each, strict=True)}}
     given |= {"right": float(tried.own.correct), "n": float(len(judged)), "cpu_s": trained.cpu_s}
-    write_text(out.with_suffix(".json"), json.dumps({"format": FORMAT, "of": of, "found": given}, indent=1), RESULT)
+    RESULTS.write(result_file, of, {"found": given})
     checkpoint.remove()
     return given
 

@@ -23,9 +23,8 @@ import neuro
 import neuro_torch
 from neuro import ModelError
 from neuro.apps import Checkpoint, fingerprint
-from neuro_train.data import BatchData, moved
+from neuro_train.data import BatchData, moved, probe
 from neuro_train.plan import TrainingPlan
-from neuro_train.targets import probe
 
 Array = npt.NDArray[Any]
 
@@ -79,8 +78,14 @@ def module_of(net: neuro.Network, plan: TrainingPlan, outputs: Sequence[str] | N
     Raises:
         ModelError: the network cannot learn by gradients, or there is no such device.
     """
-    device = _device(plan.device)
-    every = (name for name, part in net.projections.items() if _carries_spikes(net, part))
+    try:
+        torch.zeros(1, device=torch.device(plan.device)).cpu()
+    except (RuntimeError, AssertionError, NotImplementedError):
+        devices = ", ".join(["cpu", *(f"cuda:{k}" for k in range(torch.cuda.device_count()))])
+        message = f"--device {plan.device}: torch has no such device here: expected one of {devices}"
+        raise ModelError(message) from None
+    currents = {name for name, part in net.populations.items() if part.model.role == "current"}
+    every = (name for name, part in net.projections.items() if part.source not in currents)
     module = neuro_torch.Module(
         net,
         plan.learns or dict.fromkeys(every, ("weight",)),
@@ -90,7 +95,7 @@ def module_of(net: neuro.Network, plan: TrainingPlan, outputs: Sequence[str] | N
         outputs=outputs or [plan.output],
         seed=plan.seed,
     )
-    module.to(device)
+    module.to(torch.device(plan.device))
     return module
 
 
@@ -175,7 +180,7 @@ class _Training:
         self.done, self._spent = 0, 0.0
         self._stay: dict[str, Array] = {}
         self._noted: dict[str, list[float]] = {name: [] for name in CURVES}
-        self._labels = torch.from_numpy(shown.labels)
+        self._labels, self._batches = torch.from_numpy(shown.labels), math.ceil(len(shown) / plan.batch)
         self._variance = _variance(shown, plan)
         self._silent_epochs, self._has_warned = 0, plan.loss not in ("count", "first_spike")  # others need no spike
         module = module_of(net, plan)
@@ -189,26 +194,18 @@ class _Training:
         self._bills = {
             chip: neuro_torch.Bill(self._module, chip, neurons_per_core=plan.neurons_per_core) for chip in plan.cost
         }
-        self._optimiser = torch.optim.AdamW(self._groups(), lr=plan.rate, fused=True)
-
-    def _groups(self) -> list[dict[str, Any]]:
-        """What learns, with the size of its steps: weights, by their unit; and the rest, which does not decay.
-
-        Of weights that are `size` times as large gradients are as much smaller, and steps are to be as much larger.
-        """
+        # Of weights that are `size` times as large gradients are as much smaller, and steps are to be as much larger.
         weights: dict[float, list[Tensor]] = {}
         for name, weight in self._module.weights.learnt().items():
             weights.setdefault(self._sizes[name], []).append(weight)
         groups: list[dict[str, Any]] = [
-            {"params": each, "size": size, "weight_decay": self._plan.decay / size, "eps": 1e-8 / size}
+            {"params": each, "size": size, "weight_decay": plan.decay / size, "eps": 1e-8 / size}
             for size, each in weights.items()
         ]
         rest = [*self._module.delays.parameters(), *self._module.neurons.parameters()]
-        return [*groups, {"params": rest, "size": 1.0, "weight_decay": 0.0}] if rest else groups
-
-    @property
-    def _batches(self) -> int:
-        return math.ceil(len(self._shown) / self._plan.batch)
+        if rest:  # it does not decay
+            groups.append({"params": rest, "size": 1.0, "weight_decay": 0.0})
+        self._optimiser = torch.optim.AdamW(groups, lr=plan.rate, fused=True)
 
     def epoch(self) -> None:
         """Show every recording once.
@@ -242,51 +239,44 @@ class _Training:
         events = self._shown.events[chosen.tolist()]
         if plan.shift or plan.warp or plan.mirror:
             events = moved(events, plan.input, self._shown.shape, plan.shift, plan.warp, rng, plan.mirror)
-        rate = self._rate(self.done * self._batches + k)
+        # one cycle: up in the first three tenths, then down to nothing, along cosines (Smith, arXiv:1803.09820)
+        share, top = (self.done * self._batches + k) / max(1, plan.epochs * self._batches), 0.3
+        part = share / top if share < top else (share - top) / (1.0 - top)
+        low, high = (0.04, 1.0) if share < top else (1.0, 1e-5)
+        rate = plan.rate * (high + (low - high) * 0.5 * (1.0 + math.cos(math.pi * part)))
         for group in self._optimiser.param_groups:
             group["lr"] = rate * group["size"]
         found = self._module(events)
-        if self._silent_epochs and bool(found.spikes[plan.output].detach().any()):
+        losses, spikes, scale = neuro_torch.losses, found.spikes[plan.output], 1.0 / plan.temperature
+        if plan.loss == "count":
+            loss = losses.count_cross_entropy(spikes, wanted, scale=scale)
+        elif plan.loss == "potential":
+            loss = losses.potential_cross_entropy(found.V_m[plan.output], wanted, scale=scale)
+        elif plan.loss == "mse":
+            loss = losses.potential_mse(found.V_m[plan.output], wanted)
+        else:
+            loss = losses.first_spike(spikes, wanted, tau=plan.temperature * found.step, resolution=found.step)
+        if self._variance is None:
+            right = float((losses.decisions(spikes.detach()) == wanted).double().mean())
+        else:
+            right = 1.0 - float(loss.detach()) / self._variance if self._variance > 0.0 else math.nan
+        if self._silent_epochs and bool(spikes.detach().any()):
             self._silent_epochs = 0
-        loss = _loss(plan, found, wanted)
-        right = self._right(loss.detach(), found, wanted)
         joules = {chip: bill(found) for chip, bill in self._bills.items()}
         for chip, taken in joules.items():
             loss = loss + plan.cost[chip] * 1e6 * taken.to(loss.dtype)
-        self._check(loss, k)
+        if not math.isfinite(float(loss.detach())):
+            self._stop(k, f"the loss is {float(loss.detach())}: expected a number")
         self._optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         self._optimiser.step()
-        self._hold(k)
+        try:
+            self._module.hold()  # what learns stays in its bounds
+        except ModelError as error:
+            self._stop(k, error.message)
         spent = next(iter(joules.values()), torch.zeros(()))
         noted = (float(loss.detach()), right, float(spent.detach()), rate)
         return dict(zip(CURVES, noted, strict=True))
-
-    def _right(self, loss: Tensor, found: neuro_torch.Outcome, wanted: Tensor) -> float:
-        """The share of right decisions, or of the variance of targets that is said."""
-        if self._variance is not None:
-            return 1.0 - float(loss) / self._variance if self._variance > 0.0 else math.nan
-        decided = neuro_torch.losses.decisions(found.spikes[self._plan.output].detach())
-        return float((decided == wanted).double().mean())
-
-    def _rate(self, step: int) -> float:
-        """One cycle: up in the first three tenths, then down to nothing, along cosines (Smith, arXiv:1803.09820)."""
-        share, top = step / max(1, self._plan.epochs * self._batches), 0.3
-        part = share / top if share < top else (share - top) / (1.0 - top)
-        low, high = (0.04, 1.0) if share < top else (1.0, 1e-5)
-        return self._plan.rate * (high + (low - high) * 0.5 * (1.0 + math.cos(math.pi * part)))
-
-    def _check(self, loss: Tensor, batch: int) -> None:
-        """Refuse to go on with a loss that is NaN."""
-        if not math.isfinite(float(loss.detach())):
-            self._stop(batch, f"the loss is {float(loss.detach())}: expected a number")
-
-    def _hold(self, batch: int) -> None:
-        """Keep what learns in its bounds; refuse to go on with what is NaN."""
-        try:
-            self._module.hold()
-        except ModelError as error:
-            self._stop(batch, error.message)
 
     def _stop(self, batch: int, message: str) -> NoReturn:
         where = f"epoch {self.done + 1}, batch {batch + 1} of {self._batches}"
@@ -392,39 +382,5 @@ def _variance(shown: BatchData, plan: TrainingPlan) -> float | None:
     return shown.variance if targets else None
 
 
-def _loss(plan: TrainingPlan, found: neuro_torch.Outcome, labels: Tensor) -> Tensor:
-    """How far a batch is from what was wanted."""
-    losses, spikes = neuro_torch.losses, found.spikes[plan.output]
-    if plan.loss == "count":
-        return losses.count_cross_entropy(spikes, labels, scale=1.0 / plan.temperature)
-    if plan.loss == "potential":
-        return losses.potential_cross_entropy(found.V_m[plan.output], labels, scale=1.0 / plan.temperature)
-    if plan.loss == "mse":
-        return losses.potential_mse(found.V_m[plan.output], labels)
-    return losses.first_spike(spikes, labels, tau=plan.temperature * found.step, resolution=found.step)
-
-
 def _array(value: Any) -> Array:
     return value.detach().cpu().numpy().copy() if isinstance(value, Tensor) else np.asarray(value)
-
-
-def _device(name: str) -> torch.device:
-    """The device of that name.
-
-    Raises:
-        ModelError: torch has none here.
-    """
-    try:
-        device = torch.device(name)
-        torch.zeros(1, device=device).cpu()
-    except (RuntimeError, AssertionError, NotImplementedError):
-        found = ["cpu", *(f"cuda:{k}" for k in range(torch.cuda.device_count()))]
-        raise ModelError(
-            f"--device {name}: torch has no such device here: expected one of {', '.join(found)}"
-        ) from None
-    return device
-
-
-def _carries_spikes(net: neuro.Network, part: Any) -> bool:
-    """Whether a projection starts at neurons or at spikes."""
-    return part.source not in net.populations or net.populations[part.source].model.role != "current"

@@ -8,17 +8,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.arrival_rule import longest_lag
+from neuro.chips.fixed import FixedPopulation, FixedProjection
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.inputs import longest_lag
+from neuro.chips.known import arithmetic_of
 from neuro.chips.loihi2 import has_two_inputs
-from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
-from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core import keyed_random
 from neuro.core.clock import NEVER
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
-from neuro.program.program import Program, Projection
-from neuro_chip import deliver, tables as t
-from neuro_chip.families import NUMBERS, family_of
+from neuro.program.program import Program
+from neuro_chip import deliver, loihi2_step, loihi_step, spinnaker_step, tables as t
 from neuro_chip.tables import Arrays
+
+FAMILIES = {"loihi": loihi_step, "loihi2": loihi2_step, "spinnaker": spinnaker_step}
+"""How each family of chips runs here, by the name of its arithmetic: a new family is such a module and an entry."""
+
+STEPS = {kind: step for family in FAMILIES.values() for kind, step in family.STEPS.items()}
+"""The step of each kind of population (`FixedPopulation.kind`): step(net, pop, row, step) updates the neurons of a
+population and sets `fired` where the threshold is reached."""
+
+NUMBERS = {kind: t.STEPPED + place for place, kind in enumerate(STEPS)}
+"""The number of each kind in the loop, column `KIND` of the table of populations."""
 
 KINDS = {"current": t.CURRENT, "relay": t.RELAY, **NUMBERS}
 LAYOUTS = {"one_to_one": t.ONE_TO_ONE, "dense": t.DENSE, "csr": t.CSR, "grid": t.GRID}
@@ -123,7 +133,7 @@ def _late(fixed: FixedProgram, target: int) -> int:
 def _populations(a: Arrays, fixed: FixedProgram) -> None:
     program = fixed.program
     pops = np.zeros((len(program.populations), t.POPULATION_COLUMNS), dtype=np.int64)
-    family = family_of(fixed.chip)
+    arithmetic = arithmetic_of(fixed.chip)
     at = ring = arrived = 0
     planes: list[tuple[int, int, int, int]] = []
     for k, (part, cells) in enumerate(zip(program.populations, fixed.populations, strict=True)):
@@ -131,14 +141,14 @@ def _populations(a: Arrays, fixed: FixedProgram) -> None:
         kind = KINDS.get(cells.kind, generator)
         pops[k, [t.KIND, t.BEGIN, t.END]] = kind, at, at + part.size
         pops[k, [t.RECORD, t.GROUP, t.START, t.STOP]] = part.records, t.NONE, part.start, part.stop
-        pops[k, [t.BINARY, t.RECEPTORS]] = family.arithmetic.one_bit, family.receptors if kind >= t.STEPPED else 1
+        pops[k, [t.BINARY, t.RECEPTORS]] = arithmetic.one_bit, arithmetic.receptors if kind >= t.STEPPED else 1
         pops[k, t.GRADED] = part.model.graded or getattr(part.model, "resets_in_step", False)
         at += part.size
         if kind >= t.RELAY:
             slots = slots_of(fixed, k)
             pops[k, [t.RING, t.SLOTS, t.ARRIVED, t.LATE]] = ring, slots, arrived, _late(fixed, k)
             # a relay needs one slot, but has room for two, as in the states that were saved before
-            ring += slots * part.size * (2 if kind == t.RELAY else family.receptors)
+            ring += slots * part.size * (2 if kind == t.RELAY else arithmetic.receptors)
             arrived += slots
             pops[k, t.PLANES] = len(planes)
             sums = [(each.shift, each.wraps, each.receptor) for each in _apart(fixed, k) for _ in _lags_apart(each)]
@@ -160,7 +170,7 @@ def _apart(fixed: FixedProgram, target: int) -> list[FixedProjection]:
 
 def _has_second(fixed: FixedProgram, target: int) -> bool:
     """Whether a population has a second input in a plane of its own, the first one."""
-    return family_of(fixed.chip).receptors == 1 and has_two_inputs(fixed.program.populations[target].model)
+    return arithmetic_of(fixed.chip).receptors == 1 and has_two_inputs(fixed.program.populations[target].model)
 
 
 def _lags_apart(wires: FixedProjection) -> range:
@@ -172,7 +182,7 @@ def _lags_apart(wires: FixedProjection) -> range:
 def _projections(a: Arrays, fixed: FixedProgram) -> None:
     program = fixed.program
     table = np.zeros((len(program.projections), t.PROJECTION_COLUMNS), dtype=np.int64)
-    kind = family_of(fixed.chip).word
+    kind = arithmetic_of(fixed.chip).word
     lists: dict[str, list[NDArray[Any]]] = {name: [] for name in ("words", "lags", "rows", "targets")}
     kinds = {"words": kind, "lags": np.int32, "rows": np.int64, "targets": np.int32}
     at = dict.fromkeys(lists, 0)
@@ -193,7 +203,12 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
         for name, array in found.items():
             lists[name].append(array)
             at[name] += array.size
-        _grid(table[q], part)
+        if (g := part.grid) is not None:
+            row = table[q]
+            row[[t.CHANNEL_HEIGHT, t.CHANNEL_WIDTH]] = g.height, g.width
+            row[[t.ROWS, t.COLUMNS]] = g.rows, g.columns
+            row[[t.DEPTH, t.KERNEL_HEIGHT, t.KERNEL_WIDTH]] = g.kernels[1:]
+            row[[t.STRIDE, t.TOP, t.LEFT, t.REACH, t.MAPS]] = g.stride, g.top, g.left, g.reach, g.maps
         if wires.apart:
             target, apart = a["pops"][part.target], _apart(fixed, part.target)
             plane = (
@@ -239,21 +254,11 @@ def _layout(program: Program, q: int, own_lags: bool) -> tuple[int, NDArray[np.i
     return LAYOUTS[part.layout], _NO_ROWS, _NOBODY
 
 
-def _grid(row: NDArray[np.int64], part: Projection) -> None:
-    g = part.grid
-    if g is None:
-        return
-    row[[t.CHANNEL_HEIGHT, t.CHANNEL_WIDTH]] = g.height, g.width
-    row[[t.ROWS, t.COLUMNS]] = g.rows, g.columns
-    row[[t.DEPTH, t.KERNEL_HEIGHT, t.KERNEL_WIDTH]] = g.kernels[1:]
-    row[[t.STRIDE, t.TOP, t.LEFT, t.REACH, t.MAPS]] = g.stride, g.top, g.left, g.reach, g.maps
-
-
 def write_registers(a: Arrays, fixed: FixedProgram, k: int, part: FixedPopulation) -> None:
     """Put the registers of a population where the loop reads them."""
     row = a["pops"][k]
     if row[t.KIND] >= t.STEPPED:
-        family_of(fixed.chip).write(a, row, slice(row[t.BEGIN], row[t.END]), part.registers)
+        FAMILIES[fixed.chip.arithmetic].write(a, row, slice(row[t.BEGIN], row[t.END]), part.registers)
 
 
 def write_states(a: Arrays, k: int, part: FixedPopulation) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.quantising.fixed_program import FixedProgram
+from neuro.chips.fixed_program import FixedProgram
 from neuro.core.errors import ModelError, unknown
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.program import Floats, Ints
@@ -77,17 +77,15 @@ class ChipEngine:
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
         """A state in physical units, or a parameter as described, of every neuron or of some."""
-        every = self._get(population, name)
-        return every if ids is None else every[ids]
-
-    def _get(self, population: int, name: str) -> Floats:
         part, here = self.program.populations[population], self._machine.slice(population)
         if name in [state.name for state in part.model.states]:
             arrays = {register: self._machine.arrays[array][here] for register, array in STATES.items()}
-            return self._machine.cells.state(population, name, arrays)
-        if part.kind == "current" and name == "amplitude":
-            return self._machine.currents.parameter(population, "amplitude").copy()
-        return np.broadcast_to(self._machine.cells.parameters[population][name], part.size).copy()
+            every = self._machine.cells.state(population, name, arrays)
+        elif part.kind == "current" and name == "amplitude":
+            every = self._machine.currents.parameter(population, "amplitude").copy()
+        else:
+            every = np.broadcast_to(self._machine.cells.parameters[population][name], part.size).copy()
+        return every if ids is None else every[ids]
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters: all, or none where a register would overflow."""
@@ -155,13 +153,12 @@ class ChipEngine:
 
     def get_synapses(self, projection: int, name: str) -> Floats:
         """A state of every synapse in physical units."""
-        if projection in self._machine.delays and name == "delay":
-            return self._machine.delays.read(projection)
-        if projection in self._machine.learners:
-            if name != "weight":
-                return self._machine.learners.read(projection, name)
-            return self._machine.weights.read(projection, self._machine.learners.mantissas(projection))
-        return self._machine.weights.read(projection)
+        machine, learnt = self._machine, projection in self._machine.learners
+        if projection in machine.delays and name == "delay":
+            return machine.delays.read(projection)
+        if learnt and name != "weight":
+            return machine.learners.read(projection, name)
+        return machine.weights.read(projection, machine.learners.mantissas(projection) if learnt else None)
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model."""
@@ -194,34 +191,26 @@ class ChipEngine:
 
     def counts(self) -> EngineCounts:
         """Counts since the start or the last reset."""
-        here = [self._machine.slice(k) for k in range(len(self.program.populations))]
-        native = {
-            f"{t.NATIVE[column]} of {part.name}": int(self._machine.arrays["native"][k, column])
-            for k, part in enumerate(self.program.populations)
-            for column in range(t.NATIVE_COLUMNS)
-            if self._machine.arrays["native"][k, column]
-        }
+        machine, a = self._machine, self._machine.arrays
+        parts = [(part, machine.slice(k)) for k, part in enumerate(self.program.populations)]
+        native = machine.native(t.NATIVE_COLUMNS) | machine.weights.native() | machine.learners.native()
         return EngineCounts(
             steps=self.step,
-            events=tuple(self._machine.arrays["events"][place].copy() for place in here),
-            spikes=tuple(
-                self._machine.arrays["events" if part.model.graded else "spikes"][place].copy()
-                for part, place in zip(self.program.populations, here, strict=True)
-            ),
-            active=self._machine.arrays["active"].copy(),
-            trial_updates=self._machine.weights.updates.copy(),
-            native=native | self._machine.weights.native() | self._machine.learners.native(),
+            events=tuple(a["events"][here].copy() for _, here in parts),
+            spikes=tuple(a["events" if part.model.graded else "spikes"][here].copy() for part, here in parts),
+            active=a["active"].copy(),
+            trial_updates=machine.weights.updates.copy(),
+            native=native,
         )
 
     def memory(self) -> dict[str, int]:
         """Bytes by what they hold."""
-        synapses = ("words", "lags", "rows", "targets")
+        machine, names = self._machine, ("words", "lags", "rows", "targets")
+        synapses = sum(machine.arrays[name].nbytes for name in names)
         return {
-            "neurons": sum(a.nbytes for name, a in self._machine.arrays.items() if name not in synapses),
-            "synapses": sum(self._machine.arrays[name].nbytes for name in synapses)
-            + self._machine.weights.nbytes()
-            + self._machine.learners.nbytes(),
-            "spikes": self._machine.record.nbytes(),
+            "neurons": sum(a.nbytes for a in machine.arrays.values()) - synapses,
+            "synapses": synapses + machine.weights.nbytes() + machine.learners.nbytes(),
+            "spikes": machine.record.nbytes(),
         }
 
     def reset(self, weights: bool) -> None:

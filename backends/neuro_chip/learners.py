@@ -1,21 +1,35 @@
-"""The projections that learn on the chip, step by step, and what reaches them from outside."""
+"""The projections that learn, step by step: those of the chip's learning engine, and delays that the host changes.
+
+Delays are whole steps in the delay register, the rest in the tag, both written by the host. A delay is kept as a whole
+number of 1/256 steps. The register holds the nearest whole step, which is what a spike takes that is sent now, and the
+tag the signed rest.
+"""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.quantising.fixed import FixedProjection
-from neuro.chips.quantising.fixed_program import FixedProgram
+from neuro.chips.fixed import FixedProjection
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.inputs import acts_late, register
+from neuro.chips.loihi import REGISTER_OF_ONE
+from neuro.chips.loihi_learning import FRACTIONS
+from neuro.core.errors import ModelError
+from neuro.kernels.jit import compiled, kernel
 from neuro.model.synapses import loihi2_learning
-from neuro.model.synapses.loihi_rule import POST, LearningRule, Term
-from neuro.program.program import Floats, Ints, Program
+from neuro.model.synapses.base import DELAY
+from neuro.model.synapses.loihi_rule import MODULATORY, POST, LearningRule
+from neuro.program.program import Floats, Ints, Program, Projection
 from neuro_chip import learning as kernels, tables as t
-from neuro_chip.plastic import Plastic
-from neuro_chip.two_factors import TwoFactors
+from neuro_chip.plastic import Learner, Plastic, TwoFactors
+from neuro_chip.tables import Arrays
 from neuro_chip.weights import ChipWeights
 
 _COUNTED = {
@@ -26,6 +40,13 @@ _COUNTED = {
     kernels.OVERFLOWS: "accumulator overflows",
 }
 _TOO_SMALL = ("tags at a bound", "accumulator overflows", "trace saturations")
+
+
+def fired(arrays: Arrays, population: int) -> tuple[Ints, Ints]:
+    """Return the neurons of a population that fired in the last step, and their payloads."""
+    emitted, row = arrays["emitted"][: arrays["clock"][t.EMITTED]], arrays["pops"][population]
+    first, last = np.searchsorted(emitted, (row[t.BEGIN], row[t.END]))
+    return emitted[first:last] - row[t.BEGIN], arrays["emitted_times"][first:last]
 
 
 class Learners:
@@ -42,13 +63,13 @@ class Learners:
 
     def __init__(self, fixed: FixedProgram, weights: ChipWeights, arrays: dict[str, NDArray[Any]]) -> None:
         self._fixed, self._program, self._weights, self._a = fixed, fixed.program, weights, arrays
-        self._parts: dict[int, Plastic | TwoFactors] = {}
+        self._parts: dict[int, Learner] = {}
         self._due: dict[int, list[tuple[int, Ints]]] = {}
         for index, wires in enumerate(fixed.projections):
             if wires is not None and wires.rule is not None:
                 self._parts[index] = _plastic(self._program, index, wires)
                 self._due[index] = []
-        self._fresh = dict.fromkeys(self._parts, True)
+        self._fresh = np.ones(len(fixed.projections), dtype=np.bool_)
 
     def __bool__(self) -> bool:
         return bool(self._parts)
@@ -58,37 +79,24 @@ class Learners:
 
     def after(self, step: int) -> None:
         """What the spikes of a step teach; called when the step is done."""
-        emitted = self._a["emitted"][: self._a["clock"][t.EMITTED]]
-        times = self._a["emitted_times"]
-        pops = self._a["pops"]
-        fired: dict[int, Ints] = {}
-        payloads: dict[int, Ints] = {}
         for index, plastic in self._parts.items():
             part = self._program.projections[index]
-            for k in (part.source, part.target, part.dopamine):
-                if k >= 0 and k not in fired:
-                    lo, hi = np.searchsorted(emitted, (pops[k, t.BEGIN], pops[k, t.END]))
-                    fired[k] = emitted[lo:hi] - pops[k, t.BEGIN]
-                    payloads[k] = times[lo:hi]
+            (pre, payloads), (post, _) = fired(self._a, part.source), fired(self._a, part.target)
             if self._fresh[index]:
                 self._weights.put(index, plastic.weights.astype(np.int32))
             before = plastic.counts[kernels.CHANGED]
-            plastic.step(step, fired[part.source], fired[part.target], payloads[part.source])
+            plastic.step(step, pre, post, payloads)
             self._fresh[index] = bool(plastic.counts[kernels.CHANGED] != before)
             if part.dopamine >= 0:
-                self._release(index, step, fired[part.dopamine])
-
-    def _release(self, index: int, step: int, ids: Ints) -> None:
-        """Dopamine spikes are sent, and those that arrive act."""
-        part, due = self._program.projections[index], self._due[index]
-        if ids.size:
-            n = self._program.populations[part.target].size
-            reached = ids if part.dopamine_one_to_one else np.tile(np.arange(n), ids.size)
-            due.append((step + part.dopamine_delay, reached))
-        plastic = self._parts[index]
-        assert isinstance(plastic, Plastic)
-        while due and due[0][0] <= step:
-            plastic.release(step, due.pop(0)[1])
+                assert isinstance(plastic, Plastic)
+                # Dopamine spikes are sent, and those that arrive act.
+                ids, due = fired(self._a, part.dopamine)[0], self._due[index]
+                if ids.size:
+                    n = self._program.populations[part.target].size
+                    reached = ids if part.dopamine_one_to_one else np.tile(np.arange(n), ids.size)
+                    due.append((step + part.dopamine_delay, reached))
+                while due and due[0][0] <= step:
+                    plastic.release(step, due.pop(0)[1])
 
     def signal(self, signal: int, values: Floats, step: int) -> None:
         """Set the modulatory traces of every projection that listens."""
@@ -112,24 +120,28 @@ class Learners:
     def read(self, index: int, name: str) -> Floats:
         """K_plus, c, t or n of every synapse, in the units of the language."""
         plastic, rule = self._parts[index], self._parts[index].rule
-        if isinstance(plastic, TwoFactors):
-            return (plastic.tags if name == "t" else plastic.present(name)).astype(np.float64)
-        now = (self.step_of(plastic) - 1) % plastic.epoch
+        if isinstance(plastic, TwoFactors) and name != "t":
+            side = self._program.connections(index)[name in POST]
+            return plastic.trace(name, int(self._a["clock"][t.STEP]))[side].astype(np.float64)
+        step = int(self._a["clock"][t.STEP])
         pre, post = self._program.connections(index)
         if name == "K_plus":
-            kept = plastic.xs[now, 0].astype(np.float64)[pre]
             impulse = rule.traces["x1"].impulse if "x1" in rule.traces else 0
-            return kept / impulse if impulse else np.zeros(pre.size)
+            units = plastic.trace("x1", step).astype(np.float64)[pre]
+            return units / impulse if impulse else np.zeros(pre.size)
         if name == "n":
-            r = plastic.ys[now, len(POST) :].astype(np.float64)
-            amount: Floats = (r[0] - r[1])[post] * self._wires(index).n_scale
+            r1, r2 = (plastic.trace(each, step).astype(np.float64) for each in MODULATORY)
+            amount: Floats = (r1 - r2)[post] * self._wires(index).n_scale
             return amount
         tags = plastic.tags.astype(np.float64)
-        return tags if name == "t" else tags / _tag_of_one(rule, self._program, index)
-
-    def step_of(self, plastic: Plastic | TwoFactors) -> int:
-        """The last finished step."""
-        return int(self._a["clock"][t.STEP])
+        if name == "t":
+            return tags
+        # Units of the tag for an eligibility of 1, from the product that a post spike adds to it.
+        term = next(term for term in rule.dt if term.gate == "y0")
+        units_of_pair = term.mantissa * 2.0**term.exponent * rule.traces["x1"].impulse
+        described = self._program.projections[index].synapse.parameters()
+        one = units_of_pair / (described["A_plus"] * np.exp(-self._program.resolution / described["tau_plus"]))
+        return tags / one
 
     def raw(self, index: int, name: str) -> Ints | None:
         """The tag of every synapse; None for another name."""
@@ -153,8 +165,8 @@ class Learners:
 
     def nbytes(self) -> int:
         """Bytes held."""
-        names = ("weights", "tags", "xs", "ys", "targets", "incoming", "sources")
-        return sum(getattr(plastic, name).nbytes for plastic in self._parts.values() for name in names)
+        arrays = ((plastic.xs, plastic.ys, *plastic.synapses) for plastic in self._parts.values())
+        return sum(array.nbytes for held in arrays for array in held)
 
     def start_anew(self, weights: bool) -> None:
         """Back to step 0, and to the initial weights if asked."""
@@ -164,27 +176,40 @@ class Learners:
                 new.weights[:] = plastic.weights
             self._parts[index], self._due[index], self._fresh[index] = new, [], True
 
+    def _state(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that change in place."""
+        parts = self._parts.items()
+        arrays = {f"plastic.{index}.{name}": getattr(part, name) for index, part in parts for name in part.kept}
+        return arrays | ({"plastic.fresh": self._fresh} if arrays else {})
+
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that changes."""
-        arrays: dict[str, NDArray[Any]] = {}
-        for index, plastic in self._parts.items():
-            arrays |= {f"plastic.{index}.{name}": getattr(plastic, name).copy() for name in plastic.kept}
-            arrays[f"plastic.{index}.fresh"] = np.array(self._fresh[index])
-            rows = [(at, neuron) for at, ids in self._due[index] for neuron in ids.tolist()]
+        arrays = {name: array.copy() for name, array in self._state().items()}
+        for index, due in self._due.items():
+            rows = [(at, neuron) for at, ids in due for neuron in ids.tolist()]
             arrays[f"plastic.{index}.due"] = np.array(rows, dtype=np.int64).reshape(-1, 2)
         return arrays
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Take over a snapshot."""
-        for index, plastic in self._parts.items():
-            for name in plastic.kept:
-                getattr(plastic, name)[:] = arrays[f"plastic.{index}.{name}"]
-            self._fresh[index] = bool(arrays[f"plastic.{index}.fresh"])
+        """Take over a snapshot.
+
+        Raises:
+            ModelError: an earlier version has saved it, with other arrays; nothing is changed.
+        """
+        state = self._state()
+        if missing := [name for name in state if name not in arrays]:
+            raise ModelError(
+                f"the state lacks '{missing[0]}': an earlier version has saved it",
+                hint="save it anew with this version",
+            )
+        for name, array in state.items():
+            array[:] = arrays[name]
+        for index in self._due:
             rows = arrays[f"plastic.{index}.due"]
             self._due[index] = [(int(at), rows[rows[:, 0] == at, 1].copy()) for at in np.unique(rows[:, 0])]
 
 
-def _plastic(program: Program, index: int, wires: FixedProjection) -> Plastic | TwoFactors:
+def _plastic(program: Program, index: int, wires: FixedProjection) -> Learner:
     """The arrays of a projection as CSR."""
     part = program.projections[index]
     n_source, n_target = program.populations[part.source].size, program.populations[part.target].size
@@ -198,9 +223,169 @@ def _plastic(program: Program, index: int, wires: FixedProjection) -> Plastic | 
     return Plastic(part.name, program.seed, wires.rule, *synapses, wires.bits, wires.sign_mode)
 
 
-def _tag_of_one(rule: LearningRule, program: Program, index: int) -> float:
-    """Units of the tag for an eligibility of 1, from the product that a post spike adds to it."""
-    term: Term = next(term for term in rule.dt if term.gate == "y0")
-    units = term.mantissa * 2.0**term.exponent * rule.traces["x1"].impulse
-    described = program.projections[index].synapse.parameters()
-    return float(units / (described["A_plus"] * np.exp(-program.resolution / described["tau_plus"])))
+_NEVER = -1
+
+
+class Delays:
+    """The delays of all projections whose rules change them.
+
+    Args:
+        fixed: the quantised program.
+        arrays: of the loop; its lags are written.
+
+    Attributes:
+        units: the delays of each such projection in 1/256 steps, int32.
+    """
+
+    def __init__(self, fixed: FixedProgram, arrays: Arrays) -> None:
+        self._program, self._a = fixed.program, arrays
+        self.units: dict[int, NDArray[np.int32]] = {}
+        self._pairs: dict[int, _Pairs] = {}
+        for index, part in enumerate(self._program.projections):
+            if part.synapse.delays:
+                self.units[index] = _units(part)
+                if part.synapse.learns == "pairs":
+                    self._pairs[index] = _Pairs(fixed, index)
+
+    def __contains__(self, index: object) -> bool:
+        return index in self.units
+
+    def __bool__(self) -> bool:
+        """Whether any changes after each step."""
+        return bool(self._pairs)
+
+    def steps(self, index: int) -> Ints:
+        """How many steps the next spikes take, one for each synapse."""
+        return (self.units[index].astype(np.int64) + FRACTIONS // 2) // FRACTIONS
+
+    def read(self, index: int) -> Floats:
+        """The delays in ms."""
+        return self.units[index].astype(np.float64) * (self._program.resolution / FRACTIONS)
+
+    def raw(self, index: int, name: str) -> Ints | None:
+        """The delay registers or the tags; None for another name."""
+        if name == "delay":
+            return register(self._lags(index).astype(np.int32), REGISTER_OF_ONE).astype(np.int64)
+        # The tag is signed, from -128 to 127: the register has the nearest step, not the one below.
+        return self.units[index] - FRACTIONS * self.steps(index) if name in ("t", "tag") else None
+
+    def bounds(self, index: int) -> tuple[int, int]:
+        """The smallest and the largest delay, in 1/256 steps."""
+        fewest, most = self._program.projections[index].delay_range(self._program.resolution)
+        return FRACTIONS * fewest, FRACTIONS * most
+
+    def _lags(self, index: int) -> Ints:
+        model = self._program.populations[self._program.projections[index].target].model
+        return self.steps(index) + acts_late(model)
+
+    def write(self, index: int) -> None:
+        """Let the loop send over the delays that there are now."""
+        first = self._a["projections"][index, t.LAG]
+        self._a["lags"][first : first + self.units[index].size] = self._lags(index)
+
+    def after(self, step: int) -> None:
+        """What the spikes of a step change; those emitted in it are sent with what they have changed."""
+        # The loop stops after each step where pairs change delays: the host writes them, as it would on the chip, which
+        # cannot write its own delay registers.
+        for index, pairs in self._pairs.items():
+            part = self._program.projections[index]
+            pre, post = (fired(self._a, k)[0] for k in (part.source, part.target))
+            if pre.size or post.size:
+                pairs.learn(self.units[index], *self.bounds(index), pre, post, step)
+                self.write(index)
+
+    def start_anew(self, described: bool) -> None:
+        """No spike is known; the delays as described if asked."""
+        for pairs in self._pairs.values():
+            pairs.start_anew()
+        for index in self.units if described else ():
+            self.units[index] = _units(self._program.projections[index])
+            self.write(index)
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Everything that changes."""
+        return {name: array.copy() for name, array in self._state().items()}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Take over a snapshot."""
+        for name, array in self._state().items():
+            array[:] = arrays[name]
+        for index in self.units:
+            self.write(index)
+
+    def _state(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that change in place."""
+        arrays: dict[str, NDArray[Any]] = {f"delays.{index}": units for index, units in self.units.items()}
+        for index, pairs in self._pairs.items():
+            arrays |= {f"delays.{index}.pre": pairs.last_pre, f"delays.{index}.post": pairs.last_post}
+        return arrays
+
+
+def _units(part: Projection) -> NDArray[np.int32]:
+    """Return the described delays in 1/256 steps."""
+    return np.broadcast_to(part.delay * FRACTIONS, part.size).astype(np.int32)
+
+
+class _Pairs:
+    """A rule that spike pairs drive, and when the neurons of its two sides fired last."""
+
+    def __init__(self, fixed: FixedProgram, index: int) -> None:
+        program = fixed.program
+        part = program.projections[index]
+        n_source, n_target = (program.populations[k].size for k in (part.source, part.target))
+        pre, post = program.connections(index)
+        by_source, by_target = np.argsort(pre, kind="stable"), np.argsort(post, kind="stable")
+        self._rows = by_source, np.searchsorted(pre[by_source], np.arange(n_source + 1))
+        self._columns = by_target, np.searchsorted(post[by_target], np.arange(n_target + 1))
+        self._ends = pre.astype(np.int64), post.astype(np.int64)
+        self._h, self._c, self._y = program.resolution, np.zeros(part.synapse.width), np.zeros((2, 1))
+        arithmetic = part.synapse.arithmetic
+        arithmetic.constants(part.synapse.vector(), self._h, self._c)
+        self._pass = _pass(arithmetic.on_pre, arithmetic.on_post)
+        self.last_pre, self.last_post = np.full(n_source, _NEVER), np.full(n_target, _NEVER)
+
+    def start_anew(self) -> None:
+        """None has fired."""
+        self.last_pre[:] = _NEVER
+        self.last_post[:] = _NEVER
+
+    def learn(self, units: NDArray[np.int32], low: int, high: int, pre: Ints, post: Ints, step: int) -> None:
+        """Post spikes of a step act, then pre spikes; neither side sees those of this step."""
+        self._pass(
+            *(self._y, units, self._h / FRACTIONS, low, high, self._c, *self._rows, *self._columns, *self._ends),
+            *(pre, post, self.last_pre, self.last_post, step, self._h),
+        )
+
+
+@cache
+def _pass(on_pre: Any, on_post: Any) -> Any:
+    """The pass over the synapses of the neurons that fired, compiled for a rule."""
+    by_pre, by_post = compiled(on_pre), compiled(on_post)
+
+    @kernel
+    def learn(y, units, unit, low, high, c, by_source, row_ends, by_target, column_ends, source, target,
+              pre, post, last_pre, last_post, step, h):  # fmt: skip
+        # Post before pre, as in the float backends; neither side sees the other's spikes of this step, which are
+        # entered below.
+        for j in post:
+            for n in range(column_ends[j], column_ends[j + 1]):
+                e = by_target[n]
+                last = last_pre[source[e]]
+                # The rule's own function in ms; between spikes only whole units of 1/256 step are kept, as the two
+                # registers hold them.
+                y[DELAY, 0] = units[e] * unit
+                by_post(y, 0, c, (np.inf if last < 0 else (step - last) * h,), (0.0,))
+                units[e] = min(high, max(low, np.int64(np.floor(y[DELAY, 0] / unit + 0.5))))
+        for i in pre:
+            for n in range(row_ends[i], row_ends[i + 1]):
+                e = by_source[n]
+                last = last_post[target[e]]
+                y[DELAY, 0] = units[e] * unit
+                by_pre(y, 0, c, (0.0,), (np.inf if last < 0 else (step - last) * h,))
+                units[e] = min(high, max(low, np.int64(np.floor(y[DELAY, 0] / unit + 0.5))))
+        for i in pre:
+            last_pre[i] = step
+        for j in post:
+            last_post[j] = step
+
+    return learn

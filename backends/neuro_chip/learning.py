@@ -1,4 +1,13 @@
-"""Kernels of Loihi's learning engine: traces, rules, rounding; integers only.
+"""The microcode of learning: synapses that spikes reach are visited, and a rule changes their weight and tag.
+
+`microcode` makes the kernel of a family from what it does otherwise: one product, the number of an epoch's draw, and
+the rounding of a sum. What follows is Loihi's; Loihi 2 computes as lava does, "bit approximate" in its words:
+
+* Each factor is clipped to its bits and signed; their product, of 32 bits, is multiplied by the scale's mantissa,
+  shifted down by what it may have above 15 bits, shifted up by the exponent + 7 and clipped.
+* Weight and tag lie 7 bits up in the sum of the products; one random number rounds all of them.
+
+Loihi:
 
 In a step of learning: every trace decays, spikes add their impulses, and at the end of an epoch the rule is applied.
 
@@ -27,26 +36,67 @@ Where references differ:
 """
 
 # mypy: ignore-errors
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from neuro.core.keyed_random import NEURON_STRIDE
 from neuro.kernels.draws import mix, step_word
 from neuro.kernels.jit import inlined, kernel
+from neuro.model.synapses.loihi_rule import FACTORS, WIDTHS
 
-GATE, MASK, MANTISSA, SHIFT, SIZE, FIRST = range(6)
-"""Columns of a product: gate; 2^k - 1; scale; number of factors; then (factor, constant) pairs."""
+GATE, MASK, MANTISSA, SHIFT, SIZE, DOWN, FIRST = range(7)
+"""Columns of a product: gate; 2^k - 1; scale; number of factors; by how many bits Loihi 2 shifts it down; then (factor,
+constant) pairs."""
 X0, Y0, U = range(3)
-FACTORS = 4
-COLUMNS = FIRST + 2 * FACTORS
-EPOCH, PRECISION, LOW, HIGH, AWAY, NEEDS_TAG, OF_WEIGHT = range(7)
-"""Settings: steps of an epoch; step of a weight; its bounds; rounding; whether products with u_k are 0 where the tag
-is; how many products are of dw (they come first)."""
+LARGEST_SIZE = 4
+COLUMNS = FIRST + 2 * LARGEST_SIZE
+EPOCH, PRECISION, LOW, HIGH, TAG_LOW, TAG_HIGH, AWAY, NEEDS_TAG, OF_WEIGHT = range(9)
+"""Settings: steps of an epoch; step of a weight; its bounds and those of a tag; rounding; whether products with u_k are
+0 where the tag is; how many products are of dw (they come first)."""
 EVALUATED, CHANGED, WEIGHT_SATURATED, TAG_CHANGED, TAG_SATURATED, OVERFLOWS = range(6)
 """Counts: synapses that the rule was applied to; weights written; weights that met a bound; the same of tags; products
 and sums that exceeded the accumulator."""
 LAST = 32767
+BITS = np.array([(WIDTHS | {"x0": 1, "y0": 1})[name] for name in FACTORS])
+"""Bits of each factor."""
 _NEURON = np.uint64(NEURON_STRIDE)
 _HALF = np.uint64(32)
+i32 = np.int32
+
+
+class Traces(NamedTuple):
+    """What a rule reads of the neurons.
+
+    Attributes:
+        xs, ys: traces of the sources (x1, x2) and of the targets (y1, y2, y3, r1, r2), (steps of an epoch, traces,
+            neurons).
+        tx, ty: the step in the epoch, from 1, in which each source and target fired last; 0 if it has not fired.
+    """
+
+    xs: Any
+    ys: Any
+    tx: Any
+    ty: Any
+
+
+class Synapses(NamedTuple):
+    """The synapses of a projection that learns.
+
+    Attributes:
+        weights, tags: int16, in the order of `targets`.
+        row_ends, targets: synapses of source i are row_ends[i] : row_ends[i + 1].
+        column_ends, incoming, sources: those onto target j and their sources are column_ends[j] : column_ends[j + 1] of
+            `incoming` and `sources`.
+    """
+
+    weights: Any
+    tags: Any
+    row_ends: Any
+    targets: Any
+    column_ends: Any
+    incoming: Any
+    sources: Any
 
 
 @inlined
@@ -83,7 +133,7 @@ def decay(history, slot, keep, keys, step):
 
 
 @kernel
-def spike(history, slot, impulses, ids, flags, times):
+def spike(history, slot, impulses, ids, times):
     """Add the impulses of the neurons `ids`, which fired in this step, and note it; return how many saturated."""
     saturated = 0
     for n in range(ids.size):
@@ -94,172 +144,221 @@ def spike(history, slot, impulses, ids, flags, times):
                 v = 127
                 saturated += 1
             history[slot, k, i] = v
-        flags[i] = 1
-        times[i] = slot
+        times[i] = slot + 1
     return saturated
 
 
 @inlined
-def factor(code, i, j, at, xs, ys, x0, y0, w, t):
-    """The value of a factor; codes as in `neuro.model.synapses.loihi_rule.FACTORS`."""
+def factor(code, slot, i, j, traces, w, t):
+    """Return the value of a factor; codes as in `neuro.model.synapses.loihi_rule.FACTORS`."""
     # The weight and the tag first: most rules multiply by one of them. A kernel has no table of values by name.
     if code == 9:
         return w
     if code == 10:
         return t
     if code == 0:
-        return np.int64(x0[i])
+        return np.int64(traces.tx[i] > 0)
     if code == 3:
-        return np.int64(y0[j])
+        return np.int64(traces.ty[j] > 0)
     if code < 3:
-        return np.int64(xs[at, code - 1, i])
+        return np.int64(traces.xs[slot, code - 1, i])
     if code < 7:
-        return np.int64(ys[at, code - 4, j])
-    return np.int64(ys[ys.shape[0] - 1, code - 4, j])
+        return np.int64(traces.ys[slot, code - 4, j])
+    return np.int64(traces.ys[traces.ys.shape[0] - 1, code - 4, j])
 
 
 @inlined
-def change(terms, first, end, number, i, j, xs, ys, tx, ty, x0, y0, w, t, value, counts):
-    """The sum of the due products for one variable, in units of 2^-7, within what the accumulator holds."""
-    # Seven bits below the mantissa: the accumulator keeps fractions of a weight until the end of the epoch's sum.
-    begin = value << 7
-    total = begin
-    for n in range(first, end):
-        gate = terms[n, GATE]
-        if (number & terms[n, MASK]) != 0:  # u_k: not its epoch
-            continue
-        if gate == X0:
-            if x0[i] == 0:
-                continue
-            at = np.int64(tx[i])
-        elif gate == Y0:
-            if y0[j] == 0:
-                continue
-            at = np.int64(ty[j])
-        else:
-            at = xs.shape[0] - 1
-        v = terms[n, MANTISSA]
-        for f in range(terms[n, SIZE]):
-            v *= factor(terms[n, FIRST + 2 * f], i, j, at, xs, ys, x0, y0, w, t) + terms[n, FIRST + 2 * f + 1]
-            if v == 0:
-                break
-        if v == 0:
-            continue
-        shift = terms[n, SHIFT]
-        if shift >= 0:
-            v <<= shift
-        elif v > 0:  # a shift alone cuts downwards: a negative product would lose more than a positive one
-            v >>= -shift
-        else:
-            v = -((-v) >> -shift)
-        # the accumulator saturates at each sum, so the order of the products is part of the rule
-        total += limited(v, counts)
-        total = limited(total, counts)
-    return total - begin
-
-
-@inlined
-def limited(v, counts):
-    """A value as 16 bits hold it."""
+def limited(v, lowest, counts):
+    """Return a value as the accumulator holds it."""
     if v > LAST:
         counts[OVERFLOWS] += 1
         return LAST
-    if v < -LAST - 1:
+    if v < lowest:
         counts[OVERFLOWS] += 1
-        return -LAST - 1
+        return lowest
     return v
 
 
+def microcode(product, base_of, rounded, lowest):
+    """Return the kernel that applies rules, from the functions of a family, which are inlined.
+
+    Args:
+        product: product(terms, n, slot, i, j, traces, w, t): the value of product n, in units of 2^-7.
+        base_of: base_of(keys, k, step): from what the draws for weights (k = 0) and for tags (k = 1) are made.
+        rounded: rounded(value, change, precision, low, high, away, base, e): the new value of a variable of synapse e,
+            from its change in units of 2^-7; not yet within its bounds.
+        lowest: the smallest value of the accumulator.
+    """
+
+    @inlined
+    def change(terms, first, end, number, i, j, traces, w, t, value, counts):
+        # Seven bits below the mantissa: the accumulator keeps fractions of a weight until the end of the epoch's sum.
+        begin = value << 7
+        total = begin
+        for n in range(first, end):
+            gate = terms[n, GATE]
+            if (number & terms[n, MASK]) != 0:  # u_k: not its epoch
+                continue
+            if gate == X0:
+                slot = np.int64(traces.tx[i]) - 1
+            elif gate == Y0:
+                slot = np.int64(traces.ty[j]) - 1
+            else:
+                slot = traces.xs.shape[0] - 1
+            if slot < 0:
+                continue
+            # the accumulator saturates at each sum, so the order of the products is part of the rule
+            total += limited(product(terms, n, slot, i, j, traces, w, t), lowest, counts)
+            total = limited(total, lowest, counts)
+        return total - begin
+
+    @inlined
+    def apply(terms, settings, number, i, j, e, traces, weights, tags, base_w, base_t, counts):
+        counts[EVALUATED] += 1
+        w, t = np.int64(weights[e]), np.int64(tags[e])
+        # Both changes from the values before either is applied.
+        dw = change(terms, 0, settings[OF_WEIGHT], number, i, j, traces, w, t, w, counts)
+        dt = change(terms, settings[OF_WEIGHT], terms.shape[0], number, i, j, traces, w, t, t, counts)
+        if dw != 0:
+            low, high = settings[LOW], settings[HIGH]
+            new = rounded(w, dw, settings[PRECISION], low, high, settings[AWAY] != 0, base_w, e)
+            if new > high or new < low:
+                counts[WEIGHT_SATURATED] += 1
+                new = min(high, max(low, new))
+            if new != w:
+                counts[CHANGED] += 1
+                weights[e] = new
+        if dt != 0:
+            low, high = settings[TAG_LOW], settings[TAG_HIGH]
+            new = rounded(t, dt, 1, low, high, False, base_t, e)
+            if new > high or new < low:
+                counts[TAG_SATURATED] += 1
+                new = min(high, max(low, new))
+            if new != t:
+                counts[TAG_CHANGED] += 1
+                tags[e] = new
+
+    @kernel
+    def learn(terms, settings, traces, synapses, keys, step, counts):
+        """Apply the rule at the end of an epoch and forget its spikes.
+
+        Synapses are visited where a spike gates a product: along the rows of the pre neurons that fired, then along the
+        columns of the post neurons that fired. All are visited where a product with u_k is due; those whose tag is 0
+        and that saw no spike are passed over if every such product has t as a factor.
+
+        Args:
+            terms: the products, laid out as above.
+            settings: likewise.
+            traces: of both sides.
+            synapses: of the projection; weights and tags are changed.
+            keys: of the draws.
+            step: ends the epoch.
+            counts: grow.
+        """
+        number = step // settings[EPOCH]
+        base_w, base_t = base_of(keys, 0, step), base_of(keys, 1, step)
+        tx, ty, weights, tags = traces.tx, traces.ty, synapses.weights, synapses.tags
+        row_ends, targets, sources = synapses.row_ends, synapses.targets, synapses.sources
+        column_ends, incoming = synapses.column_ends, synapses.incoming
+        sweep = gated_x = gated_y = False
+        for n in range(terms.shape[0]):
+            if (number & terms[n, MASK]) == 0:
+                sweep |= terms[n, GATE] == U
+                gated_x |= terms[n, GATE] == X0
+                gated_y |= terms[n, GATE] == Y0
+        if sweep:
+            idle = settings[NEEDS_TAG] != 0
+            for i in range(tx.size):
+                for e in range(row_ends[i], row_ends[i + 1]):
+                    if idle and tags[e] == 0 and tx[i] == 0 and ty[targets[e]] == 0:
+                        counts[EVALUATED] += 1  # the chip does visit it
+                        continue
+                    apply(terms, settings, number, i, targets[e], e, traces, weights, tags, base_w, base_t, counts)
+        else:
+            if gated_x:
+                for i in range(tx.size):
+                    if tx[i] != 0:
+                        for e in range(row_ends[i], row_ends[i + 1]):
+                            j = targets[e]
+                            apply(terms, settings, number, i, j, e, traces, weights, tags, base_w, base_t, counts)
+            if gated_y:
+                for j in range(ty.size):
+                    if ty[j] != 0:
+                        for n in range(column_ends[j], column_ends[j + 1]):
+                            # those of sources that fired were visited along their rows: each once, from the same values
+                            i, e = sources[n], incoming[n]
+                            if tx[i] == 0 or not gated_x:
+                                apply(terms, settings, number, i, j, e, traces, weights, tags, base_w, base_t, counts)
+        tx[:] = 0
+        ty[:] = 0
+
+    return learn
+
+
 @inlined
-def rounded(delta, precision, away, base, e):
-    """A change in units of 2^-7 as a multiple of the variable's step."""
+def product_of_loihi(terms, n, slot, i, j, traces, w, t):
+    """Return a product, cut towards 0."""
+    v = terms[n, MANTISSA]
+    for f in range(terms[n, SIZE]):
+        v *= factor(terms[n, FIRST + 2 * f], slot, i, j, traces, w, t) + terms[n, FIRST + 2 * f + 1]
+        if v == 0:
+            return v
+    shift = terms[n, SHIFT]
+    if shift >= 0:
+        return v << shift
+    # a shift alone cuts downwards: a negative product would lose more than a positive one
+    return v >> -shift if v > 0 else -((-v) >> -shift)
+
+
+@inlined
+def base_of_loihi(keys, k, step):
+    """Return the word of a step, from which each synapse has a draw of its own."""
+    return step_word(keys[k], step)
+
+
+@inlined
+def rounded_by_loihi(value, change, precision, low, high, away, base, e):
+    """Return a value and its change, a multiple of the variable's step."""
     if away:
-        size = (abs(delta) + 127) >> 7
+        size = (abs(change) + 127) >> 7
         size -= size % precision
-        return size if delta > 0 else -size
+        return value + (size if change > 0 else -size)
     step = precision << 7
-    whole = delta // step
-    rest = delta - whole * step
+    whole = change // step
+    rest = change - whole * step
     if rest != 0 and draw(base, e, step) < rest:
         whole += 1
-    return whole * precision
+    return value + whole * precision
 
 
 @inlined
-def apply(terms, settings, number, i, j, e, xs, ys, tx, ty, x0, y0, weights, tags, base_w, base_t, counts):
-    """Apply the rule to synapse `e` from neuron `i` to `j`."""
-    counts[EVALUATED] += 1
-    w, t = np.int64(weights[e]), np.int64(tags[e])
-    # Both changes from the values before either is applied.
-    dw = change(terms, 0, settings[OF_WEIGHT], number, i, j, xs, ys, tx, ty, x0, y0, w, t, w, counts)
-    dt = change(terms, settings[OF_WEIGHT], terms.shape[0], number, i, j, xs, ys, tx, ty, x0, y0, w, t, t, counts)
-    if dw != 0:
-        new = w + rounded(dw, settings[PRECISION], settings[AWAY] != 0, base_w, e)
-        if new > settings[HIGH] or new < settings[LOW]:
-            counts[WEIGHT_SATURATED] += 1
-            new = min(settings[HIGH], max(settings[LOW], new))
-        if new != w:
-            counts[CHANGED] += 1
-            weights[e] = new
-    if dt != 0:
-        new = t + rounded(dt, 1, False, base_t, e)
-        if new > 255 or new < -256:
-            counts[TAG_SATURATED] += 1
-            new = min(255, max(-256, new))
-        if new != t:
-            counts[TAG_CHANGED] += 1
-            tags[e] = new
+def product_of_loihi2(terms, n, slot, i, j, traces, w, t):
+    """Return a product of factors that are clipped to their bits, in 32 bits."""
+    v = i32(1)
+    for f in range(terms[n, SIZE]):
+        code = terms[n, FIRST + 2 * f]
+        most = np.int64(1) << BITS[code]
+        value = factor(code, slot, i, j, traces, w, t) + terms[n, FIRST + 2 * f + 1]
+        v = i32(v * i32(min(max(value, -most), most - 1)))
+    v = i32(i32(v * i32(terms[n, MANTISSA])) >> i32(terms[n, DOWN]))
+    return np.int64(i32(v << i32(terms[n, SHIFT])))
 
 
-@kernel
-def learn(
-    terms, settings, xs, ys, x0, y0, tx, ty, weights, tags,
-    row_ends, targets, column_ends, incoming, sources, keys, step, counts,
-):  # fmt: skip
-    """Apply the rule at the end of an epoch and forget its spikes.
+@inlined
+def base_of_loihi2(keys, k, step):
+    """Return the one number that rounds all weights and tags of an epoch."""
+    return keys[k]
 
-    Synapses are visited where a spike gates a product: along the rows of the pre neurons that fired, then along the
-    columns of the post neurons that fired. All are visited where a product with u_k is due; those whose tag is 0 and
-    that saw no spike are passed over if every such product has t as a factor.
 
-    Terms and settings are laid out as above. `xs` are the traces of the sources (x1, x2), `ys` those of the targets
-    (y1, y2, y3, r1, r2), uint8 (epoch, traces, neurons); x0 and y0 tell which have fired in the epoch and tx, ty in
-    which slot last (uint8). Mantissas and tags are int16, in the order of `targets`; synapses of source i are
-    row_ends[i] : row_ends[i + 1]; those onto target j and their sources are column_ends[j] : column_ends[j + 1] of
-    `incoming` and `sources`. `keys` are those of the weights' and the tags' draws, `step` ends the epoch, and `counts`
-    is added to.
-    """
-    number = step // settings[EPOCH]
-    base_w, base_t = step_word(keys[0], step), step_word(keys[1], step)
-    sweep = gated_x = gated_y = False
-    for n in range(terms.shape[0]):
-        if (number & terms[n, MASK]) == 0:
-            sweep |= terms[n, GATE] == U
-            gated_x |= terms[n, GATE] == X0
-            gated_y |= terms[n, GATE] == Y0
-    if sweep:
-        idle = settings[NEEDS_TAG] != 0
-        for i in range(x0.size):
-            for e in range(row_ends[i], row_ends[i + 1]):
-                if idle and tags[e] == 0 and x0[i] == 0 and y0[targets[e]] == 0:
-                    counts[EVALUATED] += 1  # the chip does visit it
-                    continue
-                apply(terms, settings, number, i, targets[e], e, xs, ys, tx, ty, x0, y0, weights, tags,
-                      base_w, base_t, counts)  # fmt: skip
-    else:
-        if gated_x:
-            for i in range(x0.size):
-                if x0[i] != 0:
-                    for e in range(row_ends[i], row_ends[i + 1]):
-                        apply(terms, settings, number, i, targets[e], e, xs, ys, tx, ty, x0, y0, weights, tags,
-                              base_w, base_t, counts)  # fmt: skip
-        if gated_y:
-            for j in range(y0.size):
-                if y0[j] != 0:
-                    for n in range(column_ends[j], column_ends[j + 1]):
-                        # those of sources that fired were visited along their rows: each once, from the same values
-                        if x0[sources[n]] == 0 or not gated_x:
-                            apply(terms, settings, number, sources[n], j, incoming[n], xs, ys, tx, ty, x0, y0,
-                                  weights, tags, base_w, base_t, counts)  # fmt: skip
-    x0[:] = 0
-    y0[:] = 0
+@inlined
+def rounded_by_loihi2(value, change, precision, low, high, away, base, e):
+    """Return a value and its change as a whole number; what has the wrong sign is cut before it is rounded."""
+    change = max(change, -(value << 7)) if low == 0 else change
+    change = min(change, -(value << 7)) if high == 0 else change
+    whole = change >> 7
+    return value + whole + np.int64(base < (change - (whole << 7)) / 128.0)
+
+
+learn_loihi = microcode(product_of_loihi, base_of_loihi, rounded_by_loihi, -LAST - 1)
+learn_loihi2 = microcode(product_of_loihi2, base_of_loihi2, rounded_by_loihi2, -LAST - 2)
+"""lava's accumulator has one value more below than 16 bits hold."""

@@ -11,8 +11,8 @@ import numpy as np
 from neuro.kernels.draws import poisson_by_sum, step_word, uniform
 from neuro.kernels.jit import kernel, subkernel
 from neuro_chip import tables as t
+from neuro_chip.build import NUMBERS, STEPS
 from neuro_chip.deliver import may_gather, send, send_grids
-from neuro_chip.families import NUMBERS, STEPS
 from neuro_chip.tables import net_of
 
 
@@ -130,6 +130,37 @@ def silence(net, group, begin, end, step):
     for i in range(begin, end, step):
         net.standing[group, t.OPEN] -= net.muted[i] == 0
         net.muted[i] |= t.BLOCKED
+
+
+@subkernel
+def count_open(net):
+    """Count how many of each group with several winners may still win."""
+    for k in range(net.groups.shape[0]):
+        if net.local[k, t.RADIUS] >= 0:
+            row = net.pops[net.groups[k, t.POPULATION]]
+            free = 0
+            for i in range(row[t.BEGIN], row[t.END]):
+                free += net.muted[i] == 0
+            net.standing[k, t.OPEN] = free
+
+
+@subkernel
+def open_groups(net):
+    """No group has decided, and whoever was silenced by a winner may fire."""
+    net.groups[:, t.CLOSED] = 0
+    net.groups[:, t.WINNER] = t.NONE
+    for i in range(net.muted.size):
+        # What a winner silenced is over; whom the trial left out stays so until it ends.
+        net.muted[i] &= t.SILENCED
+    net.map_wins[:] = 0
+    net.standing[:, t.WINS] = 0
+    count_open(net)
+
+
+@kernel
+def open_all(view, words):
+    """Open the groups; `view` and `words` are as in `net`."""
+    open_groups(net_of(view, words))
 
 
 @subkernel

@@ -10,26 +10,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
-from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.chips.quantising.quantise import names_of, requantise, shares
+from neuro.chips.fixed import FixedPopulation, FixedProjection
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.known import arithmetic_of
+from neuro.chips.quantising import names_of, requantise, shares
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError, unknown
 from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped, torn
 from neuro.model.equations import EquationNeuron
 from neuro.program.backend import OverflowWarning, Problem
-from neuro.program.currents import Currents
-from neuro.program.drives import Rates
+from neuro.program.currents import Currents, Rates
 from neuro.program.program import Floats, Ints
 from neuro.program.spikes import ListedSpikes, RecordedSpikes
 from neuro_chip import tables as t
 from neuro_chip.build import arrays_of, write_registers, write_states
-from neuro_chip.delays import Delays
-from neuro_chip.families import family_of
-from neuro_chip.learners import Learners
-from neuro_chip.loop import advance, send_ahead
+from neuro_chip.learners import Delays, Learners
+from neuro_chip.loop import advance, open_all, send_ahead
 from neuro_chip.tables import Bound
-from neuro_chip.trial_kernels import open_all
 from neuro_chip.weights import ChipWeights
 
 _CLEARED = (
@@ -112,7 +109,9 @@ class Machine:
     def _advance_to(self, end: int, group: int) -> None:
         clock, by_step = self.arrays["clock"], self.learners or self.delays
         while clock[t.STEP] < end:
-            self._apply_currents()
+            for target in self.currents.targets:  # the host writes the bias that holds from the next step on
+                current = self.currents.into(target, self.step + 1)
+                self.arrays["bias"][self.slice(target)] = self.cells.bias(target, current)
             before = int(clock[t.STEP])
             for k, rate in self.rates.new(before):
                 self.set_rate(k, rate)
@@ -139,43 +138,37 @@ class Machine:
         if self.program.sends_at_once(part):
             send_ahead(self.bound.view, self.bound.words, part.source, projection)
 
-    def _apply_currents(self) -> None:
-        """The host writes the bias that holds from the next step on."""
-        for target in self.currents.targets:
-            current = self.currents.into(target, self.step + 1)
-            self.arrays["bias"][self.slice(target)] = self.cells.bias(target, current)
-
     def set_rate(self, population: int, rate: Floats) -> None:
         """Change the rate of a poisson_generator."""
         here = self.slice(population)
         self.arrays["mean"][here] = rate * (self.program.resolution * 1e-3)
         self.arrays["nothing"][here] = np.exp(-self.arrays["mean"][here])
 
+    def native(self, columns: int) -> dict[str, int]:
+        """Return what only chips count, by name, of the first columns."""
+        counts = self.arrays["native"][:, :columns]
+        return {
+            f"{t.NATIVE[column]} of {self.program.populations[k].name}": int(counts[k, column])
+            for k, column in zip(*np.nonzero(counts), strict=True)
+        }
+
     def check_overflows(self) -> None:
         """Tell of each kind of overflow once, or refuse to go on."""
-        columns, learnt = self.arrays["native"][:, : t.MERGED], self.learners.overflows()
-        if not learnt and not columns.any():
-            return
-        found = {
-            f"{t.NATIVE[column]} of {self.program.populations[k].name}": int(columns[k, column])
-            for k, column in zip(*np.nonzero(columns), strict=True)
-        } | learnt
+        found = self.native(t.MERGED) | self.learners.overflows()
+        arithmetic = arithmetic_of(self.fixed.chip)
         for what in [what for what in found if what not in self._warned]:
             self._warned.add(what)
             text = f"backend '{self.fixed.chip.name}': {found[what]} {what} up to step {self.step}"
-            hint = self._way_out(what)
+            # What would keep the register from overflowing.
+            hint = "lower its weights or its input"
+            for part, cells in zip(self.program.populations, self.cells.fixed, strict=True):
+                if what.endswith(f" of {part.name}") and not part.model.chip and cells.kind in arithmetic.states:
+                    hint = arithmetic.way_out(cells)
+                    break
             if self._strict:
                 raise ModelError(text, hint=f"{hint}, or run without strict=True")
             message = f"{text}; counts().native has their number\n  hint: {hint}"
             warnings.warn(OverflowWarning(message, what, hint), stacklevel=4)
-
-    def _way_out(self, what: str) -> str:
-        """What would keep a register from overflowing."""
-        family = family_of(self.fixed.chip)
-        for part, cells in zip(self.program.populations, self.cells.fixed, strict=True):
-            if what.endswith(f" of {part.name}") and not part.model.chip and cells.kind in family.steps:
-                return family.way_out(cells)
-        return "lower its weights or its input"
 
     def start_anew(self, weights: bool) -> None:
         """Back to step 0 and the initial states, and to the initial weights if asked."""
@@ -190,7 +183,10 @@ class Machine:
             write_states(self.arrays, k, self.cells.fixed[k])
         self.record = RecordedSpikes()
         self.listed = ListedSpikes(self.program, self.arrays, self.arrays["pops"][:, t.BEGIN].tolist())
-        self._start_currents_anew()
+        before, self.currents = self.currents, Currents(self.program)
+        for k, part in enumerate(self.program.populations):
+            if part.kind == "current" and part.schedule is None:  # amplitudes that were set hold from step 0
+                self.currents.set(k, "amplitude", before.parameter(k, "amplitude"), 0)
         self._list_rates(1)
         self.weights.start_anew(weights)
         self.learners.start_anew(weights)
@@ -202,13 +198,6 @@ class Machine:
         """The host takes the rates that are listed for a step."""
         for k, rate in self.rates.at(step):
             self.set_rate(k, rate)
-
-    def _start_currents_anew(self) -> None:
-        """Amplitudes that were set hold from step 0."""
-        before, self.currents = self.currents, Currents(self.program)
-        for k, part in enumerate(self.program.populations):
-            if part.kind == "current" and part.schedule is None:
-                self.currents.set(k, "amplitude", before.parameter(k, "amplitude"), 0)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs."""
@@ -227,6 +216,7 @@ class Machine:
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Continue from a snapshot."""
+        self.learners.restore(arrays)  # first, since it refuses what an earlier version has saved
         self.weights.take(self.cells.restore(arrays))
         for k in range(len(self.program.populations)):
             write_registers(self.arrays, self.fixed, k, self.cells.fixed[k])
@@ -240,7 +230,6 @@ class Machine:
         self.currents.restore(arrays)
         self._list_rates(self.step)
         self.weights.restore(arrays)
-        self.learners.restore(arrays)
         self.delays.restore(arrays)
         self.bind()
 
@@ -257,7 +246,7 @@ class ChipRegisters:
     """
 
     def __init__(self, fixed: FixedProgram) -> None:
-        self._program, self._family = fixed, family_of(fixed.chip)
+        self._program, self._arithmetic = fixed, arithmetic_of(fixed.chip)
         self.fixed = list(fixed.populations)
         self.parameters = [dict(p.parameters) for p in fixed.program.populations]
         self._names = [names_of(part) for part in fixed.program.populations]
@@ -281,12 +270,12 @@ class ChipRegisters:
 
     def _state(self, population: int, name: str, arrays: Mapping[str, NDArray[np.int32]]) -> Floats:
         part = self.fixed[population]
-        if name in self._family.states.get(part.kind, ()):
+        if name in self._arithmetic.states.get(part.kind, ()):
             return arrays[name].astype(np.float64)
         if name == "V_m":
             values: Floats = arrays["v"] / part.volt + part.rest
             return values
-        return self._family.current(part, name, arrays)
+        return self._arithmetic.current(part, name, arrays)
 
     def units(self, population: int, name: str, values: Floats) -> dict[str, NDArray[np.int32]]:
         """The state registers of a state, and values in their units.
@@ -307,10 +296,10 @@ class ChipRegisters:
         if name == "V_m":
             exact = (values - part.rest) * part.volt
         elif name in ("I_syn_ex", "I_syn_in"):
-            exact = self._family.units(part, name, values)
+            exact = self._arithmetic.units(part, name, values)
         elif (broken := values[values != np.rint(values)]).size:
             raise ModelError(f"population '{part.name}': {name} = {broken[0]:g}: register '{name}' holds whole numbers")
-        limit = self._family.arithmetic.state_limit
+        limit = self._arithmetic.state_limit
         bad = np.flatnonzero(np.abs(exact) > limit)
         if bad.size:
             raise ModelError(
@@ -321,7 +310,7 @@ class ChipRegisters:
 
     def bias(self, population: int, current: Floats) -> NDArray[np.int32]:
         """What is added in each step, with a current in pA beside the constant one."""
-        return self._family.bias(self.fixed[population], current)
+        return self._arithmetic.bias(self.fixed[population], current)
 
     def register_of(self, population: int, name: str) -> str:
         """The register of that name, or the one that holds a state or parameter of that name.
@@ -330,8 +319,8 @@ class ChipRegisters:
             ModelError: the population has no such register.
         """
         part, name = self.fixed[population], self.names(population, name)[0]
-        own = [*self._family.states.get(part.kind, ()), *part.registers]
-        stands = self._family.stands_for
+        own = [*self._arithmetic.states.get(part.kind, ()), *part.registers]
+        stands = self._arithmetic.stands_for
         if stands.get(name) in own:
             return stands[name]
         if name not in own:
@@ -359,22 +348,19 @@ class ChipRegisters:
             return self.fixed[population], {}
         found, wires, problems = requantise(self._program, population, self.parameters[population], weights)
         refused = [replace(problem, way_out=_KEPT) for problem in problems if problem.refused]
-        refused += [self._other_scale(k) for k in wires if k in learning and not self._same_scale(k, wires[k])]
+        for k, new in wires.items():
+            before = self._program.projections[k]
+            if k in learning and (before is None or not np.array_equal(before.step, new.step)):
+                name = self._program.program.projections[k].name
+                why = "the change gives its weights another scale, and the rule in the chip's microcode holds for one"
+                way_out = "change the network and compile again"
+                refused.append(Problem(True, f"projection '{name}' learns", why, way_out))
         if refused:
             self.parameters[population] = dict(self._good[population])
             raise ModelError(f"{refused[0].what}: {refused[0].why}", hint=refused[0].way_out)
         self.fixed[population] = found
         self._good[population] = dict(self.parameters[population])
         return found, wires
-
-    def _same_scale(self, projection: int, wires: FixedProjection) -> bool:
-        before = self._program.projections[projection]
-        return before is not None and np.array_equal(before.step, wires.step)
-
-    def _other_scale(self, projection: int) -> Problem:
-        name = self._program.program.projections[projection].name
-        why = "the change gives its weights another scale, and the rule in the chip's microcode holds for one"
-        return Problem(True, f"projection '{name}' learns", why, "change the network and compile again")
 
     def snapshot(self) -> dict[str, Ints | Floats]:
         """The parameters by population."""

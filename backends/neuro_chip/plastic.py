@@ -1,4 +1,4 @@
-"""The arrays of one projection that learns on Loihi, and the calls of its kernels in order."""
+"""The state of one projection that learns, on Loihi 1 and Loihi 2, and what a step does to it."""
 
 from __future__ import annotations
 
@@ -7,50 +7,116 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.loihi.arithmetic import bounds, grain_of
+from neuro.chips.loihi import bounds, grain_of
+from neuro.chips.loihi2 import SIGN_MODES
 from neuro.core.keyed_random import key
-from neuro.model.synapses.loihi_rule import FACTORS, FRACTION_BITS, MODULATORY, POST, PRE, LearningRule, Term
+from neuro.model.synapses import loihi2_learning
+from neuro.model.synapses.loihi_rule import (
+    FACTORS,
+    FRACTION_BITS,
+    MANTISSA_BITS,
+    MODULATORY,
+    POST,
+    PRE,
+    PRODUCT_BITS,
+    TRACE_MAX,
+    LearningRule,
+)
+from neuro.program.program import Floats, Ints
 from neuro_chip import learning as kernels
 
-Ints = NDArray[np.int64]
 GATES = {"x0": kernels.X0, "y0": kernels.Y0, "u": kernels.U}
 
 
-def table(rule: LearningRule) -> Ints:
-    """The rule's products as the kernels read them, int64 (products, `COLUMNS`)."""
-    terms = (*rule.dw, *rule.dt)
-    rows = np.zeros((len(terms), kernels.COLUMNS), dtype=np.int64)
-    for row, term in zip(rows, terms, strict=True):
-        row[: kernels.FIRST] = (
-            *(GATES[term.gate], (1 << term.every) - 1),
-            *(term.mantissa, term.exponent + FRACTION_BITS, len(term.factors)),
-        )
-        for n, factor in enumerate(term.factors):
-            row[kernels.FIRST + 2 * n : kernels.FIRST + 2 * n + 2] = FACTORS.index(factor.name), factor.add
-    return rows
-
-
-def _is_zero_without_tag(term: Term) -> bool:
-    return any(factor.name == "t" and factor.add == 0 for factor in term.factors)
-
-
-class Plastic:
-    """States of the synapses of one projection that learns.
+class Learner:
+    """The synapses of one projection that learns, and their rule; a family says what a step does.
 
     Args:
-        name, seed: of the projection and of the program: they key the draws.
         rule: the rule.
         row_ends, targets: the connections, as a program's of layout csr.
         n_targets: neurons of the target.
         weights: mantissas of the synapses.
-        bits, sign_mode: of the weights.
+        ends: the smallest and the largest weight, and the same of a tag.
+        precision: the step between two weights.
 
     Attributes:
         weights, tags: int16, one for each synapse.
-        counts: int64, see `neuro_chip.learning`; `trace_saturations` of both sides.
+        xs, ys, tx, ty: see `neuro_chip.learning.Traces`.
+        counts: int64, see `neuro_chip.learning`; `saturated` counts traces of both sides.
     """
 
-    kept: ClassVar[tuple[str, ...]] = ("weights", "tags", "xs", "ys", "x0", "y0", "tx", "ty", "counts", "saturated")
+    kept: ClassVar[tuple[str, ...]] = ("weights", "tags", "xs", "ys", "tx", "ty", "counts", "saturated")
+    """Arrays that change."""
+
+    def __init__(
+        self,
+        rule: LearningRule,
+        row_ends: Ints,
+        targets: NDArray[np.int32],
+        n_targets: int,
+        weights: Ints,
+        ends: tuple[int, int, int, int],
+        precision: int = 1,
+    ) -> None:
+        self.rule, self.epoch = rule, rule.epoch
+        products = (*rule.dw, *rule.dt)
+        self.terms: Ints = np.zeros((len(products), kernels.COLUMNS), dtype=np.int64)
+        for row, term in zip(self.terms, products, strict=True):
+            bits = sum(int(kernels.BITS[FACTORS.index(factor.name)]) for factor in term.factors) + MANTISSA_BITS
+            row[: kernels.FIRST] = (
+                *(GATES[term.gate], (1 << term.every) - 1, term.mantissa, term.exponent + FRACTION_BITS),
+                *(len(term.factors), max(0, bits - PRODUCT_BITS)),
+            )
+            for n, factor in enumerate(term.factors):
+                row[kernels.FIRST + 2 * n : kernels.FIRST + 2 * n + 2] = FACTORS.index(factor.name), factor.add
+        # A product with u_k is 0 where the tag is, if it has the bare tag as a factor.
+        needs_tag = all(
+            any(factor.name == "t" and factor.add == 0 for factor in term.factors)
+            for term in products
+            if term.gate == "u"
+        )
+        self.settings: Ints = np.array(
+            [rule.epoch, precision, *ends, rule.rounding == "away", needs_tag, len(rule.dw)], dtype=np.int64
+        )
+        n_sources = row_ends.size - 1
+        incoming = np.argsort(targets, kind="stable").astype(np.int32)
+        self.synapses = kernels.Synapses(
+            weights=weights.astype(np.int16),
+            tags=np.zeros(weights.size, dtype=np.int16),
+            row_ends=row_ends.astype(np.int64),
+            targets=targets.astype(np.int32),
+            column_ends=np.concatenate([[0], np.cumsum(np.bincount(targets, minlength=n_targets))]),
+            incoming=incoming,
+            sources=np.repeat(np.arange(n_sources, dtype=np.int32), np.diff(row_ends))[incoming],
+        )
+        self.weights, self.tags = self.synapses.weights, self.synapses.tags
+        self.counts: Ints = np.zeros(6, dtype=np.int64)
+        self.saturated: Ints = np.zeros(1, dtype=np.int64)
+
+    def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> None:
+        """Take one step of learning.
+
+        Args:
+            step: its number, from 1; an epoch ends where it is a multiple of `epoch`.
+            pre: ids of the sources that fired, each once.
+            post: ids of the targets that fired, each once.
+            payloads: of the sources that fired.
+        """
+        raise NotImplementedError
+
+    def trace(self, name: str, step: int) -> NDArray[np.generic]:
+        """Return a trace of all its neurons after a step."""
+        raise NotImplementedError
+
+
+class Plastic(Learner):
+    """A projection that learns on Loihi 1.
+
+    Args:
+        name, seed: of the projection and of the program: they key the draws.
+        rule, row_ends, targets, n_targets, weights: see `Learner`.
+        bits, sign_mode: of the weights.
+    """
 
     def __init__(
         self,
@@ -64,60 +130,45 @@ class Plastic:
         bits: int = 8,
         sign_mode: str = "mixed",
     ) -> None:
-        self.rule, self.epoch, self.terms = rule, rule.epoch, table(rule)
-        n_sources = row_ends.size - 1
         low, high, _ = bounds(sign_mode)
-        due = [term for term in (*rule.dw, *rule.dt) if term.gate == "u"]
-        self.settings: Ints = np.array(
-            [
-                *(rule.epoch, grain_of(bits, sign_mode == "mixed"), low, high, rule.rounding == "away"),
-                *(all(_is_zero_without_tag(term) for term in due), len(rule.dw)),
-            ],
-            dtype=np.int64,
-        )
-        self.row_ends, self.targets = row_ends.astype(np.int64), targets.astype(np.int32)
-        self.incoming = np.argsort(self.targets, kind="stable").astype(np.int32)
-        self.column_ends: Ints = np.concatenate([[0], np.cumsum(np.bincount(self.targets, minlength=n_targets))])
-        self.sources = np.repeat(np.arange(n_sources, dtype=np.int32), np.diff(self.row_ends))[self.incoming]
-        self.weights = weights.astype(np.int16)
-        self.tags = np.zeros(self.weights.size, dtype=np.int16)
-        self.xs, self.x_keep, self.x_impulse, self.x_keys = _traces(name, seed, rule, PRE, n_sources)
-        self.ys, self.y_keep, self.y_impulse, self.y_keys = _traces(name, seed, rule, (*POST, *MODULATORY), n_targets)
-        self.r_impulse = self.y_impulse.copy()
-        self.r_impulse[: len(POST)] = 0
-        self.y_impulse[len(POST) :] = 0  # dopamine comes by `release`: post spikes must not add to its traces
-        self.x0, self.tx = np.zeros((2, n_sources), dtype=np.uint8)
-        self.y0, self.ty = np.zeros((2, n_targets), dtype=np.uint8)
-        self.keys = np.array([key(seed, purpose, name) for purpose in ("w", "t")], dtype=np.uint64)
-        self.counts: Ints = np.zeros(6, dtype=np.int64)
-        self.saturated: Ints = np.zeros(1, dtype=np.int64)
+        ends = low, high, -256, 255
+        super().__init__(rule, row_ends, targets, n_targets, weights, ends, grain_of(bits, sign_mode == "mixed"))
+        sides = (PRE, row_ends.size - 1), ((*POST, *MODULATORY), n_targets)
+        self.xs, self.ys = (np.zeros((rule.epoch, len(names), n), dtype=np.uint8) for names, n in sides)
+        self.tx, self.ty = (np.zeros(n, dtype=np.uint8) for _, n in sides)
+        self._traces = kernels.Traces(self.xs, self.ys, self.tx, self.ty)
+        self._keep: list[Ints] = []
+        self._impulses: list[Ints] = []
+        self._keys: list[NDArray[np.uint64]] = []
+        for names, _ in sides:
+            used = [rule.traces.get(trace) for trace in names]  # a trace that is not read stays 0
+            self._keep.append(np.array([(tr.numerator, tr.denominator) if tr else (0, 1) for tr in used]))
+            # Dopamine comes by `release`: post spikes do not add to its traces.
+            self._impulses.append(np.array([0 if tr is None else tr.impulse for tr in used]))
+            self._keys.append(np.array([key(seed, trace, name) for trace in names], dtype=np.uint64))
+        self._released = int(self._impulses[1][len(POST)])
+        self._impulses[1][len(POST) :] = 0
+        self._draws = np.array([key(seed, purpose, name) for purpose in ("w", "t")], dtype=np.uint64)
 
     def step(self, step: int, pre: Ints, post: Ints, payloads: Ints | None = None) -> None:
-        """One step of learning.
-
-        Args:
-            step: its number, from 1; an epoch ends where it is a multiple of `epoch`.
-            pre: ids of the sources that fired, each once.
-            post: ids of the targets that fired, each once.
-            payloads: not looked at.
-        """
+        """Take one step of learning; payloads are not looked at."""
         slot = (step - 1) % self.epoch  # decay, then impulses, then the rule: it reads the impulses of its own step
-        kernels.decay(self.xs, slot, self.x_keep, self.x_keys, step)
-        kernels.decay(self.ys, slot, self.y_keep, self.y_keys, step)
-        self.saturated += kernels.spike(self.xs, slot, self.x_impulse, pre, self.x0, self.tx)
-        self.saturated += kernels.spike(self.ys, slot, self.y_impulse, post, self.y0, self.ty)
+        for k, (history, ids, times) in enumerate(((self.xs, pre, self.tx), (self.ys, post, self.ty))):
+            kernels.decay(history, slot, self._keep[k], self._keys[k], step)
+            self.saturated += kernels.spike(history, slot, self._impulses[k], ids, times)
         if slot == self.epoch - 1:
-            kernels.learn(
-                *(self.terms, self.settings, self.xs, self.ys, self.x0, self.y0, self.tx, self.ty),
-                *(self.weights, self.tags, self.row_ends, self.targets, self.column_ends, self.incoming, self.sources),
-                *(self.keys, step, self.counts),
-            )
+            kernels.learn_loihi(self.terms, self.settings, self._traces, self.synapses, self._draws, step, self.counts)
+
+    def trace(self, name: str, step: int) -> NDArray[np.uint8]:
+        """Return a trace of all its neurons after a step."""
+        now = (step - 1) % self.epoch
+        return self.xs[now, PRE.index(name)] if name in PRE else self.ys[now, (*POST, *MODULATORY).index(name)]
 
     def release(self, step: int, ids: Ints) -> None:
         """Dopamine spikes reach the targets `ids` after a step: r1 grows by its impulse, once for each."""
         slot = (step - 1) % self.epoch
         r1 = self.ys[slot, len(POST)]
-        grown: Ints = r1 + np.bincount(ids, minlength=r1.size) * self.r_impulse[len(POST)]
+        grown: Ints = r1 + np.bincount(ids, minlength=r1.size) * self._released
         self.saturated += np.count_nonzero(grown > 127)
         r1[:] = np.minimum(grown, 127)
 
@@ -136,12 +187,110 @@ class Plastic:
         self.ys[slot, first + 1] = np.clip(-units, 0, 127)
 
 
-def _traces(
-    name: str, seed: int, rule: LearningRule, names: tuple[str, ...], neurons: int
-) -> tuple[NDArray[np.uint8], Ints, Ints, NDArray[np.uint64]]:
-    """History, decays, impulses and keys of the traces of one side; a trace that is not read stays 0."""
-    used = [rule.traces.get(trace) for trace in names]
-    keep = np.array([(tr.numerator, tr.denominator) if tr else (0, 1) for tr in used], dtype=np.int64)
-    impulses = np.array([tr.impulse if tr else 0 for tr in used], dtype=np.int64)
-    keys = np.array([key(seed, trace, name) for trace in names], dtype=np.uint64)
-    return np.zeros((rule.epoch, len(names), neurons), dtype=np.uint8), keep, impulses, keys
+class TwoFactors(Learner):
+    """A projection that learns on Loihi 2 with two factors, as lava computes it.
+
+    What a step does, in this order: pre spikes, post spikes, and at the end of an epoch the rule.
+
+    * Of several spikes of a neuron in an epoch all but the last raise its traces at once, as if at the epoch's
+      beginning; the last one at its own step, when the epoch is worked out. Payloads raise x1 at once.
+    * An epoch is worked out at its end: from the traces at its beginning each step keeps exp(-1/tau), rounded up where
+      the random number of the population is below the fraction.
+
+    Random numbers are lava's where the rule has a seed: draws of numpy's default generator, two a step for traces and
+    one an epoch for weights. Source: lava 0.10, `src/lava/magma/core`, `model/py/connection.py` and `learning`.
+
+    Args:
+        name, seed: of the projection and of the program, for the random numbers.
+        synapse: the numbers of the model.
+        rule, row_ends, targets, n_targets, weights: see `Learner`.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        seed: int,
+        rule: LearningRule,
+        synapse: loihi2_learning,
+        row_ends: Ints,
+        targets: NDArray[np.int32],
+        n_targets: int,
+        weights: Ints,
+    ) -> None:
+        super().__init__(rule, row_ends, targets, n_targets, weights, (*SIGN_MODES[synapse.sign_mode], -257, 255))
+        self.graded = synapse.graded
+        numbers = synapse.parameters()
+        self._impulses = [np.array([[numbers[f"{each}_impulse"]] for each in side]) for side in (PRE, POST)]
+        taus = [[numbers[f"{each}_tau"] for each in side] for side in (PRE, POST)]
+        self._keeps = [np.array([[np.exp(-1.0 / tau) if tau else 0.0] for tau in side]) for side in taus]
+        n_sources = row_ends.size - 1
+        self.xs, self.ys = (np.zeros((k, n), dtype=np.int64) for k, n in ((2, n_sources), (3, n_targets)))
+        self.tx, self.ty = np.zeros(n_sources, dtype=np.int64), np.zeros(n_targets, dtype=np.int64)
+        own = synapse.rng_seed
+        # lava's number for weights is 2, whatever the seed of a rule.
+        self._seeds = [key(seed, purpose, name) for purpose in ("x", "y", "w")] if own < 0 else [own, own + 2, 2]
+
+    def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> None:
+        """Take one step of learning."""
+        now = (step - 1) % self.epoch + 1
+        again = self.tx[pre] > 0
+        counted = self._raise_x1(pre, payloads, again)
+        self._add(self.xs[1:], self._impulses[0][1:], pre[again & counted])
+        self.tx[pre[counted]] = now
+        self._add(self.ys, self._impulses[1], post[self.ty[post] > 0])
+        self.ty[post] = now
+        if now == self.epoch:
+            number = step // self.epoch
+            draws = [
+                float(np.random.Generator(np.random.PCG64(seed).advance(at)).random())
+                for seed, at in zip(self._seeds, (2 * step, 2 * step, number), strict=True)
+            ]
+            xs = self._history(self.xs, self._keeps[0], self._impulses[0], self.tx, draws[0])
+            ys = self._history(self.ys, self._keeps[1], self._impulses[1], self.ty, draws[1])
+            self.xs[:], self.ys[:] = xs[-1], ys[-1]
+            traces = kernels.Traces(xs, ys, self.tx, self.ty)
+            kernels.learn_loihi2(
+                self.terms, self.settings, traces, self.synapses, np.full(2, draws[2]), step, self.counts
+            )
+
+    def _raise_x1(self, pre: Ints, payloads: Ints, again: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """What spikes do to x1 at once; which of them count as such."""
+        every = np.ones(pre.size, dtype=np.bool_)
+        if self.graded == "impulse":
+            self._add(self.xs[:1], self._impulses[0][:1], pre[again])
+            return every
+        halves = np.rint(payloads / 2).astype(np.int64) & 255
+        if self.graded == "overwrite":
+            self.xs[0, pre] = halves
+            return every
+        added = np.zeros_like(self.xs[0])
+        added[pre] = halves
+        sums = self.xs[0] + added & 255
+        over = sums > TRACE_MAX
+        if self.graded == "add_with_saturation":
+            self.xs[0] = np.minimum(sums, TRACE_MAX)
+            return every
+        self.xs[0] = np.where(over, sums - TRACE_MAX, sums)
+        counted: NDArray[np.bool_] = over[pre]
+        return counted
+
+    def _add(self, traces: Ints, impulses: Ints, ids: Ints) -> None:
+        """Add impulses to the traces of some neurons, up to 127."""
+        raised = traces[:, ids] + impulses
+        self.saturated += np.count_nonzero(raised > TRACE_MAX)
+        traces[:, ids] = np.minimum(raised, TRACE_MAX)
+
+    def _history(self, traces: Ints, keep: Floats, impulses: Ints, times: Ints, draw: float) -> Ints:
+        """Return the traces after each step of the epoch, shape (epoch, traces, neurons)."""
+        history: Ints = np.empty((self.epoch, *traces.shape), dtype=np.int64)
+        before = traces
+        for step, now in enumerate(history, 1):
+            left = keep * before
+            now[:] = np.floor(left) + (draw < left % 1)
+            self._add(now, impulses, np.flatnonzero(times == step))
+            before = now
+        return history
+
+    def trace(self, name: str, step: int) -> Ints:
+        """Return a trace of all its neurons after a step."""
+        return self.xs[PRE.index(name)] if name in PRE else self.ys[POST.index(name)]

@@ -1,6 +1,6 @@
 """All arrays of a quantised program as the compiled loop sees them, and the columns of its tables.
 
-Neurons are counted through all populations. `NET` lists the arrays; how a kernel sees them, see `neuro.kernels.views`.
+Neurons are counted through all populations. `NET` lists the arrays; how a kernel sees them: `neuro.kernels.address`.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,misc"
@@ -14,8 +14,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from neuro.core.interrupts import AT_ONCE as AT_ONCE  # the kernels compare `stop` with it
-from neuro.kernels import views
-from neuro.kernels.views import Views, fields_of
+from neuro.kernels.address import Views, fields_of, pointer, row_of, table_of
 
 Arrays = dict[str, NDArray[Any]]
 """All arrays that the loop reads and writes, by the names of `NET`."""
@@ -197,7 +196,7 @@ class Bound:
     def __init__(self, arrays: Arrays) -> None:
         self._fields = _FIELDS[arrays["words"].dtype.str[1:]]
         self._arrays, self.words = dict(arrays), arrays["words"]
-        self.view = views.table_of((self._fields, arrays))
+        self.view = table_of((self._fields, arrays))
 
     def take(self, arrays: Arrays) -> None:
         """Take those that were replaced."""
@@ -206,10 +205,10 @@ class Bound:
             array = arrays[field[0]]
             if array is not self._arrays[field[0]]:
                 self._arrays[field[0]] = array
-                self.view[k] = views.row_of(field, array)
+                self.view[k] = row_of(field, array)
 
 
 @intrinsic
 def net_of(typingctx, table, words):
     """The arrays of a table; `words` is the array of that name, whose type a family of chips chooses."""
-    return _VIEWS[words.dtype](table, words), views.pointer
+    return _VIEWS[words.dtype](table, words), pointer

@@ -1,21 +1,38 @@
 """Trials on a chip: the host resets, sends the input, waits for the decision, and teaches between them."""
 
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
+import math
+from functools import cache
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 
-from neuro.chips.loihi.learning import FRACTIONS
-from neuro.chips.quantising.fixed import FixedProjection
+from neuro.chips.loihi_learning import FRACTIONS
 from neuro.core import keyed_random
+from neuro.core.clock import NEVER
+from neuro.kernels.draws import step_word, uniform
+from neuro.kernels.jit import compiled, kernel, subkernel
 from neuro.program.backend import Outcome, Trial, Wins
 from neuro.program.program import Floats, Ints, Projection
-from neuro_chip import tables as t, trial_kernels as kernels
+from neuro_chip import tables as t
 from neuro_chip.build import STATES
+from neuro_chip.loop import count_open, open_groups
 from neuro_chip.machine import Machine
+from neuro_chip.tables import net_of
 
 _REGISTERS = {"V_m": ("v",), "I_syn_ex": ("u", "g_exc"), "I_syn_in": ("u", "g_inh")}
+
+
+class Scale(NamedTuple):
+    """The scale of some weights: weight per mantissa, the ends of mantissas, and the step between two."""
+
+    step: float
+    low: int
+    high: int
+    grain: int
 
 
 class ChipTrials:
@@ -50,11 +67,15 @@ class ChipTrials:
         machine, section, group = self._machine, self._section, self._section.group
         began = self._began = machine.step
         self._begin(trial)
-        peak = self._advance(trial.peaks)
+        # With `peaks` the host reads the voltages after each tick up to the decision.
+        peak = self._follow() if trial.peaks else None
+        decided = machine.arrays["groups"][group, t.CLOSED] == 1
+        if not (decided and section.stop_at_decision):
+            machine.advance_to(began + section.duration, group if section.stop_at_decision else t.NONE)
         machine.listed.drop(section.input)
         potential, best = np.empty(section.maps), np.empty(section.maps, dtype=np.int64)
         cells, bound = machine.cells.fixed[section.output], machine.bound
-        wrapped = kernels.end_trial(
+        wrapped = end_trial(
             bound.view, bound.words, section.output, group, float(cells.volt), cells.rest, potential, best
         )
         if wrapped or machine.learners:
@@ -64,24 +85,11 @@ class ChipTrials:
         if peak is not None and winner >= 0:
             peak[0][winner], peak[1][winner] = np.inf, decided
         values, when = peak or (None, None)
-        return Outcome(winner, decided, potential, best, machine.step - began, values, when, self._wins())
-
-    def _wins(self) -> Wins | None:
-        """All winners, where there may be several."""
-        a, group = self._machine.arrays, self._section.group
-        if not self._machine.program.groups[group].choice.several:
-            return None
-        won = a["won"][self._output][: a["standing"][group, t.WINS]]
-        return Wins(won[:, 0].copy(), won[:, 1] - self._began - 1)
-
-    def _advance(self, peaks: bool) -> tuple[Floats, Ints] | None:
-        """Run to the end of a trial; with `peaks` the host reads the voltages after each tick up to the decision."""
-        machine, section = self._machine, self._section
-        found = self._follow() if peaks else None
-        decided = machine.arrays["groups"][section.group, t.CLOSED] == 1
-        if not (decided and section.stop_at_decision):
-            machine.advance_to(self._began + section.duration, section.group if section.stop_at_decision else t.NONE)
-        return found
+        wins = None
+        if machine.program.groups[group].choice.several:
+            won = machine.arrays["won"][self._output][: machine.arrays["standing"][group, t.WINS]]
+            wins = Wins(won[:, 0].copy(), won[:, 1] - began - 1)
+        return Outcome(winner, decided, potential, best, machine.step - began, values, when, wins)
 
     def _follow(self) -> tuple[Floats, Ints]:
         """Run to the decision or the end, and see the largest V_m of each neuron and its tick."""
@@ -105,11 +113,11 @@ class ChipTrials:
             machine.bind()
         first = machine.listed.place(self._section.input)
         view, words = machine.bound.view, machine.bound.words
-        kernels.begin_trial(view, words, output, trial.silenced, "V_m" in self._states)
+        begin_trial(view, words, output, trial.silenced, "V_m" in self._states)
         cells = machine.cells.fixed[output]
         for name in self._registers:
             machine.arrays[STATES[name]][self._output] = cells.initial.get(name, 0)
-        kernels.list_trial(view, words, self._section.input, first, trial.ticks, trial.ids, self._began)
+        list_trial(view, words, self._section.input, first, trial.ticks, trial.ids, self._began)
 
     def _inputs_of(self, projection: int, neuron: int) -> tuple[Ints, Ints]:
         """Sources of a neuron's synapses, and which weight each has."""
@@ -121,7 +129,17 @@ class ChipTrials:
                 slots = np.flatnonzero(post == neuron)
                 self._inputs[key] = pre[slots], slots
             else:
-                self._inputs[key] = _under_kernel(part, neuron)
+                # Sources under the kernel of one neuron of a grid, and which weight each meets.
+                g = part.grid
+                m, rest = divmod(neuron, g.rows * g.columns)
+                r, c = divmod(rest, g.columns)
+                _, depth, height, width = g.kernels
+                k, i, j = np.indices((depth, height, width))
+                y, x = r * g.stride + i - g.top, c * g.stride + j - g.left
+                inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
+                source = (((k + m // g.reach) * g.height + y) * g.width + x)[inside]
+                slot = (((m * depth + k) * height + i) * width + j)[inside]
+                self._inputs[key] = source.astype(np.int64), slot.astype(np.int64)
         return self._inputs[key]
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
@@ -130,51 +148,38 @@ class ChipTrials:
         part, weights = machine.program.projections[projection], machine.weights
         sources, slots = self._inputs_of(projection, neuron)
         first, begin = machine.arrays["first"], machine.slice(part.source).start
-        delay, now = self._delays_of(projection, slots), tick + self._began + 1
+        if projection in machine.delays:  # steps that spikes take along the synapses
+            delay = machine.delays.steps(projection)[slots]
+        else:
+            delay = part.delay[:1] if part.grid is not None else np.broadcast_to(part.delay, part.size)[slots]
+            delay = delay.astype(np.int64)
+        now = tick + self._began + 1
         since = np.empty(len(sources))
-        kernels.ages(first, begin, sources, delay, now, machine.program.resolution, since)
-        wires, rule, key, arithmetic = self._prepared(projection)
+        ages(first, begin, sources, delay, now, machine.program.resolution, since)
+        scale, rule, key, arithmetic = self._prepared(projection)
         weights.updates[projection] += len(slots)
         if projection in machine.delays:
             units, unit = machine.delays.units[projection], machine.program.resolution / FRACTIONS
-            kernels.teacher(arithmetic.teach)(
-                units, unit, *machine.delays.bounds(projection), 1,
-                slots, since, lesson, rule, key, self.changes,
-            )  # fmt: skip
+            scale = Scale(unit, *machine.delays.bounds(projection), 1)
+            teacher(arithmetic.teach)(units, scale, slots, since, lesson, rule, key, self.changes)
             machine.delays.write(projection)
             return
-        kernels.teacher(arithmetic.teach)(
-            weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
-            slots, since, lesson, rule, key, self.changes,
-        )  # fmt: skip
+        mantissas = weights.mantissas[projection]
+        teacher(arithmetic.teach)(mantissas, scale, slots, since, lesson, rule, key, self.changes)
         if (settle := getattr(arithmetic, "settle", None)) is not None:
-            total = float(weights.mantissas[projection][slots].sum() * float(wires.step[0]))
+            total = float(mantissas[slots].sum() * scale.step)
             self.changes += 1
-            kernels.teacher(settle)(
-                weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
-                slots, since, total, rule, key, self.changes,
-            )  # fmt: skip
+            teacher(settle)(mantissas, scale, slots, since, total, rule, key, self.changes)
         weights.write_some(projection, slots)
-
-    def _delays_of(self, projection: int, slots: Ints) -> Ints:
-        """Steps that spikes take along some synapses."""
-        part = self._machine.program.projections[projection]
-        if projection in self._machine.delays:
-            return self._machine.delays.steps(projection)[slots]
-        delay = part.delay[:1] if part.grid is not None else np.broadcast_to(part.delay, part.size)[slots]
-        return delay.astype(np.int64)
 
     def encourage(self, projection: int, maps: Ints) -> None:
         """Apply the rule's `encourage` to every weight of some maps, rounding stochastically."""
         weights = self._machine.weights
         part = self._machine.program.projections[projection]
-        wires, rule, key, arithmetic = self._prepared(projection)
-        grow = kernels.grower(arithmetic.encourage)
+        scale, rule, key, arithmetic = self._prepared(projection)
+        grow = grower(arithmetic.encourage)
         for begin, end in self._ranges(part, maps):
-            grow(
-                weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
-                begin, end, rule, key, self.changes,
-            )  # fmt: skip
+            grow(weights.mantissas[projection], scale, begin, end, rule, key, self.changes)
             weights.updates[projection] += end - begin
             weights.write_some(projection, np.arange(begin, end))
 
@@ -192,7 +197,7 @@ class ChipTrials:
         begins = np.concatenate(([0], ends[:-1] + 1))
         return [(int(slots[a]), int(slots[b]) + 1) for a, b in zip(begins, ends, strict=True)] if slots.size else []
 
-    def _prepared(self, projection: int) -> tuple[FixedProjection, Floats, np.uint64, ModuleType]:
+    def _prepared(self, projection: int) -> tuple[Scale, Floats, np.uint64, ModuleType]:
         """The scale of a projection, its rule's constants, the key of its draws, and the rule; counts a change."""
         machine = self._machine
         numbers = machine.weights.rules[projection]
@@ -202,19 +207,164 @@ class ChipTrials:
             kept = self._taught[projection] = numbers, np.zeros(synapse.width), synapse.arithmetic
             kept[2].constants(numbers, machine.program.resolution, kept[1])
         self.changes += 1
-        return machine.weights.wires_of(projection), kept[1], np.uint64(self._keys[projection]), kept[2]
+        wires = machine.weights.wires_of(projection)
+        scale = Scale(float(wires.step[0]), wires.low, wires.high, wires.grain)
+        return scale, kept[1], np.uint64(self._keys[projection]), kept[2]
 
 
-def _under_kernel(part: Projection, neuron: int) -> tuple[Ints, Ints]:
-    """Sources under the kernel of one neuron of a grid, and which weight each meets."""
-    g = part.grid
-    assert g is not None
-    m, rest = divmod(neuron, g.rows * g.columns)
-    r, c = divmod(rest, g.columns)
-    _, depth, height, width = g.kernels
-    k, i, j = np.indices((depth, height, width))
-    y, x = r * g.stride + i - g.top, c * g.stride + j - g.left
-    inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
-    source = (((k + m // g.reach) * g.height + y) * g.width + x)[inside]
-    slot = (((m * depth + k) * height + i) * width + j)[inside]
-    return source.astype(np.int64), slot.astype(np.int64)
+@kernel
+def begin_trial(view, words, output, silenced, rested):
+    """Drop all that is under way, silence maps of a population, and open the groups.
+
+    Args:
+        view: as in `net`.
+        words: likewise.
+        output: the population.
+        silenced: whether each of its maps is.
+        rested: whether none of its neurons is refractory any more.
+    """
+    net = net_of(view, words)
+    # One kernel does all of it: each call from NumPy takes about a microsecond, and a trial begins with a dozen of
+    # them.
+    net.ring[:] = 0
+    net.came[:] = 0
+    net.arrived[:] = 0
+    net.arrived_all[:] = 0
+    net.first[:] = NEVER
+    net.clock[t.EMITTED] = 0
+    begin, end = net.pops[output, t.BEGIN], net.pops[output, t.END]
+    per_map = (end - begin) // silenced.size
+    for m in range(silenced.size):
+        net.muted[begin + m * per_map : begin + (m + 1) * per_map] = t.SILENCED if silenced[m] else 0
+    if rested:
+        # A neuron that decided the last trial in its last step would else begin this one refractory.
+        net.hold[begin:end] = 0
+    open_groups(net)
+
+
+@kernel
+def list_trial(view, words, population, first, ticks, ids, began):
+    """List a trial's spikes, sorted by tick, then id, of a generator from place `first` on, equal ones joined."""
+    net = net_of(view, words)
+    at, begin = first - 1, net.pops[population, t.BEGIN]
+    for k in range(ticks.size):
+        # Several spikes of one neuron in one tick are one event of that multiplicity, as generators emit them.
+        if k > 0 and ticks[k] == ticks[k - 1] and ids[k] == ids[k - 1]:
+            net.list_counts[at] += 1
+            continue
+        at += 1
+        net.list_steps[at] = began + 1 + ticks[k]
+        net.list_ids[at] = begin + ids[k]
+        net.list_counts[at] = 1
+    net.cursor[0, population], net.cursor[1, population] = first, at + 1
+
+
+@kernel
+def end_trial(view, words, output, group, volt, rest, potential, best):
+    """Let all fire whom the trial silenced, and find the largest V_m of each map and the first neuron that has it.
+
+    It is that at the decision, with several winners of each map at its own, else the present one.
+
+    Args:
+        view: as in `net`.
+        words: likewise.
+        output: the population.
+        group: that decides it.
+        volt: units of the voltage register per mV.
+        rest: potential in mV where the register is 0, one or one a neuron.
+        potential: filled, in mV, an entry a map.
+        best: filled, counted in the population.
+
+    Returns:
+        Whether a register has overflowed since the start.
+    """
+    net = net_of(view, words)
+    begin, end = net.pops[output, t.BEGIN], net.pops[output, t.END]
+    for i in range(begin, end):
+        net.muted[i] &= ~t.SILENCED
+    count_open(net)
+    per_map = (end - begin) // potential.size
+    for m in range(potential.size):
+        if net.local[group, t.RADIUS] >= 0:
+            decided = net.map_wins[group, m] > 0
+        else:
+            decided = net.groups[group, t.WINNER] >= 0
+        # After the decision losers were reset, so their present voltages say nothing of how close it was.
+        v = net.potential if decided else net.v
+        potential[m] = -math.inf
+        for k in range(m * per_map, (m + 1) * per_map):
+            # In mV, not in register units: neurons may rest at different potentials.
+            here = v[begin + k] / volt + rest[k if rest.size > 1 else 0]
+            if here > potential[m]:
+                potential[m], best[m] = here, k
+    wrapped = False
+    for pop in range(net.native.shape[0]):
+        for column in range(t.MERGED):
+            wrapped |= net.native[pop, column] != 0
+    return wrapped
+
+
+@subkernel
+def rounded(weight, scale, draw):
+    """Return the mantissa below or above a weight, so that the mean is exact; draw is uniform in [0, 1)."""
+    # Rounded to nearest, lessons below half a grain would never move a weight; drawn, their mean is exact.
+    exact = weight / scale.step / scale.grain
+    floor = np.floor(exact)
+    mantissa = np.int64(floor + (draw < exact - floor)) * scale.grain
+    return min(max(mantissa, scale.low), scale.high)
+
+
+@kernel
+def ages(first, begin, sources, delay, now, resolution, since):
+    """For each source the ms from the arrival of its first spike to step `now`; -inf where it has not fired.
+
+    `first` is of all neurons, `begin` where the sources' population begins there; `delay` is one, or one per source.
+    """
+    for k in range(sources.size):
+        fired = first[begin + sources[k]]
+        late = delay[k if delay.size > 1 else 0]
+        since[k] = -np.inf if fired == NEVER else (now - fired - late) * resolution
+
+
+@cache
+def teacher(teach):
+    """The pass over the inputs of one neuron, compiled for a rule's `teach`."""
+    function = compiled(teach)
+
+    @kernel
+    def learn(mantissas, scale, slots, since, lesson, rule, key, count):
+        """The rule for the inputs of one neuron.
+
+        Args:
+            mantissas: all weights, changed.
+            scale: of the weights.
+            slots: which weight each input has.
+            since: ms from the arrival of its spike to the moment of the lesson.
+            lesson: the number that the rule gets.
+            rule: constants of the rule.
+            key: of the draws.
+            count: how many changes there were, this one included; each has draws of its own.
+        """
+        # Keyed by how many lessons there were: the same draws however trials are cut into calls.
+        base = step_word(key, count)
+        for k in range(slots.size):
+            w = function(mantissas[slots[k]] * scale.step, since[k], lesson, rule)
+            mantissas[slots[k]] = rounded(w, scale, uniform(base, slots[k]))
+
+    return learn
+
+
+@cache
+def grower(encourage):
+    """The pass over a range of weights, compiled for a rule's `encourage`."""
+    function = compiled(encourage)
+
+    @kernel
+    def grow(mantissas, scale, begin, end, rule, key, count):
+        """The rule for all weights from begin to end; arguments as of `teacher`."""
+        base = step_word(key, count)
+        for k in range(begin, end):
+            w = function(mantissas[k] * scale.step, rule)
+            mantissas[k] = rounded(w, scale, uniform(base, k))
+
+    return grow

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.quantising.fixed import FixedProjection, Words
-from neuro.chips.quantising.fixed_program import FixedProgram
+from neuro.chips.fixed import FixedProjection, Words
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.known import arithmetic_of
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
 from neuro_chip import deliver, tables as t
-from neuro_chip.families import family_of
 
 _NOWHERE: Ints = np.zeros(0, dtype=np.int64)
 
@@ -36,7 +36,7 @@ class ChipWeights:
     """
 
     def __init__(self, fixed: FixedProgram, arrays: dict[str, NDArray[Any]]) -> None:
-        self._program, self._a, self._family = fixed.program, arrays, family_of(fixed.chip)
+        self._program, self._a, self._arithmetic = fixed.program, arrays, arithmetic_of(fixed.chip)
         self.wires = list(fixed.projections)
         self._described = fixed.projections
         self._given: dict[int, Floats] = {}
@@ -66,7 +66,7 @@ class ChipWeights:
         if wires is None:
             return np.broadcast_to(part.weight, part.size).copy()
         mantissas = self.mantissas[index] if learnt is None else learnt
-        return np.broadcast_to(wires.acting(self._family.words(wires, mantissas)), part.size).copy()
+        return np.broadcast_to(wires.acting(self._arithmetic.words(wires, mantissas)), part.size).copy()
 
     def raw(self, index: int) -> Ints:
         """The mantissa of every synapse."""
@@ -98,10 +98,17 @@ class ChipWeights:
         if chosen is not None and not part.synapse.learns:
             weights = np.where(chosen, weights, self._wanted(index))  # the others are rounded once, not twice
         mantissas = _nearest(wires, weights)
-        own = wires.acting(self._family.words(wires, mantissas)) == weights  # what was read can be written
+        own = wires.acting(self._arithmetic.words(wires, mantissas)) == weights  # what was read can be written
         exact = wires.exact(weights)
         if wires.native:
-            self._check_native(part.name, wires, weights, own)
+            # Refuse what is no mantissa, as where it is described; `own` marks what a mantissa sends.
+            fits = (weights == np.rint(weights)) & (weights >= wires.low) & (weights <= wires.high)
+            bad = np.flatnonzero(~own & ~fits)
+            if bad.size:
+                raise ModelError(
+                    f"weights of '{part.name}': weight[{bad[0]}] = {weights[bad[0]]:g}: "
+                    f"a mantissa in sign mode {wires.sign_mode} is a whole number from {wires.low} to {wires.high}"
+                )
         bad = np.flatnonzero(~own & ((exact > wires.high + 0.5) | (exact < wires.low - 0.5)))
         if bad.size:
             low, high = wires.weights(np.array([wires.low, wires.high], dtype=np.int32))[[0, -1]]
@@ -114,16 +121,6 @@ class ChipWeights:
         self.put(index, mantissas)
         self.writes += part.size if chosen is None else int(np.count_nonzero(chosen))
 
-    def _check_native(self, name: str, wires: FixedProjection, weights: Floats, own: NDArray[np.bool_]) -> None:
-        """Refuse what is no mantissa, as where it is described; `own` marks what a mantissa sends."""
-        whole = weights == np.rint(weights)
-        bad = np.flatnonzero(~own & ~(whole & (weights >= wires.low) & (weights <= wires.high)))
-        if bad.size:
-            raise ModelError(
-                f"weights of '{name}': weight[{bad[0]}] = {weights[bad[0]]:g}: "
-                f"a mantissa in sign mode {wires.sign_mode} is a whole number from {wires.low} to {wires.high}"
-            )
-
     def put(self, index: int, mantissas: Words) -> None:
         """Replace all mantissas."""
         self.mantissas[index] = mantissas.copy()
@@ -132,7 +129,7 @@ class ChipWeights:
     def write(self, index: int) -> None:
         """Let the loop send what the mantissas are now."""
         wires, mantissas = self.wires_of(index), self.mantissas[index]
-        words = self._family.words(wires, mantissas)
+        words = self._arithmetic.words(wires, mantissas)
         row = self._a["projections"][index]
         if row[t.WORD_STRIDE]:
             words = np.broadcast_to(words, self._program.projections[index].size)
@@ -149,20 +146,17 @@ class ChipWeights:
         if not row[t.WORD_STRIDE] or self.mantissas[index].size != part.size:
             self.write(index)
             return
-        table, lowest = self._words_of(index)
+        # The word of each mantissa is computed once at a scale.
+        wires, table = self.wires_of(index), self._words.get(index)
+        if table is None or table[0] is not wires:
+            every = self._arithmetic.words(wires, np.arange(wires.low, wires.high + 1, dtype=np.int32))
+            table = self._words[index] = wires, every.astype(self._a["words"].dtype)
         if index not in self._places:
             self._places[index] = _NOWHERE if part.grid is None else deliver.places(part.grid)
         words, kernels = self._a["words"], self._a["kernels"]
-        deliver.write_some(self.mantissas[index], synapses, table, lowest, words, kernels, row, self._places[index])
-
-    def _words_of(self, index: int) -> tuple[NDArray[Any], int]:
-        """The word of each mantissa of a projection, and the lowest of these; computed once at a scale."""
-        wires = self.wires_of(index)
-        kept = self._words.get(index)
-        if kept is None or kept[0] is not wires:
-            words = self._family.words(wires, np.arange(wires.low, wires.high + 1, dtype=np.int32))
-            kept = self._words[index] = wires, words.astype(self._a["words"].dtype)
-        return kept[1], wires.low
+        deliver.write_some(
+            self.mantissas[index], synapses, table[1], wires.low, words, kernels, row, self._places[index]
+        )
 
     def take(self, wires: Mapping[int, FixedProjection]) -> None:
         """Other scales and mantissas of some projections."""
@@ -172,14 +166,6 @@ class ChipWeights:
             if not same:
                 size = self.mantissas[index].size
                 self.put(index, np.broadcast_to(found.mantissas, max(size, found.mantissas.size)).copy())
-
-    def _anew(self, index: int) -> Words:
-        """The mantissas of the described weights at the present scale."""
-        wires, described = self.wires_of(index), self._described[index]
-        assert described is not None
-        if np.array_equal(wires.step, described.step):
-            return described.mantissas
-        return _nearest(wires, self._program.projections[index].weight)
 
     def native(self) -> dict[str, int]:
         """What only chips count."""
@@ -198,7 +184,14 @@ class ChipWeights:
         self._given.clear()
         for index, wires in enumerate(self.wires):
             if wires is not None:
-                self.put(index, np.broadcast_to(self._anew(index), self.mantissas[index].shape))
+                # The mantissas of the described weights at the present scale.
+                described = self._described[index]
+                assert described is not None
+                if np.array_equal(wires.step, described.step):
+                    anew = described.mantissas
+                else:
+                    anew = _nearest(wires, self._program.projections[index].weight)
+                self.put(index, np.broadcast_to(anew, self.mantissas[index].shape))
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that changes."""

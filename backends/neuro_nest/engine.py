@@ -13,9 +13,8 @@ from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro_nest import kernel
 from neuro_nest.kernel import nest_errors
-from neuro_nest.limits import refused_values
 from neuro_nest.network import NestNetwork
-from neuro_nest.problems import BY_SIGN, ELSEWHERE, FINITE, NO_LEAK, RKF45_ONLY, has_new_current
+from neuro_nest.problems import BY_SIGN, ELSEWHERE, FINITE, NO_LEAK, RKF45_ONLY, has_new_current, refused_values
 from neuro_nest.projections import NestProjection
 from neuro_nest.tables import RK4, SHARED, UNREADABLE
 
@@ -103,28 +102,19 @@ class NestEngine:
         """A state of every synapse."""
         wires = self._wires(projection)
         if not wires.part.synapse.learns:
-            return self._joined(wires, wires.weights)
+            if wires.part.share.number == 1:
+                return np.broadcast_to(wires.weights, wires.part.size).copy()
+            # One weight is that of all, or of the only synapse that this process has: what each has decides nothing.
+            return wires.joined(np.broadcast_to(wires.weights, wires.source.size))
         if wires.part.synapse.modulated:
             self._check_moment(wires, f"'{name}' of '{wires.part.name}'")
         with nest_errors():
             values = wires.read(self._nest, self.net.ends(wires), _WORDS.get(name, name))
         if name == "K_plus" and not wires.part.synapse.modulated:
-            values = self._faded(wires, values)
+            # NEST's stdp_synapse has K+ as of the last pre spike.
+            passed = self.step - self.net.records[wires.part.source].sent[wires.source]
+            values = values * np.exp(-passed * self.program.resolution / self.net.words(wires)["tau_plus"])
         return wires.joined(values)
-
-    def _joined(self, wires: NestProjection, weights: Floats) -> Floats:
-        """The weights of all synapses, of a grid of its kernels, from those that the program has."""
-        part = wires.part
-        if part.share.number == 1:
-            return np.broadcast_to(weights, part.size).copy()
-        # One weight is that of all, or of the only synapse that this process has: what each has decides nothing.
-        return wires.joined(np.broadcast_to(weights, wires.source.size))
-
-    def _faded(self, wires: NestProjection, k_plus: Floats) -> Floats:
-        """K+ now: NEST's stdp_synapse has it as of the last pre spike."""
-        passed = self.step - self.net.records[wires.part.source].sent[wires.source]
-        faded: Floats = k_plus * np.exp(-passed * self.program.resolution / self.net.words(wires)["tau_plus"])
-        return faded
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model."""

@@ -1,4 +1,4 @@
-"""All parts of a program in NEST, and one stretch of steps."""
+"""All parts of a program in NEST, one stretch of steps, and what it records."""
 
 from __future__ import annotations
 
@@ -11,17 +11,14 @@ import numpy as np
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
 from neuro.model.synapses.base import common
+from neuro.program.backend import Spikes
 from neuro.program.currents import Currents
-from neuro.program.program import Floats, Ints, Population, Program, Projection, Schedule
+from neuro.program.program import Floats, Ints, Population, Program, Projection
 from neuro.program.share import Share
-from neuro_nest.clock import NestClock
 from neuro_nest.kernel import nest_errors, set_nodes, sign
-from neuro_nest.nodes import Nodes, dealt_out
-from neuro_nest.projections import NestProjection
-from neuro_nest.record import Activity, NestRecord
-from neuro_nest.rules import RuleProjection
+from neuro_nest.projections import NestProjection, Nodes, RuleProjection, dealt_out
 from neuro_nest.sources import NONE, InjectedTrain, Noise, TrainSource, is_noise, nodes_of, train
-from neuro_nest.tables import DEVICE, ENDLESS, FIXED_TRUE, LACKING, NODES, OF_TARGET, UNREADABLE
+from neuro_nest.tables import DEVICE, ENDLESS, FIXED_TRUE, LACKING, NODES, OF_TARGET, UNREADABLE, NestClock
 
 LONGEST = 10_000
 """Steps of a stretch: what injectors hold and the recorder gathers."""
@@ -63,7 +60,8 @@ class NestNetwork:
         with nest_errors():
             nest.local_num_threads = threads
             nest.set(resolution=self.clock.ms(1), rng_seed=1 + program.seed % _SEEDS)
-            nest.set(min_delay=self.clock.ms(1), max_delay=self.clock.ms(self._longest_delay()))
+            longest = max((max(p.delay_span[1], p.dopamine_delay) for p in program.projections), default=1)
+            nest.set(min_delay=self.clock.ms(1), max_delay=self.clock.ms(longest))
             sign(nest)
             self.cells = [
                 NestPopulation(
@@ -79,7 +77,10 @@ class NestNetwork:
             for wires in self.wires:
                 with nest_errors(f"projection '{wires.part.name}'"):
                     self._connect(wires)
-            self._recorder = self._record_neurons()
+            self._recorder = nest.Create("spike_recorder", params={"time_in_steps": True})
+            for cells in self.cells:
+                if cells.part.kind == "neuron":
+                    nest.Connect(cells.nodes, self._recorder, syn_spec={"delay": self.clock.ms(1)})
         self.sources = {
             index: TrainSource(cells.part, cells.parameters, program.resolution, program.seed)
             for index, cells in enumerate(self.cells)
@@ -91,7 +92,7 @@ class NestNetwork:
             self.set_noise(index, parameters[index])
         self.records = [NestRecord(p.size, p.records) for p in program.populations]
         listed = [w for w in self.wires if isinstance(w, NestProjection)]
-        self.activity = Activity(program, [w for w in listed if not self._sends_current(w.part.source)])
+        self.activity = Activity(program, [w for w in listed if w.part.carries != "current"])
         self._stretch = max(1, min(LONGEST, CELLS_AT_ONCE // sum(p.size for p in program.populations)))
 
     def run(self, steps: int) -> None:
@@ -111,14 +112,19 @@ class NestNetwork:
                 noise.emit(self.nest, self.cells[index].nodes, self.step, to)
         self._simulate(to)
         with nest_errors():
-            senders, steps = self._recorded()
+            events = self._recorder.events
+            if len(events["times"]):
+                self._recorder.n_events = 0
+            spikes = np.stack([np.asarray(events[word]).astype(np.int64) for word in ("senders", "times")], axis=1)
+            spikes = self.program.share.gather(spikes)
+            senders, steps = spikes[np.argsort(spikes[:, 0], kind="stable")].T
         for index, cells in enumerate(self.cells):
             if cells.part.kind == "neuron":
                 first = cells.nodes_of.first
                 begin, end = np.searchsorted(senders, (first, first + cells.part.size))
                 trains[index] = train(steps[begin:end], cells.nodes_of.neurons(senders[begin:end]), cells.part.size)
-        for record, spikes in zip(self.records, trains, strict=True):
-            record.add(spikes, to)
+        for record, emitted in zip(self.records, trains, strict=True):
+            record.add(emitted, to)
         self.activity.add(trains, self.step, to)
         for wires in self.wires:
             wires.ran()
@@ -133,43 +139,18 @@ class NestNetwork:
                 self.nest.Simulate(self.clock.ms(to - self.step))
         except ModelError as error:
             self._failed = True
-            names = " or ".join(f"'{cells.part.name}'" for cells in self._unstable(error.message))
+            # The populations of the model that it names; those that are beyond its bounds, if any are.
+            named = error.message.rstrip(".")
+            cells = [c for c in self.cells if named.endswith(f" {NODES[c.part.model.name]}")]
+            beyond = [c for c in cells if any(np.any(np.abs(c.get(s)) > bound) for s, bound in _BOUNDS.items())]
+            names = " or ".join(f"'{each.part.name}'" for each in beyond or cells)
             message = error.message.replace("NEST: ", f"NEST: population {names}: ", 1) if names else error.message
             raise error.but(message=message, hint=f"weaken its input, or {error.hint}", kind="instability") from None
-
-    def _unstable(self, message: str) -> list[NestPopulation]:
-        """The populations that an error of a run may be about: those of the model that it names, beyond its bounds."""
-        cells = [c for c in self.cells if message.rstrip(".").endswith(f" {NODES[c.part.model.name]}")]
-        return [c for c in cells if any(np.any(np.abs(c.get(s)) > bound) for s, bound in _BOUNDS.items())] or cells
 
     def set_noise(self, population: int, values: Mapping[str, Floats]) -> None:
         """Set parameters of noise; what is sent after the present step has them."""
         for word, each in values.items():
             self.currents.set(population, word, each, self.step)
-
-    def _recorded(self) -> tuple[Ints, Ints]:
-        """Senders and steps of the spikes of a stretch, by sender."""
-        events = self._recorder.events
-        if len(events["times"]):
-            self._recorder.n_events = 0
-        found = np.stack([np.asarray(events[word]).astype(np.int64) for word in ("senders", "times")], axis=1)
-        found = self.program.share.gather(found)
-        found = found[np.argsort(found[:, 0], kind="stable")]
-        return found[:, 0], found[:, 1]
-
-    def _sends_current(self, population: int) -> bool:
-        return self.program.populations[population].kind == "current"
-
-    def _longest_delay(self) -> int:
-        longest = [max(p.delay_span[1], p.dopamine_delay) for p in self.program.projections]
-        return max(longest, default=1)
-
-    def _record_neurons(self) -> Any:
-        recorder = self.nest.Create("spike_recorder", params={"time_in_steps": True})
-        for cells in self.cells:
-            if cells.part.kind == "neuron":
-                self.nest.Connect(cells.nodes, recorder, syn_spec={"delay": self.clock.ms(1)})
-        return recorder
 
     def _connect(self, wires: NestProjection | RuleProjection) -> None:
         part = wires.part
@@ -199,13 +180,10 @@ class NestNetwork:
         Each is of all synapses, or has a value for each.
         """
         elsewhere = {"deliver_interval", *OF_TARGET, *FIXED_TRUE}
-        numbers = self._numbers(wires)
-        return {w: value for w, value in numbers.items() if w not in elsewhere} | wires.part.synapse.initial(numbers)
-
-    def _numbers(self, wires: NestProjection) -> dict[str, Any]:
         rules = self.rules[wires.index]
         each = rules if rules.ndim == 1 else wires.each(rules)
-        return dict(zip(wires.part.synapse.numbers(), each.T, strict=True))
+        numbers = dict(zip(wires.part.synapse.numbers(), each.T, strict=True))
+        return {w: value for w, value in numbers.items() if w not in elsewhere} | wires.part.synapse.initial(numbers)
 
     def grid(self, wires: NestProjection) -> int:
         """Steps between the moments at which NEST brings a synapse under dopamine up to date."""
@@ -275,7 +253,10 @@ class NestPopulation:
         self.devices_of = Nodes(int(self._emitting[-1][0].global_id), at)
         self._tell(self._first_words())
         if part.kind == "current" and part.schedule is not None:
-            self._tell_schedule(part.schedule)
+            # When the current changes, and its values.
+            times = clock.array_ms(part.schedule.steps)
+            rows = np.broadcast_to(part.schedule.values.T, (part.size, times.size))
+            set_nodes(nest, self.nodes, [{"amplitude_times": times, "amplitude_values": row.copy()} for row in rows])
 
     def _first_words(self) -> dict[str, Floats]:
         """All that NEST must know before step 1."""
@@ -288,12 +269,6 @@ class NestPopulation:
             return {}
         states = [state.name for state in self.part.model.states if not (state.hidden or state.follows)]
         return self.parameters | {name: self.part.initial[name] for name in states if name not in UNREADABLE}
-
-    def _tell_schedule(self, listed: Schedule) -> None:
-        """Tell when a current changes, and its values."""
-        times = self._clock.array_ms(listed.steps)
-        rows = np.broadcast_to(listed.values.T, (self.part.size, listed.steps.size))
-        set_nodes(self._nest, self.nodes, [{"amplitude_times": times, "amplitude_values": row.copy()} for row in rows])
 
     def senders(self, at_once: bool) -> Any:
         """The nodes that send, of devices if `at_once`."""
@@ -376,3 +351,91 @@ class NestPopulation:
             return [self._clock.ms(round(v / self._clock.resolution)) for v in values.tolist()]
         plain: list[Any] = values.tolist()
         return plain
+
+
+SYNAPSES_AT_ONCE = 1 << 20
+
+
+class NestRecord:
+    """Spikes of one population, stretch by stretch, and its counts.
+
+    Args:
+        size: neurons.
+        keeps: whether spikes are kept.
+
+    Attributes:
+        sent: step of each neuron's last spike that was sent; one of the latest step was not yet.
+    """
+
+    def __init__(self, size: int, keeps: bool) -> None:
+        self.size, self.keeps = size, keeps
+        self._stretches: list[InjectedTrain] = []
+        self.events: Ints = np.zeros(size, dtype=np.int64)
+        self.spikes: Ints = np.zeros(size, dtype=np.int64)
+        self.sent: Ints = np.zeros(size, dtype=np.int64)
+        self._waiting: tuple[Ints, int] = (NONE, 0)
+
+    def add(self, spikes: InjectedTrain, to: int) -> None:
+        """The spikes of a stretch that ends with step `to`."""
+        ids, step = self._waiting
+        self.sent[ids] = step
+        gone = spikes.steps < to
+        np.maximum.at(self.sent, spikes.ids[gone], spikes.steps[gone])
+        self._waiting = (spikes.ids[~gone], to)
+        self.events += np.bincount(spikes.ids, minlength=self.size)
+        np.add.at(self.spikes, spikes.ids, spikes.multiplicity)
+        if self.keeps and spikes.ids.size:
+            self._stretches.append(spikes)
+
+    def since(self, step: int) -> Spikes:
+        """The spikes after a step."""
+        late = [s for s in self._stretches if s.steps[-1] > step]
+        steps, ids, multiplicity = (
+            np.concatenate([np.zeros(0, dtype=np.int64), *(getattr(s, name) for s in late)])
+            for name in ("steps", "ids", "multiplicity")
+        )
+        begin = int(np.searchsorted(steps, step, side="right"))
+        return Spikes(steps[begin:], ids[begin:], multiplicity[begin:].astype(np.int64))
+
+    def forget(self, before: int) -> None:
+        """Drop spikes up to a step."""
+        left = self.since(before)
+        kept = InjectedTrain(left.steps, left.ids, left.multiplicity.astype(np.int64))
+        self._stretches = [kept] if kept.ids.size else []
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the spikes."""
+        return sum(24 * len(s.steps) for s in self._stretches)
+
+
+class Activity:
+    """Counts the neuron-steps with an arrival or a spike, of the neurons of this process.
+
+    Args:
+        program: the whole network.
+        wires: all projections that carry spikes.
+    """
+
+    def __init__(self, program: Program, wires: list[NestProjection]) -> None:
+        self._wires, self._share = wires, program.share
+        self._reach = max((w.part.delay_span[1] for w in wires if w.part.size), default=0)
+        self._heard = [np.zeros((self._reach, p.size), dtype=bool) for p in program.populations]
+        self.active: Ints = np.zeros(len(program.populations), dtype=np.int64)
+
+    def add(self, trains: list[InjectedTrain], after: int, to: int) -> None:
+        """The spikes of all populations in steps after < k <= to."""
+        steps = to - after
+        heard = [np.concatenate((h, np.zeros((steps, h.shape[1]), dtype=bool))) for h in self._heard]
+        for wires in self._wires:
+            spikes = trains[wires.part.source]
+            at_once = max(1, SYNAPSES_AT_ONCE // wires.longest_row)
+            for first in range(0, len(spikes.ids), at_once):
+                synapses, number = wires.rows(spikes.ids[first : first + at_once])
+                arrival = np.repeat(spikes.steps[first : first + at_once], number) + wires.delay[synapses]
+                heard[wires.part.target][arrival - after - 1, wires.target[synapses]] = True
+        for index, (spikes, here) in enumerate(zip(trains, heard, strict=True)):
+            here[spikes.steps - after - 1, spikes.ids] = True
+            first, end = self._share.of(here.shape[1])
+            self.active[index] += np.count_nonzero(here[:steps, first:end])
+            self._heard[index] = here[steps:]

@@ -1,4 +1,4 @@
-"""One projection as connections of NEST, and the order in which NEST lists them.
+"""One projection as connections of NEST, and the order in which NEST lists them; or as a rule by which NEST draws.
 
 NEST tells synapses by their ends and a label. So the synapses between the same two neurons lie in layers, and
 each layer of a projection has a label of its own.
@@ -7,17 +7,61 @@ each layer of a projection has a label of its own.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
+from neuro.model.distributions import Distribution, lognormal, normal, uniform
+from neuro.model.rules import (
+    NamedRule,
+    all_to_all,
+    fixed_indegree,
+    fixed_outdegree,
+    fixed_total_number,
+    pairwise_bernoulli,
+)
 from neuro.program.program import Floats, Ints, Program
-from neuro_nest.clock import NestClock
-from neuro_nest.nodes import Nodes
 from neuro_nest.sources import first_node
-from neuro_nest.tables import RECEPTORS_OF_CURRENTS, SHARED, STATES, SYNAPSES
+from neuro_nest.tables import RECEPTORS_OF_CURRENTS, SHARED, STATES, SYNAPSES, NestClock
+
+
+@dataclass(frozen=True, slots=True)
+class Nodes:
+    """Nodes that stand for neurons.
+
+    Attributes:
+        first: the number of the first node; the others follow.
+        at: which of them stands for each neuron; None: they are in order.
+    """
+
+    first: int
+    at: Ints | None
+
+    def places(self, neurons: Ints) -> Ints:
+        """Which of the nodes stand for some neurons, counted from 0."""
+        return neurons if self.at is None else self.at[neurons]
+
+    def of(self, neurons: Ints) -> Ints:
+        """The numbers of the nodes of some neurons."""
+        return self.first + self.places(neurons)
+
+    def in_turn(self, neurons: int) -> Ints:
+        """The neurons in the order of their nodes."""
+        return np.arange(neurons) if self.at is None else np.argsort(self.at)
+
+    def neurons(self, nodes: Ints) -> Ints:
+        """The neurons for which some nodes stand."""
+        places = nodes - self.first
+        return places if self.at is None else np.argsort(self.at)[places]
+
+
+def dealt_out(neurons: int, processes: int) -> Ints:
+    """Which node stands for each neuron, so that each process has neighbouring ones though nodes are dealt in turn."""
+    return np.concatenate([np.arange(rank, neurons, processes) for rank in range(processes)])
+
 
 DEEPEST = 1 << 14
 """Labels that each projection has. NEST's have 31 bits, so there may be 131,072 projections."""
@@ -221,3 +265,87 @@ class NestProjection:
         codes = self.source[synapses].astype(np.int64) * self.n_target + self.target[synapses]
         pre, post = (each.neurons(ids.astype(np.int64)) for each, ids in zip(ends, (source, target), strict=True))
         return synapses[np.searchsorted(codes, pre * self.n_target + post)]
+
+
+_HUGE = float(np.finfo(np.float64).max)
+
+MODEL = "static_synapse"
+OF_A_MODEL = 1 << 26
+"""Synapses of a copy of NEST's model: a thread has room for 2^27 - 1 of each."""
+
+
+class RuleProjection:
+    """A projection that NEST draws; it is neither read nor set.
+
+    Args:
+        program: the network.
+        index: which projection.
+        weights: the least and the largest that may be drawn.
+        before: how many synapses NEST draws for earlier projections.
+    """
+
+    def __init__(self, program: Program, index: int, weights: Floats, before: int) -> None:
+        self.part, self.index, self.weights = program.projections[index], index, weights
+        self._model = f"neuro_static_{before // OF_A_MODEL}"
+
+    def connect(self, nest: Any, source: Any, target: Any, clock: NestClock) -> None:
+        """Let NEST draw the synapses.
+
+        Args:
+            nest: the module.
+            source: the nodes that send.
+            target: the nodes that are reached.
+            clock: of the network.
+        """
+        asked = self.part.undrawn
+        assert asked is not None
+        if self._model not in nest.synapse_models:
+            nest.CopyModel(MODEL, self._model)
+        weight, delay = (drawn_by_nest(nest, value) for value in (asked.weight, asked.delay))
+        negated = self.part.receptor is not None and self.part.receptor.negated
+        # What rounds to no step is one step, as in this language.
+        late = max(delay, clock.ms(1)) if isinstance(delay, float) else nest.math.max(delay, clock.ms(1))
+        words = {"synapse_model": self._model, "weight": weight * -1.0 if negated else weight, "delay": late}
+        nest.Connect(source, target, in_words_of_nest(asked.rule), words)
+
+    def ran(self) -> None:
+        """Nothing is kept that steps could change."""
+
+
+def in_words_of_nest(rule: NamedRule) -> dict[str, Any]:
+    """A rule as NEST takes it."""
+    words: dict[str, Any] = {"rule": rule.name}
+    match rule:
+        case fixed_indegree(n=n):
+            words["indegree"] = n
+        case fixed_outdegree(n=n):
+            words["outdegree"] = n
+        case fixed_total_number(n=n):
+            words["N"] = n
+        case pairwise_bernoulli(p=p):
+            words["p"] = p
+    if isinstance(rule, all_to_all | fixed_indegree | fixed_outdegree | fixed_total_number | pairwise_bernoulli):
+        words["allow_autapses"] = rule.autapses
+    if isinstance(rule, fixed_indegree | fixed_outdegree | fixed_total_number):
+        words["allow_multapses"] = rule.multapses
+    return words
+
+
+def drawn_by_nest(nest: Any, value: float | Distribution) -> Any:
+    """A number, or the parameter of NEST that draws a distribution."""
+    match value:
+        case uniform():
+            return value.low if value.low == value.high else nest.random.uniform(value.low, value.high)
+        case normal(std=0.0):
+            return value.mean
+        case normal():
+            drawn = nest.random.normal(mean=value.mean, std=value.std)
+        case lognormal(std=0.0):
+            return float(np.exp(value.mean))
+        case lognormal():
+            drawn = nest.random.lognormal(mean=value.mean, std=value.std)
+        case _:
+            return value
+    if np.isinf(value.low) and np.isinf(value.high):
+        return drawn
+    return nest.math.redraw(drawn, min=max(value.low, -_HUGE), max=min(value.high, _HUGE))

@@ -11,11 +11,10 @@ import numpy as np
 
 from neuro.core import keyed_random
 from neuro.model.neurons import Generator, noise_generator
-from neuro.program.currents import Currents, generator_of
-from neuro.program.drives import Emission
+from neuro.program.currents import Currents, Emission, generator_of
 from neuro.program.program import Floats, Ints, Population, Program, drawn_for
-from neuro_nest.clock import NestClock
 from neuro_nest.kernel import set_nodes
+from neuro_nest.tables import NestClock
 
 DRAWS = 1 << 21
 """Draws that are held at a time."""
@@ -76,26 +75,33 @@ class TrainSource:
 
     def _draw(self, after: int, to: int) -> InjectedTrain:
         pieces: list[InjectedTrain] = []
-        listed = self.part.schedule
+        listed, size = self.part.schedule, self.part.size
         while after < to:
             end = to if listed is None else min(to, listed.next_change(after))
             rate = self.parameters["rate"] if listed is None else listed.at(after + 1)
-            pieces += self._steady(rate, after, end)
+            means, rows = np.broadcast_to(rate * self.resolution / 1000.0, size), max(1, DRAWS // size)
+            for first in range(after + 1, end + 1, rows):
+                steps = np.arange(first, min(first + rows, end + 1))
+                u = keyed_random.uniform_table(self._key, steps, size)
+                numbers = np.zeros(u.shape, dtype=np.int64)
+                for mean in np.unique(means):
+                    here = means == mean
+                    table = keyed_random.poisson_table(float(mean))
+                    numbers[:, here] = np.searchsorted(table, u[:, here], side="right")
+                places, ids = np.nonzero(numbers)
+                pieces.append(InjectedTrain(steps[places], ids, numbers[places, ids]))
             after = end
         return _joined(pieces)
-
-    def _steady(self, rate: Floats, after: int, to: int) -> list[InjectedTrain]:
-        """What is emitted in steps after < k <= to at one rate."""
-        size = self.part.size
-        means = np.broadcast_to(rate * self.resolution / 1000.0, size)
-        rows = max(1, DRAWS // size)
-        return [self._table(means, np.arange(k, min(k + rows, to + 1))) for k in range(after + 1, to + 1, rows)]
 
     def _let_emit(self, after: int, to: int) -> InjectedTrain:
         """What a generator with an `emit` of its own gives in steps after < k <= to."""
         model, size = self.part.model, self.part.size
         assert isinstance(model, Generator)
-        emit, constants = _compiled(model.arithmetic.emit), self._constants(model)
+        emit = _compiled(model.arithmetic.emit)
+        columns = [np.broadcast_to(values, size) for values in self.parameters.values()]
+        constants: Floats = np.zeros((size, model.width))
+        for row, c in zip(np.stack(columns, axis=1), constants, strict=True):
+            model.arithmetic.constants(row, self.resolution, c)
         alike = len(np.unique(constants, axis=0)) == 1
         pieces = []
         for step in range(after + 1, to + 1):
@@ -105,23 +111,6 @@ class TrainSource:
             ids = np.flatnonzero(out)
             pieces.append(InjectedTrain(np.full(ids.size, step), ids, out[ids].astype(np.int64)))
         return _joined(pieces)
-
-    def _constants(self, model: Generator) -> Floats:
-        """Of each neuron, for its present parameters."""
-        columns = [np.broadcast_to(values, self.part.size) for values in self.parameters.values()]
-        found: Floats = np.zeros((self.part.size, model.width))
-        for row, c in zip(np.stack(columns, axis=1), found, strict=True):
-            model.arithmetic.constants(row, self.resolution, c)
-        return found
-
-    def _table(self, means: Floats, steps: Ints) -> InjectedTrain:
-        u = keyed_random.uniform_table(self._key, steps, self.part.size)
-        numbers = np.zeros(u.shape, dtype=np.int64)
-        for mean in np.unique(means):
-            here = means == mean
-            numbers[:, here] = np.searchsorted(keyed_random.poisson_table(float(mean)), u[:, here], side="right")
-        rows, ids = np.nonzero(numbers)
-        return InjectedTrain(steps[rows], ids, numbers[rows, ids])
 
 
 def _joined(pieces: list[InjectedTrain]) -> InjectedTrain:

@@ -13,8 +13,7 @@ from neuro.model.synapses.base import DELAY
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro.program.spikes import carrying
-from neuro_reference.decisions import TrialCourse
-from neuro_reference.network import ReferenceNetwork
+from neuro_reference.network import ReferenceNetwork, TrialCourse
 
 
 class ReferenceEngine:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -11,14 +10,13 @@ from numpy.typing import NDArray
 
 from neuro.core import keyed_random
 from neuro.model.neurons import Neuron
+from neuro.model.neurons.base import PAYLOAD
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
-from neuro.program.backend import Sent, Spikes
-from neuro.program.drives import filtered_current
+from neuro.program.backend import Outcome, Sent, Spikes, Wins
+from neuro.program.currents import filtered_current
 from neuro.program.program import Floats, Ints, Program
 from neuro.program.spikes import too_many
-from neuro_reference.decisions import LocalWinners
-from neuro_reference.moves import MoveLearning
-from neuro_reference.pairs import PairLearning
+from neuro_reference.learning import MoveLearning, PairLearning
 from neuro_reference.populations import ReferencePopulation
 from neuro_reference.projections import ReferenceProjection
 
@@ -81,7 +79,7 @@ class ReferenceNetwork:
     def drop(self) -> None:
         """Drop what is under way: spikes in flight and the decisions of groups; currents go on."""
         for wires in self.wires:
-            if not self._carries_current(wires):
+            if wires.part.carries != "current":
                 wires.start_anew()
         self.ids: list[Ints] = [NOBODY for _ in self.cells]
         self.multiplicity: list[Ints] = [NOBODY for _ in self.cells]
@@ -96,20 +94,34 @@ class ReferenceNetwork:
         Args:
             presented: neurons of the trials' input that emit in it, beside what they emit anyway.
         """
-        self._send()
+        # The spikes of the last step teach and are sent now; those `at_once` were sent already.
+        for index, wires in enumerate(self.wires):
+            if not wires.at_once:
+                self.send(index, self.step)
         step = self.step + 1
         inputs = [self._arrivals(index, step) for index in range(len(self.cells))]
-        reached = [self._update(cells, *found[:2], step) for cells, found in zip(self.cells, inputs, strict=True)]
+        reached = [
+            cells.update(x, current, step) if cells.part.kind == "neuron" else np.zeros(cells.size, dtype=np.uint8)
+            for cells, (x, current, _) in zip(self.cells, inputs, strict=True)
+        ]
         self.potentials = [cells.states[:1].copy() for cells in self.cells]
         for index in range(len(self.program.groups)):
             self._decide(index, reached, step)
         for index, (x, _, heard) in enumerate(inputs):
             self._emit(index, step, reached[index], x, presented)
-            self._record(index, step, heard)
+            self.records[index].add(step, self.ids[index], self.multiplicity[index])
+            if self.cells[index].part.kind == "neuron":
+                heard[self.ids[index]] = True
+                self.records[index].active += int(heard.sum())
         for index, wires in enumerate(self.wires):
-            if self._carries_current(wires):
-                self._charge(wires, step)
-                wires.send_current(self._sent_by(wires), step)
+            if wires.part.carries == "current":
+                if wires.part.receptor is not None:  # adds to the state in which the receptor keeps its own current
+                    cells = self.cells[wires.part.target]
+                    state, share = filtered_current(self.program, wires.part, cells.parameters)
+                    cells.states[state] += share * wires.arrive(step)[0][0]
+                source = self.cells[wires.part.source]
+                listed = source.part.schedule
+                wires.send_current(source.parameters if listed is None else {"amplitude": listed.at(step)}, step)
             elif wires.at_once:
                 self.send(index, step)
         for pairs in self.pairs.values():
@@ -121,27 +133,6 @@ class ReferenceNetwork:
             target = moves.part.target
             moves.gather(self.ids[target], self.multiplicity[target], self.cells[target].states)
         self.step = step
-
-    def _carries_current(self, wires: ReferenceProjection) -> bool:
-        return wires.part.carries == "current"
-
-    def _charge(self, wires: ReferenceProjection, step: int) -> None:
-        """A current to a receptor adds to the state in which the receptor keeps its own."""
-        if wires.part.receptor is not None:
-            cells = self.cells[wires.part.target]
-            state, share = filtered_current(self.program, wires.part, cells.parameters)
-            cells.states[state] += share * wires.arrive(step)[0][0]
-
-    def _sent_by(self, wires: ReferenceProjection) -> Mapping[str, Floats]:
-        """The parameters of a generator of currents that are in force."""
-        cells = self.cells[wires.part.source]
-        return cells.parameters if cells.part.schedule is None else {"amplitude": cells.part.schedule.at(self.step + 1)}
-
-    def _send(self) -> None:
-        """Let the spikes of the last step teach, and send them; those `at_once` were sent already."""
-        for index, wires in enumerate(self.wires):
-            if not wires.at_once:
-                self.send(index, self.step)
 
     def send(self, index: int, step: int) -> None:
         """Let the spikes of a projection's source in a step teach, and send them."""
@@ -169,20 +160,15 @@ class ReferenceNetwork:
         x = np.zeros((self.cells[index].receptors, size))
         current, heard = np.zeros(size), np.zeros(size, dtype=bool)
         for wires in self.wires:
-            charges_state = self._carries_current(wires) and wires.part.receptor is not None
-            if wires.part.target == index and not charges_state:
+            carries_current = wires.part.carries == "current"
+            if wires.part.target == index and not (carries_current and wires.part.receptor is not None):
                 amount, some = wires.arrive(step)
-                if self._carries_current(wires):
+                if carries_current:
                     current += amount[0]
                 else:
                     x += amount
                     heard |= some
         return x, current, heard
-
-    def _update(self, cells: ReferencePopulation, x: Floats, current: Floats, step: int) -> Counts:
-        if cells.part.kind == "neuron":
-            return cells.update(x, current, step)
-        return np.zeros(cells.size, dtype=np.uint8)
 
     def _decide(self, index: int, reached: list[Counts], step: int) -> None:
         """Of the candidates of a group leave those that win, if it may still decide; reset those that lose by it."""
@@ -221,7 +207,13 @@ class ReferenceNetwork:
         if isinstance(cells.part.model, Neuron):
             self.ids[index] = ((reached > 0) & ~self.silenced[index]).nonzero()[0]
             cells.fire(self.ids[index])
-            sent = x[0] if cells.part.model.relay else cells.payloads() if cells.part.model.graded else reached
+            sent = (
+                x[0]
+                if cells.part.model.relay
+                else cells.states[cells.names.index(PAYLOAD)]
+                if cells.part.model.graded
+                else reached
+            )
             if cells.part.model.relay and np.any(x[0] + self.records[index].spikes >= 2.0**63):
                 raise too_many(cells.part)
             self.multiplicity[index] = sent[self.ids[index]].astype(np.int64)
@@ -231,13 +223,6 @@ class ReferenceNetwork:
             numbers = numbers + np.bincount(presented, minlength=cells.size)
         self.ids[index] = numbers.nonzero()[0]
         self.multiplicity[index] = numbers[self.ids[index]]
-
-    def _record(self, index: int, step: int, heard: Bools) -> None:
-        record = self.records[index]
-        record.add(step, self.ids[index], self.multiplicity[index])
-        if self.cells[index].part.kind == "neuron":
-            heard[self.ids[index]] = True
-            record.active += int(heard.sum())
 
 
 def rivals(shape: tuple[int, ...], axis: int) -> Ints:
@@ -258,16 +243,12 @@ class SpikeRecord:
     kept: ClassVar[tuple[str, ...]] = ("steps", "ids", "multiplicity", "events", "spikes", "active")
 
     def __init__(self, size: int, keeps: bool, graded: bool) -> None:
-        self.size, self.keeps, self.graded = size, keeps, graded
-        self.start_anew()
-
-    def start_anew(self) -> None:
-        """Nothing happened yet."""
+        self.keeps, self.graded = keeps, graded
         self.steps: list[int] = []
         self.ids: list[int] = []
         self.multiplicity: list[int] = []
-        self.events: Ints = np.zeros(self.size, dtype=np.int64)
-        self.spikes: Ints = np.zeros(self.size, dtype=np.int64)
+        self.events: Ints = np.zeros(size, dtype=np.int64)
+        self.spikes: Ints = np.zeros(size, dtype=np.int64)
         self.active = 0
 
     def add(self, step: int, ids: Ints, multiplicity: Ints) -> None:
@@ -321,3 +302,85 @@ class SynapseRecords:
         kept, self.kept[number] = self.kept[number], []
         columns = [np.array(column) for column in zip(*kept, strict=True)] or [np.zeros(0)] * 3
         return Sent(columns[0].astype(np.int64), columns[1].astype(np.int64), columns[2])
+
+
+class LocalWinners:
+    """The present state of such a group.
+
+    Attributes:
+        blocked: neurons that are silenced until the next trial or reset.
+        wins: how often each map has won.
+    """
+
+    kept: ClassVar[tuple[str, ...]] = ("blocked", "wins")
+
+    def __init__(self, choice: local_winners, shape: tuple[int, ...]) -> None:
+        self._choice, self._maps = choice, shape[0]
+        self._map, self._row, self._column = np.indices(shape).reshape(3, -1)
+        self.open()
+
+    def open(self) -> None:
+        """No neuron has won."""
+        self.blocked: Bools = np.zeros(self._map.size, dtype=bool)
+        self.wins: Ints = np.zeros(self._maps, dtype=np.int64)
+
+    def enter(self, ranked: Ints) -> Ints:
+        """Those that win of some candidates, the best first; each silences what is near it."""
+        winners = []
+        for neuron in ranked.tolist():
+            if not self.blocked[neuron]:
+                winners.append(neuron)
+                near = abs(self._row - self._row[neuron]) <= self._choice.radius
+                self.blocked |= near & (abs(self._column - self._column[neuron]) <= self._choice.radius)
+                own = self._map[neuron]
+                self.wins[own] += 1
+                if self.wins[own] == self._choice.per_map:
+                    self.blocked |= self._map == own
+        return np.array(winners, dtype=np.int64)
+
+
+class TrialCourse:
+    """What is followed while a trial runs.
+
+    Args:
+        maps: of the output.
+        size: its neurons.
+        several: whether more than one may win, so that each map has a decision of its own.
+    """
+
+    def __init__(self, maps: int, size: int, several: bool) -> None:
+        self._several, self._per_map = several, size // maps
+        self._undecided = np.ones(maps, dtype=bool)
+        self._potential = np.zeros((maps, self._per_map))
+        self._neurons: list[int] = []
+        self._ticks: list[int] = []
+        self._peak, self._peak_tick = np.full(size, -np.inf), np.zeros(size, dtype=np.int64)
+
+    def take(self, tick: int, potential: Floats, won: Ints) -> None:
+        """Follow one tick.
+
+        Args:
+            tick: its number.
+            potential: V_m of all neurons, before spikes reset it.
+            won: winners of it, in order.
+        """
+        self._potential[self._undecided] = potential.reshape(self._potential.shape)[self._undecided]
+        if not self._neurons:
+            higher = potential > self._peak
+            self._peak[higher], self._peak_tick[higher] = potential[higher], tick
+        self._neurons += won.tolist()
+        self._ticks += [tick] * len(won)
+        if len(won):
+            self._undecided[won // self._per_map if self._several else slice(None)] = False
+
+    def outcome(self, ticks: int) -> Outcome:
+        """How it ended after some ticks."""
+        winner, decided = (self._neurons[0], self._ticks[0]) if self._neurons else (-1, -1)
+        best = self._potential.argmax(axis=1) + np.arange(len(self._potential)) * self._per_map
+        if winner >= 0:
+            self._peak[winner], self._peak_tick[winner] = np.inf, decided
+        wins = Wins(np.array(self._neurons, dtype=np.int64), np.array(self._ticks, dtype=np.int64))
+        return Outcome(
+            winner, decided, self._potential.max(axis=1), best, ticks,
+            self._peak, self._peak_tick, wins if self._several else None,
+        )  # fmt: skip

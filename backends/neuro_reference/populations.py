@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from neuro.core import keyed_random
 from neuro.model.neurons import Generator, Neuron
-from neuro.model.neurons.base import PAYLOAD
 from neuro.program.program import Floats, Ints, Population, drawn_for
 
 
@@ -82,46 +81,27 @@ class ReferencePopulation:
         for i in ids:
             model.arithmetic.fire(self.states, self.constants[i], i)
 
-    def payloads(self) -> Floats:
-        """What each neuron of a graded population sends."""
-        sent: Floats = self.states[self.names.index(PAYLOAD)]
-        return sent
-
     def generate(self, step: int) -> Ints:
         """Number of spikes of each neuron of a generator in a step, or its payload."""
+        numbers: Ints = np.zeros(self.size, dtype=np.int64)
+        model, is_on = self.part.model, self.part.start < step <= self.part.stop
         if self.part.kind == "poisson":
-            return self._draw(step)
-        if self.part.kind == "generator":
-            return self._emit(step)
-        due = self.injected_steps == step
-        numbers: Ints = np.zeros(self.size, dtype=np.int64)
-        np.add.at(numbers, self.injected_ids[due], self.injected_numbers[due])
+            rate = self.parameters["rate"] if self.part.schedule is None else self.part.schedule.at(step)
+            if is_on and rate.any():
+                u = keyed_random.uniform(self.key, step, np.arange(self.size))
+                means = np.broadcast_to(rate * self.resolution / 1000.0, self.size)
+                for mean in np.unique(means):
+                    here = means == mean
+                    numbers[here] = np.searchsorted(keyed_random.poisson_table(float(mean)), u[here], side="right")
+        elif isinstance(model, Generator) and self.part.kind == "generator":
+            u, out = keyed_random.uniform(self.key, step, np.arange(self.size)), np.zeros(self.size)
+            for lo, hi in self.runs if is_on else ():
+                model.arithmetic.emit(self.states, self.constants[lo], u, step, lo, hi, out)
+            numbers = out.astype(np.int64)
+        else:
+            due = self.injected_steps == step
+            np.add.at(numbers, self.injected_ids[due], self.injected_numbers[due])
         return numbers
-
-    def _emit(self, step: int) -> Ints:
-        model = self.part.model
-        assert isinstance(model, Generator)
-        if not self._is_on(step):
-            return np.zeros(self.size, dtype=np.int64)
-        u, out = keyed_random.uniform(self.key, step, np.arange(self.size)), np.zeros(self.size)
-        for lo, hi in self.runs:
-            model.arithmetic.emit(self.states, self.constants[lo], u, step, lo, hi, out)
-        return out.astype(np.int64)
-
-    def _draw(self, step: int) -> Ints:
-        numbers: Ints = np.zeros(self.size, dtype=np.int64)
-        rate = self.parameters["rate"] if self.part.schedule is None else self.part.schedule.at(step)
-        if self._is_on(step) and rate.any():
-            u = keyed_random.uniform(self.key, step, np.arange(self.size))
-            means = np.broadcast_to(rate * self.resolution / 1000.0, self.size)
-            for mean in np.unique(means):
-                here = means == mean
-                numbers[here] = np.searchsorted(keyed_random.poisson_table(float(mean)), u[here], side="right")
-        return numbers
-
-    def _is_on(self, step: int) -> bool:
-        """Whether a generator of spikes emits in a step."""
-        return self.part.start < step <= self.part.stop
 
     def drop_listed(self) -> None:
         """Forget the spikes that are listed."""

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from neuro.model.neurons import Neuron
 from neuro.model.synapses.base import steps_of
-from neuro.program.currents import generator_of
-from neuro.program.drives import Emission
+from neuro.program.currents import Emission, generator_of
 from neuro.program.program import Floats, Ints, Program
 
 
@@ -81,14 +80,13 @@ class ReferenceProjection:
         row = self.row(source)
         at, to = (step + self.delay[row]) % self.slots, self.target[row]
         amount = np.full(len(to), float(multiplicity)) if relay else self.part.arriving(weights) * multiplicity
-        np.add.at(self.due, (at, self._receptors(amount), to), amount)
-        self.heard[at, to] = True
-
-    def _receptors(self, amount: Floats) -> Ints:
-        """Where some input goes: to the receptor that is named, else of two by its sign."""
+        # To the receptor that is named, else of two by its sign.
         if self.part.receptor is not None:
-            return np.full(len(amount), self.part.receptor.index)
-        return ((amount < 0.0) & (self.receptors == 2)).astype(np.int64)
+            receptors = np.full(len(amount), self.part.receptor.index)
+        else:
+            receptors = ((amount < 0.0) & (self.receptors == 2)).astype(np.int64)
+        np.add.at(self.due, (at, receptors, to), amount)
+        self.heard[at, to] = True
 
     def send_current(self, parameters: Mapping[str, Floats], step: int) -> None:
         """Send the current emitted in `step`, if any; it acts in the step after its arrival.

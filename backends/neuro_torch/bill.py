@@ -18,11 +18,10 @@ import torch
 from torch import Tensor
 
 from neuro.chips.description import Chip
+from neuro.chips.energy import STATIC
 from neuro.chips.known import chip as chip_of
-from neuro.chips.placing.place import place
-from neuro.chips.placing.placement import Placement
-from neuro.chips.pricing.energy import STATIC
-from neuro.chips.pricing.price import BARRIERS, barrier, check_costs, check_fits
+from neuro.chips.placing import Placement, place
+from neuro.chips.pricing import BARRIERS, barrier, check_costs, check_fits
 from neuro.core.errors import ModelError
 from neuro.program.counts import fan_out
 from neuro.program.program import Floats, Program

@@ -26,7 +26,7 @@ from torch.nn.utils import parametrize
 import neuro
 from neuro.chips.description import Chip
 from neuro.chips.known import chip as chip_of
-from neuro.chips.quantising.quantise import quantise
+from neuro.chips.quantising import quantise
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Program
 from neuro_torch.module import Module

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from neuro.coding.pixels import check_pixels, pixel_spikes
+from neuro.coding.encoders import check_pixels, pixel_spikes
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Population, Program

@@ -7,7 +7,7 @@ import torch
 
 from neuro.core import keyed_random
 from neuro.model.neurons import Generator
-from neuro.program.drives import Emission, filtered_current
+from neuro.program.currents import Emission, filtered_current
 from neuro.program.program import Floats, Ints, Population, Program, drawn_for
 from neuro_torch.cells import TensorCells, constants_of
 

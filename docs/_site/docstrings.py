@@ -12,7 +12,7 @@ from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 from sphinx.util.nodes import make_refnode
 
-from neuro.model.language.choices import TABLES
+from neuro.model.language.loader import TABLES
 
 HOMES = (
     "neuro",

@@ -14,20 +14,19 @@ from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
     from neuro.chips.description import Chip as Chip
-    from neuro.chips.known import chip as chip, chips as chips
-    from neuro.chips.placing.place import place as place
-    from neuro.chips.placing.placement import Placement as Placement
-    from neuro.chips.pricing.energy import (
+    from neuro.chips.energy import (
         COLUMNS as COLUMNS,
         Energy as Energy,
         between as between,
         cells as cells,
         footnotes as footnotes,
     )
-    from neuro.chips.pricing.neurobench import neurobench as neurobench
-    from neuro.chips.pricing.price import bill as bill, price as price
-    from neuro.chips.quantising.fixed_program import FixedProgram as FixedProgram, filled as filled
-    from neuro.chips.quantising.quantise import quantise as quantise
+    from neuro.chips.fixed_program import FixedProgram as FixedProgram, filled as filled
+    from neuro.chips.known import chip as chip, chips as chips
+    from neuro.chips.neurobench_report import neurobench as neurobench
+    from neuro.chips.placing import Placement as Placement, place as place
+    from neuro.chips.pricing import bill as bill, price as price
+    from neuro.chips.quantising import quantise as quantise
 
 
 if not TYPE_CHECKING:

@@ -1,20 +1,22 @@
 """What a family of chips computes: everything by which one family differs from another, beside limits and costs.
 
-`neuro.chips.loihi` and `neuro.chips.spinnaker` each define one `Arithmetic`; `neuro.chips.arithmetics` lists them.
+`neuro.chips.loihi` and `neuro.chips.spinnaker` each define one `Arithmetic`; `neuro.chips.known` lists them.
 Quantising, placing and pricing ask the object, never for a name. `options_of` checks what a user sets.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.chips.description import Chip
-from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
-from neuro.chips.quantising.inputs import Inputs, Options
+from neuro.chips.fixed import FixedPopulation, FixedProjection, Words
+from neuro.chips.inputs import LEARN_ELSEWHERE, Inputs, Options, foreign, refused
 from neuro.core.english import a
 from neuro.core.errors import ModelError, nearest
 from neuro.model.neurons import Model, Neuron
@@ -42,8 +44,7 @@ class Option:
     expected: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Arithmetic:
+class Arithmetic(ABC):
     """The integers of a family of chips.
 
     Attributes:
@@ -52,25 +53,18 @@ class Arithmetic:
         models: neuron models of the language that it can be.
         options: what users may set.
         state_limit: the largest magnitude of a state register.
+        native_volt: units of the voltage register per mV of neurons that are described in registers.
         register_of_one: what the delay register holds of a spike that acts one step after its emission.
         one_bit: whether a spike is one bit, so that several of a neuron in a step become one.
         graded: whether a spike carries a payload.
-        in_rows: whether synapses lie in rows as long as the longest, else in blocks; see `neuro.chips.placing.packing`.
+        in_rows: whether synapses lie in rows as long as the longest, else in blocks; see `neuro.chips.incoming`.
         keeps_kernels: whether a core keeps a kernel once, and not each of its synapses.
         multicast: whether routers copy a spike that goes to several cores, else it is sent once for each.
-        population: a population of `models` and the projections onto it, with what cannot be.
-        native: a population that is described in registers.
-        native_projection: a projection onto such a population, with what cannot be.
-        relay_projection: a projection onto parrots, which the host relays.
-        give_rules: gives rules to the projections that learn on the chip, which are replaced in the mapping; tells what
-            is refused and what is approximated.
-        kept_options: the options with which a population gets the scale that it has; of the population and the
-            projections onto it.
-        filled: the largest share of its registers that a population's input takes, of what arrives in each step, in
-            words, (recordings, steps, neurons); None where registers saturate, or depend on more.
-        told_scale: how the weights of a projection are scaled, for the report; of its target and itself.
-        lossless: the way out where weights that are described in registers lose bits, "" where they cannot.
-        notes: what is to be known of a program on the machine.
+        receptors: slots of a neuron for each step to come: 1, words of any sign are summed in 32 bits; 2, one for each
+            sign, which saturate.
+        word: type of the array of words.
+        stands_for: the register that holds a state or a parameter, by the names of the language.
+        states: the state registers of each kind of population (`FixedPopulation.kind`).
     """
 
     name: str
@@ -78,26 +72,114 @@ class Arithmetic:
     models: tuple[type[Neuron], ...]
     options: tuple[Option, ...]
     state_limit: int
+    native_volt = 1.0
     register_of_one: int
-    one_bit: bool
-    graded: bool
-    in_rows: bool
-    keeps_kernels: bool
-    multicast: bool
-    population: Callable[[Inputs, Options], tuple[FixedPopulation, Projections, list[Problem]]]
-    native: Callable[[Population], FixedPopulation]
-    native_projection: Callable[[Inputs, int], tuple[FixedProjection, list[Problem]]]
-    relay_projection: Callable[[Inputs, int], FixedProjection]
-    give_rules: Callable[[Program, Chip, Projections, Options], Iterator[Problem]]
-    kept_options: Callable[[FixedPopulation, tuple[FixedProjection, ...]], Options]
-    filled: Callable[[FixedPopulation, Floats], float] | None
-    told_scale: Callable[[FixedPopulation, FixedProjection], str]
-    lossless: Callable[[FixedProjection], str]
-    notes: Callable[[Program], Iterator[str]]
+    one_bit = False
+    graded = False
+    in_rows = False
+    keeps_kernels = False
+    multicast = False
+    receptors = 1
+    word: type[np.signedinteger[Any]] = np.int32
+    stands_for: Mapping[str, str]
+    states: Mapping[str, tuple[str, ...]]
 
     def option(self, name: str) -> Option | None:
-        """The option of that name, None if it has none."""
+        """Return the option of that name, None if it has none."""
         return next((option for option in self.options if option.name == name), None)
+
+    @abstractmethod
+    def population(self, inputs: Inputs, options: Options) -> tuple[FixedPopulation, Projections, list[Problem]]:
+        """Bring a population of `models` and the projections onto it into integers, and tell what cannot be."""
+
+    def native(self, part: Population) -> FixedPopulation:
+        """Return a population that is described in registers: its parameters are the registers."""
+        registers = {name: values.astype(np.int64) for name, values in part.parameters.items() if name != "tau_minus"}
+        initial = {name: values.astype(np.int64) for name, values in part.initial.items()}
+        return FixedPopulation(part.name, part.model.name, registers, initial, self.native_volt)
+
+    @abstractmethod
+    def native_projection(self, inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
+        """Bring a projection onto a population in registers into words, and tell what cannot be."""
+
+    @abstractmethod
+    def relay_projection(self, inputs: Inputs, index: int) -> FixedProjection:
+        """Return a projection onto parrots, which the host relays: every spike counts, whatever its weight."""
+
+    def give_rules(self, program: Program, chip: Chip, wires: Projections, options: Options) -> Iterator[Problem]:
+        """Give rules to the projections that learn on the chip; yield what is refused and what is approximated.
+
+        A family has no rules but those in its own registers, unless it overrides this method: other projections that
+        learn are refused.
+
+        Args:
+            program: the whole network.
+            chip: for which it is quantised.
+            wires: the projections in words; those that learn are replaced.
+            options: what users set.
+        """
+        for index, part in enumerate(program.projections):
+            if (problem := foreign(program, chip, index)) is not None:
+                yield problem
+            elif part.synapse.delays:
+                why = f"delays do not change while {chip.name} runs"
+                yield refused(part, part.synapse.name, why, LEARN_ELSEWHERE)
+            elif part.synapse.learns in ("pairs", "chip") and (index not in wires or wires[index].rule is None):
+                yield refused(
+                    part,
+                    part.synapse.name,
+                    f"pairwise learning is not emulated on {chip.name}",
+                    "run it on loihi or event, or send static weights: sim.network() has what was learnt",
+                )
+
+    @abstractmethod
+    def kept_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
+        """Return the options with which a population and the projections onto it get the scale that they have."""
+
+    def filled(self, cells: FixedPopulation, arriving: Floats) -> float:
+        """Return the largest share of its registers that a population's input takes; of families with one receptor.
+
+        Args:
+            cells: the population.
+            arriving: what arrives in each step, in words, (recordings, steps, neurons).
+        """
+        raise NotImplementedError
+
+    @abstractmethod
+    def told_scale(self, cells: FixedPopulation, wires: FixedProjection) -> str:
+        """Return how the weights of a projection onto some cells are scaled, for the report."""
+
+    def lossless(self, wires: FixedProjection) -> str:
+        """Return the way out where weights that are described in registers lose bits, "" where they cannot."""
+        return ""
+
+    def notes(self, program: Program) -> Iterator[str]:
+        """Yield what is to be known of a program on the machine."""
+        yield from ()
+
+    @abstractmethod
+    def current(self, cells: FixedPopulation, name: str, states: Mapping[str, NDArray[np.int32]]) -> Floats:
+        """Return a synaptic current in pA, of its name, from the state registers."""
+
+    @abstractmethod
+    def units(self, cells: FixedPopulation, name: str, values: Floats) -> Floats:
+        """Return a synaptic current in pA as units of its register."""
+
+    @abstractmethod
+    def bias(self, cells: FixedPopulation, current: Floats) -> NDArray[np.int32]:
+        """Return what is added in each step, with a current in pA beside the constant one.
+
+        Raises:
+            ModelError: it overflows its register.
+        """
+
+    @abstractmethod
+    def words(self, wires: FixedProjection, mantissas: Words) -> Words:
+        """Return what a spike adds for some mantissas."""
+
+    @abstractmethod
+    def way_out(self, cells: FixedPopulation) -> str:
+        """Return what would keep the registers of a population from overflowing, "" where nothing is known."""
 
 
 EVERYWHERE = ("strict", "order", "neurons_per_core")
@@ -123,27 +205,21 @@ def options_of(program: Program, chip: Chip, arithmetic: Arithmetic, options: Ma
             raise ModelError(f"backend '{chip.name}' has no option '{name}'", hint=nearest(name, [*known, *EVERYWHERE]))
         if not isinstance(values, Mapping):
             raise ModelError(f"{name} = {values!r}: expected values by name, such as {{'exc': ...}}")
+        if option.of == "populations":
+            models: dict[str, Model] = {part.name: part.model for part in program.populations}
+        else:
+            models = {part.name: program.populations[part.target].model for part in program.projections}
+        expected = "populations" if option.of == "populations" else "projections onto populations"
         for part, value in values.items():
-            _check_part(program, arithmetic, option, part)
+            if part not in models:
+                raise ModelError(f"{name}: unknown part '{part}'", hint=nearest(part, models))
+            if not isinstance(models[part], arithmetic.models):
+                known_models = " or ".join(model.__name__ for model in arithmetic.models)
+                found = f"{name}['{part}']: {a(models[part].name)}"
+                raise ModelError(f"{found}: expected {expected} of {known_models}")
             if not option.fits(value):
                 raise ModelError(f"{name}['{part}'] = {value!r}: expected {option.expected}")
     return Options(options)
-
-
-def _check_part(program: Program, arithmetic: Arithmetic, option: Option, name: str) -> None:
-    """Refuse a part that does not exist or that has nothing to set."""
-    if option.of == "populations":
-        models: dict[str, Model] = {part.name: part.model for part in program.populations}
-        expected = "populations"
-    else:
-        models = {part.name: program.populations[part.target].model for part in program.projections}
-        expected = "projections onto populations"
-    if name not in models:
-        raise ModelError(f"{option.name}: unknown part '{name}'", hint=nearest(name, models))
-    if not isinstance(models[name], arithmetic.models):
-        known = " or ".join(model.__name__ for model in arithmetic.models)
-        message = f"{option.name}['{name}']: {a(models[name].name)}: expected {expected} of {known}"
-        raise ModelError(message)
 
 
 def is_positive(value: Any) -> bool:

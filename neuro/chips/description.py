@@ -112,7 +112,7 @@ class Chip:
     Attributes:
         name: as in `neuro.compile(net, backend=name)` and `sim.energy(name)`.
         title: for people.
-        arithmetic: name of the integer arithmetic that it has (`neuro.chips.arithmetics`), "" where only costs or
+        arithmetic: name of the integer arithmetic that it has (`neuro.chips.known`), "" where only costs or
             limits are known.
         limits: by name, see `docs/reference/chips.md`; a limit that is not named does not exist.
         mesh: how cores lie, None where nothing is placed.

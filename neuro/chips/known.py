@@ -1,4 +1,4 @@
-"""Reading the table of a chip: YAML in which every number has a source."""
+"""The chips that are known, from tables in which every number has a source, and the families that are emulated."""
 
 from __future__ import annotations
 
@@ -7,12 +7,17 @@ from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 
-from neuro.chips.arithmetics import ARITHMETICS
+from neuro.chips.arithmetic import Arithmetic
 from neuro.chips.description import CONDITIONS, COSTS, LIMITS, Chip, Figure, Mesh, Range
+from neuro.chips.loihi import LOIHI
+from neuro.chips.loihi2 import LOIHI2
+from neuro.chips.spinnaker import SPINNAKER
 from neuro.core.errors import ModelError, unknown
 from neuro.core.registry import Registry
-from neuro.model.language.nodes import found, mistake, words
-from neuro.model.language.reader import Node, read
+from neuro.model.language.reader import Node, found, mistake, read, words
+
+ARITHMETICS = {arithmetic.name: arithmetic for arithmetic in (LOIHI, LOIHI2, SPINNAKER)}
+"""The families of chips whose arithmetic is emulated, by name."""
 
 WORDS = ("like", "name", "title", "arithmetic", "limits", "mesh", "step_s", "costs")
 PARTS = {"limits": "limit", "costs": "cost"}
@@ -42,7 +47,8 @@ def parse(root: Node, path: Path, base: Chip | None) -> Chip:
         limits={**base.limits, **_limits(table)},
         mesh=_mesh(table["mesh"]) if "mesh" in table else base.mesh,
         step_s=_figure(table["step_s"], "step_s", "s") if "step_s" in table else base.step_s,
-        costs={**base.costs, **_costs(table)},
+        costs=base.costs
+        | {word: _figure(each, word, COSTS[word][0]) for word, each in _entries(table, "costs", COSTS).items()},
         path=str(path),
     )
     _agree(chip, root)
@@ -79,10 +85,6 @@ def _limits(table: Mapping[str, Node]) -> dict[str, Figure]:
     return limits
 
 
-def _costs(table: Mapping[str, Node]) -> dict[str, Figure]:
-    return {name: _figure(node, name, COSTS[name][0]) for name, node in _entries(table, "costs", COSTS).items()}
-
-
 def _figure(node: Node, name: str, unit: str) -> Figure:
     """A number with its source; `unit` is what a message asks for where there is no number."""
     if not isinstance(node.value, dict):
@@ -92,13 +94,20 @@ def _figure(node: Node, name: str, unit: str) -> Figure:
     low, high = (_quantity(parts[end], f"{name}: {end}", name, unit) if end in parts else None for end in ENDS)
     if (low is not None and low > value) or (high is not None and high < value):
         end = "low" if low is not None and low > value else "high"
-        raise mistake(parts[end], f"{name}: {end}: expected low <= value <= high, found {_told(low, value, high)}")
+        ends = {"low": low, "value": value, "high": high}
+        told = ", ".join(f"{word} = {n:g}" for word, n in ends.items() if n is not None)
+        raise mistake(parts[end], f"{name}: {end}: expected low <= value <= high, found {told}")
     return Figure(
         value,
         _text(parts["source"], f"{name}: source"),
         low=low,
         high=high,
-        holds=_holds(parts["holds"], name) if "holds" in parts else {},
+        holds={
+            word: _range(part, f"{name}: holds: {word}")
+            for word, part in words(parts["holds"], CONDITIONS, f"{name}: holds", kind="condition").items()
+        }
+        if "holds" in parts
+        else {},
         beyond=_range(parts["beyond"], f"{name}: beyond") if "beyond" in parts else None,
         **{word: _text(parts[word], f"{name}: {word}") for word in ("conditions", "spread", "guess") if word in parts},
     )
@@ -113,18 +122,6 @@ def _quantity(node: Node, what: str, name: str, unit: str) -> float:
     if not 0 <= value < math.inf:
         raise mistake(node, f"{what} = {value:g}: expected {_number(unit)}")
     return float(value)
-
-
-def _told(low: float | None, value: float, high: float | None) -> str:
-    return ", ".join(
-        f"{word} = {n:g}" for word, n in zip(("low", "value", "high"), (low, value, high), strict=True) if n is not None
-    )
-
-
-def _holds(node: Node, name: str) -> dict[str, Range]:
-    """Ranges of conditions by name."""
-    parts = words(node, CONDITIONS, f"{name}: holds", kind="condition")
-    return {word: _range(part, f"{name}: holds: {word}") for word, part in parts.items()}
 
 
 def _range(node: Node, what: str) -> Range:
@@ -187,13 +184,12 @@ _reading: list[Path] = []
 """The tables that are being read, each like the next."""
 
 
-def _own() -> list[Chip]:
-    """The chips of this package; none of its tables starts from another."""
-    return [parse(load(path), path, None) for path in sorted(TABLES.glob("*.yaml"))]
-
-
 CHIPS: Registry[Chip] = Registry(
-    "chip", _own(), takes=lambda thing: isinstance(thing, Chip), group="neuro.chips", name=lambda chip: chip.name
+    "chip",
+    [parse(load(path), path, None) for path in sorted(TABLES.glob("*.yaml"))],  # none of them starts from another
+    takes=lambda thing: isinstance(thing, Chip),
+    group="neuro.chips",
+    name=lambda chip: chip.name,
 )
 """All chips that have a name; `neuro.register(neuro.chips.chip("my.yaml"))` adds one."""
 
@@ -253,3 +249,22 @@ def _of_file(path: Path, base: Node) -> Chip:
         return read_chip(other)
     finally:
         _reading.pop()
+
+
+def arithmetic_of(chip: Chip) -> Arithmetic:
+    """The arithmetic of a chip.
+
+    Raises:
+        ModelError: none is known here.
+    """
+    if chip.arithmetic not in ARITHMETICS:
+        raise ModelError(
+            f"chip '{chip.name}' has no arithmetic here: expected one of {', '.join(ARITHMETICS)}",
+            hint="its limits and costs serve placing and energy only",
+        )
+    return ARITHMETICS[chip.arithmetic]
+
+
+def placed_as(chip: Chip) -> Arithmetic:
+    """The arithmetic by which a chip packs synapses, sends spikes and counts delays: Loihi 1's where none is known."""
+    return ARITHMETICS.get(chip.arithmetic, LOIHI)

@@ -9,7 +9,7 @@ Its integers are s16.15 neurons, unsigned 0.32 decays and 16-bit ring-buffer slo
 | `iaf_psc_delta`, weight w | a word of w 2^(15 - shift), added to v |
 | V_m >= V_th | v >= v_thresh |
 | t_ref of R steps | t_refract = R |
-| delay of D steps | `iaf_psc_exp`: D + 1, `iaf_psc_delta`: D, see `neuro.chips.arrival_rule` |
+| delay of D steps | `iaf_psc_exp`: D + 1, `iaf_psc_delta`: D, see `neuro.chips.inputs` |
 
 The constant factor is that between the chip's integration, which holds the current for a tick, and the exact one: V_m
 is then the same at every tick. `iaf_psc_delta` exists on no released SpiNNaker binary. It is emulated as its authors
@@ -20,17 +20,26 @@ Neurosci. 12:816, 2018).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from neuro.chips.arithmetic import Arithmetic, Option, is_whole
-from neuro.chips.arrival_rule import acts_late, register
-from neuro.chips.quantising import rounding
-from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
-from neuro.chips.quantising.inputs import (
+from neuro.chips.arithmetic import Arithmetic, Option, Projections, is_whole
+from neuro.chips.fixed import (
+    FixedPopulation,
+    FixedProjection,
+    Rounding,
+    WeightRounding,
+    Words,
+    farthest_weight,
+    judge_weights,
+    round_weights,
+    worst_rounding,
+)
+from neuro.chips.inputs import (
     Inputs,
     Options,
+    acts_late,
     approximated,
     constants_of,
     converging,
@@ -39,14 +48,15 @@ from neuro.chips.quantising.inputs import (
     of_falls,
     of_lowest,
     one_kernel,
-    refuse_rules,
     refused,
+    register,
     too_long,
     too_short,
 )
+from neuro.core.errors import ModelError
 from neuro.model.neurons import iaf_psc_delta, iaf_psc_exp
 from neuro.program.backend import Problem
-from neuro.program.program import Floats, Ints, Population, Program, Projection
+from neuro.program.program import Floats, Ints, Program
 
 LIF, DELTA = "spinnaker_lif", "spinnaker_delta"
 """The steps that neurons take, see `FixedPopulation.kind`."""
@@ -58,90 +68,9 @@ FINE = 256
 """Steps that the largest weight keeps although a slot might then saturate."""
 
 
-def native(part: Population) -> FixedPopulation:
-    """A `spinnaker_lif`: its parameters are the registers."""
-    registers = {name: values.astype(np.int64) for name, values in part.parameters.items() if name != "tau_minus"}
-    initial = {name: values.astype(np.int64) for name, values in part.initial.items()}
-    return FixedPopulation(part.name, LIF, registers, initial, float(ONE))
-
-
-def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
-    """A projection onto a `spinnaker_lif`: its weights are words, negative ones for the inhibitory receptor."""
-    part = inputs.program.projections[index]
-    problems = [*other_receptor(inputs, index)]
-    bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (np.abs(part.weight) > SLOT))
-    if bad.size:
-        why = f"a word is a whole number from -{SLOT} to {SLOT}"
-        problems.append(refused(part, f"weight = {part.weight[bad[0]]:g}", why, "change exc_shift or inh_shift"))
-    words: Words = np.clip(np.rint(part.weight), -SLOT, SLOT).astype(np.int32)
-    found = rounding.judged(words.astype(float), words, 1.0, -SLOT, SLOT)
-    return _projection(part, words, np.ones(1), np.ones(1), inputs.lag(index), found), problems
-
-
-def _projection(
-    part: Projection, words: Words, step: Floats, below: Floats, lag: Words, rounding: WeightRounding
-) -> FixedProjection:
-    named = None if part.receptor is None else part.receptor.index
-    return FixedProjection(
-        name=part.name,
-        mantissas=words,
-        words=words,
-        low=0 if named == 0 else -SLOT,
-        high=0 if named == 1 else SLOT,
-        grain=1,
-        exponent=0,
-        sign_mode="",
-        bits=16,
-        step=step,
-        step_below=below,
-        lag=lag,
-        delay=register(lag, REGISTER_OF_ONE),
-        rounding=rounding,
-    )
-
-
-def relay_projection(inputs: Inputs, index: int) -> FixedProjection:
-    """A projection onto parrots: every spike counts, whatever its weight."""
-    part = inputs.program.projections[index]
-    ones: Words = np.ones(1, dtype=np.int32)
-    return _projection(
-        part, ones, part.weight.copy(), part.weight.copy(), inputs.lag(index), WeightRounding(0.0, 0.0, 0.0, 0.0)
-    )
-
-
-def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
-    """A population of `iaf_psc_delta` or `iaf_psc_exp`, and the projections onto it."""
-    delta = isinstance(inputs.part.model, iaf_psc_delta)
-    registers, gain, drive, errors = _delta(inputs) if delta else _exponential(inputs)
-    shifts = options.of("shifts", inputs.part.name) or _shifts(inputs, gain)
-    registers["exc_shift"], registers["inh_shift"] = (np.full(1, shift, dtype=np.int64) for shift in shifts)
-    part, p = inputs.part, inputs.part.parameters
-    ampere: tuple[Floats, ...] = ()
-    initial = {"v": part.initial["V_m"] * ONE}
-    if not delta:
-        h = inputs.program.resolution
-        ampere = tuple(
-            g * registers[f"{word}_init"] / FRACTION * ONE / (np.exp(-h / p[tau]) if acts_late(part.model) else 1.0)
-            for word, tau, g in zip(("exc", "inh"), ("tau_syn_ex", "tau_syn_in"), gain, strict=True)
-        )
-        initial["g_exc"], initial["g_inh"] = part.initial["I_syn_ex"] * ampere[0], -part.initial["I_syn_in"] * ampere[1]
-    problems = [*lacking(inputs), *overflows(inputs, initial, drive)]
-    states = {name: np.clip(np.rint(values), -LARGEST, LARGEST).astype(np.int64) for name, values in initial.items()}
-    kind = DELTA if delta else LIF
-    fixed = FixedPopulation(part.name, kind, registers, states, float(ONE), np.zeros(1), ampere, drive, tuple(errors))
-    found = {}
-    for index in inputs.spikes:
-        found[index], more = _weights(inputs, index, gain, shifts)
-        problems += more
-    if delta:
-        why = "no released SpiNNaker binary has it: it is emulated in the same arithmetic, slots added to v"
-        problems.append(approximated(part, "iaf_psc_delta", why))
-    return fixed, found, problems
-
-
 def _exponential(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floats, list[Rounding]]:
     """Registers of `iaf_psc_exp`, nA in a slot per pA of weight by receptor, i_offset per pA, and what is rounded."""
-    from neuro.model.neurons.iaf_psc_exp import P11_EX, P11_IN, P32_EX, P32_IN, P33
+    from neuro.model.neurons.currents import P11_EX, P11_IN, P32_EX, P32_IN, P33
 
     part, h = inputs.part, inputs.program.resolution
     p, c = part.parameters, constants_of(inputs.part, inputs.program.resolution)
@@ -160,14 +89,16 @@ def _exponential(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats]
         gains.append(np.where(np.isfinite(own), own, 0.001))
     if np.isfinite(p["tau_m"]).all():
         got = p["tau_m"] / np.maximum(registers["r_m"] / ONE, 1e-300) * 1000.0
-        errors.append(rounding.worst("C_m", "pF", p["C_m"], got, p["C_m"]))
-    errors += _rounded_current(p["I_e"], registers["i_offset"] / ONE * 1000.0)
+        errors.append(worst_rounding("C_m", "pF", p["C_m"], got, p["C_m"]))
+    if p["I_e"].any():
+        got = registers["i_offset"] / ONE * 1000.0
+        errors.append(worst_rounding("I_e", "pA", p["I_e"], got, float(np.abs(p["I_e"]).max())))
     return registers, (gains[0], gains[1]), np.full(1, ONE / 1000.0), errors
 
 
 def _delta(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floats, list[Rounding]]:
     """Registers of `iaf_psc_delta`, mV in a slot per mV of weight, units per pA of current, and what is rounded."""
-    from neuro.model.neurons.iaf_psc_delta import P30, P33
+    from neuro.model.neurons.potentials import P30, P33
 
     p, c = inputs.part.parameters, constants_of(inputs.part, inputs.program.resolution)
     registers = _potentials(inputs, c[:, P33])
@@ -175,14 +106,10 @@ def _delta(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floa
     if has_lowest(inputs.part):
         registers["v_min"] = np.rint(p["V_min"].min(keepdims=True) * ONE).astype(np.int64)
     errors = _rounded_potentials(inputs, registers, c[:, P33])
-    errors += _rounded_current(p["I_e"], registers["i_offset"] / ONE / c[:, P30])
+    if p["I_e"].any():
+        got = registers["i_offset"] / ONE / c[:, P30]
+        errors.append(worst_rounding("I_e", "pA", p["I_e"], got, float(np.abs(p["I_e"]).max())))
     return registers, (np.ones(1), np.ones(1)), c[:, P30] * ONE, errors
-
-
-def _rounded_current(wanted: Floats, got: Floats) -> list[Rounding]:
-    if not wanted.any():
-        return []
-    return [rounding.worst("I_e", "pA", wanted, got, float(np.abs(wanted).max()))]
 
 
 def _potentials(inputs: Inputs, leak: Floats) -> dict[str, Ints]:
@@ -200,10 +127,10 @@ def _rounded_potentials(inputs: Inputs, registers: dict[str, Ints], leak: Floats
         tau = np.where(registers["exp_tc"] >= ONE, np.inf, -h / np.log(registers["exp_tc"] / ONE))
     distance = np.abs(p["V_th"] - p["E_L"])
     return [
-        rounding.worst("tau_m", "ms", p["tau_m"], tau, p["tau_m"]),
-        rounding.worst("V_th", "mV", p["V_th"], registers["v_thresh"] / ONE, distance),
-        rounding.worst("V_reset", "mV", p["V_reset"], registers["v_reset"] / ONE, distance),
-        rounding.worst("t_ref", "ms", p["t_ref"], registers["t_refract"] * h, 1.0),
+        worst_rounding("tau_m", "ms", p["tau_m"], tau, p["tau_m"]),
+        worst_rounding("V_th", "mV", p["V_th"], registers["v_thresh"] / ONE, distance),
+        worst_rounding("V_reset", "mV", p["V_reset"], registers["v_reset"] / ONE, distance),
+        worst_rounding("t_ref", "ms", p["t_ref"], registers["t_refract"] * h, 1.0),
     ]
 
 
@@ -230,33 +157,6 @@ def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
 def _fitting(value: float) -> int:
     """The smallest shift with which a value fits into a slot."""
     return max(0, int(np.ceil(np.log2(value / SLOT)))) if value > SLOT else 0
-
-
-def _weights(
-    inputs: Inputs, index: int, gain: tuple[Floats, Floats], shifts: tuple[int, int]
-) -> tuple[FixedProjection, list[Problem]]:
-    """The weights of a projection as words."""
-    part = inputs.program.projections[index]
-    problems = [*one_kernel(inputs, index, gain[0].size), *other_receptor(inputs, index)]
-    steps = [2.0**shift / (ONE * own) for shift, own in zip(shifts, gain, strict=True)]
-    if steps[0].size > 1 and part.grid is None:
-        steps = [step[inputs.targets(index)] for step in steps]
-    else:
-        steps = [step[:1] for step in steps]
-    words, found = rounding.fitted(part.weight, steps[0], steps[1], -SLOT, SLOT, 1, inputs.keeps(index))
-    if found.saturated > 0.0:
-        step = np.where(part.weight < 0.0, steps[1], steps[0])
-        beyond = rounding.beyond(part.weight, step, -SLOT, SLOT)
-        word, shift = ("inh_shift", shifts[1]) if beyond.weight < 0.0 else ("exc_shift", shifts[0])
-        problems.append(
-            refused(
-                part,
-                f"weight = {beyond.weight:g}",
-                f"a word of 16 bits holds at most {SLOT * beyond.step:.6g} at {word} {shift}",
-                "use a larger shift, or leave it to be chosen" if shift < LARGEST_SHIFT else "scale the weights down",
-            )
-        )
-    return _projection(part, words, steps[0], steps[1], inputs.lag(index), found), problems
 
 
 ONE = 32768
@@ -332,64 +232,188 @@ def _largest(values: Floats) -> float:
     return float(values.flat[int(np.argmax(np.abs(values)))])
 
 
-_TICK_MS = 1.0
+class SpiNNaker(Arithmetic):
+    """The integers of SpiNNaker 1."""
+
+    name = "spinnaker"
+    title = "SpiNNaker"
+    models = (iaf_psc_exp, iaf_psc_delta)
+    options = (
+        Option(
+            "shifts",
+            "populations",
+            lambda value: (
+                isinstance(value, (tuple, list))
+                and len(value) == 2
+                and all(is_whole(shift, range(LARGEST_SHIFT + 1)) for shift in value)
+            ),
+            f"the shifts of excitatory and inhibitory slots, two whole numbers up to {LARGEST_SHIFT}",
+        ),
+    )
+    state_limit = LARGEST
+    native_volt = float(ONE)
+    register_of_one = REGISTER_OF_ONE
+    in_rows = True
+    multicast = True
+    receptors = 2
+    stands_for: Mapping[str, str] = {
+        **{"V_m": "v", "I_syn_ex": "g_exc", "I_syn_in": "g_inh", "tau_m": "exp_tc", "V_th": "v_thresh"},
+        **{"tau_syn_ex": "exc_decay", "tau_syn_in": "inh_decay", "I_e": "i_offset", "t_ref": "t_refract"},
+        **{"E_L": "v_rest", "V_reset": "v_reset", "C_m": "r_m"},
+    }
+    states: Mapping[str, tuple[str, ...]] = {LIF: ("v", "g_exc", "g_inh"), DELTA: ("v",)}
+
+    def words(self, wires: FixedProjection, mantissas: Words) -> Words:
+        """Return the mantissas: they are the words."""
+        return mantissas
+
+    def _wires(
+        self, inputs: Inputs, index: int, words: Words, step: Floats, below: Floats, rounding: WeightRounding
+    ) -> FixedProjection:
+        """Return a projection by its words, the weight of one, and that of a negative one."""
+        part, lag = inputs.program.projections[index], inputs.lag(index)
+        receptor = None if part.receptor is None else part.receptor.index
+        return FixedProjection(
+            name=part.name,
+            mantissas=words,
+            words=words,
+            low=0 if receptor == 0 else -SLOT,
+            high=0 if receptor == 1 else SLOT,
+            grain=1,
+            exponent=0,
+            sign_mode="",
+            bits=16,
+            step=step,
+            step_below=below,
+            lag=lag,
+            delay=register(lag, REGISTER_OF_ONE),
+            rounding=rounding,
+        )
+
+    def native_projection(self, inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
+        """A projection onto a `spinnaker_lif`: its weights are words, negative ones for the inhibitory receptor."""
+        part = inputs.program.projections[index]
+        problems = [*other_receptor(inputs, index)]
+        bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (np.abs(part.weight) > SLOT))
+        if bad.size:
+            why = f"a word is a whole number from -{SLOT} to {SLOT}"
+            problems.append(refused(part, f"weight = {part.weight[bad[0]]:g}", why, "change exc_shift or inh_shift"))
+        words: Words = np.clip(np.rint(part.weight), -SLOT, SLOT).astype(np.int32)
+        found = judge_weights(words.astype(float), words, 1.0, -SLOT, SLOT)
+        return self._wires(inputs, index, words, np.ones(1), np.ones(1), found), problems
+
+    def relay_projection(self, inputs: Inputs, index: int) -> FixedProjection:
+        """Return a projection onto parrots, which the host relays: every spike counts, whatever its weight."""
+        step = inputs.program.projections[index].weight.copy()
+        return self._wires(inputs, index, np.ones(1, dtype=np.int32), step, step, WeightRounding(0.0, 0.0, 0.0, 0.0))
+
+    def population(self, inputs: Inputs, options: Options) -> tuple[FixedPopulation, Projections, list[Problem]]:
+        """A population of `iaf_psc_delta` or `iaf_psc_exp`, and the projections onto it."""
+        delta = isinstance(inputs.part.model, iaf_psc_delta)
+        registers, gain, drive, errors = _delta(inputs) if delta else _exponential(inputs)
+        shifts = options.of("shifts", inputs.part.name) or _shifts(inputs, gain)
+        registers["exc_shift"], registers["inh_shift"] = (np.full(1, shift, dtype=np.int64) for shift in shifts)
+        part, p = inputs.part, inputs.part.parameters
+        ampere: tuple[Floats, ...] = ()
+        initial = {"v": part.initial["V_m"] * ONE}
+        if not delta:
+            h = inputs.program.resolution
+            ampere = tuple(
+                g * registers[f"{word}_init"] / FRACTION * ONE / (np.exp(-h / p[tau]) if acts_late(part.model) else 1.0)
+                for word, tau, g in zip(("exc", "inh"), ("tau_syn_ex", "tau_syn_in"), gain, strict=True)
+            )
+            initial["g_exc"], initial["g_inh"] = (
+                part.initial["I_syn_ex"] * ampere[0],
+                -part.initial["I_syn_in"] * ampere[1],
+            )
+        problems = [*lacking(inputs), *overflows(inputs, initial, drive)]
+        states = {
+            name: np.clip(np.rint(values), -LARGEST, LARGEST).astype(np.int64) for name, values in initial.items()
+        }
+        kind = DELTA if delta else LIF
+        fixed = FixedPopulation(
+            part.name, kind, registers, states, float(ONE), np.zeros(1), ampere, drive, tuple(errors)
+        )
+        found = {}
+        for index in inputs.spikes:
+            found[index], more = self._weights(inputs, index, gain, shifts)
+            problems += more
+        if delta:
+            why = "no released SpiNNaker binary has it: it is emulated in the same arithmetic, slots added to v"
+            problems.append(approximated(part, "iaf_psc_delta", why))
+        return fixed, found, problems
+
+    def _weights(
+        self, inputs: Inputs, index: int, gain: tuple[Floats, Floats], shifts: tuple[int, int]
+    ) -> tuple[FixedProjection, list[Problem]]:
+        """The weights of a projection as words."""
+        part = inputs.program.projections[index]
+        problems = [*one_kernel(inputs, index, gain[0].size), *other_receptor(inputs, index)]
+        steps = [2.0**shift / (ONE * own) for shift, own in zip(shifts, gain, strict=True)]
+        if steps[0].size > 1 and part.grid is None:
+            steps = [step[inputs.targets(index)] for step in steps]
+        else:
+            steps = [step[:1] for step in steps]
+        words, found = round_weights(part.weight, steps[0], steps[1], -SLOT, SLOT, 1, inputs.keeps(index))
+        if found.saturated > 0.0:
+            step = np.where(part.weight < 0.0, steps[1], steps[0])
+            beyond = farthest_weight(part.weight, step, -SLOT, SLOT)
+            word, shift = ("inh_shift", shifts[1]) if beyond.weight < 0.0 else ("exc_shift", shifts[0])
+            problems.append(
+                refused(
+                    part,
+                    f"weight = {beyond.weight:g}",
+                    f"a word of 16 bits holds at most {SLOT * beyond.step:.6g} at {word} {shift}",
+                    "use a larger shift, or leave it to be chosen"
+                    if shift < LARGEST_SHIFT
+                    else "scale the weights down",
+                )
+            )
+        return self._wires(inputs, index, words, steps[0], steps[1], found), problems
+
+    def kept_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
+        """Return the shifts that a population has."""
+        shifts = self._shifts_of(cells)
+        return Options({} if shifts is None else {"shifts": {cells.name: shifts}})
+
+    def _shifts_of(self, cells: FixedPopulation) -> tuple[int, int] | None:
+        r = cells.registers
+        return (int(r["exc_shift"][0]), int(r["inh_shift"][0])) if "exc_shift" in r else None
+
+    def told_scale(self, cells: FixedPopulation, wires: FixedProjection) -> str:
+        """Return the shifts of the target, for a report."""
+        shifts = self._shifts_of(cells)
+        return "-" if shifts is None else "shifts {}, {}".format(*shifts)
+
+    def notes(self, program: Program) -> Iterator[str]:
+        """Yield how long a tick is where it is not as long as a step."""
+        if program.resolution != 1.0:
+            yield f"a step of {program.resolution:g} ms takes a tick of 1 ms on the machine"
+
+    def current(self, cells: FixedPopulation, name: str, states: Mapping[str, NDArray[np.int32]]) -> Floats:
+        """Return a synaptic current in pA; the inhibitory register holds what is taken away."""
+        return states["g_exc"] / cells.ampere[0] if name == "I_syn_ex" else -states["g_inh"] / cells.ampere[1]
+
+    def units(self, cells: FixedPopulation, name: str, values: Floats) -> Floats:
+        """Return a synaptic current in pA as units of its register."""
+        return values * cells.ampere[0] if name == "I_syn_ex" else -values * cells.ampere[1]
+
+    def bias(self, cells: FixedPopulation, current: Floats) -> NDArray[np.int32]:
+        """Return the offset register with a current in pA beside the constant one."""
+        offset = cells.registers["i_offset"] + np.rint(current * cells.drive).astype(np.int64)
+        if np.abs(offset).max() > LARGEST:
+            raise ModelError(
+                f"population '{cells.name}': a current of {np.abs(current).max():g} pA overflows the offset register",
+                hint="lower the amplitude of the dc_generator",
+            )
+        return offset.astype(np.int32)
+
+    def way_out(self, cells: FixedPopulation) -> str:
+        """Return the shifts that leave four times the room."""
+        if (shifts := self._shifts_of(cells)) is None:
+            return ""
+        wider = tuple(min(LARGEST_SHIFT, shift + 2) for shift in shifts)
+        return f"shifts={{'{cells.name}': {wider}}} leaves 4 times the room"
 
 
-def _two_shifts(value: Any) -> bool:
-    shifts = range(LARGEST_SHIFT + 1)
-    return isinstance(value, (tuple, list)) and len(value) == 2 and all(is_whole(shift, shifts) for shift in value)
-
-
-_OPTIONS = (
-    Option(
-        "shifts",
-        "populations",
-        _two_shifts,
-        f"the shifts of excitatory and inhibitory slots, two whole numbers up to {LARGEST_SHIFT}",
-    ),
-)
-
-
-def _kept_shifts(cells: FixedPopulation) -> tuple[int, int] | None:
-    r = cells.registers
-    return (int(r["exc_shift"][0]), int(r["inh_shift"][0])) if "exc_shift" in r else None
-
-
-def _kept_options(cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
-    shifts = _kept_shifts(cells)
-    return Options({} if shifts is None else {"shifts": {cells.name: shifts}})
-
-
-def _told_scale(cells: FixedPopulation, wires: FixedProjection) -> str:
-    shifts = _kept_shifts(cells)
-    return "-" if shifts is None else "shifts {}, {}".format(*shifts)
-
-
-def _notes(program: Program) -> Iterator[str]:
-    if program.resolution != _TICK_MS:
-        yield f"a step of {program.resolution:g} ms takes a tick of {_TICK_MS:g} ms on the machine"
-
-
-SPINNAKER = Arithmetic(
-    name="spinnaker",
-    title="SpiNNaker",
-    models=(iaf_psc_exp, iaf_psc_delta),
-    options=_OPTIONS,
-    state_limit=LARGEST,
-    register_of_one=REGISTER_OF_ONE,
-    one_bit=False,
-    graded=False,
-    in_rows=True,
-    keeps_kernels=False,
-    multicast=True,
-    population=population,
-    native=native,
-    native_projection=native_projection,
-    relay_projection=relay_projection,
-    give_rules=refuse_rules,
-    kept_options=_kept_options,
-    filled=None,
-    told_scale=_told_scale,
-    lossless=lambda wires: "",
-    notes=_notes,
-)
+SPINNAKER = SpiNNaker()

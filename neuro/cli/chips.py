@@ -25,8 +25,8 @@ from neuro.cli.options import (
 
 if TYPE_CHECKING:
     from neuro.chips.description import Chip
-    from neuro.chips.placing.placement import Placement
-    from neuro.chips.pricing.energy import Energy
+    from neuro.chips.energy import Energy
+    from neuro.chips.placing import Placement
     from neuro.program.backend import Problem
     from neuro.program.program import Program
     from neuro.run.simulation import Simulation
@@ -111,10 +111,10 @@ def fit(
 
     The exit status is 1 if it does not.
     """
-    from neuro.chips.arithmetics import ARITHMETICS
-    from neuro.chips.placing.place import place
-    from neuro.chips.quantising.fixed_program import report
-    from neuro.chips.quantising.quantise import quantise
+    from neuro.chips.fixed_program import report
+    from neuro.chips.known import ARITHMETICS
+    from neuro.chips.placing import place
+    from neuro.chips.quantising import quantise
     from neuro.compiler import compile_network
     from neuro.core.tables import echo
     from neuro.model.language import load
@@ -129,7 +129,8 @@ def fit(
         parts = {"rounding": fixed.as_dict() if fixed else None, "placement": placement.as_dict()}
         typer.echo(json.dumps(_finite({**parts, "problems": _paragraphs(problems)}), indent=2, allow_nan=False))
     else:
-        rounding = report(fixed) if fixed else _no_rounding(target.title)
+        unknown_rounding = f"the arithmetic of {target.title} is not known here: its rounding is not reported"
+        rounding = report(fixed) if fixed else unknown_rounding
         echo("\n\n".join([rounding, str(replace(placement, problems=())), *_paragraphs(problems), verdict]))
     if any(problem.refused for problem in problems):
         raise typer.Exit(1)
@@ -150,10 +151,6 @@ def _target(name: str) -> Chip:
             hint=f"expected one of {', '.join(limited)}, or a table with limits",
         )
     return target
-
-
-def _no_rounding(title: str) -> str:
-    return f"the arithmetic of {title} is not known here: its rounding is not reported"
 
 
 def _paragraphs(problems: Sequence[Problem]) -> list[str]:
@@ -215,12 +212,12 @@ def energy(
     as_json: BillJson = False,
 ) -> None:
     """Run a network and print what that would take on chips: counts, joules, sums, assumptions; then all sums."""
-    from neuro.chips.pricing.price import price
+    from neuro.chips.pricing import price
     from neuro.cli.run import silent_inputs, tell_silence
     from neuro.core.clock import Clock
+    from neuro.core.progress import advance
     from neuro.model.language import load
     from neuro.run.compiled import compile as compiled
-    from neuro.run.progress import advance
 
     if per[0] < 1:
         raise typer.BadParameter(f"'{per[0]}': expected a whole number >= 1", param_hint="'--per'")
@@ -248,7 +245,7 @@ def energy(
 def priceable(name: str) -> Chip:
     """The chip or processor of that name or table file; refuse one of which nothing is priced."""
     from neuro.chips.known import CHIPS, chip, is_table
-    from neuro.chips.pricing.price import check_costs
+    from neuro.chips.pricing import check_costs
     from neuro.core.errors import unknown
 
     if name not in CHIPS and not is_table(name):
@@ -260,8 +257,8 @@ def priceable(name: str) -> Chip:
 
 def placed(program: Program, chip: Chip) -> Placement | None:
     """Where the neurons lie on a chip, None where nothing is placed; refused at once if they do not fit."""
-    from neuro.chips.placing.place import place
-    from neuro.chips.pricing.price import check_fits
+    from neuro.chips.placing import place
+    from neuro.chips.pricing import check_fits
 
     if chip.mesh is None:
         return None
@@ -272,7 +269,7 @@ def placed(program: Program, chip: Chip) -> Placement | None:
 
 def plain(sim: Simulation, bills: list[Energy], placement: Placement | None, per: tuple[int, str]) -> dict[str, Any]:
     """All bills for JSON, and the run as NeuroBench would report it with the first of them."""
-    from neuro.chips.pricing.neurobench import neurobench
+    from neuro.chips.neurobench_report import neurobench
 
     counts = sim._engine.counts()
     samples, steps = per[0], counts.steps // per[0]
@@ -283,7 +280,7 @@ def plain(sim: Simulation, bills: list[Energy], placement: Placement | None, per
 
 def print_bills(bills: list[Energy], sources: bool) -> None:
     """Print the bills and, if there are several, a row of each."""
-    from neuro.chips.pricing.energy import COLUMNS, FASTEST
+    from neuro.chips.energy import COLUMNS, FASTEST
     from neuro.core.tables import console, echo, table
 
     for priced in bills:

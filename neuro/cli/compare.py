@@ -43,8 +43,8 @@ def compare(
     from neuro.compare.result import JSON
     from neuro.core.clock import Clock
     from neuro.core.outputs import output
+    from neuro.core.progress import advance
     from neuro.model.language import load
-    from neuro.run.progress import advance
 
     net = load(file, params=assignments(set))
     Clock(net.resolution).step(duration, "--for")

@@ -6,13 +6,14 @@ import re
 import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 
 import typer
 
-from neuro.cli.options import memory_size, milliseconds
+from neuro.cli.options import memory_size, milliseconds, option, with_settings
+from neuro.core.errors import ModelError
 
 if TYPE_CHECKING:
     from neuro.exchange.verdict import Verdicts
@@ -22,31 +23,59 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
+class Use(NamedTuple):
+    """Formats that an option is for: endings of IN, and endings of OUT or words of --to."""
+
+    reading: tuple[str, ...] = ()
+    writing: tuple[str, ...] = ()
+
+
+_NIR, _PYNN, _SCRIPTS, _C = Use((".nir",), (".nir",)), Use((".py",)), Use((), (".py", "c")), Use((), ("c",))
+_TO = "The tool that reads OUT: norse, snntorch, sinabs, spikingjelly or nir; or c: OUT is a folder for C99."
+_RESET = (
+    "What a spike does in IN: to_value, to_value_next, subtract or subtract_next; "
+    "of lava-dl's networks the steps between two resets."
+)
+
+
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What the user says beside the files.
+    """What the user says beside the files; fields have the names of arguments in Python.
 
-    Attributes:
-        dt: length of a step in ms, None if not given.
-        written_by: the tool that wrote the source, None if not given.
-        read_by: the tool that is to read the destination, None if not given.
-        reset: what a spike does, or of lava-dl the steps between two resets of states, None if not given.
-        pynn: how a script of PyNN is run; its words are those of `neuro.from_pynn`.
-        seed: of what is drawn where a network is written with its draws.
-        duration: ms for which a script written for PyNN runs, or a test in C, None if not given.
-        c: how C is written; its words are those of `neuro.save_c`.
-        recording: that the test in C shows to the network, None if not given.
+    An option without a `Use` is for all formats.
     """
 
-    dt: float | None
-    written_by: str | None
-    read_by: str | None
-    reset: str | None
-    pynn: dict[str, Any]
-    seed: int
-    duration: float | None
-    c: dict[str, Any]
-    recording: Path | None
+    dt: float | None = option("--resolution MS", "Length of a step, in ms.", parser=milliseconds, use=_NIR)
+    from_: str | None = option(
+        "--from TOOL", "The tool that wrote IN: norse, snntorch, sinabs, ...", use=Use((".nir",))
+    )
+    for_: str | None = option("--to TOOL", _TO, use=Use((), (".nir",)))
+    reset: str | None = option("--reset WORD", _RESET, use=Use((".nir", ".net")))
+    as_json: bool = option("--json", "Print the verdicts as JSON instead of a table.", False)
+    run_script: bool = option(
+        "--run-script", "Run IN, a script of PyNN, in a confined process that simulates nothing.", False, use=_PYNN
+    )
+    arguments: str | None = option("--arguments TEXT", "What IN reads from its command line.", use=_PYNN)
+    network: int | None = option("--network N", "Which network of IN, from 1; else the last.", use=_PYNN)
+    seconds: float = option("--seconds S", "How long IN may take.", 120.0)
+    memory: float = option("--memory GIB", "How much memory IN may use.", 4.0)
+    seed: int | None = option(
+        "--seed N", "Of what is drawn and written into the file beside OUT; else 0.", use=_SCRIPTS
+    )
+    duration: float | None = option(
+        "--for MS", "How long OUT runs; random trains are then written.", parser=milliseconds, use=_SCRIPTS
+    )
+    chip: str | None = option("--chip NAME", "Whose integers: loihi (default), loihi2 or spinnaker.", use=_C)
+    name: str | None = option("--name WORD", "With which names in C begin; else net.", use=_C)
+    ram: int | None = option("--ram SIZE", "RAM that C may take, such as 64K.", parser=memory_size, use=_C)
+    flash: int | None = option("--flash SIZE", "Flash that C may take, such as 1M.", parser=memory_size, use=_C)
+    frozen: bool = option("--frozen", "Leave out in C what learns: weights stay as they are in IN.", False, use=_C)
+    recording: Path | None = option("--recording REC", "Of an event camera, that the test in C shows.", use=_C)
+
+    def given(self, *names: str) -> dict[str, Any]:
+        """The values of some options that the user has given."""
+        values = ((name, getattr(self, name)) for name in names)
+        return {name: value for name, value in values if value is not None and value is not False}
 
 
 def _read_yaml(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
@@ -56,10 +85,9 @@ def _read_yaml(file: Path, options: Options) -> tuple[Network | None, Verdicts |
 
 
 def _read_nir(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
-    from neuro.exchange.nir.assumed import examine_file
-    from neuro.exchange.nir.importing import network_of
+    from neuro.exchange.nir.importing import examine_file, network_of
 
-    found, note = examine_file(file, options.dt, options.written_by, options.reset)
+    found, note = examine_file(file, options.dt, options.from_, options.reset)
     table = replace(found.table(), note=note)
     return None if table.refused else network_of(found), table
 
@@ -68,14 +96,15 @@ def _read_pynn(file: Path, options: Options) -> tuple[Network | None, Verdicts |
     from neuro.exchange.pynn.kernel import not_held
     from neuro.exchange.pynn.read import from_pynn
 
-    for sentence in not_held() if options.pynn["run_script"] else ():
+    for sentence in not_held() if options.run_script else ():
         typer.echo(f"warning: {sentence}", err=True)
-    net = from_pynn(file, **options.pynn)
+    words = options.given("run_script", "network", "seconds", "memory")
+    arguments = None if options.arguments is None else shlex.split(options.arguments)
+    net = from_pynn(file, arguments=arguments, **words)
     return net, net.verdicts
 
 
 def _read_netx(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
-    from neuro.core.errors import ModelError
     from neuro.exchange.netx import examine_netx
 
     if options.reset is not None and not options.reset.isdigit():
@@ -91,7 +120,7 @@ def _write_yaml(net: Network, file: Path, options: Options) -> Verdicts | None:
 def _write_nir(net: Network, file: Path, options: Options) -> Verdicts | None:
     from neuro.exchange.nir.exporting import save_nir
 
-    return save_nir(net, file, options.dt, options.read_by)
+    return save_nir(net, file, options.dt, options.for_)
 
 
 def _write_sonata(net: Network, file: Path, options: Options) -> Verdicts | None:
@@ -104,13 +133,13 @@ def _write_sonata(net: Network, file: Path, options: Options) -> Verdicts | None
 def _write_pynn(net: Network, file: Path, options: Options) -> Verdicts | None:
     from neuro.exchange.pynn.write import to_pynn
 
-    return to_pynn(net, file, seed=options.seed, duration=options.duration)
+    return to_pynn(net, file, seed=options.seed or 0, duration=options.duration)
 
 
 def _write_c(net: Network, folder: Path, options: Options) -> Verdicts | None:
     from neuro.exchange.c_code.export import save_c
 
-    words = dict(options.c, seed=options.seed, duration=options.duration)
+    words = options.given("chip", "name", "ram", "flash", "frozen", "seed", "duration")
     if options.recording is not None:
         words["given"] = _shown(net, options.recording)
     typer.echo(str(save_c(net, folder, **words)))
@@ -145,118 +174,33 @@ WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
 }
 """What writes one, by the ending of a file, or by the word of --to."""
 
-READING = {
-    ".nir": ("--resolution", "--from", "--reset"),
-    ".net": ("--reset",),
-    ".py": ("--run-script", "--arguments", "--network"),
-}
-WRITING = {
-    ".nir": ("--resolution", "--to"),
-    ".py": ("--seed", "--for"),
-    "c": ("--chip", "--name", "--ram", "--flash", "--frozen", "--recording", "--seed", "--for"),
-}
-"""By the ending of IN, and of OUT or the word of --to, the options that are for it alone."""
-
-Source = Annotated[Path, typer.Argument(metavar="IN", help="The network to read.")]
-Destination = Annotated[Path, typer.Argument(metavar="OUT", help="The file to write.")]
-Resolution = Annotated[
-    float | None, typer.Option("--resolution", metavar="MS", parser=milliseconds, help="Length of a step, in ms.")
-]
-From = Annotated[
-    str | None, typer.Option("--from", metavar="TOOL", help="The tool that wrote IN: norse, snntorch, sinabs, ...")
-]
-To = Annotated[
-    str | None,
-    typer.Option(
-        "--to",
-        metavar="TOOL",
-        help="The tool that reads OUT: norse, snntorch, sinabs, spikingjelly or nir; or c: OUT is a folder for C99.",
-    ),
-]
-Reset = Annotated[
-    str | None,
-    typer.Option(
-        "--reset",
-        metavar="WORD",
-        help="What a spike does in IN: to_value, to_value_next, subtract or subtract_next; "
-        "of lava-dl's networks the steps between two resets.",
-    ),
-]
-RunScript = Annotated[
-    bool, typer.Option("--run-script", help="Run IN, a script of PyNN, in a confined process that simulates nothing.")
-]
-Arguments = Annotated[
-    str | None, typer.Option("--arguments", metavar="TEXT", help="What IN reads from its command line.")
-]
-Which = Annotated[
-    int | None, typer.Option("--network", metavar="N", help="Which network of IN, from 1; else the last.")
-]
-Seconds = Annotated[float, typer.Option("--seconds", metavar="S", help="How long IN may take.")]
-Memory = Annotated[float, typer.Option("--memory", metavar="GIB", help="How much memory IN may use.")]
-Seed = Annotated[
-    int | None,
-    typer.Option("--seed", metavar="N", help="Of what is drawn and written into the file beside OUT; else 0."),
-]
-Duration = Annotated[
-    float | None,
-    typer.Option("--for", metavar="MS", parser=milliseconds, help="How long OUT runs; random trains are then written."),
-]
-OfChip = Annotated[
-    str | None,
-    typer.Option("--chip", metavar="NAME", help="Whose integers: loihi (default), loihi2 or spinnaker."),
-]
-Name = Annotated[str | None, typer.Option("--name", metavar="WORD", help="With which names in C begin; else net.")]
-Ram = Annotated[
-    int | None, typer.Option("--ram", metavar="SIZE", parser=memory_size, help="RAM that C may take, such as 64K.")
-]
-Flash = Annotated[
-    int | None, typer.Option("--flash", metavar="SIZE", parser=memory_size, help="Flash that C may take, such as 1M.")
-]
-Frozen = Annotated[bool, typer.Option("--frozen", help="Leave out in C what learns: weights stay as they are in IN.")]
-Recorded = Annotated[
-    Path | None, typer.Option("--recording", metavar="REC", help="Of an event camera, that the test in C shows.")
-]
-Json = Annotated[bool, typer.Option("--json", help="Print the verdicts as JSON instead of a table.")]
+ARGUMENTS: dict[str, str] = {one.name: one.metadata["name"] for one in fields(Options)}
+"""The options that take the place of arguments in Python."""
+USES: dict[str, Use] = {one.name: one.metadata["use"] for one in fields(Options) if "use" in one.metadata}
+"""What options are for that not all formats have."""
 
 
+@with_settings
 def convert(
-    source: Source,
-    destination: Destination,
-    resolution: Resolution = None,
-    written_by: From = None,
-    to: To = None,
-    reset: Reset = None,
-    as_json: Json = False,
-    run_script: RunScript = False,
-    arguments: Arguments = None,
-    network: Which = None,
-    seconds: Seconds = 120.0,
-    memory: Memory = 4.0,
-    seed: Seed = None,
-    duration: Duration = None,
-    chip: OfChip = None,
-    name: Name = None,
-    ram: Ram = None,
-    flash: Flash = None,
-    frozen: Frozen = False,
-    recording: Recorded = None,
+    source: Annotated[Path, typer.Argument(metavar="IN", help="The network to read.")],
+    destination: Annotated[Path, typer.Argument(metavar="OUT", help="The file to write.")],
+    options: Options,
 ) -> None:
     """Convert a network from or to the format of another tool, chosen by the endings, with a verdict for each node.
 
     With --to c it is written as C99 for a microcontroller, with the spikes and states of an emulated chip.
     """
-    form = _form(destination, to)
-    read_by = None if to in WRITERS else to
+    form = _form(destination, options.for_)
+    if options.for_ == form:  # --to names what is written, and no tool
+        options = replace(options, for_=None)
     read, write = _of(READERS, source, "read"), WRITERS[form]
-    given: dict[str, object] = {"--resolution": resolution, "--from": written_by, "--to": read_by, "--reset": reset}
-    given |= {"--run-script": run_script or None, "--arguments": arguments, "--network": network}
-    given |= {"--seed": seed, "--for": duration, "--frozen": frozen or None, "--recording": recording}
-    given |= (of_c := {"--chip": chip, "--name": name, "--ram": ram, "--flash": flash})
-    _check_options([word for word, value in given.items() if value is not None], source, destination, form)
-    pynn: dict[str, Any] = {"run_script": run_script, "network": network, "seconds": seconds, "memory": memory}
-    pynn["arguments"] = None if arguments is None else shlex.split(arguments)
-    c = {word.lstrip("-"): value for word, value in of_c.items() if value is not None} | {"frozen": frozen}
-    options = Options(resolution, written_by, read_by, reset, pynn, seed or 0, duration, c, recording)
+    for name in options.given(*USES):
+        use = USES[name]
+        if source.suffix not in use.reading and form not in use.writing:
+            ends = [f"IN to end in {end}" for end in use.reading]
+            ends += [f"OUT to end in {end}" if end.startswith(".") else f"--to {end}" for end in use.writing]
+            message = f"{ARGUMENTS[name]}: has no use from {source} to {destination}: expected {', or '.join(ends)}"
+            raise ModelError(message)
     with _in_options():
         net, table = read(source, options)
         if net is not None:
@@ -264,28 +208,9 @@ def convert(
         if table is not None:
             nodes = tuple(replace(each, way_out=_as_option(each.way_out)) for each in table)
             table = replace(table, nodes=nodes)
-            typer.echo(table.to_json() if as_json else str(table))
+            typer.echo(table.to_json() if options.as_json else str(table))
             table.check()
 
-
-ARGUMENTS = {
-    "dt": "--resolution",
-    "from_": "--from",
-    "for_": "--to",
-    "reset": "--reset",
-    "run_script": "--run-script",
-    "network": "--network",
-    "seconds": "--seconds",
-    "memory": "--memory",
-    "seed": "--seed",
-    "duration": "--for",
-    "chip": "--chip",
-    "name": "--name",
-    "ram": "--ram",
-    "flash": "--flash",
-    "frozen": "--frozen",
-}
-"""The options that take the place of arguments in Python."""
 
 _WORDS = "|".join(ARGUMENTS)
 _IN_PYTHON = re.compile(r" \(\w+=True\)")
@@ -306,7 +231,6 @@ def _as_option(text: str) -> str:
 @contextmanager
 def _in_options() -> Iterator[None]:
     """Tell mistakes in the words of the command line."""
-    from neuro.core.errors import ModelError
 
     def told(error: ModelError) -> ModelError:
         others = tuple(told(each) for each in error.others)
@@ -319,8 +243,6 @@ def _in_options() -> Iterator[None]:
 
 
 def _of(table: dict[str, T], file: Path, done: str, hint: str = "") -> T:
-    from neuro.core.errors import ModelError
-
     if file.suffix not in table:
         raise ModelError(f"{file}: cannot be {done}: expected a name ending in {', '.join(sorted(table))}", hint=hint)
     return table[file.suffix]
@@ -328,8 +250,6 @@ def _of(table: dict[str, T], file: Path, done: str, hint: str = "") -> T:
 
 def _form(destination: Path, to: str | None) -> str:
     """What is written: a word of `WRITERS` that --to gives, or the ending of a file."""
-    from neuro.core.errors import ModelError
-
     words = [word for word in WRITERS if not word.startswith(".")]
     if to in words:
         return to
@@ -338,20 +258,3 @@ def _form(destination: Path, to: str | None) -> str:
         raise ModelError(f"--to {to}: expected {' or '.join(words)}", hint="other formats are chosen by OUT's ending")
     _of(ends, destination, "written", "--to c writes C into a folder of that name")
     return destination.suffix
-
-
-def _check_options(given: list[str], source: Path, destination: Path, form: str) -> None:
-    """Refuse options that neither file has a use for."""
-    from neuro.core.errors import ModelError
-
-    used = (*READING.get(source.suffix, ()), *WRITING.get(form, ()))
-    for word in given:
-        if word not in used:
-            sides = (("IN", READING), ("OUT", WRITING))
-            ends = [_wish(side, end) for side, table in sides for end in table if word in table[end]]
-            raise ModelError(f"{word}: has no use from {source} to {destination}: expected {', or '.join(ends)}")
-
-
-def _wish(side: str, end: str) -> str:
-    """What an option is for."""
-    return f"{side} to end in {end}" if end.startswith(".") else f"--to {end}"

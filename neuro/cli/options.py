@@ -6,7 +6,7 @@ import inspect
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import field, fields, is_dataclass
 from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -55,16 +55,15 @@ def with_settings(command: Callable[..., Any]) -> Callable[..., Any]:
     """Give a command options for the fields of the settings that it takes, and call it with the settings.
 
     ``def train(file: Path, plan: TrainingPlan)`` gets an option for each field of `TrainingPlan` that `setting` made
-    with ``option=``: its value on the command line, its help from the meaning, its default. All are passed by name.
+    with ``option=``: its value on the command line, its help from the meaning, its default. Other
+    dataclasses make their fields by `option`. All are passed by name.
     """
-    from neuro.core.settings import Settings
-
     settings: dict[str, type[Any]] = {}
     parameters: list[inspect.Parameter] = []
     hints = get_type_hints(command, include_extras=True)
     for each in inspect.signature(command).parameters.values():
         kind = hints[each.name]
-        if isinstance(kind, type) and issubclass(kind, Settings):
+        if isinstance(kind, type) and is_dataclass(kind):
             settings[each.name] = kind
             parameters += _options_of(kind)
         else:
@@ -81,15 +80,32 @@ def with_settings(command: Callable[..., Any]) -> Callable[..., Any]:
     return called
 
 
+def option(words: str, doc: str, default: Any = None, parser: Callable[[str], Any] | None = None, **more: Any) -> Any:
+    """Make a field of a dataclass that `with_settings` gives an option.
+
+    Args:
+        words: name and placeholder of the option, such as "--for MS"; the name alone of a flag.
+        doc: its help.
+        default: its value if it is not given.
+        parser: makes a value of its text.
+        more: other metadata of the field.
+    """
+    name, *metavar = words.split()
+    made = typer.Option(name, metavar=metavar[0] if metavar else None, parser=parser, help=doc)
+    return field(default=default, metadata={"typer": made, "name": name, **more})
+
+
 def _options_of(kind: type[Any]) -> list[inspect.Parameter]:
-    """Return the options of settings: a parameter of a command for each field that was made with ``option=``."""
+    """Return the options of settings: a parameter of a command for each field that has an option."""
     types, options = get_type_hints(kind), []
     for one in fields(kind):
-        if option := one.metadata.get("option"):
-            *names, metavar = option.split()
+        value: Any = list[str] if isinstance(one.default, tuple) else types[one.name]
+        words = one.metadata.get("typer")
+        if text := one.metadata.get("option"):
+            *names, metavar = text.split()
             doc = one.metadata["quantity"].doc
             words = typer.Option(*names, metavar=metavar, help=f"{doc[0].upper()}{doc[1:]}.")
-            value: Any = list[str] if isinstance(one.default, tuple) else types[one.name]
+        if words is not None:
             annotation: Any = Annotated[value, words]
             parameter = inspect.Parameter
             options.append(parameter(one.name, parameter.KEYWORD_ONLY, default=one.default, annotation=annotation))
@@ -116,7 +132,7 @@ def milliseconds(text: str) -> float:
 def moment(text: str) -> float:
     """A point in time in ms: a number, or one with its unit."""
     from neuro.core.errors import ModelError
-    from neuro.core.measures import in_ms
+    from neuro.core.quantities import in_ms
 
     try:
         return float(in_ms(text, "--between"))

@@ -56,10 +56,10 @@ def run(
     from neuro.core.clock import Clock
     from neuro.core.launch import shared, speaks
     from neuro.core.outputs import check_output
+    from neuro.core.progress import advance
     from neuro.files.results import KIND, read
     from neuro.model.language import load
     from neuro.run.compiled import compile as compiled
-    from neuro.run.progress import advance
 
     together(backend)
     net = load(file, params=assignments(set))
@@ -97,9 +97,9 @@ def _at_the_end(
     """
     from neuro.core.launch import shared, speaks
     from neuro.core.outputs import output
+    from neuro.core.progress import advance
     from neuro.files.results import KIND, read, write
     from neuro.run.collect import all_weights_of, collect
-    from neuro.run.progress import advance
 
     first_s = advance(sim, steps, bar)
     bar.say("writing")
@@ -355,7 +355,7 @@ def rerun(
     from neuro.cli.recorded import repeated
     from neuro.core.progress import Bar
     from neuro.core.values import printable
-    from neuro.rerun.again import rerun as again
+    from neuro.rerun import rerun as again
 
     repeat = partial(repeated, context.find_root().command)
     with Bar() as bar:

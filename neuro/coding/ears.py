@@ -56,7 +56,7 @@ class Cochlea:
         count: int = argument("channels", channels, kind="integer", at_least=1, at_most=1024)
         first: float = argument("low", low, above=0)
         last: float = argument("high", high, above=first, at_most=self.rate / 2.0)
-        self.centres = _from_erbs(np.linspace(_erbs(first), _erbs(last), count))
+        self.centres = (10.0 ** (np.linspace(_erbs(first), _erbs(last), count) / 21.4) - 1.0) / 0.00437
         self._filters = [_gammatone(float(centre), self.rate) for centre in self.centres]
         self.reset()
 
@@ -260,11 +260,6 @@ def _row(sound: npt.ArrayLike) -> Floats:
 def _erbs(f: float) -> float:
     """Equivalent rectangular bandwidths below a frequency in Hz (Glasberg and Moore, 1990)."""
     return float(21.4 * np.log10(1.0 + 0.00437 * f))
-
-
-def _from_erbs(number: Floats) -> Floats:
-    centres: Floats = (10.0 ** (number / 21.4) - 1.0) / 0.00437
-    return centres
 
 
 def _gammatone(centre: float, rate: float) -> Floats:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -148,6 +148,9 @@ class Fields:
 class _Grids(Fields):
     """Encoders of which each grid has one active neuron."""
 
+    _more: ClassVar[int] = 0
+    """Shares of a field by which a grid is shifted more along each next dimension of its group."""
+
     def __init__(self, dimensions: Sequence[Dimension], group: int, fields: int, active: int) -> None:
         super().__init__(dimensions, group)
         self._fields = float(argument("fields", fields, kind="integer", at_least=2))
@@ -163,14 +166,10 @@ class _Grids(Fields):
                 raise self._too_many()
             for grid in range(count):
                 members.append(chosen)
-                shift.append([0.0 if self.dimensions[d].states else (grid * self._odd(k) / grids) % 1.0
+                shift.append([0.0 if self.dimensions[d].states else (grid * (1 + self._more * k) / grids) % 1.0
                               for k, d in enumerate(chosen)])  # fmt: skip
         self._layout(members, cells)
         self._shift = np.array(shift, dtype=np.float64)
-
-    def _odd(self, k: int) -> int:
-        """How many shares of a field a grid is shifted further than the last one along dimension k of its group."""
-        return 1
 
     def spikes(self, vectors: Floats, ticks: int, rng: np.random.Generator | None = None) -> tuple[Ints, Ints, Ints]:
         """Spikes of some vectors, see `Fields.spikes`; a neuron's phase is its number."""
@@ -214,11 +213,10 @@ class Places(_Grids):
         Militzer 1991; place cells as input to an actor and a critic: Foster, Morris & Dayan, Hippocampus 10:1, 2000.
     """
 
+    _more: ClassVar[int] = 2
+
     def __init__(self, dimensions: Sequence[Dimension], group: int = 2, fields: int = 6, active: int = 24) -> None:
         super().__init__(dimensions, group, fields, active)
-
-    def _odd(self, k: int) -> int:
-        return 2 * k + 1
 
 
 class Tiles(_Grids):

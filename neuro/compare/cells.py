@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from neuro.chips.pricing.energy import COLUMNS
+from neuro.chips.energy import COLUMNS
 from neuro.compare.differences import Divergence
 from neuro.compare.result import Bill, Comparison, Run
 from neuro.core.tables import table

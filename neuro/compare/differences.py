@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro.chips.quantising.fixed_program import FixedProgram
+from neuro.chips.fixed_program import FixedProgram
 from neuro.model.neurons import Neuron
 from neuro.pages.histograms import Histogram, histogram
 from neuro.pages.raster import evenly

@@ -23,10 +23,9 @@ from typing import Any
 
 import numpy as np
 
+from neuro.chips.fixed_program import FixedProgram
 from neuro.chips.known import chip
-from neuro.chips.quantising.fixed import FixedProjection
-from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.chips.quantising.quantise import quantise
+from neuro.chips.quantising import quantise
 from neuro.compiler import compile_network
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
@@ -35,7 +34,7 @@ from neuro.model.network import Network
 from neuro.model.neurons import Generator, loihi2_lif, loihi_lif, parrot_neuron
 from neuro.model.synapses import loihi2_static, loihi_static, static
 from neuro.program.backend import Engine, OverflowWarning, find_backend
-from neuro.program.program import Floats, Population, Program, Projection
+from neuro.program.program import Population, Program, Projection
 
 CHIPS = ("loihi", "loihi2")
 HEAD = ("part", "where", "Loihi 1", "Loihi 2", "why")
@@ -113,7 +112,12 @@ def loihi_rules(net: Network, duration: float = 100.0, seed: int = 0) -> LoihiRu
     if not 0 <= steps < NEVER:
         raise ModelError(f"duration = {duration} ms: expected a finite time >= 0 ms")
     program = compile_network(net, seed)
-    programs = [_in_registers_of(program, name) for name in CHIPS]
+    programs = []
+    for name in CHIPS:  # parts in the registers of one Loihi have those of the other
+        populations = tuple(_population(part, name) for part in program.populations)
+        native = [part.model.chip == name for part in populations]
+        projections = tuple(_projection(part, name, native[part.target]) for part in program.projections)
+        programs.append(replace(program, populations=populations, projections=projections))
     fixed = [quantise(each, chip(name)) for each, name in zip(programs, CHIPS, strict=True)]
     found = [*_refused(fixed), *_words(program, fixed)]
     if any(problem.refused for each in fixed for problem in each.problems):
@@ -125,14 +129,6 @@ def loihi_rules(net: Network, duration: float = 100.0, seed: int = 0) -> LoihiRu
     found += _counted(engines)
     one, two = (_fired(program, engine) for engine in engines)
     return LoihiRules(net.name, steps, (one, two), tuple(found))
-
-
-def _in_registers_of(program: Program, name: str) -> Program:
-    """A program whose parts in the registers of one Loihi have those of the other."""
-    populations = tuple(_population(part, name) for part in program.populations)
-    native = [part.model.chip == name for part in populations]
-    projections = tuple(_projection(part, name, native[part.target]) for part in program.projections)
-    return replace(program, populations=populations, projections=projections)
 
 
 def _population(part: Population, name: str) -> Population:
@@ -170,18 +166,14 @@ def _words(program: Program, fixed: list[FixedProgram]) -> Iterator[RuleDifferen
         one, two = (each.projections[index] for each in fixed)
         if one is None or two is None:
             continue
-        first, second = np.broadcast_arrays(_added(one), _added(two))
+        # What a spike adds to the input of a step, of each weight, before a sum is rounded.
+        first, second = np.broadcast_arrays(*(w.words.astype(np.float64) / (1 << w.shift) for w in (one, two)))
         wrong = np.flatnonzero(first != second)
         if wrong.size:
             at, count = wrong[0], f"{wrong.size:,} of {first.size:,} weights"
             why = "the sum is shifted, not each weight" if two.shift else "mixed mantissas are rounded down"
             where = f"weight[{at}], {count}"
             yield RuleDifference(part.name, where, f"{first[at]:g}", f"{second[at]:g}", why)
-
-
-def _added(wires: FixedProjection) -> Floats:
-    """What a spike adds to the input of a step, of each weight, before a sum is rounded."""
-    return wires.words.astype(np.float64) / (1 << wires.shift)
 
 
 def _registers(program: Program, engines: list[Engine], steps: int) -> Iterator[RuleDifference]:

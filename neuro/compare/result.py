@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from neuro.chips.placing.placement import Placement
-from neuro.chips.pricing.energy import Energy
-from neuro.chips.quantising.fixed_program import FixedProgram
+from neuro.chips.energy import Energy
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.placing import Placement
 from neuro.compare.differences import ComparedSpikes, Distance, Divergence, WeightDifference
 from neuro.core.outputs import sealed
 from neuro.core.tables import Table, as_html, as_text

@@ -11,11 +11,10 @@ from os import PathLike
 from typing import Any
 
 from neuro.chips.description import Chip
-from neuro.chips.placing.place import place
-from neuro.chips.placing.placement import Placement
-from neuro.chips.pricing.price import RULES_APPLIED
-from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.chips.quantising.quantise import quantise
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.placing import Placement, place
+from neuro.chips.pricing import RULES_APPLIED
+from neuro.chips.quantising import quantise
 from neuro.compare.differences import (
     ComparedSpikes,
     difference,

@@ -2,31 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from typing import Any, NoReturn, TypeAlias
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from neuro.compiler.generators import check_generator
-from neuro.compiler.receptors import named_by
-from neuro.compiler.shapes import Shape, size
-from neuro.compiler.views import end_of
+from neuro.compiler.shapes import Shape, end_of, size
 from neuro.core.clock import Clock
 from neuro.core.english import a
 from neuro.core.errors import ModelError, unknown, words_of
+from neuro.core.keyed_random import LARGEST_MEAN
 from neuro.core.registry import Registry
 from neuro.core.values import plain
 from neuro.model.distributions import Distribution
 from neuro.model.network import Network
-from neuro.model.neurons import MODELS, CurrentGenerator, Generator, Model, Neuron, spike_generator
-from neuro.model.parts import Group, Population, Probe, Projection, Signal
+from neuro.model.neurons import (
+    MODELS,
+    CurrentGenerator,
+    Generator,
+    Model,
+    Neuron,
+    gamma_sup_generator,
+    noise_generator,
+    poisson_generator,
+    sinusoidal_poisson_generator,
+    spike_generator,
+)
+from neuro.model.parts import AnyPart, Population, Projection, naming_the_part, refuse
 from neuro.model.rules import grid
 from neuro.model.space import of_distance
-from neuro.model.synapses import SYNAPSES, Modulated, MoveRule
-from neuro.program.program import Floats
+from neuro.model.synapses import SYNAPSES, Modulated, MoveRule, Synapse, static
+from neuro.program.program import Floats, Receptor
 
-AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
+FINER = "use a finer resolution or a lower rate"
 
 
 def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
@@ -47,34 +56,24 @@ def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
     for population in net.populations.values():
         _check_population(population, shapes[population.name])
     for projection in net.projections.values():
-        _check_views(projection, shapes)
+        for role, name, view in (
+            ("from", projection.source, projection.source_view),
+            ("to", projection.target, projection.target_view),
+        ):
+            with naming_the_part(projection, role, name):
+                seen = end_of(view, shapes[name])
+            if isinstance(projection.rule, grid) and seen.ids is not None:
+                message = f"a grid {role} {view}: expected the whole population"
+                refuse(projection, message, "all_to_all and pairs connect views", "grid")
         _check_ends(net, projection)
         _check_synapse(net, projection, shapes)
         _check_graded(net, projection)
     _check_groups(net, shapes)
 
 
-def refuse(
-    part: AnyPart, message: str, hint: str = "", word: str = "", kind: str = "", about: tuple[str, ...] = ()
-) -> NoReturn:
-    """Raise the error for a part that cannot be as it is, or for one of its words, as "weight" or "stdp.signal"."""
-    text = f"{part.word} '{part.name}': {message}"
-    raise ModelError(text, where=part.origin, hint=hint, path=words_of(word), kind=kind, about=about)
-
-
 def recordable(population: Population) -> list[str]:
     """The states of a population's model that can be read."""
     return [state.name for state in population.model.states if not state.hidden]
-
-
-@contextmanager
-def naming_the_part(part: AnyPart, *path: str) -> Iterator[None]:
-    """Give errors that are raised inside the part's name and place, and `path` in front of their own path."""
-    try:
-        yield
-    except ModelError as error:
-        named = error.at(part.origin, f"{part.word} '{part.name}'")
-        raise named.but(path=(*path, *error.path)) from None
 
 
 def _check_population(part: Population, shape: Shape) -> None:
@@ -131,20 +130,66 @@ def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -
         model.check_steps(parameters, clock.resolution)
 
 
-def _check_views(part: Projection, shapes: Mapping[str, Shape]) -> None:
-    for role, name, view in (("from", part.source, part.source_view), ("to", part.target, part.target_view)):
-        with naming_the_part(part, role, name):
-            seen = end_of(view, shapes[name])
-        if isinstance(part.rule, grid) and seen.ids is not None:
-            message = f"a grid {role} {view}: expected the whole population"
-            refuse(part, message, "all_to_all and pairs connect views", "grid")
+def check_generator(model: Generator, parameters: Mapping[str, Floats], clock: Clock) -> None:
+    """What the resolved parameters of a generator must satisfy together.
+
+    Args:
+        model: the generator, as described.
+        parameters: one value for all neurons or one for each, by word; what is not given is not checked.
+        clock: of the network.
+
+    Raises:
+        ModelError: the first thing that is wrong.
+    """
+    if isinstance(model, poisson_generator | sinusoidal_poisson_generator) and "rate" in parameters:
+        check_rate(model, "rate", float(parameters["rate"].max()), clock)
+    if isinstance(model, sinusoidal_poisson_generator) and {"rate", "amplitude"} <= set(parameters):
+        peak = np.max(parameters["rate"] + np.abs(parameters["amplitude"]))
+        check_rate(model, "rate + amplitude", float(peak), clock)
+    if isinstance(model, gamma_sup_generator) and "rate" in parameters:
+        # The chance to leave a stage is at most 1/2, and so many leave that the chance of none is a double.
+        rate = float(parameters["rate"].max())
+        per_step = model.gamma_shape * clock.resolution / 1000.0
+        limit = min(0.5, LARGEST_MEAN / model.n_proc) / per_step
+        if rate > limit:
+            message = (
+                f"{model.name}.rate = {rate:g} Hz: expected at most {limit:g} Hz with gamma_shape = "
+                f"{model.gamma_shape} and n_proc = {model.n_proc} at a resolution of {clock.resolution:g} ms"
+            )
+            raise ModelError(message, hint=FINER, path=(model.name, "rate"), about=("gamma_shape", "n_proc"))
+    if isinstance(model, noise_generator):
+        if clock.step(model.dt, f"{model.name}.dt") < 1:
+            message = f"{model.name}.dt = {model.dt:g} ms: expected at least the resolution, {clock.resolution:g} ms"
+            raise ModelError(message, path=(model.name, "dt"), kind="resolution")
+        if {"std", "std_mod"} <= set(parameters):
+            std, std_mod = np.broadcast_arrays(parameters["std"], parameters["std_mod"])
+            bad = np.flatnonzero(std_mod > std)
+            if bad.size:
+                where = f"[{bad[0]}]" if std.size > 1 else ""
+                message = (
+                    f"{model.name}.std_mod{where} = {std_mod[bad[0]]:g} pA: expected at most std = {std[bad[0]]:g} pA"
+                )
+                hint = "the variance would be negative at times"
+                raise ModelError(message, hint=hint, path=(model.name, "std_mod"), about=("std",))
+
+
+def check_rate(model: Model, what: str, rate: float, clock: Clock) -> None:
+    """Refuse a rate of more spikes a step than can be drawn.
+
+    Raises:
+        ModelError: the rate, in Hz, is too large.
+    """
+    limit = LARGEST_MEAN * 1000.0 / clock.resolution
+    if rate > limit:
+        message = f"{model.name}.{what} = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes a step"
+        raise ModelError(message, path=(model.name, *words_of(what)))
 
 
 def _check_ends(net: Network, part: Projection) -> None:
     source, target = net.populations[part.source].model, net.populations[part.target].model
     if not isinstance(target, Neuron):
         text = f"its target '{part.target}' is {a(target.name)}, which takes no input: expected neurons"
-        refuse(part, text, _swap(part), "to")
+        refuse(part, text, f"is it meant from '{part.target}' to '{part.source}'?", "to")
     if isinstance(source, CurrentGenerator):
         if not target.states:
             refuse(
@@ -189,10 +234,6 @@ def _check_graded(net: Network, part: Projection) -> None:
         )
         hint = "payloads may be negative, so that a weight does not say which; iaf_psc_delta has one"
         refuse(part, f"{text}: expected {expected}", hint, "to")
-
-
-def _swap(part: Projection) -> str:
-    return f"is it meant from '{part.target}' to '{part.source}'?"
 
 
 def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) -> None:
@@ -338,3 +379,85 @@ def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
         if of in members:
             refuse(part, f"'{of}' is already in group '{members[of]}': expected one group for each population")
         members[of] = part.name
+
+
+def named_by(synapse: Synapse) -> str | None:
+    """Return the name of a receptor that a synapse has; a number called `receptor` is a rule's own parameter."""
+    name = getattr(synapse, "receptor", None)
+    return name if isinstance(name, str) else None
+
+
+def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
+    """The receptor that a synapse names; None if weights are routed by sign.
+
+    Args:
+        synapse: the model of the synapse.
+        target: the population of neurons that it goes to.
+
+    Raises:
+        ModelError: the neurons have no receptor of that name, or so many that one must be named.
+    """
+    model = target.model
+    assert isinstance(model, Neuron)
+    known = model.named_receptors()
+    name = named_by(synapse)
+    if name is None:
+        if len(known) > 2 or not model.signed:
+            rule = synapse.name if hasattr(synapse, "receptor") else "static"
+            message = f"{_shown(target)} has {len(known)} receptors: the synapse must name one"
+            raise ModelError(message, hint=f"write {rule} with 'receptor', one of {', '.join(known)}")
+        return None
+    if not known:
+        found = f"{synapse.name}.receptor = '{name}': {_shown(target)} has one input without a name"
+        raise ModelError(f"{found}: expected no receptor", hint="leave it out", path=(synapse.name, "receptor"))
+    if name not in known:
+        raise _unknown(synapse, target, name, known)
+    index, conductance = known.index(name), name in model.conductances
+    # Models with two conductances expect negative numbers at the second, as they get them by sign.
+    return Receptor(name, index, conductance, negated=conductance and len(known) == 2 and index == 1)
+
+
+def receptor_of_current(synapse: Synapse, target: Population, source: str) -> Receptor | None:
+    """The receptor whose filter a current passes; None if the current acts on V_m directly.
+
+    Raises:
+        ModelError: the neurons have no such receptor.
+    """
+    model = target.model
+    assert isinstance(model, Neuron)
+    name = synapse.receptor if isinstance(synapse, static) else None
+    if name is None:
+        return None
+    if not model.filters:
+        found = f"static.receptor = '{name}' of a current from '{source}': {_shown(target)} takes currents at V_m alone"
+        raise ModelError(f"{found}: expected no receptor", hint="leave it out", path=("static", "receptor"))
+    if name not in model.filters:
+        raise _unknown(synapse, target, name, model.filters)
+    return Receptor(name, model.named_receptors().index(name), conductance=False, negated=False)
+
+
+def _shown(target: Population) -> str:
+    return f"'{target.name}' ({target.model.name})"
+
+
+def _unknown(synapse: Synapse, target: Population, name: str, known: Iterable[str]) -> ModelError:
+    error = unknown("receptor of", name, known, path=(synapse.name, "receptor"))
+    return error.but(message=f"{_shown(target)} has no receptor '{name}'")
+
+
+def check_conductance(receptor: Receptor | None, *weights: NDArray[np.floating[Any]]) -> None:
+    """Refuse negative weights to a conductance that is named; weights in several arrays have no places.
+
+    Raises:
+        ModelError: for the first one.
+    """
+    if receptor is None or not receptor.conductance:
+        return
+    for weight in weights:
+        bad = np.flatnonzero(weight < 0.0)
+        if not bad.size:
+            continue
+        first, place = weight[bad[0]], f"[{bad[0]}]" if len(weights) == 1 else ""
+        message = f"weight{place} = {first:g} to receptor '{receptor.name}', a conductance: expected at least 0"
+        hint = f"write {-first:g}, or leave out 'receptor', so that the sign chooses"
+        raise ModelError(message, hint=hint, path=("weight",), about=("receptor",))

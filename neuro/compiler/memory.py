@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.compiler.connect import expected_synapses
-from neuro.compiler.shapes import Shape, size
-from neuro.compiler.space import between, expected_pairs
-from neuro.compiler.views import end_of
+from neuro.compiler.pairs import between, expected_pairs
+from neuro.compiler.shapes import Shape, end_of, size
 from neuro.core.errors import ModelError, Where
 from neuro.core.launch import neighbours
 from neuro.core.memory import free_memory
@@ -158,7 +157,7 @@ def _synapses(part: Projection, n_pre: int, n_post: int) -> int:
     match part.rule:
         case one_to_one():
             return 0
-        case all_to_all() if not (_each(part.weight) or _each(part.delay) or part.synapse.learns):
+        case all_to_all() if not (has_each(part.weight) or has_each(part.delay) or part.synapse.learns):
             return 0
         case pairs(pre=pre):
             return len(pre)
@@ -175,10 +174,10 @@ def _bytes(part: Projection, shares: int, listed: bool) -> int:
     weight = plain(part.weight)
     if _has_drawn_delays(part):
         if shares > 1:
-            return 5 + 8 * _each(weight)
+            return 5 + 8 * has_each(weight)
         single = isinstance(weight, Distribution) and weight.single
-        return 3 + (4 if single or not _each(weight) else 8)
-    return 4 * listed + 8 * _each(weight) + 4 * _each(part.delay) + (40 if part.synapse.learns else 0)
+        return 3 + (4 if single or not has_each(weight) else 8)
+    return 4 * listed + 8 * has_each(weight) + 4 * has_each(part.delay) + (40 if part.synapse.learns else 0)
 
 
 def _has_drawn_delays(part: Projection) -> bool:
@@ -187,8 +186,8 @@ def _has_drawn_delays(part: Projection) -> bool:
     return drawn and not part.synapse.learns and not isinstance(part.rule, (all_to_all, one_to_one))
 
 
-def _each(value: object) -> bool:
-    """Whether each synapse has a value of its own."""
+def has_each(value: object) -> bool:
+    """Return whether a weight, a delay or a parameter has a value for each synapse: it is no single number."""
     return not isinstance(value, (int, float))
 
 
@@ -246,20 +245,12 @@ def _numbers(part: Projection, n_pre: int, n_post: int) -> tuple[int, int] | Non
     """How many targets and weights a projection will have; None where that is not known."""
     if part.source_view is not None or part.target_view is not None:
         return None
-    match part.rule:
-        case fixed_indegree(n=n):
-            targets = synapses = n * n_post
-        case fixed_outdegree(n=n):
-            targets = synapses = n * n_pre
-        case fixed_total_number(n=n):
-            targets = synapses = n
-        case one_to_one():
-            targets, synapses = 0, n_pre
-        case all_to_all(autapses=True):
-            targets, synapses = 0, n_pre * n_post
-        case _:
-            return None
-    return targets, 1 if isinstance(part.weight, (int, float)) else synapses
+    whole = isinstance(part.rule, all_to_all) and part.rule.autapses
+    if not whole and not isinstance(part.rule, one_to_one | fixed_indegree | fixed_outdegree | fixed_total_number):
+        return None
+    synapses = expected_synapses(part.rule, n_pre, n_post)
+    targets = 0 if whole or isinstance(part.rule, one_to_one) else synapses
+    return targets, synapses if has_each(part.weight) else 1
 
 
 def _misfits(part: Resolved, room: SynapseRoom) -> bool:

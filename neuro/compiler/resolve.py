@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
@@ -10,24 +10,16 @@ from typing import Any
 import numpy as np
 
 from neuro.coding.codes import CODES, RATE_CODES
-from neuro.compiler.blocks import Blocks
-from neuro.compiler.cameras import cameras_of
-from neuro.compiler.check import check_network, check_values, naming_the_part, refuse
-from neuro.compiler.check_trials import resolve_trials
-from neuro.compiler.connect import Connections
-from neuro.compiler.drawn import MANY
-from neuro.compiler.encoded import with_generators
-from neuro.compiler.generators import check_trains, schedule_of
+from neuro.compiler.check import check_conductance, check_network, check_values, receptor_of, receptor_of_current
+from neuro.compiler.connect import Blocks, Connections
+from neuro.compiler.inputs import cameras_of, check_trains, schedule_of, with_generators
 from neuro.compiler.memory import SynapseRoom, check_memory, many_synapses, packed, rooms
-from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
-from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
-from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
-from neuro.compiler.space import Between, between
+from neuro.compiler.pairs import MANY, Between, between
+from neuro.compiler.sections import check_probes, resolve_probes, resolve_synapse_probes, resolve_trials
+from neuro.compiler.shapes import Shape, end_of, grid_of, own_places, resolve_shapes, size
 from neuro.compiler.synapses import Drawing, together
-from neuro.compiler.undrawn import drawn_here, is_left, undrawn
+from neuro.compiler.undrawn import drawn_here, is_left, undrawn, wired
 from neuro.compiler.values import LONGEST_DELAY, Steps, one_delay, per_neuron, too_late
-from neuro.compiler.views import end_of, own_places
-from neuro.compiler.wired import wired
 from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
@@ -46,7 +38,7 @@ from neuro.model.neurons import (
     spike_generator,
     spike_train,
 )
-from neuro.model.parts import Population, Projection
+from neuro.model.parts import Population, Projection, naming_the_part, refuse
 from neuro.model.rules import RULES, from_file, grid
 from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, MoveRule, Synapse
@@ -88,26 +80,35 @@ def compile_network(
     share.agree(lambda: check_memory(net, shapes, share.number, here))
     check_probes(net, shapes, clock)
     declared = {name: part.model.name for name, part in net.populations.items()}
-    heard = _heard(net)
+    sources = {p.of: net.projections[p.of].source for p in net.probes.values() if p.at and p.of in net.projections}
+    heard = {sources.get(p.of, p.of) for p in net.probes.values() if p.of in sources or p.record == "spikes"}
     # Codes become spikes here, so no later step and no backend knows of them; `declared` keeps the name that people
     # wrote.
     net = with_generators(net, shapes, clock, seed)
     trials = resolve_trials(net, shapes, clock)
-    alike: dict[tuple[int, Shape], dict[str, Any]] = {}
+    resolver = _Resolver(net, shapes, clock, seed)
     populations = tuple(
-        _population(part, shapes[name], clock, seed, cameras.get(name), declared[name], name in heard, alike)
+        resolver.population(part, cameras.get(name), declared[name], name in heard)
         for name, part in net.populations.items()
     )
     many = many_synapses(here.values(), shapes, MANY)
     # Drawn into one array where sizes are known: to touch memory for the first time may cost more than the draws, and a
     # copy would need twice as much.
     made = rooms(here, shapes) if many and share.number == 1 else None
-    drawn = partial(_projections, net, shapes, clock, seed, threads, many, made, share, backend_draws)
+    # Projections are drawn side by side; few large ones one after the other, their blocks side by side.
+    threads_of_each = max(1, threads // max(1, len(net.projections)))
+
+    def projection(part: Projection) -> resolved.Projection:
+        room = None if made is None else made.get(part.name)
+        with naming_the_part(part):
+            return resolver.projection(part, many, room, share, threads_of_each, backend_draws and is_left(part))
+
+    drawn = mapped(projection, list(net.projections.values()), threads)
     if share.number == 1:
-        projections = packed(drawn(), made, many)
+        projections = packed(drawn, made, many)
     else:
-        projections = _joined(share.agree(lambda: tuple(drawn())), share)
-    names = {name: index for index, name in enumerate(net.populations)}
+        projections = _joined(share.agree(lambda: tuple(drawn)), share)
+    names = resolver.names
     program = resolved.Program(
         name=net.name,
         resolution=net.resolution,
@@ -124,32 +125,6 @@ def compile_network(
     program = replace(program, synapse_probes=resolve_synapse_probes(net, program, shapes, clock))
     check_trains(program)
     return program
-
-
-def _projections(
-    net: Network,
-    shapes: Mapping[str, Shape],
-    clock: Clock,
-    seed: int,
-    threads: int,
-    many: bool,
-    made: Mapping[str, SynapseRoom] | None,
-    share: Share,
-    backend_draws: bool,
-) -> Iterator[resolved.Projection]:
-    """All projections, in order."""
-    # Projections are drawn side by side; few large ones one after the other, their blocks side by side.
-    threads_of_each = max(1, threads // max(1, len(net.projections)))
-    names = {name: index for index, name in enumerate(net.populations)}
-
-    def resolve(part: Projection) -> resolved.Projection:
-        room = None if made is None else made.get(part.name)
-        left = backend_draws and is_left(part)
-        return _projection(
-            net, names, part, shapes, clock, seed, many, room, WHOLE if left else share, threads_of_each, left
-        )
-
-    return mapped(resolve, list(net.projections.values()), threads)
 
 
 def _joined(projections: Sequence[resolved.Projection], share: Share) -> tuple[resolved.Projection, ...]:
@@ -173,269 +148,242 @@ def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:
     return (shortest, part.dopamine_delay) if part.dopamine >= 0 else (shortest,)
 
 
-def _population(
-    part: Population,
-    shape: Shape,
-    clock: Clock,
-    seed: int,
-    stream: Stream | None,
-    declared: str,
-    heard: bool,
-    alike: dict[tuple[int, Shape], dict[str, Any]],
-) -> resolved.Population:
-    """A population; those of one model and shape that draw nothing are worked out once, as `alike`."""
-    model = part.model
-    # Files of 200,000 small populations share a few models: to work each out anew took seconds.
-    found = None if part.initial else alike.get((id(model), shape))
-    if found is None:
-        found = _worked_out(part, shape, clock, seed)
-        drawn = any(isinstance(value, Distribution) for value in model.parameters().values())
-        if not part.initial and found["schedule"] is None and not drawn:
-            alike[id(model), shape] = found
-    heard = heard or not (isinstance(model, poisson_generator) or stream is not None)
-    return resolved.Population(
-        **found | {"parameters": {**found["parameters"]}, "initial": {**found["initial"]}},
-        name=part.name,
-        records=heard and not isinstance(model, CurrentGenerator),
-        origin=part.origin,
-        stream=stream,
-        declared="" if declared == model.name else declared,
-    )
+class _Resolver:
+    """Resolves the populations and projections of a checked network.
 
+    Args:
+        net: the network, in which generators stand for codes and cameras.
+        shapes: of its populations.
+        clock: of the network.
+        seed: of everything random.
 
-def _worked_out(part: Population, shape: Shape, clock: Clock, seed: int) -> dict[str, Any]:
-    """What a resolved population has that follows from model, shape, initial states and draws."""
-    model = part.model
-    parameters: dict[str, Floats] = {}
-    start, stop = 0, NEVER
-    timed = isinstance(model, Generator) and model.timed
-    values = model.parameters()
-    for word, quantity in model.quantities().items():
-        if quantity.kind not in ("number", "integer", "boolean") or (timed and word in ("start", "stop")):
-            continue
-        key = (seed, "parameter", f"{part.name}.{word}")
-        with naming_the_part(part):
-            parameters[word] = per_neuron(values[word], shape, f"{model.name}.{word}", key)
-    with naming_the_part(part):
+    Attributes:
+        names, signals: the index of each population and of each signal by its name.
+    """
+
+    def __init__(self, net: Network, shapes: Mapping[str, Shape], clock: Clock, seed: int) -> None:
+        self.net, self.shapes, self.clock, self.seed = net, shapes, clock, seed
+        self.names = {name: index for index, name in enumerate(net.populations)}
+        self.signals: dict[str | None, int] = {None: -1, **{name: index for index, name in enumerate(net.signals)}}
+        self.alike: dict[tuple[int, Shape], dict[str, Any]] = {}
+
+    def population(self, part: Population, stream: Stream | None, declared: str, heard: bool) -> resolved.Population:
+        """Resolve a population; those of one model and shape that draw nothing are worked out once, as `alike`."""
+        model, shape = part.model, self.shapes[part.name]
+        # Files of 200,000 small populations share a few models: to work each out anew took seconds.
+        values = None if part.initial else self.alike.get((id(model), shape))
+        if values is None:
+            with naming_the_part(part):
+                values = self._worked_out(part, shape)
+            drawn = any(isinstance(value, Distribution) for value in model.parameters().values())
+            if not part.initial and values["schedule"] is None and not drawn:
+                self.alike[id(model), shape] = values
+        heard = heard or not (isinstance(model, poisson_generator) or stream is not None)
+        return resolved.Population(
+            **values | {"parameters": {**values["parameters"]}, "initial": {**values["initial"]}},
+            name=part.name,
+            records=heard and not isinstance(model, CurrentGenerator),
+            origin=part.origin,
+            stream=stream,
+            declared="" if declared == model.name else declared,
+        )
+
+    def _worked_out(self, part: Population, shape: Shape) -> dict[str, Any]:
+        """Return what follows from model, shape, initial states and draws."""
+        model, clock = part.model, self.clock
+        parameters: dict[str, Floats] = {}
+        start, stop = 0, NEVER
+        timed = isinstance(model, Generator) and model.timed
+        values = model.parameters()
+        for word, quantity in model.quantities().items():
+            if quantity.kind in ("number", "integer", "boolean") and not (timed and word in ("start", "stop")):
+                key = (self.seed, "parameter", f"{part.name}.{word}")
+                parameters[word] = per_neuron(values[word], shape, f"{model.name}.{word}", key)
         check_values(model, parameters, clock)
         if timed:
             start, stop = (clock.step(getattr(model, word), f"{model.name}.{word}") for word in ("start", "stop"))
         steps, ids, payloads = _listed_spikes(model, size(shape), clock)
         schedule = schedule_of(model, size(shape), clock)
-    return {
-        "model": model,
-        "kind": model.role,
-        "shape": shape,
-        "size": size(shape),
-        "parameters": parameters,
-        "initial": _initial(part, shape, parameters, seed),
-        "spike_steps": steps,
-        "spike_ids": ids,
-        "spike_payloads": payloads,
-        "start": start,
-        "stop": stop,
-        "schedule": schedule,
-    }
-
-
-def _heard(net: Network) -> set[str]:
-    """The populations of which a probe needs the spikes."""
-    sources = {p.of: net.projections[p.of].source for p in net.probes.values() if p.at and p.of in net.projections}
-    return {sources.get(p.of, p.of) for p in net.probes.values() if p.of in sources or p.record == "spikes"}
-
-
-def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], seed: int) -> dict[str, Floats]:
-    start: dict[str, Floats] = {state.name: np.zeros(1) for state in part.model.states}
-    if isinstance(part.model, (Neuron, Generator)):
-        for name, value in part.model.initial(parameters).items():
-            # + 0.0 turns -0.0 into 0.0: backends read the sign bit as "nothing arrived".
-            start[name] = np.asarray(value, dtype=np.float64).reshape(-1) + 0.0
-    for name, value in part.initial.items():
-        key = (seed, "initial", f"{part.name}.{name}")
-        with naming_the_part(part):
-            if any(state.follows for state in part.model.states if state.name == name):
+        initial: dict[str, Floats] = {state.name: np.zeros(1) for state in model.states}
+        if isinstance(model, (Neuron, Generator)):
+            for name, value in model.initial(parameters).items():
+                # + 0.0 turns -0.0 into 0.0: backends read the sign bit as "nothing arrived".
+                initial[name] = np.asarray(value, dtype=np.float64).reshape(-1) + 0.0
+        for name, value in part.initial.items():
+            if any(state.follows for state in model.states if state.name == name):
                 raise ModelError(f"initial.{name} follows from the other states: set those", path=("initial", name))
-            start[name] = per_neuron(value, shape, f"initial.{name}", key)
-    with naming_the_part(part):
-        for state in part.model.states:
+            key = (self.seed, "initial", f"{part.name}.{name}")
+            initial[name] = per_neuron(value, shape, f"initial.{name}", key)
+        for state in model.states:
             if state.at_least is not None or state.at_most is not None:
-                first = start[state.name]
+                first = initial[state.name]
                 check(state.quantity(), first if first.size > 1 else float(first[0]), f"initial.{state.name}")
-    return start
+        return {
+            "model": model,
+            "kind": model.role,
+            "shape": shape,
+            "size": size(shape),
+            "parameters": parameters,
+            "initial": initial,
+            "spike_steps": steps,
+            "spike_ids": ids,
+            "spike_payloads": payloads,
+            "start": start,
+            "stop": stop,
+            "schedule": schedule,
+        }
+
+    def projection(
+        self, part: Projection, many: bool, room: SynapseRoom | None, share: Share, threads: int, left: bool
+    ) -> resolved.Projection:
+        """Resolve a projection.
+
+        Args:
+            part: the projection.
+            many: whether the network has many synapses.
+            room: memory for those of this projection, which may be used.
+            share: the part of the synapses that is drawn.
+            threads: how many draw.
+            left: whether the backend draws the synapses.
+
+        Raises:
+            ModelError: its synapses cannot be made.
+        """
+        clock = self.clock
+        pre, post = self.net.populations[part.source], self.net.populations[part.target]
+        current, carries = pre.model.role == "current", "current" if pre.model.role == "current" else "spikes"
+        sizes = grid_of(part, self.shapes) if isinstance(part.rule, grid) else None
+        if sizes is not None and not isinstance(part.delay, float):
+            refuse(part, "delay: a shared kernel has one delay: expected a number", word="delay")
+        source = end_of(part.source_view, self.shapes[part.source])
+        target = end_of(part.target_view, self.shapes[part.target])
+        own = own_places(source, target) if part.source == part.target else None
+
+        # Only rules and values of distance ask; for others no place is worked out.
+        @cache
+        def apart() -> Between:
+            return between(pre, post, self.shapes)
+
+        # Currents come from few synapses, and kernels have few weights: each part has all of them.
+        if left or sizes is not None or current:
+            share = WHOLE
+        onto = None if share.number == 1 else share.of(target.size)
+        described = None
+        if left:
+            described, drawn = undrawn(part, source.size, target.size, clock)
+        else:
+            seen = cache(lambda: apart().among(source.ids, target.ids))
+            blocks = Blocks(part.rule, source.shape, target.shape, own, sizes, (self.seed, "connect", part.name), seen)
+            ends, ordered = (source, target), many and not part.synapse.learns
+            listed = partial(wired, part, part.rule, (pre, post), ends) if isinstance(part.rule, from_file) else None
+            drawing = Drawing(part, blocks, listed, ends, clock, self.seed, apart, ordered, onto, threads)
+            drawn = drawing.synapses(room)
+        found, delay, weight, rule = drawn.found, drawn.delay, drawn.weight, drawn.rule
+        # A shared kernel learns weight by weight, so it has an entry for each from the start.
+        if sizes is not None and weight.size == 1:
+            weight = np.repeat(weight, found.size)
+        _check_weights(rule, weight, found if share.number > 1 else None)
+        _check_delays(rule, delay, clock)
+        receptor = receptor_of_current(part.synapse, post, pre.name) if current else receptor_of(part.synapse, post)
+        check_conductance(receptor, *drawn.weights)
+        signal, gate, dopamine, one_to_one, later = -1, -1, -1, False, 1
+        if isinstance(rule, MoveRule):
+            signal, gate = self.signals[rule.signal], self.signals[rule.gate]
+        if isinstance(rule, Modulated):
+            signal = self.signals[rule.signal]
+            dopamine = -1 if rule.dopamine is None else self.names[rule.dopamine]
+            one_to_one = rule.dopamine_rule == "one_to_one"
+            if rule.dopamine_delay is not None:
+                later = int(one_delay(rule.dopamine_delay, clock, f"{rule.name}.dopamine_delay")[0])
+        kind = resolved.Projection if share.number == 1 else SharedProjection
+        made = kind(
+            name=part.name,
+            source=self.names[part.source],
+            target=self.names[part.target],
+            carries=carries,
+            layout=found.layout,
+            row_ends=found.row_ends,
+            targets=found.targets,
+            weight=weight,
+            delay=delay,
+            size=found.size,
+            grid=sizes,
+            synapse=rule,
+            receptor=receptor,
+            signal=signal,
+            dopamine=dopamine,
+            dopamine_one_to_one=one_to_one,
+            dopamine_delay=later,
+            origin=part.origin,
+            span=drawn.span,
+            gate=gate,
+            by_delay=drawn.by_delay,
+            whole_layout=drawn.whole_layout,
+            share=share,
+            undrawn=described,
+        )
+        if not drawn.blocks:
+            return made
+        return CompactProjection.of_blocks(made, drawn.blocks, partial(together, weight.size == 0))
 
 
 def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints, Ints]:
     """The spikes that a generator lists, by step, then neuron, and their payloads, none where it is not graded."""
     if isinstance(model, spike_train | graded_spike_train):
-        return _recorded(model, neurons, clock)
+        rows = np.asarray(model.spikes, dtype=np.float64).reshape(-1, 3 if model.graded else 2)
+        times, ids, payloads = rows[:, 0], rows[:, 1], rows[:, 2:].ravel()
+        bad = np.flatnonzero(ids >= neurons)
+        if bad.size:
+            raise ModelError(
+                f"{model.name}.spikes[{bad[0]}] is of neuron {ids[bad[0]]:g}: "
+                f"expected a neuron from 0 to {neurons - 1}",
+                hint=f"shape: {int(ids.max()) + 1} has room for all",
+                path=(model.name, "spikes"),
+                about=("shape",),
+            )
+        steps, order = clock.steps(times, f"{model.name}.spikes"), np.lexsort((ids, times))
+        return steps[order], ids[order].astype(np.int64), payloads[order if model.graded else ()].astype(np.int64)
     if not isinstance(model, spike_generator) or not model.spike_times:
         return NO_INTS, NO_INTS, NO_INTS
-    steps = [clock.steps(t, f"spike_generator.spike_times[{i}]") for i, t in enumerate(model.spike_times)]
-    ids = np.repeat(np.arange(len(steps), dtype=np.int64), [len(s) for s in steps])
-    together = np.concatenate(steps)
+    trains = [clock.steps(t, f"spike_generator.spike_times[{i}]") for i, t in enumerate(model.spike_times)]
+    sources = np.repeat(np.arange(len(trains), dtype=np.int64), [len(train) for train in trains])
+    together = np.concatenate(trains)
     # By step, then neuron: the order in which every backend emits, and so that of all sums.
-    order = np.lexsort((ids, together))
-    return together[order], ids[order], NO_INTS
+    order = np.lexsort((sources, together))
+    return together[order], sources[order], NO_INTS
 
 
-def _recorded(model: spike_train | graded_spike_train, neurons: int, clock: Clock) -> tuple[Ints, Ints, Ints]:
-    rows = np.asarray(model.spikes, dtype=np.float64).reshape(-1, 3 if model.graded else 2)
-    times, ids, payloads = rows[:, 0], rows[:, 1], rows[:, 2:].ravel()
-    bad = np.flatnonzero(ids >= neurons)
-    if bad.size:
-        raise ModelError(
-            f"{model.name}.spikes[{bad[0]}] is of neuron {ids[bad[0]]:g}: expected a neuron from 0 to {neurons - 1}",
-            hint=f"shape: {int(ids.max()) + 1} has room for all",
-            path=(model.name, "spikes"),
-            about=("shape",),
-        )
-    steps, order = clock.steps(times, f"{model.name}.spikes"), np.lexsort((ids, times))
-    return steps[order], ids[order].astype(np.int64), payloads[order if model.graded else ()].astype(np.int64)
-
-
-def _projection(
-    net: Network,
-    names: Mapping[str, int],
-    part: Projection,
-    shapes: Mapping[str, Shape],
-    clock: Clock,
-    seed: int,
-    many: bool,
-    room: SynapseRoom | None,
-    share: Share,
-    threads: int,
-    left: bool,
-) -> resolved.Projection:
-    sizes = grid_of(part, shapes) if isinstance(part.rule, grid) else None
-    if sizes is not None and not isinstance(part.delay, float):
-        refuse(part, "delay: a shared kernel has one delay: expected a number", word="delay")
-    source = end_of(part.source_view, shapes[part.source])
-    target = end_of(part.target_view, shapes[part.target])
-    own = own_places(source, target) if part.source == part.target else None
-
-    # Only rules and values of distance ask; for others no place is worked out.
-    @cache
-    def apart() -> Between:
-        return between(net.populations[part.source], net.populations[part.target], shapes)
-
-    carries = "current" if net.populations[part.source].model.role == "current" else "spikes"
-    # Currents come from few synapses, and kernels have few weights: each part has all of them.
-    if sizes is not None or carries == "current":
-        share = WHOLE
-    onto = None if share.number == 1 else share.of(target.size)
-    with naming_the_part(part):
-        seen = cache(lambda: apart().among(source.ids, target.ids))
-        blocks = Blocks(part.rule, source.shape, target.shape, own, sizes, (seed, "connect", part.name), seen)
-        both = net.populations[part.source], net.populations[part.target]
-        listed = partial(wired, part, part.rule, both, (source, target)) if isinstance(part.rule, from_file) else None
-        ordered = many and not part.synapse.learns
-        drawing = Drawing(part, blocks, listed, (source, target), clock, seed, apart, ordered, onto, threads)
-        described = None
-        if left:
-            described, drawn = undrawn(part, source.size, target.size, clock)
-        else:
-            drawn = drawing.synapses(room)
-        found, delay, weight, rule = drawn.found, drawn.delay, drawn.weight, drawn.rule
-    # A shared kernel learns weight by weight, so it has an entry for each from the start.
-    if sizes is not None and weight.size == 1:
-        weight = np.repeat(weight, found.size)
-    check_stdp_weights(part, rule, weight, found if share.number > 1 else None)
-    _check_delays(part, delay, clock)
-    with naming_the_part(part):
-        reached, current = net.populations[part.target], carries == "current"
-        receptor = (
-            receptor_of_current(part.synapse, reached, part.source) if current else receptor_of(part.synapse, reached)
-        )
-        check_conductance(receptor, *drawn.weights)
-    signal, dopamine, one_to_one, later = -1, -1, False, 1
-    gate = -1
-    if isinstance(rule, MoveRule):
-        signal = list(net.signals).index(str(rule.signal))
-        gate = -1 if rule.gate is None else list(net.signals).index(rule.gate)
-    if isinstance(rule, Modulated):
-        signal = -1 if rule.signal is None else list(net.signals).index(rule.signal)
-        dopamine = -1 if rule.dopamine is None else names[rule.dopamine]
-        one_to_one = rule.dopamine_rule == "one_to_one"
-        if rule.dopamine_delay is not None:
-            with naming_the_part(part):
-                later = int(one_delay(rule.dopamine_delay, clock, f"{rule.name}.dopamine_delay")[0])
-    kind = resolved.Projection if share.number == 1 else SharedProjection
-    made = kind(
-        name=part.name,
-        source=names[part.source],
-        target=names[part.target],
-        carries=carries,
-        layout=found.layout,
-        row_ends=found.row_ends,
-        targets=found.targets,
-        weight=weight,
-        delay=delay,
-        size=found.size,
-        grid=sizes,
-        synapse=rule,
-        receptor=receptor,
-        signal=signal,
-        dopamine=dopamine,
-        dopamine_one_to_one=one_to_one,
-        dopamine_delay=later,
-        origin=part.origin,
-        span=drawn.span,
-        gate=gate,
-        by_delay=drawn.by_delay,
-        whole_layout=drawn.whole_layout,
-        share=share,
-        undrawn=described,
-    )
-    if not drawn.blocks:
-        return made
-    return CompactProjection.of_blocks(made, drawn.blocks, partial(together, weight.size == 0))
-
-
-def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats, of: Connections | None = None) -> None:
-    """Weights that pairs or moves change lie within their rule's bounds.
-
-    Args:
-        part: the projection.
-        rule: its synapse model.
-        weight: of each synapse, shape (1,) where shared.
-        of: the synapses, where these are a share, in which places say nothing; None: all.
-
-    Raises:
-        ModelError: one does not; the first such is named.
-    """
-    if part.synapse.learns not in ("pairs", "moves"):
+def _check_weights(rule: Synapse, weight: Floats, of: Connections | None) -> None:
+    """Refuse weights beyond the bounds of a rule for pairs or moves; places in a share (`of`) say nothing."""
+    if rule.learns not in ("pairs", "moves"):
         return
     bad = rule.outside(weight)
     if bad is not None:
         raised = f", or raise {rule.name}.Wmax" if "Wmax" in rule.parameters() else ""
         which = f"[{bad}]" if of is None else " of synapse {} -> {}".format(*of.ends(bad))
-        message = (
-            f"projection '{part.name}': weight{which} = {weight[bad if weight.size > 1 else 0]:g}: "
-            f"expected {rule.expected_weight(bad)}"
-        )
+        value = weight[bad if weight.size > 1 else 0]
         hint = "give the distribution 'low' and 'high'" + raised
-        raise ModelError(message, where=part.origin, hint=hint, path=("weight",), about=("Wmax", "low", "high"))
+        message = f"weight{which} = {value:g}: expected {rule.expected_weight(bad)}"
+        raise ModelError(message, hint=hint, path=("weight",), about=("Wmax", "low", "high"))
 
 
-def _check_delays(part: Projection, delay: Steps, clock: Clock) -> None:
-    """Delays that learn lie within their rule's bounds, and these are not too far; a rule for moves has one step."""
-    rule = part.synapse
+def _check_delays(rule: Synapse, delay: Steps, clock: Clock) -> None:
+    """Refuse delays beyond the bounds of a rule for delays, and others than one step where a rule learns by moves."""
     if isinstance(rule, MoveRule) and np.any(delay != 1):
         one = f"{clock.resolution:g} ms, one step, with {rule.name}"
-        message = f"projection '{part.name}': delay = {clock.ms(int(delay.max())):g} ms: expected {one}"
-        raise ModelError(message, where=part.origin, hint="a parrot_neuron may delay the input", path=("delay",))
+        message = f"delay = {clock.ms(int(delay.max())):g} ms: expected {one}"
+        raise ModelError(message, hint="a parrot_neuron may delay the input", path=("delay",))
     if not isinstance(rule, DelayRule):
         return
-    with naming_the_part(part):
-        _, most = rule.delay_range(clock.resolution)
-        if most > LONGEST_DELAY:
-            raise too_late(f"{rule.name}.d_max", most, clock)
-        late = clock.array_ms(delay.astype(np.int64))
-        bad = np.flatnonzero((late < rule.d_min) | (late > rule.d_max))
-        if bad.size:
-            message = (
-                f"delay[{bad[0]}] = {late[bad[0]]:g} ms: expected {rule.d_min:g} to {rule.d_max:g} ms, "
-                f"the bounds of {rule.name}"
-            )
-            hint = f"set {rule.name}.d_min and d_max"
-            raise ModelError(message, hint=hint, path=("delay",), about=("d_min", "d_max"))
+    _, most = rule.delay_range(clock.resolution)
+    if most > LONGEST_DELAY:
+        raise too_late(f"{rule.name}.d_max", most, clock)
+    late = clock.array_ms(delay.astype(np.int64))
+    bad = np.flatnonzero((late < rule.d_min) | (late > rule.d_max))
+    if bad.size:
+        message = (
+            f"delay[{bad[0]}] = {late[bad[0]]:g} ms: expected {rule.d_min:g} to {rule.d_max:g} ms, "
+            f"the bounds of {rule.name}"
+        )
+        hint = f"set {rule.name}.d_min and d_max"
+        raise ModelError(message, hint=hint, path=("delay",), about=("d_min", "d_max"))

@@ -1,15 +1,18 @@
-"""Shapes of populations: sizes that are `auto` follow from the grids onto the population."""
+"""Shapes of populations, where `auto` follows from grids, and the neurons at the ends of projections."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
-from neuro.core.errors import ModelError
+import numpy as np
+
 from neuro.model.network import Network
-from neuro.model.parts import AUTO, Projection
+from neuro.model.parts import AUTO, Projection, refuse
 from neuro.model.rules import grid
-from neuro.program.program import Grid
+from neuro.model.views import View
+from neuro.program.program import Grid, Ints
 
 Shape = tuple[int, ...]
 
@@ -47,18 +50,11 @@ def grid_of(part: Projection, shapes: Mapping[str, Shape]) -> Grid:
     rule = part.rule
     assert isinstance(rule, grid)
     if len(target) != 3 or target[1:] != (rows, columns):
-        message = (
-            f"projection '{part.name}': grid onto '{part.target}' of shape {list(target)}: "
-            f"expected [maps, {rows}, {columns}]"
-        )
-        hint = f"give '{part.target}' the shape [maps, auto, auto], and all grids onto it one size"
-        raise ModelError(message, where=part.origin, hint=hint, path=("grid",))
+        text = f"grid onto '{part.target}' of shape {list(target)}: expected [maps, {rows}, {columns}]"
+        refuse(part, text, f"give '{part.target}' the shape [maps, auto, auto], and all grids onto it one size", "grid")
     if rule.depthwise and target[0] % channels:
-        message = (
-            f"projection '{part.name}': depthwise grid from {channels} channels onto {target[0]} maps of "
-            f"'{part.target}': expected a multiple of {channels}"
-        )
-        raise ModelError(message, where=part.origin, path=("rule",))
+        text = f"depthwise grid from {channels} channels onto {target[0]} maps of '{part.target}'"
+        refuse(part, f"{text}: expected a multiple of {channels}", word="rule")
     return Grid(
         channels=channels,
         height=height,
@@ -89,20 +85,15 @@ def _shape(net: Network, name: str, known: dict[str, Shape], under_way: tuple[st
     if AUTO not in part.shape:
         known[name] = tuple(int(s) for s in part.shape)
         return known[name]
-    what = f"population '{name}': shape {list(part.shape)}"
+    what = f"shape {list(part.shape)}"
     if name in under_way:
-        raise ModelError(
-            f"{what}: its grids form a circle: expected numbers in one shape of it", where=part.origin, path=("shape",)
-        )
+        refuse(part, f"{what}: its grids form a circle: expected numbers in one shape of it", word="shape")
     # The first grid decides; `grid_of` then refuses others that give another size.
     deciding = [p for p in net.projections.values() if p.target == name and isinstance(p.rule, grid)]
     if not deciding:
-        message = f"{what}: 'auto' needs a grid projection onto it, found none"
-        raise ModelError(message, where=part.origin, hint="write the numbers", path=("shape",))
+        refuse(part, f"{what}: 'auto' needs a grid projection onto it, found none", "write the numbers", "shape")
     if len(part.shape) != 3 or part.shape[0] == AUTO:
-        raise ModelError(
-            f"{what}: expected [maps, auto, auto] with a number of maps", where=part.origin, path=("shape",)
-        )
+        refuse(part, f"{what}: expected [maps, auto, auto] with a number of maps", word="shape")
     source = _shape(net, deciding[0].source, known, (*under_way, name))
     _, height, width = _sheet(deciding[0], source)
     sizes = _outcome(deciding[0], height, width)
@@ -115,11 +106,8 @@ def _sheet(part: Projection, source: Shape) -> Shape:
     if len(source) == 2:
         return (1, *source)
     if len(source) != 3:
-        message = (
-            f"projection '{part.name}': grid from '{part.source}' of shape {list(source)}: "
-            "expected [height, width] or [channels, height, width]"
-        )
-        raise ModelError(message, where=part.origin, path=("grid",))
+        text = f"grid from '{part.source}' of shape {list(source)}"
+        refuse(part, f"{text}: expected [height, width] or [channels, height, width]", word="grid")
     return source
 
 
@@ -130,10 +118,54 @@ def _outcome(part: Projection, height: int, width: int) -> tuple[int, int]:
         return math.ceil(height / rule.stride), math.ceil(width / rule.stride)
     high, wide = (n + 2 * b for n, b in zip((height, width), rule.border, strict=True))
     if rule.kernel[0] > high or rule.kernel[1] > wide:
-        message = (
-            f"projection '{part.name}': grid.kernel = {list(rule.kernel)}: expected at most [{high}, {wide}], "
-            f"the size of '{part.source}' with its padding"
-        )
+        text = f"grid.kernel = {list(rule.kernel)}: expected at most [{high}, {wide}], the size of '{part.source}'"
         hint = "a smaller kernel or more padding"
-        raise ModelError(message, where=part.origin, hint=hint, path=("grid", "kernel"), about=("padding",))
+        refuse(part, f"{text} with its padding", hint, "grid.kernel", about=("padding",))
     return (high - rule.kernel[0]) // rule.stride + 1, (wide - rule.kernel[1]) // rule.stride + 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class End:
+    """Neurons of a population, as a rule sees them.
+
+    Attributes:
+        shape: sizes of the axes.
+        ids: the neurons in the population, None for all of them in order.
+        size: of the population.
+    """
+
+    shape: Shape
+    ids: Ints | None
+    size: int
+
+    @property
+    def neurons(self) -> Ints:
+        """The ids of the neurons, also where these are all."""
+        return np.arange(self.size) if self.ids is None else self.ids
+
+    @property
+    def ascends(self) -> bool:
+        """Whether the neurons are in the order of the population."""
+        return self.ids is None or bool(np.all(self.ids[1:] > self.ids[:-1]))
+
+
+def end_of(view: View | None, shape: Shape) -> End:
+    """The neurons of a view, or of a whole population of a shape.
+
+    Raises:
+        ModelError: the view reaches beyond the shape.
+    """
+    n = size(shape)
+    if view is None:
+        return End(shape, None, n)
+    ids, sizes = view.within(shape)
+    whole = ids.size == n and bool(np.array_equal(ids, np.arange(n)))
+    return End(sizes, None if whole else ids, n)
+
+
+def own_places(source: End, target: End) -> Ints:
+    """Of each neuron of the source its place in the target, -1 where it is not there; ends of one population."""
+    places = np.full(source.size, -1, dtype=np.int64)
+    places[target.neurons] = np.arange(size(target.shape))
+    own: Ints = places[source.neurons]
+    return own

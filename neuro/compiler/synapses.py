@@ -11,21 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.blocks import Block, Blocks
-from neuro.compiler.connect import Apart, Connections, connect, listed_one_by_one
-from neuro.compiler.memory import SynapseRoom, weight_room
+from neuro.compiler.connect import Apart, Block, Blocks, Connections, listed_one_by_one
+from neuro.compiler.memory import SynapseRoom, has_each, weight_room
+from neuro.compiler.shapes import End, size
 from neuro.compiler.values import Room, Steps, delay_steps, per_synapse
-from neuro.compiler.views import End, ascend, placed
 from neuro.core.checks import check
 from neuro.core.clock import Clock
 from neuro.core.keyed_random import generator
 from neuro.core.memory import give_back
 from neuro.core.threads import mapped
-from neuro.core.values import plain
 from neuro.model.distributions import Distribution
 from neuro.model.parts import Projection
 from neuro.model.rules import all_to_all, one_to_one
-from neuro.model.space import of_distance
 from neuro.model.synapses import Synapse
 from neuro.program.compact import SynapseBlock
 from neuro.program.program import Floats, Ints, StoredSynapses
@@ -107,13 +104,11 @@ class Drawing:
 
     def _undivided(self, room: SynapseRoom | None) -> Synapses:
         """All synapses, of one block."""
-        only, blocks = Block(0, 0, 0), self.blocks
+        only = Block(0, 0, 0)
         if self.wired is not None:
             found = self.wired()
         else:
-            to = None if room is None else room.targets
-            words = (blocks.rule, blocks.source, blocks.target, blocks.own, blocks.sizes, blocks.key, blocks.apart)
-            found = placed(connect(*words, to), *self.ends)
+            found = placed(self.blocks.whole(None if room is None else room.targets), *self.ends)
         # Delays before weights, each with a key of its own: adding a distribution to one changes nothing of the other.
         delay, by_delay = self._delay(found, only), False
         if self.ordered:
@@ -159,16 +154,16 @@ class Drawing:
         joint = Joint(layout, shape, needed, [piece.row_ends for piece in pieces.values()])
         targets = joint.room(np.int32, None if room is None else room.targets)
         delay = pieces[0].delay
-        if _each(self.part.delay):
+        if has_each(self.part.delay):
             delay = joint.room(np.result_type(*(piece.delay for piece in pieces.values())))
         columns = {name: joint.room(np.float64) for name in self._parameters}
-        if _each(self.part.weight):
+        if has_each(self.part.weight):
             columns["weight"] = joint.room(np.float64, self._room_of_weights(joint.size, room))
 
         def finish(k: int) -> Floats:
             piece = pieces.pop(k)  # freed when it is in its place: two copies of all would not fit
             joint.put(k, piece.some(piece.found.targets), targets)
-            if _each(self.part.delay):
+            if has_each(self.part.delay):
                 joint.put(k, piece.some(piece.delay), delay)
             values = self._columns(piece.found, piece.block, _scratch(piece.found.size))
             for name, column in columns.items():
@@ -179,9 +174,12 @@ class Drawing:
         if joint.size >= LARGE:
             give_back()
         found = joint.connections(targets)
-        rows = [*columns.values(), *([delay] if _each(self.part.delay) else [])]
-        if found.layout == "csr" and not ascend(self.ends[1]):
-            _sort_targets(found, rows)
+        rows = [*columns.values(), *([delay] if has_each(self.part.delay) else [])]
+        if found.layout == "csr" and not self.ends[1].ascends:
+            pre = np.repeat(np.arange(found.row_ends.size - 1), np.diff(found.row_ends))
+            order = np.lexsort((found.targets, pre))
+            for column in (found.targets, *rows):
+                column[:] = column[order]
         by_delay = layout == "csr" and self._sorts
         if by_delay:
             _by_delay_in_place(found.row_ends, delay, targets, [*columns.values()])
@@ -198,7 +196,7 @@ class Drawing:
     @property
     def _stay(self) -> bool:
         """Whether synapses stay in blocks: a backend that makes rows of its own reads them as they are."""
-        whole = self.among is None and self._layout == "csr" and ascend(self.ends[1])
+        whole = self.among is None and self._layout == "csr" and self.ends[1].ascends
         return whole and self._sorts and not self._parameters
 
     def _block(self, block: Block) -> SynapseBlock:
@@ -210,7 +208,7 @@ class Drawing:
 
     def _in_blocks(self, blocks: tuple[SynapseBlock, ...]) -> Synapses:
         row_ends = np.sum([block.row_ends for block in blocks], axis=0)
-        weight = np.zeros(0) if _each(self.part.weight) else blocks[0].weight.astype(np.float64)
+        weight = np.zeros(0) if has_each(self.part.weight) else blocks[0].weight.astype(np.float64)
         found = Connections("csr", int(row_ends[-1]), row_ends)
         return Synapses(found, np.zeros(0, dtype=np.uint8), weight, self.part.synapse, True, "csr", blocks)
 
@@ -233,7 +231,7 @@ class Drawing:
     @property
     def _are_alike(self) -> bool:
         """Whether no synapse is stored by itself: every source reaches every target, with one weight and delay."""
-        each = _each(self.part.weight) or _each(self.part.delay) or self._parameters
+        each = has_each(self.part.weight) or has_each(self.part.delay) or self._parameters
         return self.among is None and self._layout != "csr" and not each
 
     @property
@@ -291,7 +289,11 @@ class Piece:
     @property
     def row_ends(self) -> Ints:
         """Where those of the part end, source by source."""
-        return self.found.row_ends if self.kept is None else _among(self.found.row_ends, self.kept)
+        return (
+            self.found.row_ends
+            if self.kept is None
+            else np.concatenate(([0], np.cumsum(self.kept)))[self.found.row_ends]
+        )
 
 
 class Joint:
@@ -343,6 +345,22 @@ class Joint:
         return Connections(self._layout, self.size)
 
 
+def placed(found: Connections, source: End, target: End) -> Connections:
+    """The same synapses between the neurons of the populations, sorted by source, then target."""
+    if source.ids is None and target.ids is None:
+        return found
+    found = listed_one_by_one(found, size(source.shape), size(target.shape))
+    sources, degrees, order, shared = source.neurons, np.diff(found.row_ends), found.order, found.shared
+    targets = target.neurons.astype(np.int32)[found.targets]
+    if not (source.ascends and target.ascends):
+        moved = np.lexsort((targets, np.repeat(sources, degrees)))
+        targets, order = targets[moved], moved if order is None else order[moved]
+        shared = None if shared is None else shared[moved]
+    out = np.zeros(source.size + 1, dtype=np.int64)
+    out[sources + 1] = degrees
+    return replace(found, row_ends=np.cumsum(out), targets=targets, order=order, shared=shared)
+
+
 def together(own_weights: bool, blocks: Sequence[SynapseBlock]) -> StoredSynapses:
     """Targets, weights and delays of the synapses of blocks, by source, delay, target."""
     joint = Joint("csr", (0, 0), (), [block.row_ends for block in blocks])
@@ -368,29 +386,11 @@ def _scratch(size: int) -> Floats:
     return room
 
 
-def _each(value: Any) -> bool:
-    """Whether each synapse has a value of its own."""
-    return isinstance(plain(value), (Distribution, of_distance)) or np.ndim(plain(value)) > 0
-
-
 def _with(rule: Synapse, numbers: Mapping[str, Floats]) -> Synapse:
     """The synapse model with numbers of each synapse; of no synapses it has any."""
     defaults = {entry.name: entry.default for entry in fields(rule)}
     each = {name: values if values.size else defaults[name] for name, values in numbers.items()}
     return replace(rule, **each) if each else rule
-
-
-def _among(row_ends: Ints, kept: NDArray[np.bool_]) -> Ints:
-    """Where the synapses of each source end, of those that are kept."""
-    return np.concatenate(([0], np.cumsum(kept)))[row_ends]
-
-
-def _sort_targets(found: Connections, columns: Sequence[NDArray[Any]]) -> None:
-    """Put the synapses of each source in the order of their targets, in place."""
-    pre = np.repeat(np.arange(found.row_ends.size - 1), np.diff(found.row_ends))
-    order = np.lexsort((found.targets, pre))
-    for column in (found.targets, *columns):
-        column[:] = column[order]
 
 
 def _by_delay_in_place(row_ends: Ints, delay: Steps, targets: NDArray[Any], others: Sequence[NDArray[Any]]) -> None:

@@ -1,4 +1,4 @@
-"""Synapses that a backend draws by rules of its own: what a program has of them is what was described."""
+"""Synapses that are not drawn here: those that a file lists, and those that a backend draws by its own rules."""
 
 from __future__ import annotations
 
@@ -7,26 +7,30 @@ from collections.abc import Mapping
 from typing import Any, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
-from neuro.compiler.check import refuse
-from neuro.compiler.connect import Connections, check_degree, connect, expected_synapses
-from neuro.compiler.drawn import check_number
+from neuro.compiler.connect import Blocks, Connections, check_degree, expected_synapses, listed
+from neuro.compiler.pairs import check_number
+from neuro.compiler.shapes import End
 from neuro.compiler.synapses import Synapses
 from neuro.compiler.values import LONGEST_DELAY, check_distribution, one_delay, too_late
 from neuro.core.clock import Clock
+from neuro.core.keyed_random import generator
 from neuro.core.values import plain
 from neuro.model.distributions import Distribution, lognormal, normal, uniform
-from neuro.model.parts import Projection
+from neuro.model.parts import Population, Projection, refuse
 from neuro.model.rules import (
     BACKEND,
     NamedRule,
     fixed_indegree,
     fixed_outdegree,
     fixed_total_number,
+    from_file,
     one_to_one,
 )
 from neuro.model.synapses import static
-from neuro.program.program import Undrawn
+from neuro.model.wiring.edges import Counted, Edges, End as Named, read_edges, shuffle_edges
+from neuro.program.program import Floats, Undrawn
 
 _FAR = 9.0
 """Standard deviations from the mean beyond which no normal number made of 53 random bits lies."""
@@ -66,7 +70,16 @@ def undrawn(part: Projection, n_pre: int, n_post: int, clock: Clock) -> tuple[Un
     else:
         late = one_delay(delay, clock, "delay").astype(np.int32)
     assert isinstance(part.rule, NamedRule)
-    _check_sizes(part.rule, n_pre, n_post, part.source == part.target)
+    own = int((part.source == part.target) and not getattr(part.rule, "autapses", True))
+    match part.rule:
+        case one_to_one():
+            Blocks(part.rule, (n_pre,), (n_post,), None, None, (0, "", ""), _no_distance).whole()
+        case fixed_indegree():
+            check_degree(part.rule.n, n_pre - own, part.rule.multapses, "sources")
+        case fixed_outdegree():
+            check_degree(part.rule.n, n_post - own, part.rule.multapses, "targets")
+        case fixed_total_number():
+            check_number(part.rule.n, n_pre * n_post - own * n_pre, part.rule.multapses)
     number = part.rule.synapses(n_pre, n_post, part.source == part.target)
     found = Connections(
         "undrawn",
@@ -76,20 +89,6 @@ def undrawn(part: Projection, n_pre: int, n_post: int, clock: Clock) -> tuple[Un
     extremes = np.array(bounds(weight)) if isinstance(weight, Distribution) else np.array([weight])
     described = Undrawn(part.rule, weight, delay)
     return described, Synapses(found, late, extremes, part.synapse, False, found.layout)
-
-
-def _check_sizes(rule: NamedRule, n_pre: int, n_post: int, same: bool) -> None:
-    """Refuse a rule that does not fit the sizes of its populations, as where synapses are drawn here."""
-    own = int(same and not getattr(rule, "autapses", True))
-    match rule:
-        case one_to_one():
-            connect(rule, (n_pre,), (n_post,), None, None, (0, "", ""), lambda: _no_distance())
-        case fixed_indegree():
-            check_degree(rule.n, n_pre - own, rule.multapses, "sources")
-        case fixed_outdegree():
-            check_degree(rule.n, n_post - own, rule.multapses, "targets")
-        case fixed_total_number():
-            check_number(rule.n, n_pre * n_post - own * n_pre, rule.multapses)
 
 
 def _no_distance() -> NoReturn:
@@ -124,3 +123,53 @@ def _described(part: Projection, word: str) -> float | Distribution:
 
 def _refuse(part: Projection, found: str, expected: str) -> None:
     refuse(part, f"draw = {BACKEND}: found {found}: expected {expected}", _WAY_OUT, "draw")
+
+
+def wired(
+    part: Projection, rule: from_file, ends: tuple[Population, Population], views: tuple[End, End]
+) -> Connections:
+    """The synapses that a file lists.
+
+    Args:
+        part: the projection.
+        rule: its rule.
+        ends: the populations.
+        views: which of their neurons.
+
+    Raises:
+        ModelError: the file, or the table of neurons, cannot be read or does not fit; it names the cell.
+    """
+    named = [_named(population, view.size) for population, view in zip(ends, views, strict=True)]
+    edges = read_edges(rule, *named)
+    if rule.shuffle is not None:
+        rng = generator(rule.shuffle_seed, f"shuffle {rule.shuffle}", part.name)
+        edges = shuffle_edges(edges, rule.shuffle, rng, part.source == part.target)
+    edges = _within(edges, *views)
+    factors = {"weight": edges.weight, "delay": edges.delay}
+    return listed(
+        edges.pre, edges.post, views[0].size, views[1].size, {k: v for k, v in factors.items() if v is not None}
+    )
+
+
+def _named(population: Population, n: int) -> Named:
+    if population.neurons is None:
+        return Counted(n, population.name)
+    return population.neurons.neurons
+
+
+def _within(edges: Edges, source: End, target: End) -> Edges:
+    """The edges between the neurons of two views."""
+    if source.ids is None and target.ids is None:
+        return edges
+    inside = _among(source)[edges.pre] & _among(target)[edges.post]
+
+    def some(values: Floats | None) -> Floats | None:
+        return None if values is None else values[inside]
+
+    return Edges(edges.pre[inside], edges.post[inside], some(edges.weight), some(edges.delay), edges.sign)
+
+
+def _among(end: End) -> NDArray[Any]:
+    among = np.zeros(end.size, dtype=bool)
+    among[slice(None) if end.ids is None else end.ids] = True
+    return among

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.compiler.connect import Apart, Connections
-from neuro.compiler.drawn import BLOCK, blocks
+from neuro.compiler.pairs import BLOCK, blocks
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, words_of
 from neuro.core.keyed_random import generator

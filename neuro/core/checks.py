@@ -8,19 +8,19 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, nearest
 from neuro.core.hints import axes, near, notation
-from neuro.core.measures import is_written, with_unit
 from neuro.core.paths import file_path
-from neuro.core.quantities import LARGEST, Quantity
+from neuro.core.quantities import KINDS, LARGEST, Kind, Quantity, is_written, with_unit
 from neuro.core.values import FromFile, shown
 
 _HUGE = int(sys.float_info.max)
+_Check = TypeVar("_Check", bound=Callable[[Quantity, Any, str], Any])
 _BOOLEANS = {"true": "true", "yes": "true", "on": "true", "false": "false", "no": "false", "off": "false"}
 
 
@@ -39,7 +39,7 @@ def check(q: Quantity, value: Any, what: str, path: tuple[str, ...] = ()) -> Any
     if value is None and q.optional:
         return None
     try:
-        return _CHECKERS[q.kind](q, value, what)
+        return KINDS[q.kind].check(q, value, what)
     except ModelError as error:
         error.path = (*(path or (re.split(r"[^\w]", what)[-1],)), *error.path)
         raise
@@ -156,13 +156,21 @@ def _within(q: Quantity, x: float) -> bool:
         or (q.whole and not x.is_integer())
         or (q.nonzero and x == 0.0)
         or (math.isinf(x) and not q.infinite)
-        or (q.above is not None and not x > q.above)
-        or (q.at_least is not None and not x >= q.at_least)
-        or (q.below is not None and not x < q.below)
-        or (q.at_most is not None and not x <= q.at_most)
+        or not all(holds(x, bound) for _, bound, holds in q.bounds)
     )
 
 
+def _kind(name: str, noun: str, listed: bool = False) -> Callable[[_Check], _Check]:
+    """Decorate the function that checks values of a kind; see `Kind`."""
+
+    def define(check: _Check) -> _Check:
+        KINDS[name] = Kind(noun, check, listed)
+        return check
+
+    return define
+
+
+@_kind("number", "a number")
 def _number(q: Quantity, value: Any, what: str) -> Any:
     if is_written(value):
         if q.of_value:
@@ -187,12 +195,20 @@ def _number(q: Quantity, value: Any, what: str) -> Any:
     return array
 
 
+@_kind("delay", "a time > 0 ms")
 def _delay(q: Quantity, value: Any, what: str) -> float:
     if is_written(value):
         value = with_unit(q, value, what)
     if not is_number(value) or not math.isfinite(value) or value <= 0:
         raise wrong(q, value, what)
     return float(value)
+
+
+@_kind("array", "a number", listed=True)
+def _undrawn(q: Quantity, value: Any, what: str) -> Any:
+    if is_number(value) or getattr(value, "kind", "") == "distribution":
+        raise ModelError(f"{what} = {shown(value)}: expected a list or a file")
+    return _number(q, value, what)
 
 
 def numbers(values: Any, what: str) -> NDArray[np.float64]:
@@ -295,14 +311,8 @@ def _each(q: Quantity, array: NDArray[np.float64], what: str) -> None:
         good &= array == np.floor(array)
     if q.nonzero:
         good &= array != 0.0
-    for bound, compare in (
-        (q.above, np.greater),
-        (q.at_least, np.greater_equal),
-        (q.below, np.less),
-        (q.at_most, np.less_equal),
-    ):
-        if bound is not None:
-            good &= compare(array, bound)
+    for _, bound, holds in q.bounds:
+        good &= holds(array, bound)
     if not good.all():
         index = tuple(int(i) for i in np.argwhere(~good)[0])
         raise wrong(q, float(array[index]), what, *index)
@@ -312,6 +322,7 @@ def _is_whole(value: Any, most: float = LARGEST) -> bool:
     return is_number(value) and -most <= value <= most and float(value).is_integer()
 
 
+@_kind("integer", "a whole number")
 def _integer(q: Quantity, value: Any, what: str) -> int | str:
     if isinstance(value, str) and value in q.words:
         return value
@@ -321,6 +332,7 @@ def _integer(q: Quantity, value: Any, what: str) -> int | str:
     return int(value)
 
 
+@_kind("microseconds", "a whole number of us")
 def _microseconds(q: Quantity, value: Any, what: str) -> int:
     """A float such as 1e6 is one, too."""
     least = -(1 << 63) if q.at_least is None else q.at_least
@@ -329,12 +341,15 @@ def _microseconds(q: Quantity, value: Any, what: str) -> int:
     return int(value)
 
 
+@_kind("boolean", "true or false")
 def _boolean(q: Quantity, value: Any, what: str) -> bool:
     if not isinstance(value, (bool, np.bool_)):
         raise wrong(q, value, what)
     return bool(value)
 
 
+@_kind("name", "a name")
+@_kind("receptor", "a name")
 def _name(q: Quantity, value: Any, what: str) -> str:
     text = getattr(value, "name", value)
     if not isinstance(text, str):
@@ -342,6 +357,7 @@ def _name(q: Quantity, value: Any, what: str) -> str:
     return text
 
 
+@_kind("names", "names")
 def _names(q: Quantity, value: Any, what: str) -> tuple[str, ...]:
     items = [value] if isinstance(value, str) else value
     if not isinstance(items, (list, tuple)):
@@ -352,6 +368,7 @@ def _names(q: Quantity, value: Any, what: str) -> tuple[str, ...]:
     return tuple(items)
 
 
+@_kind("words", "{name: value}")
 def _words(q: Quantity, value: Any, what: str) -> dict[str, Any]:
     """Numbers and texts, or lists of these, by name; a name may be written as a number."""
     if not isinstance(value, Mapping) or not value:
@@ -363,12 +380,14 @@ def _words(q: Quantity, value: Any, what: str) -> dict[str, Any]:
     return {str(name): list(given) if isinstance(given, tuple) else given for name, given in value.items()}
 
 
+@_kind("word", "a word")
 def _word(q: Quantity, value: Any, what: str) -> str:
     if not isinstance(value, str) or value not in q.words:
         raise wrong(q, value, what)
     return value
 
 
+@_kind("shape", "whole numbers")
 def _shape(q: Quantity, value: Any, what: str) -> tuple[int | str, ...]:
     items = [value] if is_number(value) or (isinstance(value, str) and value in q.words) else value
     if not isinstance(items, (list, tuple, np.ndarray)) or len(items) == 0:
@@ -389,6 +408,7 @@ def _check_count(sizes: tuple[int | str, ...], what: str) -> None:
         raise ModelError(f"{what} = {found}: expected at most {LARGEST} elements")
 
 
+@_kind("ids", "whole numbers", listed=True)
 def _ids(q: Quantity, value: Any, what: str) -> NDArray[np.int64]:
     array = value.values if isinstance(value, FromFile) else _array(q, value, what)
     if array.ndim != 1:
@@ -401,6 +421,7 @@ def _ids(q: Quantity, value: Any, what: str) -> NDArray[np.int64]:
     return ids
 
 
+@_kind("times", "a list of spike times in ms for each neuron", listed=True)
 def _times(q: Quantity, value: Any, what: str) -> tuple[NDArray[np.float64], ...]:
     """One list for each neuron; rows of a file end in NaN where they are shorter than the longest."""
     if isinstance(value, FromFile):
@@ -431,6 +452,7 @@ def _train(q: Quantity, row: Any, what: str, index: list[int]) -> NDArray[np.flo
     return times
 
 
+@_kind("moments", "times > 0 ms, each later than the one before", listed=True)
 def _moments(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     times = value.values if isinstance(value, FromFile) else _listed(q, value, what)
     if times.ndim != 1:
@@ -441,6 +463,7 @@ def _moments(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     return times
 
 
+@_kind("series", "a list of numbers", listed=True)
 def _series(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     array = value.values if isinstance(value, FromFile) else _listed(q, value, what)
     if array.ndim not in (1, 2):
@@ -449,6 +472,12 @@ def _series(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     return array
 
 
+@_kind("train", "a row for each spike: a time > 0 ms, not before the last one, and a neuron", listed=True)
+@_kind(
+    "graded_train",
+    "a row for each spike: a time > 0 ms, not before the last one, a neuron and a whole payload of 32 bits",
+    listed=True,
+)
 def _spikes(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     rows = value.values if isinstance(value, FromFile) else _listed(q, value, what)
     columns = 2 if q.kind == "train" else 3
@@ -481,23 +510,27 @@ def _listed(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     return _array(q, value, what)
 
 
+@_kind("codes", "a code, or a list of codes")
 def _codes(q: Quantity, value: Any, what: str) -> tuple[Any, ...]:
     if not isinstance(value, tuple) or not all(getattr(item, "kind", "") == "code" for item in value):
         raise wrong(q, value, what)
     return value
 
 
+@_kind("file", "the name of a file")
 def _file(q: Quantity, value: Any, what: str) -> Path:
     if isinstance(value, str) and not value:
         raise wrong(q, value, what)
     return file_path(value, what)
 
 
+@_kind("events", "events")
 def _events(q: Quantity, value: Any, what: str) -> Any:
     """As it is: the function that takes events says which."""
     return value
 
 
+@_kind("choice", "")
 def _choice(q: Quantity, value: Any, what: str) -> Any:
     assert q.choice is not None
     if q.at_least is not None and is_number(value):
@@ -507,6 +540,7 @@ def _choice(q: Quantity, value: Any, what: str) -> Any:
     return value.in_unit(q, what) if q.at_least is not None else value
 
 
+@_kind("part", "")
 def _part(q: Quantity, value: Any, what: str) -> Any:
     assert q.part is not None
     if isinstance(value, q.part):
@@ -514,32 +548,6 @@ def _part(q: Quantity, value: Any, what: str) -> Any:
     if not isinstance(value, Mapping):
         raise wrong(q, value, what)
     return q.part.from_words(value)
-
-
-_CHECKERS: dict[str, Callable[[Quantity, Any, str], Any]] = {
-    "number": _number,
-    "integer": _integer,
-    "microseconds": _microseconds,
-    "boolean": _boolean,
-    "name": _name,
-    "receptor": _name,
-    "names": _names,
-    "words": _words,
-    "word": _word,
-    "shape": _shape,
-    "times": _times,
-    "ids": _ids,
-    "moments": _moments,
-    "series": _series,
-    "train": _spikes,
-    "graded_train": _spikes,
-    "delay": _delay,
-    "codes": _codes,
-    "file": _file,
-    "events": _events,
-    "part": _part,
-    "choice": _choice,
-}
 
 
 def check_returned(values: Any, shape: tuple[int, ...], label: str) -> NDArray[Any]:

@@ -8,8 +8,7 @@ from typing import Any, ClassVar, Self
 
 from neuro.core.checks import check
 from neuro.core.errors import ModelError, here, nearest, unknown
-from neuro.core.measures import with_unit
-from neuro.core.quantities import Quantity, word_of
+from neuro.core.quantities import Quantity, with_unit, word_of
 from neuro.core.values import same, shown
 
 

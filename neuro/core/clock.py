@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, words_of
-from neuro.core.measures import in_ms
+from neuro.core.quantities import in_ms
 from neuro.core.values import shown
 
 NEVER = 2**62

@@ -6,7 +6,11 @@ import sys
 import time
 from typing import Any
 
+from neuro.core.clock import Clock
+from neuro.core.launch import shared
+
 EVERY_S = 10.0
+STRETCH_S = 0.2
 
 
 def _is_terminal() -> bool:
@@ -79,3 +83,39 @@ class Bar:
         if not self._moves and sys.stderr is not None and now - self._told >= EVERY_S:
             self._told = now
             self.keep(text)
+
+
+def advance(sim: Any, steps: int, bar: Bar) -> float:
+    """Run in stretches of about a fifth of a second, between which the bar moves and Ctrl-C is heard.
+
+    Running in parts gives the same bits. Processes that share a network must keep step, so they run at once.
+
+    Args:
+        sim: a simulation, that of `neuro.compile` or one that runs like it.
+        steps: how many.
+        bar: shows how far it is.
+
+    Returns:
+        how long the first step took in s where others follow: in it kernels are compiled, once on a machine, which
+        reports nothing of the others; else 0.
+    """
+    clock = Clock(sim.program.resolution)
+    sim.check_room(steps)
+    if shared():
+        sim.run(clock.ms(steps))
+        return 0.0
+    done, stretch, first_s = 0, 1, 0.0
+    while done < steps:
+        stretch = min(stretch, steps - done)
+        began = time.perf_counter()
+        sim.run(clock.ms(stretch))
+        taken = time.perf_counter() - began
+        done += stretch
+        if done == 1 < steps:
+            first_s = taken
+            bar.begin(done)
+        else:
+            rate = clock.ms(stretch) / taken
+            bar.show(done, steps, f"{clock.ms(done):,.0f} of {clock.ms(steps):,.0f} ms, {rate:,.0f} ms/s")
+        stretch = max(1, int(stretch * min(10.0, STRETCH_S / taken)))
+    return first_s

@@ -3,13 +3,40 @@
 from __future__ import annotations
 
 import keyword
-from dataclasses import MISSING, dataclass, field
-from typing import Any, TypeAlias
+import math
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, field, replace
+from operator import ge, gt, le, lt
+from typing import Any, NamedTuple, TypeAlias
+
+from neuro.core.errors import ModelError, words_of
 
 LARGEST = 2**31 - 1
 """The largest whole number, unless a quantity has a bound of its own, and the negative of the smallest."""
 
 Value: TypeAlias = Any  # float | per-element array | Choice (a distribution) | FromFile; narrowed by check()
+
+
+_BOUNDS = (("above", ">", gt), ("at_least", ">=", ge), ("below", "<", lt), ("at_most", "<=", le))
+
+
+class Kind(NamedTuple):
+    """A kind of quantities.
+
+    Attributes:
+        noun: a value of it, in messages.
+        check: returns a value in its canonical form; its arguments are the quantity, the value, and the name of the
+            value in messages.
+        listed: whether a value is a list, which a file may hold.
+    """
+
+    noun: str
+    check: Callable[[Quantity, Any, str], Any]
+    listed: bool
+
+
+KINDS: dict[str, Kind] = {}
+"""The kinds by name; `neuro.core.checks` defines them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,10 +50,11 @@ class Quantity:
             network), "receptor" (of neurons), "word" (one of `words`), "shape" (a list of integers), "times" (spike
             times, a list per neuron), "moments" (times at which something changes), "series" (values at moments, in a
             list or a row per neuron), "train" (spikes, a row of time and neuron for each), "graded_train" (with a
-            third column, the payload), "ids", "delay" (a time that
-            is no number of the rule), "names" (a list of names), "words" (values by name), "part" (a `part`),
-            "codes" (of `neuro.coding`), "choice" (a `choice`; with bounds also a number), "file" (a path; in YAML
-            inside the folder of the description) or "events" (what holds events, in Python alone).
+            third column, the payload), "ids", "delay" (a time that is no number of the rule), "names" (a list of
+            names), "words" (values by name), "part" (a `part`), "array" (numbers in a list or a file, not drawn),
+            "states" (numbers by state), "neurons" (a population or some of its neurons), "codes" (of `neuro.coding`),
+            "choice" (a `choice`; with bounds also a number), "file" (a path; in YAML inside the folder of the
+            description) or "events" (what holds events, in Python alone).
         above, at_least, below, at_most: bounds of every element.
         nonzero: whether 0 has no meaning.
         infinite: whether an infinite value has a meaning.
@@ -40,6 +68,7 @@ class Quantity:
             has it stands for, of the weight of a synapse. Until that is known a number with its unit is a text.
         taken_in: the unit in which numbers with a unit are taken, where `unit` does not tell it.
         of_distance: whether a function of the distance between two neurons is accepted.
+        bounds: of each bound the sign, the number, and the comparison that holds within.
     """
 
     unit: str = ""
@@ -60,6 +89,11 @@ class Quantity:
     of_distance: bool = False
     of_value: bool = False
     taken_in: str = ""
+    bounds: tuple[tuple[str, float, Callable[[Any, float], Any]], ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        said = ((sign, getattr(self, word), holds) for word, sign, holds in _BOUNDS)
+        object.__setattr__(self, "bounds", tuple(one for one in said if one[1] is not None))
 
     def expected(self) -> str:
         """The sentence part that says what is accepted, e.g. "a number > 0 ms"."""
@@ -67,40 +101,15 @@ class Quantity:
             return "one of " + ", ".join(self.words)
         if self.kind == "microseconds":
             return f"a whole number of us from {'-2^63' if self.at_least is None else self.at_least} to 2^63 - 1"
-        noun = {
-            "number": "a whole number" if self.whole else "a number",
-            "integer": "a whole number",
-            "boolean": "true or false",
-            "name": "a name",
-            "receptor": "a name",
-            "shape": "whole numbers",
-            "times": "a list of spike times in ms for each neuron",
-            "ids": "whole numbers",
-            "moments": "times > 0 ms, each later than the one before",
-            "series": "a list of numbers",
-            "train": "a row for each spike: a time > 0 ms, not before the last one, and a neuron",
-            "graded_train": (
-                "a row for each spike: a time > 0 ms, not before the last one, a neuron and a whole payload of 32 bits"
-            ),
-            "delay": "a time > 0 ms",
-            "names": "names",
-            "words": "{name: value}",
-            "codes": "a code, or a list of codes",
-            "file": "the name of a file",
-            "events": "events",
-            "choice": ("a number" if self.at_least is not None else f"a {self.choice.kind}") if self.choice else "",
-            "part": f"the words of {self.part.__name__}" if self.part else "",
-        }[self.kind]
-        bounds = [
-            f"{sign} {bound if isinstance(bound, int) else f'{bound:g}'}"
-            for sign, bound in (
-                (">", self.above),
-                (">=", 0 if self.kind == "ids" else self.at_least),
-                ("<", self.below),
-                ("<=", self.at_most),
-            )
-            if bound is not None
-        ]
+        noun = KINDS[self.kind].noun
+        if self.kind == "number" and self.whole:
+            noun = "a whole number"
+        elif self.part:
+            noun = f"the words of {self.part.__name__}"
+        elif self.choice:
+            noun = "a number" if self.at_least is not None else f"a {self.choice.kind}"
+        limits = replace(self, at_least=0).bounds if self.kind == "ids" else self.bounds
+        bounds = [f"{sign} {bound if isinstance(bound, int) else f'{bound:g}'}" for sign, bound, _ in limits]
         if self.nonzero:
             bounds.append("other than 0")
         text = " ".join([noun, " and ".join(bounds)]) if bounds else noun
@@ -126,3 +135,41 @@ def word_of(name: str) -> str:
 def field_of(word: str) -> str:
     """The Python field name for a word of the language: keywords get a trailing underscore (`lambda` is `lambda_`)."""
     return f"{word}_" if keyword.iskeyword(word) else word
+
+
+def with_unit(q: Quantity, value: str, what: str) -> float:
+    """A number that is written with its unit, in the unit of the quantity.
+
+    Raises:
+        ModelError: it has another dimension, or there is no such unit.
+    """
+    from neuro.core.units import converted
+
+    try:
+        number = converted(value, "ms" if q.kind in ("delay", "times") else q.unit or q.taken_in)
+    except ModelError as error:
+        raise error.but(message=f"{what} = {value.strip()}: {error.message}") from None
+    if math.isinf(number):
+        raise ModelError(f"{what} = {value.strip()}: expected a number below 1.8e308")
+    return number
+
+
+def in_ms(value: Any, what: str) -> Any:
+    """A time that is said with its unit, as a number of ms; all else as it is.
+
+    Raises:
+        ModelError: it has another dimension, or there is no such unit.
+    """
+    try:
+        return with_unit(Quantity("ms"), value, what) if is_written(value) else value
+    except ModelError as error:
+        raise error.but(path=words_of(what)) from None
+
+
+def is_written(value: Any) -> bool:
+    """Whether a value is a text that says a number and a unit."""
+    if not isinstance(value, str):
+        return False
+    from neuro.core.units import is_measure
+
+    return is_measure(value)

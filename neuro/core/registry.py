@@ -6,10 +6,12 @@ line or in a report, looks here, so a third-party part is like one of ours.
 
 from __future__ import annotations
 
+import sys
 import warnings
-from collections.abc import Callable, ItemsView, Iterable, Iterator, Mapping, ValuesView
+from collections.abc import Callable, Collection, ItemsView, Iterable, Iterator, Mapping, ValuesView
 from functools import cache
 from importlib import import_module
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 from neuro.core.errors import ModelError, here
@@ -32,7 +34,6 @@ _ROOMS = (
     "neuro.events",
     "neuro.events.formats",
     "neuro.coding",
-    "neuro.sweeps.metrics",
     "neuro.sweeps.function",
 )
 """Where registries are made. A class or an instance has brought its own along; a plain function has not."""
@@ -102,7 +103,18 @@ class Registry(Mapping[str, T], Generic[T]):
             if name in self._registered:
                 self._parts[name] = self._completed(self._registered[name])
             elif name in self._entries():
-                self._parts[name] = self._loaded(name)
+                entry = installed(self._group)[name]
+                message = f"{self.kind} '{name}' cannot be loaded from {entry.value}"
+                try:
+                    part = entry.load()
+                except Exception as error:
+                    hint = "install again the package that brings it"
+                    raise ModelError(f"{message}: {type(error).__name__}: {error}", hint=hint) from error
+                if self.takes is not None and not self.takes(part):
+                    raise ModelError(f"{message}: found {part!r:.60}: expected a {self.kind}")
+                if self._name(part) != name:
+                    raise ModelError(f"{message}: it is called '{self._name(part)}': expected the same name")
+                self._parts[name] = self._completed(part)
         return self._parts[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -119,11 +131,11 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def values(self) -> ValuesView[T]:
         """All parts; of installed packages those that can be loaded."""
-        return _Values(self)
+        return dict(self._whole_ones()).values()
 
     def items(self) -> ItemsView[str, T]:
         """All parts with their names; of installed packages those that can be loaded."""
-        return _Items(self)
+        return dict(self._whole_ones()).items()
 
     def _whole_ones(self) -> Iterator[tuple[str, T]]:
         for name in self:
@@ -148,21 +160,6 @@ class Registry(Mapping[str, T], Generic[T]):
     def _entries(self) -> set[str]:
         return installed(self._group).names if self._group else set()
 
-    def _loaded(self, name: str) -> T:
-        """A part of an installed package."""
-        entry = installed(self._group)[name]
-        message = f"{self.kind} '{name}' cannot be loaded from {entry.value}"
-        try:
-            part = entry.load()
-        except Exception as error:
-            hint = "install again the package that brings it"
-            raise ModelError(f"{message}: {type(error).__name__}: {error}", hint=hint) from error
-        if self.takes is not None and not self.takes(part):
-            raise ModelError(f"{message}: found {part!r:.60}: expected a {self.kind}")
-        if self._name(part) != name:
-            raise ModelError(f"{message}: it is called '{self._name(part)}': expected the same name")
-        return self._completed(part)
-
     def _completed(self, part: T) -> T:
         try:
             complete: T = self._complete(part)
@@ -170,24 +167,6 @@ class Registry(Mapping[str, T], Generic[T]):
             raise ModelError(str(error)) from None
         self._whole[id(part)] = part
         return complete
-
-
-class _Values(ValuesView[T]):
-    """The parts, each loaded when it is asked for."""
-
-    _mapping: Registry[T]
-
-    def __iter__(self) -> Iterator[T]:
-        return (part for _, part in self._mapping._whole_ones())
-
-
-class _Items(ItemsView[str, T]):
-    """Likewise with their names."""
-
-    _mapping: Registry[T]
-
-    def __iter__(self) -> Iterator[tuple[str, T]]:
-        return self._mapping._whole_ones()
 
 
 def _called(part: Any) -> str:
@@ -259,3 +238,86 @@ def _is_of(registry: Registry[Any], thing: object, kind: str) -> bool:
 def registered() -> int:
     """How many parts have been registered so far."""
     return sum(len(registry._registered) for registry in _REGISTRIES)
+
+
+class OfModule:
+    """The class attribute `arithmetic`: what has a model's functions, the nearest class or module that has one of some.
+
+    The functions of a class are in its body, without `self`, since they are called as `model.arithmetic.step(...)`: so
+    a subclass without functions, or with some of its own, has those of its base. Or they are in its module.
+
+    Args:
+        functions: names by which a class or a module is known.
+    """
+
+    def __init__(self, functions: Collection[str]) -> None:
+        self._functions = functions
+
+    def __get__(self, model: object, kind: type[Any]) -> Any:
+        for each in kind.__mro__:
+            if any(isinstance(vars(each).get(name), FunctionType) for name in self._functions):
+                return kind
+            module = sys.modules.get(each.__module__)
+            if module is not None and any(hasattr(module, name) for name in self._functions):
+                return module
+        return sys.modules[kind.__module__]
+
+
+def check_functions(label: str, model: type[Any], functions: Mapping[str, int]) -> None:
+    """Refuse a model whose arithmetic lacks a function, or has one with other arguments.
+
+    Args:
+        label: what messages call the model.
+        model: the class.
+        functions: how many arguments each takes.
+
+    Raises:
+        TypeError: it says which.
+    """
+    arithmetic = model.arithmetic
+    for name, count in functions.items():
+        code = getattr(getattr(arithmetic, name, None), "__code__", None)
+        if code is None:
+            raise TypeError(f"{label}: '{arithmetic.__name__}' has no function '{name}'")
+        if code.co_argcount != count:
+            raise TypeError(f"{label}: '{name}' takes {code.co_argcount} arguments: expected {count}")
+
+
+def fill(label: str, model: type[Any], p: Any, c: Any) -> None:
+    """Compute the constants of a model for a step of 0.1 ms.
+
+    Raises:
+        TypeError: it has more of them than `c` holds.
+    """
+    try:
+        model.arithmetic.constants(p, 0.1, c)
+    except (IndexError, ValueError) as error:
+        raise TypeError(
+            f"{label}: 'constants' fails for its defaults ({error}): "
+            f"expected at most {len(c)} constants, its width, from {len(p)} parameters"
+        ) from None
+
+
+def has_method(base: type[Any], name: str, does: str) -> Callable[[type[T]], type[T]]:
+    """A function that returns a third-party class if it has a method of its own in place of that of a base.
+
+    Args:
+        base: of the kind of parts; its method has the right arguments.
+        name: of the method.
+        does: what the method does, for the message.
+    """
+    own = getattr(base, name)
+    expected = own.__code__.co_varnames[: own.__code__.co_argcount]
+
+    def complete(part: type[T]) -> type[T]:
+        """Raise `TypeError` where the method is missing, or has other arguments."""
+        method, message = getattr(part, name), f"{base.kind} '{part.__name__}'"
+        if method is own:
+            raise TypeError(f"{message} has no method '{name}', which {does}")
+        taken = method.__code__.co_argcount
+        if taken != len(expected):
+            text = f"'{name}' takes {taken} arguments: expected {len(expected)}, ({', '.join(expected)})"
+            raise TypeError(f"{message}: {text}")
+        return part
+
+    return complete

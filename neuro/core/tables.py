@@ -31,13 +31,25 @@ def as_text(heading: str, tables: Iterable[Table]) -> str:
 
 def _lines(table: Table) -> Iterator[str]:
     names = [name.lstrip(">") for name in table.head]
-    widths = [max(map(len, column)) for column in zip(names, *table.rows, strict=True)]
-    right = [name.startswith(">") for name in table.head]
+    rules = ["-" * max(map(len, column)) for column in zip(names, *table.rows, strict=True)]
     if table.title:
         yield table.title
-    for row in (names, ["-" * width for width in widths], *table.rows):
-        cells = (cell.rjust(w) if r else cell.ljust(w) for cell, w, r in zip(row, widths, right, strict=True))
-        yield ("  " + "  ".join(cells)).rstrip()
+    sides = "".join(name[:1] if name.startswith(">") else "<" for name in table.head)
+    yield from (f"  {line}".rstrip() for line in aligned([names, rules, *table.rows], sides))
+
+
+def aligned(rows: Sequence[Sequence[str]], sides: str = "") -> list[str]:
+    """Return lines of text with columns of equal width.
+
+    Args:
+        rows: the cells.
+        sides: of each column ">" if it is set to the right; columns beyond its end are set to the left.
+    """
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    columns = list(zip(widths, sides.ljust(len(widths), "<"), strict=False))
+    return [
+        "  ".join(f"{cell:{side}{w}}" for cell, (w, side) in zip(row, columns, strict=True)).rstrip() for row in rows
+    ]
 
 
 def as_html(heading: str, tables: Iterable[Table]) -> str:

@@ -183,20 +183,15 @@ def converted(value: str, to: str) -> float:
     try:
         wanted_tens, wanted = _tens_of(to)
     except ModelError:
-        return _as_said(value, to)
+        found = _WRITTEN.fullmatch(value)  # a unit that has no other beside it, as a degree
+        if found is None or found[2].strip() != to:
+            raise ModelError(f"expected a number in {to}") from None
+        return float(found[1])
     number, tens, dimension = _read(value)
     if dimension != wanted:
         kind = _KINDS.get(wanted, "a value")
         raise ModelError(f"expected {kind} in {to}" if to else "expected a number without unit", kind="unit")
     return scaled(number, tens - wanted_tens)
-
-
-def _as_said(value: str, to: str) -> float:
-    """A number in a unit that has no other beside it, as a degree."""
-    found = _WRITTEN.fullmatch(value)
-    if found is None or found[2].strip() != to:
-        raise ModelError(f"expected a number in {to}")
-    return float(found[1])
 
 
 def scaled(number: str, tens: int) -> float:

@@ -9,12 +9,11 @@ from functools import cache
 
 import numpy as np
 
-from neuro.chips.arithmetics import ARITHMETICS, arithmetic_of
 from neuro.chips.description import Chip
-from neuro.chips.known import chip as chip_of
-from neuro.chips.placing.place import place
-from neuro.chips.pricing.price import price
-from neuro.chips.quantising.quantise import quantise
+from neuro.chips.known import ARITHMETICS, arithmetic_of, chip as chip_of
+from neuro.chips.placing import place
+from neuro.chips.pricing import price
+from neuro.chips.quantising import quantise
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
 from neuro.diagnosis.findings import Finding, fault, figure, finding, note, warning

@@ -28,12 +28,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.chips.arithmetic import is_whole
+from neuro.core.checks import is_number
 from neuro.core.errors import ModelError
 from neuro.core.hdf5 import check_tree
 from neuro.core.inputs import record_input
 from neuro.core.paths import existing
 from neuro.exchange.verdict import EXACT, REFUSED, Verdict, Verdicts
-from neuro.model.convolution import out_size, synapses_of
 from neuro.model.network import Network
 from neuro.model.neurons import (
     Neuron,
@@ -43,7 +43,7 @@ from neuro.model.neurons import (
     sigma_delta,
     spike_generator,
 )
-from neuro.model.rules import Rule, all_to_all, grid, pairs
+from neuro.model.rules import Rule, all_to_all, grid, out_size, pairs, synapses_of
 from neuro.model.synapses import Synapse, loihi2_convolution, loihi2_static
 from neuro.program.program import Floats
 
@@ -181,20 +181,16 @@ def _network(name: str, layers: list[Layer], reset: int, first: int) -> Network:
             graded = layer.before.neuron["type"] == "SDNN"
             source = graded_spike_train() if graded else spike_generator()
             net.population(_name(layer.before), layer.before.shape, source)
-        _add(net, layer, reset)
+        # A layer and what connects it to the one before.
+        net.population(_name(layer), layer.shape, _neurons(layer, reset))
+        if layer.before:
+            rule, synapse, weight = _synapses(layer, layer.before)
+            net.connect(_name(layer.before), _name(layer), rule, synapse, weight=weight, delay=1.0)
     return net
 
 
 def _name(layer: Layer) -> str:
     return "input" if layer.kind == "input" else f"{layer.kind}{layer.number}"
-
-
-def _add(net: Network, layer: Layer, reset: int) -> None:
-    """A layer and what connects it to the one before."""
-    net.population(_name(layer), layer.shape, _neurons(layer, reset))
-    if layer.before:
-        rule, synapse, weight = _synapses(layer, layer.before)
-        net.connect(_name(layer.before), _name(layer), rule, synapse, weight=weight, delay=1.0)
 
 
 def _neurons(layer: Layer, reset: int) -> Neuron:
@@ -263,7 +259,11 @@ def _refused(layer: Layer) -> Iterator[ModelError]:
     kind = layer.neuron.get("type", "")
     if kind not in ("LOIHI", "CUBA", "SDNN"):
         yield layer.wrong(f"netx has no neuron '{kind}': expected LOIHI, CUBA or SDNN")
-    elif missing := [word for word in _needed(kind) if word not in layer.neuron]:
+    elif missing := [
+        word
+        for word in (("vThMant",) if kind == "SDNN" else ("vThMant", "iDecay", "vDecay"))
+        if word not in layer.neuron
+    ]:
         yield layer.wrong(f"its neuron has no '{missing[0]}'")
     for word, kept in (("refDelay", (0, 1)), ("wgtExp", (0,))):
         if layer.neuron.get(word, kept[0]) not in kept:
@@ -276,10 +276,6 @@ def _refused(layer: Layer) -> Iterator[ModelError]:
         yield layer.wrong("expected the input as first layer, and only there")
     elif layer.before:
         yield from _of_weights(layer, layer.before)
-
-
-def _needed(kind: str) -> tuple[str, ...]:
-    return ("vThMant",) if kind == "SDNN" else ("vThMant", "iDecay", "vDecay")
 
 
 def _of_weights(layer: Layer, before: Layer) -> Iterator[ModelError]:
@@ -371,30 +367,23 @@ def _words(group: h5py.Group, where: str) -> dict[str, Any]:
 def _value(item: h5py.Dataset, word: str, where: str) -> Any:
     """A text, an array, a whole number or several."""
     most, least = WHOLE.get(word, (1, 0))
-    expected = "a word" if word in TEXTS else "numbers" if word in ARRAYS else _whole(most, least)
+    several = ("a whole number", "1 or 2 whole numbers", "1 to 3 whole numbers")[most - 1]
+    several += "" if least == -MOST else f" >= {least}"
+    expected = "a word" if word in TEXTS else "numbers" if word in ARRAYS else several
     if not isinstance(item, h5py.Dataset):
         raise ModelError(f"{where}: {word} has no value: expected {expected}")
     value: NDArray[Any] = np.asarray(item[()])
-    listed = [each.decode("ascii") if isinstance(each, bytes) else each for each in value.ravel()[:20].tolist()]
+    listed: list[Any] = [
+        each.decode("ascii") if isinstance(each, bytes) else each for each in value.ravel()[:20].tolist()
+    ]
     if word in PRESENT:
         return True
     if word in TEXTS and len(listed) == 1 and isinstance(listed[0], str):
         return listed[0]
     if word in ARRAYS and value.dtype.kind in "iuf":
         return value.astype(np.float64)
-    if word in WHOLE and 1 <= len(listed) <= most and all(_is_whole(each, least) for each in listed):
+    are_whole = all(is_number(each) and least <= each <= MOST and each == int(each) for each in listed)
+    if word in WHOLE and 1 <= len(listed) <= most and are_whole:
         return int(listed[0]) if most == 1 else tuple(map(int, listed))
     found = listed if value.shape else listed[0]
     raise ModelError(f"{where}: {word} = {found!r:.60}: expected {expected}")
-
-
-def _is_whole(number: Any, least: int) -> bool:
-    """Whether it is one, also as a float."""
-    is_number = isinstance(number, int | float) and not isinstance(number, bool)
-    return is_number and least <= number <= MOST and number == int(number)
-
-
-def _whole(most: int, least: int) -> str:
-    """What is expected of whole numbers."""
-    several = {1: "a whole number", 2: "1 or 2 whole numbers", 3: "1 to 3 whole numbers"}[most]
-    return several if least == -MOST else f"{several} >= {least}"

@@ -73,13 +73,20 @@ def save_sonata(sim: Simulation, path: str | PathLike[str]) -> Verdicts:
             return _hdf5(files.enter_context(output(beside(what), _HDF5)))
 
         add_text(file, [json.dumps(_config(sim, file.stem), indent=1)], _CONFIG)
-        rows = [_node_type(k, part) for k, part in enumerate(populations)]
+        rows = [f"{k} {_kind(part)} neuro:{part.said} {part.name}" for k, part in enumerate(populations)]
         add_text(beside("node_types.csv"), [_NODE_TYPES, *rows], marked(_TYPES, _NODE_TYPES))
         rows = [f"{k} {part.synapse.name} {part.name}" for k, part in enumerate(projections)]
         add_text(beside("edge_types.csv"), [_EDGE_TYPES, *rows], marked(_TYPES, _EDGE_TYPES))
         with add_hdf5("nodes.h5") as nodes:
             for number, part in enumerate(populations):
-                _write_nodes(nodes, part, number)
+                group = nodes.create_group(f"nodes/{part.name}")
+                ids = np.arange(part.size, dtype=np.uint64)
+                group["node_id"], group["node_group_index"] = ids, ids
+                group["node_type_id"] = np.full(part.size, number, dtype=np.int64)
+                group["node_group_id"] = np.zeros(part.size, dtype=np.int64)
+                own = group.create_group("0")
+                for word, values in {**part.parameters, **part.initial}.items():
+                    own[word] = np.broadcast_to(values, part.size)
         with add_hdf5("edges.h5") as edges:
             for number, synapses in enumerate(projections):
                 _write_edges(edges, sim, synapses, number)
@@ -141,17 +148,6 @@ def _hdf5(path: Path) -> Iterator[Any]:
         yield file
 
 
-def _write_nodes(file: Any, part: Population, number: int) -> None:
-    group = file.create_group(f"nodes/{part.name}")
-    ids = np.arange(part.size, dtype=np.uint64)
-    group["node_id"], group["node_group_index"] = ids, ids
-    group["node_type_id"] = np.full(part.size, number, dtype=np.int64)
-    group["node_group_id"] = np.zeros(part.size, dtype=np.int64)
-    own = group.create_group("0")
-    for word, values in {**part.parameters, **part.initial}.items():
-        own[word] = np.broadcast_to(values, part.size)
-
-
 def _write_edges(file: Any, sim: Simulation, part: Projection, number: int) -> None:
     pre, post, weight, delay = sim.weights(part.name, delays=True)
     source, target = sim.program.populations[part.source], sim.program.populations[part.target]
@@ -178,10 +174,6 @@ def _write_spikes(file: Any, sim: Simulation, name: str) -> None:
 
 def _kind(part: Population) -> str:
     return "point_neuron" if part.kind == "neuron" else "virtual"
-
-
-def _node_type(number: int, part: Population) -> str:
-    return f"{number} {_kind(part)} neuro:{part.said} {part.name}"
 
 
 def _config(sim: Simulation, stem: str) -> dict[str, Any]:

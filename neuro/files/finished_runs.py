@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from math import prod
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,45 +17,15 @@ from neuro.core.errors import ModelError, unknown
 from neuro.model.network import Network
 from neuro.model.neurons import event_camera, spike_generator
 from neuro.model.parts import Part, Population
-from neuro.model.views import Laid, View, named, view
+from neuro.model.views import View, named, view
 from neuro.program.backend import EngineCounts
 from neuro.program.program import Floats, Ints, Program
 from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
 
 if TYPE_CHECKING:
-    from neuro.chips.pricing.energy import Energy
+    from neuro.chips.energy import Energy
 
 READABLE = "spikes, traces and weights are read without"
-
-
-class FinishedRun(Protocol):
-    """What is asked of results."""
-
-    @property
-    def about(self) -> dict[str, Any]:
-        """Attributes of its file."""
-
-    @property
-    def populations(self) -> Mapping[str, Any]:
-        """Spikes by population."""
-
-    @property
-    def projections(self) -> Mapping[str, Any]:
-        """Weights by projection."""
-
-    @property
-    def traces(self) -> Mapping[str, Any]:
-        """States by the name of their trace."""
-
-    @property
-    def finished(self) -> bool:
-        """Whether the run came to its end."""
-
-    def laid(self, name: str) -> Laid:
-        """A population as something of which there may be views."""
-
-    def network(self, *, played: bool) -> Network:
-        """What ran."""
 
 
 class Sought:
@@ -95,7 +65,7 @@ class Sought:
             raise ModelError(f"the network plays the recording {name!r}: not found in {looked}", hint=hint)
 
 
-def resolved(results: FinishedRun, net: Network) -> Program:
+def resolved(results: Any, net: Network) -> Program:
     """What ran; what a camera emitted is listed in it, so that no recording is needed.
 
     Args:
@@ -113,7 +83,7 @@ def resolved(results: FinishedRun, net: Network) -> Program:
 _DRAWN = "without 'draw: backend' in its rule they are"
 
 
-def without_recordings(results: FinishedRun, net: Network) -> Network:
+def without_recordings(results: Any, net: Network) -> Network:
     """The same network with a list of spikes, of which none are there, for each event camera."""
     listed = copy.copy(net)
     listed.populations = {
@@ -126,7 +96,7 @@ def without_recordings(results: FinishedRun, net: Network) -> Network:
 
 
 def energy(
-    results: FinishedRun,
+    results: Any,
     net: Network,
     target: str | PathLike[str],
     *,
@@ -145,7 +115,7 @@ def energy(
     Raises:
         ModelError: the target has no costs, or the network does not fit on it.
     """
-    from neuro.chips.pricing.price import bill
+    from neuro.chips.pricing import bill
 
     program = resolved(results, net)
     trains = [results.populations[part.name] for part in program.populations]
@@ -161,7 +131,7 @@ def energy(
     return bill(program, counts, target, step_s=step_s, chips=chips)
 
 
-def weights(results: FinishedRun, name: Any, of: Any, pre: Any, post: Any, delays: bool) -> Any:
+def weights(results: Any, name: Any, of: Any, pre: Any, post: Any, delays: bool) -> Any:
     """What `Simulation.weights` gives, of the end of a run.
 
     Raises:
@@ -176,7 +146,7 @@ def weights(results: FinishedRun, name: Any, of: Any, pre: Any, post: Any, delay
     return rows if chosen is None else tuple(row[chosen] for row in rows)
 
 
-def one_each(results: FinishedRun, name: Any, what: Any, of: Any, pre: Any, post: Any) -> Any:
+def one_each(results: Any, name: Any, what: Any, of: Any, pre: Any, post: Any) -> Any:
     """What `Simulation.get` gives of the weights and delays of synapses.
 
     Raises:
@@ -191,7 +161,7 @@ def one_each(results: FinishedRun, name: Any, what: Any, of: Any, pre: Any, post
     return values if chosen is None else values[chosen]
 
 
-def _kept(results: FinishedRun, name: Any) -> Any:
+def _kept(results: Any, name: Any) -> Any:
     if name not in results.projections:
         raise unknown("projection", name, results.projections)
     part = results.projections[name]
@@ -204,7 +174,7 @@ def _kept(results: FinishedRun, name: Any) -> Any:
     return part
 
 
-def _chosen(results: FinishedRun, part: Any, name: str, of: Any, pre: Any, post: Any) -> Ints | None:
+def _chosen(results: Any, part: Any, name: str, of: Any, pre: Any, post: Any) -> Ints | None:
     """The places of the synapses that are asked for, None for all."""
     said = [word for word, given in (("of", of), ("pre", pre), ("post", post)) if given is not None]
     if not said:
@@ -223,7 +193,7 @@ def _chosen(results: FinishedRun, part: Any, name: str, of: Any, pre: Any, post:
     return np.flatnonzero(kept)
 
 
-def _neurons(results: FinishedRun, name: str, word: str, given: Any, population: str) -> Ints:
+def _neurons(results: Any, name: str, word: str, given: Any, population: str) -> Ints:
     """The neurons of a population that are named by it, by a view or by ids."""
     shape = results.populations[population].shape
     given = named(given, {each: results.laid(each) for each in results.populations})
@@ -241,7 +211,7 @@ def _neurons(results: FinishedRun, name: str, word: str, given: Any, population:
         raise error.at(None, word) from None
 
 
-def _delays(results: FinishedRun, part: Any, name: str) -> Floats:
+def _delays(results: Any, part: Any, name: str) -> Floats:
     """The delay of each synapse in ms; one that no rule changes follows from the network and the seed."""
     if part.delay_ms is not None:
         return np.asarray(part.delay_ms)

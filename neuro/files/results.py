@@ -25,7 +25,7 @@
 ```
 
 A probe of several states has a trace NAME.STATE for each. Spikes and weights that were not kept have no arrays, and
-what is written while it runs (`neuro.run.recording`) has weights when it is finished. The bill of a run follows from
+what is written while it runs (`neuro.run.collect`) has weights when it is finished. The bill of a run follows from
 the counts of each neuron, so a report prices what the simulation would.
 """
 
@@ -65,7 +65,7 @@ from neuro.program.spikes import one_by_one
 if TYPE_CHECKING:
     import neo
 
-    from neuro.files.exports import DataFrames
+    from neuro.files.recorded import DataFrames
 
 FORMAT = "neuro results 3"
 SECTIONS = ("populations", "projections", "traces")
@@ -136,14 +136,14 @@ class Results:
         ]
 
     def to_neo(self) -> neo.Block:
-        """Spikes and traces as a block of Neo, see `neuro.files.exports.to_neo`; needs the extra `neo`."""
-        from neuro.files.exports import to_neo
+        """Spikes and traces as a block of Neo, see `neuro.files.recorded.to_neo`; needs the extra `neo`."""
+        from neuro.files.recorded import to_neo
 
         return to_neo(self)
 
     def to_pandas(self) -> DataFrames:
         """Spikes, rates, traces and weights as data frames; needs the extra `pandas`."""
-        from neuro.files.exports import to_pandas
+        from neuro.files.recorded import to_pandas
 
         return to_pandas(self)
 
@@ -227,20 +227,17 @@ class Results:
             return self.traces[name].times_ms, self.traces[name].read()
         several = [trace for trace in self.traces.values() if trace.probe == name]
         if not several:
-            return self._spikes_of_probe(name)
+            # What a probe of spikes has recorded: their times, and the neuron of each.
+            probes = self.network(played=False).probes
+            if name not in probes:
+                raise unknown("probe", name, [*dict.fromkeys([*self.traces, *probes])])
+            probe = probes[name]
+            return self.spikes(probe.of if probe.view is None else probe.view)
         by_name: dict[str, Any] = {}
         for trace in several:
             found = trace.read()
             by_name |= found if isinstance(found, dict) else {trace.state: found}
         return several[0].times_ms, by_name
-
-    def _spikes_of_probe(self, name: Any) -> tuple[Floats, Ints]:
-        """What a probe of spikes has recorded: their times, and the neuron of each."""
-        probes = self.network(played=False).probes
-        if name not in probes:
-            raise unknown("probe", name, [*dict.fromkeys([*self.traces, *probes])])
-        probe = probes[name]
-        return self.spikes(probe.of if probe.view is None else probe.view)
 
     def weights(self, part: Any, /, *, of: Any = None, pre: Any = None, post: Any = None, delays: bool = False) -> Any:
         """The weights of a projection at the end, as `Simulation.weights` gives them.
@@ -274,7 +271,8 @@ class Results:
         name, _ = self._neurons(part)
         message = f"population '{name}': a file of results has no {what!r} of the end of the run"
         recorded = [word for word, trace in self.traces.items() if (trace.population, trace.state) == (name, what)]
-        hint = f"run.trace({recorded[0]!r}) is what was recorded" if recorded else _again(name, what)
+        again = f"net.probe('name', '{name}', {what!r}) records a state; neuro.compile(run.network()) has parameters"
+        hint = f"run.trace({recorded[0]!r}) is what was recorded" if recorded else again
         raise ModelError(message, hint=hint)
 
     def states(self, of: Any) -> list[str]:
@@ -308,7 +306,10 @@ class Results:
         from neuro.model.language import load
         from neuro.model.language.files import elsewhere
 
-        sought = Sought(self._folders(recordings))
+        beside = [] if self.path is None else [self.path.resolve().parent]
+        lay = [Path(str(path)).parent for word, path in self.about.items() if word.startswith(RECORDING)]
+        folders = [*lay, *beside, Path.cwd()] if recordings is None else [Path(recordings)]
+        sought = Sought(dict.fromkeys(folders))
         with tempfile.TemporaryDirectory() as folder, elsewhere(sought.find):
             for name, content in self.files.items():
                 (Path(folder) / name).write_bytes(content)
@@ -318,13 +319,6 @@ class Results:
         if played:
             sought.check()
         return net
-
-    def _folders(self, recordings: str | PathLike[str] | None) -> list[Path]:
-        if recordings is not None:
-            return [Path(recordings)]
-        beside = [] if self.path is None else [self.path.resolve().parent]
-        lay = [Path(str(path)).parent for word, path in self.about.items() if word.startswith(RECORDING)]
-        return list(dict.fromkeys([*lay, *beside, Path.cwd()]))
 
     def laid(self, name: str) -> Shaped:
         """A population as something of which there may be views."""
@@ -342,11 +336,6 @@ class Results:
 
 def _name(of: Any) -> Any:
     return of.name if isinstance(of, (Part, Shaped)) else of
-
-
-def _again(name: str, what: Any) -> str:
-    """How to come to what a file does not have."""
-    return f"net.probe('name', '{name}', {what!r}) records a state; neuro.compile(run.network()) has parameters"
 
 
 def write(results: Results, path: str | PathLike[str], weights: Iterable[tuple[str, Weights]] = ()) -> None:

@@ -21,15 +21,15 @@ from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
-from neuro.core.hdf5 import put, reading, take, writing
+from neuro.core.hdf5 import is_whole, put, reading, take, writing
 from neuro.model.synapses import Synapse
 from neuro.program.program import Program, Projection
 from neuro.program.share import WHOLE
 
 if TYPE_CHECKING:
-    import h5py
+    pass
 
-FORMAT = "neuro state 1"
+FORMAT, EARLIER = "neuro state 2", "neuro state 1"
 _NETWORK = "network_files/"
 Arrays = dict[str, NDArray[Any]]
 
@@ -85,41 +85,35 @@ def read_state(path: Path, identity: Identity) -> Arrays:
     Raises:
         ModelError: there is no such file, it holds no state or one of something else, or it is damaged.
     """
-    with reading(path, FORMAT, "sim.save writes it anew", "a state written by sim.save") as file:
-        _check_identity(path, file, identity)
-        arrays: Arrays = {}
-        file.visititems(lambda name, item: _collect(arrays, name, item))
-        return arrays
-
-
-def _collect(arrays: Arrays, name: str, item: Any) -> None:
     import h5py
 
-    if isinstance(item, h5py.Dataset) and not name.startswith(_NETWORK):
-        arrays[name] = item[()]
-
-
-def _check_identity(path: Path, file: h5py.File, expected: Identity) -> None:
-    for name, hint in (
-        ("backend", "compile the network for that backend"),
-        ("seed", "compile the network with that seed"),
-        ("network", ""),
-    ):
-        found = file.attrs.get(name)
-        if found != getattr(expected, name):
+    if path.is_file() and is_whole(path, EARLIER):
+        message = f"{path}: a state of neuro 0.2 or before: expected one that this version wrote"
+        raise ModelError(message, hint="restore it with that version: what sim.network() gives there can be saved")
+    arrays: Arrays = {}
+    with reading(path, FORMAT, "sim.save writes it anew", "a state written by sim.save") as file:
+        for name, hint in (
+            ("backend", "compile the network for that backend"),
+            ("seed", "compile the network with that seed"),
+            ("network", ""),
+        ):
+            value, expected = file.attrs.get(name), getattr(identity, name)
+            if value != expected:
+                value = value.item() if isinstance(value, np.generic) else value
+                raise ModelError(f"{path}: a state of {name} {value!r}: expected {name} {expected!r}", hint=hint)
+        if file.attrs.get("fingerprint") != identity.fingerprint:
             raise ModelError(
-                f"{path}: a state of {name} {_plain(found)!r}: expected {name} {getattr(expected, name)!r}", hint=hint
+                f"{path}: a state of another network '{identity.network}': its populations, connections or "
+                "parameters differ from this one's",
+                hint="restore into the network that was saved; sim.set changes parameters after restoring",
             )
-    if file.attrs.get("fingerprint") != expected.fingerprint:
-        raise ModelError(
-            f"{path}: a state of another network '{expected.network}': its populations, connections or "
-            "parameters differ from this one's",
-            hint="restore into the network that was saved; sim.set changes parameters after restoring",
-        )
 
+        def collect(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset) and not name.startswith(_NETWORK):
+                arrays[name] = item[()]
 
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
+        file.visititems(collect)
+    return arrays
 
 
 _SAID_ELSEWHERE = {
@@ -139,12 +133,8 @@ _SAID_ELSEWHERE = {
 
 def fingerprint(program: Program) -> str:
     """A hash of everything that decides what a program does; places in files do not count."""
-    return _hashed(program)
-
-
-def _hashed(value: Any) -> str:
     digest = hashlib.blake2b(digest_size=16)
-    _feed(digest, value)
+    _feed(digest, program)
     return digest.hexdigest()
 
 

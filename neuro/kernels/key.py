@@ -89,7 +89,11 @@ def _said(function: FunctionType, called: list[Any]) -> list[object]:
         for name, value in _followed("closure", cell.cell_contents, words):
             parts.append((name, _value(function, name, value, called)))
     for code in codes:
-        said = [_constant(c) for c in code.co_consts if not isinstance(c, CodeType) and c != function.__doc__]
+        said = [
+            sorted(map(repr, c)) if isinstance(c, frozenset) else c  # a set in the same order in every process
+            for c in code.co_consts
+            if not isinstance(c, CodeType) and c != function.__doc__
+        ]
         parts += [code.co_code, code.co_exceptiontable, code.co_flags, code.co_varnames, code.co_names, said]
     scope = function.__globals__
     for word in dict.fromkeys(word for word in words if word in scope):
@@ -104,11 +108,6 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
     for inside in code.co_consts:
         if isinstance(inside, CodeType):
             yield from _codes(inside)
-
-
-def _constant(value: object) -> object:
-    """A constant of a code; sets in an order that is the same in every process."""
-    return sorted(map(repr, value)) if isinstance(value, frozenset) else value
 
 
 def _followed(name: str, value: Any, words: list[str]) -> Iterator[tuple[str, Any]]:
@@ -163,12 +162,12 @@ def _value(function: FunctionType, name: str, value: Any, called: list[Any]) -> 
 def _intrinsic(definition: FunctionType) -> object:
     """Code that writes machine code: its module's whole source counts, and what it closes over of numbers and types."""
     closed = [cell.cell_contents for cell in definition.__closure__ or ()]
-    known = [_typed(v) if isinstance(v, types.Type) else repr(v) for v in closed if _counts(v)]
+    known = [
+        _typed(v) if isinstance(v, types.Type) else repr(v)
+        for v in closed
+        if isinstance(v, int | str | tuple | types.Type)
+    ]
     return definition.__qualname__, _source(definition.__code__.co_filename), definition.__code__.co_code, known
-
-
-def _counts(value: object) -> bool:
-    return isinstance(value, int | str | tuple | types.Type)
 
 
 @cache

@@ -18,9 +18,8 @@ import numpy as np
 
 from neuro.chips.description import Chip
 from neuro.chips.known import chip, chips
-from neuro.chips.placing.place import place
-from neuro.chips.placing.placement import Placement
-from neuro.chips.pricing.price import price
+from neuro.chips.placing import Placement, place
+from neuro.chips.pricing import price
 from neuro.compiler import compile_network
 from neuro.core.errors import ModelError
 from neuro.core.processes import Done, Lost, Processes, Raised, Work

@@ -23,7 +23,7 @@ from neuro.live.beside import Beside
 from neuro.live.facts import is_signal, present, settable_words, sliders
 from neuro.live.frames import Frames
 from neuro.program.program import Floats
-from neuro.run.lesions import driver, outgoing
+from neuro.run.inputs import driver, outgoing
 from neuro.run.simulation import Simulation
 
 LATE_S = 0.2

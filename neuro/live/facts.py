@@ -15,7 +15,7 @@ from neuro.live.beside import has_curve
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Population
 from neuro.run import settable
-from neuro.run.lesions import driver
+from neuro.run.inputs import driver
 from neuro.run.simulation import Simulation
 
 KINDS = ("number", "integer", "boolean")

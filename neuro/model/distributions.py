@@ -14,8 +14,7 @@ from neuro.core.checks import check_returned
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
-from neuro.core.registry import Registry
-from neuro.model.arithmetic import has_method
+from neuro.core.registry import Registry, has_method
 
 _BLOCK = 1 << 16
 """Values that are drawn at a time: they stay in the cache while they are compared with the bounds."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -14,21 +15,10 @@ from neuro.core.errors import ModelError, Where, here, naming_words, unknown
 from neuro.core.hints import near
 from neuro.core.quantities import Quantity
 from neuro.core.values import same, shown
-from neuro.model.distributions import Distribution
 from neuro.model.neurons import Model, poisson_generator
 from neuro.model.parts import (
-    AT,
     AUTO,
-    CHOSEN,
-    DELAY,
-    EVERY,
-    EXTENT,
-    MEAN,
-    PERIODIC,
-    POSITIONS,
-    RECORD,
     RESOLUTION,
-    SHAPE,
     WEIGHT,
     Competition,
     Description,
@@ -71,7 +61,8 @@ class Network(Description):
     def __init__(self, name: str = "network", *, resolution: float = 0.1) -> None:
         self.name = check_name(name, "network", here())
         self.place: Where | None = None
-        self.resolution: float = self._checked(RESOLUTION, resolution, "resolution", ("resolution",))
+        with self._in_place():
+            self.resolution: float = check(RESOLUTION, resolution, "resolution")
         self.populations, self.projections = {}, {}
         self.signals, self.groups, self.probes = {}, {}, {}
         self.trials_section, self.readout_section = None, None
@@ -115,32 +106,23 @@ class Network(Description):
         what = f"population '{name}'"
         if neurons is not None:
             self._expect(neurons, neuron_table, what, "a table such as neuro.neuron_table('neurons.csv', id='id')")
-        sizes = self._checked(SHAPE, shape, f"{what}: shape", ("shape",))
+        sizes = self._checked(Population, "shape", shape, what)
         if neurons is not None and sizes == (AUTO,):
-            try:
+            with self._in_place(what):
                 sizes = (neurons.neurons.size,)
-            except ModelError as error:
-                raise error.at(self._where(), what) from None
         self._expect(model, Model, what, "a model such as neuro.iaf_psc_exp()")
         self._expect({} if initial is None else initial, Mapping, what, "states by name such as {'V_m': -60.0}")
         states = {s.name: s.quantity() for s in model.states if not s.hidden} if initial else {}
         start = {}
         for state, value in (initial or {}).items():
             path = ("initial", str(state))
-            if state not in states:
-                raise unknown(f"state of {model.name}", state, states, path=path).at(self._where(), what)
-            start[state] = self._checked(states[state], value, f"{what}: initial.{state}", path)
-        part = Population(
-            name,
-            sizes,
-            model,
-            start,
-            self._where(),
-            positions=None if positions is None else self._array(POSITIONS, positions, what, "positions"),
-            extent=None if extent is None else self._array(EXTENT, extent, what, "extent"),
-            periodic=periodic is not False and self._checked(PERIODIC, periodic, f"{what}: periodic", ("periodic",)),
-            neurons=neurons,
-        )
+            with self._in_place(what):
+                if state not in states:
+                    raise unknown(f"state of {model.name}", state, states, path=path)
+                start[state] = check(states[state], value, f"{what}: initial.{state}", path)
+        places = {"positions": positions, "extent": extent, "periodic": periodic}
+        checked = {word: self._checked(Population, word, value, what) for word, value in places.items()}
+        part = Population(name, sizes, model, start, self._where(), **checked, neurons=neurons)
         return self._add(self.populations, part)
 
     @naming_words
@@ -173,7 +155,10 @@ class Network(Description):
         self._expect(rule, Rule, what, "a rule such as neuro.all_to_all()")
         chosen = static() if synapse is None else synapse
         self._expect(chosen, Synapse, what, "a synapse such as neuro.static()")
-        weights = self._weight(pre, post)
+        # A current has no unit of weight; else a number with a unit is taken in that of the target's model.
+        current = self.populations[pre].model.role == "current"
+        unit = "" if current else getattr(self.populations[post].model, "weight_unit", "")
+        weights = replace(WEIGHT, taken_in=unit)
         try:
             chosen = chosen.in_unit(weights, what)
         except ModelError as error:
@@ -184,8 +169,8 @@ class Network(Description):
             post,
             rule,
             chosen,
-            self._checked(weights, weight, f"{what}: weight", ("weight",)),
-            self._checked(DELAY, delay, f"{what}: delay", ("delay",)),
+            self._checked(Projection, "weight", weight, what, weights),
+            self._checked(Projection, "delay", delay, what),
             self._where(),
             source_view,
             target_view,
@@ -271,7 +256,7 @@ class Network(Description):
             post: likewise those onto these neurons.
         """
         what = f"probe '{check_name(name, 'probe', self._where())}'"
-        states = self._checked(RECORD, record, f"{what}: record", ("record",))
+        states = self._checked(Probe, "record", record, what)
         if not states or len(set(states)) < len(states):
             message = f"{what}: record = {shown(record)}: expected one or several names, each once"
             raise ModelError(message, where=self._where(), path=("record",))
@@ -280,12 +265,12 @@ class Network(Description):
             name,
             population,
             record if isinstance(record, str) else states,
-            self._checked(EVERY, every, f"{what}: every", ("every",)),
+            self._checked(Probe, "every", every, what),
             self._where(),
             view,
-            self._checked(AT, at, f"{what}: at", ("at",)),
-            self._checked(MEAN, mean, f"{what}: mean", ("mean",)),
-            None if synapses is None else self._checked(CHOSEN, synapses, f"{what}: synapses", ("synapses",)),
+            self._checked(Probe, "at", at, what),
+            self._checked(Probe, "mean", mean, what),
+            self._checked(Probe, "synapses", synapses, what),
             self._side(pre, population, what, "pre"),
             self._side(post, population, what, "post"),
         )
@@ -295,12 +280,9 @@ class Network(Description):
         """Say how trials go; the words are those of `neuro.Trials`."""
         if self.trials_section is not None:
             raise ModelError("trials: said twice", where=self._where())
-        try:
-            section = Trials.from_words(words)
-        except ModelError as error:
-            raise error.at(self._where(), "trials") from None
-        self.trials_section, self.trials_origin = section, self._where()
-        self.latest = section
+        with self._in_place("trials"):
+            self.trials_section = self.latest = section = Trials.from_words(words)
+        self.trials_origin = self._where()
         return section
 
     def readout(self, **words: Any) -> Readout:
@@ -308,13 +290,11 @@ class Network(Description):
 
         Backends do not see it: `neuro.predict` does.
         """
-        try:
+        with self._in_place("readout"):
             section = Readout.from_words(words)
             for word in ("input", "output"):
                 if (name := getattr(section, word)) not in self.populations:
                     raise unknown("population", name, self.populations, path=(word,))
-        except ModelError as error:
-            raise error.at(self._where(), "readout") from None
         self.readout_section = section
         return section
 
@@ -361,35 +341,30 @@ class Network(Description):
     def _where(self) -> Where | None:
         return self.place or here()
 
-    def _checked(self, q: Quantity, value: Any, what: str, path: tuple[str, ...]) -> Any:
+    @contextmanager
+    def _in_place(self, context: str = "") -> Iterator[None]:
+        """Give an error raised inside the place of the next part, and begin its message with `context`."""
         try:
-            return check(q, value, what, path)
+            yield
+        except ModelError as error:
+            raise error.at(self._where(), context) from None
+
+    def _checked(self, part: type[Part], word: str, value: Any, what: str, q: Quantity | None = None) -> Any:
+        """Check the value of a word of a part; `q` stands for what the word may be where that is known better."""
+        try:  # a context manager would take a second for 200,000 parts
+            return check(q or part.words[word], value, f"{what}: {word}", (word,))
         except ModelError as error:
             raise error.at(self._where()) from None
 
-    def _weight(self, source: str, target: str) -> Quantity:
-        """What a weight may be; a number with a unit is taken in that of the target's model."""
-        if self.populations[source].model.role == "current":
-            return WEIGHT
-        return replace(WEIGHT, taken_in=getattr(self.populations[target].model, "weight_unit", ""))
-
-    def _array(self, q: Quantity, value: Any, what: str, word: str) -> Any:
-        """Numbers that are no single one and not drawn."""
-        what = f"{what}: {word}"
-        if isinstance(value, Distribution) or is_number(value):
-            raise ModelError(f"{what} = {shown(value)}: expected a list or a file", where=self._where(), path=(word,))
-        return self._checked(q, value, what, (word,))
-
     def _written(self, of: Any, what: str) -> Any:
-        """What names neurons, where it is a view as text now a view."""
-        try:
-            found = named(of, self.populations)
-        except ModelError as error:
-            raise error.at(self._where(), what) from None
-        if isinstance(found, Mapping):
-            message = f"{what}: found {shown(dict(found))}: expected a name, or {{name: index}}"
-            raise ModelError(message, where=self._where())
-        return found
+        """Return the view that a text or a mapping means; a name of a population stays a name."""
+        if not isinstance(of, Mapping) and not (isinstance(of, str) and "[" in of):
+            return of
+        with self._in_place(what):
+            neurons = named(of, self.populations)
+            if isinstance(neurons, Mapping):
+                raise ModelError(f"{what}: found {shown(dict(neurons))}: expected a name, or {{name: index}}")
+        return neurons
 
     def _neurons(self, of: Population | View | str, what: str, role: str) -> tuple[str, View | None]:
         """The name of a population, and the view if only some of its neurons are meant."""
@@ -440,10 +415,8 @@ class Network(Description):
                 raise ModelError(message, where=self._where(), path=(word,), kind="neurons at an end")
             return chosen
         ids = [given] if is_number(given) else given
-        try:
+        with self._in_place(f"{what}: {word}"):
             return view(self.populations[end], ids if isinstance(ids, list) else np.asarray(ids))
-        except ModelError as error:
-            raise error.at(self._where(), f"{what}: {word}") from None
 
     def _expect(self, value: object, kind: type | tuple[type, ...], what: str, expected: str) -> None:
         if isinstance(value, type) and issubclass(value, kind):

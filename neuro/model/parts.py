@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import FrozenInstanceError, dataclass, field
-from typing import Any, ClassVar
+from contextlib import contextmanager
+from dataclasses import FrozenInstanceError, dataclass, field, replace
+from typing import Any, ClassVar, NoReturn, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
-from neuro.core.errors import ModelError, Where
+from neuro.core.errors import ModelError, Where, words_of
 from neuro.core.quantities import Quantity, Value, quantity, word_of
 from neuro.core.values import same, shown
 from neuro.model.neurons import Model
@@ -21,33 +22,34 @@ from neuro.model.wiring.neurons import neuron_table
 
 AUTO = "auto"
 WEIGHT = Quantity(doc="weight: mV or pA by the target's model", arrays=True, of_distance=True)
-DELAY = Quantity(unit="ms", doc="delay, a multiple of the resolution", above=0, arrays=True, of_distance=True)
-POSITIONS = Quantity(doc="coordinates, a row of 1 to 3 for each neuron", arrays=True, optional=True)
-EXTENT = Quantity(doc="length of each axis, in the unit of positions", above=0, arrays=True, optional=True)
-PERIODIC = Quantity(doc="whether what leaves at one edge comes in at the other", kind="boolean")
 INITIAL = Quantity(doc="state at time 0", arrays=True)
 RESOLUTION = Quantity(unit="ms", doc="length of a step", above=0)
-EVERY = Quantity(unit="ms", doc="interval between two records; each step if not given", above=0, optional=True)
-RECORD = Quantity(
-    doc="spikes, rate, or one or several states: of a population's neurons, or of a projection's synapses", kind="names"
-)
-AT = Quantity(doc="when to record, if not every so often", kind="word", words=("pre_spikes",), optional=True)
-MEAN = Quantity(doc="whether to record the mean instead of each", kind="boolean")
-CHOSEN = Quantity(doc="synapses of a projection, in the order of its weights; all if not given", kind="ids")
-SHAPE = Quantity(
-    doc="number of neurons, or sizes of the axes; auto where a grid or recording decides",
-    kind="shape",
-    at_least=1,
-    words=(AUTO,),
-)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Base of the named parts. Two parts are equal when what was said of them is."""
+    """Base of the named parts. Two parts are equal when what was said of them is.
+
+    Class attributes:
+        word: its name in messages; the section of the language is its plural.
+        words: its words in the language, by what each may be, in the order in which messages list them.
+        needs: the words that must be there.
+        defaults: values of words that are not said, where the attribute has no default of its own.
+        ends: by word, the attributes for a population or projection and for a view of some of its neurons.
+    """
 
     word: ClassVar[str] = "part"
+    words: ClassVar[Mapping[str, Quantity]] = {}
+    needs: ClassVar[tuple[str, ...]] = ()
+    defaults: ClassVar[Mapping[str, Any]] = {}
+    ends: ClassVar[Mapping[str, tuple[str, str]]] = {}
     name: str
+
+    def value(self, word: str) -> Any:
+        """Return what a word of the language says, of neurons the view if only some are meant."""
+        name, view = self.ends.get(word, (word, ""))
+        some = getattr(self, view) if view else None
+        return getattr(self, name) if some is None else some
 
     def __init_subclass__(cls) -> None:
         cls.__repr__ = Part.__repr__  # type: ignore[method-assign]  # or @dataclass would make its own
@@ -77,6 +79,24 @@ class Part:
         return in_html(self)
 
 
+def refuse(
+    part: AnyPart, message: str, hint: str = "", word: str = "", kind: str = "", about: tuple[str, ...] = ()
+) -> NoReturn:
+    """Raise the error for a part that cannot be as it is, or for one of its words, as "weight" or "stdp.signal"."""
+    text = f"{part.word} '{part.name}': {message}"
+    raise ModelError(text, where=part.origin, hint=hint, path=words_of(word), kind=kind, about=about)
+
+
+@contextmanager
+def naming_the_part(part: AnyPart, *path: str) -> Iterator[None]:
+    """Give errors that are raised inside the part's name and place, and `path` in front of their own path."""
+    try:
+        yield
+    except ModelError as error:
+        named = error.at(part.origin, f"{part.word} '{part.name}'")
+        raise named.but(path=(*path, *error.path)) from None
+
+
 @dataclass(frozen=True, eq=False)
 class Population(Part):
     """Neurons of one model, laid out in a shape.
@@ -95,6 +115,26 @@ class Population(Part):
     """
 
     word: ClassVar[str] = "population"
+    words: ClassVar[Mapping[str, Quantity]] = {
+        "model": Quantity(kind="choice", choice=Model),
+        "shape": Quantity(
+            doc="number of neurons, or sizes of the axes; auto where a grid or recording decides",
+            kind="shape",
+            at_least=1,
+            words=(AUTO,),
+        ),
+        "initial": replace(INITIAL, kind="states"),
+        "positions": Quantity(
+            doc="coordinates, a row of 1 to 3 for each neuron", kind="array", arrays=True, optional=True
+        ),
+        "extent": Quantity(
+            doc="length of each axis, in the unit of positions", kind="array", above=0, arrays=True, optional=True
+        ),
+        "periodic": Quantity(doc="whether what leaves at one edge comes in at the other", kind="boolean"),
+        "neurons": Quantity(kind="part", part=neuron_table),
+    }
+    needs: ClassVar[tuple[str, ...]] = ("model", "shape")
+    defaults: ClassVar[Mapping[str, Any]] = {"periodic": False}
     are_neurons: ClassVar[bool] = True
     shape: tuple[int | str, ...]
     model: Model
@@ -178,6 +218,20 @@ class Projection(Part):
     """
 
     word: ClassVar[str] = "projection"
+    words: ClassVar[Mapping[str, Quantity]] = {
+        "from": Quantity(doc="the population whose spikes are sent, or some of its neurons", kind="neurons"),
+        "to": Quantity(doc="the population that receives them, or some of its neurons", kind="neurons"),
+        "rule": Quantity(kind="choice", choice=Rule),
+        "weight": WEIGHT,
+        "delay": Quantity(unit="ms", doc="delay, a multiple of the resolution", above=0, arrays=True, of_distance=True),
+        "synapse": Quantity(kind="choice", choice=Synapse),
+    }
+    needs: ClassVar[tuple[str, ...]] = ("from", "to", "rule")
+    defaults: ClassVar[Mapping[str, Any]] = {"weight": 1.0, "delay": 1.0, "synapse": "static"}
+    ends: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "from": ("source", "source_view"),
+        "to": ("target", "target_view"),
+    }
     source: str
     target: str
     rule: Rule
@@ -199,6 +253,8 @@ class Signal(Part):
     """Values set from outside, one per neuron of a population: the dopamine of synapses onto it."""
 
     word: ClassVar[str] = "signal"
+    words: ClassVar[Mapping[str, Quantity]] = {"to": Quantity(doc="the population it acts on", kind="name")}
+    needs: ClassVar[tuple[str, ...]] = ("to",)
     to: str
     origin: Where | None = None
 
@@ -328,6 +384,26 @@ class Probe(Part):
     """
 
     word: ClassVar[str] = "probe"
+    words: ClassVar[Mapping[str, Quantity]] = {
+        "of": Quantity(doc="the population, some of its neurons, or the projection", kind="neurons"),
+        "record": Quantity(
+            doc="spikes, rate, or one or several states: of a population's neurons, or of a projection's synapses",
+            kind="names",
+        ),
+        "every": Quantity(
+            unit="ms", doc="interval between two records; each step if not given", above=0, optional=True
+        ),
+        "at": Quantity(doc="when to record, if not every so often", kind="word", words=("pre_spikes",), optional=True),
+        "mean": Quantity(doc="whether to record the mean instead of each", kind="boolean"),
+        "synapses": Quantity(
+            doc="synapses of a projection, in the order of its weights; all if not given", kind="ids", optional=True
+        ),
+        "pre": Quantity(doc="of a projection only the synapses from these neurons", kind="neurons", arrays=True),
+        "post": Quantity(doc="of a projection only the synapses onto these neurons", kind="neurons", arrays=True),
+    }
+    needs: ClassVar[tuple[str, ...]] = ("of",)
+    defaults: ClassVar[Mapping[str, Any]] = {"record": "spikes", "mean": False}
+    ends: ClassVar[Mapping[str, tuple[str, str]]] = {"of": ("of", "view")}
     of: str
     record: str | tuple[str, ...]
     every: float | None = None
@@ -344,6 +420,9 @@ class Probe(Part):
         if isinstance(self.record, str):
             return {self.record: self.name}
         return {state: f"{self.name}.{state}" for state in self.record}
+
+
+AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

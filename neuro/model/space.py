@@ -13,9 +13,8 @@ from neuro.core.checks import check_returned
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity, quantity
-from neuro.core.registry import Registry
+from neuro.core.registry import Registry, has_method
 from neuro.core.values import shown
-from neuro.model.arithmetic import has_method
 
 Floats = NDArray[np.float64]
 SLACK = 1e-9

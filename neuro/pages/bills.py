@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from neuro.chips.description import COSTS
-from neuro.chips.pricing.energy import FASTEST, REAL_TIME, STATIC, BillItem, Energy, number, quantity, sourced
+from neuro.chips.energy import FASTEST, REAL_TIME, STATIC, BillItem, Energy, number, quantity, sourced
 from neuro.core import html
 from neuro.core.html import Html, tag
 

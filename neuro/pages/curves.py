@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from neuro.chips.pricing.energy import quantity
+from neuro.chips.energy import quantity
 from neuro.core import html
 from neuro.core.html import Html, tag
 from neuro.files.parts import Trace, Train

@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from neuro.chips.pricing.energy import Energy
+from neuro.chips.energy import Energy
 from neuro.core import html
 from neuro.core.english import some
 from neuro.core.errors import ModelError

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from neuro.core.checks import is_number
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
-from neuro.core.measures import in_ms
+from neuro.core.quantities import in_ms
 from neuro.core.values import literal, shown
 from neuro.files.recorded import Recorded, SpikeTrain, intervals, recorded, trains, up_to, variation
 from neuro.plots._canvas import about, colours, given, label, legend, over_time, panels, whole_numbers

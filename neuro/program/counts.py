@@ -105,37 +105,24 @@ class Tally:
             )
             for index, part in enumerate(self.program.populations)
         }
-        projections = {
-            part.name: ProjectionCounts(
-                synaptic_ops=self._operations(index, after.spikes[part.source]),
-                learning_updates=self._learning(index, after),
-            )
-            for index, part in enumerate(self.program.projections)
-        }
+        projections = {}
+        for index, part in enumerate(self.program.projections):
+            spikes, updates = after.spikes[part.source], int(after.trial_updates[index])
+            if part.undrawn is None:
+                operations = int(spikes @ self._fan(index)[0])
+            else:
+                operations = round(int(spikes.sum()) * part.size / self.program.populations[part.source].size)
+            if part.synapse.learns in ("pairs", "chip"):
+                outgoing, incoming = self._fan(index)
+                updates += int(after.events[part.source] @ outgoing) + int(after.events[part.target] @ incoming)
+            projections[part.name] = ProjectionCounts(synaptic_ops=operations, learning_updates=updates)
         return Counts(after.steps, populations, projections, dict(after.native))
-
-    def _operations(self, index: int, spikes: Ints) -> int:
-        part = self.program.projections[index]
-        if part.undrawn is None:
-            return int(spikes @ self._fan(index)[0])
-        return round(int(spikes.sum()) * part.size / self.program.populations[part.source].size)
-
-    def _learning(self, index: int, counts: EngineCounts) -> int:
-        part = self.program.projections[index]
-        updates = int(counts.trial_updates[index])
-        if part.synapse.learns in ("pairs", "chip"):
-            fan_out, fan_in = self._fan(index)
-            updates += int(counts.events[part.source] @ fan_out) + int(counts.events[part.target] @ fan_in)
-        return updates
 
     def _fan(self, index: int) -> tuple[Ints, Ints]:
         """Synapses of each source, and onto each target of a projection that learns in pairs."""
         if index not in self._fans:
-            self._fans[index] = self._count_synapses(index)
+            self._fans[index] = fan_out(self.program, index), self._fan_in(index)
         return self._fans[index]
-
-    def _count_synapses(self, index: int) -> tuple[Ints, Ints]:
-        return fan_out(self.program, index), self._fan_in(index)
 
     def _fan_in(self, index: int) -> Ints:
         part = self.program.projections[index]

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from neuro.coding.pixels import check_pixels, pixel_spikes
+from neuro.coding.encoders import check_pixels, pixel_spikes
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.values import shown

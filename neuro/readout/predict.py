@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.chips.pricing.energy import Energy
+from neuro.chips.energy import Energy
 from neuro.compare.runs import chip_of
 from neuro.core.errors import ModelError
 from neuro.events import Events

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuro.chips.pricing.energy import COLUMNS, footnotes, number
+from neuro.chips.energy import COLUMNS, footnotes, number
 from neuro.core.tables import console, table
 from neuro.core.values import literal
 from neuro.readout.predict import Predictions

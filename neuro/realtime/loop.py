@@ -24,7 +24,7 @@ from neuro.realtime.sources import Inlet, Source
 from neuro.run.simulation import Simulation
 
 if TYPE_CHECKING:
-    from neuro.run.recording import ResultsWriter
+    from neuro.run.collect import ResultsWriter
 
 
 SPIN_NS = 60_000

@@ -1,4 +1,4 @@
-"""From a simulation that has run to its `Results`."""
+"""From a simulation to its `Results`: gathered when it has run, or written to a file while it runs."""
 
 from __future__ import annotations
 
@@ -6,71 +6,39 @@ import json
 import os
 import platform
 import tempfile
-from collections.abc import Collection, Iterator
+import time
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.core.clock import Clock
+from neuro.core.errors import ModelError
 from neuro.core.extension import extensions
+from neuro.core.outputs import check_output, free_part
+from neuro.core.paths import file_path
 from neuro.core.provenance import ATTRIBUTE, provenance
 from neuro.core.version import VERSION
 from neuro.files.parts import Trace, Train, Weights
 from neuro.files.recorded import SMALL
-from neuro.files.results import RECORDING, YAML, Results
+from neuro.files.results import KIND, RECORDING, YAML, Results, is_kept
 from neuro.files.state import fingerprint
 from neuro.model.language import save
 from neuro.model.network import Network
+from neuro.program.backend import Engine
 from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
-from neuro.program.program import Floats, Ints, Population, Probe, Program, Projection, SynapseProbe
-from neuro.run.handles import Handles
-from neuro.run.recorder import columns, is_single
-from neuro.run.trials import TrialCounts
-
-
-class RunSource(Protocol):
-    """What is asked of a simulation that has run."""
-
-    backend: str
-    program: Program
-    handles: Handles
-    steered: dict[str, None]
-    """The calls by which it was changed while it ran."""
-
-    @property
-    def time(self) -> float:
-        """The end of the last finished step in ms."""
-
-    def counts(self) -> Counts:
-        """What has happened."""
-
-    def taken(self) -> TrialCounts:
-        """What has happened, neuron by neuron."""
-
-    def spikes(self, of: str) -> tuple[Floats, Ints]:
-        """Times and neurons of a population."""
-
-    def train(self, of: str) -> tuple[Ints, Ints, Ints]:
-        """Steps, neurons and multiplicities of the spikes of a population."""
-
-    def payloads(self, of: str) -> tuple[Floats, Ints, Ints]:
-        """Likewise of a graded population, with payloads."""
-
-    def trace(self, of: str) -> tuple[Floats, Any]:
-        """Times and values of a trace."""
-
-    def weights(self, part: str, /) -> Any:
-        """The weights of a projection with its ends, or kernels."""
-
-    def get(self, part: str, /, what: str) -> Any:
-        """A state of the synapses of a projection."""
+from neuro.program.program import Ints, Population, Probe, Projection, SynapseProbe
+from neuro.run.recorder import Recorder, columns, is_single
+from neuro.run.results_file import RemoteFile, ResultsFile
 
 
 def collect(
-    sim: RunSource,
+    sim: Any,
     net: Network,
     *,
     threads: int = 1,
@@ -100,7 +68,7 @@ def collect(
         },
         files_of(net),
         {
-            p.name: replace(_train(sim, p, p.name in keep, counts), spike_counts=spikes, event_counts=events)
+            p.name: replace(train_of(sim, p, p.name in keep, counts), spike_counts=spikes, event_counts=events)
             for p, spikes, events in zip(program.populations, raw.spikes, raw.events, strict=True)
         },
         {p.name: weights_of(sim, p, counts, all_weights=all_weights, kept=weights) for p in program.projections},
@@ -108,13 +76,20 @@ def collect(
     )
 
 
-def traces(sim: RunSource) -> dict[str, Trace]:
+def traces(sim: Any) -> dict[str, Trace]:
     """What the probes of states have recorded, by the names of the traces."""
+    found: dict[str, Trace] = {}
     probes: list[Probe | SynapseProbe] = [probe for probe in sim.program.probes if probe.record != "spikes"]
-    return {probe.name: _trace(sim, probe) for probe in [*probes, *sim.program.synapse_probes]}
+    for probe in [*probes, *sim.program.synapse_probes]:
+        times, values = sim.trace(probe.name)
+        ends = {}
+        if isinstance(values, dict):
+            values, ends = values[probe.record], {"pre": values["pre"], "post": values["post"]}
+        found[probe.name] = replace(trace_of(sim, probe), times_ms=times, values=values, **ends)
+    return found
 
 
-def about(sim: RunSource, threads: int) -> dict[str, Any]:
+def about(sim: Any, threads: int) -> dict[str, Any]:
     """What a run is of, how far it is, and what it has taken."""
     program, counts = sim.program, sim.counts()
     totals = ("steps", "spikes", "neuron_updates", "neuron_updates_active", "synaptic_ops", "learning_updates")
@@ -132,7 +107,7 @@ def about(sim: RunSource, threads: int) -> dict[str, Any]:
     }
 
 
-def origin(sim: RunSource, net: Network, threads: int, record: Collection[str], all_weights: bool) -> str:
+def origin(sim: Any, net: Network, threads: int, record: Collection[str], all_weights: bool) -> str:
     """Where a run comes from, as JSON, see `neuro.core.provenance`; with what it keeps, and how it was steered."""
     about_run = record_of(
         net, backend=sim.backend, threads=threads, seed=sim.program.seed, network=fingerprint(sim.program)
@@ -140,7 +115,7 @@ def origin(sim: RunSource, net: Network, threads: int, record: Collection[str], 
     return json.dumps({**about_run, "record": list(record), "all_weights": all_weights, "steered": list(sim.steered)})
 
 
-def steered_since(record: str, sim: RunSource) -> str:
+def steered_since(record: str, sim: Any) -> str:
     """The record of the begin of a run, see `origin`, with how it was steered since."""
     return json.dumps({**json.loads(record), "steered": list(sim.steered)})
 
@@ -166,31 +141,22 @@ def files_of(net: Network) -> dict[str, bytes]:
         return {file.name: file.read_bytes() for file in sorted(Path(folder).iterdir())}
 
 
-def _train(sim: RunSource, part: Population, kept: bool, counts: Counts) -> Train:
-    train = no_spikes(sim, part, kept, counts)
-    if not train.recorded:
-        return train
-    if part.model.graded:
-        times, ids, payloads = sim.payloads(part.name)
-        steps, once = Clock(train.resolution_ms).steps(times, "spikes"), np.ones(ids.size, np.int64)
-        return replace(train, steps=steps, ids=ids, multiplicity=once, payloads=payloads.astype(np.int32))
-    steps, ids, multiplicity = sim.train(part.name)
-    return replace(train, steps=steps, ids=ids, multiplicity=multiplicity)
-
-
-def no_spikes(sim: RunSource, part: Population, kept: bool, counts: Counts) -> Train:
-    """A population without its spikes, and before any was counted."""
+def train_of(sim: Any, part: Population, kept: bool, counts: Counts, empty: bool = False) -> Train:
+    """A population with its spikes if they are kept, before any was counted; without them if `empty`."""
     none, zeros = np.zeros(0, np.int64), np.zeros(part.size, np.int64)
-    count = asdict(counts.populations[part.name])
-    emits = "current" if part.kind == "current" else "spikes"
-    words = (part.said, part.shape, count, kept and part.records, sim.program.resolution)
+    about = (part.said, part.shape, asdict(counts.populations[part.name]), kept and part.records)
+    steps, ids, multiplicity = none, none, none
     payloads = none.astype(np.int32) if part.model.graded else None
-    return Train(*words, none, none, none, zeros, zeros, emits, payloads)
+    if kept and part.records and not empty:
+        steps, ids, multiplicity, carried = sim._records.train(
+            sim.handles.neurons(part.name)
+        )  # in steps, as they are kept
+        payloads = None if carried is None else carried.astype(np.int32)
+    emits = "current" if part.kind == "current" else "spikes"
+    return Train(*about, sim.program.resolution, steps, ids, multiplicity, zeros, zeros, emits, payloads)
 
 
-def weights_of(
-    sim: RunSource, part: Projection, counts: Counts, *, all_weights: bool = False, kept: bool = True
-) -> Weights:
+def weights_of(sim: Any, part: Projection, counts: Counts, *, all_weights: bool = False, kept: bool = True) -> Weights:
     """A projection, with its weights if they are kept."""
     names = [population.name for population in sim.program.populations]
     about = (names[part.source], names[part.target], part.synapse.name, part.size)
@@ -204,22 +170,14 @@ def weights_of(
     return Weights(*words, pre, post, weight, delay)
 
 
-def all_weights_of(sim: RunSource, all_weights: bool) -> Iterator[tuple[str, Weights]]:
+def all_weights_of(sim: Any, all_weights: bool) -> Iterator[tuple[str, Weights]]:
     """The projections by name, with the weights that are kept, one after the other."""
     counts = sim.counts()
     for part in sim.program.projections:
         yield part.name, weights_of(sim, part, counts, all_weights=all_weights)
 
 
-def _trace(sim: RunSource, probe: Probe | SynapseProbe) -> Trace:
-    times, values = sim.trace(probe.name)
-    if isinstance(values, dict):
-        ends = {"pre": values["pre"], "post": values["post"]}
-        return replace(trace_of(sim, probe), times_ms=times, values=values[probe.record], **ends)
-    return replace(trace_of(sim, probe), times_ms=times, values=values)
-
-
-def trace_of(sim: RunSource, probe: Probe | SynapseProbe) -> Trace:
+def trace_of(sim: Any, probe: Probe | SynapseProbe) -> Trace:
     """A trace of which nothing is recorded yet."""
     about: dict[str, Any] = {"probe": sim.handles.of_trace(probe.name), "mean": probe.mean}
     if isinstance(probe, Probe):
@@ -247,3 +205,206 @@ def trace_of(sim: RunSource, probe: Probe | SynapseProbe) -> Trace:
 def counts_of(part: PopulationCounts | ProjectionCounts) -> dict[str, int]:
     """Counts as attributes of a file."""
     return {f"counts.{name}": count for name, count in asdict(part).items()}
+
+
+COMMIT_S = 1.0
+"""Seconds after which what was recorded is committed; a kill loses what came after the last commit."""
+
+STRETCH_S = 0.25
+"""About how long a stretch of a run takes, between which it is seen whether to commit."""
+
+_FIRST = np.ones(1, dtype=np.bool_)
+
+
+class ResultsWriter:
+    """A file of results that grows with a run, and takes its name when it ends.
+
+    Args:
+        sim: the simulation, which asks it to run.
+        net: the network it was made of.
+        engine: that of the simulation.
+        recorder: that of the simulation.
+        path: of the file; it is written beside, to the first part that keeps no recording of an earlier run.
+        threads: that it runs on.
+        record: the populations whose spikes to keep; all that are recorded if empty.
+        all_weights: as of `neuro.run.collect.collect`.
+        live: whether another process writes the file, so that the run waits for no disk.
+
+    Attributes:
+        drained: the step up to which what was recorded has been moved out of memory.
+
+    Raises:
+        Unwritable: the file cannot be written, or another run writes it.
+    """
+
+    def __init__(
+        self,
+        sim: Any,
+        net: Network,
+        engine: Engine,
+        recorder: Recorder,
+        path: str | os.PathLike[str],
+        *,
+        threads: int = 1,
+        record: Collection[str] = (),
+        all_weights: bool = False,
+        live: bool = False,
+    ) -> None:
+        self._sim, self._engine, self._recorder = sim, engine, recorder
+        self._clock = Clock(sim.program.resolution)
+        probed = {probe.projection for probe in sim.program.synapse_probes if not probe.every}
+        self._ends = {index: sim.program.connections(index) for index in probed}
+        self._threads, self._all_weights = threads, all_weights
+        self.path = Path(os.path.realpath(file_path(path, "path")))
+        self.part = free_part(self.path, is_kept)
+        for each in (self.path, self.part):
+            check_output(each, KIND)
+        files = files_of(net)
+        self.live, self.drained, self._finished = live, engine.step, False
+        self._file: ResultsFile | RemoteFile = RemoteFile(self.part) if live else ResultsFile(self.part)
+        self._origin = origin(sim, net, threads, record, all_weights)
+        head = {**about(sim, threads), **recordings_of(net), ATTRIBUTE: self._origin}
+        self._kept = [
+            index
+            for index, part in enumerate(sim.program.populations)
+            if part.records and (not record or part.name in record)
+        ]
+        self._fed: dict[str, list[tuple[Ints, Ints, NDArray[np.uint32]]]] = {}
+        self._stretch = 1
+        try:
+            self._file.begin({**head, "finished": False}, files)
+            self._make_room()
+            self.commit()
+            if isinstance(self._file, RemoteFile):
+                self._file.wait()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _make_room(self) -> None:
+        """The parts of the file, still without content."""
+        program, counts = self._sim.program, self._sim.counts()
+        for index, part in enumerate(program.populations):
+            kept = index in self._kept
+            train = train_of(self._sim, part, kept, counts, empty=True)
+            grows = ("steps", "ids", "multiplicity", *(("payloads",) if part.model.graded else ()))
+            self._file.add(f"populations/{part.name}", train, grows, kept)
+        for projection in program.projections:
+            weights = weights_of(self._sim, projection, counts, kept=False)
+            self._file.add(f"projections/{projection.name}", weights, ())
+        probes: list[Probe | SynapseProbe] = [*program.probes, *program.synapse_probes]
+        for probe in probes:
+            if probe.record != "spikes":
+                at_pre = ("pre", "post") if probe.every == 0 else ()
+                trace = trace_of(self._sim, probe)
+                self._file.add(f"traces/{probe.name}", trace, ("times_ms", "values", *at_pre))
+
+    def feed(self, population: str, steps: Ints, ids: Ints) -> None:
+        """Keep what an event camera was fed, so that the run can be made again."""
+        if steps.size:
+            firsts = np.flatnonzero(np.concatenate([_FIRST, steps[1:] != steps[:-1]]))
+            sizes = np.diff(firsts, append=steps.size)
+            self._fed.setdefault(population, []).append((steps[firsts], sizes, ids.astype(np.uint32)))
+
+    def run(self, steps: int) -> None:
+        """Advance the simulation, committing about once a second; what is live commits when it is asked to."""
+        done = 0
+        while done < steps:
+            stretch = min(self._stretch, steps - done)
+            began = time.perf_counter()
+            self._recorder.run(stretch)
+            now = time.perf_counter()
+            done += stretch
+            self._stretch = max(1, int(stretch * min(10.0, STRETCH_S / max(now - began, 1e-9))))
+            if now - self._committed >= COMMIT_S and not self.live:
+                self.commit()
+
+    def drain(self) -> None:
+        """Move what has been recorded to the file; it is not kept in memory."""
+        clock, now = self._clock, self._engine.step
+        for index in self._kept:
+            found = self._engine.spikes(index, -1)
+            end = int(np.searchsorted(found.steps, now, side="right"))
+            spikes: dict[str, NDArray[Any]] = {"steps": found.steps[:end], "ids": found.ids[:end]}
+            spikes["multiplicity"] = found.multiplicity[:end]
+            if found.payloads is not None:
+                spikes["payloads"] = found.payloads[:end]
+            self._append(f"populations/{self._sim.program.populations[index].name}", spikes)
+        self._engine.forget(now)
+        self.drained = now
+        for name, series in self._recorder.series.items():
+            steps, values = series.take()
+            self._append(f"traces/{name}", {"times_ms": clock.array_ms(steps), "values": values})
+        for name, recorded in self._recorder.pre_spikes.items():
+            sent, (pre, post) = recorded.take(), self._ends[recorded.probe.projection]
+            ends = {"pre": pre[sent.synapses], "post": post[sent.synapses]}
+            sent_at: dict[str, NDArray[Any]] = {"times_ms": clock.array_ms(sent.steps), "values": sent.values}
+            self._append(f"traces/{name}", sent_at | ends)
+        for name, fed in self._fed.items():
+            if fed:
+                columns = (np.concatenate(column) for column in zip(*fed, strict=True))
+                self._append(f"fed/{name}", dict(zip(("steps", "sizes", "ids"), columns, strict=True)))
+                fed.clear()
+
+    def _append(self, place: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+        if any(len(array) for array in arrays.values()):
+            self._file.append(place, arrays)
+
+    def commit(self) -> None:
+        """Move what has been recorded to the disk, where it stays whatever happens to this process.
+
+        Raises:
+            Unwritable: it cannot be written.
+        """
+        self.drain()
+        self._count()
+        self._file.commit()
+        self._committed = time.perf_counter()
+
+    def _count(self) -> None:
+        """Write the time and the counts of now."""
+        program, counts, raw = self._sim.program, self._sim.counts(), self._engine.counts()
+        origin = steered_since(self._origin, self._sim)
+        attributes: dict[str, dict[str, Any]] = {"/": {**about(self._sim, self._threads), ATTRIBUTE: origin}}
+        for section, counted in (("populations", counts.populations), ("projections", counts.projections)):
+            attributes |= {f"{section}/{name}": counts_of(numbers) for name, numbers in counted.items()}
+        arrays = {
+            f"populations/{population.name}": {"spike_counts": spikes, "event_counts": events}
+            for population, spikes, events in zip(program.populations, raw.spikes, raw.events, strict=True)
+        }
+        self._file.update(attributes, arrays)
+
+    @property
+    def results(self) -> Results:
+        """All that has been recorded."""
+        self.drain()
+        if self.live:
+            self._count()
+        return self._file.results
+
+    def note(self, place: str, numbers: Mapping[str, Any]) -> None:
+        """Write what else is to be kept, as attributes of a group."""
+        self._file.update({place: numbers}, {})
+
+    def finish(self) -> None:
+        """Write the weights, and give the file its name.
+
+        Raises:
+            Unwritable: it cannot be written.
+        """
+        counts = self._sim.counts()
+        for part in self._sim.program.projections:
+            weights = weights_of(self._sim, part, counts, all_weights=self._all_weights)
+            self._file.complete(f"projections/{part.name}", weights)
+        self.drain()
+        self._count()
+        self._file.update({"/": {"finished": True}}, {})
+        self._file.finish(self.path)
+        self._finished = True
+
+    def close(self) -> None:
+        """Let go of the file; a run that did not end stays in `part` as far as it was recorded."""
+        with suppress(ModelError, OSError, RuntimeError):  # after another error, which is the one to report
+            if not self._finished:
+                self.commit()
+        self._file.close()

@@ -89,7 +89,12 @@ def compile(
     if not is_number(seed) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**63:
         most = " and < 2^63" if is_number(seed) and seed >= 2**63 else ""
         raise ModelError(f"seed = {shown(seed)}: expected a whole number >= 0{most}")
-    chosen = _backend(backend)
+    if isinstance(backend, (str, PathLike)):
+        chosen = find_backend(backend)
+    elif isinstance(backend, type) or not all(hasattr(backend, word) for word in ("name", "problems", "build")):
+        raise ModelError(f"backend = {shown(backend)}: expected the name of a backend, or a backend itself")
+    else:
+        chosen = backend
     if copies is not None:
         copies = check(_COPIES, copies, "copies")
         parts = {"backend": chosen, "threads": threads, **options}
@@ -104,14 +109,6 @@ def compile(
         free = free_memory()
         at_hand = f"; {free:,} bytes are free" if free is not None else ""
         raise ModelError(f"network '{net.name}' needs more memory than there is: {error}{at_hand}") from None
-
-
-def _backend(given: str | PathLike[str] | Backend) -> Backend:
-    if isinstance(given, (str, PathLike)):
-        return find_backend(given)
-    if isinstance(given, type) or not all(hasattr(given, word) for word in ("name", "problems", "build")):
-        raise ModelError(f"backend = {shown(given)}: expected the name of a backend, or a backend itself")
-    return given
 
 
 def _caution(program: Program) -> None:

@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.views import End, end_of
+from neuro.compiler.shapes import End, end_of
+from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.model.network import Network
 from neuro.model.parts import Part, Population, Probe, Projection, Side, Signal
 from neuro.model.views import Laid, View, named, view
 from neuro.program import program as resolved
+from neuro.program.backend import Engine
 from neuro.program.program import Ints, Program
 
 
@@ -162,6 +164,27 @@ class Handles:
             message = f"{word} '{of.name}' is a part of another network: expected one of '{self._net.name}'"
             raise ModelError(message, hint=f"'{of.name}' names the one here" if of.name in known else "")
         return known[of.name]
+
+
+class Run:
+    """A network in execution, as the parts of a simulation share it.
+
+    Args:
+        net: the network that was compiled.
+        backend: the name of the backend.
+        program: its resolved form.
+        engine: runs it.
+
+    Attributes:
+        clock: of the network.
+        handles: finds its parts.
+        rules: the present synapse models of projections, changed in place.
+    """
+
+    def __init__(self, net: Network, backend: str, program: Program, engine: Engine) -> None:
+        self.net, self.backend, self.program, self.engine = net, backend, program, engine
+        self.clock, self.handles = Clock(program.resolution), Handles(net, program)
+        self.rules = {index: part.synapse for index, part in enumerate(program.projections)}
 
 
 def _none(word: str, found: object, known: Iterable[str]) -> ModelError:

@@ -1,4 +1,4 @@
-"""What comes from outside while a network runs: spikes, events and signals."""
+"""What comes from outside while a network runs: spikes, events, signals, and neurons that are silenced or driven."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from neuro.core.clock import NEVER, Clock
+from neuro.core.clock import NEVER
 from neuro.core.english import a
 from neuro.core.errors import ModelError
+from neuro.model.synapses import tsodyks2
 from neuro.program.backend import Engine
+from neuro.program.counts import fan_out
 from neuro.program.program import Ints, Program, Stream, Stretch
 from neuro.run import settable
-from neuro.run.handles import Neurons
+from neuro.run.handles import Neurons, Run
 
 
 class InputFeeder:
     """Brings to an engine what a user gives.
 
     Args:
-        program: the network.
-        engine: it runs.
-        clock: of the network.
+        run: the network in execution.
     """
 
-    def __init__(self, program: Program, engine: Engine, clock: Clock) -> None:
-        self._program, self._engine, self._clock = program, engine, clock
+    def __init__(self, run: Run) -> None:
+        self._program, self._engine, self._clock = run.program, run.engine, run.clock
 
     def inject(
         self, neurons: Neurons, times: ArrayLike, ids: ArrayLike | None, payloads: ArrayLike | None = None
@@ -175,3 +175,55 @@ def streams_of(program: Program) -> dict[int, Stream]:
     """What the populations of a program play, by population."""
     streams = {index: part.stream for index, part in enumerate(program.populations)}
     return {index: stream for index, stream in streams.items() if stream is not None}
+
+
+def outgoing(program: Program, neurons: Neurons) -> list[int]:
+    """The projections that have synapses from some neurons.
+
+    Raises:
+        ModelError: only some neurons share a kernel with the others, or weights learn and would grow again.
+    """
+    found = [k for k, part in enumerate(program.projections) if part.source == neurons.index and part.size]
+    among = neurons.among()
+    for part in (program.projections[k] for k in found):
+        if part.grid is not None and not among.all():
+            message = f"silence: {neurons.text}: '{part.name}' has one kernel for all neurons: expected all of them"
+            raise ModelError(message, hint=f"sim.silence('{neurons.part.name}')")
+    # All neurons have synapses along projections that are not listed.
+    csr = [program.projections[k].layout == "csr" for k in found]
+    reached = [k for k, listed in zip(found, csr, strict=True) if not listed or fan_out(program, k)[among].any()]
+    for part in (program.projections[k] for k in reached):
+        if part.synapse.learns and not part.synapse.delays and not isinstance(part.synapse, tsodyks2):
+            rule = part.synapse.name
+            message = f"silence: {neurons.text}: '{part.name}' learns by {rule}, so its weights would grow again"
+            hint = "sim.network() has what was learnt; silence it with static synapses"
+            raise ModelError(f"{message}: expected weights that stay", hint=hint)
+    return reached
+
+
+def driver(program: Program, neurons: Neurons) -> Neurons:
+    """The generators that drive some neurons one to one; of several the ones that are described without a rate.
+
+    Raises:
+        ModelError: there are none, or several between which nothing decides.
+    """
+    found = [
+        part.source
+        for part in program.projections
+        if part.target == neurons.index
+        and part.whole_layout == "one_to_one"
+        and program.populations[part.source].kind == "poisson"
+    ]
+    if len(found) > 1:
+        found = [index for index in found if not np.any(program.populations[index].parameters["rate"])] or found
+    name = neurons.part.name
+    if not found:
+        message = f"activate: {neurons.text}: expected a poisson_generator that is connected to '{name}' one_to_one"
+        raise ModelError(message, hint="net.wiring(..., drive=weight) adds one")
+    if len(found) > 1:
+        names = " and ".join(f"'{program.populations[index].name}'" for index in found)
+        message = (
+            f"activate: {neurons.text}: {names} are connected to '{name}' one_to_one: expected one with a rate of 0"
+        )
+        raise ModelError(message, hint=f"sim.set('{program.populations[found[0]].name}', rate=...) sets one of them")
+    return Neurons(found[0], program.populations[found[0]], neurons.end)

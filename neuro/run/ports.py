@@ -1,4 +1,9 @@
-"""Ports: what a closed loop sets or reads at every step, found once, and checked in as little time as it takes.
+"""One call of a simulation at a time, and ports, which are set or read at every step of a closed loop.
+
+A lock allows one call at a time: all that a call reads and changes is shared, so a second one is refused. Public
+methods of a simulation take the turn, and then work on an inner object of the same parts, whose methods take none. A
+turn is a dictionary with the call that is under way, if one is: to take it is one operation of the interpreter, which
+neither another thread nor Ctrl-C cuts in two.
 
 A port accepts at once what needs no conversion: an array of doubles within the bounds. Whatever else it is given goes
 the way of `Simulation.set`, `signal` and `get`, and so has their meaning and their errors.
@@ -8,54 +13,91 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import wraps
 from threading import get_ident
-from typing import Any, Protocol
+from typing import Any, TypeVar, cast
 from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import LARGEST_MEAN
 from neuro.core.quantities import Quantity, word_of
 from neuro.kernels.jit import kernel
-from neuro.model.parts import Population, Projection, Signal
-from neuro.model.views import View
-from neuro.program.backend import Engine, Fired
-from neuro.program.program import Floats, Ints, Program, synapse_states
+from neuro.program.backend import Fired
+from neuro.program.program import Floats, Ints, synapse_states
 from neuro.run import settable
-from neuro.run.handles import Handles, Neurons
-from neuro.run.turn import NOW, Turn, refused
+from neuro.run.handles import Neurons, Run
+
+Turn = dict[str, tuple[str, int]]
+"""By `NOW` the name of the call that is under way, and its thread: an object of its own for each call."""
+
+NOW = "now"
+F = TypeVar("F", bound=Callable[..., Any])
+
+_POLL_S = 1e-3
+
+
+def refused(name: str, turn: Turn) -> ModelError:
+    """The error for a call that comes while another is under way."""
+    other, thread = turn.get(NOW, ("another call", 0))
+    found = f"found a call from within '{other}'" if thread == get_ident() else f"found another thread within '{other}'"
+    message = f"{name}: {found} of the same simulation: expected one call at a time"
+    return ModelError(message, hint="compile a simulation for each thread, or share one with a threading.Lock")
+
+
+def alone(method: F) -> F:
+    """Let a method of a `Simulation` take the turn, and run on the inner face."""
+    name = method.__name__
+
+    @wraps(method)
+    def call(self: Any, *args: Any, **named: Any) -> Any:
+        turn: Turn | None = self._turn
+        if turn is None:
+            return method(self, *args, **named)
+        mine = (name, get_ident())
+        try:
+            if turn.setdefault(NOW, mine) is not mine:
+                raise refused(name, turn)
+            return method(self._inner, *args, **named)
+        finally:
+            if turn.get(NOW) is mine:
+                del turn[NOW]
+
+    return cast(F, call)
+
+
+@contextmanager
+def held(turn: Turn | None, name: str, wait: bool = False) -> Iterator[None]:
+    """Take the turn for a block, or on the inner face nothing.
+
+    Args:
+        turn: that of the face.
+        name: of the call, for messages.
+        wait: whether to wait until the call of another thread is over.
+
+    Raises:
+        ModelError: a call is under way.
+    """
+    mine = (name, get_ident())
+    try:
+        while turn is not None and (now := turn.setdefault(NOW, mine)) is not mine:
+            if not wait or now[1] == mine[1]:
+                raise refused(name, turn)
+            time.sleep(_POLL_S)
+        yield
+    finally:
+        if turn is not None and turn.get(NOW) is mine:
+            del turn[NOW]
+
 
 _HUGE = sys.float_info.max
 _DOUBLE, _WHOLE = np.dtype(np.float64), np.dtype(np.int64)
-Within = Callable[[Floats, float, float], bool]
-Part = Population | View | Projection | Signal | str
-
-
-class SimulationOfPorts(Protocol):
-    """The calls of a simulation that a port stands for.
-
-    Attributes:
-        steered: what was done to the network from outside, by name.
-    """
-
-    steered: dict[str, None]
-
-    def set(self, part: Any, /, **named: Any) -> None:
-        """Change parameters or states of neurons, or weights of a projection."""
-
-    def get(self, part: Any, /, what: str) -> Any:
-        """A state or parameter."""
-
-    def signal(self, of: Any, values: ArrayLike) -> None:
-        """Set a signal."""
-
-    def spikes(self, of: Any, since: float | None = None) -> tuple[Floats, Ints]:
-        """Recorded spikes."""
 
 
 class Port:
@@ -140,7 +182,6 @@ class _Bounds:
     shape: tuple[int, ...]
     low: float
     high: float
-    within: Within
 
     def fit(self, values: Any) -> bool:
         """Whether values are such."""
@@ -149,16 +190,16 @@ class _Bounds:
             and values.dtype == _DOUBLE
             and values.shape == self.shape
             and values.flags.c_contiguous
-            and self.within(values, self.low, self.high)
+            and within(values, self.low, self.high)
         )
 
 
 class _OfNeurons(Port):
     """A state or parameter of neurons."""
 
-    def __init__(self, net: _Net, of: Any, neurons: Neurons, word: str) -> None:
+    def __init__(self, net: Ports, plain: Any, of: Any, neurons: Neurons, word: str) -> None:
         super().__init__(f"{word} of {neurons.text}", net.turn)
-        self._net, self._of, self._neurons, self._word = net, of, neurons, word
+        self._net, self._plain, self._of, self._word = net, plain, of, word
         self._engine, self._index, self._ids = net.engine, neurons.index, neurons.ids
         part = neurons.part
         self._state = word in settable.states(part)
@@ -169,11 +210,11 @@ class _OfNeurons(Port):
         low, high = _closed(q) if q is not None and q.kind == "number" else (math.inf, -math.inf)
         if drawn:
             high = min(high, LARGEST_MEAN * 1000.0 / net.clock.resolution)
-        self._bounds = _Bounds((size,), low, high, net.within)
+        self._bounds = _Bounds((size,), low, high)
 
     def _set(self, values: ArrayLike) -> None:
         if not self._bounds.fit(values):
-            self._net.plain.set(self._of, **{self._word: values})
+            self._plain.set(self._of, **{self._word: values})
             return
         new: Floats = values  # type: ignore[assignment]
         if self._ids is not None:
@@ -184,7 +225,7 @@ class _OfNeurons(Port):
         if self._together:
             settable.check_together(self._net.program, self._index, named, self._engine, self._net.clock)
         self._engine.set(self._index, named)
-        self._net.plain.steered["set"] = None
+        self._plain.steered["set"] = None
 
     def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
         return self._filled(self._engine.get(self._index, self._word, self._ids), out)
@@ -193,31 +234,31 @@ class _OfNeurons(Port):
 class _OfSynapses(Port):
     """The weight, or another state, of the synapses of a projection."""
 
-    def __init__(self, net: _Net, of: Any, index: int, word: str) -> None:
+    def __init__(self, net: Ports, plain: Any, of: Any, index: int, word: str) -> None:
         part = net.program.projections[index]
         super().__init__(f"{word} of '{part.name}'", net.turn)
-        self._net, self._of, self._index, self._word = net, of, index, word
+        self._engine, self._plain, self._of, self._index, self._word = net.engine, plain, of, index, word
         self._held = word in synapse_states(part)
 
     def _set(self, values: ArrayLike) -> None:
-        self._net.plain.set(self._of, **{self._word: values})
+        self._plain.set(self._of, **{self._word: values})
 
     def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
-        found = self._net.engine.get_synapses(self._index, self._word) if self._held else None
-        if found is None or not self._net.within(found, -_HUGE, _HUGE):
-            found = self._net.plain.get(self._of, self._word)
+        found = self._engine.get_synapses(self._index, self._word) if self._held else None
+        if found is None or not within(found, -_HUGE, _HUGE):
+            found = self._plain.get(self._of, self._word)
         return self._filled(found, out)
 
 
 class _OfSignal(Port):
     """A signal, one value for each neuron that hears it."""
 
-    def __init__(self, net: _Net, of: Any, index: int) -> None:
+    def __init__(self, net: Ports, plain: Any, of: Any, index: int) -> None:
         part = net.program.signals[index]
         super().__init__(f"signal '{part.name}'", net.turn)
-        self._plain, self._of, self._engine, self._index = net.plain, of, net.engine, index
+        self._plain, self._of, self._engine, self._index = plain, of, net.engine, index
         size = net.program.populations[part.target].size
-        self._bounds = _Bounds((size,), -_HUGE, _HUGE, net.within)
+        self._bounds = _Bounds((size,), -_HUGE, _HUGE)
 
     def _set(self, values: ArrayLike) -> None:
         if self._bounds.fit(values):
@@ -230,7 +271,7 @@ class _OfSignal(Port):
 class _Counts(Port):
     """How often each neuron has fired since this was last read."""
 
-    def __init__(self, net: _Net, neurons: Neurons) -> None:
+    def __init__(self, net: Ports, neurons: Neurons) -> None:
         super().__init__(f"counts of {neurons.text}", net.turn)
         self._engine, self._index, self._ids = net.engine, neurons.index, neurons.ids
         self._reader = net.engine if isinstance(net.engine, Fired) else None
@@ -254,9 +295,9 @@ class _Counts(Port):
 class _Spikes(Port):
     """Neurons that have fired since this was last read: ids in the order of time, then id."""
 
-    def __init__(self, net: _Net, of: Any, neurons: Neurons) -> None:
+    def __init__(self, net: Ports, plain: Any, of: Any, neurons: Neurons) -> None:
         super().__init__(f"spikes of {neurons.text}", net.turn)
-        self._net, self._of = net, of
+        self._net, self._plain, self._of = net, plain, of
         self.begin()
 
     def begin(self) -> None:
@@ -265,61 +306,46 @@ class _Spikes(Port):
     def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
         if out is not None and (type(out) is not np.ndarray or out.dtype != _WHOLE or out.ndim != 1):
             raise self._unfit(out, _WHOLE, "one axis")
-        ids = self._net.plain.spikes(self._of, since=self._since)[1]
+        ids = self._plain.spikes(self._of, since=self._since)[1]
         if out is not None and ids.size > out.size:
             raise self._unfit(out, _WHOLE, f"at least {ids.size}, the spikes since {self._since:g} ms")
         self.begin()
         return ids if out is None else self._filled(ids, out[: ids.size])
 
 
-@dataclass(frozen=True, slots=True)
-class _Net:
-    """What ports are made of."""
-
-    program: Program
-    engine: Engine
-    clock: Clock
-    plain: SimulationOfPorts
-    within: Within
-    turn: Turn
-
-
 class Ports:
     """Makes the ports of a simulation, and knows those in use; they hold the simulation, and it does not hold them.
 
     Args:
-        program: the network.
-        engine: it runs.
-        clock: of the network.
-        handles: finds its parts.
+        run: the network in execution.
         turn: the call that the simulation is in.
     """
 
-    def __init__(self, program: Program, engine: Engine, clock: Clock, handles: Handles, turn: Turn) -> None:
-        self._program, self._engine, self._clock, self._handles, self._turn = program, engine, clock, handles, turn
+    def __init__(self, run: Run, turn: Turn) -> None:
+        self.program, self.engine, self.clock = run.program, run.engine, run.clock
+        self._handles, self.turn = run.handles, turn
         self._used: WeakSet[Port] = WeakSet()
 
-    def port(self, plain: SimulationOfPorts, of: Part, what: str | None) -> Port:
-        """A port of a simulation, see `Simulation.port`."""
-        net = _Net(self._program, self._engine, self._clock, plain, within, self._turn)
-        made = self._made(net, of, what)
-        self._used.add(made)
-        return made
-
-    def _made(self, net: _Net, of: Any, what: str | None) -> Port:
+    def port(self, plain: Any, of: Any, what: str | None) -> Port:
+        """A port of a simulation, whose calls it stands for; see `Simulation.port`."""
+        port: Port
         if what is None:
-            return _OfSignal(net, of, self._handles.signal(of))
-        if what in ("spikes", "counts"):
+            port = _OfSignal(self, plain, of, self._handles.signal(of))
+        elif what == "counts":
+            port = _Counts(self, self._handles.neurons(of))
+        elif what == "spikes":
             neurons = self._handles.neurons(of)
-            if what == "counts":
-                return _Counts(net, neurons)
-            net.plain.spikes(of, since=math.inf)  # refuses what is not recorded
-            return _Spikes(net, of, neurons)
-        found = self._handles.neurons_or_projection(of)
-        net.plain.get(of, what)  # refuses an unknown word
-        return (
-            _OfSynapses(net, of, found, what) if isinstance(found, int) else _OfNeurons(net, of, found, word_of(what))
-        )
+            plain.spikes(of, since=math.inf)  # refuses what is not recorded
+            port = _Spikes(self, plain, of, neurons)
+        else:
+            part = self._handles.neurons_or_projection(of)
+            plain.get(of, what)  # refuses an unknown word
+            if isinstance(part, int):
+                port = _OfSynapses(self, plain, of, part, what)
+            else:
+                port = _OfNeurons(self, plain, of, part, word_of(what))
+        self._used.add(port)
+        return port
 
     def begin(self) -> None:
         """The simulation went back, or on to another state."""
@@ -342,7 +368,7 @@ def _closed(q: Quantity) -> tuple[float, float]:
 
 
 @kernel
-def within(values: NDArray[np.float64], low: float, high: float) -> bool:
+def within(values: NDArray[Any], low: float, high: float) -> bool:
     """Whether all values lie in [low, high]; NaN does not."""
     # one pass: several passes of NumPy take longer than a step of a small network
     inside = True

@@ -101,7 +101,6 @@ class Recorder:
             self._sampled = {program.probes[number].name: number for number in engine.samples}
             self._due = {name: probe for name, probe in self._due.items() if name not in self._sampled}
         self._counted = {p.name: (0, 0) for p in probes if p.record == "rate"}
-        self._resolution = program.resolution
         per_step = sum(8.0 * (columns(program, probe) + 1) / probe.every for probe in probes)
         self.few_steps = int(LEAST / per_step) if per_step else NEVER
 
@@ -150,19 +149,16 @@ class Recorder:
             values = self._engine.get_synapses(probe.projection, probe.record)
             values = values if probe.synapses is None else values[probe.synapses]
         elif probe.record == "rate":
-            return self._rate(probe)
+            # Spikes of a neuron in a second, the mean since the last record.
+            spikes = self._engine.counts().spikes[probe.population]
+            spikes = spikes if probe.ids is None else spikes[probe.ids]
+            before, since = self._counted[probe.name]
+            total, step = int(spikes.sum()), self._engine.step
+            self._counted[probe.name] = total, step
+            return np.array([(total - before) / (spikes.size * (step - since) * self._program.resolution * 1e-3)])
         else:
             values = self._engine.get(probe.population, probe.record, probe.ids)
         return values.mean(keepdims=True) if probe.mean else values
-
-    def _rate(self, probe: Probe) -> Floats:
-        """Spikes of a neuron in a second, the mean since the last record."""
-        spikes = self._engine.counts().spikes[probe.population]
-        spikes = spikes if probe.ids is None else spikes[probe.ids]
-        before, since = self._counted[probe.name]
-        total, step = int(spikes.sum()), self._engine.step
-        self._counted[probe.name] = total, step
-        return np.array([(total - before) / (spikes.size * (step - since) * self._resolution * 1e-3)])
 
     def forget(self, before: int) -> None:
         """Drop what was recorded up to a step."""
@@ -240,14 +236,11 @@ class PreSpikes:
 
     def look(self, engine: Engine) -> None:
         """Take over what spikes have left since the last look."""
-        new = engine.noted(self._index) if isinstance(engine, Notes) and self._learns else self._followed(engine)
+        learns = self._part.synapse.learns == "pairs"
+        new = engine.noted(self._index) if isinstance(engine, Notes) and learns else self._followed(engine)
         if new.steps.size:
             order = np.lexsort((new.synapses, new.steps))
             self._kept.append(Sent(new.steps[order], new.synapses[order], new.values[order]))
-
-    @property
-    def _learns(self) -> bool:
-        return self._part.synapse.learns == "pairs"
 
     def _followed(self, engine: Engine) -> Sent:
         """The synapses of neurons that have fired, with their weights of now."""
@@ -257,21 +250,15 @@ class PreSpikes:
         steps, ids = np.concatenate((self._waiting[0], steps)), np.concatenate((self._waiting[1], ids))
         gone, self._seen = steps < engine.step, engine.step
         self._waiting = steps[~gone], ids[~gone]
-        synapses, number = self._rows(ids[gone])
-        values = engine.get_synapses(self.probe.projection, self.probe.record)
-        return Sent(np.repeat(steps[gone], number), synapses, values[synapses])
-
-    def _rows(self, ids: Ints) -> tuple[Ints, Ints]:
-        """The synapses of some sources, one after the other, and how many each has."""
+        # The synapses of these neurons, one after the other, and how many each has.
         sources, _ = self._program.connections(self.probe.projection)
-        if self.probe.synapses is None:
-            chosen = np.arange(sources.size)
-        else:
-            chosen = np.sort(self.probe.synapses)
-        first, end = np.searchsorted(sources[chosen], ids), np.searchsorted(sources[chosen], ids, side="right")
+        chosen = np.arange(sources.size) if self.probe.synapses is None else np.sort(self.probe.synapses)
+        first, end = (np.searchsorted(sources[chosen], ids[gone], side=side) for side in ("left", "right"))
         number = end - first
         places = np.arange(number.sum()) + np.repeat(first - np.cumsum(number) + number, number)
-        return chosen[places], number
+        synapses = chosen[places]
+        values = engine.get_synapses(self.probe.projection, self.probe.record)
+        return Sent(np.repeat(steps[gone], number), synapses, values[synapses])
 
     def read(self) -> Sent:
         """All that has been recorded, by step, then synapse."""

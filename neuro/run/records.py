@@ -12,24 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.checks import check_span
-from neuro.core.clock import NEVER, Clock
+from neuro.core.clock import NEVER
 from neuro.core.english import a
 from neuro.core.errors import ModelError
-from neuro.model.network import Network
 from neuro.model.neurons import Generator
 from neuro.model.parts import Probe
-from neuro.program.backend import Engine
-from neuro.program.program import Floats, Ints, Program
+from neuro.program.program import Floats, Ints
 from neuro.program.spikes import one_by_one
-from neuro.run.handles import Handles, Neurons
+from neuro.run.handles import Neurons, Run
+from neuro.run.ports import Turn, held
 from neuro.run.recorder import Recorder
-from neuro.run.turn import Turn, held
 from neuro.run.values import SynapseValues
 
 if TYPE_CHECKING:
     from neuro.files.results import Results
-    from neuro.run.collect import RunSource
-    from neuro.run.recording import ResultsWriter
+    from neuro.run.collect import ResultsWriter
 
 UNGRADED = "'neuro models' says which neurons are graded; sim.spikes gives times and neurons of all"
 
@@ -38,10 +35,7 @@ class Records:
     """Runs a network and reads what was recorded of it.
 
     Args:
-        program: the network.
-        engine: it runs.
-        clock: of the network.
-        handles: finds the parts that probes are of.
+        run: the network in execution.
         synapses: knows the ends of those that are recorded at pre spikes.
 
     Attributes:
@@ -50,11 +44,9 @@ class Records:
         held: the step after which spikes and traces are held; those up to it were forgotten, or are in `file`.
     """
 
-    def __init__(
-        self, program: Program, engine: Engine, clock: Clock, handles: Handles, synapses: SynapseValues
-    ) -> None:
-        self._engine, self._clock, self._handles, self._synapses = engine, clock, handles, synapses
-        self.recorder = Recorder(program, engine)
+    def __init__(self, run: Run, synapses: SynapseValues) -> None:
+        self._net, self._engine, self._clock, self._handles = run.net, run.engine, run.clock, run.handles
+        self._synapses, self.recorder = synapses, Recorder(run.program, run.engine)
         self.recording: ResultsWriter | None = None
         self.held = 0
         self._left: tuple[int, Path] | None = None
@@ -77,8 +69,7 @@ class Records:
     @contextmanager
     def to_file(
         self,
-        sim: RunSource,
-        net: Network,
+        sim: Any,
         path: str | PathLike[str],
         threads: int,
         record: Collection[str],
@@ -87,11 +78,11 @@ class Records:
         turn: Turn | None,
     ) -> Iterator[ResultsWriter]:
         """Write what is recorded to a file of results within the block, and keep none of it."""
-        from neuro.run.recording import ResultsWriter
+        from neuro.run.collect import ResultsWriter
 
         with held(turn, "record_to"):
             self.refuse_while_recording("record_to")
-            parts = (sim, net, self._engine, self.recorder)
+            parts = (sim, self._net, self._engine, self.recorder)
             recording = ResultsWriter(*parts, path, threads=threads, record=record, all_weights=all_weights, live=live)
             self.recording = recording
         try:
@@ -183,8 +174,7 @@ class Records:
         """Refuse a time of which spikes are not held any more."""
         if not self.held:
             return
-        asked = {"since": since, "until": until}
-        for word, ms in asked.items():
+        for word, ms in (("since", since), ("until", until)):
             if ms is None or self._clock.floor(ms, word) >= self.held + (word == "until"):
                 continue
             held, what = f"{self._clock.ms(self.held):g} ms", f"spikes of '{name}': {word} = {ms:g} ms"

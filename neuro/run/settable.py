@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from neuro.compiler.check import check_values
-from neuro.compiler.receptors import check_conductance
+from neuro.compiler.check import check_conductance, check_values
 from neuro.compiler.values import per_neuron
 from neuro.core.checks import check, is_number, numbers, refuse_masked
 from neuro.core.clock import Clock
@@ -32,25 +32,21 @@ _WEIGHT = Quantity(arrays=True)
 _FIXED = ("deliver_interval",)
 _RANGE = ("d_min", "d_max")
 _DRAWN = "a distribution is drawn where connections are made: net.connect(..., weight=...)"
-_KNOWN: dict[type[Model], dict[str, Quantity]] = {}
-_STATES: dict[type[Model], dict[str, Quantity]] = {}
 _PAIRS = (("V_th", "V_reset"), ("V_peak", "V_reset"), ("std", "std_mod"), ("rate", "amplitude"))
 _PARTNERS = (*_PAIRS, *((second, first) for first, second in _PAIRS))
 """Parameters that are checked together."""
 
 
-def _quantities(model: Model) -> dict[str, Quantity]:
-    """The parameters of a model, kept since a closed loop asks for them at every step."""
-    if type(model) not in _KNOWN:
-        _KNOWN[type(model)] = model.quantities()
-    return _KNOWN[type(model)]
+@cache
+def _quantities(model: type[Model]) -> dict[str, Quantity]:
+    """Return the parameters of a model, cached since a closed loop asks for them at every step."""
+    return model.quantities()
 
 
-def _states(model: Model) -> dict[str, Quantity]:
-    """The states of a model, kept likewise."""
-    if type(model) not in _STATES:
-        _STATES[type(model)] = {state.name: state.quantity() for state in model.states}
-    return _STATES[type(model)]
+@cache
+def _states(model: type[Model]) -> dict[str, Quantity]:
+    """Return the states of a model, cached likewise."""
+    return {state.name: state.quantity() for state in model.states}
 
 
 def states(part: Population) -> list[str]:
@@ -84,15 +80,16 @@ def new_values(neurons: Neurons, word: str, value: Any, engine: Engine, seed: in
 
 def _settable(part: Population, word: str) -> Quantity:
     """A parameter or state of a population that can be set."""
+    model: Any = type(part.model)
     if word in part.parameters and word not in part.model.fixed:
-        q = _quantities(part.model)[word]
+        q = _quantities(model)[word]
     elif word in states(part):
         if any(state.follows for state in part.model.states if state.name == word):
             raise ModelError(f"{part.model.name}.{word} of '{part.name}' follows from its other states: set those")
-        q = _states(part.model)[word]
+        q = _states(model)[word]
     else:
         known = [*(name for name in part.parameters if name not in part.model.fixed), *states(part)]
-        if word in _quantities(part.model):
+        if word in _quantities(model):
             raise ModelError(
                 f"{part.model.name}.{word} of '{part.name}' is fixed: change the network and compile again"
             )
@@ -125,14 +122,8 @@ def _one_or_each(q: Quantity, value: Any, shape: tuple[int, ...], what: str, key
 def _inside(q: Quantity, array: Floats) -> bool:
     """Whether all values of an array are finite and within the bounds; the fast way to say yes."""
     low, high = array.min(), array.max()
-    return bool(
-        low > -np.inf
-        and high < np.inf
-        and (q.above is None or low > q.above)
-        and (q.at_least is None or low >= q.at_least)
-        and (q.below is None or high < q.below)
-        and (q.at_most is None or high <= q.at_most)
-    )
+    finite = low > -np.inf and high < np.inf
+    return bool(finite and all(holds(low, bound) and holds(high, bound) for _, bound, holds in q.bounds))
 
 
 def check_together(program: Program, index: int, new: Mapping[str, Floats], engine: Engine, clock: Clock) -> None:

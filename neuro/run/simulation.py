@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NoReturn, SupportsIndex
 from numpy.typing import ArrayLike
 
 from neuro.core.checks import check
-from neuro.core.clock import NEVER, Clock
+from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
 from neuro.core.paths import file_path
-from neuro.core.progress import Bar
+from neuro.core.progress import Bar, advance
 from neuro.core.quantities import Quantity, word_of
 from neuro.core.tables import Table, as_html, as_text
 from neuro.core.values import shown
@@ -25,30 +25,26 @@ from neuro.model.parts import Part, Population, Probe, Projection, Side, Signal
 from neuro.model.views import View
 from neuro.program.backend import Engine, Registers
 from neuro.program.counts import Counts, Tally
-from neuro.program.program import Floats, Ints, Projection as ResolvedProjection
-from neuro.run.finite import Watch
-from neuro.run.handles import Handles, Neurons
-from neuro.run.inputs import InputFeeder, StreamFeeder, streams_of
-from neuro.run.lesions import driver, outgoing
-from neuro.run.ports import Port, Ports
-from neuro.run.progress import advance
+from neuro.program.program import Floats, Ints
+from neuro.run.handles import Neurons, Run
+from neuro.run.inputs import InputFeeder, StreamFeeder, driver, outgoing, streams_of
+from neuro.run.ports import Port, Ports, Turn, alone
 from neuro.run.records import Records
 from neuro.run.saved import Saved, learnt_network
 from neuro.run.stepper import Joined, Stepper
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
-from neuro.run.turn import Turn, alone
-from neuro.run.values import NeuronValues, SynapseValues
+from neuro.run.values import NeuronValues, SynapseValues, Watch
 
 if TYPE_CHECKING:
     import neo
     from matplotlib.figure import Figure
 
-    from neuro.chips.pricing.energy import Energy
+    from neuro.chips.energy import Energy
     from neuro.diagnosis.diagnosis import Diagnosis
-    from neuro.files.exports import DataFrames
     from neuro.files.parts import Trace
+    from neuro.files.recorded import DataFrames
     from neuro.files.results import Results
-    from neuro.run.recording import ResultsWriter
+    from neuro.run.collect import ResultsWriter
 
 _FLAG = Quantity(kind="boolean")
 
@@ -74,22 +70,16 @@ class Simulation:
 
     def __init__(self, net: Network, backend: str, program: Any, engine: Engine) -> None:
         self.backend, self.program = backend, program
+        self._run = run = Run(net, backend, program, engine)
         self._net, self._engine, self._latest = net, engine, net.latest
-        self._clock = Clock(program.resolution)
-        self.handles = Handles(net, program)
-        self._rules = {index: part.synapse for index, part in enumerate(program.projections)}
-        self._synapses = SynapseValues(program, engine, self._clock, self._rules, self.handles)
-        self._cells, self._inputs = (
-            NeuronValues(program, engine, self._clock),
-            InputFeeder(program, engine, self._clock),
-        )
-        self._records = Records(program, engine, self._clock, self.handles, self._synapses)
-        self._tally = Tally(program)
+        self._clock, self.handles, self._rules = run.clock, run.handles, run.rules
+        self._synapses, self._cells, self._inputs = SynapseValues(run), NeuronValues(run), InputFeeder(run)
+        self._records, self._tally = Records(run, self._synapses), Tally(program)
         self._inflow, self._fed = StreamFeeder(program, engine, streams_of(program)), StreamFeeder(program, engine, {})
-        self._watch = Watch(program, engine, self._clock)
+        self._watch = Watch(run)
         self.steered: dict[str, None] = {}
         turn: Turn = {}
-        self._ports = Ports(program, engine, self._clock, self.handles, turn)
+        self._ports = Ports(run, turn)
         self._turn: Turn | None = None
         inner = object.__new__(type(self))
         inner.__dict__ |= self.__dict__
@@ -116,13 +106,16 @@ class Simulation:
         return [
             run_table(self.time, ((p.name, p.said, p.size, spikes[p.name]) for p in populations)),
             projection_table(
-                (p.name, populations[p.source].name, populations[p.target].name, self._said(p), p.size)
+                (
+                    p.name,
+                    populations[p.source].name,
+                    populations[p.target].name,
+                    synapse_said(p.synapse.name, None if p.undrawn is None else self.backend),
+                    p.size,
+                )
                 for p in self.program.projections
             ),
         ]
-
-    def _said(self, part: ResolvedProjection) -> str:
-        return synapse_said(part.synapse.name, None if part.undrawn is None else self.backend)
 
     # time
 
@@ -215,7 +208,7 @@ class Simulation:
         """
         inner = self if self._turn is None else self._inner
         words = (path, threads, record, all_weights, live)
-        with self._records.to_file(inner, self._net, *words, self._turn) as recording:
+        with self._records.to_file(inner, *words, self._turn) as recording:
             yield recording
 
     @alone
@@ -265,7 +258,10 @@ class Simulation:
         Raises:
             ModelError: a name is unknown, a value is out of bounds, or no synapse is chosen.
         """
-        new = {word_of(word): value for word, value in (_mapping(values) | named).items()}
+        given = {} if values is None else values
+        if not isinstance(given, Mapping) or not all(isinstance(word, str) for word in given):
+            raise ModelError(f"set: found {shown(values)}: expected values by name", hint="sim.set(cells, V_m=-60.0)")
+        new = {word_of(word): value for word, value in {**given, **named}.items()}
         neurons = self.handles.neurons_or_projection(part)
         if not new:
             raise ModelError("set: found no value: expected one by name", hint="sim.set(cells, V_m=-60.0)")
@@ -302,10 +298,15 @@ class Simulation:
             pre: only those from these neurons; `weights` says which they are.
             post: likewise those onto these neurons.
         """
-        _refuse_second(what, raw)
+        second: object = raw
+        if isinstance(second, str) and second.isidentifier():
+            hint = f"sim.get(part, [{what!r}, {second!r}]) gives both"
+            raise ModelError(f"get: found {shown(what)} and {shown(second)}: expected one name, or a list", hint=hint)
         if isinstance(what, list):
             return {word: self.get(part, word, raw, of=of, pre=pre, post=post) for word in what}
-        registers = self._registers() if check(_FLAG, raw, "raw") else None
+        registers = self._engine if check(_FLAG, raw, "raw") else None
+        if registers is not None and not isinstance(registers, Registers):
+            raise ModelError(f"raw = True: expected False, as backend '{self.backend}' has no registers")
         neurons = self.handles.neurons_or_projection(part)
         if isinstance(neurons, int):
             chosen = self._synapses.chosen(neurons, of, pre, post)
@@ -320,11 +321,6 @@ class Simulation:
     def states(self, of: Population | View | str) -> list[str]:
         """The states of a population's neurons that this backend shows, in the order of its model."""
         return self._cells.states(self.handles.neurons(of))
-
-    def _registers(self) -> Registers:
-        if not isinstance(self._engine, Registers):
-            raise ModelError(f"raw = True: expected False, as backend '{self.backend}' has no registers")
-        return self._engine
 
     @alone
     def weights(
@@ -591,14 +587,14 @@ class Simulation:
         return overview(self, of, window=window)
 
     def to_neo(self) -> neo.Block:
-        """Spikes and traces so far as a block of Neo, see `neuro.files.exports.to_neo`; needs the extra `neo`."""
-        from neuro.files.exports import to_neo
+        """Spikes and traces so far as a block of Neo, see `neuro.files.recorded.to_neo`; needs the extra `neo`."""
+        from neuro.files.recorded import to_neo
 
         return to_neo(self)
 
     def to_pandas(self) -> DataFrames:
         """Spikes, rates, traces and weights so far as data frames; needs the extra `pandas`."""
-        from neuro.files.exports import to_pandas
+        from neuro.files.recorded import to_pandas
 
         return to_pandas(self)
 
@@ -606,7 +602,7 @@ class Simulation:
 
     @cached_property
     def _trials(self) -> TrialLoop:
-        return TrialLoop(self.program, self._engine, self._clock, self._tally, self._rules)
+        return TrialLoop(self._run, self._tally)
 
     @alone
     def trials(
@@ -682,7 +678,7 @@ class Simulation:
             ModelError: there is no such target, the network does not fit on it, it has no published costs, or
                 `step_s`, `chips` or `duration_s` cannot be.
         """
-        from neuro.chips.pricing.price import bill
+        from neuro.chips.pricing import bill
 
         counts = self._engine.counts() if of is None else of.raw_counts
         self.program.refuse_share("energy")
@@ -697,7 +693,7 @@ class Simulation:
     def network(self) -> Network:
         """The network with what it has learnt: save it, or compile it for another backend."""
         self._synapses.check()
-        return learnt_network(self._net, self.program, self._engine, self._clock, self._rules)
+        return learnt_network(self._run)
 
     @alone
     def doctor(
@@ -726,7 +722,7 @@ class Simulation:
         """
         self.program.refuse_share("doctor")
         from neuro.diagnosis.doctor import backend_of_copy, examine, options_of, refused
-        from neuro.run.present import present
+        from neuro.run.saved import present
 
         options = options_of(
             ms=ms,
@@ -742,13 +738,13 @@ class Simulation:
             self._synapses.check()
         except ModelError as error:
             return refused(self.program.name, [error])
-        return examine(present(self.program, self._engine, self._rules, self.steered), options)
+        return examine(present(self._run, self.steered), options)
 
     # files
 
     @cached_property
     def _saved(self) -> Saved:
-        return Saved(self.program, self.backend, self._engine, self._records, self._rules, self._inflow)
+        return Saved(self._run, self._records, self._inflow)
 
     @alone
     def save(self, path: str | PathLike[str]) -> None:
@@ -780,21 +776,6 @@ class Simulation:
         self._saved.read(file_path(path, "path"), None if self.program.trials is None else self._trials)
         self._watch.begin()
         self._ports.begin()
-
-
-def _mapping(values: object) -> dict[str, Any]:
-    if values is None:
-        return {}
-    if not isinstance(values, Mapping) or not all(isinstance(word, str) for word in values):
-        raise ModelError(f"set: found {shown(values)}: expected values by name", hint="sim.set(cells, V_m=-60.0)")
-    return dict(values)
-
-
-def _refuse_second(what: object, found: object) -> None:
-    """Refuse a second name where `raw` stands."""
-    if isinstance(found, str) and found.isidentifier():
-        hint = f"sim.get(part, [{what!r}, {found!r}]) gives both"
-        raise ModelError(f"get: found {shown(what)} and {shown(found)}: expected one name, or a list", hint=hint)
 
 
 def _refuse_ends(neurons: Neurons, of: object, pre: object, post: object) -> None:

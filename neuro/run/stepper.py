@@ -11,12 +11,11 @@ from numpy.typing import ArrayLike
 from neuro.core.clock import NEVER, Clock
 from neuro.core.english import a
 from neuro.core.errors import ModelError
-from neuro.kernels.jit import kernel
-from neuro.program.backend import Engine
+from neuro.program.backend import Engine, together
 from neuro.program.program import Ints, Program
-from neuro.program.together import together
-from neuro.run.finite import Watch
 from neuro.run.handles import Handles
+from neuro.run.ports import within
+from neuro.run.values import Watch
 
 Listed = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
 
@@ -144,16 +143,8 @@ class Stepper:
             message = f"step: spikes of '{part.name}': expected (offsets, ticks, ids) with {n + 1} offsets"
             raise ModelError(message if n > 1 else f"step: spikes of '{part.name}': expected as many ticks as ids")
         for what, found, low, high in (("ticks", ticks, 1, self.ticks), ("ids", ids, 0, part.size - 1)):
-            if not _within(found, low, high):
+            # Four calls of numpy would take as long as some ticks of a small network.
+            if not within(found, low, high):
                 ends = f"{what} {found.min()} to {found.max()}"
                 raise ModelError(f"step: spikes of '{part.name}': {ends}: expected {low} to {high}")
         return index, offsets, ticks, ids
-
-
-@kernel
-def _within(values: Ints, low: int, high: int) -> bool:
-    """Whether all values are in low..high; four calls of numpy would take as long as some ticks of a small network."""
-    for k in range(values.shape[0]):  # noqa: SIM110  a generator is no kernel
-        if values[k] < low or values[k] > high:
-            return False
-    return True

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from neuro.core import keyed_random
 from neuro.core.checks import numbers
-from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
-from neuro.model.synapses import Growth, Lesson, Synapse, TrialEnd
-from neuro.program.backend import Engine, EngineCounts, Outcome, Trial, Wins
+from neuro.model.synapses import Lesson, TrialEnd
+from neuro.program.backend import EngineCounts, Outcome, Trial, Wins
 from neuro.program.counts import Counts, Tally, difference, total
-from neuro.program.program import Floats, Ints, Program
+from neuro.program.program import Floats, Ints
+from neuro.run.handles import Run
 from neuro.run.settable import neuron_ids
 
 Bools = NDArray[np.bool_]
@@ -122,20 +121,15 @@ class TrialLoop:
     """Presents trials to an engine and teaches it.
 
     Args:
-        program: it has trials.
-        engine: presents and learns.
-        clock: of the network.
+        run: a network in execution that has trials.
         tally: counts what a batch took.
-        rules: the present synapse models of the projections.
     """
 
-    def __init__(
-        self, program: Program, engine: Engine, clock: Clock, tally: Tally, rules: Mapping[int, Synapse]
-    ) -> None:
-        assert program.trials is not None
-        self.program, self.section = program, program.trials
-        section = program.trials
-        self.engine, self.clock, self.tally, self.rules = engine, clock, tally, rules
+    def __init__(self, run: Run, tally: Tally) -> None:
+        program, section = run.program, run.program.trials
+        assert section is not None
+        self.section, self.tally = section, tally
+        self.engine, self.clock, self.rules = run.engine, run.clock, run.rules
         self.inputs = program.populations[section.input].size
         output = program.populations[section.output]
         self.outputs = output.size
@@ -193,51 +187,48 @@ class TrialLoop:
             if outcome.wins is not None:
                 wins.append(outcome.wins)
             if learn:
-                for each in _one_by_one(outcome):
-                    self._teach(self._end(each, -1 if right is None else int(right[i]), mute))  # type: ignore[arg-type]
+                # Of several winners each teaches as if only the first had been, then the second, and so on.
+                each_alone = [outcome]
+                if outcome.wins is not None and len(outcome.wins.neurons) > 1:
+                    won = zip(outcome.wins.neurons.tolist(), outcome.wins.ticks.tolist(), strict=True)
+                    each_alone = [replace(outcome, winner=neuron, tick=at) for neuron, at in won]
+                for each in each_alone:
+                    self._teach(each, -1 if right is None else int(right[i]), mute)  # type: ignore[arg-type]
         several = tuple(wins) if self.several else None
         label = np.where(winner >= 0, winner // self.per_label_neurons, -1)
         return TrialResults(winner, label, step, potential, ran, several, self.tally, before, self.engine.counts())
 
-    def _end(self, outcome: Outcome, right: int, silenced: Bools) -> TrialEnd:
-        """What the rules see of a trial."""
+    def _teach(self, outcome: Outcome, right: int, silenced: Bools) -> None:
+        """Let each rule teach whom it chooses by what it sees of a trial."""
         decided = outcome.winner >= 0
         hit = decided and outcome.winner // self.per_label_neurons == right
         reward = self.section.reward[0 if hit else 1] if decided and right >= 0 else 0.0
         maps = self.maps_of[right] if right >= 0 else _NOBODY
-        return TrialEnd(
+        end = TrialEnd(
             outcome.winner, outcome.tick, outcome.ticks, right, hit, reward, maps, silenced,
             outcome.potential, outcome.best, outcome.peak, outcome.peak_tick,
         )  # fmt: skip
 
-    def _teach(self, end: TrialEnd) -> None:
-        """Let each rule teach whom it chooses."""
         for projection in self.learners:
             rule = self.rules[projection]
             for taught in rule.lessons(end):
                 if isinstance(taught, Lesson):
-                    self._check_lesson(rule, taught)
+                    # Engines rely on this: a third-party rule may name a neuron that does not exist.
+                    if not 0 <= (neuron := taught.neuron) < self.outputs:
+                        expected = f"expected one of the output, 0 to {self.outputs - 1}"
+                        message = f"{rule.name}: a lesson for neuron {neuron}: {expected}"
+                        raise ModelError(message, hint="no neuron decided where end.winner is -1")
                     self.engine.learn(projection, int(taught.neuron), int(taught.tick), float(taught.lesson))
                 else:
-                    self._check_growth(projection, taught, end)
+                    if projection not in self.growing:
+                        expected = "expected a function 'encourage(w, c)' in its file"
+                        raise ModelError(f"{rule.name}: its lessons let maps grow: {expected}")
+                    if taught.maps is not end.maps and not all(
+                        0 <= m < self.section.maps for m in taught.maps.tolist()
+                    ):
+                        expected = f"expected maps from 0 to {self.section.maps - 1}"
+                        raise ModelError(f"{rule.name}: growth of maps {taught.maps.tolist()}: {expected}")
                     self.engine.encourage(projection, taught.maps)
-
-    def _check_lesson(self, rule: Synapse, taught: Lesson) -> None:
-        """Engines rely on this: a third-party rule may name a neuron that does not exist."""
-        if not 0 <= (neuron := taught.neuron) < self.outputs:
-            message = f"{rule.name}: a lesson for neuron {neuron}: expected one of the output, 0 to {self.outputs - 1}"
-            raise ModelError(message, hint="no neuron decided where end.winner is -1")
-
-    def _check_growth(self, projection: int, taught: Growth, end: TrialEnd) -> None:
-        rule = self.rules[projection]
-        if projection not in self.growing:
-            raise ModelError(
-                f"{rule.name}: its lessons let maps grow: expected a function 'encourage(w, c)' in its file"
-            )
-        if taught.maps is not end.maps and not all(0 <= m < self.section.maps for m in taught.maps.tolist()):
-            raise ModelError(
-                f"{rule.name}: growth of maps {taught.maps.tolist()}: expected maps from 0 to {self.section.maps - 1}"
-            )
 
     def _offsets(self, offsets: ArrayLike, total: int) -> Ints:
         array = np.asarray(offsets)
@@ -296,45 +287,37 @@ class TrialLoop:
             if learn and self.supervised:
                 raise ModelError("trials: learn=True without labels: expected one label for each trial")
             return None
-        array = np.asarray(labels)
-        if array.shape != (n,) or array.dtype.kind not in "iu":
-            raise ModelError(f"trials: labels of shape {list(array.shape)}: expected {n} whole numbers, one a trial")
+        array = _one_a_trial(labels, n, "labels")
         known = self.section.maps // self.per_label
         bad = np.flatnonzero((array < 0) | (array >= known))
         if bad.size:
             raise ModelError(f"trials: labels[{bad[0]}] = {array[bad[0]]}: expected a label from 0 to {known - 1}")
-        return array.astype(np.int64)
+        return array
 
     def _dropout(self, samples: ArrayLike | None, n: int, epoch: int) -> Bools:
-        """Which maps are silenced in each trial: a draw for each sample, counted over all that has been learnt."""
+        """Draw the maps that are silenced in each trial: a draw for each sample, counted over all that has been learnt.
+
+        A new sample begins where its number or the epoch changes.
+        """
         if epoch < 0:
             raise ModelError(f"trials: epoch = {epoch}: expected a whole number >= 0")
         share = self.section.dropout * self.section.dropout_decay**epoch
-        counted = self._count_samples(samples, n, epoch)
-        return keyed_random.uniform_table(self.key, counted, self.section.maps) < share
-
-    def _count_samples(self, samples: ArrayLike | None, n: int, epoch: int) -> Ints:
-        """The running number of each trial's sample; a new one begins where the sample or the epoch changes."""
         if samples is None or self.section.dropout_per_trial:
             new = np.ones(n, dtype=bool)
         else:
-            array = np.asarray(samples)
-            if array.shape != (n,) or array.dtype.kind not in "iu":
-                raise ModelError(
-                    f"trials: samples of shape {list(array.shape)}: expected {n} whole numbers, one a trial"
-                )
+            array = _one_a_trial(samples, n, "samples")
             before = self.last[1] if self.last[0] == epoch else -1
-            new = np.diff(array.astype(np.int64), prepend=before) != 0
+            new = np.diff(array, prepend=before) != 0
             if n:
                 self.last = (epoch, int(array[-1]))
         counted = self.seen + np.cumsum(new) - 1
         self.seen += int(new.sum())
-        return counted
+        return keyed_random.uniform_table(self.key, counted, self.section.maps) < share
 
 
-def _one_by_one(outcome: Outcome) -> Iterable[Outcome]:
-    """An outcome as if only the first winner had been, then the second, and so on."""
-    if outcome.wins is None or len(outcome.wins.neurons) < 2:
-        return (outcome,)
-    won = zip(outcome.wins.neurons.tolist(), outcome.wins.ticks.tolist(), strict=True)
-    return [replace(outcome, winner=neuron, tick=tick) for neuron, tick in won]
+def _one_a_trial(values: ArrayLike, n: int, what: str) -> Ints:
+    """Check whole numbers, one for each of n trials."""
+    array = np.asarray(values)
+    if array.shape != (n,) or array.dtype.kind not in "iu":
+        raise ModelError(f"trials: {what} of shape {list(array.shape)}: expected {n} whole numbers, one a trial")
+    return array.astype(np.int64)

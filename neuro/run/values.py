@@ -1,25 +1,27 @@
-"""Parameters and states of neurons, read and changed while a network runs."""
+"""Parameters, states and weights, read and changed while a network runs, and watched for NaN and infinity.
+
+A numerical instability is reported, where it would go on silently.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.checks import check
-from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import word_of
+from neuro.model.neurons import Neuron
 from neuro.model.parts import Side
 from neuro.model.synapses import Synapse
-from neuro.program.backend import Engine, SettableSynapses, unreadable
-from neuro.program.program import Floats, Ints, Program, Projection, synapse_states
+from neuro.program.backend import SettableSynapses, are_finite, unreadable
+from neuro.program.program import Floats, Ints, Projection, synapse_states
 from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
 from neuro.run import settable
-from neuro.run.finite import check_weights
-from neuro.run.handles import Handles, Neurons
+from neuro.run.handles import Neurons, Run
 from neuro.run.settable import Chosen
 
 
@@ -27,13 +29,11 @@ class NeuronValues:
     """Reads and sets neurons.
 
     Args:
-        program: the network.
-        engine: it runs.
-        clock: of the network.
+        run: the network in execution.
     """
 
-    def __init__(self, program: Program, engine: Engine, clock: Clock) -> None:
-        self._program, self._engine, self._clock = program, engine, clock
+    def __init__(self, run: Run) -> None:
+        self._program, self._engine, self._clock = run.program, run.engine, run.clock
 
     def set(self, neurons: Neurons, values: Mapping[str, Any]) -> None:
         """Change parameters or states by name, of all neurons or of each.
@@ -75,18 +75,12 @@ class SynapseValues:
     """Reads and sets synapses; projections are indices.
 
     Args:
-        program: the network.
-        engine: it runs.
-        clock: of the network.
-        rules: the present synapse models of projections, changed in place.
-        handles: finds the neurons at their ends.
+        run: the network in execution.
     """
 
-    def __init__(
-        self, program: Program, engine: Engine, clock: Clock, rules: dict[int, Synapse], handles: Handles
-    ) -> None:
-        self._program, self._engine, self._clock, self._rules = program, engine, clock, rules
-        self._handles = handles
+    def __init__(self, run: Run) -> None:
+        self._program, self._engine, self._clock, self._rules = run.program, run.engine, run.clock, run.rules
+        self._handles = run.handles
         self._ends: dict[int, tuple[Ints, Ints]] = {}
 
     def ends(self, index: int) -> tuple[Ints, Ints]:
@@ -124,39 +118,32 @@ class SynapseValues:
         if part.grid is not None:
             refuse_some_of_a_grid(part.name, next(iter(said)))
         if of is None:
-            sides = [("pre", pre, part.source), ("post", post, part.target)]
-            return self._between(part, index, [self._side(part, *side) for side in sides], some)
+            return self._between(part, index, pre, post, some)
         if len(said) > 1:
             raise ModelError(f"found both 'of' and '{[*said][1]}': expected pairs, or the neurons at either end")
-        return self._of_pairs(part, index, of)
-
-    def _side(self, part: Projection, word: str, given: Side, population: int) -> Neurons | None:
-        if given is None:
-            return None
-        neurons = self._handles.neurons_or_ids(given, population, word)
-        if neurons.index != population:
-            of = self._program.populations[population].name
-            raise ModelError(f"{word} = {neurons.text}: expected neurons of '{of}', as '{part.name}' has there")
-        return neurons
-
-    def _between(
-        self, part: Projection, index: int, sides: Sequence[Neurons | None], some: bool
-    ) -> NDArray[np.bool_] | None:
-        kept: NDArray[np.bool_] | None = None
-        for neurons, ids in zip(sides, self.ends(index), strict=True):
-            if neurons is not None and neurons.ids is not None:
-                these = neurons.among()[ids]
-                kept = these if kept is None else kept & these
-        if some and kept is not None and not kept.any():
-            ends = zip(("from", "to"), sides, strict=True)
-            asked = " ".join(f"{word} {neurons.text}" for word, neurons in ends if neurons is not None)
-            raise ModelError(f"none of the {part.size:,} synapses of '{part.name}' goes {asked}: expected at least one")
-        return kept
-
-    def _of_pairs(self, part: Projection, index: int, of: Any) -> Ints:
         source, target = (self._program.populations[end] for end in (part.source, part.target))
         ends = Ends(part.name, (source.name, target.name), (source.size, target.size), *self.ends(index))
         return places_of_pairs(ends, of)
+
+    def _between(self, part: Projection, index: int, pre: Side, post: Side, some: bool) -> NDArray[np.bool_] | None:
+        kept: NDArray[np.bool_] | None = None
+        ways = []
+        sides = (("pre", "from", pre, part.source), ("post", "to", post, part.target))
+        for (word, way, side, population), ids in zip(sides, self.ends(index), strict=True):
+            if side is None:
+                continue
+            neurons = self._handles.neurons_or_ids(side, population, word)
+            if neurons.index != population:
+                of = self._program.populations[population].name
+                raise ModelError(f"{word} = {neurons.text}: expected neurons of '{of}', as '{part.name}' has there")
+            ways.append(f"{way} {neurons.text}")
+            if neurons.ids is not None:
+                these = neurons.among()[ids]
+                kept = these if kept is None else kept & these
+        if some and kept is not None and not kept.any():
+            message = f"none of the {part.size:,} synapses of '{part.name}' goes {' '.join(ways)}"
+            raise ModelError(f"{message}: expected at least one")
+        return kept
 
     def weights(self, index: int) -> Floats:
         """The weights of all synapses.
@@ -246,10 +233,11 @@ class SynapseValues:
         Raises:
             ModelError: they are not what the rule or the receptor takes.
         """
-        new = self.checked_weights(index, weights, chosen)
-        self._engine.set_weights(
-            index, new, None if chosen is None else _mask(self._program.projections[index], chosen)
-        )
+        new, mask = self.checked_weights(index, weights, chosen), None
+        if chosen is not None:
+            mask = np.zeros(self._program.projections[index].size, dtype=np.bool_)
+            mask[chosen] = True
+        self._engine.set_weights(index, new, mask)
 
     def checked_weights(self, index: int, weights: Any, chosen: Chosen | None = None) -> Floats:
         """What `set_weights` gives the engine, if it accepts the weights."""
@@ -279,8 +267,88 @@ class SynapseValues:
                 self.weights(index)
 
 
-def _mask(part: Projection, chosen: Chosen) -> NDArray[np.bool_]:
-    """Whether each synapse is chosen."""
-    mask = np.zeros(part.size, dtype=np.bool_)
-    mask[chosen] = True
-    return mask
+_STATES = "take smaller steps, weaker input or currents, and states nearer to where they rest"
+_LONGEST = 10_000
+"""Steps after which every state is checked again."""
+_WEIGHTS = "bound what the rule adds to the weight, e.g. min(w + ..., Wmax), and divide by nothing that can be 0"
+
+
+class Watch:
+    """Looks at states at the end of runs, whatever backend runs them.
+
+    States that can run away by themselves are checked each time: those of models that are not linear, and where a
+    third-party rule sends its weights. Of all others only input without bounds makes NaN, which then stays: they are
+    checked when the time has doubled since, and after 10,000 steps at the latest. So runs of one step cost nothing.
+
+    Args:
+        run: the network in execution.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self.program, self.engine, self.clock = run.program, run.engine, run.clock
+        hidden, parts = unreadable(run.engine), run.program.projections
+        foreign = [p for p in parts if not type(p.synapse).__module__.startswith("neuro.model.synapses.")]
+        taught = {part.target for part in foreign if part.synapse.learns}
+        self.steady: list[tuple[int, list[str]]] = []
+        self.watched: list[tuple[int, list[str]]] = []
+        for index, part in enumerate(self.program.populations):
+            if isinstance(part.model, Neuron) and part.size:
+                # A state that is infinite at step 0 means something by it.
+                states = [
+                    s.name for s in part.model.states if not s.hidden and not np.isinf(part.initial[s.name]).any()
+                ]
+                names = [name for name in states if name not in hidden]
+                (self.watched if index in taught or not part.model.linear else self.steady).append((index, names))
+        self.due = 0
+
+    def look(self) -> None:
+        """Refuse to go on with a state that is NaN or infinite.
+
+        Raises:
+            ModelError: one is; it names the projection whose weights brought it, or the neuron.
+        """
+        for index, names in self.watched:
+            self._look_at(index, names)
+        step = self.engine.step
+        if step >= self.due:
+            self.due = step + min(step, _LONGEST)
+            for index, names in self.steady:
+                if not are_finite(self.engine, index, names):
+                    self._look_at(index, names)
+
+    def begin(self) -> None:
+        """Begin anew, as after a reset."""
+        self.due = 0
+
+    def _look_at(self, index: int, names: list[str]) -> None:
+        for name in names:
+            values = self.engine.get(index, name)
+            if np.isfinite(values).all():
+                continue
+            for projection, into in enumerate(self.program.projections):
+                if into.target == index and into.synapse.learns:
+                    check_weights(into.name, into.synapse.name, self.engine.get_synapses(projection, "weight"))
+            part = self.program.populations[index]
+            neuron = int(np.argmin(np.isfinite(values)))
+            message = (
+                f"population '{part.name}': {name} of neuron {neuron} is {values[neuron]:g} "
+                f"at {self.clock.ms(self.engine.step):g} ms: a numerical instability of {part.model.name}"
+            )
+            raise ModelError(message, hint=_STATES, kind="instability")
+
+
+def check_weights(projection: str, rule: str, weights: Floats) -> Floats:
+    """The weights of a projection, all of which are numbers.
+
+    Raises:
+        ModelError: one is none.
+    """
+    good = np.isfinite(weights)
+    if not good.all():
+        synapse = int(np.argmin(good))
+        message = (
+            f"projection '{projection}': weight of synapse {synapse} is {weights[synapse]:g}: "
+            f"a numerical instability of {rule}"
+        )
+        raise ModelError(message, hint=_WEIGHTS, kind="instability")
+    return weights

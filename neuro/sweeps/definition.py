@@ -15,13 +15,11 @@ from typing import Any
 from neuro.core.errors import ModelError
 from neuro.core.extension import extensions, named_by_user
 from neuro.core.inputs import digest_of, record_input
-from neuro.core.measures import in_ms
+from neuro.core.quantities import in_ms
 from neuro.core.values import shown
-from neuro.model.language.nodes import about, mistake, plain, words
-from neuro.model.language.reader import Node, read
+from neuro.model.language.reader import Node, about, mistake, plain, read, words
 from neuro.sweeps.folder import Folder
-from neuro.sweeps.function import FunctionRun, function_run
-from neuro.sweeps.metrics import METRICS
+from neuro.sweeps.function import METRICS, FunctionRun, function_run
 from neuro.sweeps.network import NetworkRun, network_run
 from neuro.sweeps.plan import SearchPlan, plan_of
 from neuro.sweeps.space import RunItem, SearchSpace, key_of, space_of

@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING, Any
 from neuro.core.errors import ModelError
 from neuro.core.extras import needed
 from neuro.core.outputs import Unwritable
-from neuro.sweeps.claims import parsed
-from neuro.sweeps.folder import SUM, Folder, sum_of
+from neuro.sweeps.folder import SUM, Folder, parsed, sum_of
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution

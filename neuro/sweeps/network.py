@@ -19,16 +19,15 @@ from neuro.core.clock import Clock
 from neuro.core.english import a
 from neuro.core.errors import ModelError, Where, nearest, unknown
 from neuro.core.inputs import digest_of, gathering
-from neuro.core.measures import in_ms
-from neuro.core.quantities import Quantity, word_of
+from neuro.core.quantities import Quantity, in_ms, word_of
+from neuro.model.language.files import gather
 from neuro.model.language.loader import build
 from neuro.model.language.parameters import resolve
 from neuro.model.language.reader import Node
-from neuro.model.language.sources import gather
 from neuro.model.network import Network
 from neuro.model.parts import Population, Projection
 from neuro.program.backend import find_backend
-from neuro.sweeps.metrics import UNITS, check_metrics, measured, report_step
+from neuro.sweeps.function import UNITS, check_metrics, measured, report_step
 
 if TYPE_CHECKING:
     from neuro.run.simulation import Simulation

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro.chips.pricing.energy import quantity
+from neuro.chips.energy import quantity
 from neuro.core import html
 from neuro.core.english import some
 from neuro.core.errors import ModelError
@@ -18,8 +18,7 @@ from neuro.core.outputs import output, sealed
 from neuro.core.provenance import differences
 from neuro.core.version import VERSION
 from neuro.sweeps.folder import Folder, RunOutcome
-from neuro.sweeps.pictures import draw, search_pictures
-from neuro.sweeps.plot_data import PlotData, Units, named, plot_data, told, with_units
+from neuro.sweeps.pictures import PlotData, Units, draw, named, plot_data, search_pictures, told, with_units
 from neuro.sweeps.table import RunRows, SweepTable, columns, measured, reasons, text
 from neuro.sweeps.trials import FoundTrial, TuneTable
 
@@ -96,7 +95,7 @@ def _of_search(
     yield tag("div", *_search_cards(found, trials), class_="cards")
     units = said.get("units", {})
     yield from _best(found, units)
-    yield from _objectives(found, trials, units)
+    yield from _objectives(found, trials)
     yield from _failures(found, outcomes, [trial for trial in trials if trial.has_no_value and trial.error])
     yield from _rows(found, units)
     yield from _origin(said, outcomes)
@@ -253,7 +252,7 @@ def _best(found: TuneTable, units: Units) -> Iterator[Html]:
     yield table(_headed([f">{name}" for name in names], units), body[:MOST_BEST], more)
 
 
-def _objectives(found: TuneTable, trials: Sequence[FoundTrial], units: Units) -> Iterator[Html]:
+def _objectives(found: TuneTable, trials: Sequence[FoundTrial]) -> Iterator[Html]:
     done = [trial for trial in trials if trial.values is not None]
     if not done:
         yield tag("p", "No trial is done yet.")

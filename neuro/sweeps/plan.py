@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, nearest, unknown, words_of
-from neuro.core.measures import in_ms
+from neuro.core.quantities import in_ms
 from neuro.core.values import shown
 from neuro.sweeps.space import Axis, Point, RunItem, axes, key_of, seeds_of
 
@@ -129,7 +129,16 @@ def plan_of(
     if not space:
         raise ModelError("the space is empty: expected parameters with values")
     for axis in space:
-        _check_axis(axis, chosen)
+        if axis.name in ("fold", "folds", "seed"):
+            raise ModelError(f"{axis.name}: is given to runs by 'folds' and 'seeds': expected another parameter")
+        if chosen == "grid" and not axis.values and not axis.number:
+            raise ModelError(f"{axis.name}: a range of a grid needs 'number', how many values")
+        if chosen != "grid" and axis.number:
+            raise ModelError(f"{axis.name}.number = {axis.number}: has no meaning with sampler {chosen}")
+        if axis.whole and chosen != "grid" and (axis.low % 1 or axis.high % 1):
+            raise ModelError(
+                f"{axis.name}: from {axis.low:g} to {axis.high:g}: expected whole numbers with 'whole: true'"
+            )
     return SearchPlan(
         space,
         aims,
@@ -140,17 +149,6 @@ def plan_of(
         0 if folds is None else _whole("folds", folds, 2, 1000),
         _prune(prune, aims),
     )
-
-
-def _check_axis(axis: Axis, sampler: str) -> None:
-    if axis.name in ("fold", "folds", "seed"):
-        raise ModelError(f"{axis.name}: is given to runs by 'folds' and 'seeds': expected another parameter")
-    if sampler == "grid" and not axis.values and not axis.number:
-        raise ModelError(f"{axis.name}: a range of a grid needs 'number', how many values")
-    if sampler != "grid" and axis.number:
-        raise ModelError(f"{axis.name}.number = {axis.number}: has no meaning with sampler {sampler}")
-    if axis.whole and sampler != "grid" and (axis.low % 1 or axis.high % 1):
-        raise ModelError(f"{axis.name}: from {axis.low:g} to {axis.high:g}: expected whole numbers with 'whole: true'")
 
 
 def _prune(said: Any, objectives: Mapping[str, str]) -> dict[str, Any] | None:

@@ -245,9 +245,22 @@ def space_of(
         found = SearchSpace(sampling="list", seeds=all_seeds, given=tuple(_given(parameters)))
     else:
         found = SearchSpace(axes(parameters), sampling, _runs(sampling, runs), draw, all_seeds)
-        _check_axes(found)
+        if not found.axes and not found.seeds:
+            raise ModelError("the space is empty: expected parameters with values, or seeds")
+        if not found.axes and found.sampling != "grid":
+            raise ModelError(f"the space is empty: sampling {found.sampling} needs parameters")
+        for axis in found.axes:
+            if found.sampling == "grid" and not axis.values and not axis.number:
+                raise ModelError(f"{axis.name}: a range of a grid needs 'number', how many values")
+            if found.sampling != "grid" and axis.number:
+                raise ModelError(f"{axis.name}.number = {axis.number}: has no meaning with sampling {found.sampling}")
     if found.size() > MOST:
-        raise ModelError(f"the space has {found.size():,} runs: expected at most {MOST:,}", hint=_smaller(found))
+        sizes = [f"{axis.name} has {axis.count():,}" for axis in found.axes if found.sampling == "grid"]
+        message = ", ".join(sizes[:6]) + "; " if sizes else ""
+        raise ModelError(
+            f"the space has {found.size():,} runs: expected at most {MOST:,}",
+            hint=message + "'sampling: latin_hypercube' with 'runs: 1000' covers a large space",
+        )
     return found
 
 
@@ -276,18 +289,6 @@ def _runs(sampling: str, runs: int | None) -> int:
     return runs
 
 
-def _check_axes(space: SearchSpace) -> None:
-    if not space.axes and not space.seeds:
-        raise ModelError("the space is empty: expected parameters with values, or seeds")
-    if not space.axes and space.sampling != "grid":
-        raise ModelError(f"the space is empty: sampling {space.sampling} needs parameters")
-    for axis in space.axes:
-        if space.sampling == "grid" and not axis.values and not axis.number:
-            raise ModelError(f"{axis.name}: a range of a grid needs 'number', how many values")
-        if space.sampling != "grid" and axis.number:
-            raise ModelError(f"{axis.name}.number = {axis.number}: has no meaning with sampling {space.sampling}")
-
-
 def seeds_of(seeds: int | Sequence[int] | None) -> tuple[int, ...]:
     """Seeds from a number of them, for 0, 1, ..., or a list; none from None.
 
@@ -309,9 +310,3 @@ def seeds_of(seeds: int | Sequence[int] | None) -> tuple[int, ...]:
     if len(set(every)) < len(every):
         raise ModelError(f"seeds = {shown(seeds)}: one is there twice", path=("seeds",))
     return tuple(every)
-
-
-def _smaller(space: SearchSpace) -> str:
-    sizes = [f"{axis.name} has {axis.count():,}" for axis in space.axes if space.sampling == "grid"]
-    message = ", ".join(sizes[:6]) + "; " if sizes else ""
-    return message + "'sampling: latin_hypercube' with 'runs: 1000' covers a large space"

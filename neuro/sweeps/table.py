@@ -13,15 +13,14 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from neuro.chips.pricing.energy import quantity
+from neuro.chips.energy import quantity
 from neuro.core import tables
 from neuro.core.errors import ModelError, unknown
 from neuro.core.extras import needed
 from neuro.core.outputs import Kind, marked, output
 from neuro.core.paths import file_path
 from neuro.pages.curves import few
-from neuro.sweeps.claims import claimed
-from neuro.sweeps.folder import PRUNED, SWEEP, Folder, RunOutcome
+from neuro.sweeps.folder import PRUNED, SWEEP, Folder, RunOutcome, claimed
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -20,12 +20,11 @@ from neuro.core.inputs import digest_of
 from neuro.core.outputs import Unwritable
 from neuro.core.processes import Work
 from neuro.core.provenance import provenance
-from neuro.sweeps.asking import Pruner
-from neuro.sweeps.claims import Claims
 from neuro.sweeps.definition import Limits, Run, run_of
-from neuro.sweeps.folder import DONE, FAILED, PRUNED, Folder, RunOutcome
-from neuro.sweeps.metrics import IsWorse, Pruned, gathering_steps
+from neuro.sweeps.folder import DONE, FAILED, PRUNED, Claims, Folder, RunOutcome
+from neuro.sweeps.function import IsWorse, Pruned, gathering_steps
 from neuro.sweeps.space import RunItem
+from neuro.sweeps.trials import Pruner
 
 TAKEN, THERE, KEPT, LOST = "taken", "there", "kept", "unwritable"
 """How a run ended for the process that asked: another process works on it, it was there, it is kept, it cannot be."""

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 import neuro.run.compiled
 from neuro.core.errors import ModelError
-from neuro.model.convolution import synapses_of
 from neuro.model.network import Network
 from neuro.model.neurons import (
     Neuron,
@@ -38,7 +37,7 @@ from neuro.model.neurons import (
     sigma_decoder,
     sigma_delta,
 )
-from neuro.model.rules import all_to_all, one_to_one, pairs
+from neuro.model.rules import all_to_all, one_to_one, pairs, synapses_of
 from neuro.model.synapses import Synapse, loihi2_convolution, loihi2_learning, loihi2_static, static
 from neuro.model.synapses.loihi_rule import POST, PRE
 from neuro.program.backend import Backend

@@ -13,10 +13,9 @@ from neuro_bench import METHODS, TASKS, Costs, Examples, Fold, Method, Request, 
 from neuro_bench.artificial import learnt, members, summed
 from neuro_bench.costs import break_even, on_chips
 from neuro_bench.features import surfaces
-from neuro_bench.method import tries
 from neuro_bench.running import interval
-from neuro_bench.spoken_digits import SpokenDigits
-from neuro_bench.task import grouped_folds, random_folds
+from neuro_bench.sounds import SpokenDigits
+from neuro_bench.task import grouped_folds, random_folds, tries
 
 pytest.importorskip("sklearn", reason="the extra bench is not installed")
 

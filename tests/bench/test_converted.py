@@ -5,7 +5,7 @@ import pytest
 
 import neuro
 from neuro_bench import Examples, Spikes
-from neuro_bench.converted import OUTPUT, _Converted, counted
+from neuro_bench.spiking import OUTPUT, _Converted, counted
 
 LEVELS = 8
 

@@ -5,7 +5,7 @@ import pytest
 
 from neuro_bench import METHODS
 from neuro_bench.mackey_glass import MackeyGlass, solution
-from neuro_bench.population_code import LEAST, SHOWN, _Cells, _gain, ridge
+from neuro_bench.series import LEAST, SHOWN, _Cells, _gain, ridge
 
 SMALL = {"cells": 200, "functions": 8, "delays": 6, "ridge": 1e-6, "steep": 2.0, "members": 2}
 

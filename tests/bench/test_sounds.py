@@ -5,10 +5,8 @@ import pytest
 from scipy.io import wavfile
 
 import neuro
-from neuro_bench.shd import SHD
-from neuro_bench.sounds import BANDS, Sounds, loudness, spikes_of
-from neuro_bench.speech_commands import SpeechCommands
-from neuro_bench.spoken_digits import SpokenDigits
+from neuro_bench.event_cameras import SHD
+from neuro_bench.sounds import BANDS, Sounds, SpeechCommands, SpokenDigits, loudness, spikes_of
 
 h5py = pytest.importorskip("h5py")
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import neuro
-from neuro.chips.loihi.learning import COARSE_UPDATE, SMALLEST_UPDATE, fading, nearest_fit, rule_of
+from neuro.chips.loihi_learning import COARSE_UPDATE, SMALLEST_UPDATE, fading, nearest_fit, rule_of
 from neuro.core.errors import ModelError
 from neuro.model.synapses import r_stdp, stdp, stdp_dopa
 from neuro.model.synapses.loihi_learning import loihi_learning, parse

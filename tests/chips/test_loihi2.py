@@ -20,7 +20,7 @@ from neuro.compare import loihi_rules
 from neuro.core.errors import ModelError
 from neuro.exchange.netx import examine_netx
 from neuro.results import read
-from neuro.run.present import present
+from neuro.run.saved import present
 from neuro.testing.verify import verify
 
 
@@ -275,7 +275,7 @@ def test_a_diagnosis_sees_payloads_that_were_injected():
     sim = neuro.compile(net)
     sim.inject("in", [2.0], [0], [-5])
     sim.run(5.0)
-    part = present(sim.program, sim._engine, sim._rules, sim.steered).populations[0]
+    part = present(sim._run, sim.steered).populations[0]
     assert (part.spike_steps.tolist(), part.spike_payloads.tolist()) == ([1, 2, 9], [3, -5, 8])
     assert [found for found in sim.doctor() if found.severity == "fault"] == []
 

@@ -9,18 +9,17 @@ import pytest
 
 import neuro
 from neuro.chips import chip, chips, place
-from neuro.chips.arithmetics import ARITHMETICS
-from neuro.chips.arrival_rule import lag
 from neuro.chips.description import COSTS, LIMITS, Chip, Figure
-from neuro.chips.known import CHIPS
-from neuro.chips.loihi.arithmetic import LOIHI
-from neuro.chips.placing.packing import synapse_bits
-from neuro.chips.placing.place import too_late
+from neuro.chips.incoming import synapse_bits
+from neuro.chips.inputs import lag
+from neuro.chips.known import ARITHMETICS, CHIPS
+from neuro.chips.loihi import Loihi
+from neuro.chips.placing import too_late
 from neuro.core import registry
 from neuro.core.errors import ModelError
 from neuro.program.backend import find_backend
 from neuro_chip.backend import ChipBackend
-from neuro_chip.families import FAMILIES
+from neuro_chip.build import FAMILIES
 
 LONG = "like: loihi\ntitle: Loihi with long delays\nlimits:\n  delay_max: {value: 200, source: my board}\n"
 NET = """\
@@ -178,10 +177,14 @@ def test_memory_and_limits_agree_on_the_delay_register(model, steps, folder):
 
 def test_a_third_family_is_an_object_and_an_entry(folder, monkeypatch):
     """All that is done for every family asks the object: its own name occurs nowhere else."""
-    toy = dataclasses.replace(LOIHI, name="toy", title="Toy", one_bit=False, multicast=True, register_of_one=1)
+
+    class Toy(Loihi):
+        name, title, one_bit, multicast, register_of_one = "toy", "Toy", False, True, 1
+
+    toy = Toy()
     monkeypatch.setitem(ARITHMETICS, "toy", toy)
-    monkeypatch.setitem(FAMILIES, "toy", dataclasses.replace(FAMILIES["loihi"], arithmetic=toy))
-    Path("toy.yaml").write_text("like: loihi\narithmetic: toy\nlimits: {delay_max: {value: 149, source: me}}\n")
+    monkeypatch.setitem(FAMILIES, "toy", FAMILIES["loihi"])
+    Path("toy.yaml").write_text("like: loihi\narithmetic: toy\nlimits: {delay_max: {value: 150, source: me}}\n")
     found = chip("toy.yaml")
     Path("net.yaml").write_text(
         NET.replace("{spike_generator: {spike_times: [[1.0]]}}", "{poisson_generator: {rate: 400.0}}").replace(
@@ -197,7 +200,8 @@ def test_a_third_family_is_an_object_and_an_entry(folder, monkeypatch):
     assert "merged spikes of in" not in sim.counts().native
     assert place(sim.program, found).multicast
     assert not place(sim.program, chip("loihi")).multicast
-    assert [problem.why for problem in too_late(sim.program, found)] == [
+    tight = dataclasses.replace(found, limits=found.limits | {"delay_max": Figure(149.0, "me")})
+    assert [problem.why for problem in too_late(sim.program, tight)] == [
         "150 steps in the delay register, which holds at most 149 on toy"
     ]
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 import neuro
 from neuro.chips import place
 from neuro.chips.description import Mesh
-from neuro.chips.placing.packing import synapse_bits
+from neuro.chips.incoming import synapse_bits
 from neuro.compiler import compile_network
 from neuro.model.neurons import Neuron
 from to_place import limited

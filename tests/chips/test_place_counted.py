@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import neuro
-from neuro.chips import chip, place, quantise
-from neuro.chips.placing import split
-from neuro.chips.quantising.quantise import refusals
+from neuro.chips import chip, place, quantise, splitting as split
+from neuro.chips.quantising import refusals
 from neuro.compiler import compile_network
 
 LOIHI = chip("loihi")

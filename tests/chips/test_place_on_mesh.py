@@ -11,7 +11,7 @@ import neuro
 import neuro_models
 from neuro.chips import place
 from neuro.chips.description import Mesh
-from neuro.chips.placing.mesh import exchange, lay_out
+from neuro.chips.mesh import exchange, lay_out
 from neuro.compiler import compile_network
 from to_place import LOIHI, limited, network, sources
 

@@ -10,9 +10,9 @@ from hypothesis import given, settings, strategies as st
 
 import neuro
 from bills import AB_OPS, ACTIVE, IN_OPS, INACTIVE, LEARNT, STEPS, Moves, Placed, counted, ints, lines, pair, placed
-from neuro.chips import chip, neurobench, place, price
-from neuro.chips.pricing.energy import quantity
-from neuro.chips.pricing.price import RULES_APPLIED
+from neuro.chips import chip, neurobench, place, price, quantising
+from neuro.chips.energy import quantity
+from neuro.chips.pricing import RULES_APPLIED
 from neuro.core.errors import ModelError, Where
 from neuro.program.backend import EngineCounts, Problem
 from neuro.program.counts import Tally
@@ -342,3 +342,20 @@ def test_a_bill_is_the_counts_times_the_figures(run, steps, spikes, each):
     assert sums.get("hop_east_west", 0) == sums.get("spike_in_tile", 0) == hops
     assert energy.total_j == pytest.approx(math.fsum(item.joules for item in energy.items), rel=1e-12)
     assert energy.chip_time_s >= steps * 113e-9
+
+
+@pytest.mark.parametrize("backend", ["event", "loihi"])
+def test_bills_of_one_network_quantise_it_once(monkeypatch, backend):
+    """What a chip refuses stands in each bill; it is found once, also where no engine has quantised the network."""
+    made = []
+    whole = quantising._population
+    monkeypatch.setattr(quantising, "_population", lambda *rest: made.append(1) or whole(*rest))
+    net = neuro.Network("net", resolution=1.0)
+    net.population("in", 1, neuro.spike_generator(spike_times=[[1.0]]))
+    net.population("out", 1, neuro.iaf_psc_exp())
+    net.connect("in", "out", neuro.all_to_all(), weight=500.0, delay=1.0)
+    sim = neuro.compile(net, backend)
+    sim.run(5.0)
+    bills = [sim.energy("loihi") for _ in range(3)]
+    assert len(made) == 1
+    assert bills[0] == bills[1] == bills[2]

@@ -6,7 +6,7 @@ import pytest
 
 from bills import counted, placed
 from neuro.chips import chip, price
-from neuro.chips.pricing.energy import quantity
+from neuro.chips.energy import quantity
 
 
 @pytest.fixture(scope="module")

@@ -81,7 +81,7 @@ ODD = {
 @pytest.mark.parametrize("name", ["loihi", "spinnaker"])
 @pytest.mark.parametrize("case", ODD)
 def test_no_traceback(case, name):
-    from neuro.chips.quantising.fixed_program import report
+    from neuro.chips.fixed_program import report
 
     program = ODD[case]()
     fixed = quantise(program, chip(name))

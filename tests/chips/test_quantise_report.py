@@ -10,8 +10,8 @@ import pytest
 
 import neuro
 from neuro.chips import chip, quantise
-from neuro.chips.quantising.fixed_program import report
-from neuro.chips.quantising.quantise import LIMITS
+from neuro.chips.fixed_program import report
+from neuro.chips.quantising import LIMITS
 from neuro.compiler import compile_network
 from neuro.run.compiled import ApproximationWarning
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 import neuro
 from neuro.chips import chip, chips, place, price
 from neuro.chips.description import Figure
-from neuro.chips.pricing.price import run_of
+from neuro.chips.pricing import run_of
 from neuro.core.errors import ModelError
 
 STEPS = 20

@@ -188,3 +188,16 @@ def test_the_one_current_of_loihi_is_the_sum_of_both_that_are_set(order):
     sim.set("cells", **{name: values[name] for name in order})
     assert sim.get("cells", "I_syn_ex") == pytest.approx([300.0, 0.0], rel=0.02)
     assert sim.get("cells", "I_syn_in") == pytest.approx([0.0, -300.0], rel=0.02)
+
+
+def test_a_state_of_learning_by_an_earlier_version_is_refused_and_changes_nothing():
+    sim = made(fed(np.array([100.0, 200.0, 300.0, 50.0]), neuro.stdp(Wmax=400.0)), "loihi")
+    sim.run(15.0)
+    state = sim._engine.snapshot()
+    sim.run(15.0)
+    before = sim.get("cells", "V_m"), sim.get("in", "weight")
+    del state["plastic.0.tx"]
+    with pytest.raises(neuro.ModelError, match=r"the state lacks 'plastic\.0\.tx': an earlier version has saved it"):
+        sim._engine.restore(state)
+    assert np.array_equal(sim.get("cells", "V_m"), before[0])
+    assert np.array_equal(sim.get("in", "weight"), before[1])

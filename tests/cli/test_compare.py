@@ -133,7 +133,7 @@ def test_an_interrupted_comparison_leaves_nothing(run, tmp_path, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("neuro.run.progress.advance", interrupted)
+    monkeypatch.setattr("neuro.core.progress.advance", interrupted)
     assert run(*FLOATS, "--html", "page.html") == (130, "", "interrupted: nothing is compared\n")
     assert [path.name for path in tmp_path.iterdir()] == ["net.yaml"]
 

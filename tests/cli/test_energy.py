@@ -115,7 +115,7 @@ def test_an_interrupted_run_prices_nothing(run, network, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("neuro.run.progress.advance", interrupted)
+    monkeypatch.setattr("neuro.core.progress.advance", interrupted)
     assert run(*RUN, "--chips", "cpu") == (130, "", "interrupted: nothing is priced\n")
 
 

@@ -11,9 +11,9 @@ import pytest
 
 import neuro as framework
 from neuro.cli.run import weights
+from neuro.core.progress import STRETCH_S
 from neuro.files.results import read
 from neuro.run.collect import collect
-from neuro.run.progress import STRETCH_S
 
 TOOK = r"{} ms took [\d.e-]+ s, [\d.e+-]+ x its own time\n"
 RUN = ("run", "net.yaml", "--backend", "reference", "--for", "50")
@@ -91,7 +91,7 @@ def test_the_file_says_what_the_simulation_says(neuro, network, simulated):
 
 def test_a_long_run_in_stretches_is_the_same_run(neuro, network, monkeypatch):
     neuro(*RUN, "--out", "a.h5")
-    monkeypatch.setattr("neuro.run.progress.STRETCH_S", STRETCH_S / 100)
+    monkeypatch.setattr("neuro.core.progress.STRETCH_S", STRETCH_S / 100)
     neuro(*RUN, "--out", "b.h5")
     a, b = read("a.h5"), read("b.h5")
     assert np.array_equal(a.populations["exc"].times_ms, b.populations["exc"].times_ms)

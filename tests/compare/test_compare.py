@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import neuro
-from neuro.chips.pricing.price import RULES_APPLIED
+from neuro.chips.pricing import RULES_APPLIED
 from neuro.compare import compare, differences
 from neuro.compare.cells import bills
 from neuro.compare.runs import _against, _gather, _recording

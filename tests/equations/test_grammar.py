@@ -10,7 +10,7 @@ import neuro
 from neuro import ModelError
 from neuro.core.grammar import MAX_DEPTH, MAX_TOKENS
 from neuro.model.equations import functions
-from neuro.model.equations.habits import parse
+from neuro.model.equations.parameters import parse
 from neuro.model.equations.writing import written
 
 ATTACKS = [

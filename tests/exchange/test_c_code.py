@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 import neuro
 from neuro.chips import chip as known_chip, quantise
 from neuro.cli.commands import app
-from neuro.exchange.c_code.recorded import _digest, without_learning
+from neuro.exchange.c_code.export import _digest, without_learning
 from neuro.exchange.c_code.source import source_of
 from neuro.program.backend import Trial
 from random_c import STEPS, random_network

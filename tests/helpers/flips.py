@@ -25,8 +25,7 @@ from neuro.events import Dataset, Events, load, save
 from neuro.results import read as read_results
 from neuro_drone.model import Model as Drone
 from neuro_drone.train import train as train_drone
-from neuro_recognise import Recogniser
-from neuro_recognise.deciding import learn_early as early
+from neuro_recognise import Recogniser, early
 from neuro_recognise.observations import FORMAT, KeptAnswers, keep
 
 OUTCOMES = ("refused", "unchanged", "silent", "raw", "crash")

@@ -674,7 +674,7 @@ DRIVER = '''\
 """Run each case in a process of its own, which begins with all modules there; two at once."""
 import json, os, resource, signal, sys, time, traceback
 import sitecustomize
-import neuro.cli.commands, neuro.rerun.again, neuro.sweeps.definition, neuro.files.results, neuro, matplotlib.figure
+import neuro.cli.commands, neuro.rerun, neuro.sweeps.definition, neuro.files.results, neuro, matplotlib.figure
 
 cases, log = json.load(open(sys.argv[1])), os.environ["HOSTILE_LOG"]
 

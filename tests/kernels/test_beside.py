@@ -9,7 +9,7 @@ from numba import types
 from neuro.kernels import beside, compile_report, kept
 from neuro.kernels.address import Entry
 from neuro.kernels.jit import kernel
-from neuro_event.loop import stages
+from neuro_event.loop import tables
 
 NAMES = ("note", "charge", "drive", "draw_counts")
 
@@ -18,8 +18,8 @@ def test_two_processes_share_what_has_to_be_compiled(tmp_path, monkeypatch):
     """What the other process has compiled is found, so this one compiles less."""
     code = (
         "from functools import partial\n"
-        "from neuro.kernels import beside, compile_report\nfrom neuro_event.loop import stages\n"
-        f"asked = [partial(stages.entry, name) for name in {NAMES}]\n"
+        "from neuro.kernels import beside, compile_report\nfrom neuro_event.loop import tables\n"
+        f"asked = [partial(tables.stage_entry, name) for name in {NAMES}]\n"
         "found = beside.addresses(asked)\n"
         "own = sum(sum(each().kernel.stats.cache_misses.values()) for each in asked)\n"
         "print(len(set(found)) == 4, 0 not in found, own < 4, compile_report._kernels)"
@@ -52,6 +52,6 @@ def test_what_another_process_cannot_import_is_compiled_here(tmp_path, monkeypat
 
 
 def test_each_stage_takes_what_its_callers_hand_on():
-    for name, (_, arguments, _) in stages.STAGES.items():
-        function = stages.entry(name).kernel.py_func
+    for name, (_, arguments, _) in tables.STAGES.items():
+        function = tables.stage_entry(name).kernel.py_func
         assert ", ".join(function.__code__.co_varnames[: function.__code__.co_argcount]) == arguments

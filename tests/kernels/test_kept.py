@@ -214,8 +214,8 @@ def test_a_kernel_may_not_read_what_the_key_cannot_see():
 
 def test_a_table_of_other_arrays_is_other_code():
     """A kernel that names one array of a table finds it elsewhere where another array comes before it."""
+    from neuro.kernels.address import Views, fields_of, table_of, viewer
     from neuro.kernels.jit import kernel
-    from neuro.kernels.views import Views, fields_of, table_of, viewer
 
     def second(text):
         fields = fields_of(text)

@@ -117,7 +117,8 @@ def test_what_is_incomplete_is_refused_where_it_stands():
 MINE = """
 from dataclasses import dataclass
 import neuro
-from neuro.model.neurons.iaf_psc_delta import constants, quiet, step
+
+constants, quiet, step = neuro.iaf_psc_delta.constants, neuro.iaf_psc_delta.quiet, neuro.iaf_psc_delta.step
 
 @neuro.register
 @dataclass(frozen=True, kw_only=True, eq=False)

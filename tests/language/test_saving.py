@@ -199,7 +199,7 @@ def networks(draw):
         rule = draw(choices(RULES[draw(st.sampled_from(list(RULES)))], names))
         synapse = draw(choices(SYNAPSES[draw(st.sampled_from(list(SYNAPSES)))], names))
         weight = draw(values(neuro.model.parts.WEIGHT, names))
-        delay = draw(values(neuro.model.parts.DELAY, names))
+        delay = draw(values(neuro.model.parts.Projection.words["delay"], names))
         net.connect(draw(population), draw(population), rule, synapse, weight=weight, delay=delay, name=name)
     for name in draw(st.lists(NAMES, max_size=1)):
         net.group(name, draw(choices(draw(st.sampled_from(list(neuro.model.parts.GROUPS.values()))), names)))

@@ -7,8 +7,7 @@ import jsonschema
 import pytest
 
 from neuro.model.language import schema
-from neuro.model.language.nodes import plain
-from neuro.model.language.reader import read
+from neuro.model.language.reader import plain, read
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = sorted(path for folder in ("models", "examples") for path in (ROOT / folder).rglob("*.yaml"))

@@ -14,7 +14,7 @@ from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity, word_of
 from neuro.core.units import TENS, dimension_of, times, unit_of
 from neuro.model import parts
-from neuro.model.language.choices import TABLES
+from neuro.model.language.loader import TABLES
 
 NUMBERS = ("number", "delay", "times", "moments", "series", "train")
 OTHERS = (parts.Trials, parts.labels, parts.reward, parts.dropout)

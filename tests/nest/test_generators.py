@@ -89,7 +89,7 @@ def nest_variance(words: dict[str, float]) -> float:
 
 
 def test_the_variance_of_noise_is_nests():
-    from neuro.program.drives import Emission
+    from neuro.program.currents import Emission
 
     words = {"mean": 30.0, "std": 200.0, "std_mod": 150.0, "frequency": 0.03, "phase": 40.0}
     net = neuro.Network("noise", resolution=0.1)

@@ -17,12 +17,15 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
 import neuro
+from neuro.model.neurons import currents, potentials
+from neuro.model.neurons.currents import P30, set_leaky
 from neuro.testing.case import Found
 from scenarios import SILENCE, Scenario, amplifies_rounding, differences, read, scenarios
 
@@ -83,14 +86,19 @@ def nest_constant(tau_m: float, c_m: float, h: float) -> float:
     return tau_m / c_m * (1.0 - math.exp(-h / tau_m))
 
 
+def nest_leaky(p: Any, h: float, c: Any) -> None:
+    """The constants of iaf_psc_exp, whose constant current is as above; iaf_psc_alpha has another."""
+    set_leaky(p, h, c)
+    c[P30] = nest_constant(p[1], p[2], h)
+
+
 @contextmanager
 def propagators_of_nest() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        for model in (neuro.iaf_psc_exp, neuro.iaf_psc_alpha):
-            patch.setattr(model.arithmetic, "from_exponential", nest_exponential)
-        patch.setattr(neuro.iaf_psc_alpha.arithmetic, "from_alpha", nest_alpha)
-        for leaky in (neuro.iaf_psc_delta, neuro.iaf_psc_exp):
-            patch.setattr(leaky.arithmetic, "from_constant", nest_constant)
+        patch.setattr(currents, "from_exponential", nest_exponential)
+        patch.setattr(currents, "from_alpha", nest_alpha)
+        patch.setattr(currents, "set_leaky", nest_leaky)
+        patch.setattr(potentials, "from_constant", nest_constant)
         yield
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from neuro.exchange.pynn.short_term import effects
+from neuro.exchange.pynn.cells import effects
 
 pytestmark = pytest.mark.usefixtures("nest")
 

@@ -21,7 +21,7 @@ from neuro.core.inputs import digest_of
 from neuro.events import Events, listen, save, send
 from neuro.realtime import Histogram, LiveRun, Loop, Player, empty_loop
 from neuro.realtime.sources import Inlet
-from neuro.rerun.again import rerun
+from neuro.rerun import rerun
 
 SIZE = 16, 12
 

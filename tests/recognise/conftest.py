@@ -7,7 +7,7 @@ import pytest
 from flickering import drawn
 from neuro.events import Events, recordings, save
 from neuro_recognise import fit
-from neuro_recognise.methods.remus import Remus
+from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.recogniser import learn
 from neuro_recognise.shown import Features
 

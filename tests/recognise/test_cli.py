@@ -89,7 +89,7 @@ def test_compare_keeps_what_is_done(neuro, folder, tmp_path, monkeypatch):
         assert processes == 2
         return [pickle.loads(pickle.dumps(run(pickle.loads(pickle.dumps(job)), tell))) for job in jobs]
 
-    monkeypatch.setattr("neuro_recognise.compare.side_by_side", sent)
+    monkeypatch.setattr("neuro.core.grid.side_by_side", sent)
     words = (
         "compare",
         "--data",

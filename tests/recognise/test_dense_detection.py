@@ -7,8 +7,8 @@ from neuro.events import Events
 from neuro_recognise import Recogniser
 from neuro_recognise.detection import Detector
 from neuro_recognise.detection.boxes import iou
-from neuro_recognise.methods.hats import Hats
-from neuro_recognise.methods.remus import Remus
+from neuro_recognise.methods.descriptor import Hats
+from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.recogniser import learn
 from neuro_recognise.shown import Features
 from refused import refused

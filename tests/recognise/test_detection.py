@@ -10,9 +10,16 @@ from neuro.events import Events, recordings
 from neuro_recognise import fit
 from neuro_recognise.detection import Boxes, Detecting, Detector, Scenery, Scenes, compose, write_scenes
 from neuro_recognise.detection.boxes import iou, read_boxes, write_boxes
-from neuro_recognise.detection.following import Tracking, Tracks, WindowView, crop, pieces
-from neuro_recognise.detection.learning import write_crops
-from neuro_recognise.detection.measures import in_pictures, try_out
+from neuro_recognise.detection.detector import (
+    Tracking,
+    Tracks,
+    WindowView,
+    crop,
+    in_pictures,
+    pieces,
+    try_out,
+    write_crops,
+)
 from neuro_recognise.detection.proposals import Proposals, Region
 from neuro_recognise.detection.report import check_classes
 from neuro_recognise.detection.scenes import fold_of

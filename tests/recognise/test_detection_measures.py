@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from neuro_recognise.detection.boxes import Boxes, iou, suppressed
-from neuro_recognise.detection.measures import average_precision, identity_switches, precision
+from neuro_recognise.detection.boxes import Boxes, average_precision, identity_switches, iou, precision, suppressed
 
 sides = st.integers(0, 12)
 boxes = st.lists(st.tuples(sides, sides, sides, sides), min_size=1, max_size=6).map(

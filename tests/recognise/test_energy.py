@@ -8,14 +8,14 @@ import pytest
 
 from neuro.apps import evaluate
 from neuro.events import Events
+from neuro_recognise.energy import FRONT_END, bills, check_targets, counted, notes, show, words
 from neuro_recognise.method import choose
-from neuro_recognise.methods.hats import Hats
+from neuro_recognise.methods.descriptor import Hats
+from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.methods.hfirst import HFirst
-from neuro_recognise.methods.remus import Remus
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.shown import unlabelled
-from neuro_recognise.telling.energy import FRONT_END, bills, check_targets, counted, notes, show, words
-from neuro_recognise.telling.tried import Tried
+from neuro_recognise.telling.report import Tried
 from refused import refused
 
 TARGETS = ("loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu")

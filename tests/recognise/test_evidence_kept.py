@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from neuro.core.extension import run_extension
-from neuro_recognise import code, fit, observations
+from neuro_recognise import fit, observations
 from neuro_recognise.compare import MethodComparison, compare, contestants
 from neuro_recognise.method import METHODS
-from neuro_recognise.methods.hats import Hats
+from neuro_recognise.methods.descriptor import Hats
 from neuro_recognise.observations import KeptAnswers, keep, observe
 from neuro_recognise.parts.readouts import Ridge
 from neuro_recognise.recogniser import method_of, settled
@@ -54,7 +54,7 @@ def own(tmp_path, monkeypatch):
             getattr(METHODS, where).pop("sums", None)
         for name in ("my_sums", "my_helper"):
             sys.modules.pop(name, None)
-        code._text.cache_clear()
+        observations._text.cache_clear()
         run_extension(file)
         return METHODS["sums"]()
 
@@ -94,17 +94,17 @@ def other_code(monkeypatch, tmp_path):
         file = tmp_path / "ours" / "part.py"
         file.parent.mkdir(exist_ok=True)
         file.write_text(text)
-        monkeypatch.setattr(code, "_folders", lambda: [file.parent])
-        code._ours.cache_clear()
+        monkeypatch.setattr(observations, "_folders", lambda: [file.parent])
+        observations._ours.cache_clear()
 
     yield pretend
-    code._ours.cache_clear()
+    observations._ours.cache_clear()
 
 
 def test_our_digest_is_of_all_that_computes():
-    names = {folder.name for folder in code._folders()}
+    names = {folder.name for folder in observations._folders()}
     assert names == {"neuro", "neuro_event", "neuro_models", "neuro_recognise", "neuro_torch", "neuro_train"}
-    for one in code._folders():
+    for one in observations._folders():
         assert (one / "__init__.py").is_file()
 
 
@@ -114,14 +114,14 @@ def test_an_unknown_module_and_one_typed_in_are_told_by_what_they_do():
         exec(f"class Mine(Hats):\n    def observe(self, events):\n        return {factor} * CONSTANT", space)
         return space["Mine"]()
 
-    told = [code.code_of(typed(*values)) for values in ((1,), (1,), (2,), (1, 2))]
-    assert told[0] == told[1] != code.code_of(Hats())
+    told = [observations.code_of(typed(*values)) for values in ((1,), (1,), (2,), (1, 2))]
+    assert told[0] == told[1] != observations.code_of(Hats())
     assert len(set(told)) == 3
 
 
 def test_third_party_parts_count(monkeypatch):
     other = type("Other", (Ridge,), {"fit": lambda self, *more: {}, "__module__": "somewhere"})
-    assert code.code_of(Hats(readout=other())) != code.code_of(Hats(readout=Ridge()))
+    assert observations.code_of(Hats(readout=other())) != observations.code_of(Hats(readout=Ridge()))
 
 
 def test_any_recording_is_read_by_itself(tmp_path):

@@ -10,11 +10,10 @@ from neuro.apps import evaluate, wilson
 from neuro.coding import log_intensity_to_latency
 from neuro.events import Events, recordings, save
 from neuro_recognise.method import SILENT, choose
-from neuro_recognise.methods.remus import Remus
+from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.observations import observe
 from neuro_recognise.parts.banks import Gabors, LeakyGabors, LocalMaximum, gabor_bank
-from neuro_recognise.parts.encoders import Latency
-from neuro_recognise.parts.frames import Frames, majority, potentials
+from neuro_recognise.parts.frames import Frames, Latency, majority, potentials
 from refused import refused
 
 FRONT = Remus().fitting((34, 34))

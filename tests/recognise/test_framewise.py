@@ -18,14 +18,13 @@ from neuro.chips import Energy
 from neuro.core import hdf5
 from neuro.events import Events
 from neuro_models import names, path
+from neuro_recognise.energy import bills
 from neuro_recognise.method import METHODS, SILENT, choose
-from neuro_recognise.methods.framewise import Framewise
-from neuro_recognise.methods.remus import Remus
-from neuro_recognise.parts.layers import Inputs, Layer, Shares
+from neuro_recognise.methods.frame_networks import Remus
+from neuro_recognise.methods.framewise import Framewise, Inputs, Layer, Shares
 from neuro_recognise.recogniser import AT_MOST, Ready, Recogniser, learn, method_of
 from neuro_recognise.shown import Features
-from neuro_recognise.telling.energy import bills
-from neuro_recognise.telling.tried import Tried
+from neuro_recognise.telling.report import Tried
 from refused import refused
 
 FRONT_END = {"segmenter": "msd", "bank": "gabors", "pool": "max", "encoder": "log_latency"}
@@ -196,7 +195,7 @@ def test_seeds_batches_and_rates(letters, small, train, model, monkeypatch):
     assert not np.array_equal(model.learnt["c1_s2"], decayed["c1_s2"])
     assert model.learnt["history"][0] == decayed["history"][0]
     reports = []
-    monkeypatch.setattr("neuro_recognise.parts.layers.Layer.batch", 10)
+    monkeypatch.setattr("neuro_recognise.methods.framewise.Layer.batch", 10)
     assert same(train(letters, small, seed=1, report=reports.append), model)
     assert [(r.what, r.done, r.total) for r in reports[:2]] == [("epoch 1 of 3", n, 72) for n in (10, 20)]
     assert (reports[-1].done, reports[-1].right) == (72, model.learnt["history"][-1])

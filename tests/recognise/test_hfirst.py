@@ -11,7 +11,8 @@ import neuro_models
 from neuro.apps import evaluate
 from neuro.chips import cells
 from neuro.events import Events, recordings
-from neuro_recognise.compare import MethodComparison, compare, contestants
+from neuro_recognise.compare import MethodComparison, compare, contestants, show as show_compared
+from neuro_recognise.energy import bills, counted, show as show_energy
 from neuro_recognise.method import choose
 from neuro_recognise.methods.hfirst import (
     READINGS,
@@ -35,9 +36,7 @@ from neuro_recognise.methods.hfirst import (
 )
 from neuro_recognise.recogniser import learn, method_of
 from neuro_recognise.shown import Features
-from neuro_recognise.telling import compare_report
-from neuro_recognise.telling.energy import bills, counted, show as show_energy
-from neuro_recognise.telling.tried import Tried
+from neuro_recognise.telling.report import Tried
 from refused import refused
 
 SMALL = HFirstSettings(size=(14, 11))
@@ -384,7 +383,7 @@ def test_a_comparison_says_who_refuses_it(capsys, learning, tmp_path):
     """Trained on two folds, priced by the whole network."""
     plan = MethodComparison(contestants(["hfirst"]), 2, (0,), ("loihi", "spinnaker2"), tmp_path, jobs=1)
     found = compare(learning.take([0, 1, 2, 8, 9, 10]), plan, lambda progress: None)
-    compare_report.show([*found], plan)
+    show_compared([*found], plan)
     lines = capsys.readouterr().out.splitlines()
     assert lines[-1] == f"- loihi refuses hfirst: {REFUSED}"
     (row,) = [line for line in lines if line.strip().startswith("hfirst") and "refused" in line]

@@ -17,7 +17,7 @@ from neuro import ModelError
 from neuro.events import EventFileError, Events, recordings
 from neuro_models import path
 from neuro_recognise import Recogniser, fit
-from neuro_recognise.evaluate import price
+from neuro_recognise.energy import price
 from neuro_recognise.method import METHODS
 from neuro_recognise.methods.gradients import _scores
 from neuro_recognise.recogniser import method_of

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 
 import neuro
 from neuro.events import Events
-from neuro_recognise.methods.remus import Remus
+from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.observations import observed
-from neuro_recognise.parts.representations import Counts, Leaky, Surface
+from neuro_recognise.parts.banks import Counts, Leaky, Surface
 from neuro_recognise.recogniser import learn, method_of
 
 SIZE = (9, 7)

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 
 from neuro.events import Events
-from neuro_recognise.deciding.session import Decision
+from neuro_recognise.deciding import Decision
 from neuro_recognise.method import METHODS, choose
-from neuro_recognise.methods.boe import Boe
+from neuro_recognise.methods.descriptor import Boe
 from neuro_recognise.observations import observed
 from neuro_recognise.recogniser import learn, method_of
 from refused import refused

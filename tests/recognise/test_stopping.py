@@ -13,15 +13,14 @@ from typer.testing import CliRunner
 import neuro
 from neuro.events import Events, recordings, save
 from neuro_recognise.cli import app
-from neuro_recognise.deciding.held import Held, margins
-from neuro_recognise.deciding.learn_early import Beginnings, learn_early, moments
-from neuro_recognise.deciding.stopping import least_allowed, outcome, stopped, stopping_rule, upper_bound
+from neuro_recognise.deciding import Held, least_allowed, margins, outcome, stopped, stopping_rule, upper_bound
+from neuro_recognise.early import Beginnings, learn_early, moments
 from neuro_recognise.method import Course
 from neuro_recognise.methods import METHODS as ALL_METHODS
-from neuro_recognise.methods.boe import Boe
+from neuro_recognise.methods.descriptor import Boe
 from neuro_recognise.observations import observed
 from neuro_recognise.recogniser import Recogniser, fit, method_of
-from neuro_recognise.telling.tried import predict_files
+from neuro_recognise.telling.report import predict_files
 from refused import refused
 
 N, K = 30, 4
@@ -269,7 +268,7 @@ def test_after_a_kill_it_goes_on_to_the_same_bits(early, data, tmp_path):
 def test_a_fold_is_not_learnt_again_after_a_kill(data, tmp_path, monkeypatch):
     method, cache = method_of("boe", values=METHODS["boe"]), tmp_path / "cache"
     made, fitted = fit(data, method, cache=cache), []
-    monkeypatch.setattr("neuro_recognise.deciding.learn_early.AT_ONCE", 3)
+    monkeypatch.setattr("neuro_recognise.early.AT_ONCE", 3)
     monkeypatch.setattr(Boe, "fit", lambda self, *args, fit=Boe.fit: fitted.append(0) or fit(self, *args))
 
     def kill(progress):

@@ -9,15 +9,15 @@ import pytest
 from matplotlib.image import imread
 
 from neuro.events import Events, recordings, save
-from neuro_recognise.deciding.learn_early import learn_early
 from neuro_recognise.detection.boxes import Boxes
 from neuro_recognise.detection.report import page as boxes_page
+from neuro_recognise.early import learn_early
 from neuro_recognise.method import Course, Pictures, TrialView
-from neuro_recognise.methods.hats import Hats
+from neuro_recognise.methods.descriptor import Hats
 from neuro_recognise.observations import observed
-from neuro_recognise.parts.encoders import Latency, LogLatency
+from neuro_recognise.parts.frames import Latency, LogLatency
 from neuro_recognise.recogniser import fit, method_of
-from neuro_recognise.telling.tried import predict_files
+from neuro_recognise.telling.report import predict_files
 from neuro_recognise.telling.watch import decisions, page, watch
 from players import tracks_of
 from refused import refused

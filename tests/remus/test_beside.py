@@ -8,8 +8,8 @@ import pytest
 
 from neuro.events import recordings, save
 from neuro_models import path
-from neuro_recognise.evaluate import price
-from neuro_recognise.telling.tried import try_out
+from neuro_recognise.energy import price
+from neuro_recognise.telling.report import try_out
 from neuro_remus import demo
 from neuro_remus.saccades import Saccades, _plan
 

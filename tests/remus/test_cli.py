@@ -10,11 +10,10 @@ from matplotlib.image import imread
 
 from neuro.events import Events, recordings, save
 from neuro_recognise import Recogniser, fit
+from neuro_recognise.energy import bills
 from neuro_recognise.method import Progress
 from neuro_recognise.methods import method_of
-from neuro_recognise.telling.energy import bills
-from neuro_recognise.telling.report import LearningBar
-from neuro_recognise.telling.tried import try_out
+from neuro_recognise.telling.report import LearningBar, try_out
 from neuro_remus import demo
 
 

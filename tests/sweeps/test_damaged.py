@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 import neuro
-from neuro.sweeps.claims import LEASE_S, Claims, alive, machine
-from neuro.sweeps.folder import Folder
+from neuro.sweeps.folder import LEASE_S, Claims, Folder, alive, machine
 from neuro.sweeps.pictures import pictures, search_pictures
 from neuro.sweeps.table import table_of
 

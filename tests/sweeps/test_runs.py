@@ -12,12 +12,10 @@ from pathlib import Path
 import pytest
 
 import neuro
-from neuro.sweeps.claims import Claims, began
 from neuro.sweeps.definition import Limits
-from neuro.sweeps.folder import Folder
+from neuro.sweeps.folder import Claims, Folder, began
 from neuro.sweeps.page import _metric
-from neuro.sweeps.pictures import pictures
-from neuro.sweeps.plot_data import plot_data
+from neuro.sweeps.pictures import pictures, plot_data
 from neuro.sweeps.space import RunItem
 from neuro.sweeps.table import table_of
 from neuro.sweeps.worker import LOST, Worker

@@ -13,9 +13,8 @@ from hypothesis import given, settings, strategies as st
 import neuro
 from neuro import ModelError
 from neuro.core.extension import run_extensions
-from neuro.rerun.again import rerun
-from neuro.sweeps.claims import Claims, claimed
-from neuro.sweeps.folder import Folder
+from neuro.rerun import rerun
+from neuro.sweeps.folder import Claims, Folder, claimed
 from neuro.sweeps.plan import SearchPlan, front, plan_of
 from neuro.sweeps.worker import Worker
 

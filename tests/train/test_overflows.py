@@ -49,7 +49,7 @@ def wraps(err):
 
 def test_weights_that_wrap_with_no_room_left_are_reported_once(neuro, spread, folder, monkeypatch):
     """Of all recordings that are tested on, and of all folds, also when these are there already."""
-    monkeypatch.setattr("neuro_train.room.MARGIN", 0.0)
+    monkeypatch.setattr("neuro_train.tested.MARGIN", 0.0)
     words = (spread(100.0), "--data", folder, "--for", 60, "--epochs", 0, "--backends", "loihi")
     status, _, err = neuro(*words, "--test", folder)
     assert (status, wraps(err)[1]) == (0, 9)

@@ -14,9 +14,9 @@ import neuro as snn
 import neuro_models
 from neuro.events import recordings
 from neuro_train import trainer
-from neuro_train.front import FrontPlace, draw
 from neuro_train.plan import TrainingPlan
 from neuro_train.search import divided, parted, space
+from neuro_train.telling import FrontPlace, draw
 from refused import refused
 
 pytestmark = [

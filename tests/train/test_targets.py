@@ -10,9 +10,8 @@ pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro as snn
 from neuro_torch import Events
 from neuro_train import trainer
-from neuro_train.data import BatchData
+from neuro_train.data import BatchData, r_squared, read
 from neuro_train.plan import TrainingPlan
-from neuro_train.targets import r_squared, read
 from neuro_train.tested import by_module, on_backend
 
 pytestmark = pytest.mark.filterwarnings("ignore:backend '(loihi|spinnaker)'")

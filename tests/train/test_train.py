@@ -134,13 +134,13 @@ def test_the_same_bits_after_kills():
 def test_a_loss_that_is_nan_stops_and_keeps_what_was_good(neuro, folder, file, monkeypatch):
     calls = []
 
-    def bad(*told):
+    def bad(*told, **words):
         calls.append(None)
-        return loss(*told) * (float("nan") if len(calls) == 11 else 1.0)
+        return loss(*told, **words) * (float("nan") if len(calls) == 11 else 1.0)
 
-    loss = trainer._loss
+    loss = trainer.neuro_torch.losses.count_cross_entropy
     with monkeypatch.context() as patch:
-        patch.setattr(trainer, "_loss", bad)
+        patch.setattr(trainer.neuro_torch.losses, "count_cross_entropy", bad)
         status, _, err = neuro(file, "--data", folder, *QUICK)
     told = "epoch 3, batch 3 of 4: the loss is nan: expected a number; what was learnt until the end of epoch 2 is kept"
     assert (status, f"{told} in trained.yaml.training\n" in err) == (2, True)

@@ -90,7 +90,7 @@ def test_lists_of_edges(tmp_path: Path, text: str, expected: str) -> None:
 
 
 def test_rows_are_counted_over_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("neuro.model.wiring.arrow._BLOCK", 1 << 10)
+    monkeypatch.setattr("neuro.model.wiring.formats._BLOCK", 1 << 10)
     lines = ["pre,post,n", *["10,20,5"] * 3000, "10,25,5"]
     assert refusal(tmp_path, "\n".join(lines)).startswith("edges: row 3002, column 'post': found 25")
     lines[-1] = "10,20,x"

@@ -8,8 +8,7 @@ Detector(recogniser).detect(events)    # boxes with classes, scores and identiti
 from __future__ import annotations
 
 from neuro_recognise.detection.boxes import Boxes
-from neuro_recognise.detection.detector import Detector
-from neuro_recognise.detection.following import Detecting
+from neuro_recognise.detection.detector import Detecting, Detector
 from neuro_recognise.detection.scenes import Scene, Scenery, Scenes, compose, write_scenes
 
 __all__ = ["Boxes", "Detecting", "Detector", "Scene", "Scenery", "Scenes", "compose", "write_scenes"]

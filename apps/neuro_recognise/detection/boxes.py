@@ -1,4 +1,4 @@
-"""Boxes of objects over time: a table that holds the true ones as well as those that were found, and its CSV file.
+"""Boxes of objects over time: a table, its CSV file, and how good boxes are: average precision, identities that change.
 
 ```
 start_us,stop_us,identity,class,score,left,top,right,bottom
@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import Kind, write_text
@@ -103,9 +104,9 @@ def iou(a: Floats, b: Floats) -> Floats:
     """(n, m) shared area of boxes (n, 4) and (m, 4) over the area of both; 0 where both are empty."""
     low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
     shared = np.prod(np.maximum(high - low, 0.0), axis=2)
-    both = _area(a)[:, None] + _area(b)[None, :] - shared
-    found: Floats = np.divide(shared, both, out=np.zeros_like(shared), where=both > 0)
-    return found
+    areas = [np.prod(np.maximum(box[:, 2:] - box[:, :2], 0.0), axis=1) for box in (a, b)]
+    both = areas[0][:, None] + areas[1] - shared
+    return np.asarray(np.divide(shared, both, out=np.zeros_like(shared), where=both > 0))
 
 
 def suppressed(box: Floats, score: Floats, most: float) -> Ints:
@@ -174,6 +175,121 @@ def _row(
     return start, stop, identity, label, score, (left, top, right, bottom)
 
 
-def _area(box: Floats) -> Floats:
-    area: Floats = np.prod(np.maximum(box[:, 2:] - box[:, :2], 0.0), axis=1)
-    return area
+Pair = tuple[Boxes, Boxes]
+"""True boxes and those that were found, of one picture: a span of time of a scene."""
+AT_LEAST = 0.5
+"""IoU from which on a box is right; Everingham et al., IJCV 88:303, 2010, section 4.2."""
+
+
+@dataclass(frozen=True, slots=True)
+class Precision:
+    """Average precision of boxes.
+
+    Attributes:
+        of_class: by class; NaN where no true box is of it.
+        mean: over the classes that have true boxes, mAP.
+        box: of all boxes, whatever their class.
+        pictures: of how many.
+    """
+
+    of_class: tuple[float, ...]
+    mean: float
+    box: float
+    pictures: int
+
+
+def precision(pairs: Sequence[Pair], classes: int, at_least: float = AT_LEAST) -> Precision:
+    """Compare what was found with what is there.
+
+    Args:
+        pairs: for each picture.
+        classes: their number.
+        at_least: IoU from which on a box is right.
+    """
+    by_label = ([(a[a.label == label], b[b.label == label]) for a, b in pairs] for label in range(classes))
+    of_class = tuple(_of(each, at_least) for each in by_label)
+    known = [one for one in of_class if not np.isnan(one)]
+    return Precision(of_class, float(np.mean(known)) if known else float("nan"), _of(pairs, at_least), len(pairs))
+
+
+def average_precision(right: npt.NDArray[np.bool_], true: int) -> float:
+    """Area under precision over recall, where precision is the best one at this recall or a larger.
+
+    Args:
+        right: (n,) whether each box is right, the surest first.
+        true: number of true boxes; NaN of none.
+
+    Source: Everingham et al., The PASCAL Visual Object Classes Challenge 2012 development kit, section 3.4.1 (all
+        points, where the challenge took eleven before 2010).
+    """
+    if not true:
+        return float("nan")
+    hits = np.cumsum(right)
+    best = np.maximum.accumulate((hits / np.arange(1, len(right) + 1))[::-1])[::-1]
+    return float(best[right].sum() / true)
+
+
+def _of(pairs: Iterable[Pair], at_least: float) -> float:
+    scores, right, true = [np.zeros(0)], [np.zeros(0, bool)], 0
+    for there, found in pairs:
+        shared, taken, hits = iou(found.box, there.box), np.zeros(len(there), bool), np.zeros(len(found), bool)
+        # the surest first, each takes the true box that it shares most with; who finds it taken is wrong
+        for k in np.argsort(-found.score, kind="stable") if len(there) else ():
+            best = int(shared[k].argmax())
+            if shared[k, best] >= at_least and not taken[best]:
+                hits[k] = taken[best] = True
+        scores.append(found.score)
+        right.append(hits)
+        true += len(there)
+    order = np.argsort(-np.concatenate(scores), kind="stable")
+    return average_precision(np.concatenate(right)[order], true)
+
+
+@dataclass(frozen=True, slots=True)
+class Switches:
+    """How identities hold.
+
+    Attributes:
+        switches: how often an object was found under another identity than before.
+        objects: that were found at all.
+        missed: true boxes to which no box fits.
+        boxes: true ones.
+    """
+
+    switches: int
+    objects: int
+    missed: int
+    boxes: int
+
+
+def identity_switches(pairs: Sequence[Pair], at_least: float = AT_LEAST) -> Switches:
+    """Follow the true objects of one scene.
+
+    Args:
+        pairs: its pictures in the order of time.
+        at_least: IoU from which on a box fits.
+
+    Source: Bernardin and Stiefelhagen, EURASIP J. Image Video Processing 2008:246309, section 2.1: who was matched
+        before and still fits stays matched; the others are matched so that the most area is shared.
+    """
+    before: dict[int, int] = {}
+    switches = missed = boxes = 0
+    for there, found in pairs:
+        matched = _matched(there, found, before, at_least)
+        switches += sum(who in before and before[who] != by for who, by in matched.items())
+        before |= matched
+        missed += len(there) - len(matched)
+        boxes += len(there)
+    return Switches(switches, len(before), missed, boxes)
+
+
+def _matched(there: Boxes, found: Boxes, before: dict[int, int], at_least: float) -> dict[int, int]:
+    """The identity under which each object is found in a picture."""
+    from scipy.optimize import linear_sum_assignment
+
+    shared = iou(there.box, found.box)
+    same = np.array([[before.get(int(who)) == by for by in found.identity] for who in there.identity], bool)
+    worth = np.where(shared >= at_least, shared + 2.0 * same.reshape(shared.shape), 0.0)
+    rows, columns = linear_sum_assignment(worth, maximize=True)
+    fits = worth[rows, columns] > 0
+    return dict(zip(there.identity[rows[fits]].tolist(), found.identity[columns[fits]].tolist(), strict=True))

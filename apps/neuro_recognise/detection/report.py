@@ -14,8 +14,7 @@ from neuro import ModelError
 from neuro.apps import console, html, player, table, write_picture
 from neuro.events import Events
 from neuro_recognise.detection.boxes import COLOURS, UNKNOWN, Boxes, read_boxes, write_boxes
-from neuro_recognise.detection.detector import Detector
-from neuro_recognise.detection.measures import DetectionTrial
+from neuro_recognise.detection.detector import DetectionTrial, Detector
 from neuro_recognise.detection.scenes import Scenes
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.telling.watch import length_ms, played, shown, span_note, watchable, write
@@ -161,7 +160,15 @@ def write_found(path: Path, events: Events, boxes: Boxes, classes: Sequence[str]
 def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:
     """Print one line for each object, or all boxes as JSON."""
     if as_json:
-        print(json.dumps({"format": FORMAT, "boxes": [_words(boxes, k, classes) for k in range(len(boxes))]}, indent=1))
+        columns = (boxes.start, boxes.stop, boxes.identity, boxes.label, boxes.score, boxes.box.round(2))
+        each = [
+            {
+                **{"start_us": start, "stop_us": stop, "identity": identity},
+                **{"class": None if label == UNKNOWN else classes[label], "score": score, "box": box},
+            }
+            for start, stop, identity, label, score, box in zip(*(part.tolist() for part in columns), strict=True)
+        ]
+        print(json.dumps({"format": FORMAT, "boxes": each}, indent=1))
         return
     if not len(boxes):
         print("no objects found")
@@ -170,8 +177,10 @@ def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:
     for number in np.unique(boxes.identity):
         of = boxes[boxes.identity == number]
         when = f"{of.start[0] / 1000:.0f} to {of.stop[-1] / 1000:.0f} ms"
-        way = f"{_place(of.box[0])} to {_place(of.box[-1])}"
-        rows.append((f"#{number}", _name(int(of.label[-1]), classes), f"{of.score[-1]:.2f}", when, len(of), way))
+        middles = (of.box[[0, -1], :2] + of.box[[0, -1], 2:]) / 2
+        way = " to ".join(f"{x:.0f}, {y:.0f}" for x, y in middles)
+        name = "unknown" if of.label[-1] == UNKNOWN else classes[of.label[-1]]
+        rows.append((f"#{number}", name, f"{of.score[-1]:.2f}", when, len(of), way))
     console().print(table(("object", "class", ">score", ">seen", ">boxes", "middle, px"), rows))
 
 
@@ -193,22 +202,3 @@ def show_tried(detector: Detector, tried: DetectionTrial, as_json: bool) -> None
     console().print(table(("of all scenes", ">"), rows, title=f"{tried.scenes} scenes"))
     of_class = [(name, "-" if np.isnan(ap) else f"{ap:.3f}") for name, ap in zip(classes, found.of_class, strict=True)]
     console().print(table(("class", ">AP"), of_class))
-
-
-def _words(boxes: Boxes, k: int, classes: Sequence[str]) -> dict[str, Any]:
-    return {
-        "start_us": int(boxes.start[k]),
-        "stop_us": int(boxes.stop[k]),
-        "identity": int(boxes.identity[k]),
-        "class": None if boxes.label[k] == UNKNOWN else classes[boxes.label[k]],
-        "score": float(boxes.score[k]),
-        "box": boxes.box[k].round(2).tolist(),
-    }
-
-
-def _name(label: int, classes: Sequence[str]) -> str:
-    return "unknown" if label == UNKNOWN else classes[label]
-
-
-def _place(box: Any) -> str:
-    return f"{(box[0] + box[2]) / 2:.0f}, {(box[1] + box[3]) / 2:.0f}"

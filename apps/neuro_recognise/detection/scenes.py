@@ -150,7 +150,13 @@ def compose(
         for who, (events, label) in enumerate(zip(moved, labels, strict=True))
         if (box := _box(_supported(events, scenery).between(start, stop), scenery)) is not None
     ]
-    return Scene(name, _with_noise(_merged(moved, scenery), scenery, rng), Boxes.of(rows), scenery.slices())
+    t, x, y, p = (np.concatenate([getattr(part, word) for part in moved]) for word in "txyp")
+    order = np.argsort(t, kind="stable")
+    events = Events(t[order], x[order], y[order], p[order], scenery.sensor)
+    if scenery.noise:
+        noise = filters.ShotNoise(scenery.sensor, rate_hz=scenery.noise, seed=int(rng.integers(1 << 62)))
+        events = noise.apply(events)
+    return Scene(name, events, Boxes.of(rows), scenery.slices())
 
 
 def _supported(events: Events, scenery: Scenery) -> Events:
@@ -171,24 +177,27 @@ def _placed(name: str, objects: list[_Object], scenery: Scenery, rng: np.random.
     """The objects with places and paths that keep them inside and, as it is asked for, apart or touching."""
     times = np.linspace(0, scenery.length_us, 20)
     for _ in range(TRIES):
-        placed = _touching(objects, scenery, rng) if scenery.touching else _anywhere(objects, scenery, rng)
+        if scenery.touching:
+            placed = _touching(objects, scenery, rng)
+        else:
+            starts = rng.uniform(0, scenery.sensor, (len(objects), 2))
+            placed = [
+                replace(one, start=start, velocity=_velocity(scenery, rng))
+                for one, start in zip(objects, starts, strict=True)
+            ]
         boxes = [one.boxes_at(times) for one in placed]
         inside = all((box[:, :2] >= 0).all() and (box[:, 2:] <= scenery.sensor).all() for box in boxes)
         gap = 0.0 if scenery.touching else scenery.gap
-        if inside and all(_gap(a, b) >= gap - 1e-9 for k, a in enumerate(boxes) for b in boxes[:k]):
+        pairs = ((a, b) for k, a in enumerate(boxes) for b in boxes[:k])
+        # the least distance of two boxes at any time is negative where they overlap
+        between = (np.maximum(a[:, :2] - b[:, 2:], b[:, :2] - a[:, 2:]).max(axis=1).min() for a, b in pairs)
+        if inside and all(distance >= gap - 1e-9 for distance in between):
             return placed
     width, height = scenery.sensor
     raise ModelError(
         f"{name}: {len(objects)} objects find no room on {width}x{height} px in {TRIES} tries",
         hint="take a larger sensor, fewer objects, less speed or a smaller gap",
     )
-
-
-def _anywhere(objects: list[_Object], scenery: Scenery, rng: np.random.Generator) -> list[_Object]:
-    starts = rng.uniform(0, scenery.sensor, (len(objects), 2))
-    return [
-        replace(one, start=start, velocity=_velocity(scenery, rng)) for one, start in zip(objects, starts, strict=True)
-    ]
 
 
 def _touching(objects: list[_Object], scenery: Scenery, rng: np.random.Generator) -> list[_Object]:
@@ -207,14 +216,7 @@ def _touching(objects: list[_Object], scenery: Scenery, rng: np.random.Generator
 
 def _velocity(scenery: Scenery, rng: np.random.Generator) -> Floats:
     angle = rng.uniform(0, 2 * np.pi)
-    velocity: Floats = scenery.speed * 1e-6 * np.array([np.cos(angle), np.sin(angle)])
-    return velocity
-
-
-def _gap(a: Floats, b: Floats) -> float:
-    """Least distance of two boxes at the same times, px; of those that overlap negative."""
-    between = np.maximum(a[:, :2] - b[:, 2:], b[:, :2] - a[:, 2:])
-    return float(between.max(axis=1).min())
+    return np.asarray(scenery.speed * 1e-6 * np.array([np.cos(angle), np.sin(angle)]))
 
 
 def _moved(one: _Object, scenery: Scenery) -> Events:
@@ -228,19 +230,6 @@ def _moved(one: _Object, scenery: Scenery) -> Events:
     width, height = scenery.sensor
     there = (t < scenery.length_us) & (x >= 0) & (x < width) & (y >= 0) & (y < height)
     return Events(t[there], x[there], y[there], np.tile(events.p, rounds)[there], scenery.sensor)
-
-
-def _merged(parts: Sequence[Events], scenery: Scenery) -> Events:
-    t, x, y, p = (np.concatenate([getattr(part, name) for part in parts]) for name in "txyp")
-    order = np.argsort(t, kind="stable")
-    return Events(t[order], x[order], y[order], p[order], scenery.sensor)
-
-
-def _with_noise(events: Events, scenery: Scenery, rng: np.random.Generator) -> Events:
-    if not scenery.noise:
-        return events
-    seed = int(rng.integers(1 << 62))
-    return filters.ShotNoise(events.sensor_size, rate_hz=scenery.noise, seed=seed).apply(events)
 
 
 FORMAT = "neuro recognise scenes 1"
@@ -276,23 +265,20 @@ class Scenes(Lazy[Scene]):
         if not about.is_file() or not _is_ours(about):
             raise ModelError(f"{folder}: no scenes, expected a folder that 'neuro recognise scenes' filled")
         facts = json.loads(about.read_text())
-        self._folder, self._count = folder, int(facts["count"])
+        super().__init__(int(facts["count"]), self._read)
+        self._folder = folder
         self.classes: tuple[str, ...] = tuple(facts["classes"])
         self.scenery = Scenery.from_words(facts["scenery"])
-        if missing := [k for k in range(self._count) if not _boxes_of(folder, k).is_file()]:
+        if missing := [k for k in range(len(self)) if not _file(folder, k, "csv").is_file()]:
             raise ModelError(
-                f"{folder}: {len(missing)} of {self._count} scenes are missing, the first is {_name(missing[0])}",
+                f"{folder}: {len(missing)} of {len(self)} scenes are missing, the first is {missing[0]:04d}",
                 hint="the command that began to write them goes on where it was",
             )
 
-    def __len__(self) -> int:
-        return self._count
-
-    def item(self, k: int) -> Scene:
-        """Read one."""
-        events = load(_events_of(self._folder, k))
-        boxes = read_boxes(_boxes_of(self._folder, k), self.classes)
-        return Scene(_name(k), events, boxes, self.scenery.slices())
+    def _read(self, k: int) -> Scene:
+        events = load(_file(self._folder, k, "npz"))
+        boxes = read_boxes(_file(self._folder, k, "csv"), self.classes)
+        return Scene(f"{k:04d}", events, boxes, self.scenery.slices())
 
 
 def write_scenes(
@@ -324,10 +310,28 @@ def write_scenes(
     if len(indices) < scenery.objects[1]:
         raise ModelError(f"scenes of up to {scenery.objects[1]} objects from {len(indices)} recordings: too few")
     make_folder(folder)
-    _tell(folder, data, scenery, count, seed, indices)
+    about = folder / ABOUT
+    facts = {
+        "format": FORMAT,
+        "scenery": scenery.as_words(),
+        "seed": seed,
+        "count": count,
+        "classes": list(data.classes),
+        "data": data.fingerprint(),
+        "recordings": [data[int(k)].name for k in indices],
+    }
+    if about.exists() and _is_ours(about) and any(_file(folder, k, "csv").exists() for k in range(count)):
+        there = json.loads(about.read_text())
+        more = count >= int(there.get("count", 0))  # scenes do not depend on how many there are
+        other = [name for name in facts if there.get(name) != facts[name] and not (more and name == "count")]
+        if other:
+            raise ModelError(f"{folder}: has scenes with another {other[0]}", hint="take a new folder")
+    write_text(about, json.dumps(facts, indent=1) + "\n", ABOUT_KIND)
     for k in range(count):
-        if not _boxes_of(folder, k).is_file():
-            _write(folder, k, scene_of(data, indices, scenery, seed, k), data.classes)
+        if not _file(folder, k, "csv").is_file():
+            scene = scene_of(data, indices, scenery, seed, k)
+            save(scene.events, _file(folder, k, "npz"), replace=True)  # events without boxes are what a kill left
+            write_boxes(_file(folder, k, "csv"), scene.boxes, data.classes)
         report(k + 1, count)
     return Scenes(folder)
 
@@ -345,7 +349,7 @@ def scene_of(data: Recordings, chosen: Ints, scenery: Scenery, seed: int, k: int
     rng = np.random.default_rng([seed, k])
     n = int(rng.integers(scenery.objects[0], scenery.objects[1] + 1))
     items = [data[int(index)] for index in rng.choice(chosen, n, replace=False)]
-    return compose(_name(k), [item.load() for item in items], [item.label for item in items], scenery, rng)
+    return compose(f"{k:04d}", [item.load() for item in items], [item.label for item in items], scenery, rng)
 
 
 def fold_of(data: Recordings, folds: int, fold: int) -> Ints:
@@ -364,39 +368,5 @@ def fold_of(data: Recordings, folds: int, fold: int) -> Ints:
     return np.arange(len(data)) if folds == 1 else data.folds(folds, seed=0)[fold][1]
 
 
-def _tell(folder: Path, data: Recordings, scenery: Scenery, count: int, seed: int, chosen: Ints) -> None:
-    """Write how the scenes are made, or see that those which are there were made so."""
-    about = folder / ABOUT
-    facts = {
-        "format": FORMAT,
-        "scenery": scenery.as_words(),
-        "seed": seed,
-        "count": count,
-        "classes": list(data.classes),
-        "data": data.fingerprint(),
-        "recordings": [data[int(k)].name for k in chosen],
-    }
-    if about.exists() and _is_ours(about) and any(_boxes_of(folder, k).exists() for k in range(count)):
-        there = json.loads(about.read_text())
-        more = count >= int(there.get("count", 0))  # scenes do not depend on how many there are
-        other = [name for name in facts if there.get(name) != facts[name] and not (more and name == "count")]
-        if other:
-            raise ModelError(f"{folder}: has scenes with another {other[0]}", hint="take a new folder")
-    write_text(about, json.dumps(facts, indent=1) + "\n", ABOUT_KIND)
-
-
-def _write(folder: Path, k: int, scene: Scene, classes: Sequence[str]) -> None:
-    save(scene.events, _events_of(folder, k), replace=True)  # events without boxes are what a kill left
-    write_boxes(_boxes_of(folder, k), scene.boxes, classes)
-
-
-def _name(k: int) -> str:
-    return f"{k:04d}"
-
-
-def _events_of(folder: Path, k: int) -> Path:
-    return folder / f"{_name(k)}.npz"
-
-
-def _boxes_of(folder: Path, k: int) -> Path:
-    return folder / f"{_name(k)}.csv"
+def _file(folder: Path, k: int, ending: str) -> Path:
+    return folder / f"{k:04d}.{ending}"

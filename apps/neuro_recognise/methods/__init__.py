@@ -7,17 +7,11 @@ from typing import Any
 
 from neuro.apps import unknown
 from neuro_recognise.method import METHODS, Method
-from neuro_recognise.methods.boe import Boe
-from neuro_recognise.methods.edhmax_tempotron import EdhmaxTempotron
+from neuro_recognise.methods.descriptor import Boe, Hats, TarHats
+from neuro_recognise.methods.frame_networks import EdhmaxTempotron, MasquelierThorpe, Mozafari, Must, Remus
 from neuro_recognise.methods.gradients import Conv, Dense, LearntDelays, Recurrent
-from neuro_recognise.methods.hats import Hats
 from neuro_recognise.methods.hfirst import HFirst
 from neuro_recognise.methods.hots import Hots
-from neuro_recognise.methods.masquelier_thorpe import MasquelierThorpe
-from neuro_recognise.methods.mozafari import Mozafari
-from neuro_recognise.methods.must import Must
-from neuro_recognise.methods.remus import Remus
-from neuro_recognise.methods.tar_hats import TarHats
 
 __all__ = ["METHODS", "method_of"]
 

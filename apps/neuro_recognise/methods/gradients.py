@@ -21,7 +21,7 @@ from neuro.apps import install, setting
 from neuro.events import Events
 from neuro_models import path
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
-from neuro_recognise.parts.layers import from_text, to_text
+from neuro_recognise.methods.framewise import from_text, to_text
 from neuro_recognise.shown import Array, Evidence, Features, Floats
 from neuro_torch import Events as Spikes
 from neuro_train.data import BatchData as Taught
@@ -103,6 +103,16 @@ class Gradients(Method):
         from neuro_train.trainer import learn
 
         before = self.before(len(shown.classes))
+        words: Any = ("duration", "scale", "epochs", "batch", "rate", "temperature", "slope", "shift", "warp", "mirror")
+        plan = TrainingPlan(
+            input=INPUT,
+            output=OUTPUT,
+            trainable=tuple(f"{name}={','.join(each)}" for name, each in self.learns.items()),
+            decay=self.weight_decay,
+            bits=self.bits or None,
+            seed=course.seed,
+            **{word: getattr(self, word) for word in words},
+        )
 
         def report(epoch: int, noted: Mapping[str, float]) -> None:
             course.report(Progress("learning", epoch, self.epochs, noted.get("right")))
@@ -110,7 +120,7 @@ class Gradients(Method):
         threads = torch.get_num_threads()
         torch.set_num_threads(1)
         try:
-            trained = learn(before, self._taught(shown), self._plan(course.seed), course.checkpoint, report)
+            trained = learn(before, self._taught(shown), plan, course.checkpoint, report)
         finally:
             torch.set_num_threads(threads)
         return self.learnt_of(trained.net) | {"history": trained.curves["right"]}
@@ -178,18 +188,6 @@ class Gradients(Method):
         spikes = {INPUT: (recording, step.values.astype(np.int64), neuron.values.astype(np.int64))}
         events = Spikes(len(shown), round(self.duration / self.step), spikes)
         return Taught(events, shown.labels, shown.classes, self.pixels, "")
-
-    def _plan(self, seed: int) -> TrainingPlan:
-        words: Any = ("duration", "scale", "epochs", "batch", "rate", "temperature", "slope", "shift", "warp", "mirror")
-        return TrainingPlan(
-            input=INPUT,
-            output=OUTPUT,
-            trainable=tuple(f"{name}={','.join(each)}" for name, each in self.learns.items()),
-            decay=self.weight_decay,
-            bits=self.bits or None,
-            seed=seed,
-            **{word: getattr(self, word) for word in words},
-        )
 
 
 @dataclass(frozen=True)

@@ -395,8 +395,6 @@ def decide(heard: LayerResponse, reading: str = "hard") -> int:
     return -1 if np.isnan(found).all() else int(found.argmax())
 
 
-OF_S2 = ("s2_threshold", "s2_leak", "below", "unseen", "reading")
-"""Settings that what is observed, the spikes of C1, does not depend on."""
 INPUTS = ("on_events", "off_events")
 
 
@@ -407,6 +405,7 @@ class HFirst(Method, HFirstSettings):
     title = "first spikes of oriented neurons with linear leak, templates of their counts"
     source = "Orchard et al., IEEE TPAMI 37:2028, 2015; github gorchard/HFIRST; thesis lines 2181-2191"
     spikes = True
+    unobserved = ("s2_threshold", "s2_leak", "below", "unseen", "reading")
     presets = {"poker": {"size": [35, 35], "c1_resets": True, "reading": "hard"}}
     measured = {"N-MNIST": "88.3 %", "POKER-DVS": "88.5 %"}
 
@@ -414,10 +413,6 @@ class HFirst(Method, HFirstSettings):
         "potentials", "", "how S2 is read: spikes, their shares or summed V_m of each class", "the authors': hard",
         words=READINGS,
     )  # fmt: skip
-
-    def observing(self) -> Mapping[str, Any]:
-        """All that S1 and C1 depend on."""
-        return {name: value for name, value in self.as_words().items() if name not in OF_S2}
 
     def observe(self, events: Events) -> Evidence:
         """What the network is shown, and what its layers S1 and C1 make of it.
@@ -437,7 +432,7 @@ class HFirst(Method, HFirstSettings):
 
     def fit(self, shown: Features, course: Course) -> Learnt:
         """Sum what C1 sent for each class."""
-        counts = c1_counts(self, [_spikes(one) for one in shown.evidence])
+        counts = c1_counts(self, [LayerSpikes(one["times"], one["ids"]) for one in shown.evidence])
         return {"templates": templates(self, counts, shown.labels, len(shown.classes))}
 
     def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
@@ -449,7 +444,7 @@ class HFirst(Method, HFirstSettings):
         sim = neuro.compile(s2_alone(self, np.asarray(learnt["templates"])), backend=backend)
 
         def ask(shown: Features) -> Answer:
-            heard = [s2_heard(sim, self, _spikes(one)) for one in shown.evidence]
+            heard = [s2_heard(sim, self, LayerSpikes(one["times"], one["ids"])) for one in shown.evidence]
             votes = {reading: np.stack([decisive(one, reading) for one in heard]) for reading in READINGS}
             run = partial(self.run_whole, learnt, shown, backend)
             return Answer(votes[self.reading], votes, run, duration_s=shown.duration_s())
@@ -485,7 +480,3 @@ class HFirst(Method, HFirstSettings):
 def _c1(method: HFirst) -> neuro.Simulation:
     """Layer C1, which starts anew with each recording."""
     return neuro.compile(c1_alone(method))
-
-
-def _spikes(one: Evidence) -> LayerSpikes:
-    return LayerSpikes(one["times"], one["ids"])

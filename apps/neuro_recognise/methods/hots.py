@@ -294,6 +294,7 @@ class Hots(Method):
     title = "hierarchy of time surfaces"
     source = "Lagorce et al., IEEE TPAMI 39:1346, 2017; thesis lines 2211-2280"
     needs = "recognise"
+    unobserved = ("hierarchy", "learn_from", "cell", "readout")
     presets = {
         "cells": {"layers": 1, "centres": 64, "tau": 30.0, "cell": 7},
         "poker": {"size": [35, 35], "layers": 1, "centres": 32, "tau": 2.0, "cell": 12},
@@ -305,10 +306,6 @@ class Hots(Method):
     cell: int = setting(0, "px", "side of squares that are counted apart; 0: the whole field", "the paper", at_least=0)
     readout: Readout = part(Readout, Svm())
 
-    def observing(self) -> Mapping[str, Any]:
-        """The field alone: what is looked at are events."""
-        return {"size": list(self.size)}
-
     def observe(self, events: Events) -> Evidence:
         """The events inside the field."""
         seen = self.inside(events)
@@ -316,7 +313,19 @@ class Hots(Method):
 
     def fit(self, shown: Features, course: Course) -> Learnt:
         """Learn prototypes layer by layer, then teach the readout."""
-        layers = self._taught(shown, course)
+        layers = Layers(self.hierarchy, self.size, seed=course.seed)
+        if kept := course.resume():
+            layers = Layers.from_state(self.hierarchy, self.size, kept["layers"])
+        chosen = np.arange(len(shown))
+        if 0 < self.learn_from < len(shown):
+            chosen = np.sort(np.random.default_rng([course.seed, 3]).permutation(len(shown))[: self.learn_from])
+
+        def tell(reached: Layers, done: int, total: int) -> None:
+            if done % EVERY == 0 or done == total:
+                course.keep(layers=reached.state())
+            course.report(Progress("learning prototypes", done, total))
+
+        layers.learn(self._events(shown.take(chosen)), tell)
         x = self._histograms(layers, shown)
         return {**layers.state(), **self.readout.fit(x, shown.labels, len(shown.classes), course)}
 
@@ -342,42 +351,17 @@ class Hots(Method):
             drawn[f"layer-{layer + 1}"] = images(seen, [""] * len(seen), title, about)
         return drawn
 
-    def _taught(self, shown: Features, course: Course) -> Layers:
-        kept = course.resume()
-        layers = Layers(self.hierarchy, self.size, seed=course.seed)
-        if kept:
-            layers = Layers.from_state(self.hierarchy, self.size, kept["layers"])
-        chosen = np.arange(len(shown))
-        if 0 < self.learn_from < len(shown):
-            chosen = np.sort(np.random.default_rng([course.seed, 3]).permutation(len(shown))[: self.learn_from])
-
-        def tell(reached: Layers, done: int, total: int) -> None:
-            if done % EVERY == 0 or done == total:
-                course.keep(layers=reached.state())
-            course.report(Progress("learning prototypes", done, total))
-
-        layers.learn(_Recordings(self, shown.take(chosen)), tell)
-        return layers
-
     def _histograms(self, layers: Layers, shown: Features) -> Floats:
         """(recordings, cells and prototypes) shares of a recording's events."""
-        found: Floats = np.stack(
-            [layers.features(events, cell=self.cell).ravel() for events in _Recordings(self, shown)]
-        ).astype(np.float64)
-        shares: Floats = found / np.maximum(found.sum(axis=1, keepdims=True), 1.0)
-        return shares
+        counts = [layers.features(events, cell=self.cell).ravel() for events in self._events(shown)]
+        found = np.stack(counts).astype(np.float64)
+        return np.asarray(found / np.maximum(found.sum(axis=1, keepdims=True), 1.0))
 
+    def _events(self, shown: Features) -> Lazy[Events]:
+        """Evidence as events again, one recording at a time."""
 
-class _Recordings(Lazy[Events]):
-    """Evidence as events again, one recording at a time."""
+        def item(k: int) -> Events:
+            one = shown.evidence[k]
+            return Events(one["t"], one["x"], one["y"], one["p"], self.size)
 
-    def __init__(self, method: Hots, shown: Features) -> None:
-        self._size, self._shown = method.size, shown
-
-    def __len__(self) -> int:
-        return len(self._shown)
-
-    def item(self, k: int) -> Events:
-        """One of them."""
-        one = self._shown.evidence[k]
-        return Events(one["t"], one["x"], one["y"], one["p"], self._size)
+        return Lazy(len(shown), item)

@@ -1,4 +1,7 @@
-"""Layers S1 and C1: what oriented filters answer to the events of each frame, and which responses are passed on."""
+"""Layers S1 and C1: what filters are shown of each frame, what they answer, and which responses are passed on.
+
+A frame shows its events, or surfaces that remember those before.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +9,120 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import Part, Registry, setting
-from neuro.events import Events
-from neuro_recognise.parts.representations import Counts, Representation
-from neuro_recognise.settings import SPLITS
-from neuro_recognise.shown import Floats, Ints
+from neuro.events import Events, representations
+from neuro_recognise.method import SPLITS
+from neuro_recognise.shown import Array, Floats, Ints
+
+
+class Pixels(NamedTuple):
+    """What pixels hold at the end of each segment; entries of the same pixel add up.
+
+    Attributes:
+        x, y: (entries,) px.
+        value: (entries,) above 0.
+        bounds: (segments + 1,) segment i has the entries ``[bounds[i], bounds[i + 1])``.
+    """
+
+    x: Array
+    y: Array
+    value: Floats
+    bounds: Ints
+
+    def pictures(self, size: tuple[int, int]) -> Floats:
+        """(segments, height, width) of a field so wide and high, px."""
+        width, height = size
+        segment = np.repeat(np.arange(len(self.bounds) - 1), np.diff(self.bounds))
+        inside = slice(int(self.bounds[0]), int(self.bounds[-1]))
+        drawn = np.zeros((len(self.bounds) - 1, height, width))
+        np.add.at(drawn, (segment, self.y[inside], self.x[inside]), self.value[inside])
+        return drawn
+
+
+@dataclass(frozen=True)
+class Representation(Part):
+    """Base of the representations.
+
+    Class attributes:
+        remembers: whether it holds what was before a segment.
+    """
+
+    kind = "representation"
+    remembers: ClassVar[bool] = True
+
+    @abstractmethod
+    def pixels(self, events: Events, bounds: Ints) -> Pixels:
+        """What is held at the last event before the end of each segment.
+
+        Args:
+            events: a recording inside the field.
+            bounds: (segments + 1,) segment i is ``[bounds[i], bounds[i + 1])``.
+        """
+
+
+@dataclass(frozen=True)
+class Counts(Representation):
+    """The number of events of the segment."""
+
+    remembers = False
+    source = "thesis 6.2.1, lines 2321-2334"
+
+    def pixels(self, events: Events, bounds: Ints) -> Pixels:
+        """Each event counts 1."""
+        return Pixels(events.x, events.y, np.ones(len(events)), bounds)
+
+
+@dataclass(frozen=True)
+class _Remembering(Representation):
+    """Base of surfaces.
+
+    Class attributes:
+        surface: a class of `neuro.events.representations`.
+    """
+
+    surface: ClassVar[Any]
+
+    tau: float = setting(20.0, "ms", "in which an event is forgotten to 1/e", "that of MSD", above=0)
+
+    def pixels(self, events: Events, bounds: Ints) -> Pixels:
+        """All pixels that had an event."""
+        width, height = events.sensor_size
+        words = {"tau_us": 1000.0 * self.tau, "polarity": "ignored"}
+        held, begin = self.surface(events.sensor_size, **words), 0
+        read = np.empty((len(bounds) - 1, height, width))
+        for segment, end in enumerate(bounds[1:].tolist()):
+            held.add(events[begin:end])
+            begin = end
+            # read at an event, some pixel is large however long the pause before it was
+            read[segment] = held.at(int(events.t[end - 1]), np.float64)
+        segments, y, x = np.nonzero(read)
+        lengths = np.bincount(segments, minlength=len(read))
+        return Pixels(x.astype(np.uint16), y.astype(np.uint16), read[segments, y, x], np.cumsum([0, *lengths]))
+
+
+@dataclass(frozen=True)
+class Leaky(_Remembering):
+    """The sum of a pixel's events, each of which decays exponentially."""
+
+    source = "thesis 6.2.8; appendix C, algorithm 15"
+    surface = representations.LeakySurface
+
+
+@dataclass(frozen=True)
+class Surface(_Remembering):
+    """A pixel's last event, which decays exponentially."""
+
+    source = "thesis 6.2.8; Lagorce et al., IEEE TPAMI 39:1346, 2017, eq. 2"
+    surface = representations.TimeSurface
+
+
+Representation.known = Registry("representation", (Counts, Leaky, Surface))
 
 
 def gabor_bank(
@@ -70,17 +176,11 @@ def gabor_bank(
             if not literal:
                 g -= g.mean()
                 g /= np.linalg.norm(g)
-            bank[s, o, inner, inner] = _blurred(g) if smooth else g
+            if smooth:  # the mean of each place and its eight neighbours, 0 outside
+                wide = np.pad(g, 1)
+                g = np.mean([wide[i : i + size, j : j + size] for i in range(3) for j in range(3)], axis=0)
+            bank[s, o, inner, inner] = g
     return bank
-
-
-def _blurred(filter: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """The mean of each place and its eight neighbours, 0 outside."""
-    wide = np.pad(filter, 1)
-    rows, columns = filter.shape
-    near = [wide[i : i + rows, j : j + columns] for i in range(3) for j in range(3)]
-    found: npt.NDArray[np.float64] = np.mean(near, axis=0, dtype=np.float64)
-    return found
 
 
 TABLE_2 = "thesis table 2, line 2350"
@@ -110,10 +210,22 @@ class Bank(Part):
         if even := [size for size in self.sizes if size % 2 == 0]:
             raise ModelError(f"sizes: found {even[0]}: expected odd numbers, so that a filter has a middle")
 
-    @property
-    @abstractmethod
+    gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
+
+    @cached_property
     def filters(self) -> Floats:
         """(scales, orientations, side, side), each in the middle of the largest's side."""
+        return gabor_bank(self.sizes, self.sigmas, self.wavelengths, self.gamma, self.orientations, **self.shapes)
+
+    @property
+    def shapes(self) -> dict[str, bool]:
+        """Words of `gabor_bank` by which the filters differ from its own."""
+        return {}
+
+    def _empty(self, events: Events, bounds: Ints, side: int) -> Floats:
+        """(frames, scales, orientations, rows, columns) of cells, to write responses into."""
+        width, height = events.sensor_size
+        return np.empty((len(bounds) - 1, len(self.sizes), len(self.orientations), height // side, width // side))
 
     @abstractmethod
     def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
@@ -136,24 +248,20 @@ class Gabors(Bank):
 
     source = "thesis 6.2.2, eqs 122-124, lines 2337-2370"
 
-    gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
     literal: bool = setting(
         False, "", "eq. 122 as printed, not of zero mean and unit norm", "2 points worse on N-MNIST"
     )
 
-    @cached_property
-    def filters(self) -> Floats:
-        """(scales, orientations, side, side)."""
-        return gabor_bank(
-            self.sizes, self.sigmas, self.wavelengths, self.gamma, self.orientations, literal=self.literal
-        )
+    @property
+    def shapes(self) -> dict[str, bool]:
+        """The formula as printed, if that is wanted."""
+        return {"literal": self.literal}
 
     def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
         """Rectified "same" convolution of each frame with each filter."""
         from neuro_recognise.parts._bank_kernels import largest_responses
 
-        width, height = events.sensor_size
-        out = np.empty((len(bounds) - 1, len(self.sizes), len(self.orientations), height // side, width // side))
+        (width, height), out = events.sensor_size, self._empty(events, bounds, side)
         sizes = np.array(self.sizes, np.int64)
         largest_responses(*seen.pixels(events, bounds), self.filters, sizes, height, width, side, out)
         return out
@@ -167,23 +275,19 @@ class LeakyGabors(Bank):
     shown = False
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015, section III-A; MK-Tempotron, zb_filters2.m, conv_integNoFire.m"
 
-    gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
     leak: float = setting(0.01, "1/ms", "of a response", "MK-Tempotron: 1e-8/ns on N-MNIST", at_least=0)
     signed: bool = setting(False, "", "whether OFF events subtract", SPLITS)
 
-    @cached_property
-    def filters(self) -> Floats:
-        """(scales, orientations, side, side), round and smoothed."""
-        return gabor_bank(
-            self.sizes, self.sigmas, self.wavelengths, self.gamma, self.orientations, circular=True, smooth=True
-        )
+    @property
+    def shapes(self) -> dict[str, bool]:
+        """Round and smoothed."""
+        return {"circular": True, "smooth": True}
 
     def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
         """Absolute values at the end of each frame; frames before have left their rest."""
         from neuro_recognise.parts._bank_kernels import leaky_responses
 
-        width, height = events.sensor_size
-        out = np.empty((len(bounds) - 1, len(self.sizes), len(self.orientations), height // side, width // side))
+        (width, height), out = events.sensor_size, self._empty(events, bounds, side)
         sizes, sign = np.array(self.sizes, np.int64), np.where(self.signed & (events.p == 0), -1.0, 1.0)
         times = (events.t, events.x, events.y, sign)
         leaky_responses(*times, bounds, self.filters, sizes, height, width, self.leak / 1000.0, side, out)

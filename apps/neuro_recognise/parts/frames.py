@@ -1,16 +1,152 @@
-"""The frames of many recordings: the spikes of each, and what speaks for each class by how they ended."""
+"""Spikes of frames: those of stronger responses come earlier; and what speaks for each class by how frames ended."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from neuro.apps import Part, Registry, setting
+from neuro.coding import log_intensity_to_latency
+from neuro_recognise.method import Learnt
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints
 
 if TYPE_CHECKING:
     from neuro import TrialResults
+
+
+CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"
+TICKS = "16, 32 or 64 ticks of a window decide equally well on N-MNIST: docs/how-to/remus.md"
+
+
+@dataclass(frozen=True)
+class Encoder(Part):
+    """Base of the encoders.
+
+    What a recording shows are codes; times follow from these and from what was learnt of all recordings.
+    """
+
+    kind = "encoder"
+
+    window: float = setting(64.0, "ms", "length of the code", TICKS, above=0)
+    resolution: float = setting(1.0, "ms", "grid of the spike times", TICKS, above=0)
+
+    @property
+    def last(self) -> int:
+        """The last tick of the window."""
+        return int(np.ceil(self.window / self.resolution)) - 1
+
+    @abstractmethod
+    def channels(self, scales: int, orientations: int) -> int:
+        """How many spikes can come from a place: the ids' first axis; the others are rows and columns."""
+
+    def bands(self, sizes: Sequence[int], orientations: Sequence[float]) -> tuple[str, ...]:
+        """Names of the channels, of filters with these sides, px, and orientations, degrees."""
+        angles = [f"{angle:g}°" for angle in orientations]
+        if self.channels(len(sizes), len(angles)) == len(angles):
+            return tuple(angles)
+        return tuple(f"{size} px {angle}" for size in sizes for angle in angles)
+
+    @abstractmethod
+    def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:
+        """The spikes of each frame.
+
+        Args:
+            responses: (frames, scales, orientations, rows, columns).
+
+        Returns:
+            (spikes,) codes; (spikes,) ids; (frames,) number of spikes of each. Those of a frame are in the order of
+            their times.
+        """
+
+    def learn(self, codes: Array) -> dict[str, Array]:
+        """What times depend on beside a code, by name, from the codes of all recordings to learn from."""
+        return {}
+
+    @abstractmethod
+    def times(self, codes: Array, learnt: Learnt) -> Floats:
+        """(spikes,) ms from the start of the frame, on the grid of `resolution` in [0, window)."""
+
+
+@dataclass(frozen=True)
+class LogLatency(Encoder):
+    """A spike of each orientation and place, that of the strongest scale, by the logarithm of its response."""
+
+    known_as = "log_latency"
+    source = "thesis 6.2.3, eq. 15, lines 2371-2395"
+
+    min_response: float = setting(
+        0.1, "", "share of the frame's largest response below which none spikes", "ours; r_min of eq. 15 is open",
+        above=0, below=1,
+    )  # fmt: skip
+    first: int = setting(0, "", "how many spikes of a frame are kept, the first ones; 0: all", "thesis", at_least=0)
+
+    def channels(self, scales: int, orientations: int) -> int:
+        """The orientations."""
+        return orientations
+
+    def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:
+        """Codes are ticks; equal ones are in the order of their ids."""
+        fused = responses.max(axis=1).reshape(len(responses), int(np.prod(responses.shape[2:])))
+        peak = fused.max(axis=1, initial=0.0)
+        relative = np.divide(fused, peak[:, None], out=np.zeros_like(fused), where=peak[:, None] > 0)
+        frame, ids = np.nonzero(relative >= self.min_response)
+        latency = log_intensity_to_latency(relative[frame, ids], self.min_response, 1.0, self.window)
+        ticks = np.minimum(latency // self.resolution, self.last).astype(np.int64)
+        order = np.argsort(frame * (self.last + 1) + ticks, kind="stable")
+        lengths = np.bincount(frame, minlength=len(peak)).astype(np.int64)
+        order, lengths = _first(order, lengths, self.first)
+        return ticks[order].astype(np.uint16), ids[order].astype(np.int64), lengths
+
+    def times(self, codes: Array, learnt: Learnt) -> Floats:
+        """Ticks of the grid."""
+        return np.asarray(codes * self.resolution)
+
+
+@dataclass(frozen=True)
+class Latency(Encoder):
+    """A spike of each scale, orientation and place, at 1 - response / largest response of all that was learnt from."""
+
+    source = "Zhao et al., IEEE TNNLS 26:1963, 2015; MK-Tempotron, myC1respToSpk.m"
+
+    first: int = setting(300, "", "how many spikes of a frame are kept, the first ones; 0: all", CODE, at_least=0)
+
+    def channels(self, scales: int, orientations: int) -> int:
+        """All filters."""
+        return scales * orientations
+
+    def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:
+        """Codes are responses; equal ones are in the order of their ids."""
+        flat = responses.reshape(len(responses), int(np.prod(responses.shape[1:])))
+        frame, ids = np.nonzero(flat > 0)
+        strength = flat[frame, ids]
+        order = np.lexsort((ids, -strength, frame))
+        lengths = np.bincount(frame, minlength=len(flat)).astype(np.int64)
+        order, lengths = _first(order, lengths, self.first)
+        return strength[order].astype(np.float32), ids[order].astype(np.int64), lengths
+
+    def learn(self, codes: Array) -> dict[str, Array]:
+        """The largest response."""
+        return {"largest": np.array(codes.max())}
+
+    def times(self, codes: Array, learnt: Learnt) -> Floats:
+        """What is as large as the largest comes at 0."""
+        weak = 1.0 - np.minimum(codes / np.asarray(learnt["largest"], float), 1.0)
+        return np.asarray(np.minimum(weak * self.window // self.resolution, self.last) * self.resolution)
+
+
+def _first(order: Ints, lengths: Ints, n: int) -> tuple[Ints, Ints]:
+    """The first spikes of each frame, so many at most, and how many these are; all where n is 0."""
+    if not n:
+        return order, lengths
+    rank = np.arange(len(order)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    return order[rank < n], np.minimum(lengths, n)
+
+
+Encoder.known = Registry("encoder", (LogLatency, Latency))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +171,8 @@ class Frames:
         lengths = shown.column("lengths")
         recording = np.repeat(np.arange(len(shown)), np.diff(lengths.offsets))
         codes, ids = (shown.column(name).values for name in ("codes", "ids"))
-        return cls(codes, ids, _offsets(lengths.values), recording)
+        offsets = np.concatenate(([0], np.cumsum(lengths.values, dtype=np.int64)))
+        return cls(codes, ids, offsets, recording)
 
     def __len__(self) -> int:
         """The number of frames."""
@@ -44,7 +181,7 @@ class Frames:
     def take(self, frames: Ints) -> Self:
         """Some of the frames, in the order given."""
         lengths = np.diff(self.offsets)[frames]
-        offsets = _offsets(lengths)
+        offsets = np.concatenate(([0], np.cumsum(lengths, dtype=np.int64)))
         where = np.repeat(self.offsets[frames] - offsets[:-1], lengths) + np.arange(offsets[-1])
         return type(self)(self.codes[where], self.ids[where], offsets, self.recording[frames])
 
@@ -57,10 +194,6 @@ def ended_by(evidence: Evidence, us: int) -> Evidence:
     lasts = {name: np.minimum(evidence[name], us) for name in ("lasts",) if name in evidence}
     per_frame_parts = {name: evidence[name][:n] for name in per_frame}
     return per_frame_parts | {name: evidence[name][:spikes] for name in per_spike} | lasts
-
-
-def _offsets(lengths: Array) -> Ints:
-    return np.concatenate(([0], np.cumsum(lengths, dtype=np.int64))).astype(np.int64)
 
 
 VOTES = ("majority", "potentials")

@@ -35,8 +35,7 @@ def bhattacharyya(x: Array, means: Array) -> Floats:
     Values must not be negative, as those of histograms.
     """
     with np.errstate(divide="ignore"):
-        found: Floats = -np.log(np.sqrt(_shares(x)) @ np.sqrt(_shares(means)).T)
-    return found
+        return np.asarray(-np.log(np.sqrt(_shares(x)) @ np.sqrt(_shares(means)).T))
 
 
 DISTANCES: Mapping[str, Callable[[Array, Array], Floats]] = {
@@ -50,8 +49,7 @@ DISTANCES: Mapping[str, Callable[[Array, Array], Floats]] = {
 def _shares(x: Array) -> Floats:
     """Vectors brought to a sum of 1; one of zeros stays."""
     total = x.sum(axis=1, keepdims=True)
-    found: Floats = x / np.where(total > 0, total, 1.0)
-    return found
+    return np.asarray(x / np.where(total > 0, total, 1.0))
 
 
 @dataclass(frozen=True)
@@ -109,24 +107,26 @@ class Svm(Readout):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that it did not converge: the machine is used as it is
             made.fit(_standard(x, middle, spread) if self.scale == "standard" else self._scaled(x), labels)
-        weights, thresholds = _all_classes(made, classes)
+        planes, offsets = made.coef_, made.intercept_
+        if len(made.classes_) == 2:  # one plane tells both apart
+            planes, offsets = np.concatenate([-planes, planes]), np.concatenate([-offsets, offsets])
+        weights, thresholds = np.zeros((classes, planes.shape[1])), np.full(classes, -np.inf)
+        weights[made.classes_], thresholds[made.classes_] = planes, offsets
         # the planes of plain values, so that nothing has to be standardised to ask
         shift = weights @ (middle / spread) if self.scale == "standard" else 0.0
         return {"weights": weights / spread, "thresholds": thresholds - shift}
 
     def scores(self, learnt: Learnt, x: Array) -> Floats:
         """Distances from the planes, in units of the margin."""
-        m = _arrays(learnt)
-        found: Floats = self._scaled(x) @ m["weights"].T + m["thresholds"]
-        return found
+        m: Any = learnt
+        return np.asarray(self._scaled(x) @ m["weights"].T + m["thresholds"])
 
     def _scaled(self, x: Array) -> Array:
         """Vectors of length 1, if that is wanted; a vector of zeros stays."""
         if self.scale != "length":
             return x
         length = np.sqrt((x**2).sum(axis=1, keepdims=True))
-        scaled: Array = np.divide(x, length, out=np.zeros_like(x), where=length > 0)
-        return scaled
+        return np.asarray(np.divide(x, length, out=np.zeros_like(x), where=length > 0))
 
 
 @dataclass(frozen=True)
@@ -154,12 +154,11 @@ class Rbf(Readout):
 
     def scores(self, learnt: Learnt, x: Array) -> Floats:
         """Values of the machines, in units of the margin."""
-        m = _arrays(learnt)
+        m: Any = learnt
         scaled = (x - m["middle"]) / m["spread"]
         squares = (scaled**2).sum(1)[:, None] + (m["vectors"] ** 2).sum(1) - 2.0 * scaled @ m["vectors"].T
         kernel = np.exp(-self.gamma / x.shape[1] * np.maximum(squares, 0.0))
-        found: Floats = kernel @ m["weights"].T + m["thresholds"]
-        return found
+        return np.asarray(kernel @ m["weights"].T + m["thresholds"])
 
 
 @dataclass(frozen=True)
@@ -190,9 +189,8 @@ class Ridge(Readout):
 
     def scores(self, learnt: Learnt, x: Array) -> Floats:
         """Values from about -1 to about 1."""
-        m = _arrays(learnt)
-        found: Floats = x @ m["weights"].T + m["thresholds"]
-        return found
+        m: Any = learnt
+        return np.asarray(x @ m["weights"].T + m["thresholds"])
 
 
 @dataclass(frozen=True)
@@ -216,7 +214,7 @@ class Nearest(Readout):
 
     def scores(self, learnt: Learnt, x: Array) -> Floats:
         """Distances, negative; of a class without recordings -inf."""
-        means = _arrays(learnt)["means"]
+        means = np.asarray(learnt["means"])
         there = np.isfinite(means).all(axis=1)
         found = np.full((len(x), len(means)), -np.inf)
         found[:, there] = -DISTANCES[self.distance](x, means[there])
@@ -237,20 +235,6 @@ def _standard(x: Array, middle: Floats, spread: Floats) -> Floats:
     scaled: Floats = x - middle
     scaled /= spread
     return scaled
-
-
-def _all_classes(made: Any, classes: int) -> tuple[Floats, Floats]:
-    """A plane for each class; of two classes there is one plane, of a class without recordings none."""
-    weights, thresholds = made.coef_, made.intercept_
-    if len(made.classes_) == 2:
-        weights, thresholds = np.concatenate([-weights, weights]), np.concatenate([-thresholds, thresholds])
-    planes, offsets = np.zeros((classes, weights.shape[1])), np.full(classes, -np.inf)
-    planes[made.classes_], offsets[made.classes_] = weights, thresholds
-    return planes, offsets
-
-
-def _arrays(learnt: Learnt) -> dict[str, Array]:
-    return {name: part for name, part in learnt.items() if not isinstance(part, str)}
 
 
 def _learner(name: str) -> Any:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from itertools import cycle
+from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -199,7 +200,7 @@ def _key(figure: Figure, orientations: Sequence[float]) -> None:
                             each * len(orientations) / width, high / height))  # fmt: skip
     axis.set(xlim=(0.0, each * len(orientations)), ylim=(high, 0.0), aspect="equal")
     axis.set_axis_off()
-    for k, (angle, colour) in enumerate(zip(orientations, _colours(len(orientations)), strict=True)):
+    for k, (angle, colour) in enumerate(zip(orientations, cycle(BARS), strict=False)):
         reach, middle = 0.09 * np.array([-np.sin(np.deg2rad(angle)), np.cos(np.deg2rad(angle))]), k * each + 0.12
         axis.plot(*zip((middle - reach[0], 0.1 - reach[1]), (middle + reach[0], 0.1 + reach[1]), strict=True),
                   color=colour, lw=2, solid_capstyle="round")  # fmt: skip
@@ -210,7 +211,7 @@ def _bars(axis: Axes, kernel: Floats, orientations: Sequence[float]) -> None:
     """One kernel, (orientations, rows, columns), as oriented bars; angle 0 is vertical, y points down."""
     rows, columns = kernel.shape[1:]
     y, x = (c.ravel() for c in np.mgrid[:rows, :columns])
-    for weight, angle, colour in zip(kernel, np.deg2rad(orientations), _colours(len(kernel)), strict=True):
+    for weight, angle, colour in zip(kernel, np.deg2rad(orientations), cycle(BARS), strict=False):
         reach = 0.48 * np.array([-np.sin(angle), np.cos(angle)])
         middle = np.stack([x, y], axis=1)
         seen = weight.ravel() >= FAINTEST
@@ -219,10 +220,6 @@ def _bars(axis: Axes, kernel: Floats, orientations: Sequence[float]) -> None:
         axis.add_collection(LineCollection(list(ends), colors=shades, linewidths=1.5, capstyle="round"))
     axis.set(xlim=(-0.9, columns - 0.1), ylim=(rows - 0.1, -0.9), aspect="equal")
     axis.add_patch(Rectangle((0, 0), 1, 1, transform=axis.transAxes, color=TILE, zorder=-1))
-
-
-def _colours(n: int) -> list[str]:
-    return [BARS[k % len(BARS)] for k in range(n)]
 
 
 def history(shares: Floats, classes: int) -> Figure:
@@ -271,31 +268,22 @@ def boxes_on_frames(events: Events, boxes: Boxes, classes: Sequence[str], title:
     )  # fmt: skip
     figure.suptitle(literal(title), x=0.01, ha="left", fontsize=11, color=INK)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    shades = np.array([to_rgb(colour) for colour in (PAPER, *GREYS)])  # the more events, the darker
     for axis in axes[len(spans) :]:
         axis.set_visible(False)
     for axis, (start, stop) in zip(axes, spans.tolist(), strict=False):
-        axis.imshow(_darkened(events.between(start, stop)), interpolation="nearest")
-        _draw_boxes(axis, boxes[(boxes.start == start) & (boxes.stop == stop)], classes)
+        counts = np.asarray(representations.event_frame(events.between(start, stop), polarity="ignored"))
+        axis.imshow(shades[np.minimum(counts, len(GREYS))], interpolation="nearest")
+        for k in np.flatnonzero((boxes.start == start) & (boxes.stop == stop)):
+            left, top, right, bottom = boxes.box[k] - 0.5
+            colour = COLOURS[int(boxes.identity[k]) % len(COLOURS)]
+            axis.add_patch(Rectangle((left, top), right - left, bottom - top, fill=False, edgecolor=colour, lw=1.6))
+            name = "?" if boxes.label[k] == UNKNOWN else classes[boxes.label[k]]
+            above, text = top > 7, f"{literal(name)}  #{boxes.identity[k]}"
+            axis.text(left, top - 0.6 if above else bottom + 0.6, text, color=colour, fontsize=8, fontweight="bold",
+                      va="bottom" if above else "top", clip_on=True)  # fmt: skip
         axis.set_title(f"{start / 1000:.0f} to {stop / 1000:.0f} ms", loc="left", fontsize=8, color=INK)
         axis.set_xticks([])
         axis.set_yticks([])
         axis.spines[:].set_color("#e4e8ee")
     return figure
-
-
-def _darkened(events: Events) -> Any:
-    """(height, width, 3) the more events a pixel has, the darker."""
-    shades = np.array([to_rgb(colour) for colour in (PAPER, *GREYS)])
-    counts = np.asarray(representations.event_frame(events, polarity="ignored"))
-    return shades[np.minimum(counts, len(GREYS))]
-
-
-def _draw_boxes(axis: Any, boxes: Boxes, classes: Sequence[str]) -> None:
-    for k in range(len(boxes)):
-        left, top, right, bottom = boxes.box[k] - 0.5
-        colour = COLOURS[int(boxes.identity[k]) % len(COLOURS)]
-        axis.add_patch(Rectangle((left, top), right - left, bottom - top, fill=False, edgecolor=colour, linewidth=1.6))
-        name = "?" if boxes.label[k] == UNKNOWN else classes[boxes.label[k]]
-        above = top > 7
-        axis.text(left, top - 0.6 if above else bottom + 0.6, f"{literal(name)}  #{boxes.identity[k]}", color=colour,
-                  fontsize=8, fontweight="bold", va="bottom" if above else "top", clip_on=True)  # fmt: skip

@@ -1,22 +1,167 @@
-"""What the commands print and write: a bar, tables, JSON and pictures."""
+"""What the commands print and write of a recogniser tried on recordings: a bar, tables, JSON and pictures."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuro.apps import Bar as Line, Evaluation, console, echo, install, number, table, write_picture
-from neuro_recognise.deciding.stopping import ASSUMES, ASSURANCE, Outcome, least_allowed, outcome
-from neuro_recognise.method import METHODS, SILENT, Progress
+from neuro import ModelError
+from neuro.apps import Bar as Line, Evaluation, console, echo, evaluate, install, number, table, write_picture
+from neuro.events import Events, Recordings, load
+from neuro_recognise.deciding import ASSUMES, ASSURANCE, least_allowed, outcome
+from neuro_recognise.method import METHODS, SILENT, Answer, Progress, choose
 from neuro_recognise.methods import method_of
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.telling.tried import Predicted, Tried
+from neuro_recognise.shown import Floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+OWN = "own"
+"""The vote of a method that has only one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tried:
+    """What came of showing recordings.
+
+    Attributes:
+        own: by the scores of the recogniser.
+        votes: by other ways of reading the same evidence, by name.
+        answer: scores, and what it took to find them.
+    """
+
+    own: Evaluation
+    votes: Mapping[str, Evaluation]
+    answer: Answer
+
+
+def try_out(recogniser: Recogniser, data: Recordings, backend: str = "event") -> Tried:
+    """Let a recogniser decide on recordings.
+
+    Args:
+        recogniser: what was learnt.
+        data: recordings of its classes.
+        backend: runs networks.
+
+    Raises:
+        EventFileError: a recording is damaged.
+        ModelError: one does not fit the method, or the backend cannot run it.
+    """
+    recogniser.method.check_backend(backend)
+    shown = recogniser.shown(data)
+    answer = recogniser.answer_shown(shown, backend)
+    votes = {name: evaluate(choose(scores), shown.labels, shown.classes) for name, scores in answer.votes.items()}
+    return Tried(evaluate(choose(answer.scores), shown.labels, shown.classes), votes, answer)
+
+
+MOMENTS = 20
+"""Times at which a recording is asked about where no moments were learnt, evenly spread over it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Predicted:
+    """What is said of a recording.
+
+    Attributes:
+        path: the file.
+        label: index of the class, -1 for none.
+        scores: (classes,) what speaks for each.
+        decided_ms: from the first event on. With an allowed error: when it was met, else the end. Without: the first
+            moment from which on the decision was always the one on the whole recording. None without a decision.
+        length_ms: of the recording.
+        settled: whether an allowed error was met.
+    """
+
+    path: str
+    label: int
+    scores: Floats
+    decided_ms: float | None
+    length_ms: float
+    settled: bool = False
+
+
+def predict_files(
+    recogniser: Recogniser,
+    files: Iterable[Path],
+    backend: str = "event",
+    allow: float | None = None,
+    assurance: float = ASSURANCE,
+) -> tuple[list[Predicted], list[ModelError]]:
+    """Decide on files, each a recording.
+
+    Args:
+        recogniser: what was learnt.
+        files: recordings.
+        backend: runs networks.
+        allow: share of wrong decisions: each recording is decided on as soon as this is met, and what comes later is
+            not looked at. None decides on the whole.
+        assurance: of an allowed error, see `Recogniser.session`.
+
+    Returns:
+        What is said of the recordings, and what is wrong with those that are damaged or do not fit.
+
+    Raises:
+        ModelError: the backend cannot run the recogniser, or the allowed error cannot be met.
+    """
+    recogniser.answer([], backend)  # what is wrong with all is reported before any is read
+    recogniser.session(allow=allow, assurance=assurance)
+    found, wrong = list[Predicted](), list[ModelError]()
+    for file in files:
+        try:
+            events = load(file)
+            found.append(
+                _decided_whole(recogniser, str(file), events, backend)
+                if allow is None
+                else _decided_early(recogniser, str(file), events, backend, allow, assurance)
+            )
+        except ModelError as error:
+            wrong.append(error.at(None, str(file)))
+    return found, wrong
+
+
+def _decided_whole(recogniser: Recogniser, file: str, events: Events, backend: str) -> Predicted:
+    length = _length(events)
+    scores = recogniser.scores(events, backend)
+    label = int(choose(scores)[0])
+    if label == SILENT:
+        return Predicted(file, label, scores[0], None, length)
+    if recogniser.early is None:
+        times = np.linspace(0.0, length, MOMENTS + 1)[1:]
+    else:
+        learnt_ms = recogniser.early.held.times_us / 1000.0
+        times = np.append(learnt_ms[learnt_ms < length], length)
+    other = np.flatnonzero(choose(recogniser.scores_at(events, times.tolist(), backend)) != label)
+    since = int(other[-1]) + 1 if other.size else 0
+    return Predicted(file, label, scores[0], float(times[since]) if since < len(times) else length, length)
+
+
+def _decided_early(
+    recogniser: Recogniser, file: str, events: Events, backend: str, allow: float, assurance: float
+) -> Predicted:
+    length = _length(events)
+    early = recogniser.early
+    every = early.held.times_us[0] / 1000.0 if early else 1.0
+    window = length + every
+    session = recogniser.session(every_ms=every, allow=allow, assurance=assurance, window_ms=window, backend=backend)
+    scores = np.full(len(recogniser.classes), np.nan)
+    for decision in chain(session.feed(events), session.end()):
+        scores = decision.scores
+        if decision.settled:
+            return Predicted(file, decision.label, scores, decision.after_ms, length, settled=True)
+    label = int(choose(scores[None])[0])
+    return Predicted(file, label, scores, None if label == SILENT else length, length)
+
+
+def _length(events: Events) -> float:
+    return (int(events.t[-1]) - int(events.t[0])) / 1000.0 if len(events) else 0.0
 
 
 class LearningBar:
@@ -121,7 +266,14 @@ def show_predicted(
 ) -> None:
     """Print what is said of files, as a table or as JSON; with an allowed error what that assumes, beside a table."""
     if as_json:
-        print(json.dumps([_words(recogniser, one) for one in predicted], indent=1))
+        words = []
+        for one in predicted:
+            silent = one.label == SILENT
+            scores = dict(zip(recogniser.classes, one.scores.tolist(), strict=True))
+            told: dict[str, Any] = {"recording": one.path, "class": None if silent else recogniser.classes[one.label]}
+            told |= {"decided_ms": one.decided_ms, "length_ms": one.length_ms, "settled": one.settled}
+            words.append(told | {"scores": None if silent else scores})
+        print(json.dumps(words, indent=1))
         return
     rows = []
     for one in predicted:
@@ -155,22 +307,17 @@ def show_early(recogniser: Recogniser, assurance: float = ASSURANCE) -> None:
     out.print(f"with an assurance of {assurance:g} they support an allowed error of {least:.1%} or more")
     if supported := [allowed for allowed in ALLOWED if allowed >= least]:
         heads = (">--allow", ">decided after", ">wrong", ">95 % interval", ">of the worst class", ">95 % interval")
-        rules = [_tried_out(recogniser, allowed, outcome(held, allowed, assurance)) for allowed in supported]
+        rules = []
+        for allowed in supported:
+            found, of_class = outcome(held, allowed, assurance), ("-", "-")
+            shares = f"{found.error:.1%}", "{:.1%} to {:.1%}".format(*found.interval)
+            if found.worst is not None:
+                name = recogniser.classes[found.worst]
+                of_class = f"{name}: {found.worst_error:.1%}", "{:.1%} to {:.1%}".format(*found.worst_interval)
+            rules.append((f"{allowed:.1%}", f"{found.mean_ms:.0f} ms", *shares, *of_class))
         out.print("rules of nine tenths of them, tried on the last, in the mean")
         out.print(table(heads, rules))
     out.print(f"{ASSUMES}; of another mix as many may be wrong as of the worst class")
-
-
-def _tried_out(recogniser: Recogniser, allowed: float, found: Outcome) -> tuple[str, ...]:
-    shares = f"{found.error:.1%}", _interval(found.interval)
-    of_class = "-", "-"
-    if found.worst is not None:
-        of_class = f"{recogniser.classes[found.worst]}: {found.worst_error:.1%}", _interval(found.worst_interval)
-    return f"{allowed:.1%}", f"{found.mean_ms:.0f} ms", *shares, *of_class
-
-
-def _interval(ends: tuple[float, float]) -> str:
-    return f"{ends[0]:.1%} to {ends[1]:.1%}"
 
 
 def write_confusion(tried: Tried, folder: Path) -> None:
@@ -193,18 +340,6 @@ def _save(figure: Figure, file: Path) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     write_picture(file, figure)
     print(file)
-
-
-def _words(recogniser: Recogniser, one: Predicted) -> dict[str, object]:
-    silent = one.label == SILENT
-    return {
-        "recording": one.path,
-        "class": None if silent else recogniser.classes[one.label],
-        "decided_ms": one.decided_ms,
-        "length_ms": one.length_ms,
-        "settled": one.settled,
-        "scores": None if silent else dict(zip(recogniser.classes, one.scores.tolist(), strict=True)),
-    }
 
 
 def _row(name: str, found: Evaluation) -> tuple[object, ...]:

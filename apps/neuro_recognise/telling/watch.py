@@ -12,11 +12,10 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import html, player, sealed
 from neuro.events import Events, load
-from neuro_recognise.deciding.session import Decision
-from neuro_recognise.deciding.stopping import ASSUMES, ASSURANCE
+from neuro_recognise.deciding import ASSUMES, ASSURANCE, Decision
 from neuro_recognise.method import SILENT, Pictures, View
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.telling.tried import MOMENTS
+from neuro_recognise.telling.report import MOMENTS
 
 MOST = 1_000_000
 """Events, and spikes of a view, of a page; of more an even choice is shown."""

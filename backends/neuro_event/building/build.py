@@ -3,30 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.core import keyed_random
 from neuro.core.threads import mapped
+from neuro.kernels.address import Declared
 from neuro.kernels.beside import addresses
+from neuro.kernels.draws import GUIDE_BITS, guide_to
 from neuro.kernels.instructions import LANES
-from neuro.model.neurons import Generator, Neuron
+from neuro.model.neurons import Neuron
 from neuro.model.neurons.base import PAYLOAD
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
-from neuro.program.program import Floats, Ints, Program
+from neuro.program.program import Floats, Ints, Program, drawn_for
 from neuro_event.building import joined_rows, layout, thread_partition
-from neuro_event.building.arrays import EventArrays, aligned_rows, aligned_zeros
-from neuro_event.building.generators import add_generators
-from neuro_event.building.learned_delays import add_delays
-from neuro_event.building.learning import add_learning
-from neuro_event.building.moves import add_moves
-from neuro_event.building.projections import add_projections
-from neuro_event.loop import stages, tables as t
+from neuro_event.building.layout import EventArrays, aligned_zeros, zeros
+from neuro_event.building.learning import add_learning, add_moves, round_delays
+from neuro_event.building.projections import add_projections, lay_out, list_incoming, own_weights, set_buffer
+from neuro_event.loop import tables as t
+from neuro_event.loop.arrivals import QUEUE
+from neuro_event.loop.generators import wake_emitting
 from neuro_event.loop.operations import entry, generator_entry
-from neuro_event.loop.stages import STAGES
+from neuro_event.loop.tables import STAGES, stage_entry
 
 LINE = 16
 """Numbers between what two threads write often, so that they share no cache line."""
@@ -45,77 +47,85 @@ def build(
     every = range(len(program.projections))
     arranged = list(mapped(lambda q: layout.synapses(program, q, where, joined), every, threads))
     learning = [q for q, p in enumerate(program.projections) if layout.learns_pairs(p)]
-    longest = _longest_delay(program)
-    slots = layout.power_of_two(2 * longest + 2)
+    delays = [p.delay_range(program.resolution)[1] for p in program.projections]
+    longest = max([1, *delays, *(p.dopamine_delay for p in program.projections if p.dopamine >= 0)])
     if edges is None:
         edges = thread_partition.thread_edges(program, where, thread_partition.parts(program, threads))
-    net: dict[str, Any] = {"edges": edges, "stages": np.zeros(len(STAGES), dtype=np.int64)}
+    slice_ = max(1, program.min_delay)
+    reach = max(longest + slice_ + 1, 0 if program.trials is None else program.trials.duration + 1)
+    net = {**zeros(t.NET_ARRAYS, _sizes(program, edges, longest, slice_, reach)), "edges": edges}
+    plastic_of = {q: k for k, q in enumerate(learning)}
     arrays = EventArrays(
-        program, where, arranged, {q: k for k, q in enumerate(learning)}, net, {}, max(1, program.min_delay), 0
+        program, where, arranged, plastic_of, net, zeros(t.PLASTIC_ARRAYS, {}), slice_, reach, eager, joined
     )
-    arrays.eager, arrays.joined = eager, joined
-    arrays.reach = longest + arrays.longest_slice + 1
-    if program.trials is not None:
-        arrays.reach = max(arrays.reach, program.trials.duration + 1)
-    _neurons(arrays, slots)
+    _neurons(arrays)
     _populations(arrays)
     add_projections(arrays)
-    add_delays(arrays)
     add_generators(arrays)
-    _logs(arrays)
     _groups(arrays)
     add_learning(arrays, learning)
     add_moves(arrays)
     return arrays
 
 
-def _longest_delay(program: Program) -> int:
-    delays = [p.delay_range(program.resolution)[1] for p in program.projections]
-    return max([1, *delays, *(p.dopamine_delay for p in program.projections if p.dopamine >= 0)])
-
-
-def _neurons(a: EventArrays, slots: int) -> None:
-    n = layout.total(a.program)
-    blocks, threads = n // t.BLOCK, a.net["edges"].shape[1] - 1
-    states = [len(type(p.model).states) for p in a.program.populations if layout.computes(p)]
-    a.net |= {
-        "state": aligned_rows(max([1, *states]), n, line=4),
-        "empty_input": np.full((layout.receptors(a.program), n), -0.0),
-        "current": aligned_zeros(n, np.float64, line=8),
-        "none": aligned_zeros(t.BLOCK * t.GROUPED, np.float64, line=8),
-        "fired": aligned_zeros(n, np.uint8, line=16),
-        "spots": aligned_zeros(n // LANES, np.uint8),
-        "muted": np.zeros(n, dtype=np.uint8),
-        "events": aligned_zeros(n, np.int64, line=24),
-        "spikes": aligned_zeros(n, np.int64, line=32),
-        "active": np.zeros((threads, len(a.program.populations) + LINE), dtype=np.int64),
-        "awake": np.zeros(blocks, dtype=np.uint8),
-        "due": aligned_zeros(threads * slots * blocks, np.uint8).reshape(threads, slots * blocks),
-        "slept": aligned_zeros(blocks, np.int64),
-        "busy": aligned_zeros(blocks, np.int64),
-        "mean": np.zeros(n),
-        "nothing": np.ones(n),
-        "tau_minus": np.ones(n),
-        "order": np.zeros(n, dtype=np.int64),
-        "draws": np.zeros(n if any(getattr(p.model, "draws", False) for p in a.program.populations) else 0),
+def _sizes(program: Program, edges: Ints, longest: int, slice_: int, reach: int) -> dict[str, int]:
+    """The sizes of the arrays of a network, see `tables.NET`."""
+    n, groups, trials = layout.total(program), program.groups, program.trials
+    most = int((np.diff(edges, axis=1).sum(axis=0) * t.BLOCK).max())
+    states = [len(type(p.model).states) for p in program.populations if layout.computes(p)]
+    return {
+        "threads": edges.shape[1] - 1,
+        "neurons": n,
+        "row": n + t.BLOCK,  # populations fill whole pages, so with a block more rows begin at different places
+        "blocks": n // t.BLOCK,
+        "group": layout.WORD,
+        "spots": n // LANES,
+        "marks": layout.power_of_two(2 * longest + 2) * (n // t.BLOCK),
+        "states": max([1, *states]),
+        "receptors": layout.receptors(program),
+        "width": layout.width(program),
+        "populations": len(program.populations),
+        "projections": len(program.projections),
+        "activity": len(program.populations) + LINE,
+        "ends": len(program.populations) + 1,
+        "steps": layout.power_of_two(reach + 2 * slice_ + 2),
+        "most": most,
+        "capacity": layout.power_of_two(4 * most + most * slice_),
+        "line": LINE,
+        "queue": QUEUE,
+        "stages": len(STAGES),
+        "guides": 1 << GUIDE_BITS,
+        "table": TABLE_WIDTH,
+        "groups": max(1, len(groups)),
+        "group_maps": max((program.populations[group.population].shape[0] for group in groups), default=1),
+        "maps": trials.maps if trials else 1,
     }
+
+
+def _neurons(a: EventArrays) -> None:
+    net = a.net
+    net["most"] = np.diff(net["edges"], axis=1).sum(axis=0) * t.BLOCK
+    net["empty_input"][:] = -0.0
+    net["nothing"][:] = net["tau_minus"][:] = 1.0
+    if any(getattr(p.model, "draws", False) for p in a.program.populations):
+        net["draws"] = np.zeros(net["mean"].size)
     for population, place in zip(a.program.populations, a.places, strict=True):
-        a.net["order"][place.begin : place.end] = place.outside
+        net["order"][place.begin : place.end] = place.outside
         if population.kind == "neuron":
             tau = np.atleast_1d(population.parameters["tau_minus"])
-            a.net["tau_minus"][place.begin : place.end] = place.by_place(tau) if tau.size > 1 else tau[0]
-            a.net["awake"][place.begin // t.BLOCK : -(-place.end // t.BLOCK)] = 1
+            net["tau_minus"][place.begin : place.end] = place.by_place(tau) if tau.size > 1 else tau[0]
+            net["awake"][place.begin // t.BLOCK : -(-place.end // t.BLOCK)] = 1
         for row, state in enumerate(type(population.model).states):
             start = np.atleast_1d(population.initial.get(state.name, np.zeros(1)))
-            a.net["state"][row, place.begin : place.end] = place.by_place(start) if start.size > 1 else start[0]
-    a.net["initial"] = a.net["state"].copy()
+            net["state"][row, place.begin : place.end] = place.by_place(start) if start.size > 1 else start[0]
+    net["initial"] = net["state"].copy()
 
 
 def _populations(a: EventArrays) -> None:
     pops = np.full((len(a.program.populations), t.POPULATION_COLUMNS), t.NONE, dtype=np.int64)
     for k, (p, place) in enumerate(zip(a.program.populations, a.places, strict=True)):
         row = pops[k]
-        row[t.KIND], row[t.NUMBER] = layout.kind(p), k
+        row[t.KIND], row[t.NUMBER] = t.KINDS.index(p.kind), k
         row[t.BEGIN], row[t.END] = place.begin, place.end
         row[t.FIRST_BLOCK], row[t.LAST_BLOCK] = place.begin // t.BLOCK, -(-place.end // t.BLOCK)
         row[t.RECORD] = int(p.records)
@@ -134,113 +144,108 @@ def _populations(a: EventArrays) -> None:
     pops[:, t.CARRIED] = 0
     pops[[p.target for p in a.program.projections if p.carries == "current"], t.CARRIED] = 1
     a.net["pops"] = pops
-    rebuild_constants(a, {})
+    computed = (k for k, p in enumerate(a.program.populations) if layout.computes(p))
+    rebuild_constants(a, {k: layout.parameter_rows(a.program.populations[k], a.places[k]) for k in computed})
 
 
-def rebuild_constants(a: EventArrays, changed: dict[int, Floats]) -> None:
-    """Compute the constants of all populations; `changed` holds the parameter rows that differ from the program's."""
-    parameters: list[Floats] = []
+def rebuild_constants(a: EventArrays, changed: Mapping[int, Floats]) -> None:
+    """Lay out the parameters of all populations with other rows for some, and compute their constants."""
+    rows = [
+        changed[k] if k in changed else parameters(a, k)
+        for k, p in enumerate(a.program.populations)
+        if layout.computes(p)
+    ]
     width = layout.width(a.program)
-    at = 0
-    for k, (p, place) in enumerate(zip(a.program.populations, a.places, strict=True)):
-        a.net["pops"][k, t.CONSTANT], a.net["pops"][k, t.CONSTANT_STRIDE] = 0, 0
-        if not layout.computes(p):
-            continue
-        rows = changed[k] if k in changed else layout.parameter_rows(p, place)
-        a.net["pops"][k, t.CONSTANT], a.net["pops"][k, t.CONSTANT_STRIDE] = at, int(rows.shape[0] > 1)
-        parameters.append(np.pad(rows, ((0, 0), (0, width - rows.shape[1]))))
-        at += rows.shape[0]
-    a.net["parameters"] = np.concatenate(parameters) if parameters else np.zeros((1, width))
+    a.net["parameters"] = np.concatenate(
+        [np.pad(each, ((0, 0), (0, width - each.shape[1]))) for each in rows] or [np.zeros((1, width))]
+    )
     a.net["constants"] = np.zeros_like(a.net["parameters"])
-    for k, p in enumerate(a.program.populations):
-        if isinstance(p.model, (Neuron, Generator)) and layout.computes(p):
-            first = a.net["pops"][k, t.CONSTANT]
-            n = (a.places[k].end - a.places[k].begin) if a.net["pops"][k, t.CONSTANT_STRIDE] else 1
-            compute = type(p.model).arithmetic.constants
-            for r in range(first, first + n):
-                compute(a.net["parameters"][r], a.program.resolution, a.net["constants"][r])
+    at = 0
+    computed = (k for k, p in enumerate(a.program.populations) if layout.computes(p))
+    for k, each in zip(computed, rows, strict=True):
+        a.net["pops"][k, t.CONSTANT], a.net["pops"][k, t.CONSTANT_STRIDE] = at, int(len(each) > 1)
+        compute: Any = type(a.program.populations[k].model).arithmetic.constants  # type: ignore[attr-defined]
+        for r in range(at, at + len(each)):
+            compute(a.net["parameters"][r], a.program.resolution, a.net["constants"][r])
+        at += len(each)
 
 
-def _logs(a: EventArrays) -> None:
-    threads = a.net["edges"].shape[1] - 1
-    most = np.diff(a.net["edges"], axis=1).sum(axis=0) * t.BLOCK
-    n = int(most.max())
-    steps = layout.power_of_two(a.reach + 2 * a.longest_slice + 2)
-    capacity = layout.power_of_two(4 * n + n * a.longest_slice)
-    a.net |= {
-        "most": most,
-        "log_ids": np.zeros((threads, capacity), dtype=np.int32),
-        "log_counts": np.zeros((threads, capacity), dtype=np.int64),
-        "log_ends": np.zeros((threads, steps, len(a.program.populations) + 1), dtype=np.int64),
-        "log_at": np.zeros((threads, LINE), dtype=np.int64),
-        "rec_steps": np.zeros((threads, capacity), dtype=np.int64),
-        "rec_ids": np.zeros((threads, capacity), dtype=np.int32),
-        "rec_counts": np.zeros((threads, capacity), dtype=np.int64),
-        "rec_at": np.zeros((threads, LINE), dtype=np.int64),
-        "found": np.zeros((threads, n), dtype=np.int64),
-        "found_arrived": np.zeros((threads, n), dtype=np.uint8),
-        "clock": np.zeros((threads, LINE), dtype=np.int64),
-        "stop": np.zeros(1, dtype=np.int64),
-        "reached": np.zeros(1, dtype=np.int64),
-        "scratch": np.zeros((threads, layout.width(a.program))),
-        "words": aligned_zeros(threads * layout.WORD, np.uint64).reshape(threads, layout.WORD),
-    }
+def parameters(a: EventArrays, k: int) -> Floats:
+    """The parameters of a population of neurons as they are now: a row for all, or one for each in internal order."""
+    first, stride = a.net["pops"][k, [t.CONSTANT, t.CONSTANT_STRIDE]].tolist()
+    n = a.program.populations[k].size if stride else 1
+    rows: Floats = a.net["parameters"][first : first + n, : len(a.program.populations[k].parameters)]
+    return rows
 
 
 def _groups(a: EventArrays) -> None:
-    groups = a.program.groups
-    a.net["groups"] = np.full((max(1, len(groups)), t.GROUP_COLUMNS), t.NONE, dtype=np.int64)
-    a.net["closed"] = np.zeros(max(1, len(groups)), dtype=np.uint8)
-    a.net["group_keys"] = np.array(
+    groups, trials, net = a.program.groups, a.program.trials, a.net
+    net["groups"][:] = net["local"][:] = t.NONE
+    net["group_keys"] = np.array(
         [keyed_random.key(a.program.seed, "tie", g.name) for g in groups] or [0], dtype=np.uint64
     )
+    net["won"] = np.zeros((1, 2), dtype=np.int64)
     for k, g in enumerate(groups):
+        place, shape = a.places[g.population], a.program.populations[g.population].shape
         once = isinstance(g.choice, winner_take_all) and g.choice.first_to_fire
-        a.net["groups"][k] = (g.population, once, 0, t.NONE, t.NONE, 0, 0)
-    _local_winners(a)
-    _rivals(a)
-    trials = a.program.trials
-    maps = trials.maps if trials else 1
-    a.net["potential"] = np.zeros(maps)
-    a.net["best"] = np.zeros(maps, dtype=np.int64)
-    a.net["map_of"] = np.zeros(1, dtype=np.int64)
-    a.net["resets"] = np.zeros(0, dtype=np.int64)
+        net["groups"][k] = (g.population, once, 0, t.NONE, t.NONE, 0, 0)
+        if isinstance(choice := g.choice, local_winners):
+            # Where its maps, rows and columns lie among the internal places.
+            next_map, _, next_place = place.steps(shape)
+            net["local"][k] = (choice.radius, choice.per_map or 0, *shape, next_map, next_place)
+            net["standing"][k, t.OPEN] = math.prod(shape)
+        elif isinstance(choice, lateral_reset):
+            # How many neurons compete, and how far apart they lie.
+            net["groups"][k, [t.RIVALS, t.APART]] = shape[choice.axis], place.steps(shape)[choice.axis]
+    most = max(1, int(net["groups"][:, t.RIVALS].max()))
+    net["rivals"] = np.zeros((net["edges"].shape[1] - 1, most), dtype=np.int64)
     if trials:
         output = a.program.populations[trials.output]
-        a.net["map_of"] = a.places[trials.output].outside // (output.size // maps)
+        net["map_of"] = a.places[trials.output].outside // (output.size // trials.maps)
         fresh = [s.name in trials.reset or (s.hidden and "V_m" in trials.reset) for s in type(output.model).states]
-        a.net["resets"] = np.flatnonzero(fresh).astype(np.int64)
+        net["resets"] = np.flatnonzero(fresh).astype(np.int64)
+        if groups[trials.group].choice.several:
+            net["won"] = np.zeros((output.size, 2), dtype=np.int64)
 
 
-def _local_winners(a: EventArrays) -> None:
-    """Where the maps, rows and columns of groups with several winners lie among the internal places."""
-    groups = a.program.groups
-    rows = max(1, len(groups))
-    a.net["local"] = np.full((rows, t.LOCAL_ENTRIES), t.NONE, dtype=np.int64)
-    a.net["standing"] = np.zeros((rows, 2), dtype=np.int64)
-    maps = max((a.program.populations[group.population].shape[0] for group in groups), default=1)
-    a.net["map_wins"] = np.zeros((rows, maps), dtype=np.int64)
-    a.net["won"] = np.zeros((1, 2), dtype=np.int64)
-    for k, group in enumerate(groups):
-        if not isinstance(choice := group.choice, local_winners):
-            continue
-        place, shape = a.places[group.population], a.program.populations[group.population].shape
-        next_map, _, next_place = place.steps(shape)
-        a.net["local"][k] = (choice.radius, choice.per_map or 0, *shape, next_map, next_place)
-        a.net["standing"][k, t.OPEN] = math.prod(shape)
-    trials = a.program.trials
-    if trials and groups[trials.group].choice.several:
-        a.net["won"] = np.zeros((a.program.populations[trials.output].size, 2), dtype=np.int64)
+def declared_in(a: EventArrays, *lives: str) -> Iterator[tuple[str, Declared, dict[str, Any]]]:
+    """All declared arrays, or those that live so long: name in a snapshot, declaration, and the dictionary it is in."""
+    for part, arrays, held in (("net", t.NET_ARRAYS, a.net), ("plastic", t.PLASTIC_ARRAYS, a.plastic)):
+        for each in arrays:
+            if not lives or each.life in lives:
+                yield f"{part}.{each.name}", each, held
 
 
-def _rivals(a: EventArrays) -> None:
-    """How many neurons compete in groups in which a spike resets others, how far apart they lie, and room for them."""
-    for k, group in enumerate(a.program.groups):
-        if isinstance(choice := group.choice, lateral_reset):
-            place, shape = a.places[group.population], a.program.populations[group.population].shape
-            a.net["groups"][k, [t.RIVALS, t.APART]] = shape[choice.axis], place.steps(shape)[choice.axis]
-    most = max(1, int(a.net["groups"][:, t.RIVALS].max()))
-    a.net["rivals"] = np.zeros((a.net["edges"].shape[1] - 1, most), dtype=np.int64)
+def snapshot(a: EventArrays) -> dict[str, NDArray[Any]]:
+    """Copies of all arrays that change while a network runs."""
+    settle(a)
+    return {
+        name: held[each.name][:, t.CHANGING[each.name]] if each.life == "columns" else held[each.name].copy()
+        for name, each, held in declared_in(a, "run", "columns")
+    }
+
+
+def restore(a: EventArrays, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Put the arrays of a snapshot in place of those of step 0."""
+    if not np.array_equal(arrays["net.weights"], a.net["weights"]):
+        own_weights(a)
+    for name, each, held in declared_in(a, "run", "columns"):
+        if each.life == "columns":
+            held[each.name][:, t.CHANGING[each.name]] = arrays[name]
+        elif held[each.name].shape == arrays[name].shape:
+            held[each.name][...] = arrays[name]  # where it lies is well chosen, see `layout.aligned_zeros`
+        else:
+            held[each.name] = arrays[name].copy()
+    rings = [q for q in range(len(a.program.projections)) if a.net["projections"][q, t.LAG] == 0]
+    a.net["at_emission"] = np.array([q for q in rings if q not in a.plastic_of], dtype=np.int64)
+    for q in a.joined.intersection(rings):
+        lay_out(a, q)
+    set_buffer(a, a.net["buf"])
+    list_incoming(a)
+    tabulate(a)
+    for q, p in enumerate(a.program.projections):
+        if p.synapse.delays and p.synapse.learns == "trials":
+            round_delays(a, q)
 
 
 def link(a: EventArrays) -> None:
@@ -249,20 +254,17 @@ def link(a: EventArrays) -> None:
     for name in _needed(a):
         number = list(STAGES).index(name)
         if table[number] == 0:
-            a.ask(table, number, partial(stages.entry, name))
+            a.ask(table, number, partial(stage_entry, name))
     if a.asked:
-        runs = [partial(stages.entry, name) for name in _running(a)]
+        if a.program.trials is not None:
+            running: tuple[str, ...] = "run_trial", "begin_trial", "end_trial"
+        else:
+            running = ("run",) if a.net["edges"].shape[1] == 2 else ("run", "share", "finish")
+        runs = [partial(stage_entry, name) for name in running]
         found = addresses([*runs, *(each for _, _, each in a.asked)])[len(runs) :]
         for (row, column, _), address in zip(a.asked, found, strict=True):
             row[column] = address
         a.asked.clear()
-
-
-def _running(a: EventArrays) -> tuple[str, ...]:
-    """What runs a network."""
-    if a.program.trials is not None:
-        return "run_trial", "begin_trial", "end_trial"
-    return ("run",) if a.net["edges"].shape[1] == 2 else ("run", "share", "finish")
 
 
 def _needed(a: EventArrays) -> Iterator[str]:
@@ -288,3 +290,86 @@ def _needed(a: EventArrays) -> Iterator[str]:
         "deliver_joined": len(net["joined"]),
     }
     yield from (name for name, places in may.items() if np.any(places))
+
+
+TABLE_WIDTH = 1400
+
+
+def add_generators(a: EventArrays) -> None:
+    """Set the rates, and make room for those that keep counts."""
+    pops = a.net["pops"]
+    a.net["keys"] = np.array(
+        [keyed_random.key(a.program.seed, drawn_for(p), p.name) for p in a.program.populations], dtype=np.uint64
+    )
+    a.net["cumulative"][:] = np.inf
+    size = 0
+    for k, p in enumerate(a.program.populations):
+        if p.kind == "poisson":
+            if _keeps_counts(a, k):
+                own = [q for q, projection in enumerate(a.program.projections) if projection.source == k]
+                a.net["projections"][own, t.DENSE_COUNTS] = 1
+                steps = layout.power_of_two(int(a.net["projections"][own, t.LAG].max()) + a.longest_slice)
+                pops[k, t.COUNTS], pops[k, t.COUNTS_STEPS] = size, steps
+                size += steps * p.size
+            set_rate(a, k, p.rate(1), 0)
+    a.net["counts"] = aligned_zeros(size, np.uint16)
+    a.net["tally"] = aligned_zeros(a.net["mean"].size if size else 0, np.uint32, line=24)
+
+
+def settle(a: EventArrays) -> None:
+    """Move what generators have tallied to their events and spikes."""
+    tally = a.net["tally"]
+    a.net["events"][: tally.size] += tally >> t.TALLY_BITS
+    a.net["spikes"][: tally.size] += tally & ((1 << t.TALLY_BITS) - 1)
+    tally[:] = 0
+
+
+def _keeps_counts(a: EventArrays, k: int) -> bool:
+    """Whether a generator's spikes are wanted only as one-to-one input, so that no list of them is needed."""
+    outgoing = [q for q, p in enumerate(a.program.projections) if p.source == k]
+    others = any(p.dopamine == k for p in a.program.projections)
+    return (
+        bool(outgoing)
+        and not others
+        and not a.program.populations[k].records
+        and a.program.populations[k].largest("rate") * a.program.resolution > 50.0
+        and all(
+            a.synapses[q].layout == t.ONE_TO_ONE
+            and not a.program.projections[q].synapse.learns
+            and a.net["projections"][q, t.LAG] > 0
+            and a.net["projections"][q, t.WEIGHT_STRIDE] == 0
+            for q in outgoing
+        )
+    )
+
+
+def set_rate(a: EventArrays, k: int, rate: Floats, step: int) -> None:
+    """Set the rate in Hz of a poisson_generator, one value or one per neuron, after a step."""
+    place, row = a.places[k], a.net["pops"][k]
+    net, here = a.net, slice(place.begin, place.end)
+    mean, nothing = net["mean"][here], net["nothing"][here]
+    np.multiply(rate, a.program.resolution * 1e-3, out=mean)
+    np.exp(np.negative(mean, out=nothing), out=nothing)
+    wake_emitting(net["mean"], net["awake"], net["busy"], row[t.FIRST_BLOCK], row[t.LAST_BLOCK], step)
+    if row[t.COUNTS] >= 0:
+        _tabulate(a, k, mean)
+
+
+def tabulate(a: EventArrays) -> None:
+    """Fill the tables of all generators that keep counts, from the rates of now."""
+    for k, place in enumerate(a.places):
+        if a.net["pops"][k, t.COUNTS] >= 0:
+            _tabulate(a, k, a.net["mean"][place.begin : place.end])
+
+
+def _tabulate(a: EventArrays, k: int, mean: Floats) -> None:
+    """Use a table of the Poisson distribution where all neurons share it."""
+    row = a.net["pops"][k]
+    row[t.TABLE] = t.NONE
+    if np.all(mean == mean[0]):
+        table = keyed_random.poisson_table(float(mean[0]))
+        if table.size < a.net["cumulative"].shape[1]:
+            row[t.TABLE] = k
+            a.net["cumulative"][k] = np.inf
+            a.net["cumulative"][k, : table.size] = table
+            a.net["guides"][k] = guide_to(table)

@@ -18,9 +18,9 @@ from neuro.model.neurons import Neuron
 from neuro.program.compact import CompactProjection, SynapseBlock, is_single
 from neuro.program.program import Floats, Ints, Program, StoredSynapses
 from neuro_event.building import layout
-from neuro_event.building.arrays import EventArrays
+from neuro_event.building.layout import EventArrays
 from neuro_event.loop import tables as t
-from neuro_event.loop.joined_rows import lay_joined, list_joined
+from neuro_event.loop.arrivals import Listed, lay_joined, list_joined
 
 AT_ONCE = 1 << 17
 """Synapses that are laid out at a time, so that they stay in the second cache."""
@@ -56,9 +56,13 @@ def choose(program: Program) -> frozenset[int]:
     Projections of rows with mostly empty runs get rings, unless these would take longer: without such projections the
     rows of others are cut, too, since all that is joined onto a target lies together in the order of its sum.
     """
-    kept = {q for q in range(len(program.projections)) if _can_be_joined(program, q)}
+    kept = set()
+    for q, p in enumerate(program.projections):
+        model = program.populations[p.target].model
+        if p.size and layout.is_timed(p) and isinstance(model, Neuron) and model.receptors <= _RECEPTORS:
+            kept.add(q)
     tried = [_rows(program, _stretches(program, kept))]
-    while unfit := {q for row in tried[-1] if not _is_filled(program, row) for q in row if not _in_runs(program, q)}:
+    while unfit := {q for row in tried[-1] if _is_sparse(program, row) for q in row if not _in_runs(program, q)}:
         kept -= unfit
         tried.append(_rows(program, _stretches(program, kept)))
     best = tried[0] if len(tried) == 1 else min(tried, key=partial(_expected_ns, program))
@@ -81,12 +85,6 @@ def _expected_ns(program: Program, rows: list[Row]) -> float:
             receptors = target.model.receptors if isinstance(target.model, Neuron) else 0
             adds += RING_ADD_NS * program.projections[q].size + RING_READ_NS * target.size * receptors * steps
     return looks + adds
-
-
-def _can_be_joined(program: Program, q: int) -> bool:
-    p = program.projections[q]
-    model = program.populations[p.target].model
-    return p.size > 0 and layout.is_timed(p) and isinstance(model, Neuron) and model.receptors <= _RECEPTORS
 
 
 def _stretches(program: Program, kept: set[int]) -> list[Row]:
@@ -124,10 +122,9 @@ def _by_sign(program: Program, q: int) -> bool:
     return p.receptor is None and isinstance(model, Neuron) and model.receptors == _RECEPTORS
 
 
-def _is_filled(program: Program, row: Row) -> bool:
-    """Whether most runs are not empty, or are few."""
-    parts = [program.projections[q] for q in row]
-    return _runs(program, row) <= sum(p.size for p in parts) or all(_in_runs(program, q) for q in row)
+def _is_sparse(program: Program, row: Row) -> bool:
+    """Return whether most runs of a row are empty."""
+    return _runs(program, row) > sum(program.projections[q].size for q in row)
 
 
 def _in_runs(program: Program, q: int) -> bool:
@@ -202,12 +199,8 @@ def part(a: EventArrays) -> None:
     a.parted = bool(a.joined)
     pops = a.net["pops"]
     pops[:, t.JOINED] = pops[:, t.JOINED_END] = pops[:, t.ARRIVALS]
-    a.net["joined"] = np.zeros((0, t.PROJECTION_COLUMNS), dtype=np.int64)
-    a.net["joined_runs"] = np.zeros(0, dtype=np.uint32)
-    a.net["joined_steps"] = np.zeros(0, dtype=np.uint16)
-    a.net["joined_weights"], a.net["joined_singles"] = np.zeros(0), np.zeros(0, dtype=np.float32)
-    a.net["joined_bases"] = np.zeros((0, _threads(a)), dtype=np.int64)
-    a.net["joined_reach"] = np.zeros((0, len(a.program.populations)), dtype=np.uint8)
+    empty = [each for each in t.NET_ARRAYS if each.name in (*NAMES, *TABLES)]
+    a.net |= layout.zeros(empty, {"threads": _threads(a), "populations": len(a.program.populations)})
 
 
 def as_described(a: EventArrays) -> frozenset[int]:
@@ -243,7 +236,12 @@ def _row_runs(a: EventArrays, columns: Ints) -> NDArray[np.uint32]:
 def _count(a: EventArrays, columns: Ints, row: Row) -> int:
     """Where the runs of a joined row end; return how many synapses it takes, with the steps between them."""
     runs = _row_runs(a, columns)
-    a.net["joined_bases"][columns[t.ROW]] = _bases(a, row)
+    # The first place that each thread has of a row's targets.
+    bases = np.full(_threads(a), np.iinfo(np.int64).max)
+    for q in row:
+        edges = layout.edges_of(a, q)
+        bases = np.minimum(bases, np.where(edges[1:] > edges[:-1], _begin(a, q) + edges[:-1], bases))
+    a.net["joined_bases"][columns[t.ROW]] = np.where(bases == np.iinfo(np.int64).max, 0, bases)
     _walk(a, columns, row, runs[1:], np.zeros(0, dtype=np.uint16), np.zeros(0))
     if (size := int(runs.sum(dtype=np.int64))) > MOST:
         name = a.program.populations[int(columns[t.SOURCE])].name
@@ -289,12 +287,8 @@ def _refuse(name: str) -> StoredSynapses:
 
 def _taken_over(a: EventArrays, row: Row) -> dict[int, CompactProjection]:
     """The projections whose arrays a joined row takes the place of, by index."""
-    found = {}
-    for q in row:
-        p = a.program.projections[q]
-        if isinstance(p, CompactProjection) and _is_as_listed(a, q):
-            found[q] = p
-    return found
+    parts = {q: p for q in row if isinstance(p := a.program.projections[q], CompactProjection)}
+    return {q: p for q, p in parts.items() if _is_as_listed(a, q)}
 
 
 def _is_as_listed(a: EventArrays, q: int) -> bool:
@@ -319,10 +313,10 @@ def _walk(
     at = np.tile(a.net["joined_bases"][columns[t.ROW]], following.size // _threads(a))
     parts = []
     for q in sorted(row, key=partial(_begin, a)):
-        edges, begin = _edges(a, q), _begin(a, q)
+        edges, begin = layout.edges_of(a, q), _begin(a, q)
         for block in synapse_blocks(a, q):
             arrays = block.row_ends, block.targets, block.delay, edges, *span, block.weight
-            parts.append((*arrays, int(block.weight.size > 1), begin))
+            parts.append(Listed(*arrays, int(block.weight.size > 1), begin))
     n = a.program.populations[int(columns[t.SOURCE])].size
     each = sum(a.program.projections[q].size for q in row) / n
     # Some sources at a time: the lines on which the synapses of all projections lie stay in the cache.
@@ -332,7 +326,7 @@ def _walk(
         end = min(first + more, n)
         for few in range(first, end, some):
             for part in parts:
-                lay_joined(few, min(few + some, end), *part, at, following, steps, laid)
+                lay_joined(few, min(few + some, end), part, at, following, steps, laid)
         return first, end
 
     for sources in mapped(lay, range(0, n, more), _threads(a)):
@@ -340,29 +334,13 @@ def _walk(
             p.discard(*sources)
 
 
-def _bases(a: EventArrays, row: Row) -> Ints:
-    """The first place that each thread has of a row's targets."""
-    bases = np.full(_threads(a), np.iinfo(np.int64).max)
-    for q in row:
-        edges = _edges(a, q)
-        bases = np.minimum(bases, np.where(edges[1:] > edges[:-1], _begin(a, q) + edges[:-1], bases))
-    return np.where(bases == np.iinfo(np.int64).max, 0, bases)
-
-
-def _edges(a: EventArrays, q: int) -> Ints:
-    """The edges of the threads among the targets of a projection."""
-    target = a.program.projections[q].target
-    edges: Ints = a.net["edges"][target] * t.BLOCK - a.places[target].begin
-    return edges
-
-
 def synapses(a: EventArrays, q: int) -> tuple[Ints, NDArray[np.integer[Any]], NDArray[np.integer[Any]], Ints]:
     """Ends of the rows, targets and delays of a projection, and the edges of the threads among its targets."""
     p, s = a.program.projections[q], a.synapses[q]
     targets, _, delay = p.stored()
     if s.order is not None:
-        return s.row_ends, s.targets, delay[s.order], _edges(a, q)
-    return s.row_ends, targets if p.layout == "csr" else s.targets, delay, _edges(a, q)
+        return s.row_ends, s.targets, delay[s.order], layout.edges_of(a, q)
+    return s.row_ends, targets if p.layout == "csr" else s.targets, delay, layout.edges_of(a, q)
 
 
 def synapse_blocks(a: EventArrays, q: int) -> Iterator[SynapseBlock]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.kernels.address import Declared, Entry
 from neuro.model.neurons import Model, Neuron
 from neuro.program.program import Floats, Ints, Population, Program, Projection
 from neuro_event.loop import tables as t
@@ -16,14 +18,6 @@ from neuro_event.loop.arrivals import by_delay
 
 WORD = t.BLOCK * t.GROUPED
 """Neurons of a group of blocks; populations begin at multiples of it."""
-
-_KINDS = {
-    "poisson": t.POISSON,
-    "listed": t.LISTED,
-    "current": t.CURRENT,
-    "neuron": t.NEURON,
-    "generator": t.GENERATOR,
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +69,6 @@ def places(program: Program) -> list[PopulationPlace]:
 def total(program: Program) -> int:
     """Neurons of all populations, with the gaps between them."""
     return max(WORD, sum(-(-p.size // WORD) * WORD for p in program.populations))
-
-
-def kind(population: Population) -> int:
-    """Which branch of the loop a population takes."""
-    return _KINDS[population.kind]
 
 
 def computes(population: Population) -> bool:
@@ -229,3 +218,77 @@ def sign(weights: NDArray[np.floating[Any]]) -> int:
 
 _PIECE = 1 << 16
 """Weights that are looked at together, in the cache."""
+
+
+def map_of_weights(a: EventArrays, projection: int, maps: int) -> Ints:
+    """The map of the trials' output that each weight of a projection leads to, in internal order."""
+    p, s = a.program.projections[projection], a.synapses[projection]
+    if s.layout == t.GRID:
+        return np.tile(np.arange(maps), p.size // maps)
+    targets = a.places[p.target].outside // (a.program.populations[p.target].size // maps)
+    return targets[s.targets] if s.layout == t.CSR else np.tile(targets, p.size // targets.size)
+
+
+@dataclass(eq=False)
+class EventArrays:
+    """Everything the loop needs, by the names of `loop.Net`, and how a program's parts map to it.
+
+    Without `eager` all synapses learn lazily: tests compare the two ways. `joined` are the projections in joined rows,
+    `parted` whether these are still to be laid out.
+    """
+
+    program: Program
+    places: list[PopulationPlace]
+    synapses: list[ArrangedSynapses]
+    plastic_of: dict[int, int]
+    net: dict[str, Any]
+    plastic: dict[str, NDArray[Any]]
+    longest_slice: int
+    reach: int
+    eager: bool
+    joined: frozenset[int]
+    moves_of: dict[int, int] = field(default_factory=dict)
+    asked: list[tuple[Ints, int, Callable[[], Entry]]] = field(default_factory=list)
+    parted: bool = True
+
+    def ask(self, row: Ints, column: int, entry: Callable[[], Entry]) -> None:
+        """Ask for the address of an entry in a row of a table, when all are known: they compile side by side."""
+        self.asked.append((row, column, entry))
+
+
+def edges_of(a: EventArrays, projection: int) -> Ints:
+    """The edges of the threads among the targets of a projection."""
+    target = a.program.projections[projection].target
+    edges: Ints = a.net["edges"][target] * t.BLOCK - a.places[target].begin
+    return edges
+
+
+LINE = 64
+PAGE = 4096
+
+
+def aligned_zeros(n: int, dtype: Any, line: int = 0) -> NDArray[Any]:
+    """Zeros that begin at a cache line, which is counted within its page."""
+    size = n * np.dtype(dtype).itemsize
+    memory = np.zeros(size + PAGE, dtype=np.uint8)
+    skip = (line * LINE - memory.ctypes.data) % PAGE
+    return memory[skip : skip + size].view(dtype)
+
+
+def aligned_table(rows: int, columns: int) -> Ints:
+    """A table of zeros whose first row begins at a cache line."""
+    return aligned_zeros(rows * columns, np.int64).reshape(rows, columns)
+
+
+def zeros(arrays: Iterable[Declared], sizes: Mapping[str, int]) -> dict[str, Any]:
+    """Make those of some declared arrays whose sizes are known, filled with 0."""
+    made: dict[str, Any] = {}
+    for each in arrays:
+        shape: list[Any] = [
+            int(word) if word.isdigit() else sizes.get(word, getattr(t, word, None)) for word in each.shape
+        ]
+        if None not in shape:
+            n = math.prod(shape)
+            flat = np.zeros(n, each.kind) if each.line is None else aligned_zeros(n, each.kind, each.line)
+            made[each.name] = flat.reshape(shape)
+    return made

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -11,99 +11,117 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core import keyed_random
-from neuro.model.synapses import Trace
-from neuro.model.synapses.base import DELAY, common
+from neuro.model.synapses import MoveRule, Trace
+from neuro.model.synapses.base import DELAY, common, steps_of
 from neuro.program.program import Floats, Ints, Program, Projection, SynapseProbe
 from neuro_event.building import layout
-from neuro_event.building.arrays import EventArrays, aligned_table
+from neuro_event.building.layout import EventArrays, aligned_table, zeros
 from neuro_event.loop import tables as t
 from neuro_event.loop.eager_rules import eager_entry
 from neuro_event.loop.lazy_rules import DECAYS, ENTRY, NEWEST, OF_NEURON, OWN, TAU, TIME, rule_entry
 from neuro_event.loop.lazy_stdp import lazy_entry
+from neuro_event.loop.moves import move_entry
 from neuro_event.loop.operations import RULES
 
 
 def add_learning(a: EventArrays, learning: list[int]) -> None:
     """Lay out the synapses, traces and histories of the projections `learning`."""
-    threads = a.net["edges"].shape[1] - 1
-    program, pops = a.program, a.net["pops"]
+    program, pops, threads = a.program, a.net["pops"], a.net["edges"].shape[1] - 1
+    parts, arranged = [program.projections[q] for q in learning], [a.synapses[q] for q in learning]
+    eager = [acts_at_once(a, p) for p in parts]
+    # Those of `stdp` and `stdp_dopa` that learn lazily have K+ and K-, and no entry that reads kinds of traces.
+    read = [p.synapse for p, at_once in zip(parts, eager, strict=True) if at_once or type(p.synapse) not in RULES]
+    most = max([0, *(max(len(rule.pre), len(rule.post)) for rule in read)])
     table = np.full((len(learning), t.PLASTIC_COLUMNS), t.NONE, dtype=np.int64)
-    tau = np.zeros((len(learning), 2))
-    kinds = np.zeros((len(learning), 2 * _most_traces(a, learning), 3))
+    tau, kinds = np.zeros((len(learning), 2)), np.zeros((len(learning), 2 * most, 3))
     decay = np.zeros((len(learning), OWN + kinds.shape[1], DECAYS))
-    incoming: list[Ints] = [np.zeros(1, dtype=np.int64)]
-    in_synapse: list[NDArray[np.int32]] = []
-    in_source: list[NDArray[np.int32]] = []
-    n_synapses = n_sources = n_targets = n_incoming = n_history = 0
-    y = []
-    for k, q in enumerate(learning):
-        p, s = program.projections[q], a.synapses[q]
-        row = table[k]
-        n_source, n_target = program.populations[p.source].size, program.populations[p.target].size
-        row[t.PROJECTION], row[t.RULE_NUMBER], row[t.SOURCE_STRIDE] = q, k, 1
-        own_rule: Any = type(p.synapse)
-        row[t.EAGER] = int(acts_at_once(a, p))
-        if own_rule in RULES:
-            row[t.RULE] = RULES.index(own_rule)
-            if p.synapse.modulated:
-                row[t.MODULATED] = 0
-        else:
-            row[t.SOURCE_STRIDE] = max(1, len(own_rule.pre))
-        _ask_entry(a, row, own_rule, False)
-        row[t.FIRST_SYNAPSE], row[t.FIRST_SOURCE], row[t.FIRST_TARGET] = n_synapses, n_sources, n_targets
-        row[t.INCOMING] = n_incoming
+    strides = [1 if type(p.synapse) in RULES else max(1, len(p.synapse.pre)) for p in parts]
+    synapses, sources, targets = (
+        np.array(sizes, dtype=np.int64)
+        for sizes in (
+            [s.targets.size for s in arranged],
+            [program.populations[p.source].size * stride for p, stride in zip(parts, strides, strict=True)],
+            [program.populations[p.target].size for p in parts],
+        )
+    )
+    firsts = ((t.FIRST_SYNAPSE, synapses), (t.FIRST_SOURCE, sources), (t.FIRST_TARGET, targets))
+    for column, sizes in (*firsts, (t.INCOMING, targets + 1)):
+        table[:, column] = np.cumsum(sizes) - sizes
+    table[:, t.SOURCE_STRIDE], table[:, t.EAGER] = strides, eager
+    states = np.zeros((max([1, *(1 + len(p.synapse.states) for p in parts)]), synapses.sum()))
+    k_plus = np.zeros((threads, sources.sum()))
+    incoming: list[Ints] = [np.zeros(0, dtype=np.int64)]
+    in_synapse, in_source = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.int32)]
+    n_history = 0
+    for k, (q, p, s, row) in enumerate(zip(learning, parts, arranged, table, strict=True)):
+        rule, target = p.synapse, program.populations[p.target]
+        row[t.PROJECTION], row[t.RULE_NUMBER] = q, k
+        if type(rule) in RULES:
+            row[t.RULE] = RULES.index(type(rule))
+            row[t.MODULATED] = 0 if rule.modulated else t.NONE
+        _ask_entry(a, row, type(rule), False)
         row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = p.dopamine, int(p.dopamine_one_to_one)
-        row[t.DOPAMINE_DELAY], row[t.LONGEST] = p.dopamine_delay, _longest_back(p)
+        row[t.DOPAMINE_DELAY] = p.dopamine_delay
+        # Steps after which the last synapse hears a spike of its target.
+        row[t.LONGEST] = 0 if rule.delays else p.delay.max(initial=1)
         row[t.FEWEST], row[t.MOST] = p.delay_range(program.resolution)
-        set_traces(tau[k], row, decay[k], kinds[k], common(p.synapse.vector()), p.synapse, program)
-        tau_minus = program.populations[p.target].parameters["tau_minus"]
+        set_traces(tau[k], row, decay[k], kinds[k], common(rule.vector()), rule, program)
+        tau_minus = target.parameters["tau_minus"]
         if np.all(tau_minus == tau_minus[0]):
             decay[k, 2] = _decay(tau_minus[0], program.resolution)
             decay[k, OWN:][kinds[k, :, TAU] == OF_NEURON] = decay[k, 2]
-        pre = np.repeat(np.arange(n_source, dtype=np.int32), np.diff(s.row_ends))
+        pre = np.repeat(np.arange(program.populations[p.source].size, dtype=np.int32), np.diff(s.row_ends))
         order = np.argsort(s.targets, kind="stable")
-        ends = np.concatenate([[0], np.cumsum(np.bincount(s.targets, minlength=n_target))]).astype(np.int64)
-        incoming.append(ends + sum(i.size for i in in_synapse))
+        ends = np.cumsum(np.bincount(s.targets, minlength=target.size), dtype=np.int64)
+        incoming.append(np.concatenate([[0], ends]) + row[t.FIRST_SYNAPSE])
         in_synapse.append(order.astype(np.int32))
         in_source.append(pre[order])
-        own = p.weight[s.order] if s.order is not None and p.weight.size > 1 else p.weight
-        y.append(np.broadcast_to(own, s.targets.size))
-        n_synapses, n_sources = n_synapses + s.targets.size, n_sources + n_source * int(row[t.SOURCE_STRIDE])
-        n_targets, n_incoming = n_targets + n_target, n_incoming + n_target + 1
         if row[t.EAGER] == 0 and pops[p.target, t.HISTORY] < 0:
             pops[p.target, t.HISTORY] = n_history
-            n_history += n_target
-    states = np.zeros((max([1, *(1 + len(program.projections[q].synapse.states) for q in learning)]), n_synapses))
-    states[0] = np.concatenate([np.zeros(0), *y])
-    k_plus = np.zeros((threads, n_sources))
-    for row, q in zip(table, learning, strict=True):
-        _start(a, q, row, states, k_plus)
-    modulated = any(program.projections[q].synapse.modulated for q in learning)
+            n_history += target.size
+        here = slice(row[t.FIRST_SYNAPSE], row[t.FIRST_SYNAPSE] + s.targets.size)
+        states[0, here] = p.weight[s.order] if s.order is not None and p.weight.size > 1 else p.weight
+        of_states = rule.first_states()
+        in_order = of_states[:, s.order] if s.order is not None and of_states.shape[1] > 1 else of_states
+        states[1 : 1 + len(of_states), here] = in_order
+        if rule.delays:
+            states[DELAY, here] = a.net["delays"][own_delays_of(a, q)] * program.resolution
+        for trace, value, each in zip(rule.pre, rule.first_traces(), of_sources(a, row, k_plus), strict=False):
+            each[:] = first_kept(trace, value) if row[t.EAGER] else value
+    t_refs = [program.populations[p.target].parameters.get("t_ref", 0.0) for p in parts]
+    held = {q: float(np.min(t_ref)) for q, t_ref in zip(learning, t_refs, strict=True)}
+    draws = any(p.synapse.draws for p in parts)
+    numbers = [np.arange(s.targets.size) if s.order is None else s.order for s in arranged if draws]
+    modulated = any(p.synapse.modulated for p in parts)
     a.plastic |= {
+        **zeros(t.PLASTIC_ARRAYS, {"threads": threads, "sources": sources.sum(), "targets": targets.sum()}),
         "table": table,
         "tau": tau,
         "decay": decay,
         "y": states,
         "sent": states[0].copy(),
-        "reached": np.zeros(n_synapses if modulated else 0, dtype=np.int64),
+        "reached": np.zeros(synapses.sum() if modulated else 0, dtype=np.int64),
         "k_plus": k_plus,
-        "k_time": np.zeros((threads, n_sources), dtype=np.int64),
-        "spiked": np.zeros((threads, n_sources), dtype=np.int64),
-        "n": np.zeros(n_targets),
-        "n_time": np.zeros(n_targets, dtype=np.int64),
-        "incoming": np.concatenate(incoming[1:] or incoming),
-        "in_synapse": np.concatenate([np.zeros(0, dtype=np.int32), *in_synapse]),
-        "in_source": np.concatenate([np.zeros(0, dtype=np.int32), *in_source]),
-        "heard": no_spikes(a, learning, table, n_targets),
-        "past": aligned_table(max(1, n_history), _history_width(a, learning)),
+        "incoming": np.concatenate(incoming) if learning else np.zeros(1, dtype=np.int64),
+        "in_synapse": np.concatenate(in_synapse),
+        "in_source": np.concatenate(in_source),
+        "heard": no_spikes(a, learning, table, int(targets.sum())),
+        "past": aligned_table(max(1, n_history), _history_width(a, held)),
         "kinds": kinds,
         "columns": _columns(a, learning, table),
-        "draw_keys": np.array([_draw_key(program, q) for q in learning], dtype=np.uint64),
-        "drawn_as": _drawn_as(a, learning),
+        "draw_keys": np.array([keyed_random.key(program.seed, "synapse", p.name) for p in parts], dtype=np.uint64),
+        "drawn_as": np.concatenate([np.zeros(0, dtype=np.int64), *numbers]),
     }
     a.plastic["others"] = np.zeros(_others_shape(a))
     add_notes(a, learning)
     lay_constants(a, {q: program.projections[q].synapse.vector() for q in learning})
+
+
+def of_sources(a: EventArrays, row: Ints, traces: Floats) -> list[Floats]:
+    """Each pre trace of a plastic projection, by thread and source, in an array of those of all."""
+    first, stride = row[t.FIRST_SOURCE], row[t.SOURCE_STRIDE]
+    end = first + a.program.populations[a.program.projections[row[t.PROJECTION]].source].size * stride
+    return [traces[:, first + j : end : stride] for j in range(stride)]
 
 
 def _ask_entry(a: EventArrays, row: Ints, rule: Any, own_rows: bool) -> None:
@@ -122,65 +140,17 @@ def _ask_entry(a: EventArrays, row: Ints, rule: Any, own_rows: bool) -> None:
     a.ask(row, t.RULE_ENTRY, partial(entry, rule, own_rows))
 
 
-def _draw_key(program: Program, q: int) -> int:
-    return keyed_random.key(program.seed, "synapse", program.projections[q].name)
-
-
-def _drawn_as(a: EventArrays, learning: list[int]) -> Ints:
-    """By which numbers synapses draw: none if no rule does."""
-    if not any(a.program.projections[q].synapse.draws for q in learning):
-        return np.zeros(0, dtype=np.int64)
-    each = [(a.synapses[q].order, a.synapses[q].targets.size) for q in learning]
-    return np.concatenate([np.arange(n, dtype=np.int64) if order is None else order for order, n in each])
-
-
-def _start(a: EventArrays, q: int, row: Ints, states: Floats, k_plus: Floats) -> None:
-    """Put the synapses' states and the sources' traces of a projection to where its rule starts."""
-    p, program = a.program.projections[q], a.program
-    first, of_states, order = row[t.FIRST_SYNAPSE], p.synapse.first_states(), a.synapses[q].order
-    if order is not None and of_states.shape[1] > 1:
-        of_states = of_states[:, order]
-    states[1 : 1 + len(of_states), first : first + p.size] = of_states
-    if p.synapse.delays:
-        at = a.net["projections"][q, t.DELAY]
-        states[DELAY, first : first + p.size] = a.net["delays"][at : at + p.size] * program.resolution
-    first, stride = row[t.FIRST_SOURCE], row[t.SOURCE_STRIDE]
-    end = first + program.populations[p.source].size * stride
-    for j, (trace, value) in enumerate(zip(p.synapse.pre, p.synapse.first_traces(), strict=True)):
-        k_plus[:, first + j : end : stride] = first_kept(trace, value) if row[t.EAGER] else value
-
-
-def _longest_back(p: Projection) -> int:
-    """Steps after which the last synapse hears a spike of its target."""
-    if p.synapse.delays:
-        return 0
-    return int(p.delay.max()) if p.delay.size else 1
-
-
-def _by_entry(a: EventArrays, q: int) -> bool:
-    """Whether an entry has the passes over synapses."""
-    p = a.program.projections[q]
-    return acts_at_once(a, p) or type(p.synapse) not in RULES
-
-
-def _most_traces(a: EventArrays, learning: list[int]) -> int:
-    """Traces of one side that any entry reads at most."""
-    rules = [a.program.projections[q].synapse for q in learning if _by_entry(a, q)]
-    return max([0, *(max(len(rule.pre), len(rule.post)) for rule in rules)])
-
-
 def _columns(a: EventArrays, learning: list[int], table: Ints) -> Ints:
     """The post traces that third-party rules read lazily, by population; each rule's begin at its COLUMN."""
-    found: list[list[tuple[int, int]]] = [[] for _ in a.program.populations]
+    traces: list[list[tuple[int, int]]] = [[] for _ in a.program.populations]
     for k, q in enumerate(learning):
         if table[k, t.RULE] < 0 and table[k, t.EAGER] == 0:
             part = a.program.projections[q]
-            table[k, t.COLUMN] = len(found[part.target])
-            found[part.target] += [(k, j) for j in range(len(part.synapse.post))]
-    columns = np.full((len(found), max(map(len, found), default=0), 2), -1, dtype=np.int64)
-    for population, each in enumerate(found):
-        for column, pair in enumerate(each):
-            columns[population, column] = pair
+            table[k, t.COLUMN] = len(traces[part.target])
+            traces[part.target] += [(k, j) for j in range(len(part.synapse.post))]
+    columns = np.full((len(traces), max(map(len, traces), default=0), 2), -1, dtype=np.int64)
+    for row, each in zip(columns, traces, strict=True):
+        row[: len(each)] = np.reshape(each, (-1, 2))
     return columns
 
 
@@ -192,9 +162,8 @@ def _others_shape(a: EventArrays) -> tuple[int, int, int]:
 
 def widen_histories(a: EventArrays, population: int, t_ref: float) -> None:
     """Make room for the spikes of a population whose shortest refractory period is now `t_ref` ms."""
-    past = a.plastic["past"]
-    onto = [q for q in _lazy(a, a.plastic_of) if a.program.projections[q].target == population]
-    width = _width(max(_entries(a.program, q, t_ref) for q in onto))
+    past, parts = a.plastic["past"], a.program.projections
+    width = _history_width(a, {q: t_ref for q in a.plastic_of if parts[q].target == population})
     if width > past.shape[1]:
         wider = aligned_table(past.shape[0], width)
         wider[:, : past.shape[1]] = past
@@ -204,32 +173,21 @@ def widen_histories(a: EventArrays, population: int, t_ref: float) -> None:
         a.plastic["others"][:, : others.shape[1]] = others
 
 
-def _history_width(a: EventArrays, learning: list[int]) -> int:
-    """Numbers in a history of any neuron, with the parameters of step 0."""
-    lazy, program = _lazy(a, learning), a.program
-    targets = [program.populations[program.projections[q].target] for q in lazy]
-    held = [float(np.min(target.parameters.get("t_ref", 0.0))) for target in targets]
-    return _width(max([7, *(_entries(program, q, t_ref) for q, t_ref in zip(lazy, held, strict=True))]))
+def _history_width(a: EventArrays, held: Mapping[int, float]) -> int:
+    """Numbers in a history: an odd number of cache lines, so that the newest entries of many neurons spread over it.
 
-
-def _lazy(a: EventArrays, learning: Iterable[int]) -> list[int]:
-    """Those projections whose synapses read histories."""
-    return [q for q in learning if not acts_at_once(a, a.program.projections[q])]
-
-
-def _entries(program: Program, q: int, t_ref: float) -> int:
-    """Post spikes that can be under way to a synapse of a projection, and a few more."""
-    p, trials = program.projections[q], program.trials
-    if not p.delay.size:
-        return 0
-    released = trials is not None and p.target == trials.output and "V_m" in trials.reset
-    held = 0 if released else int(t_ref / program.resolution)
-    return int(2 * p.delay.max() / (held + 1)) + 4
-
-
-def _width(entries: int) -> int:
-    """Numbers in a history: an odd number of cache lines, so that the newest entries of many neurons spread over it."""
-    lines = -(-(NEWEST + ENTRY * entries) // 8)
+    Args:
+        a: all arrays.
+        held: shortest refractory period of the targets in ms, by projection; those whose synapses learn at once read no
+            history. There is room for the spikes that can be under way to a synapse, and a few more.
+    """
+    entries, trials = [7], a.program.trials
+    for q, t_ref in held.items():
+        p = a.program.projections[q]
+        if p.delay.size and not acts_at_once(a, p):
+            released = trials is not None and p.target == trials.output and "V_m" in trials.reset
+            entries.append(int(2 * p.delay.max() / (1 if released else int(t_ref / a.program.resolution) + 1)) + 4)
+    lines = -(-(NEWEST + ENTRY * max(entries)) // 8)
     return 8 * (lines + 1 - lines % 2)
 
 
@@ -336,11 +294,9 @@ def probes_of(program: Program) -> list[tuple[int, SynapseProbe]]:
 
 def make_room(a: EventArrays, room: int) -> None:
     """Make buffers for the records of pre spikes, `room` of them for each thread."""
-    threads = a.net["edges"].shape[1] - 1
-    a.plastic["note_at"] = np.zeros((threads, 8), dtype=np.int64)
-    a.plastic["note_steps"] = np.zeros((threads, room), dtype=np.int64)
-    a.plastic["note_synapses"] = np.zeros((threads, room), dtype=np.int64)
-    a.plastic["note_y"] = np.zeros((threads, a.plastic["y"].shape[0], room))
+    buffers = [each for each in t.PLASTIC_ARRAYS if each.name.startswith("note_") and each.shape[0] == "threads"]
+    sizes = {"threads": a.net["edges"].shape[1] - 1, "room": room, "states": len(a.plastic["y"])}
+    a.plastic |= zeros(buffers, sizes)
 
 
 LONGEST = 1024
@@ -382,11 +338,10 @@ def no_spikes(a: EventArrays, learning: list[int], table: NDArray[np.int64], n_t
 def first_trace(a: EventArrays, k: int, step: int) -> Floats:
     """The values at a step of the first pre trace of the plastic projection number k."""
     row = a.plastic["table"][k]
-    p, stride = a.program.projections[row[t.PROJECTION]], row[t.SOURCE_STRIDE]
-    first = row[t.FIRST_SOURCE]
-    kept = a.plastic["k_plus"][0, first : first + a.program.populations[p.source].size * stride : stride]
+    kept = of_sources(a, row, a.plastic["k_plus"])[0][0]
     values: Floats = kept * a.plastic["decay"][k, OWN, step % row[t.EPOCH]]
-    return values if p.synapse.pre[0].tau else (step - kept) * a.program.resolution
+    decays = a.program.projections[row[t.PROJECTION]].synapse.pre[0].tau
+    return values if decays else (step - kept) * a.program.resolution
 
 
 def unpack(a: EventArrays, k: int, step: int) -> None:
@@ -407,12 +362,95 @@ def _traces(a: EventArrays, k: int, step: int) -> Iterator[tuple[Floats, float]]
     row, half = a.plastic["table"][k], a.plastic["kinds"].shape[1] // 2
     p = a.program.projections[row[t.PROJECTION]]
     left = a.plastic["decay"][k, OWN:, step % row[t.EPOCH]]
-    first, stride = row[t.FIRST_SOURCE], row[t.SOURCE_STRIDE]
-    end = first + a.program.populations[p.source].size * stride
-    for j, trace in enumerate(p.synapse.pre):
-        if trace.tau:
-            yield a.plastic["k_plus"][:, first + j : end : stride], left[j]
+    for j, each in enumerate(of_sources(a, row, a.plastic["k_plus"])[: len(p.synapse.pre)]):
+        if p.synapse.pre[j].tau:
+            yield each, left[j]
     first, size = row[t.FIRST_TARGET], a.program.populations[p.target].size
     for j, trace in enumerate(p.synapse.post):
         if trace.tau:
             yield a.plastic["heard"][first : first + size, j], left[half + j]
+
+
+def own_delays_of(a: EventArrays, q: int) -> slice:
+    """The places of the synapses of a projection in `delays` and, in ms, in `late`.
+
+    Delays that spike pairs change are a row of the synapses' states. Those of rules for trials are in `late`; spikes
+    read the table of delays in steps, as static ones do, so each change writes that table, too.
+    """
+    first = int(a.net["projections"][q, t.DELAY])
+    return slice(first, first + a.program.projections[q].size)
+
+
+def write_delays(a: EventArrays, q: int, delays: Floats) -> None:
+    """Replace the delays of a projection, given in the order of the program's weights."""
+    order = a.synapses[q].order
+    inner = delays if order is None else delays[order]
+    if q in a.plastic_of:
+        first = a.plastic["table"][a.plastic_of[q], t.FIRST_SYNAPSE]
+        a.plastic["y"][DELAY, first : first + delays.size] = inner
+    else:
+        a.net["late"][own_delays_of(a, q)] = inner
+        round_delays(a, q)
+
+
+def round_delays(a: EventArrays, q: int) -> None:
+    """Write the delays of a rule for trials into the table of delays in steps."""
+    h, here = a.program.resolution, own_delays_of(a, q)
+    fewest, most = a.program.projections[q].delay_range(h)
+    a.net["delays"][here] = [steps_of(delay, h, fewest, most) for delay in a.net["late"][here].tolist()]
+
+
+def add_moves(a: EventArrays) -> None:
+    """Lay out the states of the synapses, the traces of the sources and the lists of those that are active."""
+    program, threads = a.program, a.net["edges"].shape[1] - 1
+    learning = [q for q, p in enumerate(program.projections) if isinstance(p.synapse, MoveRule)]
+    a.moves_of = {q: k for k, q in enumerate(learning)}
+    rules = [program.projections[q].synapse for q in learning]
+    table = np.full((len(learning), t.MOVE_COLUMNS), t.NONE, dtype=np.int64)
+    n_synapses = n_sources = n_targets = 0
+    for row, q, rule in zip(table, learning, rules, strict=True):
+        p = program.projections[q]
+        row[t.MOVE_PROJECTION] = q
+        row[t.MOVE_SYNAPSE], row[t.MOVE_SOURCE], row[t.MOVE_TARGET] = n_synapses, n_sources, n_targets
+        states = [state.name for state in program.populations[p.target].model.states]
+        assert isinstance(rule, MoveRule)
+        row[t.MOVE_SEEN] = states.index(rule.sees) if rule.sees else t.NONE
+        a.net["pops"][p.target, t.GATHERS] = 1
+        own: Any = type(rule)
+        a.ask(row, t.MOVE_ENTRY, partial(move_entry, own))
+        n_synapses += p.size
+        n_sources += program.populations[p.source].size
+        n_targets += program.populations[p.target].size
+    y = np.zeros((max([1, *(1 + len(rule.states) for rule in rules)]), n_synapses))
+    for row, q, rule in zip(table, learning, rules, strict=True):
+        p, order = program.projections[q], a.synapses[q].order
+        here = slice(row[t.MOVE_SYNAPSE], row[t.MOVE_SYNAPSE] + p.size)
+        y[0, here] = p.weight[order] if order is not None and p.weight.size > 1 else p.weight
+        y[1 : 1 + len(rule.states), here] = rule.first_states()
+    sizes = {
+        "moves": len(learning),
+        "move_width": max([1, *(rule.width for rule in rules)]),
+        "move_traces": t.MOVE_TRACES,
+        "move_sources": n_sources,
+        "move_marks": n_sources * t.MOVE_TRACES,
+        "move_targets": n_targets,
+        "threads": threads,
+    }
+    moves = [each for each in t.PLASTIC_ARRAYS if each.name.startswith("move_")]
+    a.plastic |= {**zeros(moves, sizes), "move_table": table, "move_y": y}
+    a.plastic["move_gate"][:] = 1.0
+    receptors = [program.projections[q].receptor for q in learning]
+    a.plastic["move_sign"] = np.array([-1.0 if each is not None and each.negated else 1.0 for each in receptors])
+    for q, rule in zip(learning, rules, strict=True):
+        set_move_rule(a, q, rule.vector())
+
+
+def set_move_rule(a: EventArrays, projection: int, vector: Floats) -> None:
+    """Fill what follows from the numbers of a rule."""
+    k, rule = a.moves_of[projection], a.program.projections[projection].synapse
+    numbers = dict(zip(rule.numbers(), vector.tolist(), strict=True))
+    a.plastic["move_rule"][k, : rule.width] = rule.constants_of(vector, a.program.resolution)
+    a.plastic["move_x_min"][k] = numbers["x_min"]
+    for j, trace in enumerate(rule.pre):
+        a.plastic["move_left"][k, j] = np.exp(-a.program.resolution / numbers[trace.tau])
+        a.plastic["move_adds"][k, j] = trace.adds

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro.program.program import Ints, Program, Projection
+from neuro.program.program import Ints, Program
 from neuro_event.building.layout import WORD, PopulationPlace, in_runs
 from neuro_event.loop import tables as t
 
@@ -31,7 +31,11 @@ def thread_edges(program: Program, where: list[PopulationPlace], threads: int) -
     """Blocks at which the threads' neurons of each population begin, and the end: (populations, threads + 1)."""
     scattered = sum(p.size for p in program.projections if in_runs(program, p))
     owners = whole_populations(program, threads) if threads > 1 and scattered >= SCATTERED else None
-    return _alike(program, where, threads) if owners is None else _whole(owners, where, threads)
+    if owners is None:
+        return _alike(program, where, threads)
+    first = np.array([[place.begin // t.BLOCK] for place in where])
+    end = np.array([[-(-place.end // t.BLOCK)] for place in where])
+    return np.where(np.arange(threads + 1) > owners[:, None], end, first)
 
 
 def _alike(program: Program, where: list[PopulationPlace], threads: int) -> Ints:
@@ -63,7 +67,12 @@ def whole_populations(program: Program, threads: int) -> Ints | None:
     The synapses of one source, population and delay are few, and lie anywhere in memory: halves of them take half as
     many lines of memory again. A generator goes with the population that it drives.
     """
-    units = _units(program)
+    together: dict[int, list[int]] = {}
+    for index, population in enumerate(program.populations):
+        driven = {p.target for p in program.projections if p.source == index}
+        leads = population.kind == "neuron" or len(driven) != 1
+        together.setdefault(index if leads else min(driven), []).append(index)
+    units = list(together.values())
     owner = _divided(np.array([sum(_work(program, index) for index in unit) for unit in units]), threads)
     if owner is None:
         return None
@@ -96,33 +105,14 @@ def _divided(work: Ints, threads: int) -> Ints | None:
     return owner if np.bincount(owner, share, threads).max() <= 1.0 + EVEN else None
 
 
-def _units(program: Program) -> list[list[int]]:
-    """Populations that stay together."""
-    units: dict[int, list[int]] = {}
-    for index, population in enumerate(program.populations):
-        driven = {p.target for p in program.projections if p.source == index}
-        leads = population.kind == "neuron" or len(driven) != 1
-        units.setdefault(index if leads else min(driven), []).append(index)
-    return list(units.values())
-
-
-def _whole(owners: Ints, where: list[PopulationPlace], threads: int) -> Ints:
-    """The edges of populations that are whole."""
-    first = np.array([[place.begin // t.BLOCK] for place in where])
-    end = np.array([[-(-place.end // t.BLOCK)] for place in where])
-    return np.where(np.arange(threads + 1) > owners[:, None], end, first)
-
-
 def _work(program: Program, index: int) -> int:
     """Of a population, a synapse is 1."""
-    return SYNAPSES * program.populations[index].size + sum(_count(p) for p in program.projections if p.target == index)
-
-
-def _count(p: Projection) -> int:
-    if p.layout == "grid":
-        assert p.grid is not None
-        return p.grid.maps * p.grid.rows * p.grid.columns * p.grid.kernel_height * p.grid.kernel_width
-    return p.size
+    work = SYNAPSES * program.populations[index].size
+    for p in program.projections:
+        if p.target == index:
+            g = p.grid
+            work += p.size if g is None else g.maps * g.rows * g.columns * g.kernel_height * g.kernel_width
+    return work
 
 
 def parts(program: Program, threads: int) -> int:

@@ -7,12 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program.program import Floats, Ints
-from neuro_event.building import learning
-from neuro_event.building.arrays import EventArrays
+from neuro.program.backend import Sent
+from neuro.program.program import Floats, Ints, Probe
+from neuro_event.building import layout, learning
+from neuro_event.building.layout import EventArrays
+from neuro_event.building.learning import make_room, probes_of
 from neuro_event.loop import histories, steps, tables as t
 from neuro_event.loop.lazy_rules import APPLIED
-from neuro_event.loop.tables import table_of, with_plastic
+from neuro_event.loop.tables import table_of
+from neuro_event.loop.together import notes_to_come, sample
 
 
 class NeuronReader:
@@ -58,7 +61,7 @@ class SynapseReader:
         self._a, self._view = a, table.ctypes.data
         self._y = np.empty_like(a.plastic["y"])
         self._reached = np.empty_like(a.plastic["reached"])
-        self._table = with_plastic(table, y=self._y, reached=self._reached)
+        self._table = table_of(a.net, {**a.plastic, "y": self._y, "reached": self._reached})
         self._other_view = self._table.ctypes.data
         self._has: tuple[int, int] | None = None
 
@@ -106,7 +109,7 @@ class SynapseReader:
             return a.plastic["sent"][here]
         p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
         first_history = a.net["pops"][p.target, t.HISTORY]
-        last = a.plastic["spiked"][0, _sources(a, k)]
+        last = learning.of_sources(a, a.plastic["table"][k], a.plastic["spiked"])[0][0]
         applied = a.plastic["past"][first_history + targets, APPLIED]
         moved = applied > np.repeat(last, np.diff(row_ends))
         return np.where(moved, a.plastic["sent"][here], a.plastic["y"][0, here])
@@ -122,20 +125,12 @@ def concentration(a: EventArrays, view: int, k: int, step: int) -> Floats:
 
 def trace(a: EventArrays, k: int, step: int) -> Floats:
     """K+ of every source of the plastic projection number k."""
-    here = _sources(a, k)
-    if a.plastic["table"][k, t.EAGER]:
-        return learning.first_trace(a, k, step)
-    age = (step - a.plastic["k_time"][0, here]) * a.program.resolution
-    traces: Floats = a.plastic["k_plus"][0, here] * np.exp(-age / a.plastic["tau"][k, 0])
-    return traces
-
-
-def _sources(a: EventArrays, k: int) -> slice:
-    """The first traces of the sources of the plastic projection number k."""
     row = a.plastic["table"][k]
-    size = a.program.populations[a.program.projections[row[t.PROJECTION]].source].size
-    first, stride = row[t.FIRST_SOURCE], row[t.SOURCE_STRIDE]
-    return slice(first, first + size * stride, stride)
+    if row[t.EAGER]:
+        return learning.first_trace(a, k, step)
+    traces, times = (learning.of_sources(a, row, a.plastic[name])[0][0] for name in ("k_plus", "k_time"))
+    faded: Floats = traces * np.exp(-(step - times) * a.program.resolution / a.plastic["tau"][k, 0])
+    return faded
 
 
 def by_id(values: Floats, order: Ints | None) -> Floats:
@@ -166,6 +161,108 @@ def bring_all(a: EventArrays, view: int, k: int, step: int) -> None:
     p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
     n_sources, n_targets = a.program.populations[p.source].size, a.program.populations[p.target].size
     histories.bring_histories(view, p.target, n_targets, step, a.program.resolution)
-    own = a.plastic["table"][k, t.RULE] < 0
-    bring_traces = histories.bring_own_traces if own else histories.bring_traces
-    bring_traces(view, k, n_sources, n_targets, step, a.program.resolution)
+    histories.bring_traces(view, k, n_sources, n_targets, step, a.program.resolution)
+
+
+AT_ONCE = 1 << 16
+"""Numbers that are kept in one array."""
+
+
+class StateProbe:
+    """A probe of states that the engine reads by itself, without bringing a whole population to the present.
+
+    Args:
+        a: the arrays of the kernels.
+        probe: of a state, with each neuron by itself.
+    """
+
+    def __init__(self, a: EventArrays, probe: Probe) -> None:
+        self._a, self.every, self._population = a, probe.every, probe.population
+        part, place = a.program.populations[probe.population], a.places[probe.population]
+        self._state = [s.name for s in type(part.model).states].index(probe.record)
+        ids = np.arange(part.size) if probe.ids is None else probe.ids
+        self._places = place.begin + (ids if place.inside is None else np.asarray(place.inside)[ids]).astype(np.int64)
+        self._aside = np.zeros((a.net["state"].shape[0] + 1, t.BLOCK))
+        self._rows = max(1, AT_ONCE // ids.size)
+        self._steps: list[int] = []
+        self._values = [np.zeros((self._rows, ids.size))]
+
+    def read(self, view: int, step: int) -> None:
+        """Keep the states as of a step."""
+        row = len(self._steps) % self._rows
+        if row == 0 and self._steps:
+            self._values.append(np.zeros_like(self._values[0]))
+        out = self._values[-1][row]
+        sample(view, self._population, self._state, self._places, step, self._a.program.resolution, self._aside, out)
+        self._steps.append(step)
+
+    def take(self) -> tuple[Ints, Floats]:
+        """Steps and values since this was last asked."""
+        steps = np.array(self._steps, dtype=np.int64)
+        values = np.concatenate(self._values)[: steps.size]
+        self._steps, self._values = [], self._values[:1]
+        return steps, values
+
+
+def state_probes(a: EventArrays) -> dict[int, StateProbe]:
+    """The probes that ask for each value of a state of neurons, by their numbers in the program."""
+    probes = {}
+    for number, probe in enumerate(a.program.probes):
+        part = a.program.populations[probe.population]
+        states = [state.name for state in type(part.model).states]
+        if probe.record in states and not probe.mean and layout.computes(part):
+            probes[number] = StateProbe(a, probe)
+    return probes
+
+
+class PreSpikeRecords:
+    """Takes notes out of the kernels' buffers before these are full.
+
+    Args:
+        a: the arrays of the kernels.
+    """
+
+    def __init__(self, a: EventArrays) -> None:
+        self._a = a
+        self._probes = dict(probes_of(a.program))
+        self._kept: dict[int, list[Sent]] = {number: [] for number in self._probes}
+
+    def __bool__(self) -> bool:
+        return bool(self._probes)
+
+    def make_room(self, view: int, step: int) -> bool:
+        """Make room for what the spikes up to a step will leave; return whether arrays were replaced."""
+        needed: int = notes_to_come(view, step)
+        room: int = self._a.plastic["note_steps"].shape[1]
+        if needed <= room:
+            return False
+        self.drain()
+        if needed > room:
+            make_room(self._a, 2 * needed)
+        return needed > room
+
+    def drain(self) -> None:
+        """Take over what has been noted."""
+        a, plastic = self._a, self._a.plastic
+        for thread, n in enumerate(plastic["note_at"][:, 0].tolist()):
+            if n:
+                steps, places = plastic["note_steps"][thread, :n].copy(), plastic["note_synapses"][thread, :n]
+                for number, probe in self._probes.items():
+                    part, order = a.program.projections[probe.projection], a.synapses[probe.projection].order
+                    inside = places - int(plastic["table"][a.plastic_of[probe.projection], t.FIRST_SYNAPSE])
+                    here = np.flatnonzero((inside >= 0) & (inside < part.size))
+                    synapses = inside[here] if order is None else order[inside[here]]
+                    if probe.synapses is not None:
+                        chosen = np.isin(synapses, probe.synapses)
+                        here, synapses = here[chosen], synapses[chosen]
+                    row = ["weight", *(s.name for s in part.synapse.states)].index(probe.record)
+                    values = plastic["note_y"][thread, row, here]
+                    self._kept[number].append(Sent(steps[here], synapses.astype(np.int64), values))
+                plastic["note_at"][thread, 0] = 0
+
+    def take(self, number: int) -> Sent:
+        """What was noted for a probe since this was last asked; the notes of a synapse are by time."""
+        self.drain()
+        none = Sent(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))
+        parts, self._kept[number] = [none, *self._kept[number]], []
+        return Sent(*(np.concatenate([getattr(part, word) for part in parts]) for word in Sent.__slots__))

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from neuro.core.interrupts import Interruptible, end_if_stopped
 from neuro.program.program import Floats, Ints
 from neuro_event.host import reading
-from neuro_event.loop import stages, tables as t, together
+from neuro_event.loop import tables as t, together
 
 
 class EventEngines:
-    """Engines of one network that differ in their seeds; see `neuro.program.together.Engines`.
+    """Engines of one network that differ in their seeds; see `neuro.program.backend.Engines`.
 
     What a kernel cannot do for all at once is done one by one: several threads, currents that change, probes that are
     read on the way.
@@ -27,7 +27,7 @@ class EventEngines:
         self._program, self._at = first._program, first._a
         self._reached: Ints = np.zeros(len(engines), dtype=np.int64)
         self._plain = all(len(e._a.net["edges"][0]) == 2 and e._steady and not e._stops for e in engines)
-        self._run = stages.entry("run").address()
+        self._run = t.stage_entry("run").address()
         self._stop = first.share_stop(self._engines)
 
     @property
@@ -106,7 +106,7 @@ class EventEngines:
         mean = np.multiply(rates, self._program.resolution * 1e-3)
         together.rate_all(self._views, population, mean, np.exp(-mean), self._engines[0]._step)
         for engine, each in zip(self._engines, rates, strict=True):
-            engine._changes.given[population, "rate"] = each
+            engine._given[f"{population}.rate"] = each
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set a signal, (engines, targets)."""

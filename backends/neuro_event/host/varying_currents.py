@@ -8,16 +8,18 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program.currents import NEVER, Currents, driven
-from neuro.program.drives import CurrentLine, Emission, filtered_current, lines_of
-from neuro.program.program import Floats, Program
-from neuro_event.building.arrays import EventArrays
+from neuro.program.currents import NEVER, CurrentLine, Currents, Emission, driven, filtered_current, lines_of
+from neuro.program.program import Floats, Ints, Program
+from neuro_event.building.layout import EventArrays
 from neuro_event.loop import steps, tables as t
 
 Parameter: TypeAlias = Callable[[int, str], Floats]
 
 SHORTEST, LONGEST = 64, 1024
 """Steps of a stretch."""
+
+PARTS = ("line_ends", "line_columns", "line_lates", "line_weights", "shares")
+"""Arrays of all lines, one line behind the other."""
 
 HELD = 1 << 19
 """About how many currents a stretch holds."""
@@ -38,7 +40,6 @@ class VaryingCurrents:
         self._emissions: dict[int, Emission] = {}
         self._lines: list[CurrentLine] = []
         self._until = -1
-        arrays.net |= _tables(np.zeros((0, t.LINE_COLUMNS), dtype=np.int64))
 
     def changed(self) -> None:
         """Something was set: what was worked out is no longer so."""
@@ -71,32 +72,39 @@ class VaryingCurrents:
             self._emissions.setdefault(line.projection, Emission(self._program, line.projection))
         columns = sum(self._emissions[line.projection].columns for line in self._lines)
         self._steps = max(int(np.clip(HELD // max(1, columns), SHORTEST, LONGEST)), self._currents.longest)
-        parts, begun, first = _Parts(), set[int](), 0
-        span = self._steps + self._currents.longest
-        for line in self._lines:
-            self._enter(parts, line, first, begun, parameter)
-            emission = self._emissions[line.projection]
+        parts: dict[str, list[NDArray[Any]]] = {name: [] for name in PARTS}
+
+        def add(name: str, values: NDArray[Any]) -> int:
+            """Put values behind those of other lines; return where they begin."""
+            parts[name].append(values)
+            return sum(each.size for each in parts[name]) - values.size
+
+        begun, first, span = set[int](), 0, self._steps + self._currents.longest
+        self._a.net["lines"] = np.zeros((len(self._lines), t.LINE_COLUMNS), dtype=np.int64)
+        for row, line in zip(self._a.net["lines"], self._lines, strict=True):
+            p, emission = self._program.projections[line.projection], self._emissions[line.projection]
+            row[t.DRIVEN], row[t.CHARGED], row[t.FIRST_VALUE], row[t.VALUES] = p.target, t.NONE, first, emission.columns
+            if p.receptor is not None:
+                model: Any = type(self._program.populations[p.target].model)
+                tau = model.filters[p.receptor.name][1]
+                row[t.CHARGED], share = filtered_current(self._program, p, {tau: parameter(p.target, tau)})
+                every = np.broadcast_to(share, self._program.populations[p.target].size)
+                row[t.SHARE] = add("shares", self._a.places[p.target].by_place(every))
+            elif p.target not in begun:
+                row[t.BEGINS] = 1
+                begun.add(p.target)
+            self._connect(row, line, emission.column, add)
             first += emission.room(span) * emission.columns
-        self._a.net |= parts.tables()
+        for name, values in parts.items():
+            self._a.net[name] = np.concatenate([self._a.net[name][:0], *values])
         self._a.net["emitted"] = np.zeros(first)
         self._a.net["emitted_rows"] = np.zeros((len(self._lines), span), dtype=np.int64)
 
-    def _enter(self, parts: _Parts, line: CurrentLine, first: int, begun: set[int], parameter: Parameter) -> None:
-        """Enter one line whose values begin at `first`."""
+    def _connect(self, row: Ints, line: CurrentLine, column: Ints, add: Callable[[str, NDArray[Any]], int]) -> None:
+        """Enter the synapses of a line: one column to all neurons, one to each, or a list."""
         p = self._program.projections[line.projection]
         place, n = self._a.places[p.target], self._program.populations[p.target].size
         _, post = self._program.connections(line.projection)
-        row = parts.row()
-        row[t.DRIVEN], row[t.CHARGED], row[t.BEGINS] = p.target, t.NONE, 0
-        if p.receptor is not None:
-            words = type(self._program.populations[p.target].model).filters[p.receptor.name]  # type: ignore[attr-defined]
-            row[t.CHARGED], share = filtered_current(self._program, p, {words[1]: parameter(p.target, words[1])})
-            row[t.SHARE] = parts.add("shares", place.by_place(np.broadcast_to(share, n)))
-        elif p.target not in begun:
-            row[t.BEGINS] = 1
-            begun.add(p.target)
-        column = self._emissions[line.projection].column
-        row[t.FIRST_VALUE], row[t.VALUES] = first, self._emissions[line.projection].columns
         shared = bool(np.all(line.weight == line.weight[0]))
         each = np.array_equal(post, np.arange(n)) and place.inside is None and bool(np.all(p.delay == p.delay[0]))
         steady = bool(np.all(column == column[0]))
@@ -109,13 +117,13 @@ class VaryingCurrents:
             counts = np.bincount(post, minlength=n)
             ends = np.concatenate([[0], np.cumsum(place.by_place(counts))])
             row[t.HOW] = t.AS_LISTED
-            begin = parts.add("line_columns", column[order])
-            parts.add("line_lates", np.broadcast_to(p.delay, p.size)[order].astype(np.int64))
-            row[t.LINE_ENDS] = parts.add("line_ends", ends + begin)
+            begin = add("line_columns", column[order])
+            add("line_lates", np.broadcast_to(p.delay, p.size)[order].astype(np.int64))
+            row[t.LINE_ENDS] = add("line_ends", ends + begin)
             weight = weight if shared else weight[order]
-            row[t.LINE_WEIGHT] = parts.add("line_weights", weight) - (0 if shared else begin)
+            row[t.LINE_WEIGHT] = add("line_weights", weight) - (0 if shared else begin)
             return
-        row[t.LINE_WEIGHT] = parts.add("line_weights", weight)
+        row[t.LINE_WEIGHT] = add("line_weights", weight)
 
     def _fill(self, step: int) -> None:
         """Work out what is emitted up to where it ends; a delay before the steps to come, it is still under way."""
@@ -130,53 +138,6 @@ class VaryingCurrents:
             emitted[begin : begin + values.size] = values.ravel()
         self._a.net["emitted_from"][0] = first
         self._until = step + self._steps
-
-
-Numbers = NDArray[Any]
-
-
-class _Parts:
-    """Rows of lines, and the arrays that they point into."""
-
-    def __init__(self) -> None:
-        self._rows: list[NDArray[np.int64]] = []
-        self._arrays: dict[str, list[Numbers]] = {}
-
-    def row(self) -> NDArray[np.int64]:
-        """A new line, to be filled in."""
-        self._rows.append(np.zeros(t.LINE_COLUMNS, dtype=np.int64))
-        return self._rows[-1]
-
-    def add(self, name: str, values: Numbers) -> int:
-        """Put values behind those of other lines; return where they begin."""
-        held = self._arrays.setdefault(name, [])
-        begin = sum(each.size for each in held)
-        held.append(values)
-        return begin
-
-    def tables(self) -> dict[str, Numbers]:
-        """The arrays by the names of `views`."""
-        rows = np.array(self._rows, dtype=np.int64).reshape(-1, t.LINE_COLUMNS)
-        joined: dict[str, Numbers] = {
-            name: np.ascontiguousarray(np.concatenate(held)) for name, held in self._arrays.items()
-        }
-        return _tables(rows) | joined
-
-
-def _tables(rows: NDArray[np.int64]) -> dict[str, Numbers]:
-    """Lines with nothing behind them."""
-    numbers: dict[str, Numbers] = {
-        name: np.zeros(0, dtype=np.int64) for name in ("line_ends", "line_columns", "line_lates")
-    }
-    return {
-        "lines": rows,
-        **numbers,
-        "line_weights": np.zeros(0),
-        "shares": np.zeros(0),
-        "emitted": np.zeros(0),
-        "emitted_rows": np.zeros((0, 0), dtype=np.int64),
-        "emitted_from": np.zeros(1, dtype=np.int64),
-    }
 
 
 def apply(currents: Currents, program: Program, arrays: EventArrays, view: int, step: int) -> None:

@@ -1,21 +1,28 @@
-"""Delivery at arrival over a projection whose synapses lie by source, then delay.
+"""Delivery at arrival: of projections whose synapses lie by source, then delay, and of joined rows.
 
 The synapses of one source with one delay are a run. A step adds the runs of the spikes that are as old as their delay
 to its own input, which stays in the cache, where a ring of all steps to come would not. Spikes go in by their age, the
 oldest first, then by id, and the targets of a run ascend: so the order of all sums is that of the reference, and the
 same for any number of threads, which own targets.
+
+Where each projection has few synapses a run has a few, and most may be empty: a step looks for them once a projection
+and delay. In a joined row a run holds the synapses of a source neuron onto all targets, along many projections, and a
+step looks once a source population and delay. A target is reached along one projection of a joined row, and rows follow
+in the order of projections (see `building.joined_rows`): so each sum has the order that it has without. A synapse of a
+joined row takes six bytes: synapses of a run lie by place, so 16 bits say how far the next place is, and a weight that
+fits into 32 bits is kept so. Time is that of memory, and rows of six bytes take half the time of rows of twelve.
 """
 
 # mypy: ignore-errors
+from collections import namedtuple
+
 import numpy as np
 
 from neuro.kernels.instructions import address, prefetch
 from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
-from neuro_event.loop.deliver import base_of, csr_own, receptor, receptors_by_sign, spikes
-from neuro_event.loop.shared_weight_delivery import add_weight, mark_blocks
-from neuro_event.loop.stages import deliver_log
-from neuro_event.loop.tables import net_of, slot_mask
+from neuro_event.loop.deliver import add_weight, base_of, csr_own, mark_blocks, receptor, receptors_by_sign, spikes
+from neuro_event.loop.tables import add_counts, arrive as call_arrive, deliver_log, net_of, slot_mask
 
 PREFETCH_DISTANCE = 6
 """Runs between a prefetch and its use."""
@@ -249,6 +256,55 @@ def log_delivery(view, q, j, k, begin, stop, ring):
         deliver_log(view, q, j, k, begin, stop, ring)
 
 
+@inlined
+def deliver(view, first, last, begin, stop, step):
+    """Add what arrives in a step over the projections first:last of `incoming`, to neurons of the threads begin:stop.
+
+    How a spike is delivered over a projection, the first condition that holds:
+
+    | condition | path | reason |
+    | --- | --- | --- |
+    | the target of a current | `generators.drive` | no spike: currents are added up along lines |
+    | learns by spike pairs | ring, at emission, by the rule's entry | what is sent depends on that moment |
+    | static, own delays, shared rows (below) | `deliver_joined` | one look, long runs for all targets |
+    | static, own delays, few runs (below) | `arrive` | its input stays in the cache: 5 ns an event |
+    | own delays otherwise | ring, `deliver.csr_delayed` | most runs would be empty: 42 ns an event |
+    | weights were set | ring, `at_emission` | what is under way keeps the old weights |
+    | one-to-one from a busy `poisson_generator` | `generators.add_counts` | counts, no list: 0.7 ns a draw |
+    | CSR, one weight, busy and large (below) | `deliver_in_ranges` | the input of a range fits the second cache |
+    | CSR, one weight | `deliver_shared_weight` | one multiplication a spike; the next row is prefetched |
+    | CSR, own weights | `deliver.csr_own` | a weight is read for each synapse |
+    | dense | `deliver.scatter` | a row of weights (or the one weight) is added as a whole, without targets |
+    | one-to-one | `deliver.scatter` | one place, found without a table |
+    | grid | `deliver.grid_add` | the kernel's weights lie maps innermost: runs of neighbours |
+
+    Shared rows: wherever sums keep their order (`building.joined_rows`); JOINED and JOINED_END.
+    Few runs: no more than synapses, or than 65,536; not for grids (`layout.in_runs`). Busy and large: the spikes of the
+    step reach nearly all blocks (WAKE_ALL) of a population without COLLECTS, and these threads have more than 32,768
+    targets. Both functions for one weight are in `deliver`.
+
+    RUN, LAG, WEIGHT_STRIDE and WAKE_ALL are set in `building.projections`, LAYOUT in `building.layout`, DENSE_COUNTS in
+    `building.build`. Projections with LAG 0 have a ring and are not delivered here.
+    """
+    net = net_of(view)
+    for k in range(first, last):
+        q = net.incoming[k]
+        projection = net.projections[q]
+        if projection[t.RUN] >= 0:
+            for thread in range(begin, stop):
+                call_arrive(view, q, step, thread)
+            continue
+        # A spike lies in the log and is read LAG steps later: no ring is written and read in between.
+        j = step - projection[t.LAG]
+        if j <= net.clock[begin, t.HORIZON]:
+            continue
+        if projection[t.DENSE_COUNTS] == 1:
+            for thread in range(begin, stop):
+                add_counts(view, thread, q, step, net.x.shape[1], slot_mask(net), net.awake.shape[0])
+        else:
+            log_delivery(view, q, j, step, begin, stop, False)
+
+
 QUEUE = 256
 """Runs that are gathered before they are added, so that memory can be prefetched."""
 
@@ -289,3 +345,152 @@ def count_runs(row_ends, targets, delays, edges, shortest, n_delays, runs):
     for source in range(row_ends.size - 1):
         for e in range(row_ends[source], row_ends[source + 1]):
             runs[run_of(source, delays[e], targets[e], shortest, n_delays, edges) + 1] += np.uint32(1)
+
+
+_BLOCK_SHIFT = np.uint64(t.BLOCK_SHIFT)
+
+JOINED_PREFETCH_DISTANCE = 16
+"""Runs between a prefetch and its use."""
+
+FAR = 2**16 - 1
+"""A step that leads to no synapse: what lies as far or farther is reached by several."""
+
+
+@kernel
+def deliver_joined(view, begin, stop, step):
+    """Add what arrives in a step over all joined rows, and before over the projections that come before those."""
+    net = net_of(view)
+    for pop in range(net.pops.shape[0]):
+        deliver(view, net.pops[pop, t.ARRIVALS], net.pops[pop, t.JOINED], begin, stop, step)
+    for k in range(net.joined.shape[0]):
+        for thread in range(begin, stop):
+            gather_runs(view, net.joined[k], net.joined_runs, step, thread, add_joined)
+
+
+@subkernel
+def prefetch_joined(view, row, first, last):
+    """Prefetch a run."""
+    net = net_of(view)
+    steps = address(net.joined_steps) + 2 * row[t.SYNAPSE]
+    prefetch_lines(steps + 2 * first, steps + 2 * last)
+    if row[t.SINGLE] == 1:
+        weights = address(net.joined_singles) + 4 * row[t.WEIGHT]
+        prefetch_lines(weights + 4 * first, weights + 4 * last)
+    else:
+        weights = address(net.joined_weights) + 8 * row[t.WEIGHT]
+        prefetch_lines(weights + 8 * first, weights + 8 * last)
+
+
+@subkernel
+def add_steps(steps, weights, e, w, n, at, m, buf):
+    """Add n weights times m to places of `buf`, each some steps from the one before; the first from `at`."""
+    for k in range(n):
+        at += np.uint64(steps[e + k])
+        # Not even -0.0 may be added where a step leads to no synapse: another thread may be adding there.
+        if steps[e + k] != FAR:
+            buf[at] += np.float64(weights[w + k]) * m
+
+
+@subkernel
+def add_steps_by_sign(steps, weights, e, w, n, at, second, m, buf):
+    """The same for weights of both signs; those below 0 go `second` places further."""
+    for k in range(n):
+        at += np.uint64(steps[e + k])
+        if steps[e + k] != FAR:
+            weight = np.float64(weights[w + k]) * m
+            buf[at + (second if weight < 0.0 else np.uint64(0))] += weight
+
+
+@subkernel
+def add_joined(view, row, thread, n, total, slot):
+    """Add the first n runs of a thread's queue to the input of the present step, and mark the blocks that they reach.
+
+    Many runs mark all blocks; how many does not depend on the threads, as `total` would, which counts long steps twice.
+    """
+    net = net_of(view)
+    queue, buf, steps, due = net.queue[thread], net.buf, net.joined_steps, net.due
+    e, w, base = np.uint64(row[t.SYNAPSE]), np.uint64(row[t.WEIGHT]), np.uint64(net.joined_bases[row[t.ROW], thread])
+    second = np.uint64(net.x.shape[1])
+    begin = base + (second if row[t.SIGN] == t.NEGATIVE else np.uint64(0))
+    mark_all = n > row[t.WAKE_ALL]
+    blocks, mark = np.uint64(net.awake.shape[0]), np.uint64(slot)
+    for k in range(min(JOINED_PREFETCH_DISTANCE, n)):
+        prefetch_joined(view, row, queue[k, 0], queue[k, 1])
+    for k in range(n):
+        if k + JOINED_PREFETCH_DISTANCE < n:
+            prefetch_joined(view, row, queue[k + JOINED_PREFETCH_DISTANCE, 0], queue[k + JOINED_PREFETCH_DISTANCE, 1])
+        first, m = np.uint64(queue[k, 0]), np.float64(queue[k, 2])
+        length = np.uint64(queue[k, 1]) - first
+        if row[t.SINGLE] == 1 and row[t.SIGN] != t.MIXED:
+            add_steps(steps, net.joined_singles, e + first, w + first, length, begin, m, buf)
+        elif row[t.SINGLE] == 1:
+            add_steps_by_sign(steps, net.joined_singles, e + first, w + first, length, base, second, m, buf)
+        elif row[t.SIGN] != t.MIXED:
+            add_steps(steps, net.joined_weights, e + first, w + first, length, begin, m, buf)
+        else:
+            add_steps_by_sign(steps, net.joined_weights, e + first, w + first, length, base, second, m, buf)
+        if not mark_all:
+            at = base
+            for s in range(e + first, e + first + length):
+                at += np.uint64(steps[s])
+                if steps[s] == FAR:
+                    continue
+                block = at >> _BLOCK_SHIFT
+                # What goes to a second receptor that is named lies behind all that goes to the first.
+                due[thread, mark + block - (blocks if block >= blocks else np.uint64(0))] = 1
+    if mark_all:
+        for pop in range(net.pops.shape[0]):
+            if net.joined_reach[row[t.ROW], pop] == 1:
+                due[thread, slot + net.edges[pop, thread] : slot + net.edges[pop, thread + 1]] = 1
+
+
+Listed = namedtuple("Listed", "row_ends targets delays edges shortest n_delays weights stride begin")
+"""The synapses of a projection as the program lists them, on their way into joined rows.
+
+`edges` are those of the threads among the targets, `shortest` and `n_delays` of the row; `stride` is 0 where synapses
+share a weight. Target 0 lies at `begin`.
+"""
+
+
+@kernel
+def lay_joined(first_source, end_source, part, at, following, steps, laid):
+    """Put the synapses of some sources of a projection into joined rows, or count them if `steps` has no room.
+
+    `part` is `Listed`; `at` is the place of each run's last synapse, `following` where its next one goes, or how many
+    it has.
+    """
+    lays = steps.size > 0
+    for source in range(first_source, end_source):
+        for synapse in range(part.row_ends[source], part.row_ends[source + 1]):
+            # Unsigned places take less time: of others numba asks whether they count from the end.
+            k = np.uint64(synapse)
+            run = np.uint64(run_of(source, part.delays[k], part.targets[k], part.shortest, part.n_delays, part.edges))
+            place, e = part.begin + np.int64(part.targets[k]), following[run]
+            step = place - at[run]
+            at[run] = place
+            while step >= FAR:
+                if lays:
+                    steps[e], laid[e] = FAR, -0.0
+                e += np.uint32(1)
+                step -= FAR
+            if lays:
+                steps[e], laid[e] = step, part.weights[k * np.uint64(part.stride)]
+            following[run] = e + np.uint32(1)
+
+
+@kernel
+def list_joined(row_ends, runs, steps, laid, shortest, n_delays, bases, begin, end, targets, weights, delays):
+    """List the synapses of a projection, whose targets lie at the places begin:end, as they lie in a joined row."""
+    threads = bases.size
+    for source in range(row_ends.size - 1):
+        e = row_ends[source]
+        for d in range(n_delays):
+            for thread in range(threads):
+                run, at = (source * n_delays + d) * threads + thread, bases[thread]
+                for s in range(runs[run], runs[run + 1]):
+                    at += np.int64(steps[s])
+                    if steps[s] < FAR and begin <= at < end:
+                        targets[e], delays[e] = at - begin, shortest + d
+                        if weights.size > 0:
+                            weights[e] = laid[s]
+                        e += 1

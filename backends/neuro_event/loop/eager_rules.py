@@ -12,9 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from neuro.core.keyed_random import NTH_STRIDE
 from neuro.kernels.address import Entry
-from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.instructions import address, prefetch
 from neuro.kernels.jit import compiled, inlined, kernel, subkernel
 from neuro_event.loop import tables as t
@@ -26,6 +24,7 @@ from neuro_event.loop.lazy_rules import (
     PRE_SPIKE,
     TAU,
     TIME,
+    drawing,
     due_everywhere,
     grown,
     own_row,
@@ -164,7 +163,7 @@ def eager_entry(model, own_rows):
     """The passes of one rule, whose synapses share a row of constants or have their own."""
     row_of = own_row if own_rows else shared_row
     arithmetic = model.arithmetic
-    on_pre, on_post, sent = compiled(arithmetic.on_pre), compiled(arithmetic.on_post), compiled(model.sends())
+    learn_pre, on_post, sent = drawing(model), compiled(arithmetic.on_post), compiled(model.sends())
     pre_lefts = tuple_of(pre_left, model.pre, "p, q, {j}, {kind}, step")
     post_lefts = tuple_of(post_left, model.post, "p, q, {j}, {kind}, step")
     pre_values = tuple_of(pre_value, model.pre, "p, {j}, {kind}, thread, own, left, step, h")
@@ -174,18 +173,6 @@ def eager_entry(model, own_rows):
     keep_posts = tuple_of(keep_post, model.post, "p, {j}, {kind}, place, left, step, m")
 
     stride = max(1, len(model.pre))
-
-    if model.draws:
-
-        @subkernel
-        def learn_pre(p, q, z, c, step, nth, pre, post):
-            on_pre(p.y, z, c, pre, post, uniform(step_word(p.draw_keys[q], step + nth * NTH_STRIDE), p.drawn_as[z]))
-
-    else:
-
-        @subkernel
-        def learn_pre(p, q, z, c, step, nth, pre, post):
-            on_pre(p.y, z, c, pre, post)
 
     @subkernel
     def post_spike(view, q, target, ahead, m, step, thread, h):

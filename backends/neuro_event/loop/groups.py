@@ -31,8 +31,7 @@ def settle(view, thread, pop, n, step, at, done, h):
         i = net.found[thread, k]
         if i == winner:
             spike(view, pop, i)
-            at = emit(view, thread, pop, i, 1, step, done, h, at)
-            net.active[thread, pop] += 1 - net.found_arrived[thread, k]
+            at = emit_found(view, thread, pop, k, step, at, done, h)
         # Losers of "best of each step" are reset without a spike; of "first to fire" they keep their potential, since
         # none of them fires any more.
         elif net.groups[group, t.FIRST_TO_FIRE] == 0:
@@ -40,6 +39,14 @@ def settle(view, thread, pop, n, step, at, done, h):
     if net.groups[group, t.FIRST_TO_FIRE] == 1:
         net.closed[group] = 1
     return at
+
+
+@subkernel
+def emit_found(view, thread, pop, k, step, at, done, h):
+    """Enter the spike of the found neuron number k; return the next place in the log."""
+    net = net_of(view)
+    net.active[thread, pop] += 1 - net.found_arrived[thread, k]
+    return emit(view, thread, pop, net.found[thread, k], 1, step, done, h, at)
 
 
 @subkernel
@@ -141,8 +148,7 @@ def settle_rivals(view, thread, pop, row, n, step, at, done, h):
         i = net.found[thread, k]
         # The winner is reset with its rivals; it emits afterwards, so that its spike is logged once.
         reset_rivals(view, thread, row, i, step, h)
-        at = emit(view, thread, pop, i, 1, step, done, h, at)
-        net.active[thread, pop] += 1 - net.found_arrived[thread, k]
+        at = emit_found(view, thread, pop, k, step, at, done, h)
     return at
 
 
@@ -200,8 +206,7 @@ def settle_locally(view, thread, pop, row, n, step, at, done, h):
         i = net.found[thread, k]
         if net.muted[i] & t.WON:
             spike(view, pop, i)
-            at = emit(view, thread, pop, i, 1, step, done, h, at)
-            net.active[thread, pop] += 1 - net.found_arrived[thread, k]
+            at = emit_found(view, thread, pop, k, step, at, done, h)
     net.closed[group] = net.standing[group, t.OPEN] == 0
     return at
 

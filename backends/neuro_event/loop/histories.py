@@ -182,33 +182,22 @@ def bring_histories(view, pop, n_targets, step, h):
 
 @kernel
 def bring_traces(view, q, n_sources, n_targets, step, h):
-    """Let K+ and n decay to the present."""
+    """Let pre traces and n decay to the present; the time constants of post traces cannot be set."""
     p = plastic_of(view)
+    table = p.table[q]
     for target in range(n_targets):
-        place = p.table[q, t.FIRST_TARGET] + target
+        place = table[t.FIRST_TARGET] + target
         p.n[place] = dopamine_at(view, q, target, step, h)
         p.n_time[place] = step
     for thread in range(p.k_plus.shape[0]):
         for source in range(n_sources):
-            place = p.table[q, t.FIRST_SOURCE] + source
-            p.k_plus[thread, place] *= math.exp(-(step - p.k_time[thread, place]) * h / p.tau[q, 0])
-            p.k_time[thread, place] = step
-
-
-@kernel
-def bring_own_traces(view, q, n_sources, n_targets, step, h):
-    """Likewise of a third-party rule; the time constants of post traces cannot be set."""
-    p = plastic_of(view)
-    for target in range(n_targets):
-        place = p.table[q, t.FIRST_TARGET] + target
-        p.n[place] = dopamine_at(view, q, target, step, h)
-        p.n_time[place] = step
-    for thread in range(p.k_plus.shape[0]):
-        for source in range(n_sources):
-            own = p.table[q, t.FIRST_SOURCE] + source * p.table[q, t.SOURCE_STRIDE]
-            for j in range(p.table[q, t.SOURCE_STRIDE]):
-                if p.kinds[q, j, TAU] != TIME and p.kinds[q, j, TAU] != OF_NEURON:
-                    p.k_plus[thread, own + j] = pre_value(p, q, j, p.kinds[q, j], thread, own, step, h)
+            own = table[t.FIRST_SOURCE] + source * table[t.SOURCE_STRIDE]
+            if table[t.RULE] >= 0:
+                p.k_plus[thread, own] *= math.exp(-(step - p.k_time[thread, own]) * h / p.tau[q, 0])
+            else:
+                for j in range(table[t.SOURCE_STRIDE]):
+                    if p.kinds[q, j, TAU] != TIME and p.kinds[q, j, TAU] != OF_NEURON:
+                        p.k_plus[thread, own + j] = pre_value(p, q, j, p.kinds[q, j], thread, own, step, h)
             p.k_time[thread, own] = step
 
 

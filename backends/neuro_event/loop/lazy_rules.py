@@ -143,32 +143,37 @@ def _kind(trace):
     return tau, float(trace.nearest), float(trace.adds)
 
 
+def drawing(model):
+    """What a rule does at a pre spike, with a random number if it draws one."""
+    on_pre = compiled(model.arithmetic.on_pre)
+    if model.draws:
+
+        @subkernel
+        def learn_pre(p, q, z, c, step, nth, pre, post):
+            on_pre(p.y, z, c, pre, post, uniform(step_word(p.draw_keys[q], step + nth * NTH_STRIDE), p.drawn_as[z]))
+
+    else:
+
+        @subkernel
+        def learn_pre(p, q, z, c, step, nth, pre, post):
+            on_pre(p.y, z, c, pre, post)
+
+    return learn_pre
+
+
 @cache
 def rule_entry(model, own_rows):
     """The passes of one rule, whose synapses share a row of constants or have their own."""
     # Compiled for either: a look at a stride for each synapse took 4 % of a network that learns.
     row_of = own_row if own_rows else shared_row
     arithmetic, modulated = model.arithmetic, model.modulated
-    on_pre, on_post = compiled(arithmetic.on_pre), compiled(arithmetic.on_post)
+    learn_pre, on_post = drawing(model), compiled(arithmetic.on_post)
     nearest = compiled(steps_of)
     advance, sent = compiled(arithmetic.advance) if modulated else None, compiled(model.sends())
     n_pre = len(model.pre)
     pre_values = tuple_of(pre_value, model.pre, "p, q, {j}, {kind}, thread, own, step, h")
     post_values = tuple_of(post_value, model.post, "net, p, q, {j}, {kind}, column, history, i, neuron, before, h")
     kept_values = tuple_of(kept_value, model.post, "p, {j}, {kind}, column, history, k, m")
-
-    if model.draws:
-
-        @subkernel
-        def learn_pre(p, q, z, step, nth, pre, post):
-            u = uniform(step_word(p.draw_keys[q], step + nth * NTH_STRIDE), p.drawn_as[z])
-            on_pre(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, post, u)
-
-    else:
-
-        @subkernel
-        def learn_pre(p, q, z, step, nth, pre, post):
-            on_pre(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, post)
 
     if modulated:
 
@@ -278,8 +283,9 @@ def rule_entry(model, own_rows):
             neuron = target_row[t.BEGIN] + target
             newest = newest_before(p.past[history], step - delay)
             post = post_values(net, p, q, column, history, newest, neuron, step - delay, h)
-            learn_pre(p, q, z, step, nth, pre, post)
-            weight = sent(p.y, z, p.rule[row_of(q, p.table[q], z)]) + 0.0  # -0.0 would be no input
+            c = p.rule[row_of(q, p.table[q], z)]
+            learn_pre(p, q, z, c, step, nth, pre, post)
+            weight = sent(p.y, z, c) + 0.0  # -0.0 would be no input
             second = 1 if receptors == 2 and weight < 0.0 else 0
             at = step + taken(p, q, z, delay, h)
             ring = row[t.RING] + ((at & row[t.RING_MASK]) * receptors + second) * row[t.RING_SIZE]

@@ -7,8 +7,7 @@ from neuro.kernels.instructions import LANES, bits_of, lowest, marked, take
 from neuro.kernels.jit import kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.operations import BARE, CATCH_UP, FIRE, QUIET, STEP
-from neuro_event.loop.stages import post_spike
-from neuro_event.loop.tables import call_entry, net_of
+from neuro_event.loop.tables import call_entry, net_of, post_spike
 
 IDLE = 16
 """Steps without input after which a block may sleep; it is looked at every so many steps."""
@@ -58,9 +57,10 @@ def wake(view, thread, pop, block, last, h):
 
 
 @subkernel
-def is_quiet(view, pop, lo, hi):
-    """Whether no neuron of a block can fire before its next input."""
+def is_block_quiet(view, pop, block):
+    """Return whether no neuron of a block can fire before its next input."""
     row = net_of(view).pops[pop]
+    lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
     # An entry returns whole numbers only, whatever the operation.
     return call_entry(view, row, QUIET, lo, hi, 0, 0, 0.0) == 1
 
@@ -157,15 +157,8 @@ def step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all):
             continue
         # Neighbours go to the model in one call: a call costs 2 ns, a neuron less than 1.
         if run < block:
-            step_neighbours(view, pop, run * t.BLOCK, min(block * t.BLOCK, row[t.END]), step)
+            call_entry(view, row, STEP, run * t.BLOCK, min(block * t.BLOCK, row[t.END]), 0, step, 0.0)
         run = block + 1
-
-
-@subkernel
-def step_neighbours(view, pop, lo, hi, step):
-    """Step neighbouring neurons."""
-    row = net_of(view).pops[pop]
-    call_entry(view, row, STEP, lo, hi, 0, step, 0.0)
 
 
 @subkernel
@@ -195,8 +188,7 @@ def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
             # Read and cleared here: `due` of the next step of this slot is marked by deliveries to come.
             due = net.due[thread, slot + block]
             net.due[thread, slot + block] = 0
-            lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
-            active = 0
+            lo, active = block * t.BLOCK, 0
             fired = marked(net.fired, lo)
             if fired:
                 # Spikes are rare: bits of the word are taken out one by one, lowest first, which is by id.
@@ -228,7 +220,7 @@ def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
                 net.busy[block] = step
             # Asked at multiples of IDLE steps, not IDLE steps after the last event: so the answer does not depend on
             # where a run was cut.
-            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and is_quiet(view, pop, lo, hi):
+            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and is_block_quiet(view, pop, block):
                 net.awake[block] = 0
                 net.slept[block] = step
     return n_found, at
@@ -255,12 +247,6 @@ def collect(view, first_state, word):
         marks &= marks - _ONE
         # `step_collecting` counts the bits of the mask.
         net.spots[spot] = take(one, net.x[0], spot * LANES) | take(other, net.x[1], spot * LANES)
-
-
-@subkernel
-def is_block_quiet(view, pop, block):
-    """Whether no neuron of a block can fire before its next input."""
-    return is_quiet(view, pop, block * t.BLOCK, min((block + 1) * t.BLOCK, net_of(view).pops[pop, t.END]))
 
 
 @kernel

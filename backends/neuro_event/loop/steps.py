@@ -10,25 +10,26 @@ import numpy as np
 from neuro.kernels.instructions import load_acquire, store_release
 from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
-from neuro_event.loop.arrivals import log_delivery
+from neuro_event.loop.arrivals import deliver
 from neuro_event.loop.generators import draw_poisson, let_emit, list_spikes
 from neuro_event.loop.groups import admit_all, open_groups, weigh_maps
 from neuro_event.loop.lazy_rules import ARRIVE, PRE_SPIKE
 from neuro_event.loop.neurons import step_neurons, wake
-from neuro_event.loop.stages import (
-    add_counts,
-    arrive,
+from neuro_event.loop.tables import (
     at_emission,
+    call_rule,
     charge,
     deliver_joined,
     dopamine_arrivals,
     drive,
     gather_moves,
+    net_of,
     note,
+    plastic_of,
     settle,
+    slot_mask,
     step_collecting,
 )
-from neuro_event.loop.tables import call_rule, net_of, plastic_of, slot_mask
 
 HALT = -1
 """Stands in place of a step where threads are to return."""
@@ -60,55 +61,6 @@ def act_at_emission(view, thread, upto, dopamine_upto, h):
     for step in range(clock[t.DONE_DOPAMINE] + 1, dopamine_upto + 1):
         learn_step(view, step, clock[t.DONE_DOPAMINE], thread, h, True)
     clock[t.DONE_DOPAMINE] = max(clock[t.DONE_DOPAMINE], dopamine_upto)
-
-
-@inlined
-def deliver(view, first, last, begin, stop, step):
-    """Add what arrives in a step over the projections first:last of `incoming`, to neurons of the threads begin:stop.
-
-    How a spike is delivered over a projection, the first condition that holds:
-
-    | condition | path | reason |
-    | --- | --- | --- |
-    | the target of a current | `varying_currents.drive` | no spike: currents are added up along lines |
-    | learns by spike pairs | ring, at emission, by the rule's entry | what is sent depends on that moment |
-    | static, own delays, shared rows (below) | `joined_rows.deliver_joined` | one look, long runs for all targets |
-    | static, own delays, few runs (below) | `arrivals.arrive` | its input stays in the cache: 5 ns an event |
-    | own delays otherwise | ring, `deliver.csr_delayed` | most runs would be empty: 42 ns an event |
-    | weights were set | ring, `arrivals.at_emission` | what is under way keeps the old weights |
-    | one-to-one from a busy `poisson_generator` | `generators.add_counts` | counts, no list: 0.7 ns a draw |
-    | CSR, one weight, busy and large (below) | `deliver_in_ranges` | the input of a range fits the second cache |
-    | CSR, one weight | `deliver_shared_weight` | one multiplication a spike; the next row is prefetched |
-    | CSR, own weights | `deliver.csr_own` | a weight is read for each synapse |
-    | dense | `deliver.scatter` | a row of weights (or the one weight) is added as a whole, without targets |
-    | one-to-one | `deliver.scatter` | one place, found without a table |
-    | grid | `deliver.grid_add` | the kernel's weights lie maps innermost: runs of neighbours |
-
-    Shared rows: wherever sums keep their order (`building.joined_rows`); JOINED and JOINED_END.
-    Few runs: no more than synapses, or than 65,536; not for grids (`layout.in_runs`). Busy and large: the spikes of the
-    step reach nearly all blocks (WAKE_ALL) of a population without COLLECTS, and these threads have more than 32,768
-    targets. Both functions for one weight are in `shared_weight_delivery`.
-
-    RUN, LAG, WEIGHT_STRIDE and WAKE_ALL are set in `building.projections`, LAYOUT in `building.layout`, DENSE_COUNTS in
-    `building.generators`. Projections with LAG 0 have a ring and are not delivered here.
-    """
-    net = net_of(view)
-    for k in range(first, last):
-        q = net.incoming[k]
-        projection = net.projections[q]
-        if projection[t.RUN] >= 0:
-            for thread in range(begin, stop):
-                arrive(view, q, step, thread)
-            continue
-        # A spike lies in the log and is read LAG steps later: no ring is written and read in between.
-        j = step - projection[t.LAG]
-        if j <= net.clock[begin, t.HORIZON]:
-            continue
-        if projection[t.DENSE_COUNTS] == 1:
-            for thread in range(begin, stop):
-                add_counts(view, thread, q, step, net.x.shape[1], slot_mask(net), net.awake.shape[0])
-        else:
-            log_delivery(view, q, j, step, begin, stop, False)
 
 
 @inlined

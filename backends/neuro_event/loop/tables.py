@@ -7,6 +7,7 @@ A population begins at a multiple of `BLOCK * GROUPED` neurons, so that blocks a
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,9 @@ from numba import types
 from numpy.typing import NDArray
 
 from neuro.core.interrupts import AT_ONCE as AT_ONCE  # the kernels compare `stop` with it
-from neuro.kernels import views
-from neuro.kernels.address import caller
+from neuro.kernels import address
+from neuro.kernels.address import Entry, Views, caller, declared, viewer
 from neuro.kernels.jit import inlined, subkernel
-from neuro.kernels.views import Views, fields_of, viewer
 
 # 64 neurons are a block; 8 blocks are a group, whose flags, a byte each, are tested as one word of 64 bits.
 BLOCK = 64
@@ -26,6 +26,7 @@ assert 1 << BLOCK_SHIFT == BLOCK
 GROUPED = 8
 NONE = -1
 
+KINDS = ("poisson", "listed", "current", "neuron", "generator")
 POISSON, LISTED, CURRENT, NEURON, GENERATOR = range(5)
 ONE_TO_ONE, DENSE, CSR, GRID = range(4)
 POSITIVE, NEGATIVE, MIXED = range(3)
@@ -33,7 +34,6 @@ POSITIVE, NEGATIVE, MIXED = range(3)
 # populations
 (
     KIND,
-    MODEL,  # unused; saved states have it
     BEGIN,
     END,
     FIRST_BLOCK,
@@ -64,7 +64,7 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     JOINED_END,
     PAYLOAD,  # the state that its spikes carry, none where they carry no payload
     POPULATION_COLUMNS,
-) = range(32)
+) = range(31)
 
 # projections
 (
@@ -187,166 +187,186 @@ TALLY_BITS = 20
 
 
 NET = """
-pops i8 2          columns of `tables`, a row per population
-projections i8 2   likewise, a row per projection
-incoming i8 1      projections by target: those delivered on arrival, then those with a ring
-at_emission i8 1   static projections that are delivered into a ring at emission
-set_out i8 1       of each projection: the step up to which what was emitted lies in its ring, with the weights of then
-edges i8 2         (populations, threads + 1) first block of each thread in each, and the end
-most i8 1          spikes that a step of each thread can make
-parameters f8 2    of each population, or of each neuron where they differ
-constants f8 2     computed from them for one step
-scratch f8 2       constants of another interval, a row per thread
-state f8 2         (states, neurons)
-initial f8 2       the states at step 0
-x f8 2             (receptors, neurons) input of the present step; -0.0 where nothing arrived
-bits i8 2          the same memory as integers
-empty_input f8 2   no input
-buf f8 1           the memory of x, then the rings
-current f8 1       external current of the present step, pA
-none f8 1          no current, for a group of blocks
-lines i8 2         columns of `tables`, a row per line of currents that change at every step
-line_ends i8 1     of lines that are listed: where the synapses of each neuron end
-line_columns i8 1  columns of `emitted` of these synapses
-line_lates i8 1    their delays, steps
-line_weights f8 1  of all lines
-shares f8 1        of lines that charge a state: what a step adds of a current, for each neuron
-emitted f8 1       currents that are emitted, each value once: of each line (rows, columns)
-emitted_rows i8 2  (lines, steps) which row of a line is emitted
-emitted_from i8 1  the first of these steps
-fired u1 1         how often each reached threshold in the present step
-spots u1 1         eight neurons each: not 0 where input of the present step arrived, see `step_collecting`
-spot_words u8 1    the same memory, a block at a time
-muted u1 1         whether it must not fire, and why: bits of `tables`
-events i8 1        spike events of each neuron
-spikes i8 1        with their multiplicity
-active i8 2        (threads, populations) neuron-steps with an arrival or a spike
-draws f8 1         random numbers of the present step, of neurons whose models draw; else empty
-order i8 1         id of each neuron in its population
-awake u1 1         whether a block is stepped
-awake_groups u8 1  the same memory, eight blocks at a time
-due u1 2           (threads, slots * blocks) where input arrives; each thread marks its own blocks in its row
-due_groups u8 2    the same memory, eight blocks at a time
-due_slots u1 3     (threads, slots, blocks) the same memory, by slot
-slept i8 1         last step of a sleeping block
-busy i8 1          last step in which a block had input or a spike, or a silent one of a generator a rate
-mean f8 1          of a poisson_generator's neurons, per step
-nothing f8 1       exp(-mean)
-words u8 2         random words of a group of blocks, a row per thread
-guides u2 2        of `cumulative`, see `neuro.kernels.draws`
-cumulative f8 2    Poisson tables
-counts u2 1        rings of multiplicities of generators that keep them
-tally u4 1         what these have sent and is not yet in `events` and `spikes`, see `generators`
-keys u8 1          of the generators' draws
-list_steps i8 1    listed spikes of the generators
-list_ids i8 1
-list_counts i8 1
-cursor i8 2        (threads + 1, populations) next listed spike; the last row holds the ends
-rows i8 1          ends of the CSR rows, cut at the threads' edges
-runs u4 1          likewise of the runs of each source and delay, counted from a projection's first synapse
-joined i8 2        joined rows, see `joined_rows`: columns of `tables` that say where runs lie; ROW: its own number
-joined_runs u4 1   ends of their runs, as in `runs`
-joined_steps u2 1  where each of their synapses adds, in x, counted from the one before in its run
-joined_weights f8 1
-joined_singles f4 1 weights of rows whose weights all fit into 32 bits
-joined_bases i8 2  (rows, threads) where their runs begin in x
-joined_reach u1 2  (rows, populations) whether any of their synapses ends there
-queue i8 3         (threads, runs, 3) what is about to be added: first and last synapse, multiplicity
-targets i4 1       local targets of all CSR synapses
-weights f8 1       of all projections
-delays i4 1        of all projections, steps
-tau_minus f8 1     of each neuron
-log_ids i4 2       (threads, capacity) spikes under way, a ring
-log_counts i8 2
-log_ends i8 3      (threads, steps, populations + 1) where each population's spikes of a step begin
-log_at i8 2        (threads, cache line) where each thread writes next
-rec_steps i8 2     recorded spikes of each thread
-rec_ids i4 2
-rec_counts i8 2
-rec_at i8 2         (threads, a cache line)
-found i8 2         neurons of a group that reached threshold
-found_arrived u1 2
-rivals i8 2        those of them of which one fires, a row per thread
-groups i8 2        columns of `tables`, a row per group
-group_keys u8 1
-closed u1 1        whether no neuron of a group may fire any more
-local i8 2         of groups with several winners, columns of `tables`, a row per group
-standing i8 2      how many of each of these may still win, and have won in this trial
-map_wins i8 2      (groups, maps) how often each of their maps has won
-won i8 2           (neurons of the trials' output, 2) winners of this trial, in order, and the step
-clock i8 2         (threads, columns of `tables`)
-stop i8 1          whether to end, see `neuro.core.interrupts`
-reached i8 1       the step before which a run ended
-map_of i8 1        map of each neuron of the trials' output
-potential f8 1     largest V_m of each map
-best i8 1          the neuron that has it
-resets i8 1        state rows that a trial starts anew
-stages i8 1        addresses of what is compiled apart, see `stages`
+# neurons
+pops           i8 0,0               columns columns of `tables`, a row per population
+edges          i8 0,0               program (populations, threads + 1) first block of each thread, and the end
+most           i8 threads           program spikes that a step of each thread can make
+parameters     f8 0,0               run     of each population, or of each neuron where they differ
+constants      f8 0,0               run     computed from them for one step
+scratch        f8 threads,width     step    constants of another interval, a row per thread
+state          f8 states,row@4      run     rows begin elsewhere in their page each
+initial        f8 0,0               program the states at step 0
+x              f8 0,0               view    (receptors, neurons) input of the present step; -0.0 where nothing arrived
+bits           i8 0,0               =x      the same memory as integers
+empty_input    f8 receptors,neurons step    no input
+buf            f8 0                 run     the memory of x, then the rings
+current        f8 neurons@8         run     external current of the present step, pA
+none           f8 group@8           step    no current, for a group of blocks
+lines          i8 0,LINE_COLUMNS    program columns of `tables`, a row per line of currents that change at every step
+line_ends      i8 0                 program of lines that are listed: where the synapses of each neuron end
+line_columns   i8 0                 program columns of `emitted` of these synapses
+line_lates     i8 0                 program their delays, steps
+line_weights   f8 0                 program of all lines
+shares         f8 0                 program what a step adds of a current that charges a state, for each neuron
+emitted        f8 0                 program currents that are emitted, each value once: of each line (rows, columns)
+emitted_rows   i8 0,0               program (lines, steps) which row of a line is emitted
+emitted_from   i8 1                 program the first of these steps
+fired          u1 neurons@16        step    how often each reached threshold in the present step
+spots          u1 spots@0           step    eight neurons each: not 0 where input arrived, see `step_collecting`
+spot_words     u8 0                 =spots  a block at a time
+muted          u1 neurons           run     whether it must not fire, and why: bits of `tables`
+events         i8 neurons@24        run     spike events of each neuron
+spikes         i8 neurons@32        run     with their multiplicity
+active         i8 threads,activity  run     (threads, populations) neuron-steps with an arrival or a spike
+draws          f8 0                 step    random numbers of the present step, empty if no model draws
+order          i8 neurons           program id of each neuron in its population
+awake          u1 blocks            run     whether a block is stepped
+awake_groups   u8 0                 =awake  eight blocks at a time
+due            u1 threads,marks@0   run     where input arrives, by slot and block; each thread marks its own
+due_groups     u8 0,0               =due    eight blocks at a time
+due_slots      u1 0,0,0             view    (threads, slots, blocks) the same memory, by slot
+slept          i8 blocks@0          run     last step of a sleeping block
+busy           i8 blocks@0          run     last step in which a block had input, a spike, or a rate
+mean           f8 neurons           run     of a poisson_generator's neurons, per step
+nothing        f8 neurons           run     exp(-mean)
+words          u8 threads,group@0   step    random words of a group of blocks, a row per thread
+guides         u2 populations,guides program of `cumulative`, see `neuro.kernels.draws`
+cumulative     f8 populations,table program Poisson tables
+counts         u2 0                 run     rings of multiplicities of generators that keep them
+tally          u4 0                 step    what these have sent that is not in `events` and `spikes` yet
+keys           u8 populations       program of the generators' draws
+list_steps     i8 0                 program listed spikes of the generators
+list_ids       i8 0                 program
+list_counts    i8 0                 program
+cursor         i8 0,0               program (threads + 1, populations) next listed spike; the last row holds the ends
+tau_minus      f8 neurons           run     of each neuron
+found          i8 threads,most      step    neurons of a group that reached threshold
+found_arrived  u1 threads,most      step
+rivals         i8 threads,rivals    step    those of them of which one fires
+groups         i8 groups,GROUP_COLUMNS run     columns of `tables`
+group_keys     u8 groups            program
+closed         u1 groups            run     whether no neuron of a group may fire any more
+local          i8 groups,LOCAL_ENTRIES program of groups with several winners, columns of `tables`
+standing       i8 groups,2          run     how many of these may still win, and have won in this trial
+map_wins       i8 groups,group_maps run     how often each of their maps has won
+won            i8 0,2               step    winners of this trial, in order, and the step
+clock          i8 threads,line      run     columns of `tables`
+stop           i8 1                 step    whether to end, see `neuro.core.interrupts`
+reached        i8 1                 step    the step before which a run ended
+map_of         i8 1                 program map of each neuron of the trials' output
+potential      f8 maps              run     largest V_m of each map
+best           i8 maps              run     the neuron that has it
+resets         i8 0                 program state rows that a trial starts anew
+stages         i8 stages            program addresses of what is compiled apart, see `stages`
+projections    i8 0,0               columns columns of `tables`, a row per projection
+incoming       i8 0                 program projections by target: those delivered on arrival, then those with a ring
+at_emission    i8 0                 program static projections that are delivered into a ring at emission
+set_out        i8 projections       run     step whose spikes are last in the ring, with the weights at emission
+joined         i8 0,PROJECTION_COLUMNS program joined rows: columns of `tables` that say where runs lie
+joined_reach   u1 0,populations     program whether any of their synapses ends there
+queue          i8 threads,queue,3   step    what is about to be added: first and last synapse, multiplicity
+# synapses
+rows           i8 0                 program ends of the CSR rows, cut at the threads' edges
+runs           u4 0                 program likewise of the runs of each source and delay, see `arrivals`
+joined_runs    u4 0                 program ends of their runs, as in `runs`
+joined_steps   u2 0                 program place in x of each of their synapses, from the one before in its run
+joined_weights f8 0                 program
+joined_singles f4 0                 program weights of rows whose weights all fit into 32 bits
+joined_bases   i8 0,threads         program where their runs begin in x
+targets        i4 0                 program local targets of all CSR synapses
+weights        f8 0                 run     of all projections
+delays         i4 0                 program of all projections, steps
+late           f8 0                 run     the same in ms where rules for trials change delays; else empty
+# spikes
+log_ids        i4 threads,capacity  run     spikes under way, a ring
+log_counts     i8 threads,capacity  run
+log_ends       i8 threads,steps,ends run     where each population's spikes of a step begin, and the end
+log_at         i8 threads,line      run     where each thread writes next
+rec_steps      i8 threads,capacity  step    recorded spikes of each thread; a snapshot takes them out before
+rec_ids        i4 threads,capacity  step
+rec_counts     i8 threads,capacity  step
+rec_at         i8 threads,line      step
+"""
+"""The arrays of a network. Columns: name; type; shape, in sizes of `building.build`, 0 where the array is made by what
+fills it, after @ the cache line in its page at which it begins; how long it lives; remarks.
+
+| lives | what it holds |
+| --- | --- |
+| run | changes while the network runs: a snapshot has it |
+| columns | likewise, but of some columns only, see `CHANGING` |
+| program | follows from the program, or from what a snapshot has |
+| step | nothing between two runs |
+| view, =name | shows the memory of another array |
+
+A heading says what `memory` counts an array as.
 """
 
 PLASTIC = """
-table i8 2         columns of `tables`, a row per plastic projection
-rule f8 2          constants of each rule, then those of synapses that have their own
-tau f8 2           tau_plus and tau_n of each
-decay f8 3         (projections, 3 + traces, steps) of tau_plus, tau_n, the targets' tau_minus, `kinds`; or 0
-y f8 2             (states, synapses)
-sent f8 1          weight at the last pre spike
-reached i8 1       step up to which a modulated synapse has learnt; empty if none is
-k_plus f8 2        (threads, sources) trace of each source at a step, as in `eager_rules`; each thread has a copy
-k_time i8 2        the step of that value
-spiked i8 2        the step of each source's last spike
-n f8 1             dopamine of each target at a step
-n_time i8 1        that step
-incoming i8 1      synapses by target: ends
-in_synapse i4 1    the synapses, from the first of their projection on
-in_source i4 1     their sources
-heard f8 2         (targets, traces) of the post spikes that eager synapses have heard, kept as in `eager_rules`
-past i8 2          history of each neuron's spikes, see `histories`
-traces f8 2        the same memory as floats
-kinds f8 3         (projections, traces, 3) of third-party rules: time constant, nearest, what a spike adds
-columns i8 3       (populations, columns, 2) whose post trace a column of `others` is: projection and trace
-others f8 3        (histories, entries, columns) these traces just before each entry
-draw_keys u8 1     of the synapses' draws, by projection
-drawn_as i8 1      number of each synapse in the program's order; empty if no rule draws
-note_this u1 1     whether a synapse is noted at pre spikes; empty if none is
-note_at i8 2       (threads, cache line) where each thread notes next
-note_steps i8 2    (threads, room) step of a pre spike
-note_synapses i8 2 the synapse
-note_y f8 3        (threads, states, room) what it was left with
-move_table i8 2    columns of `tables`, a row per projection that learns by moves
-move_rule f8 2     constants of each rule
-move_left f8 2     (projections, traces) what a step leaves of a pre trace
-move_adds f8 2     what a spike adds to it
-move_x_min f8 1    below which a source counts as silent
-move_sign f8 1     what arrives of a weight of 1
-move_y f8 2        (states, synapses)
-move_x f8 2        (threads, sources and traces) pre traces of the present step; each thread has a copy
-move_lists i8 3    (threads, 2, sources) sources that are lit, and live, see `moves`
-move_count i8 3    (threads, projections, 2) how many
-move_is_lit u1 2   (threads, sources)
-move_is_live u1 2  (threads, sources)
-move_gate f8 1     of each target
-move_signal f8 1   likewise, what teaches
-move_spikes f8 1   likewise, how often each spiked in the present step; 0 between two
-move_seen f8 1     likewise, the state that the rule sees; 0 if it sees none
-move_concerned i8 1 targets of the present step that spiked or are seen, those of each thread together
+# neurons
+table          i8 0,0               columns columns of `tables`, a row per plastic projection
+tau            f8 0,0               run     tau_plus and tau_n of each
+decay          f8 0,0,0             run     (projections, 3 + traces, steps) of tau_plus, tau_n, tau_minus, `kinds`
+k_plus         f8 threads,sources   run     trace of each source at a step, as in `eager_rules`; each thread has a copy
+k_time         i8 threads,sources   run     the step of that value
+spiked         i8 threads,sources   run     the step of each source's last spike
+n              f8 targets           run     dopamine of each target at a step
+n_time         i8 targets           run     that step
+heard          f8 0,0               run     (targets, traces) of the post spikes that eager synapses have heard
+past           i8 0,0               run     history of each neuron's spikes, see `histories`
+traces         f8 0,0               =past   the same memory as floats
+kinds          f8 0,0,0             run     of third-party rules: time constant, nearest, what a spike adds
+columns        i8 0,0,0             program of each column of `others`: projection and trace
+others         f8 0,0,0             run     (histories, entries, columns) these traces just before each entry
+draw_keys      u8 0                 program of the synapses' draws, by projection
+drawn_as       i8 0                 program number of each synapse in the program's order; empty if no rule draws
+note_this      u1 0                 program whether a synapse is noted at pre spikes; empty if none is
+note_at        i8 threads,8         step    where each thread notes next, in cache lines of its own
+note_steps     i8 threads,room      step    step of a pre spike
+note_synapses  i8 threads,room      step    the synapse
+note_y         f8 threads,states,room step    what it was left with
+move_table     i8 0,0               program columns of `tables`, a row per projection that learns by moves
+move_rule      f8 moves,move_width  program constants of each rule
+move_left      f8 moves,move_traces program what a step leaves of a pre trace
+move_adds      f8 moves,move_traces program what a spike adds to it
+move_x_min     f8 moves             program below which a source counts as silent
+move_sign      f8 moves             program what arrives of a weight of 1
+move_y         f8 0,0               run     (states, synapses)
+move_x         f8 threads,move_marks run     pre traces of the present step; each thread has a copy
+move_lists     i8 threads,2,move_sources run     sources that are lit, and live, see `moves`
+move_count     i8 threads,moves,2   run     how many
+move_is_lit    u1 threads,move_sources run
+move_is_live   u1 threads,move_sources run
+move_gate      f8 move_targets      run     of each target
+move_signal    f8 move_targets      step    likewise, what teaches
+move_spikes    f8 move_targets      step    likewise, how often each spiked in the present step; 0 between two
+move_seen      f8 move_targets      step    likewise, the state that the rule sees; 0 if it sees none
+move_concerned i8 move_targets      step    targets that spiked or are seen, those of each thread together
+# synapses
+rule           f8 0,0               program constants of each rule, then those of synapses that have their own
+y              f8 0,0               run     (states, synapses)
+sent           f8 0                 run     weight at the last pre spike
+reached        i8 0                 run     step up to which a modulated synapse has learnt; empty if none is
+incoming       i8 0                 program synapses by target: ends
+in_synapse     i4 0                 program the synapses, from the first of their projection on
+in_source      i4 0                 program their sources
 """
+"""Likewise of what learns, in sizes of `building.learning`."""
 
-_NET, _PLASTIC = fields_of(NET), fields_of(PLASTIC)
+CHANGING = {
+    "pops": [CONSTANT, CONSTANT_STRIDE, COUNTS],
+    "projections": [LAG, RING, RING_MASK, RING_SIZE, WEIGHT, WEIGHT_STRIDE, SIGN, DENSE_COUNTS],
+    "table": [GRID_STEPS],
+}
+"""Columns of tables that a run may change; the others follow from the program, or are addresses of this process."""
+
+NET_ARRAYS, PLASTIC_ARRAYS = declared(NET), declared(PLASTIC)
+_NET, _PLASTIC = ([each.field for each in arrays] for arrays in (NET_ARRAYS, PLASTIC_ARRAYS))
 NET_FIELDS, PLASTIC_FIELDS = ([name for name, _, _ in fields] for fields in (_NET, _PLASTIC))
 
 
 def table_of(net: Mapping[str, NDArray[Any]], plastic: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
     """The table for some arrays, by name. The caller keeps the arrays alive."""
-    return views.table_of((_NET, net), (_PLASTIC, plastic))
-
-
-def with_plastic(table: NDArray[np.int64], **arrays: NDArray[Any]) -> NDArray[np.int64]:
-    """The same table with other arrays of the same shapes for some plastic fields."""
-    other = table.copy()
-    for name, array in arrays.items():
-        other[len(NET_FIELDS) + PLASTIC_FIELDS.index(name), 0] = array.ctypes.data
-    return other
+    return address.table_of((_NET, net), (_PLASTIC, plastic))
 
 
 ENTRY_TYPE = types.int64(*(types.int64,) * 7, types.float64)
@@ -385,3 +405,62 @@ def call_entry(view, row, operation, lo, hi, thread, step, h):
 
 net_of = viewer(Views("Net", 0, _NET))
 plastic_of = viewer(Views("Plastic", len(NET_FIELDS), _PLASTIC))
+
+
+# Parts of the loop that only some networks need are stages: each is compiled by itself, and called by its address. So a
+# network compiles what it needs, and what it compiles is kept for all others. The addresses lie in `stages`, which
+# `building.build.link` fills; stages that a network does not need have address 0.
+STAGES = {
+    "arrive": ("arrivals", "view, q, step, thread", types.void),
+    "at_emission": ("arrivals", "view, q, step, after, thread", types.void),
+    "deliver_log": ("deliver", "view, q, sent_step, now, begin, stop, ring", types.void),
+    "add_counts": ("generators", "view, thread, q, step, n_all, slots, blocks", types.void),
+    "draw_counts": ("generators", "view, thread, pop, step", types.void),
+    "drive": ("generators", "view, thread, step", types.void),
+    "charge": ("generators", "view, thread, step", types.void),
+    "step_collecting": ("neurons", "view, thread, pop, step, at, done, h, slots, blocks", types.int64),
+    "settle": ("groups", "view, thread, pop, n, step, at, done, h", types.int64),
+    "post_spike": ("histories", "view, pop, thread, local, m, step, done, h", types.void),
+    "dopamine_arrivals": ("histories", "view, q, step, thread, h", types.void),
+    "note": ("together", "view, q, source, step, thread", types.void),
+    "gather_moves": ("moves", "view, thread, pop, step, h", types.void),
+    "deliver_joined": ("arrivals", "view, begin, stop, step", types.void),
+}
+"""By the name of the function: its module, its arguments, and what it returns."""
+
+_LOOP = {
+    "run": ("steps", "view, first, last, longest, reach, h", types.int64),
+    "share": ("steps", "view, progress, thread, last, longest, reach, h", types.int64),
+    "finish": ("steps", "view, thread, last, h", types.void),
+    "begin_trial": ("steps", "view, pop, group, start, h", types.void),
+    "run_trial": ("steps", "view, group, first, last, at_decision, reach, h", types.int64),
+    "end_trial": ("steps", "view, pop, group, end, h", types.void),
+}
+"""Likewise of what Python calls to run a network."""
+
+_STAGED = list(STAGES)
+_ARGUMENTS = {"h": types.float64, "progress": types.int64[:, ::1], "at_decision": types.boolean}
+
+
+def _types_of(arguments: str) -> list[Any]:
+    """The types of arguments: nearly all are whole numbers."""
+    return [_ARGUMENTS.get(word, types.int64) for word in arguments.split(", ")]
+
+
+def _stage(name: str) -> Any:
+    """A compiled function that calls a stage."""
+    _, arguments, result = STAGES[name]
+    space = {"call": caller(result, *_types_of(arguments)), "net_of": net_of}
+    code = f"def {name}({arguments}):\n    return call(net_of(view).stages[{_STAGED.index(name)}], ({arguments}))"
+    exec(code, space)
+    return inlined(space[name])
+
+
+arrive, at_emission, deliver_log, add_counts, draw_counts, drive, charge = map(_stage, _STAGED[:7])
+step_collecting, settle, post_spike, dopamine_arrivals, note, gather_moves, deliver_joined = map(_stage, _STAGED[7:])
+
+
+def stage_entry(name: str) -> Entry:
+    """A stage, or what runs a network, to be compiled."""
+    module, arguments, result = (STAGES | _LOOP)[name]
+    return Entry(getattr(import_module(f"neuro_event.loop.{module}"), name), result(*_types_of(arguments)))

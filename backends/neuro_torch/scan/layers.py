@@ -168,18 +168,18 @@ def cells(program: Program, index: int) -> Cells:
         model.arithmetic.constants([float(values[i]) for values in parameters], program.resolution, each[i])
     if alike:
         each[:] = each[0]
-    named = {name: each[:, k] for name, k in vars(model.arithmetic).items() if name.isupper() and isinstance(k, int)}
+    at = model.arithmetic.constants.__globals__  # the rows of the constants by name
     table = np.zeros((rows.CONSTANTS, part.size))
     for row, name in ((rows.E_L, "E_L"), (rows.P33, "P33"), (rows.V_TH, "V_TH"), (rows.V_RESET, "V_RESET")):
-        table[row] = named[name]
-    table[rows.REFRACTORY] = named["R"]
+        table[row] = each[:, at[name]]
+    table[rows.REFRACTORY] = each[:, at["R"]]
     if model.name == "iaf_psc_delta":
-        table[rows.V_MIN] = named["V_MIN"]
+        table[rows.V_MIN] = each[:, at["V_MIN"]]
     else:
-        table[rows.P32], table[rows.P11] = named["P32_EX"], named["P11_EX"]
+        table[rows.P32], table[rows.P11] = each[:, at["P32_EX"]], each[:, at["P11_EX"]]
     start = {name: np.broadcast_to(values, part.size).astype(np.float64) for name, values in part.initial.items()}
     current = start.get("I_syn_ex", 0.0) + start.get("I_syn_in", 0.0) + np.zeros(part.size)
-    return Cells(index, part.size, model.name, table, named["P30"], named["I_E"], start["V_m"], current)
+    return Cells(index, part.size, model.name, table, each[:, at["P30"]], each[:, at["I_E"]], start["V_m"], current)
 
 
 def push(program: Program, part: Cells, steps: int) -> Floats:

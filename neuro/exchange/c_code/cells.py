@@ -2,18 +2,25 @@
 
 Registers that all neurons share are written into the function; others are tables. What every step replaces is no state:
 of a current that keeps nothing no array is left.
+
+Neurons that compete are decided after their step. No chip has such groups: where a chip runs, its host decides them, by
+the voltages of the step and keyed draws for ties.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from neuro.chips.quantising.fixed import FixedPopulation
+from neuro.chips.fixed import FixedPopulation
+from neuro.core.keyed_random import key
 from neuro.exchange.c_code.arrays import TYPES, Memory, narrowest, number
-from neuro.program.program import Ints
+from neuro.exchange.templates import filled
+from neuro.model.parts import Competition, lateral_reset, winner_take_all
+from neuro.program.program import Ints, Program
 
 _NOTHING = np.zeros(1, dtype=np.int64)
 
@@ -261,3 +268,179 @@ def indented(lines: Iterable[str]) -> list[str]:
 def function(head: str, body: Iterable[str]) -> list[str]:
     """A function by its head and its statements."""
     return [head, "{", *indented(body), "}", ""]
+
+
+def loihi2_lif(cells: Cells, memory: Memory) -> Stepped:
+    """Neurons with a threshold, see `neuro.model.neurons.loihi2_lif`."""
+    own = Registers(cells, memory)
+    body, begins = _integrated(cells, own)
+    v, threshold = own.state("v"), own.text("threshold", cells.fixed.registers["vth"] * 64)
+    own.falls(v, "0")
+    return own.stepped(begins, threshold, [*body, f"if ({v} > {threshold}) {{", "    fire(i);", "}"])
+
+
+def loihi2_ternary_lif(cells: Cells, memory: Memory) -> Stepped:
+    """Neurons with two thresholds, which send signs."""
+    r, own = cells.fixed.registers, Registers(cells, memory)
+    body, begins = _integrated(cells, own)
+    v = own.state("v")
+    high, low = (own.text(word, r[word] * 64) for word in ("vth_hi", "vth_lo"))
+    body += [f"int32_t sign = ({v} > {high}) - ({v} < {low});", f"if (sign != 0) {v} = 0;"]
+    return own.sending(begins, body, "(uint32_t)sign")
+
+
+def _integrated(cells: Cells, own: Registers) -> tuple[list[str], list[str]]:
+    """The current and the voltage of neuron i; and what is done before the loop over all."""
+    r = cells.fixed.registers
+    v, keep = own.state("v"), 4095 - r["du"]
+    u = own.state("u") if keep.any() else ""
+    begins, interval = [arriving(cells)], shared(r, "reset_interval")
+    if interval:
+        arrays = [each.removesuffix("[i]") for each in (v, u) if each]
+        test = f"if (now % {interval}u == {shared(r, 'reset_offset') % interval}u) {{"
+        begins += [test, *(f"    memset({each}, 0, sizeof {each});" for each in arrays), "}"]
+    bias, leak = own.text("bias", r["bias_mant"] << r["bias_exp"]), own.text("keep_v", 4096 - r["dv"])
+    body = [f"int32_t u = next_u({u or '0'}, {own.text('keep_u', keep)}, in[i]);", *([f"{u} = u;"] if u else [])]
+    return [*body, "in[i] = 0;", f"{v} = next_v({v}, {leak}, u, {bias});"], begins
+
+
+def sigma_delta(cells: Cells, memory: Memory) -> Stepped:
+    """Sums of messages, their activations, and the changes of these."""
+    r, own = cells.fixed.registers, Registers(cells, memory)
+    sigma = own.state("sigma")
+    bias = own.text("bias", r["bias"])
+    body = [f"int32_t y = plus({sigma} = plus({sigma}, wrap32(in[i])), {bias});"]
+    return _encoding(cells, own, [*body, *(["if (y < 0) y = 0;"] if shared(r, "relu") else [])])
+
+
+def delta_encoder(cells: Cells, memory: Memory) -> Stepped:
+    """Changes of what arrives."""
+    exponent = sum(shared(cells.fixed.registers, word) for word in ("spike_exp", "state_exp"))
+    return _encoding(cells, Registers(cells, memory), [f"int32_t y = scaled(in[i], {exponent}u);"])
+
+
+def _encoding(cells: Cells, own: Registers, body: Sequence[str]) -> Stepped:
+    r = cells.fixed.registers
+    states = ("act", "residue", *(["error"] if shared(r, "cum_error") else []))
+    places = [f"&{own.state(word)}" for word in states] + ["NULL"]
+    words = f"{', '.join(places[:3])}, y, {own.text('vth', r['vth'])}, {shared(r, 'state_exp')}u"
+    return own.sending([arriving(cells)], [*body, "in[i] = 0;"], f"encoded({words})")
+
+
+def sigma_decoder(cells: Cells, memory: Memory) -> Stepped:
+    """Sums of messages, sent as they are."""
+    own = Registers(cells, memory)
+    sigma = own.state("sigma")
+    body = [f"{sigma} = plus({sigma}, wrap32(in[i]));", "in[i] = 0;"]
+    return own.sending([arriving(cells)], body, f"(uint32_t){sigma}")
+
+
+def graded_vector(cells: Cells, memory: Memory) -> Stepped:
+    """What arrives, where it is large enough."""
+    r, own = cells.fixed.registers, Registers(cells, memory)
+    body = ["int32_t input = wrap32(in[i]);", "in[i] = 0;"]
+    words = f"input, {own.text('vth', r['vth'])}, {int(not shared(r, 'relu'))}"
+    return own.sending([arriving(cells)], body, f"passed({words})")
+
+
+def graded_product(cells: Cells, memory: Memory) -> Stepped:
+    """The product of what arrives at both receptors, where it is large enough."""
+    r, own = cells.fixed.registers, Registers(cells, memory)
+    slots = ("in[i]", "below[i]")[: cells.receptors]
+    body = [
+        f"int32_t product = wrap32((int64_t)({' * '.join([*slots, '0u'][:2])}));",
+        *(f"{slot} = 0;" for slot in slots),
+    ]
+    words = f"(int32_t)floor_shift(product, {shared(r, 'exp')}u), {own.text('vth', r['vth'])}, 1"
+    return own.sending([arriving(cells)], body, f"passed({words})")
+
+
+def resonator(fires: Callable[[str, str, str], tuple[str, str]]) -> Callable[[Cells, Memory], Stepped]:
+    """Neurons whose state turns.
+
+    Args:
+        fires: gives the test whether one fires, and what follows, from the texts of its real and its imaginary part,
+            and of its threshold; `before` is the old imaginary part.
+    """
+
+    def stepped(cells: Cells, memory: Memory) -> Stepped:
+        r, own = cells.fixed.registers, Registers(cells, memory)
+        real, imag = own.state("real"), own.state("imag")
+        exponent = shared(r, "state_exp")
+        test, reset = fires(real, imag, own.text("threshold", r["vth"]))
+        slots = ("in[i]", "below[i]")[: cells.receptors]
+        inputs = [f"scaled({slot}, {exponent}u)" for slot in slots] + ["0"]
+        factors = ", ".join(own.text(word, r[word]) for word in ("cos_decay", "sin_decay"))
+        body = [f"int32_t before = {imag};", f"turn(&{real}, &{imag}, {factors}, {inputs[0]}, {inputs[1]});"]
+        body += [*(f"{slot} = 0;" for slot in slots), f"uint32_t fires = {test};", "(void)before;"]
+        return own.sending([arriving(cells)], [*body, *([f"if (fires) {reset}"] if reset else [])], "fires")
+
+    return stepped
+
+
+loihi2_rf = resonator(lambda real, imag, vth: (f"{real} >= {vth} && {imag} >= 0 && before < 0", ""))
+loihi2_rf_iz = resonator(lambda real, imag, vth: (f"{imag} >= {vth}", f"{real} = 0, {imag} = {vth} - 1;"))
+
+
+SUPPORTED = (winner_take_all, lateral_reset)
+
+
+def decide(program: Program, index: int, cells: Cells, threshold: str, memory: Memory) -> tuple[list[str], list[str]]:
+    """The functions of a group, and the statements that open it.
+
+    Args:
+        program: has the group.
+        index: of the group.
+        cells: the population.
+        threshold: of neuron i, as text of C.
+        memory: takes its state.
+    """
+    group, k = program.groups[index], cells.number
+    choice, opened, shape = group.choice, list[str](), program.populations[group.population].shape
+    alone = isinstance(choice, lateral_reset) and shape[choice.axis] == 1
+    tie = key(program.seed, "tie", group.name)
+    # The neuron of the largest margin; of equal ones that of the larger draw.
+    best = filled("c_code/network/best.c", k=k, none=f"{cells.size}u", tie=tie, threshold=threshold)
+    lines = [] if alone else best.splitlines()
+    lines += [f"static void decide_{k}(void)", "{"]
+    if isinstance(choice, lateral_reset):
+        # Compilers take the loop over rivals of one neuron for one that leaves its array.
+        lines += [] if alone else _rivals(cells, shape[choice.axis], math.prod(shape[choice.axis + 1 :]))
+    else:
+        once = isinstance(choice, winner_take_all) and choice.first_to_fire
+        if once:
+            closed = memory.variable(f"closed_{k}", "uint8_t", f"{group.name}: whether it has decided")
+            opened = [f"{closed} = 0;"]
+        lines += _one(cells, once)
+    fires = [f"    for (uint32_t i = 0; i < {cells.size}u; i++) {{", f"        if (fired_{k}[i]) fire_{k}(i);", "    }"]
+    return [*lines, *fires, "}", ""], opened
+
+
+def supports(choice: Competition) -> bool:
+    """Whether groups of a kind are written as C."""
+    return isinstance(choice, SUPPORTED)
+
+
+def _one(cells: Cells, once: bool) -> list[str]:
+    """Winner take all: with `first_to_fire` the others stay at threshold, and the group is closed."""
+    k, size = cells.number, cells.size
+    lines = [f"    uint32_t best = best_{k}(0, {size}u, 1);"]
+    lose = f"fired_{k}[i] = 0;" if once else f"fired_{k}[i] = 0, reset_{k}(i);"
+    closed = f" || closed_{k}" if once else ""
+    lines += [f"    for (uint32_t i = 0; i < {size}u; i++) {{", f"        if (fired_{k}[i] && (i != best{closed})) {{"]
+    lines += [f"            {lose}", "        }", "    }"]
+    return [*lines, *([f"    if (best < {size}u) closed_{k} = 1;"] if once else [])]
+
+
+def _rivals(cells: Cells, rivals: int, apart: int) -> list[str]:
+    """Lateral reset: of each set of rivals the best fires, and all others are reset."""
+    k, size = cells.number, cells.size
+    return [
+        f"    for (uint32_t first = 0; first < {size}u; first++) {{",
+        f"        if (first / {apart}u % {rivals}u != 0) continue;",
+        f"        uint32_t last = first + {rivals * apart}u, best = best_{k}(first, last, {apart}u);",
+        f"        for (uint32_t i = first; best < {size}u && i < last; i += {apart}u) {{",
+        f"            if (i != best) fired_{k}[i] = 0, reset_{k}(i);",
+        "        }",
+        "    }",
+    ]

@@ -1,30 +1,49 @@
-"""A network in a chip's integers as a folder of C: `NAME.c`, `NAME.h`, and a test with a recorded run."""
+"""A network in a chip's integers as a folder of C: `NAME.c`, `NAME.h`, and a test with a recorded run.
+
+The test compares digests. A digest is the sum of one word a number, a hash of its place and value, modulo 2^64. So two
+runs with the same digests in all steps have the same spikes and states, but for a chance of 2^-64 a step.
+"""
 
 from __future__ import annotations
 
+import copy
 import re
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from neuro.chips.quantising.quantise import quantise
+import neuro.run.compiled
+import neuro.run.simulation
+from neuro.chips.description import Chip
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.inputs import refused
+from neuro.chips.known import arithmetic_of, chip
+from neuro.chips.quantising import quantise
 from neuro.core.checks import check
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
+from neuro.core.keyed_random import mix
 from neuro.core.outputs import make_folder, output, sealed
 from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
 from neuro.exchange.c_code.arrays import Memory, number
-from neuro.exchange.c_code.recorded import Given, Recorded, record, watched, without_learning
-from neuro.exchange.c_code.source import FAMILIES, INPUTS, MARK, Source, source_of
-from neuro.exchange.c_code.unsupported import check_chip, refuse
+from neuro.exchange.c_code.cells import supports
+from neuro.exchange.c_code.source import FAMILIES, INPUTS, MARK, STEPS, Source, source_of
+from neuro.exchange.templates import filled
 from neuro.model.network import Network
-from neuro.program.program import Program
+from neuro.model.neurons import CurrentGenerator
+from neuro.model.parts import Projection
+from neuro.model.synapses import Synapse, loihi2_static, loihi_static, static
+from neuro.program.backend import OverflowWarning, Problem
+from neuro.program.program import Ints, Program
 from neuro.run.compiled import compile
 from neuro.run.simulation import Simulation
 
@@ -127,9 +146,14 @@ def save_c(
     program = sim.program
     fixed = quantise(program, target)
     refuse(fixed)
-    outputs = _outputs(net, program)
+    # The populations whose spikes are output.
+    neurons = [part.name for part in program.populations if part.kind == "neuron"]
+    probed = {probe.of for probe in net.probes.values() if "spikes" in probe.record}
+    ends = {part.source for part in net.projections.values() if part.source != part.target}
+    found = tuple(name for name in neurons if name in probed)
+    outputs = found or tuple(name for name in neurons if name not in ends) or tuple(neurons)
     source = source_of(fixed, name, outputs)
-    code = _code(source)
+    code = 400 + 16 * source.code.count(";")
     for what, limit, size in (("flash", limits["flash"], source.flash + code), ("RAM", limits["RAM"], source.ram)):
         if limit is not None and size > limit:
             hint = "fewer neurons, shorter delays or shared kernels (grid) take less"
@@ -142,27 +166,21 @@ def save_c(
     place = file_path(folder, "folder")
     words = {"name": name, "NAME": name.upper(), "chip": target.arithmetic, "mark": f"{MARK}.", "steps": str(steps)}
     words |= {"data": _data(run, name), "id": source.id, "field": FAMILIES[target.arithmetic].field}
-    texts = {f"{name}.h": source.header, f"{name}.c": source.code, f"{name}_test.c": _template("test.c", words)}
+    texts = {
+        f"{name}.h": source.header,
+        f"{name}.c": source.code,
+        f"{name}_test.c": filled("c_code/templates/test.c", **words),
+    }
     shared = ["integers.h", f"{target.arithmetic}.h", "Makefile", "m4.c", "m4.ld"]
     shared += ["learning.h"] if '"learning.h"' in source.code else []
-    _write(place, texts | {file: _template(file, words) for file in shared})
+    # Write all files, or none if one of them cannot be written.
+    make_folder(place)
+    with ExitStack() as parts:  # none takes its name before all are written
+        for file, text in (texts | {file: filled(f"c_code/templates/{file}", **words) for file in shared}).items():
+            parts.enter_context(output(place / file, KIND)).write_text(KIND.seal(text), "utf-8")
     graded = words["field"] == "payload"
     spikes = (each.shape[1] if graded else int(each[2].sum()) for each in (run.sent, run.told))
     return CCode(place, name, fixed.chip.title, source.flash, code, source.ram, steps, drawn, *spikes)
-
-
-def _outputs(net: Network, program: Program) -> tuple[str, ...]:
-    """The populations whose spikes are output."""
-    neurons = [part.name for part in program.populations if part.kind == "neuron"]
-    probed = {probe.of for probe in net.probes.values() if "spikes" in probe.record}
-    ends = {part.source for part in net.projections.values() if part.source != part.target}
-    found = tuple(name for name in neurons if name in probed)
-    return found or tuple(name for name in neurons if name not in ends) or tuple(neurons)
-
-
-def _code(source: Source) -> int:
-    """Bytes of machine code of a Cortex-M4, at most: an estimate from its statements, of gcc 12 with -O2."""
-    return 400 + 16 * source.code.count(";")
 
 
 def _check_given(given: Given | None) -> Given:
@@ -225,17 +243,171 @@ def _data(run: Recorded, name: str) -> str:
     return "\n".join(memory.lines)
 
 
-def _write(folder: Path, texts: Mapping[str, str]) -> None:
-    """Write all files, or none if one of them cannot be written."""
-    make_folder(folder)
-    with ExitStack() as parts:  # none takes its name before all are written
-        for file, text in texts.items():
-            parts.enter_context(output(folder / file, KIND)).write_text(KIND.seal(text), "utf-8")
+Given = Mapping[str, Sequence[Ints]]
+"""Steps, from 1, neurons, and payloads where it has such, of the spikes that are given to an input, by its name."""
+
+Words = NDArray[np.uint64]
 
 
-def _template(file: str, words: Mapping[str, str]) -> str:
-    """A file that is the same for all networks, but for some words."""
-    text = _TEMPLATES.joinpath(file).read_text("utf-8")
-    for word, value in words.items():
-        text = text.replace(f"@{word}@", value)
-    return text
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """A run.
+
+    Attributes:
+        steps: of it.
+        sent: steps, neurons (of the network) and numbers, multiplicities or payloads, of the spikes of inputs, by step.
+        told: the same of outputs.
+        spikes, states: the digest of each step, of all spikes of neurons and of all states after it.
+    """
+
+    steps: int
+    sent: Ints
+    told: Ints
+    spikes: Words
+    states: Words
+
+
+def record(sim: neuro.run.simulation.Simulation, source: Source, outputs: tuple[str, ...], steps: int) -> Recorded:
+    """Run a simulation of a chip from step 0 on, step by step.
+
+    Args:
+        sim: with probes of all spikes, see `watched`.
+        source: the network as C.
+        outputs: whose spikes are output.
+        steps: how many.
+    """
+    digests = np.zeros(steps, dtype=np.uint64)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", OverflowWarning)  # the program in C overflows alike
+        for step in range(steps):
+            sim.run(sim.program.resolution)
+            digests[step] = _digest(sim, source)
+    inputs = [part.name for part in sim.program.populations if part.kind in INPUTS]
+    neurons = [part.name for part in sim.program.populations if part.kind == "neuron"]
+    every = _spikes(sim, source, neurons)
+    words = mix(every[1].astype(np.uint64) << np.uint64(32) | (every[2] & 0xFFFFFFFF).astype(np.uint64))
+    spikes = np.zeros(steps, dtype=np.uint64)
+    np.add.at(spikes, every[0] - 1, words)
+    return Recorded(steps, _spikes(sim, source, inputs), _spikes(sim, source, outputs), spikes, digests)
+
+
+def without_learning(net: Network) -> Network:
+    """The network, with the weights that it has and no rule that changes them."""
+    other = copy.copy(net)
+    other.projections = {name: _frozen(part, net) for name, part in net.projections.items()}
+    return other
+
+
+def _frozen(part: Projection, net: Network) -> Projection:
+    if not part.synapse.learns:
+        return part
+    target = net.populations[part.target].model
+    models: dict[str, type[Synapse]] = {"loihi": loihi_static, "loihi2": loihi2_static}
+    model = models.get(part.synapse.chip or target.chip, static)
+    known = part.synapse.parameters()
+    return replace(part, synapse=model(**{word: known[word] for word in model.quantities() if word in known}))
+
+
+def watched(net: Network) -> Network:
+    """The network, with all spikes recorded."""
+    other = copy.copy(net)
+    other.probes = dict(net.probes)
+    for name, part in net.populations.items():
+        if part.model.role != "current":
+            other.probe(f"{name}.spikes.c", name, "spikes")
+    return other
+
+
+def _digest(sim: neuro.run.simulation.Simulation, source: Source) -> np.uint64:
+    values = [sim.get(name, word, raw=True) for name, words in source.states.items() for word in words]
+    flat = np.concatenate(values).astype(np.int64) if values else np.zeros(0, dtype=np.int64)
+    places = np.arange(flat.size, dtype=np.uint64) << np.uint64(32)
+    total: np.uint64 = mix(places | (flat & 0xFFFFFFFF).astype(np.uint64)).sum(dtype=np.uint64)
+    return total
+
+
+def _spikes(sim: neuro.run.simulation.Simulation, source: Source, names: Any) -> Ints:
+    """Steps, neurons and numbers of the spikes of some populations, by step, then neuron, shape (3, spikes)."""
+    found = [np.zeros((3, 0), dtype=np.int64)]
+    for part, first in zip(sim.program.populations, source.firsts, strict=False):
+        if part.name in names:
+            graded = part.model.graded
+            times, ids, numbers = sim.payloads(part.name) if graded else (*sim.spikes(part.name), np.zeros(0))
+            steps = np.rint(times / sim.program.resolution).astype(np.int64)
+            pairs, counts = np.unique(np.stack([steps, ids + first]), axis=1, return_counts=True)
+            found.append(np.vstack([steps, ids + first, numbers] if graded else [pairs, counts]))
+    joined = np.concatenate(found, axis=1).astype(np.int64)
+    return joined[:, np.lexsort((joined[1], joined[0]))]
+
+
+_FROZEN = "--frozen (frozen=True) leaves the rule out: weights stay as they are in the network"
+_READABLE = ("spikes", "V_m", "v", "sigma", "real")
+
+
+def check_chip(name: str) -> Chip:
+    """The chip of a name or a table, if its arithmetic is written as C.
+
+    Raises:
+        ModelError: there is no such chip, or it has another arithmetic.
+    """
+    found = chip(name)
+    if found.arithmetic not in FAMILIES:
+        known = " or ".join(FAMILIES).replace(" or ", ", ", 1)
+        raise ModelError(f"chip '{name}' cannot be written as C: expected the arithmetic of {known}")
+    return found
+
+
+def refuse(fixed: FixedProgram) -> None:
+    """Refuse a program with all reasons at once.
+
+    Raises:
+        ModelError: a part of it cannot be written.
+    """
+    problems = [*_populations(fixed), *_projections(fixed), *_groups(fixed), *_probes(fixed)]
+    if problems:
+        count = f"{len(problems)} problem" + "s" * (len(problems) > 1)
+        message = f"network '{fixed.program.name}' cannot be written as C ({count})"
+        raise ModelError(message, others=tuple(problem.error() for problem in problems))
+
+
+def _populations(fixed: FixedProgram) -> Iterator[Problem]:
+    for part, cells in zip(fixed.program.populations, fixed.populations, strict=True):
+        if isinstance(part.model, CurrentGenerator):
+            why = "the host writes its current into registers while the network runs"
+            yield refused(part, part.said, why, "give the neurons a constant current, I_e, or spikes")
+        elif cells.kind not in STEPS and part.kind not in INPUTS:
+            known = ", ".join(model.__name__ for model in arithmetic_of(fixed.chip).models)
+            known += " or parrot_neuron"
+            yield refused(part, part.said, f"it is no neuron of {fixed.chip.name}", f"use {known}")
+    if not any(cells.kind in STEPS for cells in fixed.populations):
+        yield Problem(True, f"network '{fixed.program.name}'", "it has no neurons", "add a population of iaf_psc_exp")
+
+
+def _projections(fixed: FixedProgram) -> Iterator[Problem]:
+    for part, wires in zip(fixed.program.projections, fixed.projections, strict=True):
+        if part.signal >= 0 or part.dopamine >= 0:
+            yield refused(part, part.synapse.name, "the program in C has no dopamine", _FROZEN)
+        elif part.synapse.learns and (wires is None or wires.rule is None or fixed.chip.arithmetic != "loihi"):
+            why = "the host applies the rule, and the program in C has none"
+            if wires is not None and wires.rule is not None:
+                why = f"the program in C has no learning of {fixed.chip.name}"
+            yield refused(part, part.synapse.name, why, _FROZEN)
+
+
+def _groups(fixed: FixedProgram) -> Iterator[Problem]:
+    for group in fixed.program.groups:
+        if not supports(group.choice):
+            why = f"{group.choice.noun} is not written as C"
+            way = "use winner_take_all or lateral_reset"
+            yield Problem(True, f"group '{group.name}'", why, way, group.origin)
+
+
+def _probes(fixed: FixedProgram) -> Iterator[Problem]:
+    for probe in fixed.program.probes:
+        if probe.record not in _READABLE or probe.mean:
+            what = f"probe '{probe.name}': {'mean ' * probe.mean}{probe.record}"
+            way = "leave it out, or probe spikes; NAME_voltage() reads the voltage register"
+            yield Problem(True, what, "the program in C keeps no record", way, probe.origin)
+    for one in fixed.program.synapse_probes:
+        way = "leave it out, or probe spikes of a population"
+        yield Problem(True, f"probe '{one.name}': {one.record}", "the program in C keeps no record", way, one.origin)

@@ -14,27 +14,35 @@ from zlib import crc32
 
 import numpy as np
 
-from neuro.chips.arithmetics import arithmetic_of
-from neuro.chips.arrival_rule import longest_lag
-from neuro.chips.quantising.fixed import FixedProjection
-from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.chips.quantising.quantise import names_of
-from neuro.exchange.c_code import loihi2_cells
+from neuro.chips.fixed import FixedProjection
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.inputs import longest_lag
+from neuro.chips.known import arithmetic_of
+from neuro.chips.quantising import names_of
 from neuro.exchange.c_code.arrays import TYPES, Memory, comment, narrowest
 from neuro.exchange.c_code.cells import (
     Cells,
     Stepped,
+    decide,
+    delta_encoder,
     function,
+    graded_product,
+    graded_vector,
     indented,
+    loihi2_lif,
+    loihi2_rf,
+    loihi2_rf_iz,
+    loihi2_ternary_lif,
     loihi_lif,
     relay,
     shared,
+    sigma_decoder,
+    sigma_delta,
     spinnaker_delta,
     spinnaker_lif,
 )
-from neuro.exchange.c_code.delivery import Delivery, lags_of
-from neuro.exchange.c_code.groups import decide
-from neuro.exchange.c_code.learning import Learning
+from neuro.exchange.c_code.synapses import Delivery, Learning, lags_of
+from neuro.exchange.templates import filled
 from neuro.program.program import Population
 
 STEPS: dict[str, Callable[[Cells, Memory], Stepped]] = {
@@ -42,15 +50,15 @@ STEPS: dict[str, Callable[[Cells, Memory], Stepped]] = {
     "loihi_lif": loihi_lif,
     "spinnaker_lif": spinnaker_lif,
     "spinnaker_delta": spinnaker_delta,
-    "loihi2_lif": loihi2_cells.loihi2_lif,
-    "loihi2_ternary_lif": loihi2_cells.loihi2_ternary_lif,
-    "loihi2_rf": loihi2_cells.loihi2_rf,
-    "loihi2_rf_iz": loihi2_cells.loihi2_rf_iz,
-    "sigma_delta": loihi2_cells.sigma_delta,
-    "delta_encoder": loihi2_cells.delta_encoder,
-    "sigma_decoder": loihi2_cells.sigma_decoder,
-    "graded_vector": loihi2_cells.graded_vector,
-    "graded_product": loihi2_cells.graded_product,
+    "loihi2_lif": loihi2_lif,
+    "loihi2_ternary_lif": loihi2_ternary_lif,
+    "loihi2_rf": loihi2_rf,
+    "loihi2_rf_iz": loihi2_rf_iz,
+    "sigma_delta": sigma_delta,
+    "delta_encoder": delta_encoder,
+    "sigma_decoder": sigma_decoder,
+    "graded_vector": graded_vector,
+    "graded_product": graded_product,
 }
 """The neurons that are written as C, by `FixedPopulation.kind`."""
 
@@ -93,43 +101,6 @@ _POINTER = 4
 _TOGETHER = -1
 _STEP = "uint32_t NAME_step(const NAME_event *events, uint32_t n, NAME_event *out)"
 
-_EMIT = """static NAME_event *out_at;
-
-#ifdef NEURO_DIGEST
-static uint64_t sent;
-#endif
-
-static void emit(uint32_t neuron, uint32_t times, int out)
-{
-#ifdef NEURO_DIGEST
-    sent += mix((uint64_t)neuron << 32 | times);
-#endif
-    if (out) {
-        out_at->neuron = (NAME_neuron)neuron;
-        out_at->FIELD = VALUE;
-        out_at++;
-    }
-}
-"""
-
-_PUBLIC = """typedef NEURON NAME_neuron;
-
-/* ABOUT. */
-typedef struct {
-    NAME_neuron neuron;
-    KIND FIELD;
-} NAME_event;
-
-/* Begin at step 0. Call it first. */
-void NAME_init(void);
-
-/* One step. Reads the spikes that inputs send in it, n events in any order, and writes those of outputs, in order of
- * neurons; returns their number. Events of neurons that are no input are passed over. */
-uint32_t NAME_step(const NAME_event *events, uint32_t n, NAME_event *out);
-
-/* The first state register of a neuron after the last step, its voltage where it has one; 0 of what has no state. */
-int32_t NAME_voltage(uint32_t neuron);
-"""
 _TRIAL = "/* Begin a trial: drop all that is under way, and put the output back where a trial begins. */"
 
 
@@ -230,14 +201,47 @@ class _Writer:
             deciding, opened = deciding + lines, opened + begin
         functions = [line for part in stepped.values() for line in part.lines]
         inputs, step = self._input(), self._step()
-        emit = _EMIT.replace("FIELD", self._family.field).replace("VALUE", self._value)
-        parts = [self._top(), memory.lines, [emit], sending, functions, deciding, learning, inputs]
-        parts += [self._init(stepped, opened), step, self._voltage(stepped), self._digest(stepped)]
-        code = re.sub(r"\n{3,}", "\n\n", "\n".join(line for part in parts for line in [*part, ""]))
+        parts = [sending, functions, deciding, learning, inputs, self._init(stepped, opened), step]
+        parts += [self._voltage(stepped), self._digest(stepped)]
+        family, upper = self._family, self._name.upper()
+        words = {
+            "name": self._name,
+            "NAME": upper,
+            "about": f"network '{comment(self._program.name)}' in the integers of {self._fixed.chip.title}",
+            "mark": MARK,
+            "kind": family.kind,
+            "field": family.field,
+        }
+        code = filled(
+            "c_code/network/network.c",
+            **words,
+            chip=self._fixed.chip.arithmetic,
+            learning='#include "learning.h"\n' if self._learns else "",
+            memory="\n".join(memory.lines),
+            value="wrap32(times)" if family.kind == "int32_t" else f"({family.kind})times",
+            functions="\n".join(line for part in parts for line in [*part, ""]),
+        )
+        code = re.sub(r"\n{3,}", "\n\n", code).replace("NAME_", f"{self._name}_").rstrip() + "\n"
+        populations = self._program.populations
+        neurons = []
+        for word, part, first in zip(_macros(populations), populations, self._firsts, strict=False):
+            role = "input" if part.kind in INPUTS else "output" if part.name in self._outputs else "inside"
+            neurons += [
+                f"#define {upper}_FIRST_{word} {first}u /* {role} */",
+                f"#define {upper}_SIZE_{word} {part.size}u",
+            ]
+        header = filled(
+            "c_code/network/network.h",
+            **words,
+            neurons="\n".join(neurons),
+            most=sum(part.size for part in populations if part.name in self._outputs),
+            ns=round(self._program.resolution * 1e6),
+            neuron="uint16_t" if self._firsts[-1] <= 65536 else "uint32_t",
+            event=family.about,
+            trial=f"{_TRIAL}\nvoid {self._name}_trial(void);\n\n" if self._program.trials is not None else "",
+        )
         states = {self._cells[k].fixed.name: _digested(part) for k, part in stepped.items()}
         states |= {self._program.projections[q].name: list(part.states) for q, part in self._learning.items()}
-        code = code.replace("NAME_", f"{self._name}_").rstrip() + "\n"
-        header = self._header()
         number = f"0x{crc32((header + code).encode()):08X}u"
         return Source(
             header.replace("@id@", number),
@@ -284,53 +288,6 @@ class _Writer:
         """Whether the number of the step is needed: by draws, and by resets in an interval."""
         resets = any(shared(cells.fixed.registers, "reset_interval") for cells in self._cells.values())
         return bool(self._program.groups or self._learns or resets)
-
-    @property
-    def _value(self) -> str:
-        """What is sent as the field of an event."""
-        return "wrap32(times)" if self._family.kind == "int32_t" else f"({self._family.kind})times"
-
-    @property
-    def _about(self) -> str:
-        return f"network '{comment(self._program.name)}' in the integers of {self._fixed.chip.title}"
-
-    def _header(self) -> str:
-        populations, upper = self._program.populations, self._name.upper()
-        lines = [
-            f"/* {self._about}. {MARK}. */",
-            f"#ifndef {upper}_H_INCLUDED",
-            f"#define {upper}_H_INCLUDED",
-            "",
-            "#include <stdint.h>",
-            "",
-        ]
-        lines += ["/* Neurons are counted through all populations: each has a first neuron and a size. */"]
-        for word, part, first in zip(_macros(populations), populations, self._firsts, strict=False):
-            role = "input" if part.kind in INPUTS else "output" if part.name in self._outputs else "inside"
-            lines += [
-                f"#define {upper}_FIRST_{word} {first}u /* {role} */",
-                f"#define {upper}_SIZE_{word} {part.size}u",
-            ]
-        most = sum(part.size for part in populations if part.name in self._outputs)
-        lines += [f"#define {upper}_MOST_OUT {most}u /* events that a step may give */"]
-        lines += [
-            f"#define {upper}_STEP_NS {round(self._program.resolution * 1e6)}u /* a step, in nanoseconds */",
-            f"#define {upper}_ID @id@ /* that of {self._name}.c */",
-            "",
-        ]
-        neuron = "uint16_t" if self._firsts[-1] <= 65536 else "uint32_t"
-        text = _PUBLIC.replace("NAME_", f"{self._name}_").replace("NEURON", neuron)
-        for word, value in (("ABOUT", self._family.about), ("KIND", self._family.kind), ("FIELD", self._family.field)):
-            text = text.replace(word, value)
-        open_c, close_c = (f"#ifdef __cplusplus\n{each}\n#endif\n" for each in ('extern "C" {', "}"))
-        trial = [f"{_TRIAL}\nvoid {self._name}_trial(void);\n"] if self._program.trials is not None else []
-        return "\n".join([*lines, open_c, text, *trial, close_c, "#endif", ""])
-
-    def _top(self) -> list[str]:
-        chip = self._fixed.chip.arithmetic
-        headers = [self._name, chip, *(["learning"] if self._learns else [])]
-        same = [f"#if {self._name.upper()}_ID != @id@", f'#error "{self._name}.h is of another network"', "#endif"]
-        return [f"/* {self._about}. {MARK}. */", *(f'#include "{header}.h"' for header in headers), "", *same]
 
     def _input(self) -> list[str]:
         """Where the spikes of each input go; what is no neuron of an input is passed over."""

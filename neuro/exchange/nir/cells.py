@@ -5,18 +5,23 @@ A cell is a difference equation, the form that all these tools have in common. I
     i = i_keep i + i_gain w s                       only where it has a synapse
     v = rest + keep (v - rest) + gain (i, or w s)
     spike where v >= threshold, or > if strict; then v = reset, or v falls by the threshold
+
+The second part finds the model of this package that has a cell's equation.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from neuro.core.errors import ModelError, unknown
 from neuro.exchange.nir.graph import Floats, Node
+from neuro.model.neurons.base import Neuron
+from neuro.model.neurons.builtin import cuba_lif, iaf_psc_delta
+from neuro.model.neurons.propagators import from_exponential
 
 ASK = "say which tool wrote it: from_='norse', 'snntorch', 'sinabs', 'spikingjelly', 'spyx', 'rockpool' or 'nir'"
 BY_GRAPH_EXECUTOR = ("norse", "sinabs")
@@ -108,7 +113,12 @@ def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
         zero = np.zeros(node.shape)
         how = "fires where the input of a step reaches the threshold, and keeps nothing"
         return Cell(zero, zero, zero + 1.0, how, threshold=node.array("threshold"), reset=zero)
-    cell = TOOLS[tool](node, step)
+    title, kinds, rests_at_zero, convention = TOOLS[tool]
+    if node.kind not in kinds:
+        raise Unsupported(f"{title} does not have {node.kind}", "read it with from_='nir'")
+    if rests_at_zero and "v_leak" in node.fields and np.any(node.array("v_leak") != 0.0):
+        raise Unsupported(f"v_leak is not 0, which {title} does not have", "read it with from_='nir'")
+    cell = convention(node, step)
     if cell.threshold is not None and reset in ("subtract", "subtract_next"):
         fall = cell.threshold / np.maximum(cell.keep, 1e-9) if reset == "subtract_next" else cell.threshold
         when = "in the next step, after the decay" if reset == "subtract_next" else "in the same step"
@@ -156,173 +166,147 @@ def _euler(node: Node, word: str, step: float) -> Floats:
     return np.minimum(share, 1.0)
 
 
-def _zero(node: Node, word: str, tool: str) -> None:
-    if np.any(node.array(word) != 0.0):
-        raise Unsupported(f"{word} is not 0, which {tool} does not have", "read it with from_='nir'")
-
-
 def _reset_value(node: Node) -> Floats:
     return np.zeros(node.shape) if node.fields.get("v_reset") is None else node.array("v_reset")
+
+
+def _synaptic(node: Node, lost: Floats, i_lost: Floats, how: str, **words: Any) -> Cell:
+    """Return the cell of CubaLIF or CubaLI, whose states take the share of the input that they lose in a step."""
+    gain, i_gain = lost * node.array("r"), i_lost * node.array("w_in")
+    return Cell(1.0 - lost, words.pop("rest"), gain, how, i_keep=1.0 - i_lost, i_gain=i_gain, **words)
+
+
+def _firing(node: Node, cell: Cell, spikes: str, **rule: Any) -> Cell:
+    """Return the cell with a threshold and the rule of its spikes; unchanged for nodes that do not fire."""
+    if "v_threshold" not in node.fields:
+        return cell
+    return replace(cell, how=f"{cell.how}; {spikes}", threshold=node.array("v_threshold"), **rule)
 
 
 def _norse(node: Node, step: float) -> Cell:
     """Norse 1.1: `lif_box`, `iaf`, `leaky_integrator_box`, and the module that its importer makes of CubaLIF."""
     one, zero = np.ones(node.shape), np.zeros(node.shape)
-    fires = "fires at V > V_th, then V = 0 in the same step"
     match node.kind:
         case "IF":
-            how = f"Norse: V grows by the input, r is not used; {fires}"
-            return Cell(one, zero, one, how, threshold=node.array("v_threshold"), strict=True, reset=zero)
+            cell = Cell(one, zero, one, "Norse: V grows by the input, r is not used")
         case "I":
-            return Cell(one, zero, one, "V grows by the input")
+            cell = Cell(one, zero, one, "V grows by the input")
         case "LIF" | "LI":
             a = _euler(node, "tau", step)
-            how = "Norse: Euler, r is not used"
-            cell = Cell(1.0 - a, node.array("v_leak"), a, how)
+            cell = Cell(1.0 - a, node.array("v_leak"), a, "Norse: Euler, r is not used")
         case _:
             a, b, leak = _euler(node, "tau_mem", step), _euler(node, "tau_syn", step), node.array("v_leak")
-            how = "Norse: Euler, the current first, then V with it"
-            cell = Cell(
-                1.0 - a, leak, a * node.array("r"), how, i_keep=1.0 - b, i_gain=b * node.array("w_in"), offset=leak
-            )
-    if node.kind in ("LI", "CubaLI"):
-        return cell
-    return replace(cell, how=f"{how}; {fires}", threshold=node.array("v_threshold"), strict=True, reset=zero)
+            cell = _synaptic(node, a, b, "Norse: Euler, the current first, then V with it", rest=leak, offset=leak)
+    return _firing(node, cell, "fires at V > V_th, then V = 0 in the same step", strict=True, reset=zero)
 
 
 def _snntorch(node: Node, step: float) -> Cell:
     """SnnTorch 1.0: `Leaky` and `Synaptic` as its importer makes them, with its step of 1e-4 s."""
     one, zero = np.ones(node.shape), np.zeros(node.shape)
-    fires = "fires at V > V_th, then V = 0 in the same step"
+    how = "snnTorch: Euler with its step of 1e-4 s"
     match node.kind:
         case "IF":
-            how = f"snnTorch 1.0 reads IF as Leaky with beta = 0.9; {FALLS_AND_RISES}"
             if np.any(node.array("r") != 1.0):
                 raise Unsupported("r is not 1, which snnTorch does not have", "read it with from_='nir'")
-            return Cell(0.9 * one, zero, one, how, threshold=node.array("v_threshold"), strict=True, rises=True)
+            cell = Cell(0.9 * one, zero, one, "snnTorch 1.0 reads IF as Leaky with beta = 0.9", rises=True)
+            return _firing(node, cell, FALLS_AND_RISES, strict=True)
         case "I":
             return Cell(one, zero, node.array("r"), "V grows by r times the input")
         case "LIF" | "LI":
-            _zero(node, "v_leak", "snnTorch")
             a = _euler(node, "tau", SNNTORCH_STEP)
             gain = a * node.array("r")
-            how = "snnTorch: Euler with its step of 1e-4 s"
             if node.kind == "LIF" and np.unique(gain).size > 1:
                 gain = np.full(node.shape, np.unique(gain)[0])
                 how += ", the smallest r dt / tau of the node for all its neurons"
             cell = Cell(1.0 - a, zero, gain, how)
         case _:
-            _zero(node, "v_leak", "snnTorch")
             a, b = (_euler(node, word, SNNTORCH_STEP) for word in ("tau_mem", "tau_syn"))
-            how = "snnTorch: Euler with its step of 1e-4 s, the current first, then V with it"
-            cell = Cell(1.0 - a, zero, a * node.array("r"), how, i_keep=1.0 - b, i_gain=b * node.array("w_in"))
-    if node.kind in ("LI", "CubaLI"):
-        return cell
+            cell = _synaptic(node, a, b, f"{how}, the current first, then V with it", rest=zero)
     hold = int(node.kind == "CubaLIF" and node.recurrent)
+    fires = "fires at V > V_th, then V = 0 in the same step"
     if hold:
         fires = "RSynaptic of snnTorch 1.0 fires at V > V_th, then V = 0 in the next step, which takes no input"
-    return replace(cell, how=f"{how}; {fires}", threshold=node.array("v_threshold"), strict=True, reset=zero, hold=hold)
+    return _firing(node, cell, fires, strict=True, reset=zero, hold=hold)
 
 
 def _sinabs(node: Node, step: float) -> Cell:
     """Sinabs 3.1: `IAF`, `LIF` and `ExpLeak` as its importer makes them, whose tau is in steps."""
     one, zero = np.ones(node.shape), np.zeros(node.shape)
-    match node.kind:
-        case "IF":
-            threshold = node.array("v_threshold")
-            how = f"Sinabs: V grows by the input, r is not used; {FIRES_AND_FALLS}; then V >= -V_th"
-            return Cell(one, zero, one, how, threshold=threshold, several=True, lowest=-threshold)
-        case "I":
-            return Cell(one, zero, one, "V grows by the input")
-        case "LIF" | "LI":
-            _zero(node, "v_leak", "Sinabs")
-            tau = _positive(node, "tau")
-            if np.all(tau < 1.0):
-                keep, gain = np.exp(-step / tau), step / tau
-                how = "Sinabs: exact decay, the input times dt / tau; tau in seconds, since it is below one step"
-            else:
-                keep, gain, how = np.exp(-1.0 / tau), one, "Sinabs: exact decay, tau in steps, the input as it is"
-            cell = Cell(keep, zero, gain, how)
-            if node.kind == "LI":
-                return cell
-            return replace(cell, how=f"{how}; {FIRES_AND_FALLS}", threshold=node.array("v_threshold"), several=True)
-    raise Unsupported(f"Sinabs does not have {node.kind}", "read it with from_='nir'")
+    if node.kind == "IF":
+        threshold = node.array("v_threshold")
+        how = f"Sinabs: V grows by the input, r is not used; {FIRES_AND_FALLS}; then V >= -V_th"
+        return Cell(one, zero, one, how, threshold=threshold, several=True, lowest=-threshold)
+    if node.kind == "I":
+        return Cell(one, zero, one, "V grows by the input")
+    tau = _positive(node, "tau")
+    if np.all(tau < 1.0):
+        how = "Sinabs: exact decay, the input times dt / tau; tau in seconds, since it is below one step"
+        cell = Cell(np.exp(-step / tau), zero, step / tau, how)
+    else:
+        cell = Cell(np.exp(-1.0 / tau), zero, one, "Sinabs: exact decay, tau in steps, the input as it is")
+    return _firing(node, cell, FIRES_AND_FALLS, several=True)
 
 
 def _spikingjelly(node: Node, step: float) -> Cell:
     """Spikingjelly 2.0: `IFNode`, `LIFNode` and `CUBALIFNode` as its importer makes them."""
-    one = np.ones(node.shape)
     reset = _reset_value(node)
-    fires = "fires at V >= V_th, then V = v_reset in the same step"
     match node.kind:
         case "IF":
-            how = f"spikingjelly: V grows by r dt times the input; {fires}"
-            threshold = node.array("v_threshold")
-            return Cell(one, reset, step * node.array("r"), how, threshold=threshold, reset=reset)
+            how = "spikingjelly: V grows by r dt times the input"
+            cell = Cell(np.ones(node.shape), reset, step * node.array("r"), how)
         case "LIF":
             a = _euler(node, "tau", step)
             if np.any(node.array("v_leak") != reset):
                 raise Unsupported("v_leak is not v_reset, which spikingjelly does not have", "read it with from_='nir'")
-            how = f"spikingjelly: Euler; {fires}"
-            threshold = node.array("v_threshold")
-            return Cell(1.0 - a, reset, a * node.array("r"), how, threshold=threshold, reset=reset)
-        case "CubaLIF":
-            _zero(node, "v_leak", "spikingjelly")
+            cell = Cell(1.0 - a, reset, a * node.array("r"), "spikingjelly: Euler")
+        case _:
+            if np.any(node.array("v_leak") != 0.0):
+                raise Unsupported("v_leak is not 0, which spikingjelly does not have", "read it with from_='nir'")
             a, b = (_euler(node, word, step) for word in ("tau_mem", "tau_syn"))
-            how = f"spikingjelly: Euler, the current first, then V with it; {fires}"
-            cell = Cell(1.0 - a, 0.0 * one, a * node.array("r"), how, i_keep=1.0 - b, i_gain=b * node.array("w_in"))
-            return replace(cell, threshold=node.array("v_threshold"), reset=reset, start=reset)
-    raise Unsupported(f"spikingjelly does not have {node.kind}", "read it with from_='nir'")
+            how = "spikingjelly: Euler, the current first, then V with it"
+            cell = _synaptic(node, a, b, how, rest=np.zeros(node.shape), start=reset)
+    return _firing(node, cell, "fires at V >= V_th, then V = v_reset in the same step", reset=reset)
 
 
 def _spyx(node: Node, step: float) -> Cell:
     """Spyx 1.0: `IF`, `LIF` and `CuBaLIF`, whose spikes are those of the potential of the step before."""
     one, zero = np.ones(node.shape), np.zeros(node.shape)
-    fires = "fires a step after V > V_th, and falls by V_th then"
-    threshold = node.array("v_threshold") if "v_threshold" in node.fields else zero
-    spikes: dict[str, Any] = {"threshold": threshold, "strict": True, "late": 1}
     match node.kind:
         case "IF":
-            return Cell(one, zero, one, f"Spyx: V grows by the input; {fires}", **spikes)
+            cell = Cell(one, zero, one, "Spyx: V grows by the input")
         case "LIF":
-            _zero(node, "v_leak", "Spyx")
             a = _euler(node, "tau", step)
             own = np.allclose(node.array("r"), 1.0 - a, rtol=1e-4)  # what Spyx 1.0 writes; it does not read r
             gain = one if own else a * node.array("r")
             how = "Spyx: Euler, the input as it is" if own else "Spyx: Euler, the input times r dt / tau"
-            return Cell(1.0 - a, zero, gain, f"{how}; {fires}", fall=threshold / np.maximum(1.0 - a, 1e-9), **spikes)
-        case "CubaLIF":
-            _zero(node, "v_leak", "Spyx")
+            fall = node.array("v_threshold") / np.maximum(1.0 - a, 1e-9)
+            cell = Cell(1.0 - a, zero, gain, how, fall=fall)
+        case _:
             a, b = (_euler(node, word, step) for word in ("tau_mem", "tau_syn"))
-            how = f"Spyx: Euler, the current first, then V with it, the input as it is; {fires}"
-            return Cell(1.0 - a, zero, one, how, i_keep=1.0 - b, i_gain=one, **spikes)
-    raise Unsupported(f"Spyx does not have {node.kind}", "read it with from_='nir'")
+            how = "Spyx: Euler, the current first, then V with it, the input as it is"
+            cell = Cell(1.0 - a, zero, one, how, i_keep=1.0 - b, i_gain=one)
+    return _firing(node, cell, "fires a step after V > V_th, and falls by V_th then", strict=True, late=1)
 
 
 def _rockpool(node: Node, step: float) -> Cell:
     """Rockpool 3.1: `LIFNeuronTorch` and `LIFTorch`, whose input decays in the step in which it arrives."""
     one, zero = np.ones(node.shape), np.zeros(node.shape)
     if node.kind == "LIF":
-        _zero(node, "v_leak", "Rockpool")
         tau = _positive(node, "tau")
-        how = f"Rockpool: exact decay, the input times r dt / tau; {FIRES_AND_FALLS}"
-        gain = node.array("r") * step / tau
-        return Cell(np.exp(-step / tau), zero, gain, how, threshold=node.array("v_threshold"), several=True)
-    if node.kind == "CubaLIF":
-        _zero(node, "v_leak", "Rockpool")
+        how = "Rockpool: exact decay, the input times r dt / tau"
+        cell = Cell(np.exp(-step / tau), zero, node.array("r") * step / tau, how)
+    else:
         keep, i_keep = (np.exp(-step / _positive(node, word)) for word in ("tau_mem", "tau_syn"))
-        how = f"Rockpool: exact decay, also of the input in its first step, the current first; {FIRES_AND_FALLS}"
-        threshold = node.array("v_threshold")
-        return Cell(keep, zero, one, how, i_keep=i_keep, i_gain=i_keep, threshold=threshold, several=True)
-    raise Unsupported(f"Rockpool does not have {node.kind}", "read it with from_='nir'")
+        how = "Rockpool: exact decay, also of the input in its first step, the current first"
+        cell = Cell(keep, zero, one, how, i_keep=i_keep, i_gain=i_keep)
+    return _firing(node, cell, FIRES_AND_FALLS, several=True)
 
 
 def _nir(node: Node, step: float) -> Cell:
     """The equations of NIR, solved exactly for an input that is held for a step."""
-    one, zero = np.ones(node.shape), np.zeros(node.shape)
     match node.kind:
         case "IF" | "I":
-            cell = Cell(one, zero, step * node.array("r"), "NIR: V' = r I")
+            cell = Cell(np.ones(node.shape), np.zeros(node.shape), step * node.array("r"), "NIR: V' = r I")
         case "LIF" | "LI":
             keep = np.exp(-step / _positive(node, "tau"))
             how = "NIR: solved exactly, the input held for a step"
@@ -332,19 +316,107 @@ def _nir(node: Node, step: float) -> Cell:
             how = "NIR: exact decay, the current first, then V with it"
             gain, i_gain = (1.0 - keep) * node.array("r"), (1.0 - i_keep) * node.array("w_in")
             cell = Cell(keep, node.array("v_leak"), gain, how, i_keep=i_keep, i_gain=i_gain)
-    if node.kind in ("I", "LI", "CubaLI"):
-        return cell
-    how = f"{cell.how}; fires at V >= V_th, then V = v_reset in the same step"
-    return replace(cell, how=how, threshold=node.array("v_threshold"), reset=_reset_value(node))
+    return _firing(node, cell, "fires at V >= V_th, then V = v_reset in the same step", reset=_reset_value(node))
 
 
-TOOLS: dict[str, Callable[[Node, float], Cell]] = {
-    "norse": _norse,
-    "snntorch": _snntorch,
-    "sinabs": _sinabs,
-    "spikingjelly": _spikingjelly,
-    "spyx": _spyx,
-    "rockpool": _rockpool,
-    "nir": _nir,
+_ALL = ("IF", "I", "LIF", "LI", "CubaLIF", "CubaLI")
+TOOLS: dict[str, tuple[str, tuple[str, ...], bool, Callable[[Node, float], Cell]]] = {
+    "norse": ("Norse", _ALL, False, _norse),
+    "snntorch": ("snnTorch", _ALL, True, _snntorch),
+    "sinabs": ("Sinabs", ("IF", "I", "LIF", "LI"), True, _sinabs),
+    "spikingjelly": ("spikingjelly", ("IF", "LIF", "CubaLIF"), False, _spikingjelly),
+    "spyx": ("Spyx", ("IF", "LIF", "CubaLIF"), True, _spyx),
+    "rockpool": ("Rockpool", ("LIF", "CubaLIF"), True, _rockpool),
+    "nir": ("NIR", _ALL, False, _nir),
 }
-"""The conventions by the name of the tool."""
+"""Conventions by the name of the tool: its title, the nodes that it has, whether they rest at 0, and their cells."""
+
+
+AT_ONCE = 1e-3
+"""Time constant, in steps, of a potential that keeps nothing: e^-1000 is 0 in a double."""
+
+NEVER = 1e30
+"""A threshold in mV that no potential reaches."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Made:
+    """A model for the neurons of a node.
+
+    Attributes:
+        model: the model.
+        gain: weight per weight of NIR, an element for each neuron.
+        per_input: pA of a constant current per unit of constant input; None where a synapse filters the input.
+        offset: pA of a constant current that belongs to the cell itself.
+        initial: states at the beginning that differ from the model's.
+    """
+
+    model: Neuron
+    gain: Floats
+    per_input: Floats | None
+    offset: Floats
+    initial: dict[str, Any] = field(default_factory=dict)
+
+
+def model_of(cell: Cell, h: float) -> Made:
+    """The model of a cell.
+
+    Args:
+        cell: the difference equation.
+        h: length of a step, ms.
+
+    Raises:
+        Unsupported: no model has it.
+    """
+    tau = time_constant(cell.keep, h)
+    endless = np.isinf(tau)
+    # With this capacity a current of 1 pA adds 1 - keep mV in a step, as in NIR; without a leak 1 mV.
+    capacity, push = np.where(endless, h, tau), np.where(endless, 1.0, 1.0 - cell.keep)
+    words = {"tau_m": tau, "C_m": capacity, "t_ref": h * cell.hold, "E_L": cell.rest, **_spike(cell)}
+    if cell.lowest is not None:
+        words["V_min"] = cell.lowest
+    initial = {} if cell.start is None or np.all(cell.start == cell.rest) else {"V_m": one_or_all(cell.start)}
+    offset = cell.gain * (0.0 if cell.offset is None else cell.offset) / push
+    if cell.i_keep is None or cell.i_gain is None:
+        return Made(_model(iaf_psc_delta, words), cell.gain, cell.gain / push, offset, initial)
+    tau_syn = time_constant(cell.i_keep, h)
+    if np.any(np.isinf(tau_syn)):
+        raise Unsupported("a current that never decays has no model here", "choose a finite tau_syn")
+    p32 = np.vectorize(from_exponential)(tau, tau_syn, capacity, h)
+    words |= {"tau_syn_ex": tau_syn, "tau_syn_in": tau_syn}
+    return Made(_model(cuba_lif, words), cell.i_gain * cell.gain / p32, None, offset, initial)
+
+
+def _model(kind: type[Neuron], words: dict[str, Any]) -> Neuron:
+    plain = {word: one_or_all(v) if isinstance(v, (float, np.ndarray)) else v for word, v in words.items()}
+    return kind(**plain)
+
+
+def _spike(cell: Cell) -> dict[str, Any]:
+    """Threshold and reset. V_m > V_th is V_m >= the next number above it."""
+    if cell.threshold is None:
+        return {"V_th": NEVER, "V_reset": cell.rest}
+    v_th = np.nextafter(cell.threshold, np.inf) if cell.strict else cell.threshold
+    if cell.reset is None:
+        if np.any(cell.threshold <= 0.0):
+            raise Unsupported("v_threshold is not above 0, so that no spike lowers the potential", "raise it")
+        fall = cell.threshold if cell.fall is None else cell.fall
+        words = {"V_th": v_th, "V_reset": v_th - fall, "reset_by_subtraction": True}
+        words |= {"threshold_rises": True} if cell.rises else {}
+        return words | ({"max_spikes": MOST_SPIKES} if cell.several else {})
+    if np.any(cell.reset >= v_th):
+        raise Unsupported("v_reset is not below v_threshold", "raise v_threshold")
+    return {"V_th": v_th, "V_reset": cell.reset}
+
+
+def time_constant(keep: Floats, h: float) -> Floats:
+    """The time constant in ms that leaves the share `keep` after h ms."""
+    with np.errstate(divide="ignore"):
+        tau = -h / np.log(keep)
+    return np.where(keep <= 0.0, AT_ONCE * h, np.where(keep >= 1.0, np.inf, tau))
+
+
+def one_or_all(values: Any) -> Any:
+    """One number where all are the same, else a number for each neuron."""
+    flat = np.asarray(values, dtype=np.float64).reshape(-1)
+    return float(flat[0]) if np.all(flat == flat[0]) else flat

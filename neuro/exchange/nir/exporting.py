@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
@@ -21,17 +22,160 @@ from neuro.core.hdf5 import disk
 from neuro.core.outputs import Kind, output
 from neuro.core.quantities import Quantity
 from neuro.exchange.nir.cells import BY_GRAPH_EXECUTOR, Unsupported
-from neuro.exchange.nir.graph import Floats, package, shorten
-from neuro.exchange.nir.grids import convolution, differing, even, find_sheets, on_sheets, shape_of
-from neuro.exchange.nir.importing import LACKS, STEP, judge
+from neuro.exchange.nir.graph import Floats, package, same_in_each_map, shorten
+from neuro.exchange.nir.judging import LACKS, STEP, judge
 from neuro.exchange.nir.measured import measure
-from neuro.exchange.nir.nodes import READOUT, neuron_of
-from neuro.exchange.nir.written import Written
-from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdicts
+from neuro.exchange.nir.nodes import READOUT, Scaled, neuron_of
+from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
 from neuro.model.network import Network
 from neuro.model.neurons.builtin import cuba_lif, dc_generator, iaf_psc_delta, iaf_psc_exp
 from neuro.model.neurons.propagators import from_constant
-from neuro.program.program import Population, Projection
+from neuro.program.program import Grid, Population, Program, Projection
+
+
+@dataclass(slots=True)
+class Written:
+    """A graph under construction.
+
+    Attributes:
+        nir: the package.
+        program: the network, resolved.
+        tool: the convention.
+        nodes, edges: of the graph.
+        neurons: by population, what it is.
+        shapes: of their nodes, by population.
+        sheets: populations that a convolution may lead to, whose shapes have an axis of channels.
+        lines: those with one row, which are (channels, columns) in the graph.
+        depths: by population, by how many steps its spikes are later here than in a tool without delays.
+        verdicts: of each part of the network.
+    """
+
+    nir: Any
+    program: Program
+    tool: str
+    nodes: dict[str, Any] = field(default_factory=dict)
+    edges: list[tuple[str, str]] = field(default_factory=list)
+    neurons: dict[int, Scaled] = field(default_factory=dict)
+    shapes: dict[int, tuple[int, ...]] = field(default_factory=dict)
+    sheets: set[int] = field(default_factory=set)
+    lines: set[int] = field(default_factory=set)
+    depths: dict[int, int] = field(default_factory=dict)
+    verdicts: list[Verdict] = field(default_factory=list)
+
+    @property
+    def step(self) -> float:
+        """Seconds."""
+        return self.program.resolution / 1e3
+
+    def says(self, part: Population | Projection, verdict: str, how: str, way_out: str = "") -> None:
+        """The verdict of a part."""
+        kind = part.said if isinstance(part, Population) else part.synapse.name
+        self.verdicts.append(Verdict(part.name, kind, verdict, how, way_out))
+
+
+def find_sheets(out: Written, spiking: Sequence[Projection]) -> None:
+    """Find the populations between which a grid is a convolution.
+
+    What reaches neurons otherwise than by a convolution has no axis of channels, so that they are no sheet.
+    """
+    grids = [p for p in spiking if p.grid is not None]
+    out.sheets = {index for p in grids for index in (p.source, p.target)}
+    for _ in range(len(out.sheets)):
+        out.sheets -= {p.target for p in spiking if p.grid is None or p.source not in out.sheets}
+    between = [p for p in grids if on_sheets(out, p)]
+    in_rows = [
+        p
+        for p in between
+        if p.grid is not None
+        and (p.grid.height == p.grid.rows == 1 and p.grid.top < p.grid.kernel_height)
+        and _pool(out, p) is None
+    ]
+    out.lines = {index for p in in_rows for index in (p.source, p.target)}
+    for _ in range(len(out.lines)):
+        others = [p for p in between if p not in in_rows or not {p.source, p.target} <= out.lines]
+        out.lines -= {index for p in others for index in (p.source, p.target)}
+
+
+def on_sheets(out: Written, part: Projection) -> bool:
+    """Whether a projection is a convolution in the graph."""
+    return part.grid is not None and {part.source, part.target} <= out.sheets
+
+
+def shape_of(out: Written, index: int) -> tuple[int, ...]:
+    """The shape of a population's node: of a sheet with an axis of channels, of other neurons flat."""
+    part = out.program.populations[index]
+    if index not in out.sheets:
+        return (part.size,) if index in out.neurons else part.shape
+    channels, rows, columns = part.shape if len(part.shape) == 3 else (1, *part.shape)
+    return (channels, columns) if index in out.lines else (channels, rows, columns)
+
+
+def even(g: Grid) -> bool:
+    """Whether the border is as wide after the sheet as before it."""
+    rows = (g.height + 2 * g.top - g.kernel_height) // g.stride + 1
+    return (g.rows, g.columns) == (rows, (g.width + 2 * g.left - g.kernel_width) // g.stride + 1)
+
+
+def differing(out: Written, part: Projection, bias: Floats | None) -> str:
+    """Name what differs between the neurons of a map, which share the kernel and the bias of a convolution."""
+    shape = out.program.populations[part.target].shape
+    if same_in_each_map(out.neurons[part.target].factor.reshape(shape)) is None:
+        return "the scale of weights"
+    return "" if bias is None or same_in_each_map(bias.reshape(shape)) is not None else "the constant current"
+
+
+def _kernel(out: Written, part: Projection) -> Floats:
+    """The weights of a grid in the scale of the tool, (maps, channels / groups, height, width)."""
+    assert part.grid is not None
+    factor = out.neurons[part.target].factor.reshape(part.grid.maps, -1)[:, 0]
+    kernel: Floats = np.broadcast_to(part.weight, part.size).reshape(part.grid.kernels) * factor[:, None, None, None]
+    return kernel
+
+
+def _pool(out: Written, part: Projection) -> tuple[str, Floats] | None:
+    """The pool that a grid is, and the factor of each map behind it; None where the tool has none such."""
+    g = part.grid
+    if g is None or part.target not in out.neurons or not (g.depthwise and g.maps == g.channels and even(g)):
+        return None
+    factor = same_in_each_map(_kernel(out, part))
+    if factor is None:
+        return None
+    area, lacks = g.kernel_height * g.kernel_width, LACKS.get(out.tool, ())
+    kinds = {"SumPool2d": factor, "AvgPool2d": factor * area}
+    plain = [kind for kind, left in kinds.items() if kind not in lacks and np.allclose(left, 1.0, rtol=1e-12)]
+    if plain and (out.tool == "nir" or not (g.top or g.left)):  # the tools differ in what they do with a padding
+        return plain[0], np.ones(g.maps)
+    return None if "Scale" in lacks else ("SumPool2d", factor)
+
+
+def convolution(out: Written, part: Projection, bias: Floats | None) -> tuple[dict[str, Any], str]:
+    """The nodes of a grid, and what they are."""
+    nir, g = out.nir, part.grid
+    assert g is not None
+    pool = _pool(out, part) if bias is None else None
+    if pool is not None:
+        kind, factor = pool
+        size, stride = np.array([g.kernel_height, g.kernel_width]), np.array([g.stride, g.stride])
+        chain = {part.name: getattr(nir, kind)(size, stride, np.array([g.top, g.left]))}
+        if np.any(factor != 1.0):
+            scale = np.broadcast_to(factor[:, None, None], (g.maps, g.rows, g.columns)).copy()
+            chain[f"{part.name}.scale"] = nir.Scale(scale)
+        return chain, kind + (" and Scale" if len(chain) > 1 else "")
+    kernel, line = _kernel(out, part), part.source in out.lines
+    groups = g.channels if g.depthwise else 1
+    bias = np.zeros(g.maps) if bias is None else bias.reshape(g.maps, -1)[:, 0].copy()
+    if line:
+        padding = g.left if even(g) else "same"
+        node = nir.Conv1d(g.width, kernel[:, :, g.top].copy(), g.stride, padding, 1, groups, bias)
+    else:
+        border = (g.top, g.left) if even(g) else "same"
+        node = nir.Conv2d((g.height, g.width), kernel, g.stride, border, 1, groups, bias)
+    how = type(node).__name__
+    fits = np.array_equal(node.input_type["input"], out.shapes[part.source])
+    if not (fits and np.array_equal(node.output_type["output"], out.shapes[part.target])):
+        how += "; the package nir works out its shape wrongly: nir.read opens the graph with type_check=False only"
+    return {part.name: node}, how
+
 
 READERS = ("norse", "snntorch", "sinabs", "spikingjelly", "nir")
 """The tools for which graphs are scaled."""
@@ -100,13 +244,24 @@ def written(net: Network, dt: float | None, for_: str | None) -> tuple[Any, Verd
     probed = {probe.population for probe in out.program.probes}
     ends = [k for k in out.neurons if k not in sending] or [k for k in out.neurons if k in probed] or list(out.neurons)
     for index in ends:
-        _add_output(out, index)
+        population = out.program.populations[index]
+        name = "output" if "output" not in out.nodes else f"{population.name}_output"
+        if out.neurons[index].kind == READOUT:
+            name = population.name
+        out.nodes[name] = out.nir.Output({"output": np.array(out.shapes[index])})
+        if name != population.name:
+            out.edges.append((population.name, name))
     table = Verdicts(f"{net.name}: for {tool}, steps of {net.resolution:g} ms", tuple(out.verdicts))
     if table.refused:
         return None, table
     try:
         # The package works out the size of some convolutions wrongly; `_add_projection` has made sure that all fit.
-        graph = out.nir.NIRGraph(_single(out), out.edges, type_check=False)
+        # The nodes, for a tool in the single precision in which it computes.
+        for node in out.nodes.values() if out.tool != "nir" else ():
+            for word, value in vars(node).items():
+                if isinstance(value, np.ndarray) and value.dtype == np.float64:
+                    setattr(node, word, value.astype(np.float32))
+        graph = out.nir.NIRGraph(out.nodes, out.edges, type_check=False)
     except Exception as error:  # the package raises many kinds
         raise ModelError(f"to_nir: the package nir refuses the graph: {error}") from None
     if not table.exact:
@@ -126,15 +281,6 @@ def _measured(out: Written, net: Network, graph: Any) -> str:
     depths = {name: out.depths[index] for name, index in parts.items()}
     differing = [each.node for each in found.table() if each.verdict == APPROXIMATE]
     return measure(found, net, {name: name for name in parts}, depths, differing)
-
-
-def _single(out: Written) -> dict[str, Any]:
-    """The nodes, for a tool in the single precision in which it computes."""
-    for node in out.nodes.values() if out.tool != "nir" else ():
-        for word, value in vars(node).items():
-            if isinstance(value, np.ndarray) and value.dtype == np.float64:
-                setattr(node, word, value.astype(np.float32))
-    return out.nodes
 
 
 def save_nir(net: Network, path: str | PathLike[str], dt: float | None = None, for_: str | None = None) -> Verdicts:
@@ -211,25 +357,10 @@ def _add_population(out: Written, index: int, part: Population) -> None:
             out.says(part, EXACT, f"{made.how}; {some(depth, 'step')} later here")
 
 
-def _add_output(out: Written, index: int) -> None:
-    part = out.program.populations[index]
-    name = "output" if "output" not in out.nodes else f"{part.name}_output"
-    if out.neurons[index].kind == READOUT:
-        name = part.name
-    out.nodes[name] = out.nir.Output({"output": np.array(out.shapes[index])})
-    if name != part.name:
-        out.edges.append((part.name, name))
-
-
 def _layer(out: Written, part: Projection) -> int:
     """Steps that a spike takes until it acts on V_m, with the shortest delay."""
     model = out.program.populations[part.target].model
     return 2 if isinstance(model, iaf_psc_exp) and not isinstance(model, cuba_lif) else 1
-
-
-def _lags(out: Written, part: Projection) -> int:
-    """Steps that the first spike takes until it acts on V_m."""
-    return int(part.delay_span[0]) - 1 + _layer(out, part)
 
 
 def _spiking(out: Written) -> list[Projection]:
@@ -267,7 +398,9 @@ def _find_depths(out: Written) -> None:
     for _ in range(count):
         for source, target, steps in direct:
             depths[target] = max(depths[target], depths[source] + steps)
-    shorten(depths, [(p.source, p.target, _lags(out, p)) for p in forward])  # no Delay is negative
+    shorten(
+        depths, [(p.source, p.target, (int(p.delay_span[0]) - 1 + _layer(out, p))) for p in forward]
+    )  # no Delay is negative
     out.depths.update((k, int(depth)) for k, depth in enumerate(depths))
 
 

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
 from neuro.exchange.nir.cells import Cell
-from neuro.exchange.nir.graph import Floats
-from neuro.exchange.nir.judged import Read
-from neuro.exchange.nir.maps import Map
+from neuro.exchange.nir.graph import Floats, Map
+from neuro.exchange.nir.judging import Read
 from neuro.model.network import Network
 from neuro.model.neurons.builtin import spike_generator
 from neuro.run.compiled import compile
@@ -72,7 +71,12 @@ def differences(found: Read, others: Mapping[str, Read | str]) -> str:
         found: the graph by one convention, no node of which is refused.
         others: the graph by the conventions of other tools, or why one cannot read it.
     """
-    refused = {tool: other if isinstance(other, str) else _refusal(other) for tool, other in others.items()}
+    refused = {
+        tool: other
+        if isinstance(other, str)
+        else next((f"node '{each.node}' ({each.kind}): {each.how}" for each in other.table().refused), "")
+        for tool, other in others.items()
+    }
     readers = {tool: other for tool, other in others.items() if isinstance(other, Read) and not refused[tool]}
     lines = [f"{tool} refuses it: {why}" for tool, why in refused.items() if why]
     if sum(_weights(link.map) for link in found.links) > MOST:
@@ -103,11 +107,6 @@ def _spikes_of(found: Read, inputs: Mapping[str, Counts]) -> dict[str, Counts]:
     layers.sort(key=lambda layer: found.depths[layer.name])
     spikes = run_there(layers, inputs)
     return {layer.name: spikes[layer.name] for layer in layers}
-
-
-def _refusal(found: Read) -> str:
-    """Why the first of the refused nodes is refused; "" if none is."""
-    return next((f"node '{each.node}' ({each.kind}): {each.how}" for each in found.table().refused), "")
 
 
 def _fires(found: Read, name: str) -> bool:
@@ -165,7 +164,10 @@ class Layer:
     def __init__(self, found: Read, name: str, differing: Container[str]) -> None:
         cell, graph = found.cells[name], found.graph
         self.name = name
-        self.cell = _flat(cell)
+        # The cell with arrays of one axis.
+        values = ((each.name, getattr(cell, each.name)) for each in fields(cell))
+        words: dict[str, Any] = {word: v.reshape(-1) if isinstance(v, np.ndarray) else v for word, v in values}
+        self.cell = Cell(**words)
         self.rises = cell.rises or name in differing
         self.inputs = [(link, link.map.sparse()) for link in found.links if link.target == name]
         self.lags = [np.rint(link.lag.reshape(-1) / found.step).astype(int) for link, _ in self.inputs]
@@ -211,10 +213,3 @@ class Layer:
         self.above = self.rises & (self.v > cell.threshold)
         self.held[fires] = self.hold
         return counts
-
-
-def _flat(cell: Cell) -> Cell:
-    """The cell with arrays of one axis."""
-    values = ((each.name, getattr(cell, each.name)) for each in fields(cell))
-    words: dict[str, Any] = {word: v.reshape(-1) if isinstance(v, np.ndarray) else v for word, v in values}
-    return Cell(**words)

@@ -73,7 +73,9 @@ def neuron_of(part: Population, tool: str, h: float) -> Scaled:
     fires = bool(np.all(p["V_th"] < NEVER))
     if not fires and np.any(p["V_th"] < NEVER):
         raise Unsupported("some of its neurons never fire", "give them a population of their own")
-    _check_states(part, p)
+    for name, values in part.initial.items():
+        if np.any(values != (p["E_L"] if name == "V_m" else 0.0)):
+            raise Unsupported(f"{name} does not start at rest: nodes of NIR have no initial state", "leave it out")
     if fires:
         _check_spikes(p, tool)
     elif "tau_syn_ex" not in p and np.all(np.exp(-h / p["tau_m"]) == 0.0) and np.all(p["E_L"] == 0.0):
@@ -83,12 +85,6 @@ def neuron_of(part: Population, tool: str, h: float) -> Scaled:
     elif tool != "nir":
         raise Unsupported(f"{tool} reads no neurons that never fire", "leave them out, or read V_m of the layer before")
     return _synaptic(p, tool, h, fires) if "tau_syn_ex" in p else _direct(p, tool, h, fires)
-
-
-def _check_states(part: Population, p: dict[str, Floats]) -> None:
-    for name, values in part.initial.items():
-        if np.any(values != (p["E_L"] if name == "V_m" else 0.0)):
-            raise Unsupported(f"{name} does not start at rest: nodes of NIR have no initial state", "leave it out")
 
 
 def _check_spikes(p: dict[str, Floats], tool: str) -> None:

@@ -15,8 +15,7 @@ from neuro.core.hdf5 import check_tree
 from neuro.core.hdf5_texts import Texts
 from neuro.core.inputs import record_input
 from neuro.core.paths import existing
-from neuro.exchange.nir.graph import FIELDS, Graph, Node, Shape, package
-from neuro.exchange.nir.maps import outcome, shown, wholes
+from neuro.exchange.nir.graph import FIELDS, Graph, Node, outcome, package, shown, wholes
 
 LARGEST = 2**28
 """Elements of a shape; more is taken for damage."""
@@ -40,7 +39,19 @@ def read(source: Any) -> Graph:
             found = type(source).__name__
             raise ModelError(f"from_nir: found {found}: expected a file, or a nir.NIRGraph")
     try:
-        return _flat(source if path is None else _from_file(path), named)
+        graph = source if path is None else _from_file(path)
+        nodes: dict[str, Node] = {}
+        edges: list[tuple[str, str]] = []
+        _gather(graph, "", nodes, edges, depth=0)
+        flat = Graph(named, nodes, list(dict.fromkeys(edges)), dict(graph.metadata or {}))
+        if not any(node.kind == "Input" for node in nodes.values()):
+            raise ModelError(f"{named}: has no Input node")
+        if into := [(a, b) for a, b in flat.edges if nodes[b].kind == "Input"]:
+            raise ModelError(f"{named}: edge '{into[0][0]}' -> '{into[0][1]}': an Input receives nothing")
+        _find_shapes(flat)
+        for name, node in nodes.items():
+            node.recurrent = any((b, name) in flat.edges for a, b in flat.edges if a == name)
+        return flat
     except ModelError as error:
         raise (error if path is None else error.at(None, named)) from None
     except (TypeError, ValueError, OverflowError, AttributeError) as error:  # of a field that is something else
@@ -108,21 +119,6 @@ def _check_sizes(path: Path) -> None:
             raise ModelError(f"{path}: holds {kind}: expected a graph, NIRGraph")
 
 
-def _flat(graph: Any, source: str) -> Graph:
-    nodes: dict[str, Node] = {}
-    edges: list[tuple[str, str]] = []
-    _gather(graph, "", nodes, edges, depth=0)
-    flat = Graph(source, nodes, list(dict.fromkeys(edges)), dict(graph.metadata or {}))
-    if not any(node.kind == "Input" for node in nodes.values()):
-        raise ModelError(f"{source}: has no Input node")
-    if into := [(a, b) for a, b in flat.edges if nodes[b].kind == "Input"]:
-        raise ModelError(f"{source}: edge '{into[0][0]}' -> '{into[0][1]}': an Input receives nothing")
-    _find_shapes(flat)
-    for name, node in nodes.items():
-        node.recurrent = any((b, name) in flat.edges for a, b in flat.edges if a == name)
-    return flat
-
-
 def _gather(graph: Any, prefix: str, nodes: dict[str, Node], edges: list[tuple[str, str]], depth: int) -> None:
     if depth > 16:
         raise ModelError("graph: subgraphs are nested more than 16 deep")
@@ -146,7 +142,11 @@ def _gather(graph: Any, prefix: str, nodes: dict[str, Node], edges: list[tuple[s
             fields = {word: _plain(getattr(node, word, None), full, word) for word in FIELDS.get(kind, ())}
             nodes[full] = Node(full, kind, fields)
             if kind == "Input":
-                nodes[full].shape = _shape(next(iter((node.input_type or {}).values()), None), full)
+                value = next(iter((node.input_type or {}).values()), None)
+                sizes = () if value is None else tuple(wholes(value))
+                if not sizes or min(sizes) < 1 or math.prod(sizes) > LARGEST:
+                    raise ModelError(f"node '{full}': shape {shown(value)}: expected {SIZES}")
+                nodes[full].shape = sizes
     known = {str(name) for name in graph.nodes}
     for a, b in ((str(a), str(b)) for a, b in graph.edges):
         if lost := [end for end in (a, b) if end not in known]:
@@ -172,13 +172,6 @@ def _plain(value: Any, name: str, word: str) -> Any:
     return array
 
 
-def _shape(value: Any, name: str) -> Shape:
-    sizes = () if value is None else tuple(wholes(value))
-    if not sizes or min(sizes) < 1 or math.prod(sizes) > LARGEST:
-        raise ModelError(f"node '{name}': shape {shown(value)}: expected {SIZES}")
-    return sizes
-
-
 def _find_shapes(graph: Graph) -> None:
     pending = [n for n in graph.order() if not graph.nodes[n].shape]
     for _ in range(len(pending) + 1):
@@ -186,7 +179,10 @@ def _find_shapes(graph: Graph) -> None:
             node = graph.nodes[name]
             known = [graph.nodes[a].shape for a in graph.before(name) if graph.nodes[a].shape]
             if known and not node.shape:
-                node.shape = _checked(graph, node, outcome(node, known[0]))
+                shape = outcome(node, known[0])
+                if min(shape, default=0) < 1 or math.prod(shape) > LARGEST:
+                    raise ModelError(f"{graph.source}: node '{node.name}': shape {list(shape)}: expected {SIZES}")
+                node.shape = shape
         left = [n for n in pending if not graph.nodes[n].shape]
         if not left or len(left) == len(pending):
             break
@@ -204,9 +200,3 @@ def _find_shapes(graph: Graph) -> None:
             raise ModelError(
                 f"{graph.source}: edge '{a}' -> '{b}': shape {list(graph.nodes[a].shape)} does not fit {node.kind}"
             )
-
-
-def _checked(graph: Graph, node: Node, shape: Shape) -> Shape:
-    if min(shape, default=0) < 1 or math.prod(shape) > LARGEST:
-        raise ModelError(f"{graph.source}: node '{node.name}': shape {list(shape)}: expected {SIZES}")
-    return shape

@@ -45,11 +45,11 @@ def main() -> None:
     words = json.load(sys.stdin)
     _end_with(words["parent"])
     folder = Path(words["folder"])
-    from neuro.exchange.pynn import stand_in  # before the limits: what is imported here may do all it likes
-    from neuro.exchange.pynn.outcome import Outcome
+    from neuro.exchange.pynn import gathered, session, stand_in  # before the limits: imports may do all they like
 
     script = Path(words["script"])
-    outcome = Outcome(folder / "networks", script, folder / "files")
+    outcome = session.SESSION
+    outcome.begin(folder / "networks", script, folder / "files", gathered.Gathered)
     here = folder / "files" / script.name
     code = _compiled(script, outcome)
     if code is not None:
@@ -87,7 +87,6 @@ def _run(code: CodeType, here: Path, outcome: Any) -> None:
         last, strict = next(filter(str.strip, str(error).splitlines()), ""), isinstance(error, Refused)
         said = last if strict else f"{type(error).__name__}: {last}" if last else type(error).__name__
         outcome.fail(said[:400], _line(error, code.co_filename), kind="refused" if strict else "raised")
-    outcome.end()
 
 
 def _line(error: BaseException, script: str) -> int:

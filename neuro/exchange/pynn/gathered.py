@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, Where
-from neuro.exchange.pynn.cells import BY_NAME, DEPENDENCES, Cell
-from neuro.exchange.pynn.projections import Projection
+from neuro.exchange.pynn.cells import BY_NAME, DEPENDENCES, Cell, difference
+from neuro.exchange.pynn.parts import Projection
 from neuro.exchange.pynn.session import Experiment
-from neuro.exchange.pynn.short_term import difference
-from neuro.exchange.pynn.spinnaker import delta_jump
+from neuro.exchange.pynn.standard import delta_jump
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS
 from neuro.model.rules import Rule, all_to_all, one_to_one, pairs
@@ -81,37 +80,33 @@ class Gathered:
         self.names: dict[Any, str] = {}
         self.first = np.array([int(part.first_id) for part in experiment.populations], dtype=np.int64)
         self.tau_minus: dict[Any, float] = {}
-        self.bundles: list[Synapses] = []
-
-        self._gather()
+        made = experiment.projections
+        self.bundles = [bundle for one in made for bundle in self._bundles(one)]
+        self.modulators = [one for one in self.bundles if _kind(one) == "Neuromodulation"]
+        self._each((bundle.made.where, self._learning, bundle) for bundle in self.bundles)
+        self._each((part.where, self._population, part) for part in experiment.populations)
+        self._each((bundle.made.where, self._projection, bundle) for bundle in self.bundles)
+        self._each((where, self._current, (source, ids)) for source, ids, where in experiment.currents)
+        self._each((part.where, self._probes, part) for part in experiment.populations)
 
     def close(self) -> Network:
         """The network, with the rates that the script has set while it ran."""
         for part, name in self.names.items():
             if part.rates and name in self.net.populations:
-                self.net.populations[name] = replace(self.net.populations[name], model=self._scheduled(part))
+                first: Any = self.net.populations[self.names[part]].model
+                rates = {self.step: np.broadcast_to(first.rate, part.size)}
+                rates |= {max(self.step, self._rounded(time, "times")): values for time, values in part.rates}
+                table = np.array(list(rates.values()))
+                values = table[:, 0] if (table == table[:, :1]).all() else table.T
+                window = {"start": first.start, "stop": first.stop}
+                self.net.populations[name] = replace(
+                    self.net.populations[name],
+                    model=MODELS["inhomogeneous_poisson_generator"](
+                        rate_times=list(rates), rate_values=values, **window
+                    ),
+                )
                 part.rates = []
         return self.net
-
-    def _scheduled(self, part: Any) -> Any:
-        first: Any = self.net.populations[self.names[part]].model
-        rates = {self.step: np.broadcast_to(first.rate, part.size)}
-        rates |= {max(self.step, self._rounded(time, "times")): values for time, values in part.rates}
-        table = np.array(list(rates.values()))
-        values = table[:, 0] if (table == table[:, :1]).all() else table.T
-        window = {"start": first.start, "stop": first.stop}
-        return MODELS["inhomogeneous_poisson_generator"](rate_times=list(rates), rate_values=values, **window)
-
-    def _gather(self) -> None:
-        """All parts, in the order of the script."""
-        made = self.experiment.projections
-        self.bundles = [bundle for one in made for bundle in self._bundles(one)]
-        self.modulators = [one for one in self.bundles if _kind(one) == "Neuromodulation"]
-        self._each((bundle.made.where, self._learning, bundle) for bundle in self.bundles)
-        self._each((part.where, self._population, part) for part in self.experiment.populations)
-        self._each((bundle.made.where, self._projection, bundle) for bundle in self.bundles)
-        self._each((where, self._current, (source, ids)) for source, ids, where in self.experiment.currents)
-        self._each((part.where, self._probes, part) for part in self.experiment.populations)
 
     def _each(self, parts: Iterable[tuple[Where | None, Callable[[Any], None], Any]]) -> None:
         for where, add, part in parts:
@@ -120,17 +115,12 @@ class Gathered:
                 add(part)
             except Incomplete as error:
                 if str(error):
-                    self._problem(where, str(error))
+                    self.experiment.problems.setdefault((where, str(error)))
             except ModelError as error:
-                self._problem(where, error.message)
-
-    def _problem(self, where: Where | None, message: str) -> None:
-        if (where, message) not in self.experiment.problems:
-            self.experiment.problems.append((where, message))
+                self.experiment.problems.setdefault((where, error.message))
 
     def _note(self, message: str) -> None:
-        if (self.net.place, message) not in self.experiment.notes:
-            self.experiment.notes.append((self.net.place, message))
+        self.experiment.notes.setdefault((self.net.place, message))
 
     # -- populations
 
@@ -140,26 +130,22 @@ class Gathered:
         kind, what = type(part.celltype).__name__, f"population '{name}'"
         if kind == "Placeholder":
             return  # its line is a problem already
-        made = _SOURCES.get(kind)
-        if made is not None:
-            model, initial = made(self, part.values), {}
+        if kind.startswith("SpikeSource"):
+            model, initial = self._source(kind, part.values, what), {}
         elif kind in BY_NAME:
             cell = BY_NAME[kind]
-            model = MODELS[cell.model](**self._parameters(part, cell))
+            found = {word: shared(value) for word, value in cell.here(part.values).items()}
+            found["t_ref"] = self._rounded(found["t_ref"], "refractory periods") if "t_ref" in found else 0.0
+            if "t_ref" not in cell.words and "t_ref" not in cell.fixed:
+                del found["t_ref"]
+            if part in self.tau_minus:
+                found["tau_minus"] = self.tau_minus[part]
+            model = MODELS[cell.model](**found)
             initial = self._initial(part, cell)
         else:
             raise Incomplete(f"{what}: {kind} has no counterpart")
         positions = np.ascontiguousarray(part.positions.T) if part.laid_out else None
         self.net.population(name, part.size, model, initial=initial, positions=positions)
-
-    def _parameters(self, part: Any, cell: Cell) -> dict[str, Any]:
-        found = {word: shared(value) for word, value in cell.here(part.values).items()}
-        found["t_ref"] = self._rounded(found["t_ref"], "refractory periods") if "t_ref" in found else 0.0
-        if "t_ref" not in cell.words and "t_ref" not in cell.fixed:
-            del found["t_ref"]
-        if part in self.tau_minus:
-            found["tau_minus"] = self.tau_minus[part]
-        return found
 
     def _initial(self, part: Any, cell: Cell) -> dict[str, Any]:
         found = {}
@@ -198,23 +184,27 @@ class Gathered:
             )
         return MODELS["spike_generator"](spike_times=rows)
 
-    def _poisson(self, values: dict[str, Any]) -> Any:
-        return MODELS["poisson_generator"](rate=shared(values["rate"]), **self._window(values))
-
-    def _gamma(self, values: dict[str, Any]) -> Any:
-        shape, rate = values["alpha"], values["beta"] / values["alpha"]
-        if np.any(shape != np.rint(shape)):
-            raise Incomplete("SpikeSourceGamma: 'alpha' is no whole number")
-        window = self._window(values)
-        return MODELS["gamma_sup_generator"](gamma_shape=shared(shape.astype(int)), rate=shared(rate), **window)
-
-    def _varying(self, values: dict[str, Any]) -> Any:
-        times = [np.asarray(one.value) for one in values["starts"]]
-        rates = np.array([one.value for one in values["rates"]])
-        if any(not np.array_equal(times[0], other) for other in times):
-            raise Incomplete("SpikeSourcePoissonVariable: rates change at different times")
-        grid = np.maximum(self._rounded(times[0], "times", 0), self.step)
-        return MODELS["inhomogeneous_poisson_generator"](rate_times=grid, rate_values=rates)
+    def _source(self, kind: str, values: dict[str, Any], what: str) -> Any:
+        """Return the generator that a spike source of PyNN is."""
+        match kind:
+            case "SpikeSourceArray":
+                return self._spike_times(values)
+            case "SpikeSourcePoisson":
+                return MODELS["poisson_generator"](rate=shared(values["rate"]), **self._window(values))
+            case "SpikeSourceGamma":
+                shape, rate = values["alpha"], values["beta"] / values["alpha"]
+                if np.any(shape != np.rint(shape)):
+                    raise Incomplete("SpikeSourceGamma: 'alpha' is no whole number")
+                numbers = {"gamma_shape": shared(shape.astype(int)), "rate": shared(rate)}
+                return MODELS["gamma_sup_generator"](**numbers, **self._window(values))
+            case "SpikeSourcePoissonVariable":
+                times = [np.asarray(one.value) for one in values["starts"]]
+                rates = np.array([one.value for one in values["rates"]])
+                if any(not np.array_equal(times[0], other) for other in times):
+                    raise Incomplete("SpikeSourcePoissonVariable: rates change at different times")
+                grid = np.maximum(self._rounded(times[0], "times", 0), self.step)
+                return MODELS["inhomogeneous_poisson_generator"](rate_times=grid, rate_values=rates)
+        raise Incomplete(f"{what}: {kind} has no counterpart")
 
     def _window(self, values: dict[str, Any]) -> dict[str, float]:
         start, duration = shared(values["start"]), shared(values["duration"])
@@ -302,7 +292,11 @@ class Gathered:
         if kind == "StaticSynapse":
             return SYNAPSES["static"]()
         if kind == "TsodyksMarkramSynapse":
-            return self._short_term(bundle, rule)
+            share, tau_rec, tau_fac = bundle.numbers("U"), bundle.number("tau_rec"), bundle.number("tau_facil")
+            active = bundle.target.values.get(f"tau_syn_{'I' if bundle.made.receptor_type == 'inhibitory' else 'E'}")
+            if active is not None:
+                self._note(difference(float(np.mean(share)), tau_rec, tau_fac, float(np.mean(active))))
+            return SYNAPSES["tsodyks2"](U=self._laid(share, rule, bundle), tau_rec=tau_rec, tau_fac=tau_fac)
         if kind != "STDPMechanism":
             raise Incomplete(f"{kind} has no counterpart")
         if np.ndim(factor):
@@ -321,13 +315,6 @@ class Gathered:
         if timing != "SpikePairRule":
             raise Incomplete(f"{timing} with {dependence} has no counterpart")
         return self._pair(bundle, dependence, factor)
-
-    def _short_term(self, bundle: Synapses, rule: Rule) -> Any:
-        share, tau_rec, tau_fac = bundle.numbers("U"), bundle.number("tau_rec"), bundle.number("tau_facil")
-        active = bundle.target.values.get(f"tau_syn_{'I' if bundle.made.receptor_type == 'inhibitory' else 'E'}")
-        if active is not None:
-            self._note(difference(float(np.mean(share)), tau_rec, tau_fac, float(np.mean(active))))
-        return SYNAPSES["tsodyks2"](U=self._laid(share, rule, bundle), tau_rec=tau_rec, tau_fac=tau_fac)
 
     def _pair(self, bundle: Synapses, dependence: str, factor: float) -> Any:
         if dependence in DEPENDENCES:
@@ -380,10 +367,10 @@ class Gathered:
     def _current(self, injected: tuple[Any, list[int]]) -> None:
         source, cells = injected
         kind, values = type(source).__name__, source.values()
-        if kind not in _CURRENTS:
+        if kind not in ("DCSource", "ACSource", "NoisyCurrentSource", "StepCurrentSource"):
             raise Incomplete(f"{kind} has no counterpart")
         name = _free(kind, {*self.net.populations, *self.net.projections})
-        self.net.population(name, 1, _CURRENTS[kind](self, values))
+        self.net.population(name, 1, self._generator(kind, values))
         ids = np.array(cells, dtype=np.int64)
         at = np.searchsorted(self.first, ids, side="right") - 1
         for place in sorted({*at.tolist()}):
@@ -400,29 +387,24 @@ class Gathered:
     def _early(self, time: float) -> float:
         return float(self._rounded(max(0.0, float(time) - self._lead()), "times"))
 
-    def _while(self, values: dict[str, Any]) -> dict[str, float]:
-        found = {"start": self._early(values["start"])}
-        return found | ({"stop": self._early(values["stop"])} if values["stop"] < _NEVER else {})
-
-    def _dc(self, values: dict[str, Any]) -> Any:
-        return MODELS["dc_generator"](amplitude=values["amplitude"] * 1000.0, **self._while(values))
-
-    def _ac(self, values: dict[str, Any]) -> Any:
-        window = self._while(values)
-        phase = values["phase"] - 360.0 * values["frequency"] * window["start"] / 1000.0
-        sizes = {"amplitude": values["amplitude"] * 1000.0, "offset": values["offset"] * 1000.0}
-        return MODELS["ac_generator"](**sizes, frequency=values["frequency"], phase=phase, **window)
-
-    def _noise(self, values: dict[str, Any]) -> Any:
+    def _generator(self, kind: str, values: dict[str, Any]) -> Any:
+        """Return the generator that a current source of PyNN is, whose amplitudes are in nA."""
+        if kind == "StepCurrentSource":
+            times = np.maximum([self._early(time) for time in values["times"]], self.step)
+            last = np.flatnonzero(np.diff(times, append=np.inf) > 0)
+            amplitudes = np.asarray(values["amplitudes"], dtype=float) * 1000.0
+            steps = {"amplitude_times": times[last], "amplitude_values": amplitudes[last]}
+            return MODELS["step_current_generator"](**steps)
+        window = {"start": self._early(values["start"])}
+        window |= {"stop": self._early(values["stop"])} if values["stop"] < _NEVER else {}
+        if kind == "DCSource":
+            return MODELS["dc_generator"](amplitude=values["amplitude"] * 1000.0, **window)
+        if kind == "ACSource":
+            phase = values["phase"] - 360.0 * values["frequency"] * window["start"] / 1000.0
+            sizes = {"amplitude": values["amplitude"] * 1000.0, "offset": values["offset"] * 1000.0}
+            return MODELS["ac_generator"](**sizes, frequency=values["frequency"], phase=phase, **window)
         sizes = {"mean": values["mean"] * 1000.0, "std": values["stdev"] * 1000.0}
-        return MODELS["noise_generator"](**sizes, dt=self._rounded(values["dt"], "times", 1), **self._while(values))
-
-    def _steps(self, values: dict[str, Any]) -> Any:
-        times = np.maximum([self._early(time) for time in values["times"]], self.step)
-        last = np.flatnonzero(np.diff(times, append=np.inf) > 0)
-        amplitudes = np.asarray(values["amplitudes"], dtype=float) * 1000.0
-        chosen = {"amplitude_times": times[last], "amplitude_values": amplitudes[last]}
-        return MODELS["step_current_generator"](**chosen)
+        return MODELS["noise_generator"](**sizes, dt=self._rounded(values["dt"], "times", 1), **window)
 
     def _probes(self, part: Any) -> None:
         if self.names.get(part) not in self.net.populations:
@@ -453,20 +435,6 @@ class Gathered:
         return states[variable][0]
 
 
-_SOURCES: dict[str, Callable[[Gathered, dict[str, Any]], Any]] = {
-    "SpikeSourceArray": Gathered._spike_times,
-    "SpikeSourcePoisson": Gathered._poisson,
-    "SpikeSourceGamma": Gathered._gamma,
-    "SpikeSourcePoissonVariable": Gathered._varying,
-}
-_CURRENTS: dict[str, Callable[[Gathered, dict[str, Any]], Any]] = {
-    "DCSource": Gathered._dc,
-    "ACSource": Gathered._ac,
-    "NoisyCurrentSource": Gathered._noise,
-    "StepCurrentSource": Gathered._steps,
-}
-
-
 def _kind(bundle: Synapses) -> str:
     return type(bundle.made.synapse_type).__name__
 
@@ -474,17 +442,12 @@ def _kind(bundle: Synapses) -> str:
 def _rule(bundle: Synapses) -> Rule:
     """The rule that makes these synapses, where they are all or one to one; else the pairs."""
     source, target, count = bundle.source.size, bundle.target.size, bundle.pre.size
-    if source == target == count and np.array_equal(bundle.pre, bundle.post) and _ascending(bundle.pre, source):
+    ascending = np.arange(count)
+    if source == target == count and np.array_equal(bundle.pre, bundle.post) and np.array_equal(bundle.pre, ascending):
         return one_to_one()
-    if count == source * target:
-        flat = bundle.pre * target + bundle.post
-        if _ascending(flat, count):
-            return all_to_all()
+    if count == source * target and np.array_equal(bundle.pre * target + bundle.post, ascending):
+        return all_to_all()
     return pairs(pre=bundle.pre, post=bundle.post)
-
-
-def _ascending(ids: NDArray[np.int64], count: int) -> bool:
-    return bool(np.array_equal(ids, np.arange(count)))
 
 
 def _name(label: str) -> str:

@@ -14,9 +14,8 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, BinaryIO
+from typing import Any, BinaryIO
 from uuid import uuid4
 
 from neuro.core.checks import check
@@ -25,7 +24,7 @@ from neuro.core.extras import needed
 from neuro.core.paths import existing
 from neuro.core.quantities import Quantity
 from neuro.core.system import only_on_linux
-from neuro.exchange.pynn.report import Built, Damaged, Failure, Report, printable
+from neuro.exchange.pynn.report import Damaged, Failure, Report, printable
 from neuro.exchange.verdict import APPROXIMATE, Verdict, Verdicts
 from neuro.model.language import load
 from neuro.model.network import Network
@@ -40,16 +39,6 @@ _SECONDS = Quantity(unit="s", above=0, at_most=86_400)
 _MEMORY = Quantity(above=0, at_most=4096)
 _NUMBER = Quantity(kind="integer", at_least=1)
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
-
-
-@dataclass(frozen=True, slots=True)
-class _Run:
-    """How a script is run."""
-
-    script: Path
-    arguments: Sequence[str]
-    seconds: float
-    memory: float
 
 
 def from_pynn(
@@ -92,10 +81,10 @@ def from_pynn(
     needed("pyNN", "pynn", "PyNN's scripts are read with PyNN, which is not installed")
     if arguments is None:
         arguments = ["nest"] if _ARGUMENTS.search(path.read_text("utf-8", "replace")) else []
-    limits = check(_SECONDS, seconds, "seconds"), check(_MEMORY, memory, "memory")
+    limits = {"seconds": check(_SECONDS, seconds, "seconds"), "memory": int(check(_MEMORY, memory, "memory") * 2**30)}
     chosen = None if network is None else check(_NUMBER, network, "network")
     with _folder(path) as folder:
-        report = _run(_Run(path.resolve(), list(arguments), *limits), folder)
+        report = _run({"script": str(path.resolve()), "arguments": list(arguments), **limits}, folder)
         return _network(path, report, folder / "networks", chosen)
 
 
@@ -117,7 +106,22 @@ def _network(path: Path, report: Report, folder: Path, number: int | None) -> Ne
         raise ModelError(f"{path.name}: the script fails: the files of its network are replaced")
     net = load(folder / built.file)
     net.inputs = ()
-    net.verdicts = _verdicts(path.name, built, networks, number, failure)
+    # How long the script runs the network, and by line what is otherwise here.
+    runs, said = built.runs, [path.name]
+    if runs:
+        shown = ", ".join(f"{ms:g}" for ms in runs[:5]) + (", ..." if len(runs) > 5 else "")
+        said.append(f"runs for {sum(runs):g} ms" + (f" ({shown})" if len(runs) > 1 else ""))
+    if len(networks) > 1:
+        lines = ", ".join(str(each.line) for each in networks)
+        chosen = "the last" if number is None else f"number {number}"
+        said.append(f"builds {len(networks)} networks, at lines {lines}: this is {chosen}")
+    if built.notes:
+        said.append("no spikes are compared, since the script is not simulated")
+    notes = [(f"{note.file}:{note.line}" if note.file else path.name, note.message) for note in built.notes]
+    if failure:
+        how = f"the script ends in what it does with results, which are empty here: {failure.message}"
+        notes.append((f"{path.name}:{failure.line}", how))
+    net.verdicts = Verdicts("; ".join(said), tuple(Verdict(place, "line", APPROXIMATE, how) for place, how in notes))
     return net
 
 
@@ -134,27 +138,6 @@ _HINTS = {
     "refused": "only what describes a network is allowed",
     "time": "--seconds allows more",
 }
-
-
-def _verdicts(
-    name: str, built: Built, networks: Sequence[Built], number: int | None, failure: Failure | None
-) -> Verdicts:
-    """How long the script runs the network, and by line what is otherwise here."""
-    runs, said = built.runs, [name]
-    if runs:
-        shown = ", ".join(f"{ms:g}" for ms in runs[:5]) + (", ..." if len(runs) > 5 else "")
-        said.append(f"runs for {sum(runs):g} ms" + (f" ({shown})" if len(runs) > 1 else ""))
-    if len(networks) > 1:
-        lines = ", ".join(str(each.line) for each in networks)
-        chosen = "the last" if number is None else f"number {number}"
-        said.append(f"builds {len(networks)} networks, at lines {lines}: this is {chosen}")
-    if built.notes:
-        said.append("no spikes are compared, since the script is not simulated")
-    notes = [(f"{note.file}:{note.line}" if note.file else name, note.message) for note in built.notes]
-    if failure:
-        how = f"the script ends in what it does with results, which are empty here: {failure.message}"
-        notes.append((f"{name}:{failure.line}", how))
-    return Verdicts("; ".join(said), tuple(Verdict(place, "line", APPROXIMATE, how) for place, how in notes))
 
 
 # -- the process -----------------------------------------------------------------------------------------------------
@@ -205,64 +188,50 @@ def _mirror(source: Path, target: Path) -> None:
             (inside / name).symlink_to(Path(root) / name)
 
 
-def _run(run: _Run, folder: Path) -> Report:
+def _run(words: dict[str, Any], folder: Path) -> Report:
     """Run a script to its end, or end it; nothing that it has started stays.
+
+    `words` are the script, its arguments, and its limits in seconds and bytes.
 
     The report and what is printed are files without a name, so that the script can put nothing else in their place.
     """
     only_on_linux("running a script of PyNN")
     mark = uuid4().hex
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as report:
+        kept = {name: value for name, value in os.environ.items() if not re.search("TOKEN|SECRET|PASSWORD|KEY", name)}
+        paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
+        own = {
+            "PYTHONPATH": paths,
+            "MPLBACKEND": "Agg",
+            "PYTHONHASHSEED": "0",
+            "TMPDIR": str(folder / "files"),
+            _MARK: mark,
+        }
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", "neuro.exchange.pynn.confined"],
             stdin=subprocess.PIPE,
             stdout=output,
             stderr=subprocess.STDOUT,
             cwd=folder,
-            env=_environment(folder, mark),
+            env=kept | own | dict.fromkeys(_THREADS, "1"),
             start_new_session=True,
             pass_fds=[report.fileno()],
         )
         assert process.stdin is not None
         try:
-            _send(process.stdin, run, folder, report.fileno())
-            code = process.wait(run.seconds)
+            words |= {"parent": os.getpid(), "folder": str(folder), "report": report.fileno()}
+            with suppress(BrokenPipeError):
+                process.stdin.write(json.dumps(words).encode())
+                process.stdin.close()
+            code = process.wait(words["seconds"])
         except subprocess.TimeoutExpired:
-            return _failed(f"takes longer than {run.seconds:g} s", "time")
+            return _failed(f"takes longer than {words['seconds']:g} s", "time")
         finally:
             _end(process, mark)
         try:
-            return Report.read(report) or _died(code, output, run)
+            return Report.read(report) or _died(code, output, words["seconds"])
         except Damaged as error:
             return _failed(f"its report is damaged: {error}", "")
-
-
-def _send(pipe: IO[bytes], run: _Run, folder: Path, report: int) -> None:
-    words = {
-        "parent": os.getpid(),
-        "folder": str(folder),
-        "script": str(run.script),
-        "arguments": run.arguments,
-        "memory": int(run.memory * 2**30),
-        "seconds": run.seconds,
-        "report": report,
-    }
-    with suppress(BrokenPipeError):
-        pipe.write(json.dumps(words).encode())
-        pipe.close()
-
-
-def _environment(folder: Path, mark: str) -> dict[str, str]:
-    kept = {name: value for name, value in os.environ.items() if not re.search("TOKEN|SECRET|PASSWORD|KEY", name)}
-    paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
-    own = {
-        "PYTHONPATH": paths,
-        "MPLBACKEND": "Agg",
-        "PYTHONHASHSEED": "0",
-        "TMPDIR": str(folder / "files"),
-        _MARK: mark,
-    }
-    return kept | own | dict.fromkeys(_THREADS, "1")
 
 
 def _end(process: subprocess.Popen[bytes], mark: str) -> None:
@@ -277,9 +246,9 @@ def _end(process: subprocess.Popen[bytes], mark: str) -> None:
                 os.kill(int(folder.name), signal.SIGKILL)
 
 
-def _died(code: int, output: BinaryIO, run: _Run) -> Report:
+def _died(code: int, output: BinaryIO, seconds: float) -> Report:
     if code == -signal.SIGXCPU:
-        return _failed(f"takes longer than {run.seconds:g} s", "time")
+        return _failed(f"takes longer than {seconds:g} s", "time")
     names = {each.value: each.name for each in signal.Signals}
     how = f"is ended by {names.get(-code, f'signal {-code}')}" if code < 0 else f"ends with {code}"
     size = os.fstat(output.fileno()).st_size

@@ -6,9 +6,9 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
-from typing import Any, BinaryIO, TypeVar
+from dataclasses import asdict, dataclass, is_dataclass
+from types import UnionType
+from typing import Any, BinaryIO, get_args, get_origin, get_type_hints
 
 from neuro.core.errors import Where
 
@@ -16,8 +16,6 @@ MOST_BYTES = 1 << 26
 LONGEST = 10_000
 """Letters of a text."""
 _NETWORK = re.compile(r"[0-9]{1,6}\.yaml|")
-
-Item = TypeVar("Item")
 
 
 class Damaged(ValueError):
@@ -112,7 +110,8 @@ class Report:
             values = json.loads(content.decode("utf-8"))
         except (ValueError, RecursionError):
             raise Damaged("no JSON") from None
-        return _report(values, "report")
+        report: Report = _decoded(cls, values, "report")
+        return report
 
 
 def printable(text: str) -> str:
@@ -120,64 +119,31 @@ def printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
-def _words(value: Any, kind: type[Any], place: str) -> dict[str, Any]:
-    names = {one.name for one in fields(kind)}
-    if not isinstance(value, dict) or value.keys() != names:
-        raise Damaged(f"{place}: expected {', '.join(sorted(names))}")
-    return value
+def _decoded(kind: Any, value: Any, place: str) -> Any:
+    """Return a value of JSON as a part of a report: a dataclass, a tuple, a part or None, a text, a number or a truth.
 
-
-def _items(value: Any, item: Callable[[Any, str], Item], place: str) -> tuple[Item, ...]:
-    if not isinstance(value, list):
-        raise Damaged(f"{place}: expected a list")
-    return tuple(item(each, f"{place}[{k}]") for k, each in enumerate(value))
-
-
-def _text(value: Any, place: str) -> str:
-    if not isinstance(value, str) or len(value) > LONGEST:
-        raise Damaged(f"{place}: expected a text of at most {LONGEST:,} letters")
-    return printable(value)
-
-
-def _line(value: Any, place: str) -> int:
-    if type(value) is not int or not 0 <= value < 1 << 31:
-        raise Damaged(f"{place}: expected the number of a line")
-    return value
-
-
-def _ms(value: Any, place: str) -> float:
-    if type(value) not in (int, float) or not 0 <= value < math.inf:
-        raise Damaged(f"{place}: expected a time in ms")
-    return float(value)
-
-
-def _remark(value: Any, place: str) -> Remark:
-    words = _words(value, Remark, place)
-    return Remark(*(check(words[name], f"{place}.{name}") for name, check in _REMARK.items()))
-
-
-_REMARK: dict[str, Callable[[Any, str], Any]] = {"file": _text, "line": _line, "message": _text}
-
-
-def _built(value: Any, place: str) -> Built:
-    words = _words(value, Built, place)
-    problems = _items(words["problems"], _remark, f"{place}.problems")
-    file = _text(words["file"], f"{place}.file")
-    if not _NETWORK.fullmatch(file) or bool(file) == bool(problems):
-        raise Damaged(f"{place}.file = {file[:100]!r}: expected a number and .yaml, or problems")
-    notes, runs = _items(words["notes"], _remark, f"{place}.notes"), _items(words["runs"], _ms, f"{place}.runs")
-    return Built(file, problems, notes, runs, _line(words["line"], f"{place}.line"))
-
-
-def _failure(value: Any, place: str) -> Failure:
-    words = _words(value, Failure, place)
-    if not isinstance(words["harmless"], bool):
-        raise Damaged(f"{place}.harmless: expected true or false")
-    texts = (_text(words[name], f"{place}.{name}") for name in ("message", "kind"))
-    return Failure(next(texts), _line(words["line"], f"{place}.line"), words["harmless"], next(texts))
-
-
-def _report(value: Any, place: str) -> Report:
-    words = _words(value, Report, place)
-    failure = None if words["failure"] is None else _failure(words["failure"], "failure")
-    return Report(_items(words["networks"], _built, "networks"), failure)
+    Raises:
+        Damaged: the value is none of that kind.
+    """
+    if isinstance(kind, type) and is_dataclass(kind):
+        hints = get_type_hints(kind)
+        if not isinstance(value, dict) or value.keys() != hints.keys():
+            raise Damaged(f"{place}: expected {', '.join(sorted(hints))}")
+        inside = "" if kind is Report else f"{place}."
+        words = {name: _decoded(hint, value[name], inside + name) for name, hint in hints.items()}
+        if kind is Built and not (_NETWORK.fullmatch(words["file"]) and bool(words["file"]) != bool(words["problems"])):
+            raise Damaged(f"{place}.file = {words['file'][:100]!r}: expected a number and .yaml, or problems")
+        return kind(**words)
+    if isinstance(kind, UnionType):
+        return None if value is None else _decoded(get_args(kind)[0], value, place)
+    wish, fits = {
+        str: (f"a text of at most {LONGEST:,} letters", isinstance(value, str) and len(value) <= LONGEST),
+        int: ("the number of a line", type(value) is int and 0 <= value < 1 << 31),
+        float: ("a time in ms", type(value) in (int, float) and 0 <= value < math.inf),
+        bool: ("true or false", isinstance(value, bool)),
+    }.get(kind, ("a list", isinstance(value, list)))
+    if not fits:
+        raise Damaged(f"{place}: expected {wish}")
+    if get_origin(kind) is tuple:
+        return tuple(_decoded(get_args(kind)[0], each, f"{place}[{k}]") for k, each in enumerate(value))
+    return printable(value) if kind is str else kind(value)

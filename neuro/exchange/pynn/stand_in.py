@@ -1,7 +1,9 @@
-"""Modules that stand for the simulators of PyNN while a script runs: each is the recorder.
+"""Modules that stand for the simulators of PyNN while a script runs: each keeps what the script builds.
 
-A name that has no counterpart gives a part that accepts everything and is a problem of the line that uses it, so that a
-script goes on and all its problems are found.
+They answer as if no neuron had fired. Their classes are subclasses of PyNN's own common classes, so names, checks,
+connectors and random numbers are PyNN's. A name that has no counterpart gives a part that accepts everything and is a
+problem of the line that uses it, so that a script goes on and all its problems are found. Only the process of the
+script imports this module, see `confined`.
 """
 
 from __future__ import annotations
@@ -16,13 +18,60 @@ from types import ModuleType
 from typing import Any
 
 import pyNN
-from pyNN import utility
+from pyNN import common, connectors, core, errors, random, space, standardmodels, utility
+from pyNN.network import Network
 from pyNN.utility import script_tools
 
-from neuro.exchange.pynn import recorder, spinnaker
-from neuro.exchange.pynn.clock import STATE
-from neuro.exchange.pynn.session import SESSION
-from neuro.exchange.pynn.standard import Absent
+from neuro.exchange.pynn.parts import Assembly, Population, PopulationView, Projection
+from neuro.exchange.pynn.session import SESSION, SIMULATOR, end, reset, run, run_until, setup
+from neuro.exchange.pynn.standard import (
+    CELLS,
+    DEPENDENCES,
+    SOURCES,
+    SPINNAKER_EXTRAS,
+    SYNAPSES,
+    Absent,
+    STDPMechanism,
+    converted,
+    spinnaker_names,
+)
+
+
+def list_standard_models() -> list[str]:
+    """Names of the cells."""
+    return list(CELLS)
+
+
+def public_names() -> dict[str, Any]:
+    """What a module of PyNN for one simulator offers, by name."""
+    queries = common.build_state_queries(SIMULATOR)
+    words = ("get_current_time", "get_time_step", "get_min_delay", "get_max_delay", "num_processes", "rank")
+    kinds = {name: kind for name, kind in vars(connectors).items() if name.endswith("Connector")}
+    ours = (
+        *(setup, end, run, run_until, reset, list_standard_models),
+        *(STDPMechanism, Population, PopulationView, Assembly, Projection),
+    )
+    return {
+        **kinds,
+        **{one.__name__: one for one in ours},
+        **dict(zip(words, queries, strict=True)),
+        **{"run_for": run, "initialize": common.initialize, "set": common.set},
+        "create": common.build_create(Population),
+        "connect": common.build_connect(Projection, connectors.FixedProbabilityConnector, SYNAPSES["StaticSynapse"]),
+        "record": (record := common.build_record(SIMULATOR)),
+        "record_v": lambda source, filename: record(["v"], source, filename),
+        "record_gsyn": lambda source, filename: record(["gsyn_exc", "gsyn_inh"], source, filename),
+        **CELLS,
+        **SYNAPSES,
+        **DEPENDENCES,
+        **SOURCES,
+        **{"space": space, "random": random, "errors": errors, "core": core, "Space": space.Space},
+        **{"NumpyRNG": random.NumpyRNG, "GSLRNG": random.GSLRNG, "RandomDistribution": random.RandomDistribution},
+        **{"NativeRNG": random.NumpyRNG, "StandardCellType": standardmodels.StandardCellType},
+        **{"Line": space.Line, "Grid2D": space.Grid2D, "Grid3D": space.Grid3D},
+        **{"state": SESSION, "Network": Network},
+    }
+
 
 _GENERAL = (
     *("common", "connectors", "core", "descriptions", "errors", "models", "morphology", "network", "parameters"),
@@ -49,10 +98,10 @@ class Simulator(ModuleType):
         if name.startswith("__"):
             raise AttributeError(f"module '{self.__name__}' has no attribute '{name}'")
         if "neo_convertor" in self.__name__:
-            return spinnaker.converted(name)
+            return converted(name)
         if self.spinnaker and name == "neo_convertor":
             return import_module(f"{self.__name__}.{name}")
-        if self.spinnaker and name in spinnaker.EXTRAS:
+        if self.spinnaker and name in SPINNAKER_EXTRAS:
             return self
         if self.spinnaker and name.startswith(("set_", "add_", "get_", "activate_", "extract_")):
             SESSION.note(f"{name} concerns the machine alone and is left out")
@@ -83,15 +132,15 @@ class Finder(MetaPathFinder, Loader):
         """A module with the recorder's names."""
         module = Simulator(spec.name)
         module.spinnaker = "spinnaker" in spec.name.lower() or "spynnaker" in spec.name
-        vars(module).update(recorder.public_names())
+        vars(module).update(public_names())
         if module.spinnaker:
-            vars(module).update(spinnaker.public_names())
+            vars(module).update(spinnaker_names())
         return module
 
     def exec_module(self, module: ModuleType) -> None:
         """The script is written for this simulator."""
         if isinstance(module, Simulator) and module.spinnaker:
-            STATE.written_for_spinnaker()
+            SESSION.written_for_spinnaker()
 
 
 def _get_simulator(*arguments: Any) -> Any:

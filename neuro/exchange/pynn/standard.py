@@ -1,4 +1,7 @@
-"""PyNN's cells, synapses and current sources, whose parameters keep PyNN's names and units."""
+"""PyNN's cells, synapses and current sources, whose parameters keep PyNN's names and units, and those of sPyNNaker.
+
+Source: PyNN 0.13, sPyNNaker 7.3 and PyNN8Examples.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,21 @@ from copy import deepcopy
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pyNN import standardmodels
-from pyNN.parameters import ParameterSpace
-from pyNN.standardmodels import build_translations, cells, electrodes, synapses
+from pyNN.connectors import FixedTotalNumberConnector
+from pyNN.parameters import ParameterSpace, Sequence
+from pyNN.standardmodels import (
+    StandardCellType,
+    StandardSynapseType,
+    STDPTimingDependence,
+    build_translations,
+    cells,
+    electrodes,
+    synapses,
+)
 
-from neuro.exchange.pynn.clock import MOST_SAMPLES, STATE
-from neuro.exchange.pynn.session import SESSION
+from neuro.exchange.pynn.session import MOST_SAMPLES, SESSION
 
 
 class Absent:
@@ -132,7 +144,7 @@ class _Source:
 
     def _get_data(self) -> tuple[Any, Any]:
         SESSION.read = True
-        times = np.arange(min(MOST_SAMPLES, round(STATE.t / STATE.dt) + 1)) * STATE.dt
+        times = np.arange(min(MOST_SAMPLES, round(SESSION.t / SESSION.dt) + 1)) * SESSION.dt
         return times, np.zeros(times.size)
 
     def values(self) -> dict[str, Any]:
@@ -146,3 +158,84 @@ SOURCES = {
     name: _as_it_is(type(name, (_Source, kind), {}))
     for name, kind in _standard(electrodes, standardmodels.StandardCurrentSource).items()
 }
+
+
+SPINNAKER_EXTRAS = ("extra_models", "external_devices")
+"""Names under which sPyNNaker keeps what it adds."""
+
+
+def _same(*words: str) -> Any:
+    return build_translations(*((word, word) for word in words))
+
+
+class Neuromodulation(Delayed, StandardSynapseType):
+    """Synapses whose spikes are dopamine: each raises it by the weight."""
+
+    default_parameters = {"weight": 0.0, "delay": None, "tau_c": 1000.0, "tau_d": 200.0, "w_min": 0.0, "w_max": 1.0}
+    translations = _same(*default_parameters)
+    parameter_checks: dict[str, Any] = {}
+
+
+class Vogels2011Rule(STDPTimingDependence):
+    """The rule of Vogels et al. 2011; its step is `A_plus` x w_max."""
+
+    default_parameters = {"tau": 20.0, "alpha": 0.12, "A_plus": 0.01, "A_minus": 0.01}
+    translations = _same(*default_parameters)
+
+
+class SpikeSourcePoissonVariable(StandardCellType):
+    """Poisson trains whose rates change at listed times."""
+
+    default_parameters = {"rates": Sequence([1.0]), "starts": Sequence([0.0]), "durations": Sequence([])}
+    translations = _same(*default_parameters)
+    recordable = ["spikes"]
+    injectable = False
+    receptor_types = ()
+    conductance_based = False
+    default_initial_values: dict[str, float] = {}
+    units = {"spikes": "ms"}
+
+
+def spinnaker_names() -> dict[str, Any]:
+    """Return what sPyNNaker's module offers beyond PyNN's, by name.
+
+    Its cells record both names of a synaptic input and receive dopamine. Its receptor decides the sign of a weight, so
+    weights are not checked.
+    """
+    ours: dict[str, Any] = {name: kind for name, kind in CELLS.items() if name.startswith("SpikeSource")}
+    for name, kind in CELLS.items():
+        if name not in ours:
+            inputs = {"gsyn_exc": "uS", "gsyn_inh": "uS"}
+            words = {
+                "recordable": list(dict.fromkeys([*kind.recordable, *inputs])),
+                "units": {**inputs, **kind.units},
+                "receptor_types": ("excitatory", "inhibitory", "reward", "punishment"),
+            }
+            ours[name] = type(name, (kind,), words)
+    ours["Izhikevich"] = Absent("sPyNNaker's Izhikevich, whose synaptic currents are exponential,")
+    ours["IFCurDelta"] = ours["IFCurrDelta"] = ours["IF_curr_delta"]
+    ours |= {name: type(name, (kind,), {"parameter_checks": {}}) for name, kind in SYNAPSES.items()}
+    ours |= {kind.__name__: kind for kind in (Neuromodulation, Vogels2011Rule, SpikeSourcePoissonVariable)}
+    return ours | {"MultapseConnector": FixedTotalNumberConnector}
+
+
+def converted(name: str) -> Any:
+    """A function of `neo_convertor`: of results without a spike."""
+
+    def convert(*args: Any, **words: Any) -> Any:
+        SESSION.read = True
+        if name in ("count_spikes", "convert_spiketrains_count"):
+            return 0
+        return np.empty((0, 2 if "spike" in name else 3))
+
+    return convert
+
+
+def delta_jump(values: dict[str, Any], step: float) -> NDArray[np.float64]:
+    """Of each neuron the jump in mV that a weight of 1 nA makes, which is a current that lasts one step.
+
+    Args:
+        values: parameters of the neurons, in PyNN's units.
+        step: ms.
+    """
+    return np.asarray(values["tau_m"] / values["cm"] * -np.expm1(-step / values["tau_m"]))

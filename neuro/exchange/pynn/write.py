@@ -19,8 +19,8 @@ from neuro.core.errors import ModelError, Where
 from neuro.core.outputs import marked, output, sealed
 from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
-from neuro.exchange.pynn.cells import BY_MODEL, DEPENDENCES, Cell
-from neuro.exchange.pynn.short_term import difference
+from neuro.exchange.pynn.cells import BY_MODEL, DEPENDENCES, Cell, difference
+from neuro.exchange.templates import filled
 from neuro.exchange.verdict import APPROXIMATE, Verdict, Verdicts
 from neuro.model.network import Network
 from neuro.model.synapses import static, stdp, tsodyks2
@@ -46,53 +46,8 @@ _WITHOUT = {
 _PEAK = 30.0
 """mV, the threshold of Izhikevich's neuron in PyNN."""
 
-_HEAD = '''"""Network '{name}' for PyNN.
-
-python {script} [nest | brian2 | spiNNaker | ...] [ms] [file for spikes, .npz]
-"""
-
-{mark}
-import sys
-from importlib import import_module
-from pathlib import Path
-
-import numpy as np
-
-simulator = sys.argv[1] if len(sys.argv) > 1 else "nest"
-duration = float(sys.argv[2]) if len(sys.argv) > 2 else {duration!r}
-sim = import_module("pyNN." + simulator)
-data = {data}
-# On the grid pyNN.nest takes the models with exact integration; its default are others.
-extra = {{"spike_precision": "on_grid"}} if simulator == "nest" else {{}}
-# pyNN.nest takes delays as dendritic for learning, pyNN.brian2 as axonal, and each refuses the other.
-dendritic = 0 if simulator == "brian2" else 1
-
-
-def trains(name, size):
-    """The spike times of each neuron of a population."""
-    times, ids = data[name + ".times"], data[name + ".ids"]
-    return [times[ids == neuron].tolist() for neuron in range(size)]
-
-
-sim.setup(timestep={step!r}, min_delay={step!r}, max_delay={longest!r}, **extra)
-populations = {{}}
-'''
 _DELTA = """if not hasattr(sim.IF_curr_delta, "variable_map"):  # pyNN.nest 0.13 has forgotten its potential
     sim.IF_curr_delta.variable_map, sim.IF_curr_delta.scale_factors = {"v": "V_m"}, {"v": 1.0}"""
-_TAIL = """
-sim.run(duration)
-
-spikes = {}
-for name in recorded:
-    block = populations[name].get_data("spikes").segments[0].spiketrains
-    times = [np.asarray(train.rescale("ms").magnitude) for train in block]
-    spikes[name + ".times"] = np.concatenate(times)
-    spikes[name + ".ids"] = np.repeat(np.arange(len(times)), [len(train) for train in times])
-    print(name, len(spikes[name + ".times"]), "spikes")
-if len(sys.argv) > 3:
-    np.savez(sys.argv[3], **spikes)
-sim.end()
-"""
 
 
 def to_pynn(net: Network, path: str | os.PathLike[str], *, seed: int = 0, duration: Any = None) -> Verdicts:
@@ -161,16 +116,18 @@ class _Script:
             raise ModelError(message, others=tuple(self.problems))
         self._probes()
         steps = [part.delay_span[1] for part in self.program.projections] or [1]
-        head = _HEAD.format(
+        text = filled(
+            "pynn/script.txt",
             name=self.net.name,
             script=file.name,
             mark=_MARK,
-            duration=self.duration or _DEFAULT_DURATION,
+            duration=repr(self.duration or _DEFAULT_DURATION),
             data='np.load(Path(__file__).with_suffix(".npz"))' if self.arrays else "{}",
-            step=self.step,
-            longest=max(steps) * self.step,
+            step=repr(self.step),
+            longest=repr(max(steps) * self.step),
+            lines="\n".join(self.lines),
         )
-        return head + "\n".join(self.lines) + "\n" + _TAIL, self.arrays
+        return text, self.arrays
 
     def _try(self, where: Where | None, what: str, add: Any, part: Any) -> None:
         try:
@@ -342,7 +299,14 @@ class _Script:
         if isinstance(rule, static):
             return "StaticSynapse("
         if isinstance(rule, tsodyks2):
-            return self._short_term(part, rule, target)
+            shares = np.unique(rule.U)
+            if shares.size > 1:
+                raise ModelError("'U' differs from synapse to synapse; PyNN has one number")
+            share, tau_rec, tau_fac = float(shares[0]), float(rule.tau_rec), float(rule.tau_fac)
+            active = target.parameters.get("tau_syn_in" if np.all(part.arriving(part.weight) < 0.0) else "tau_syn_ex")
+            if active is not None:
+                self._note(part.name, rule.name, difference(share, tau_rec, tau_fac, float(np.mean(active))))
+            return f"TsodyksMarkramSynapse({_words({'U': share, 'tau_rec': tau_rec, 'tau_facil': tau_fac})}, "
         if not isinstance(rule, stdp):
             raise ModelError(f"{rule.name} is no standard synapse of PyNN")
         if cell.weight == 1.0:
@@ -363,16 +327,6 @@ class _Script:
         timing = f"sim.SpikePairRule({_words(pair)})"
         weight = f"sim.{dependence}({_words(bounds)})"
         return f"STDPMechanism({timing}, {weight}, dendritic_delay_fraction=dendritic, "
-
-    def _short_term(self, part: Projection, rule: tsodyks2, target: Population) -> str:
-        shares = np.unique(rule.U)
-        if shares.size > 1:
-            raise ModelError("'U' differs from synapse to synapse; PyNN has one number")
-        share, tau_rec, tau_fac = float(shares[0]), float(rule.tau_rec), float(rule.tau_fac)
-        active = target.parameters.get("tau_syn_in" if np.all(part.arriving(part.weight) < 0.0) else "tau_syn_ex")
-        if active is not None:
-            self._note(part.name, rule.name, difference(share, tau_rec, tau_fac, float(np.mean(active))))
-        return f"TsodyksMarkramSynapse({_words({'U': share, 'tau_rec': tau_rec, 'tau_facil': tau_fac})}, "
 
     # -- currents, probes
 

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Any
 
 from neuro.core.errors import ModelError, here
 from neuro.model.equations.definition import WORDS, check_name, mapping
 from neuro.model.equations.neuron import EquationNeuron, neuron
-from neuro.model.equations.pairs import WORDS as RULE_WORDS
 from neuro.model.equations.parameters import NAME
-from neuro.model.equations.rule import EquationSynapse, is_rule, rule
+from neuro.model.equations.rule import WORDS as RULE_WORDS, EquationSynapse, is_rule, rule
 from neuro.model.neurons import MODELS
 from neuro.model.synapses import SYNAPSES
 
 __all__ = ["EquationNeuron", "EquationSynapse", "equations", "made"]
+
+_CLASSES: dict[str, type[EquationNeuron] | type[EquationSynapse]] = {}
+"""Each model by its words: the same words give the same class."""
 
 
 def equations(name: str, **words: Any) -> Any:
@@ -45,18 +48,19 @@ def made(name: str, words: Mapping[str, Any]) -> type[EquationNeuron] | type[Equ
     Raises:
         ModelError: the first mistake in the words; its path leads there.
     """
-    mapping(words, *_known(words if isinstance(words, Mapping) else {}))
+    if isinstance(words, Mapping) and is_rule(words):
+        mapping(words, RULE_WORDS, "a rule")
+    elif isinstance(words, Mapping) and "equations" in words:
+        mapping(words, WORDS, "a model")
+    else:
+        mapping(words, tuple(dict.fromkeys((*WORDS, *RULE_WORDS))), "a model")
     try:
         check_name(name)
     except ModelError:
         raise ModelError(f"name '{name}': {NAME}") from None
     if name in MODELS or name in SYNAPSES:
         raise ModelError(f"'{name}' is a model of its own already: expected another name")
-    return rule(name, words) if is_rule(words) else neuron(name, words)
-
-
-def _known(words: Mapping[str, Any]) -> tuple[tuple[str, ...], str]:
-    """The words that may stand beside those given, and what they are of."""
-    if is_rule(words):
-        return RULE_WORDS, "a rule"
-    return (WORDS if "equations" in words else tuple(dict.fromkeys((*WORDS, *RULE_WORDS)))), "a model"
+    key = json.dumps([name, words], default=repr)
+    if key not in _CLASSES:
+        _CLASSES[key] = rule(name, words) if is_rule(words) else neuron(name, words)
+    return _CLASSES[key]

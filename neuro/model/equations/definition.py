@@ -13,7 +13,7 @@ from neuro.core.grammar import Binary, Expression, Name, Tree
 from neuro.core.quantities import Quantity
 from neuro.core.units import CONDUCTANCE, CURRENT, TIME, VOLTAGE, Dimension
 from neuro.core.values import shown
-from neuro.model.equations import algebra, habits
+from neuro.model.equations import algebra
 from neuro.model.equations.dimensions import (
     Dimensions,
     Powers,
@@ -23,8 +23,7 @@ from neuro.model.equations.dimensions import (
     unit_unknown,
 )
 from neuro.model.equations.functions import ARGUMENTS
-from neuro.model.equations.habits import parse
-from neuro.model.equations.parameters import NAME, Parameter, read_parameters
+from neuro.model.equations.parameters import NAME, REFRACTORY, RIGHT_SIDE, WORD_HINTS, Parameter, parse, read_parameters
 
 CURRENT_NAME = "I"
 """The name of the current from outside."""
@@ -180,7 +179,7 @@ def mapping(said: Any, words: tuple[str, ...], what: str) -> Mapping[str, Any]:
     for word in said:
         if word not in words:
             error = unknown(f"word of {what}", word, words, path=(str(word),))
-            raise error.but(hint=habits.WORDS.get(str(word), error.hint))
+            raise error.but(hint=WORD_HINTS.get(str(word), error.hint))
     return said
 
 
@@ -192,7 +191,7 @@ def expressions(said: Mapping[str, Any], section: str) -> dict[str, Expression]:
     """
     texts = said.get(section, {})
     if not isinstance(texts, Mapping):
-        hint = habits.RIGHT_SIDE if isinstance(texts, str) else ""
+        hint = RIGHT_SIDE if isinstance(texts, str) else ""
         raise ModelError(f"{section}: found {shown(texts)}: expected {{name: expression}}", hint=hint, path=(section,))
     found = {}
     for name, text in texts.items():
@@ -232,14 +231,17 @@ def _refractory(said: Any, states: Mapping[str, Any], parameters: Mapping[str, P
     with at("refractory"):
         if not isinstance(said, Mapping):
             text = f"found {shown(said)}: expected the words of refractory: time, hold"
-            raise ModelError(text, hint=habits.REFRACTORY)
+            raise ModelError(text, hint=REFRACTORY)
         given = mapping(said, ("time", "hold"), "refractory")
         if given.get("time") != "t_ref" or "t_ref" not in parameters:
             hint = "" if "t_ref" in parameters else "add it to 'parameters', e.g. t_ref: 2 ms"
             message = f"time = {shown(given.get('time'))}: expected t_ref, a parameter on the grid of steps"
             raise ModelError(message, hint=hint, path=("time",), about=("t_ref",))
         if parameters["t_ref"].unit != "ms":
-            raise _not_in_ms(parameters["t_ref"])
+            period = parameters["t_ref"]
+            hint = f"write t_ref: {period.default * period.factor:g} ms" if period.dimension == TIME else ""
+            message = f"t_ref is in '{period.unit}': expected ms"
+            raise ModelError(message, hint=hint, path=("time",), about=("t_ref",))
         hold = given.get("hold", [])
         if not isinstance(hold, list | tuple):
             raise ModelError(f"hold = {shown(hold)}: expected a list of states", path=("hold",))
@@ -247,11 +249,6 @@ def _refractory(said: Any, states: Mapping[str, Any], parameters: Mapping[str, P
             if not isinstance(name, str) or name not in states:
                 raise unknown("state", name, states, path=("hold",))
         return tuple(hold)
-
-
-def _not_in_ms(period: Parameter) -> ModelError:
-    hint = f"write t_ref: {period.default * period.factor:g} ms" if period.dimension == TIME else ""
-    return ModelError(f"t_ref is in '{period.unit}': expected ms", hint=hint, path=("time",), about=("t_ref",))
 
 
 def _integrator(said: Any) -> tuple[str, dict[str, float]]:
@@ -344,14 +341,9 @@ def _checked(d: Definition) -> Definition:
             raise unit_unknown(name)
         found[name] = dimension
     receptors = tuple(
-        Receptor(r.name, r.kernel, r.tau, r.kernel != "delta" and is_conductance(found[r.name])) for r in d.receptors
+        Receptor(r.name, r.kernel, r.tau, r.kernel != "delta" and found[r.name] == CONDUCTANCE) for r in d.receptors
     )
     return Definition(**{**vars(d), "dimensions": found, "receptors": receptors})
-
-
-def is_conductance(dimension: Dimension) -> bool:
-    """Whether a quantity is one that is never negative."""
-    return dimension == CONDUCTANCE
 
 
 def _check_spike(d: Definition, dims: Dimensions) -> None:

@@ -21,8 +21,8 @@ from neuro.core.errors import ModelError
 from neuro.core.grammar import COMPARISONS, Binary, Call, Expression, Misread, Name, Negative, Number, Tree
 from neuro.core.hints import nearest
 from neuro.core.units import NONE, UNITS, Dimension, times, told, unit_of
-from neuro.model.equations import habits
 from neuro.model.equations.functions import ARGUMENTS
+from neuro.model.equations.parameters import FUNCTION_HINTS, NAME_HINTS
 
 _MAX_POWER = 100
 _SAME = {"min", "max", "abs", "where"}
@@ -213,7 +213,7 @@ class Dimensions:
         if name in ARGUMENTS:
             message, hint = f"found '{name}' alone: expected its arguments", f"write {name}(...)"
         else:
-            message, hint = f"unknown name '{name}'", habits.NAMES.get(name) or nearest(name, self.names)
+            message, hint = f"unknown name '{name}'", NAME_HINTS.get(name) or nearest(name, self.names)
         return self.mistake(whole.mistake(at, message, hint))
 
     def _alike(
@@ -246,7 +246,7 @@ class Dimensions:
                 message, hint = f"'{tree.name}' is no function", f"write {tree.name}*(...)"
             else:
                 message = f"unknown function '{tree.name}'"
-                hint = habits.FUNCTIONS.get(tree.name) or nearest(tree.name, ARGUMENTS)
+                hint = FUNCTION_HINTS.get(tree.name) or nearest(tree.name, ARGUMENTS)
             return self.mistake(whole.mistake(tree.at, message, hint))
         count = ARGUMENTS[tree.name]
         if len(tree.arguments) != count:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import make_dataclass
+from types import ModuleType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -175,3 +177,10 @@ class InEquations:
     def identity(cls) -> str:
         """All words that decide what it does."""
         return json.dumps({k: v for k, v in cls.definition.items() if k not in ("doc", "source")}, default=repr)
+
+    @classmethod
+    def made(cls, name: str, fields: list[Any], arithmetic: ModuleType, **attributes: Any) -> Any:
+        """Make the class of a model from its fields, the module of its functions and its class attributes."""
+        model = make_dataclass(name, fields, bases=(cls,), namespace=attributes, frozen=True, kw_only=True, eq=False)
+        model.__module__ = arithmetic.__name__
+        return model

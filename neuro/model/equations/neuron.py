@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import field, make_dataclass
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,6 @@ from neuro.model.equations.twin import Twin, twin
 from neuro.model.equations.writing import Constants, function, module
 from neuro.model.neurons.base import Neuron, State
 
-_CLASSES: dict[str, type[EquationNeuron]] = {}
 _READ_OTHERWISE = dict.fromkeys(("spikes", "rate", "counts"), "what probes and ports read of every neuron")
 _HEAD = f"""\
 import math
@@ -67,77 +65,58 @@ class EquationNeuron(InEquations, Neuron):
 
 
 def neuron(name: str, said: Mapping[str, Any]) -> type[EquationNeuron]:
-    """The class of a neuron in equations; the same words give the same class.
+    """Make the class of a neuron in equations.
 
     Raises:
         ModelError: the first mistake in the words.
     """
-    key = json.dumps([name, said], default=repr)
-    if key not in _CLASSES:
-        _CLASSES[key] = _made(read(name, said))
-    return _CLASSES[key]
-
-
-def _made(d: Definition) -> type[EquationNeuron]:
+    d = read(name, said)
     refuse_attributes(d.parameters, EquationNeuron)
     steps.refuse_added(d, _READ_OTHERWISE | dict.fromkeys(EquationNeuron.quantities(), "a parameter of every neuron"))
     constants = Constants(d.parameters, 1, {*d.states, *d.let, *(r.name for r in d.receptors), CURRENT_NAME}, d.full)
-    divisions = Divisions(d.parameters, constants.variables, d.let, *_expressions(d))
+    expressions: dict[Words, Expression] = {
+        ("receptors", r.name, "tau"): r.tau for r in d.receptors if r.tau is not None
+    }
+    taus = [*expressions]
+    if d.threshold is not None:
+        expressions["threshold",] = d.threshold
+    for section, named in (("equations", d.states), ("reset", d.reset), ("initial", d.initial)):
+        expressions |= {(section, word): expression for word, expression in named.items()}
+    divisions = Divisions(d.parameters, constants.variables, d.let, expressions, taus)
     refuse(divisions.mistakes({name: p.default for name, p in d.parameters.items()}))
     linear = system(d)
     whole = steps.checked(steps.NeuronSteps(d, linear, constants))
     text, width = _text(whole)
     arithmetic = module(text)
     positive = {*_divisors(d), *(r.tau.tree.name for r in d.receptors if r.tau and isinstance(r.tau.tree, Name))}
-    fields = [
-        (
-            field_of(word),
-            Value,
-            _field(_period(p.unit, p.doc) if word == "t_ref" else p.quantity(word in positive), p.default),
-        )
-        for word, p in d.parameters.items()
-    ]
+    quantities = {word: p.quantity(word in positive) for word, p in d.parameters.items()}
+    if (p := d.parameters.get("t_ref")) is not None:
+        quantities["t_ref"] = Quantity(unit=p.unit, doc=p.doc or "refractory period", at_least=0, arrays=True)
     threshold = d.plain.get("threshold", "")
-    namespace = {
-        "__doc__": d.plain.get("doc") or f"A neuron in equations, integrated by {whole.integrator}.",
-        "definition": d.plain,
-        "divisions": divisions,
-        "equation": _told(d, threshold),
-        "source": d.plain.get("source", ""),
-        "states": _states(whole),
-        "receptors": max(1, len(d.receptors)),
-        "receptor_names": tuple(r.name for r in d.receptors),
-        "conductances": tuple(r.name for r in d.receptors if r.magnitude),
-        "linear": whole.integrator == "exact",
-        "width": width,
-        "resets_in_step": whole.resets_in_step,
-        "takes_current": d.takes_current,
-    }
-    made: Any = make_dataclass(
-        d.name, fields, bases=(EquationNeuron,), namespace=namespace, frozen=True, kw_only=True, eq=False
+    texts = [f"{state}' = {expression.text.strip()}" for state, expression in d.states.items()]
+    texts += [f"{word} = {expression.text.strip()}" for word, expression in d.let.items()]
+    result: type[EquationNeuron] = EquationNeuron.made(
+        d.name,
+        [
+            (field_of(word), Value, field(default=p.default, metadata={"quantity": quantities[word]}))
+            for word, p in d.parameters.items()
+        ],
+        arithmetic,
+        __doc__=d.plain.get("doc") or f"A neuron in equations, integrated by {whole.integrator}.",
+        definition=d.plain,
+        divisions=divisions,
+        equation="; ".join([*texts, *([f"spike at {threshold}"] if threshold else [])]),
+        source=d.plain.get("source", ""),
+        states=_states(whole),
+        receptors=max(1, len(d.receptors)),
+        receptor_names=tuple(r.name for r in d.receptors),
+        conductances=tuple(r.name for r in d.receptors if r.magnitude),
+        linear=whole.integrator == "exact",
+        width=width,
+        resets_in_step=whole.resets_in_step,
+        takes_current=d.takes_current,
     )
-    made.__module__ = arithmetic.__name__
-    result: type[EquationNeuron] = made
     return result
-
-
-def _expressions(d: Definition) -> tuple[dict[Words, Expression], list[Words]]:
-    """All expressions but abbreviations, by the words that lead to them, and which of them are time constants."""
-    found: dict[Words, Expression] = {("receptors", r.name, "tau"): r.tau for r in d.receptors if r.tau is not None}
-    taus = [*found]
-    if d.threshold is not None:
-        found["threshold",] = d.threshold
-    for section, expressions in (("equations", d.states), ("reset", d.reset), ("initial", d.initial)):
-        found |= {(section, name): expression for name, expression in expressions.items()}
-    return found, taus
-
-
-def _field(q: Quantity, default: float) -> Any:
-    return field(default=default, metadata={"quantity": q})
-
-
-def _period(unit: str, doc: str) -> Quantity:
-    return Quantity(unit=unit, doc=doc or "refractory period", at_least=0, arrays=True)
 
 
 def _divisors(d: Definition) -> set[str]:
@@ -158,34 +137,25 @@ def _divisors(d: Definition) -> set[str]:
     return set().union(*(inner(d.full(e.tree)) for e in d.states.values()))
 
 
-def _told(d: Definition, threshold: object) -> str:
-    parts = [f"{name}' = {expression.text.strip()}" for name, expression in d.states.items()]
-    parts += [f"{name} = {expression.text.strip()}" for name, expression in d.let.items()]
-    return "; ".join([*parts, *([f"spike at {threshold}"] if threshold else [])])
-
-
 def _states(whole: steps.NeuronSteps) -> tuple[State, ...]:
     d = whole.definition
     slopes = {slope_of(r): r for r in d.receptors if r.kernel == "alpha"}
-    found = []
+    states = []
     for name in whole.rows:
         if name in slopes:
             dimension = times(d.dimensions[slopes[name].name], TIME, -1)
-            found.append(State(name, unit_of(dimension), f"slope of {slopes[name].name}"))
+            states.append(State(name, unit_of(dimension), f"slope of {slopes[name].name}"))
         elif name in d.dimensions:
             lowest = 0.0 if any(r.name == name and r.magnitude for r in d.receptors) else None
-            found.append(State(name, unit_of(d.dimensions[name]), _meaning(d, name), at_least=lowest))
+            if name in d.states:
+                doc = f"{name}' = {d.states[name].text.strip()}"
+            else:
+                doc = f"what spikes leave, an {next(r.kernel for r in d.receptors if r.name == name)} kernel"
+            states.append(State(name, unit_of(d.dimensions[name]), doc, at_least=lowest))
         else:
             doc = "steps left to hold" if name == HELD else "size of the next part of a step"
-            found.append(State(name, "steps" if name == HELD else "ms", doc, hidden=True))
-    return tuple(found)
-
-
-def _meaning(d: Definition, name: str) -> str:
-    if name in d.states:
-        return f"{name}' = {d.states[name].text.strip()}"
-    kernel = next(r.kernel for r in d.receptors if r.name == name)
-    return f"what spikes leave, an {kernel} kernel"
+            states.append(State(name, "steps" if name == HELD else "ms", doc, hidden=True))
+    return tuple(states)
 
 
 def _text(whole: steps.NeuronSteps) -> tuple[str, int]:
@@ -198,8 +168,12 @@ def _text(whole: steps.NeuronSteps) -> tuple[str, int]:
     quiet = None
     if whole.integrator == "exact" and linear is not None:
         quiet = quiet_lines(d, linear, constants, whole.rows.get(HELD))
+    initial = {name: e.tree for name, e in d.initial.items()}
+    if "V_m" in d.states and "E_L" in d.parameters:
+        initial.setdefault("V_m", Name("E_L", 0))
+    begin = [f"z[{whole.rows[name]}] = {constants.of_parameters(tree)}" for name, tree in initial.items()]
     functions = [
-        function("begin(p, z)", "The states at time 0.", _begin_lines(whole)),
+        function("begin(p, z)", "The states at time 0.", [*constants.locals(), *begin] or ["pass"]),
         function(steps.HEAD, f"One step, by {whole.integrator}.", step),
         function("fire(s, c, i)", "What a spike does.", fire),
         function("quiet(s, c, i_0, lo, hi)", "Whether none can fire before its next input.", quiet or ["return False"]),
@@ -218,14 +192,3 @@ def _text(whole: steps.NeuronSteps) -> tuple[str, int]:
     functions.insert(0, function("constants(p, h, c)", "What is worked out once.", filled or ["pass"]))
     text = "\n\n".join(["\n".join([f'"""{d.name}"""', _HEAD, numbers]).rstrip() + "\n", *functions])
     return text, max(Neuron.width, len(d.parameters) + 1, places)
-
-
-def _begin_lines(whole: steps.NeuronSteps) -> list[str]:
-    d, constants = whole.definition, whole.constants
-    lines = list(constants.locals())
-    given = {name: e.tree for name, e in d.initial.items()}
-    if "V_m" in d.states and "V_m" not in given and "E_L" in d.parameters:
-        given["V_m"] = Name("E_L", 0)
-    for name, tree in given.items():
-        lines.append(f"z[{whole.rows[name]}] = {constants.of_parameters(tree)}")
-    return lines or ["pass"]

@@ -98,7 +98,8 @@ def checked(neuron: NeuronSteps) -> NeuronSteps:
         ModelError: it cannot.
     """
     if neuron.integrator == "exact" and neuron.linear is None:
-        name = next(name for name in neuron.definition.states if not _alone_linear(neuron, name))
+        d, variables = neuron.definition, {*neuron.integrated, CURRENT_NAME}
+        name = next(n for n, e in d.states.items() if algebra.affine(d.full(e.tree), variables) is None)
         message = "are not linear" if not neuron.definition.integrator else "are not linear, as 'exact' needs"
         raise ModelError(
             f"the equations {message}, see {name}: expected an integrator",
@@ -107,11 +108,6 @@ def checked(neuron: NeuronSteps) -> NeuronSteps:
             about=("integrator", name),
         )
     return neuron
-
-
-def _alone_linear(neuron: NeuronSteps, name: str) -> bool:
-    d = neuron.definition
-    return algebra.affine(d.full(d.states[name].tree), {*neuron.integrated, CURRENT_NAME}) is not None
 
 
 def step_lines(neuron: NeuronSteps) -> list[str]:
@@ -130,19 +126,14 @@ def fire_lines(neuron: NeuronSteps) -> list[str]:
     if neuron.resets_in_step:
         return ["pass"]
     variables = {name: local(name) for name in neuron.integrated}
-    lines = [f"{local(name)} = s[{neuron.rows[name]}, i]" for name in _read_in_reset(neuron)]
     reset = neuron.definition.reset
+    used = {word for e in reset.values() for word in algebra.names(neuron.definition.full(e.tree))}
+    lines = [f"{local(name)} = s[{neuron.rows[name]}, i]" for name in neuron.integrated if name in used]
     lines += [f"{local(name, 'next')} = {neuron.write(e.tree, variables)}" for name, e in reset.items()]
     lines += [f"s[{neuron.rows[name]}, i] = {local(name, 'next')}" for name in reset]
     if neuron.definition.hold is not None:
         lines.append(f"s[{neuron.rows[HELD]}, i] = {neuron.constants.place_of('round(t_ref_ / h)')}")
     return lines or ["pass"]
-
-
-def _read_in_reset(neuron: NeuronSteps) -> list[str]:
-    trees = [neuron.definition.full(e.tree) for e in neuron.definition.reset.values()]
-    used = {word for tree in trees for word in algebra.names(tree)}
-    return [name for name in neuron.integrated if name in used]
 
 
 def _exact(neuron: NeuronSteps) -> list[str]:

@@ -20,8 +20,8 @@ from neuro.model.equations.exact import REST, System, system
 from neuro.model.equations.functions import PUBLIC
 from neuro.model.equations.writing import Constants, function, module
 from neuro.model.neurons.base import Neuron
-from neuro.model.neurons.iaf_psc_delta import iaf_psc_delta
-from neuro.model.neurons.iaf_psc_exp import iaf_psc_exp
+from neuro.model.neurons.currents import iaf_psc_exp
+from neuro.model.neurons.potentials import iaf_psc_delta
 
 _HEAD = f"from neuro.model.equations.functions import {', '.join(PUBLIC)}\n"
 _CURRENTS = ("I_syn_ex", "I_syn_in")
@@ -64,7 +64,13 @@ def twin(d: Definition) -> Twin:
     """
     linear = system(d)
     if linear is None:
-        raise _nonlinear(d)
+        variables = {*d.states, *(receptor.name for receptor in d.receptors), CURRENT_NAME}
+
+        def is_linear(tree: Tree) -> bool:
+            return algebra.affine(tree, variables) is not None
+
+        name, tree = next((n, d.full(e.tree)) for n, e in d.states.items() if not is_linear(d.full(e.tree)))
+        raise ModelError(f"its equation of {name} is not linear, see '{text_of(algebra.culprit(tree, is_linear))}'")
     if d.integrator not in ("", "exact"):
         hint = "leave out 'integrator': it is linear, and solved exactly"
         raise ModelError(f"its integrator is {d.integrator}", hint=hint)
@@ -88,16 +94,6 @@ def twin(d: Definition) -> Twin:
     body = [*constants.locals(), *lines]
     doc = f"The parameters of {model.__name__}."
     return Twin(model, states, tuple(trees), module(f"{_HEAD}\n\n{function('twin(p, q)', doc, body)}"))
-
-
-def _nonlinear(d: Definition) -> ModelError:
-    variables = {*d.states, *(receptor.name for receptor in d.receptors), CURRENT_NAME}
-
-    def is_linear(tree: Tree) -> bool:
-        return algebra.affine(tree, variables) is not None
-
-    name, tree = next((n, d.full(e.tree)) for n, e in d.states.items() if not is_linear(d.full(e.tree)))
-    return ModelError(f"its equation of {name} is not linear, see '{text_of(algebra.culprit(tree, is_linear))}'")
 
 
 def _receptors(d: Definition, linear: System, potential: str) -> tuple[Receptor, ...]:
@@ -182,7 +178,10 @@ class Product:
 
     def times(self, other: Product, power: int = 1) -> Product:
         """The product with a power of another."""
-        powers = {text: self.powers.get(text, 0) + power * other.powers.get(text, 0) for text in _texts(self, other)}
+        powers = {
+            text: self.powers.get(text, 0) + power * other.powers.get(text, 0)
+            for text in {**self.powers, **other.powers}
+        }
         kept = {text: power for text, power in powers.items() if power}
         return Product(self.number * other.number**power, kept, {**self.factors, **other.factors})
 
@@ -204,8 +203,7 @@ UNITY = Product(1.0, {}, {})
 
 def products(tree: Tree, parameters: Iterable[str]) -> list[Product]:
     """The products of which a tree is the sum; what is no parameter is a unit."""
-    known = set(parameters)
-    return _products(tree, known)
+    return _products(tree, set(parameters))
 
 
 def ratio(found: list[Product], by: list[Product]) -> Tree:
@@ -246,7 +244,13 @@ def _products(tree: Tree, known: set[str]) -> list[Product]:
             found = [x.times(by[0] if len(by) == 1 else _factor(right), -1) for x in _products(left, known)]
         case Name() | Call() | Binary():
             found = [_factor(tree)]
-    return _merged(found)
+    # Products of the same powers become one; those that are 0 go.
+    by_powers: dict[frozenset[tuple[str, int]], Product] = {}
+    for x in found:
+        key = frozenset(x.powers.items())
+        before = by_powers[key].number if key in by_powers else 0.0
+        by_powers[key] = Product(before + x.number, x.powers, x.factors)
+    return [x for x in by_powers.values() if x.number != 0.0]
 
 
 def _factor(tree: Tree) -> Product:
@@ -254,19 +258,5 @@ def _factor(tree: Tree) -> Product:
     return Product(1.0, {text: 1}, {text: tree})
 
 
-def _texts(a: Product, b: Product) -> list[str]:
-    return list(dict.fromkeys((*a.powers, *b.powers)))
-
-
 def _negative(found: list[Product]) -> list[Product]:
     return [Product(-x.number, x.powers, x.factors) for x in found]
-
-
-def _merged(found: list[Product]) -> list[Product]:
-    """Products of the same powers as one, without those that are 0."""
-    by_powers: dict[frozenset[tuple[str, int]], Product] = {}
-    for x in found:
-        key = frozenset(x.powers.items())
-        before = by_powers[key].number if key in by_powers else 0.0
-        by_powers[key] = Product(before + x.number, x.powers, x.factors)
-    return [x for x in by_powers.values() if x.number != 0.0]

@@ -5,8 +5,7 @@ mapping, `plain` a value, and `mistake` and `about` put errors where they belong
 """
 
 from neuro.model.language.loader import load
-from neuro.model.language.nodes import about, mistake, plain, words
-from neuro.model.language.reader import Node, read
+from neuro.model.language.reader import Node, about, mistake, plain, read, words
 from neuro.model.language.schema import schema
 from neuro.model.language.writer import save
 

@@ -1,4 +1,7 @@
-"""Arrays in files beside the description. Nothing outside its folder is read and nothing in a file is run."""
+"""Files of a description: those it includes, and arrays and spikes beside it.
+
+Files outside the folder of the description are not read, and nothing in a file is run.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core import hdf5 as hdf5_file
+from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, Where, nearest
 from neuro.core.hints import near
 from neuro.core.inputs import record_input
 from neuro.core.values import FromFile, shown
-from neuro.model.language.nodes import mistake, put_at, words
-from neuro.model.language.reader import Node
+from neuro.model.language.reader import MAX_DEPTH, Node, found, mistake, plain, put_at, read, within, words
 
 MAX_ELEMENTS = 2**28
 HDF5 = (".h5", ".hdf5")
@@ -223,3 +226,221 @@ def refuse_name(path: Path) -> None:
     if path == Path(path.name) and path.suffix in ("", ".yaml") and path.stem in published() and not path.exists():
         hint = f"the published network is neuro.load(neuro_models.path('{path.stem}'))"
         raise ModelError("no such file", where=Where(str(path)), hint=hint)
+
+
+CSV = ".csv"
+COLUMNS = ("times", "ids")
+_STEPS = ("steps", "ids", "multiplicity")
+"""Of a population in a file of results."""
+
+
+def train(node: Node) -> FromFile:
+    """The spikes that `{file: ..., key: ...}` stands for, a row of time and neuron for each."""
+    path, said = named(node, (*ENDINGS, CSV))
+    return held(said, _rows(path, said["file"], said.get("key")))
+
+
+def train_of(path: Path, key: str | None, where: Where) -> NDArray[np.float64]:
+    """The spikes of any file, as a program names it.
+
+    Args:
+        path: of the file.
+        key: what in it has them; only HDF5 has one.
+        where: the file is named.
+
+    Raises:
+        ModelError: there is no such file, or it holds no spikes.
+    """
+    file = Node(str(path), where, where)
+    check_named(file, path.suffix, (*ENDINGS, CSV), file, None if key is None else file)
+    if not path.is_file():
+        raise mistake(file, f"{path}: there is no such file")
+    record_input(path)
+    return _rows(path, file, None if key is None else Node(key, where, where))
+
+
+def _rows(path: Path, file: Node, key: Node | None) -> NDArray[np.float64]:
+    if key is not None:
+        return _hdf5(path, file, key)
+    return _csv(path, file) if path.suffix == CSV else _npy(path, file)
+
+
+def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
+    """A group with a data set for each column, as results have for each population, or a data set of two columns."""
+    check(path, file)
+    what, group = f"'{key.value}' in '{file.value}'", _group(path, key.value)
+    if group is None:
+        return _two_columns(hdf5(path, file, key), key, what)
+    names, clock = group
+    times, ids, *more = (
+        Node(f"{key.value}/{name}", key.where, key.label, key.source) for name in (COLUMNS if clock is None else _STEPS)
+    )
+    columns = [hdf5(path, file, times), hdf5(path, file, ids)]
+    if clock is not None:
+        columns[0] = clock.array_ms(columns[0].astype(np.int64))
+    rows = _joined(columns, key, what)
+    if more and "multiplicity" in names:
+        rows = np.repeat(rows, hdf5(path, file, more[0]).astype(np.int64), axis=0)
+    return rows
+
+
+def _group(path: Path, key: str) -> tuple[list[str], Clock | None] | None:
+    """The names in a group, and the clock of its steps where it has steps, as results do.
+
+    None where there is no group, or where it cannot be read: the reader of its data reports that.
+    """
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as opened:
+            group = opened.get(key)
+            if not isinstance(group, h5py.Group):
+                return None
+            step = group.attrs.get("resolution_ms") if "steps" in group else None
+            return list(group), None if step is None else Clock(float(step))
+    except (OSError, ValueError, KeyError, RuntimeError):
+        return None
+
+
+def _npy(path: Path, file: Node) -> NDArray[np.float64]:
+    """An array with two columns, or with a field for each."""
+    what = f"file '{file.value}'"
+    try:
+        fields = np.load(path, mmap_mode="r", allow_pickle=False).dtype.names
+    except (OSError, ValueError, EOFError, MemoryError, SyntaxError):
+        fields = None  # whoever reads it tells
+    if fields is None:
+        return _two_columns(npy(path, file), file, what)
+    _check_named(list(fields), file, what)
+    values = np.load(path, allow_pickle=False)
+    return _joined([values[name].astype(np.float64) for name in COLUMNS], file, what)
+
+
+def _csv(path: Path, file: Node) -> NDArray[np.float64]:
+    """A table whose first line names its columns; what it has beside times and ids is not read."""
+    what = f"file '{file.value}'"
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, ValueError):
+        raise mistake(file, f"{what}: expected a CSV file that can be read") from None
+    names = [name.strip() for name in lines[0].split(",")] if lines else []
+    _check_named(names, file, what)
+    if 2 * len(lines) > MAX_ELEMENTS:
+        raise mistake(file, f"{what} holds {len(lines) - 1} spikes: expected at most {MAX_ELEMENTS // 2}")
+    wanted, rows = [names.index(name) for name in COLUMNS], np.empty((len(lines) - 1, 2))
+    for k, line in enumerate(lines[1:]):
+        cells = line.split(",")
+        try:
+            rows[k] = [float(cells[column]) for column in wanted]
+        except (ValueError, IndexError):
+            raise mistake(file, f"{what}, line {k + 2}: found {line!r}: expected a time and a neuron") from None
+    return rows
+
+
+def _check_named(names: list[str], node: Node, what: str) -> None:
+    missing = [name for name in COLUMNS if name not in names]
+    if missing:
+        found = ", ".join(repr(name) for name in names) or "nothing"
+        raise mistake(node, f"{what} has no column '{missing[0]}': found {found}: expected 'times' and 'ids'")
+
+
+def _two_columns(values: NDArray[np.float64], node: Node, what: str) -> NDArray[np.float64]:
+    if values.ndim != 2 or values.shape[1] != 2:
+        found = f"an array of shape {list(values.shape)}"
+        raise mistake(node, f"{what} holds {found}: expected two columns, times and ids")
+    return values
+
+
+def _joined(columns: list[NDArray[np.float64]], node: Node, what: str) -> NDArray[np.float64]:
+    times, ids = columns
+    if times.shape != ids.shape or times.ndim != 1:
+        message = f"{what} holds {times.size} times and {ids.size} ids"
+        raise mistake(node, f"{message}: expected as many of each, in lists")
+    return np.stack(columns, axis=1)
+
+
+OWN = ("neuro", "name", "include")
+GATHERED = ("parameters", "models", "populations", "projections", "signals", "groups", "probes")
+SECTIONS = (*OWN, "resolution", *GATHERED[:-1], "trials", "probes", "readout")
+VERSION = 1
+
+
+def gather(path: Path, reading: Callable[[Path], Node] = read) -> dict[str, Node]:
+    """Read a file with everything it includes.
+
+    Args:
+        path: the file.
+        reading: gives the content of a file.
+
+    Returns:
+        The sections by name; the parts of included files come before the file's own.
+
+    Raises:
+        ModelError: a file cannot be read, a word is unknown, or two files define the same part.
+    """
+    return _sections(reading(path), [path.resolve()], set(), reading)
+
+
+def _sections(root: Node, chain: list[Path], seen: set[Path], reading: Callable[[Path], Node]) -> dict[str, Node]:
+    own = words(root, SECTIONS, "a network")
+    version = own.get("neuro")
+    if version is not None and (type(version.value) is not int or version.value != VERSION):
+        raise mistake(version, f"neuro = {shown(plain(version))}: expected {VERSION}, the version of the language")
+    merged: dict[str, Node] = {}
+    for node in _included(own):
+        for section, part in _included_sections(node, chain, seen, reading).items():
+            _merge(merged, section, part)
+    for section, part in own.items():
+        if section in GATHERED and not isinstance(part.value, dict):
+            hint = "write 'name: {...}' for each, without '-'" if isinstance(part.value, list) else ""
+            raise mistake(part, f"{section}: {found(part)}: expected a mapping from names to parts", hint)
+        _merge(merged, section, part)
+    return merged
+
+
+def _included(own: dict[str, Node]) -> list[Node]:
+    if "include" not in own:
+        return []
+    node = own["include"]
+    if isinstance(node.value, str):
+        raise mistake(node, f"include = '{node.value}': expected a list of files", f"write [{node.value}]")
+    if not isinstance(node.value, list):
+        raise mistake(node, f"include: {found(node)}: expected a list of files")
+    for item in node.value:
+        if not isinstance(item.value, str):
+            raise mistake(item, f"include: {found(item)}: expected the name of a file")
+    return node.value
+
+
+def _included_sections(
+    node: Node, chain: list[Path], seen: set[Path], reading: Callable[[Path], Node]
+) -> dict[str, Node]:
+    with within("include"):
+        path = inside(node, node.value)
+        real = path.resolve()
+        if real in chain:
+            names = " -> ".join(p.name for p in [*chain[chain.index(real) :], real])
+            raise mistake(node, f"'{node.value}' includes itself: {names}")
+        if real in seen:
+            raise mistake(node, f"'{node.value}' is included twice", "include it once; its parts are seen everywhere")
+        if len(chain) > MAX_DEPTH:
+            raise mistake(
+                node, f"'{node.value}' is included at level {len(chain)}: expected at most {MAX_DEPTH} levels"
+            )
+    seen.add(real)
+    inner = _sections(reading(path), [*chain, real], seen, reading)
+    return {section: part for section, part in inner.items() if section not in OWN}
+
+
+def _merge(merged: dict[str, Node], section: str, part: Node) -> None:
+    if section not in merged:
+        merged[section] = part
+        return
+    first = merged[section]
+    if section not in GATHERED:
+        raise ModelError(f"'{section}' is said twice", where=part.label, hint=f"first at {first.label}")
+    for name, node in part.value.items():
+        if name in first.value:
+            earlier = first.value[name].label
+            raise ModelError(f"{section}: '{name}' is defined twice", where=node.label, hint=f"first at {earlier}")
+    merged[section] = Node({**first.value, **part.value}, first.where, first.label)

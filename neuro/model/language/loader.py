@@ -7,35 +7,227 @@ its table of neurons, `{brain: {type: KC, side: left}}`. On a command line the s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+from neuro.coding.codes import CHOICES
 from neuro.core.checks import check
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, Where, unknown
+from neuro.core.hints import ELSEWHERE
 from neuro.core.inputs import gathering
 from neuro.core.memory import uncollected
 from neuro.core.paths import file_path
-from neuro.core.quantities import Quantity
-from neuro.core.values import FromFile
+from neuro.core.quantities import KINDS, Quantity
+from neuro.core.values import FromFile, shown
+from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.equations import made
-from neuro.model.language.choices import choice, part, value, with_parameters
-from neuro.model.language.files import array, refuse_name
-from neuro.model.language.nodes import about, follow, found, mistake, plain, put_at, within, words
+from neuro.model.language.files import array, gather, of_program, recording, refuse_name, train
 from neuro.model.language.parameters import resolve
-from neuro.model.language.reader import Node
-from neuro.model.language.sources import gather
+from neuro.model.language.reader import Node, about, follow, found, mistake, plain, put_at, within, words
 from neuro.model.network import Network, check_name
-from neuro.model.neurons import Model
-from neuro.model.parts import AUTO, CHOSEN, DELAY, EXTENT, POSITIONS, WEIGHT, Population, Readout, Trials
-from neuro.model.synapses import static
+from neuro.model.neurons import MODELS, Model
+from neuro.model.parts import AUTO, GROUPS, Part, Population, Probe, Projection, Readout, Signal, Trials
+from neuro.model.rules import RULES
+from neuro.model.space import MASKS, PROFILES, of_distance
+from neuro.model.synapses import SYNAPSES
 from neuro.model.views import indices, view
-from neuro.model.wiring.neurons import neuron_table
 
-VALUES = {"weight": WEIGHT, "delay": DELAY}
-PLACES = {"positions": POSITIONS, "extent": EXTENT}
-OF_POPULATIONS = ("model", "shape", "initial", *PLACES, "periodic", "neurons")
+TABLES: dict[str, Mapping[str, type[Choice]]] = {
+    "model": MODELS,
+    "rule": RULES,
+    "synapse": SYNAPSES,
+    "group": GROUPS,
+    "distribution": DISTRIBUTIONS,
+    "profile": PROFILES,
+    "mask": MASKS,
+    "code": CHOICES,
+}
+FILE = ("file", "key")
+"""The words of an array in a file."""
+C = TypeVar("C", bound=Choice)
+_CALL = re.compile(r"(\w+)\s*\((.*)\)")
+
+
+def choice(node: Node, kind: str, own: Mapping[str, type[Choice]] | None = None) -> Any:
+    """What a name, or `{name: {parameters}}`, stands for.
+
+    Args:
+        node: the name or the mapping.
+        kind: what is chosen, a key of `TABLES`.
+        own: those of the network itself, by name.
+    """
+    own = own or {}
+    if isinstance(node.value, Choice):
+        return node.value
+    if isinstance(node.value, str):
+        cls = _named(node.value, node, kind, own)
+        return with_parameters(cls, Node({}, node.where, node.where, node.source))
+    if not isinstance(node.value, dict) or len(node.value) != 1:
+        raise mistake(
+            node, f"{kind}: {found(node)}: expected a name, or {{name: {{parameters}}}}", _regroup(node, kind)
+        )
+    [(name, inner)] = node.value.items()
+    cls = _named(name, Node(name, inner.label, inner.label, node.source), kind, own)
+    if inner.value is None:
+        raise mistake(inner, f"{name} has no parameters here", f"write '{name}' alone")
+    return with_parameters(cls, inner)
+
+
+def with_parameters(cls: type[C], node: Node) -> C:
+    """Make a choice from the mapping of its parameters."""
+    if isinstance(node.value, cls):
+        return node.value
+    name, known = cls.called(), cls.quantities()
+    if not known and node.value != {}:
+        raise mistake(node, f"{name} has no parameters", f"write '{name}' alone")
+    if not isinstance(node.value, dict):
+        needed = [word for word in known if word not in cls.defaults()]
+        hint = f"write {{{name}: {{{needed[0]}: {plain(node)}}}}}" if len(needed) == 1 else ""
+        raise mistake(node, f"{name}: {found(node)}: expected its parameters, {{word: value}}", hint)
+    if cls.file_of:
+        node = _with_array(cls, node)
+    said = words(node, known, name, kind=f"parameter of {name}")
+    values = {word: value(known[word], inner, f"{name}.{word}") for word, inner in said.items()}
+    with about(node):
+        return cls.from_words(values)
+
+
+def value(q: Quantity, node: Node, what: str) -> Any:
+    """The value of one parameter; whether it is accepted is checked where it is used.
+
+    Args:
+        q: the parameter.
+        node: what is said of it.
+        what: its full name, for messages.
+    """
+    if q.part is not None:
+        return with_parameters(q.part, node)
+    if q.kind == "codes":
+        return codes(node)
+    if q.kind == "file" and isinstance(node.value, str):
+        return recording(node, node.value)
+    if q.kind == "events":
+        return of_program(node, what)
+    if isinstance(node.value, dict) and "file" in node.value and q.kind == "train":
+        return train(node)
+    if q.choice is not None and (q.at_least is None or isinstance(node.value, (str, dict))):
+        return choice(node, q.choice.kind)
+    if q.of_distance and isinstance(node.value, dict) and of_distance.called() in node.value:
+        said = words(node, (of_distance.called(),), what)
+        return of_distance(choice(said[of_distance.called()], "profile"))
+    if isinstance(node.value, dict) and "file" in node.value and (q.arrays or KINDS[q.kind].listed):
+        return array(node)
+    if q.arrays and isinstance(node.value, dict):
+        _refuse_bare_parameters(node, what)
+        return choice(node, "distribution")
+    if q.arrays and isinstance(node.value, str) and node.value.partition("(")[0].strip() in DISTRIBUTIONS:
+        return choice(node, "distribution")
+    return plain(node)
+
+
+def codes(node: Node) -> tuple[Any, ...]:
+    """A code, or each of a list."""
+    items = node.value if isinstance(node.value, list) else [node]
+    return tuple(choice(item, "code") for item in items)
+
+
+def _with_array(cls: type[Choice], node: Node) -> Node:
+    """The mapping with `{file, key}` as the array that these words among its own stand for."""
+    said = words(node, [*cls.quantities(), *FILE], cls.called(), kind=f"parameter of {cls.called()}")
+    inner = {word: said[word] for word in FILE if word in said}
+    if not inner:
+        return node
+    first = next(iter(inner.values()))
+    if cls.file_of in said:
+        message = f"{cls.called()}: found both '{cls.file_of}' and '{next(iter(inner))}': expected one of them"
+        raise mistake(first, message)
+    if "file" not in said:
+        raise mistake(first, f"{cls.called()}: found 'key' without 'file': expected both")
+    rest = {word: value for word, value in said.items() if word not in inner}
+    array = Node(inner, first.where, first.label, first.source)
+    return Node({cls.file_of: array, **rest}, node.where, node.label, node.source)
+
+
+def part(node: Node, known: Iterable[str], what: str, needs: Iterable[str]) -> dict[str, Node]:
+    """The words of a part, see `words`; a parameter that strayed out of its choice is sent back there."""
+    names = list(known)
+    for word, inner in node.value.items() if isinstance(node.value, dict) else ():
+        if word not in names and (home := _home(node, word)):
+            raise unknown(f"word of {what}", word, names, inner.label).but(hint=f"write {home}", suggestion="")
+    return words(node, names, what, needs)
+
+
+def _home(node: Node, word: str) -> str:
+    """The choice in a part that has a parameter of this name, as it should be written."""
+    for kind, table in TABLES.items():
+        chosen = node.value.get(kind)
+        name = chosen if chosen is None else chosen.value
+        if isinstance(name, dict):
+            name = next(iter(name), None)
+        if isinstance(name, str) and name in table and (ours := _ours(word, table[name])):
+            return f"{kind}: {{{name}: {{{ours}: {shown(plain(node.value[word]))}}}}}"
+    return ""
+
+
+def _ours(word: str, cls: type[Choice]) -> str:
+    """The parameter of a choice that a word, of ours or of another tool, stands for; "" if there is none."""
+    known = cls.quantities()
+    return next((one for one in (word, *ELSEWHERE.get(word.lower(), ())) if one in known), "")
+
+
+def _named(name: str, node: Node, kind: str, own: Mapping[str, type[Choice]]) -> type[Choice]:
+    if name in own:
+        return own[name]
+    table = TABLES[kind]
+    if name in table:
+        return table[name]
+    error = unknown(kind, name, [*own, *table])
+    words = (name,) if error.suggestion else (name, *ELSEWHERE.get(name.lower(), ()))
+    others = [f"'{w}' is a {other}, not a {kind}" for w in words for other, names in TABLES.items() if w in names]
+    hint = others[0] if others else error.hint
+    if hint.endswith(", ..."):
+        hint = "'neuro models' lists those there are"
+    if kind == "distribution" and name in PROFILES:
+        hint = f"'{name}' is a profile, write {{of_distance: {{{name}: ...}}}}"
+    call = _CALL.fullmatch(name)
+    if call and call[1] in table:
+        hint = f"write {{{call[1]}: {{{call[2].replace('=', ': ')}}}}}"
+        if not call[2].strip():
+            hint = f"write '{call[1]}' alone"
+        elif "=" not in call[2]:
+            hint = f"write {{{call[1]}: {{word: value}}}} with the words " + ", ".join(table[call[1]].quantities())
+    raise put_at(node, error.but(hint=hint, suggestion=error.suggestion if hint == error.hint else ""))
+
+
+def _regroup(node: Node, kind: str) -> str:
+    """How `{name, parameter: value}` or `{type: name, parameter: value}` is meant."""
+    if not isinstance(node.value, dict):
+        return ""
+    table = TABLES[kind]
+    names = [word for word in node.value if word in table]
+    names += [n.value for n in node.value.values() if isinstance(n.value, str) and n.value in table]
+    if len(names) != 1:
+        return ""
+    rest = {
+        _ours(w, table[names[0]]) or w: plain(n) for w, n in node.value.items() if w != names[0] and n.value != names[0]
+    }
+    return f"write {shown({names[0]: rest})}"
+
+
+def _refuse_bare_parameters(node: Node, what: str) -> None:
+    """Refuse `{mean: 1, std: 2}`, which lacks the name of the distribution."""
+    if any(word in DISTRIBUTIONS for word in node.value):
+        return
+    fitting = [name for name, cls in DISTRIBUTIONS.items() if set(node.value) <= set(cls.quantities())]
+    if fitting and node.value:
+        found_ = shown(plain(node))
+        raise mistake(
+            node, f"{what} = {found_}: expected the name of a distribution", f"write {{{fitting[0]}: {found_}}}"
+        )
 
 
 def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
@@ -88,16 +280,14 @@ class _Builder:
                     settings = {"name": self.net.name, "resolution": self.net.resolution, word: plain(node)}
                     self.net = Network(settings["name"], resolution=settings["resolution"])
         self.each("models", self.model)
-        self.each("populations", self.population)
-        self.each("projections", self.projection)
-        self.each("signals", self.signal)
+        self.each("populations", partial(self.part, Population))
+        self.each("projections", partial(self.part, Projection))
+        self.each("signals", partial(self.part, Signal))
         self.each("groups", self.group)
-        if "trials" in self.sections:
-            self.trials(self.sections["trials"])
-        self.each("probes", self.probe)
-        if "readout" in self.sections:
-            with within("readout"):
-                self.net.readout_section = with_parameters(Readout, self.sections["readout"])
+        self.net.trials_section = self.section(Trials)
+        self.net.trials_origin = self.sections["trials"].label if "trials" in self.sections else None
+        self.each("probes", partial(self.part, Probe))
+        self.net.readout_section = self.section(Readout)
         self.net.place = None
         self.references()
         return self.net
@@ -127,23 +317,31 @@ class _Builder:
             of = self.models if issubclass(model, Model) else self.synapses
             of[name] = model
 
-    def population(self, name: str, node: Node) -> None:
+    def part(self, cls: type[Part], name: str, node: Node) -> None:
+        """Add a part to the network by the values of its words; neurons last, as errors in the others come first."""
         listed = isinstance(node.value, dict) and "neurons" in node.value
-        said = part(node, OF_POPULATIONS, "a population", ("model",) if listed else ("model", "shape"))
-        model = self.by_name(said["model"])
-        initial = {}
-        if "initial" in said:
-            quantities = {state.name: state.quantity() for state in model.states if not state.hidden}
-            states = words(said["initial"], quantities, "initial", kind=f"state of {model.name}")
-            initial = {word: value(quantities[word], inner, f"initial.{word}") for word, inner in states.items()}
-        places = {word: value(q, said[word], word) for word, q in PLACES.items() if word in said}
-        if "periodic" in said:
-            places["periodic"] = plain(said["periodic"])
-        if listed:
-            places["neurons"] = with_parameters(neuron_table, said["neurons"])
-        shape = plain(said["shape"]) if "shape" in said else AUTO
+        needs = [word for word in cls.needs if not (word == "shape" and listed)]
+        said = part(node, cls.words, f"a {cls.word}", needs)
+        values: dict[str, Any] = {"shape": AUTO} if listed else {}
+        for word, q in sorted(cls.words.items(), key=lambda item: item[1].kind == "neurons"):
+            if word in said:
+                values[cls.ends.get(word, (word,))[0]] = self.value(q, word, said[word], values)
+        add = self.net.connect if cls is Projection else getattr(self.net, cls.word)
         with about(node):
-            self.net.population(name, shape, model, initial=initial, **places)
+            add(name=name, **values)
+
+    def value(self, q: Quantity, word: str, node: Node, others: Mapping[str, Any]) -> Any:
+        """Return the value of a word of a part, given those of the words before it."""
+        if q.kind == "neurons":
+            return neurons(node, self.net.populations, word)
+        if q.kind == "states":
+            model = others["model"]
+            quantities = {state.name: state.quantity() for state in model.states if not state.hidden}
+            states = words(node, quantities, word, kind=f"state of {model.name}")
+            return {state: value(quantities[state], inner, f"{word}.{state}") for state, inner in states.items()}
+        if word == "model":
+            return self.by_name(node)
+        return choice(node, word, self.synapses) if word == "synapse" else value(q, node, word)
 
     def by_name(self, node: Node) -> Model:
         """The model of a population; one that is said by its name alone is made once."""
@@ -153,41 +351,16 @@ class _Builder:
             self.named[name] = model
         return model
 
-    def projection(self, name: str, node: Node) -> None:
-        known = ("from", "to", "rule", "weight", "delay", "synapse")
-        said = part(node, known, "a projection", ("from", "to", "rule"))
-        rule = choice(said["rule"], "rule")
-        synapse = choice(said["synapse"], "synapse", self.synapses) if "synapse" in said else static()
-        values = {word: value(q, said[word], word) for word, q in VALUES.items() if word in said}
-        ends = [neurons(said[word], self.net.populations, word) for word in ("from", "to")]
-        with about(node):
-            self.net.connect(ends[0], ends[1], rule, synapse, name=name, **values)
-
-    def signal(self, name: str, node: Node) -> None:
-        said = words(node, ("to",), "a signal", needs=("to",))
-        with about(node):
-            self.net.signal(name, to=plain(said["to"]))
-
     def group(self, name: str, node: Node) -> None:
         group = choice(node, "group")
         with about(node):
             self.net.group(name, group)
 
-    def trials(self, node: Node) -> None:
-        with within("trials"):
-            self.net.trials_section = with_parameters(Trials, node)
-        self.net.trials_origin = node.label
-
-    def probe(self, name: str, node: Node) -> None:
-        known = ("of", "record", "every", "at", "mean", "synapses", "pre", "post")
-        said = words(node, known, "a probe", needs=("of",))
-        rest = {word: plain(said[word]) for word in known[1:5] if word in said}
-        rest |= {word: neurons(said[word], self.net.populations, word) for word in known[6:] if word in said}
-        if "synapses" in said:
-            rest["synapses"] = value(CHOSEN, said["synapses"], "synapses")
-        of = neurons(said["of"], self.net.populations, "of")
-        with about(node):
-            self.net.probe(name, of, **rest)
+    def section(self, cls: type[C]) -> C | None:
+        if cls.word not in self.sections:
+            return None
+        with within(cls.word):
+            return with_parameters(cls, self.sections[cls.word])
 
     def references(self) -> None:
         """Check the names that choices hold; those of the parts are checked as the parts are added."""
@@ -197,10 +370,9 @@ class _Builder:
         for name, projection in self.net.projections.items():
             node = follow(self.sections["projections"], (name, "synapse", projection.synapse.name))
             self.names(projection.synapse, node, f"projection '{name}'")
-        if self.net.trials_section is not None:
-            self.names(self.net.trials_section, self.sections["trials"], "trials")
-        if self.net.readout_section is not None:
-            self.names(self.net.readout_section, self.sections["readout"], "readout")
+        for section in (self.net.trials_section, self.net.readout_section):
+            if section is not None:
+                self.names(section, self.sections[section.word], section.word)
 
     def names(self, choice: Choice, node: Node, context: str) -> None:
         for word, name in choice.parameters().items():
@@ -236,29 +408,14 @@ def neurons(node: Node, populations: Mapping[str, Population], role: str) -> Any
     if name not in populations:
         error = unknown("population", name, populations)
         raise error.at(index.label, role)
+    written = index.value
     with within(role):
-        if isinstance(index.value, dict) and "file" not in index.value:
-            with about(index):
-                return populations[name].where(**plain(index))
-        chosen = _index(index, populations[name])
+        if isinstance(written, bool) or not isinstance(written, (str, int, list, dict)):
+            expected = 'expected an index such as "0:100", or a list of ids'
+            raise mistake(index, f"{name}: {found(index)}: {expected}")
+        chosen = array(index) if isinstance(written, dict) and "file" in written else plain(index)
         with about(index):
-            ids = isinstance(chosen, (list, FromFile))
-            return view(populations[name], check(IDS, chosen, name) if ids else chosen)
-
-
-def _index(node: Node, population: Population) -> Any:
-    """The index that is written, or ids that are not yet checked."""
-    if isinstance(node.value, str):
-        return _axes(node, population)
-    if isinstance(node.value, dict):
-        return array(node)
-    if isinstance(node.value, (int, list)) and not isinstance(node.value, bool):
-        return plain(node)
-    raise mistake(node, f'{population.name}: {found(node)}: expected an index such as "0:100", or a list of ids')
-
-
-def _axes(node: Node, population: Population) -> tuple[int | slice, ...]:
-    try:
-        return indices(node.value, population.name)
-    except ModelError as error:
-        raise put_at(node, error) from None
+            if isinstance(chosen, dict):
+                return populations[name].where(**chosen)
+            ids = check(IDS, chosen, name) if isinstance(chosen, (list, FromFile)) else chosen
+            return view(populations[name], indices(ids, name) if isinstance(ids, str) else ids)

@@ -14,8 +14,7 @@ from neuro.core.errors import ModelError, Where, nearest, unknown
 from neuro.core.grammar import Binary, Call, Expression, Hints, Misread, Name, Negative, Number, Tree, parse
 from neuro.core.units import NONE, TENS, Dimension, in_base, is_measure, scaled, times, told, unit_of
 from neuro.core.values import shown
-from neuro.model.language.nodes import found, mistake, put_at
-from neuro.model.language.reader import MAX_DEPTH, Node
+from neuro.model.language.reader import MAX_DEPTH, Node, found, mistake, put_at
 
 MAX_PLACED = 1_000_000
 
@@ -267,9 +266,7 @@ class _Value:
             return Measure(best(measure.value for measure in found), found[0].dimension)
         if len(found) != 1:
             raise self.whole.mistake(tree.at, f"{tree.name} takes 1 value: found {len(found)}")
-        return self._of_one(tree, found[0])
-
-    def _of_one(self, tree: Call, x: Measure) -> Measure:
+        x = found[0]
         if tree.name == "sqrt":
             if x.value < 0.0:
                 raise self.whole.mistake(tree.at, f"sqrt({x.value:g}) is no number: expected at least 0")

@@ -11,39 +11,28 @@ from typing import Any
 
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
-from neuro.core.quantities import Quantity
+from neuro.core.quantities import KINDS, Quantity
 from neuro.core.units import UNITS, dimension_of
 from neuro.model.equations.definition import WORDS
-from neuro.model.equations.pairs import WORDS as RULE_WORDS
-from neuro.model.language.choices import TABLES
-from neuro.model.language.sources import VERSION
+from neuro.model.equations.rule import WORDS as RULE_WORDS
+from neuro.model.language.files import VERSION
+from neuro.model.language.loader import TABLES
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS
 from neuro.model.parts import (
-    AT,
-    CHOSEN,
-    DELAY,
-    EVERY,
-    EXTENT,
     INITIAL,
-    MEAN,
-    PERIODIC,
-    POSITIONS,
-    RECORD,
     RESOLUTION,
-    SHAPE,
     WEIGHT,
     Group,
-    Population as PopulationPart,
+    Part,
+    Population,
     Probe,
     Projection,
     Readout,
     Signal,
     Trials,
 )
-from neuro.model.synapses import SYNAPSES
 from neuro.model.views import AXIS
-from neuro.model.wiring.neurons import neuron_table
 
 Schema = dict[str, Any]
 _NAME = r"^[\w.-]+$"
@@ -77,12 +66,12 @@ def schema() -> Schema:
                     "description": "files in this folder whose sections are read before those of this file",
                 },
                 "models": _models(),
-                "populations": {"type": "object", "description": _summary(PopulationPart)},
+                "populations": {"type": "object", "description": _summary(Population)},
                 "projections": {"type": "object", "description": _summary(Projection)},
-                "signals": _named(_closed({"to": _text("the population it acts on")}, ["to"]), Signal),
+                "signals": _named(_part(Signal), Signal),
                 "groups": _named({"$ref": "#/$defs/group"}, Group),
                 "trials": _words(Trials),
-                "probes": _named(_probe(), Probe),
+                "probes": _named(_part(Probe), Probe),
                 "readout": _words(Readout),
             },
         ),
@@ -124,83 +113,15 @@ def _models() -> Schema:
 
 def _networks(own: bool) -> Schema:
     """What depends on the models; `own`: networks may have their own, of which a schema knows the names only."""
-    populations, projections = _named(_population(own), PopulationPart), _named(_projection(own), Projection)
-    return {"properties": {"populations": populations, "projections": projections}}
+    return {"properties": {f"{cls.word}s": _named(_part(cls, own), cls) for cls in (Population, Projection)}}
 
 
-def _chosen(kind: str, known: Iterable[str], own: bool) -> Schema:
-    """A model or synapse model by name, with its parameters or without."""
-    if not own:
-        return {"$ref": f"#/$defs/{kind}"}
-    name = {"not": {"enum": list(known)}}
-    parameters = {"type": "object", "propertyNames": name, "minProperties": 1, "maxProperties": 1}
-    return {"anyOf": [{"$ref": f"#/$defs/{kind}"}, {"type": "string", **name}, parameters]}
-
-
-def _population(own: bool) -> Schema:
-    states = sorted({state.name for model in MODELS.values() for state in model.states if not state.hidden})
-    known = {state: _quantity(INITIAL) for state in states}
-    any_state = {"type": "object", "additionalProperties": _quantity(INITIAL)}
-    initial = {**(any_state if own else _closed(known)), "description": INITIAL.doc}
-    model = _chosen("model", MODELS, own)
-    places = {"positions": _array(POSITIONS), "extent": _array(EXTENT), "periodic": _quantity(PERIODIC, False)}
-    words = {"model": model, "shape": _quantity(SHAPE), "initial": initial, **places, "neurons": _words(neuron_table)}
+def _part(cls: type[Part], own: bool = False) -> Schema:
+    """The words of a part; a population with a table of neurons needs no shape."""
+    words = {word: _quantity(q, cls.defaults.get(word, MISSING), own) for word, q in cls.words.items()}
+    if cls is not Population:
+        return _closed(words, cls.needs)
     return {**_closed(words, ["model"]), "anyOf": [{"required": ["shape"]}, {"required": ["neurons"]}]}
-
-
-def _array(q: Quantity) -> Schema:
-    """An array that is not drawn."""
-    file, numbers = {"$ref": "#/$defs/file"}, {"$ref": "#/$defs/numbers"}
-    return {"anyOf": [numbers, file, _PARAMETER], "description": q.doc}
-
-
-def _projection(own: bool) -> Schema:
-    return _closed(
-        {
-            "from": _neurons("the population whose spikes are sent, or some of its neurons"),
-            "to": _neurons("the population that receives them, or some of its neurons"),
-            "rule": {"$ref": "#/$defs/rule"},
-            "weight": _quantity(WEIGHT, 1.0),
-            "delay": _quantity(DELAY, 1.0),
-            "synapse": {**_chosen("synapse", SYNAPSES, own), "default": "static"},
-        },
-        ["from", "to", "rule"],
-    )
-
-
-def _probe() -> Schema:
-    words = {
-        "of": _neurons("the population, some of its neurons, or the projection"),
-        "record": _quantity(RECORD, "spikes"),
-        "every": _quantity(EVERY),
-        "at": _quantity(AT),
-        "mean": _quantity(MEAN, False),
-        "synapses": _quantity(CHOSEN),
-        "pre": _neurons("of a projection only the synapses from these neurons", ids=True),
-        "post": _neurons("of a projection only the synapses onto these neurons", ids=True),
-    }
-    return _closed(words, ["of"])
-
-
-def _neurons(description: str, ids: bool = False) -> Schema:
-    """The name of a population, a view of it, or ids where it is known of what."""
-    index: list[Schema] = [
-        {"type": "string", "pattern": rf"^\s*({AXIS})\s*(,\s*({AXIS})\s*)*$"},
-        {"type": "integer"},
-        {"type": "array", "items": {"type": "integer", "minimum": 0}, "minItems": 1},
-        {"$ref": "#/$defs/file"},
-        {**_by_name(), "not": {"required": ["file"]}},
-        _PARAMETER,
-    ]
-    one: Schema = {
-        "type": "object",
-        "propertyNames": {"pattern": _NAME},
-        "additionalProperties": {"anyOf": index},
-        "minProperties": 1,
-        "maxProperties": 1,
-    }
-    alone = index[1:3] if ids else []
-    return {"anyOf": [{"type": "string"}, one, *alone], "description": description}
 
 
 def _by_name() -> Schema:
@@ -208,10 +129,6 @@ def _by_name() -> Schema:
     one: Schema = {"type": ["string", "number"]}
     values: Schema = {"anyOf": [one, {"type": "array", "items": one}]}
     return {"type": "object", "minProperties": 1, "additionalProperties": values}
-
-
-def _text(description: str) -> Schema:
-    return {"type": "string", "description": description}
 
 
 def _closed(properties: Schema, required: Iterable[str] = ()) -> Schema:
@@ -263,11 +180,12 @@ def _summary(cls: type) -> str:
     return (inspect.getdoc(cls) or "").partition("\n")[0]
 
 
-def _quantity(q: Quantity, default: Any = MISSING) -> Schema:
-    """What a parameter may be."""
-    accepted = _accepted(q)
+def _quantity(q: Quantity, default: Any = MISSING, own: bool = False) -> Schema:
+    """What a parameter may be; `own` as of `_networks`."""
+    accepted = _accepted(q, own)
     out: Schema = {"anyOf": accepted} if len(accepted) > 1 else dict(accepted[0])
-    out["description"] = f"{q.doc} ({q.unit})" if q.unit else q.doc
+    if q.doc:
+        out["description"] = f"{q.doc} ({q.unit})" if q.unit else q.doc
     if isinstance(default, float) and math.isinf(default):
         out["description"] += f", {'-' if default < 0 else ''}.inf if not given"
     elif default is not MISSING and default is not None:
@@ -293,17 +211,9 @@ def _measured(*units: str) -> Schema:
     return {"type": "string", "pattern": rf"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)? *({known}|[^ ]*[*/^].*)$"}
 
 
-def _accepted(q: Quantity) -> list[Schema]:
-    bounds: Schema = {
-        word: bound
-        for word, bound in (
-            ("exclusiveMinimum", q.above),
-            ("minimum", q.at_least),
-            ("exclusiveMaximum", q.below),
-            ("maximum", q.at_most),
-        )
-        if bound is not None
-    }
+def _accepted(q: Quantity, own: bool) -> list[Schema]:
+    names = {">": "exclusiveMinimum", ">=": "minimum", "<": "exclusiveMaximum", "<=": "maximum"}
+    bounds: Schema = {names[sign]: bound for sign, bound, _ in q.bounds}
     if q.nonzero:
         bounds["not"] = {"const": 0}
     file, numbers = {"$ref": "#/$defs/file"}, {"$ref": "#/$defs/numbers"}
@@ -316,7 +226,33 @@ def _accepted(q: Quantity) -> list[Schema]:
         case "choice":
             assert q.choice is not None
             number: list[Schema] = [{"type": "number", **bounds}] if bounds else []
-            return [*number, {"$ref": f"#/$defs/{q.choice.kind}"}]
+            chosen: list[Schema] = [*number, {"$ref": f"#/$defs/{q.choice.kind}"}]
+            if not own or q.choice.kind not in ("model", "synapse"):
+                return chosen
+            name = {"not": {"enum": list(TABLES[q.choice.kind])}}
+            parameters = {"type": "object", "propertyNames": name, "minProperties": 1, "maxProperties": 1}
+            return [*chosen, {"type": "string", **name}, parameters]
+        case "neurons":
+            index: list[Schema] = [
+                {"type": "string", "pattern": rf"^\s*({AXIS})\s*(,\s*({AXIS})\s*)*$"},
+                {"type": "integer"},
+                {"type": "array", "items": {"type": "integer", "minimum": 0}, "minItems": 1},
+                {"$ref": "#/$defs/file"},
+                {**_by_name(), "not": {"required": ["file"]}},
+                _PARAMETER,
+            ]
+            one: Schema = {
+                "type": "object",
+                "propertyNames": {"pattern": _NAME},
+                "additionalProperties": {"anyOf": index},
+                "minProperties": 1,
+                "maxProperties": 1,
+            }
+            return [{"type": "string"}, one, *(index[1:3] if q.arrays else [])]
+        case "states":
+            states = sorted({state.name for model in MODELS.values() for state in model.states if not state.hidden})
+            any_state = {"type": "object", "additionalProperties": _quantity(INITIAL)}
+            return [any_state if own else _closed({state: _quantity(INITIAL) for state in states})]
         case "delay":
             return [{"type": "number", "exclusiveMinimum": 0}, _measured("us", "ms", "s"), _PARAMETER]
         case "integer":
@@ -332,7 +268,7 @@ def _accepted(q: Quantity) -> list[Schema]:
             return [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
         case "words":
             return [_by_name()]
-        case "ids" | "times" | "moments" | "series" | "train" | "graded_train":
+        case _ if KINDS[q.kind].listed:
             return [numbers, file, _PARAMETER]
         case "codes":
             code = {"$ref": "#/$defs/code"}

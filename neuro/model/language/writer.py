@@ -18,11 +18,12 @@ from neuro.core.errors import ModelError, Where
 from neuro.core.hdf5 import has_format, new_file
 from neuro.core.outputs import Kind, Unwritable, output, sealed
 from neuro.core.paths import file_path
-from neuro.core.values import FromFile, same
+from neuro.core.quantities import word_of
+from neuro.core.values import FromFile
 from neuro.model.equations import EquationNeuron, EquationSynapse
+from neuro.model.language.files import VERSION
 from neuro.model.language.reader import scalar
-from neuro.model.language.sources import VERSION
-from neuro.model.parts import Description, Population, Probe, Projection
+from neuro.model.parts import Description, Group, Part, Population, Projection, refuse
 from neuro.model.space import of_distance
 from neuro.model.views import View
 
@@ -57,7 +58,10 @@ def save(net: Description, path: str | Path, anywhere: bool = False) -> None:
     with ExitStack() as files:
         files.enter_context(output(file, NETWORK)).write_text(NETWORK.seal(f"{MARK}\n{text}"), encoding="utf-8")
         if arrays.kept:
-            _write_arrays(files.enter_context(_claimed(beside)), arrays)
+            with new_file(files.enter_context(_claimed(beside)), _ARRAYS) as beside_file:
+                beside_file.attrs["format"] = _ARRAYS
+                for key, array in arrays.kept.items():
+                    beside_file.create_dataset(key, data=array, track_times=False)
 
 
 def to_text(sections: dict[str, Any]) -> str:
@@ -127,15 +131,8 @@ def _claimed(path: Path) -> Iterator[Path]:
         raise error.but(hint=hint) from None
 
 
-def _write_arrays(path: Path, arrays: Arrays) -> None:
-    with new_file(path, _ARRAYS) as file:
-        file.attrs["format"] = _ARRAYS
-        for key, array in arrays.kept.items():
-            file.create_dataset(key, data=array, track_times=False)
-
-
 LARGEST_INLINE = 64
-NAMED = ("distribution", "code", "profile", "mask")
+NAMED = ("distribution", "code", "profile", "mask", "model", "rule", "synapse")
 """Kinds of choices that are values, said by their name."""
 
 
@@ -192,57 +189,25 @@ def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
     """
     sections: dict[str, Any] = {"neuro": VERSION, "name": net.name, "resolution": net.resolution}
     sections["models"] = _models(net)
-    sections["populations"] = {
-        p.name: {
-            "model": _choice(p.model, arrays, f"{p.name}.model"),
-            "shape": list(p.shape),
-            **_values(_space(p), arrays, p.name),
-            **({} if p.neurons is None else {"neurons": _parameters(p.neurons, arrays, f"{p.name}.neurons")}),
-            **({"initial": _values(p.initial, arrays, f"{p.name}.initial")} if p.initial else {}),
-        }
-        for p in net.populations.values()
-    }
-    sections["projections"] = {
-        p.name: {
-            "from": _neurons(p.source, p.source_view, arrays, f"{p.name}.from"),
-            "to": _neurons(p.target, p.target_view, arrays, f"{p.name}.to"),
-            "rule": _choice(p.rule, arrays, f"{p.name}.rule"),
-            **_values({"weight": p.weight, "delay": p.delay}, arrays, p.name),
-            "synapse": _choice(p.synapse, arrays, f"{p.name}.synapse"),
-        }
-        for p in net.projections.values()
-    }
-    sections["signals"] = {s.name: {"to": s.to} for s in net.signals.values()}
-    sections["groups"] = {g.name: _choice(g.choice, arrays, g.name) for g in net.groups.values()}
+    for word in ("populations", "projections", "signals", "groups"):
+        sections[word] = {name: _part(part, arrays) for name, part in getattr(net, word).items()}
     if net.trials_section is not None:
         sections["trials"] = _parameters(net.trials_section, arrays, "trials")
-    sections["probes"] = {p.name: _probe(p, arrays) for p in net.probes.values()}
+    sections["probes"] = {part.name: _part(part, arrays) for part in net.probes.values()}
     if net.readout_section is not None:
         sections["readout"] = _parameters(net.readout_section, arrays, "readout")
     return {word: section for word, section in sections.items() if section != {}}
 
 
-def _probe(probe: Probe, arrays: Arrays) -> dict[str, Any]:
-    record = probe.record if isinstance(probe.record, str) else list(probe.record)
-    rest = {word: getattr(probe, word) for word in ("every", "at", "mean", "synapses")}
-    said = {word: value for word, value in rest.items() if value is not None and value is not False}
-    of = _neurons(probe.of, probe.view, arrays, f"{probe.name}.of")
-    ends = {
-        word: _neurons(view.population.name, view, arrays, f"{probe.name}.{word}")
-        for word, view in (("pre", probe.pre), ("post", probe.post))
-        if view is not None
+def _part(part: Part, arrays: Arrays) -> Any:
+    """The words of a part that differ from what they are by default; a group is its choice."""
+    if isinstance(part, Group):
+        return _choice(part.choice, arrays, part.name)
+    said = {word: part.value(word) for word in part.words}
+    empty = {
+        word for word, value in said.items() if value is None or value is False or (word == "initial" and not value)
     }
-    return {"of": of, "record": record, **_values(said, arrays, probe.name), **ends}
-
-
-def _neurons(population: str, view: View | None, arrays: Arrays, key: str) -> Any:
-    return population if view is None else {population: _value(view.written(), arrays, key)}
-
-
-def _space(part: Population) -> dict[str, Any]:
-    """The words of a population's places."""
-    said = {"positions": part.positions, "extent": part.extent, "periodic": part.periodic or None}
-    return {word: value for word, value in said.items() if value is not None}
+    return _values({word: value for word, value in said.items() if word not in empty}, arrays, part.name)
 
 
 def _models(net: Description) -> dict[str, Any]:
@@ -256,8 +221,8 @@ def _models(net: Description) -> dict[str, Any]:
     parts += [(p, type(p.synapse)) for p in net.projections.values()]
     for part, model in parts:
         if issubclass(model, EquationNeuron | EquationSynapse) and found.setdefault(model.called(), model) is not model:
-            message = f"{part.word} '{part.name}': another model of the network is called '{model.called()}', too"
-            raise ModelError(message, where=part.origin, hint="give one of them another name")
+            text = f"another model of the network is called '{model.called()}', too"
+            refuse(part, text, "give one of them another name")
     return {name: plain_words(model.definition) for name, model in found.items()}
 
 
@@ -274,9 +239,7 @@ def _choice(choice: Choice, arrays: Arrays, key: str) -> Any:
 
 
 def _parameters(choice: Choice, arrays: Arrays, key: str) -> dict[str, Any]:
-    defaults = choice.defaults()
-    changed = {w: v for w, v in choice.parameters().items() if w not in defaults or not same(v, defaults[w])}
-    return _values(changed, arrays, key)
+    return _values({word_of(name): value for name, value in choice.changed().items()}, arrays, key)
 
 
 def _values(values: Any, arrays: Arrays, key: str) -> dict[str, Any]:
@@ -288,6 +251,10 @@ def _value(value: Any, arrays: Arrays, key: str) -> Any:
         value = value.values
     if isinstance(value, Path):
         return arrays.recording(value, key)
+    if isinstance(value, View):
+        return {value.population.name: _value(value.written(), arrays, key)}
+    if isinstance(value, Mapping):
+        return _values(value, arrays, key)
     if getattr(value, "kind", "") == "recording":
         return arrays.events(key)
     if isinstance(value, np.ndarray):
@@ -304,7 +271,7 @@ def _value(value: Any, arrays: Arrays, key: str) -> Any:
     if isinstance(value, tuple) and value and all(isinstance(item, Choice) for item in value):
         items = [_value(item, arrays, f"{key}.{k}") for k, item in enumerate(value)]
         return items[0] if len(items) == 1 else items
-    return plain_words(value) if isinstance(value, tuple | Mapping) else value
+    return plain_words(value) if isinstance(value, tuple) else value
 
 
 def _table(rows: tuple[NDArray[Any], ...]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Population models, one a file, and the registry of all."""
+"""Population models, a file for each family, and the registry of all."""
 
 from neuro.core.registry import Registry
 from neuro.model.neurons import builtin

@@ -1,12 +1,11 @@
-"""What the adaptive exponential neurons share: their constants, and a step in which V may be reset on the way.
+"""The adaptive exponential neurons, in which V may be reset on the way through a step.
 
-A model has the rows V_m, w, two of its synapses, which only decay, and the hidden ones below; its `system` and `rates`
-say the rest.
+A model has the rows V_m, w, two of its synapses, which only decay, and the hidden ones below.
 
 Source: NEST 3.10, `aeif_cond_exp` and `aeif_psc_exp`.
 """
 
-# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+# mypy: disable-error-code="no-untyped-def,no-untyped-call", check-untyped-defs=False
 from __future__ import annotations
 
 import math
@@ -31,45 +30,24 @@ HIDDEN = (
     State("refractory", "steps", "steps left to hold V_m", hidden=True),
     State("size", "ms", "adaptive step, 0 for a whole step of the grid", hidden=True),
 )
-
-V_M, W, _, _, REFRACTORY, SIZE = range(6)
+V_M, W, G_EX, G_IN, REFRACTORY, SIZE = range(6)
+I_EX, I_IN = G_EX, G_IN
 V_TH, V_RESET, V_FIRE, B, R, H, TOLERANCE, SUBSTEPS, BY_C, G_L, E_L, DELTA_T, A, BY_TAU_W, V_PEAK = range(15)
+RATE_EX, RATE_IN, I_E, E_EX, E_IN = range(15, 20)
 
 rkf45, rkf45_by_slope = fehlberg(4, 2), fehlberg(4, 2, by_slope=True)
 rk4, (take, put) = runge_kutta(4, 2), rows(4)
-
 MOST = 255
 """Spikes of a neuron in a step of the grid."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AdaptiveExponential(Resting):
-    """The first parameters of the adaptive exponential neurons."""
-
-    receptors: ClassVar[int] = 2
-    resets_in_step: ClassVar[bool] = True
-
-    C_m: Value = quantity(281.0, "pF", "membrane capacity", above=0, arrays=True)
-    g_L: Value = quantity(30.0, "nS", "leak conductance", at_least=0, arrays=True)
-    t_ref: Value = quantity(0.0, "ms", "refractory period", at_least=0, arrays=True)
-    E_L: Value = quantity(-70.6, "mV", "leak reversal potential", arrays=True)
-    V_reset: Value = quantity(-60.0, "mV", "potential after a spike", arrays=True)
-    V_th: Value = quantity(-50.4, "mV", "potential where the upswing begins", arrays=True)
-    V_peak: Value = quantity(0.0, "mV", "threshold", arrays=True)
-    Delta_T: Value = quantity(2.0, "mV", "width of the upswing", at_least=0, arrays=True)
-    a: Value = quantity(4.0, "nS", "adaptation to V_m", arrays=True)
-    b: Value = quantity(80.5, "pA", "adaptation to a spike", arrays=True)
-    tau_w: Value = quantity(144.0, "ms", "time constant of adaptation", above=0, arrays=True)
-
-
-def membrane(p, h, c):
-    """Fill the constants above for a step of h ms.
-
-    `p` begins with tau_minus, C_m, g_L, t_ref, E_L, V_reset, V_th, V_peak, Delta_T, a, b and tau_w.
-    """
+def set_constants(p, h, c):
+    """Set the constants for a step of h ms; `p` begins with tau_minus and the parameters of `AdaptiveExponential`."""
     c[BY_C], c[G_L], c[R], c[E_L], c[V_RESET], c[V_TH] = 1.0 / p[1], p[2], round(p[3] / h), p[4], p[5], p[6]
     c[V_FIRE], c[V_PEAK] = p[7] if p[8] > 0.0 else p[6], p[7]
     c[DELTA_T], c[A], c[B], c[BY_TAU_W], c[H] = p[8], p[9], p[10], 1.0 / p[11], h
+    c[RATE_EX], c[RATE_IN] = -1.0 / p[12], -1.0 / p[13]
+    c[I_E], c[TOLERANCE], c[SUBSTEPS] = p[14], p[15], p[16]
 
 
 def flowing(v, w, c_of_membrane, current):
@@ -127,10 +105,6 @@ def step_evenly(rates, system, s, c, i_0, lo, hi, fired):
             fired[i] = min(fired[i] + reset(s, c, i), MOST)
 
 
-def fire(s, c, i):
-    """Nothing is left to reset: `step` has done it."""
-
-
 def reset(s, c, i):
     """Hold V while it is refractory, reset it at V_peak; return whether it was there."""
     v, w, left = s[V_M, i], s[W, i], s[REFRACTORY, i]
@@ -148,3 +122,152 @@ def is_quiet(rates, system, s, c, i_0, lo, hi):
     """At rest: a step without input leaves every bit where it is."""
     h, substeps = c[H], c[SUBSTEPS]
     return are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps, REFRACTORY, SIZE, c[V_FIRE])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AdaptiveExponential(Resting):
+    """The first parameters of the adaptive exponential neurons."""
+
+    receptors: ClassVar[int] = 2
+    resets_in_step: ClassVar[bool] = True
+
+    C_m: Value = quantity(281.0, "pF", "membrane capacity", above=0, arrays=True)
+    g_L: Value = quantity(30.0, "nS", "leak conductance", at_least=0, arrays=True)
+    t_ref: Value = quantity(0.0, "ms", "refractory period", at_least=0, arrays=True)
+    E_L: Value = quantity(-70.6, "mV", "leak reversal potential", arrays=True)
+    V_reset: Value = quantity(-60.0, "mV", "potential after a spike", arrays=True)
+    V_th: Value = quantity(-50.4, "mV", "potential where the upswing begins", arrays=True)
+    V_peak: Value = quantity(0.0, "mV", "threshold", arrays=True)
+    Delta_T: Value = quantity(2.0, "mV", "width of the upswing", at_least=0, arrays=True)
+    a: Value = quantity(4.0, "nS", "adaptation to V_m", arrays=True)
+    b: Value = quantity(80.5, "pA", "adaptation to a spike", arrays=True)
+    tau_w: Value = quantity(144.0, "ms", "time constant of adaptation", above=0, arrays=True)
+    tau_syn_ex: Value = quantity(0.2, "ms", "decay of the effect of an excitatory spike", above=0, arrays=True)
+    tau_syn_in: Value = quantity(2.0, "ms", "decay of the effect of an inhibitory spike", above=0, arrays=True)
+    I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
+    gsl_error_tol: Value = quantity(
+        1e-6, "", "error of a step of RKF45, absolute and relative to slope", above=0, arrays=True
+    )
+    rk4_substeps: int = quantity(0, "", "steps of RK4 in a step of the grid, 0: RKF45", kind="integer", at_least=0)
+
+    def constants(p, h, c):
+        """Fill `c` for a step of h ms; `p` is tau_minus, then the parameters above in order."""
+        set_constants(p, h, c)
+
+    def fire(s, c, i):
+        """Nothing is left to reset: `step` has done it."""
+
+
+def rates_of_conductances(y, p):
+    """Derivatives of V_m, w, g_ex and g_in; V_m counts as V_peak where it is above, as V_reset while it is held."""
+    v, w, g_ex, g_in = y
+    fixed, v_peak, v_reset, e_ex, e_in, rate_ex, rate_in, current, held = p
+    v = v_reset if held else (v if v < v_peak else v_peak)
+    v_slope, w_slope = flowing(v, w, fixed, current - g_ex * (v - e_ex) - g_in * (v - e_in))
+    return 0.0 if held else v_slope, w_slope, rate_ex * g_ex, rate_in * g_in
+
+
+def system_of_conductances(s, c, i_0, i):
+    """What `rates_of_conductances` needs."""
+    current, held = c[I_E] + i_0[i], s[REFRACTORY, i] != 0.0
+    return of_membrane(c), c[V_PEAK], c[V_RESET], c[E_EX], c[E_IN], c[RATE_EX], c[RATE_IN], current, held
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class aeif_cond_exp(AdaptiveExponential):
+    """Adaptive exponential neuron; a spike adds its weight in nS to a conductance that decays exponentially.
+
+    Positive weights open the excitatory conductance, negative ones the inhibitory, by their absolute value. Integrated
+    by NEST's adaptive RKF45, of which no step errs by more than `gsl_error_tol` (1 + |h y'|); with `rk4_substeps` by so
+    many steps of RK4 in each step of the grid. V_m is tested and reset after each step of the integrator, so several
+    spikes, at most 255, may leave in a step of the grid. With `Delta_T` 0 there is no upswing, and it spikes at V_th.
+
+    Source: NEST 3.10, `aeif_cond_exp`; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005.
+    """
+
+    equation: ClassVar[str] = (
+        "C_m V_m' = -g_L (V_m - E_L) + g_L Delta_T exp((V_m - V_th)/Delta_T) - w - g_ex (V_m - E_ex) "
+        "- g_in (V_m - E_in) + I; tau_w w' = a (V_m - E_L) - w; g' = -g/tau_syn + sum |w_syn| delta(t - t_spike); "
+        "at V_m >= V_peak: V_m = V_reset, w += b"
+    )
+    source: ClassVar[str] = "NEST 3.10 aeif_cond_exp; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005"
+    weight_unit: ClassVar[str] = "nS"
+    states: ClassVar[tuple[State, ...]] = (
+        *SHOWN,
+        State("g_ex", "nS", "excitatory conductance", at_least=0.0),
+        State("g_in", "nS", "inhibitory conductance", at_least=0.0),
+        *HIDDEN,
+    )
+    conductances: ClassVar[tuple[str, ...]] = ("ex", "in")
+
+    E_ex: Value = quantity(0.0, "mV", "excitatory reversal potential", arrays=True)
+    E_in: Value = quantity(-85.0, "mV", "inhibitory reversal potential", arrays=True)
+
+    def constants(p, h, c):
+        """Fill `c` for a step of h ms; `p` is tau_minus, then the parameters above in order."""
+        set_constants(p, h, c)
+        c[E_EX], c[E_IN] = p[17], p[18]
+
+    def step(s, c, x, i_0, lo, hi, fired):
+        """One step, with the resets in it, then the input."""
+        step_and_reset(rates_of_conductances, system_of_conductances, s, c, i_0, lo, hi, fired)
+        for i in range(lo, hi):
+            s[G_EX, i] += x[0, i]
+            s[G_IN, i] -= x[1, i]
+
+    def quiet(s, c, i_0, lo, hi):
+        """At rest."""
+        return is_quiet(rates_of_conductances, system_of_conductances, s, c, i_0, lo, hi)
+
+
+def rates_of_currents(y, p):
+    """Derivatives of V_m, w and the currents; V_m counts as V_peak where it is above, as V_reset while it is held."""
+    v, w, i_ex, i_in = y
+    fixed, v_peak, v_reset, rate_ex, rate_in, current, held = p
+    v = v_reset if held else (v if v < v_peak else v_peak)
+    v_slope, w_slope = flowing(v, w, fixed, current + i_ex + i_in)
+    return 0.0 if held else v_slope, w_slope, rate_ex * i_ex, rate_in * i_in
+
+
+def system_of_currents(s, c, i_0, i):
+    """What `rates_of_currents` needs."""
+    current, held = c[I_E] + i_0[i], s[REFRACTORY, i] != 0.0
+    return of_membrane(c), c[V_PEAK], c[V_RESET], c[RATE_EX], c[RATE_IN], current, held
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class aeif_psc_exp(AdaptiveExponential):
+    """Adaptive exponential neuron; a spike adds its weight in pA to a current that decays exponentially.
+
+    Positive weights go to the excitatory current, negative ones to the inhibitory. Integrated by NEST's adaptive RKF45,
+    of which no step errs by more than `gsl_error_tol` (1 + |h y'|); with `rk4_substeps` by so many steps of RK4 in each
+    step of the grid. V_m is tested and reset after each step of the integrator, so several spikes, at most 255, may
+    leave in a step of the grid. With `Delta_T` 0 there is no upswing, and it spikes at V_th.
+
+    Source: NEST 3.10, `aeif_psc_exp`; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005.
+    """
+
+    equation: ClassVar[str] = (
+        "C_m V_m' = -g_L (V_m - E_L) + g_L Delta_T exp((V_m - V_th)/Delta_T) - w + I_syn_ex + I_syn_in "
+        "+ I; tau_w w' = a (V_m - E_L) - w; I_syn' = -I_syn/tau_syn + sum w_syn delta(t - t_spike); "
+        "at V_m >= V_peak: V_m = V_reset, w += b"
+    )
+    source: ClassVar[str] = "NEST 3.10 aeif_psc_exp; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005"
+    weight_unit: ClassVar[str] = "pA"
+    states: ClassVar[tuple[State, ...]] = (
+        *SHOWN,
+        State("I_syn_ex", "pA", "excitatory synaptic current"),
+        State("I_syn_in", "pA", "inhibitory synaptic current"),
+        *HIDDEN,
+    )
+
+    def step(s, c, x, i_0, lo, hi, fired):
+        """One step, with the resets in it, then the input."""
+        step_and_reset(rates_of_currents, system_of_currents, s, c, i_0, lo, hi, fired)
+        for i in range(lo, hi):
+            s[I_EX, i] += x[0, i]
+            s[I_IN, i] += x[1, i]
+
+    def quiet(s, c, i_0, lo, hi):
+        """At rest."""
+        return is_quiet(rates_of_currents, system_of_currents, s, c, i_0, lo, hi)

@@ -1,8 +1,8 @@
 """What a neuron model is: parameters, state rows and four plain functions.
 
-A model's arithmetic is written once, as functions over arrays that run as they stand in the reference
-backend and compiled in the event backend. All neurons of a network lie side by side; `lo` and `hi`
-bound the neurons of one call, which share one vector of constants `c`.
+A model's arithmetic is written once, as functions over arrays that run as they stand in the reference backend and
+compiled in the event backend. They stand in the body of the class, without `self`, or in its module. All neurons of a
+network lie side by side; `lo` and `hi` bound the neurons of one call, which share one vector of constants `c`.
 
     constants(p, h, c)                    fill `c` from the parameters `p` (in order of definition) for a step of h ms
     step(s, c, x, i_0, lo, hi, fired)     advance one step: `s` states, `x` arrived input, `i_0` current in pA;
@@ -28,6 +28,7 @@ A generator has, beside `constants`,
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -38,8 +39,7 @@ from numpy.typing import NDArray
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, here
 from neuro.core.quantities import Quantity, Value, quantity
-from neuro.model.arithmetic import OfModule, check_functions, fill
-from neuro.model.neurons.sleep import check_sleep
+from neuro.core.registry import OfModule, check_functions, fill
 
 FUNCTIONS = {"constants": 3, "step": 7, "fire": 3, "quiet": 5}
 """The functions of a neuron model's arithmetic and how many arguments each takes."""
@@ -52,6 +52,15 @@ PAYLOAD = "payload"
 
 EMITTING = {"constants": 3, "emit": 7}
 """Those of a generator's."""
+
+SILENCE = 16
+"""Steps of a silence: the shortest after which the event backend lets neurons sleep."""
+
+DEVIATIONS = np.repeat([0.0, 1.0, 30.0, 1000.0], 2)
+"""How far states are moved from those at step 0, one number for each neuron that is tried."""
+
+LIMIT = 1e-9
+"""The largest relative error of a silence that is passed at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +127,7 @@ class Generator(Model):
         timed: whether it has the words `start` and `stop`, and emits nothing before and after; backends see to it, so
             `constants` is not given them.
         schedule: the words of the times at which it changes, and of the values from each on; () if it has none.
-        arithmetic: the module with `constants` and `emit`, see above: that of the class.
+        arithmetic: what has `constants` and `emit`, see above: the class or its module, see `OfModule`.
     """
 
     role: ClassVar[str] = "generator"
@@ -142,6 +151,16 @@ class Generator(Model):
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
         """The state at time 0, by name; a state that is not named starts at 0."""
         return {}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Timed(Generator):
+    """Base of the generators that emit within some time alone."""
+
+    timed: ClassVar[bool] = True
+
+    start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
+    stop: float = quantity(math.inf, "ms", "and up to this one", at_least=0, infinite=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -169,8 +188,8 @@ class Neuron(Model):
         draws: whether `step` takes a random number for each neuron, see above.
         signed: whether weights are routed by sign to two receptors, if a synapse names none; else it must name one.
         most: the largest population, whose neurons `step` sees together; 0: it sees neurons one by one.
-        arithmetic: the module with `constants`, `step`, `fire` and `quiet`, see above: that of the class. The first
-            constant is the threshold and the first state V_m, where the model has them.
+        arithmetic: what has `constants`, `step`, `fire` and `quiet`, see above: the class or its module, see
+            `OfModule`. The first constant is the threshold and the first state V_m, where the model has them.
     """
 
     role: ClassVar[str] = "neuron"
@@ -241,44 +260,40 @@ def complete(model: type[Model]) -> type[Model]:
     Raises:
         TypeError: something is missing or too large; it says what.
     """
-    if issubclass(model, Neuron) and not model.chip:
-        _complete_neuron(model)
-    elif issubclass(model, Generator) and model.role == "generator":
-        message = f"generator '{model.__name__}'"
-        check_functions(message, model, EMITTING)
-        _complete_numbers(message, model)
-    elif not issubclass(model, (Neuron, Generator)):
+    if not issubclass(model, (Neuron, Generator)):
         raise TypeError(f"model '{model.__name__}': expected a subclass of Neuron or Generator")
-    return model
-
-
-def _complete_neuron(model: type[Neuron]) -> None:
+    if issubclass(model, Generator):
+        if model.role == "generator":
+            message = f"generator '{model.__name__}'"
+            check_functions(message, model, EMITTING)
+            _complete_numbers(message, model)
+        return model
+    if model.chip:
+        return model
     message = f"neuron model '{model.__name__}'"
     check_functions(message, model, DRAWING if model.draws else FUNCTIONS)
-    names = [state.name for state in model.states]
+    names, receptors = [state.name for state in model.states], model.named_receptors()
     if "V_m" in names[1:]:
         raise TypeError(f"{message}: V_m is state {names.index('V_m')}: expected it first")
     if model.graded and PAYLOAD not in names:
         raise TypeError(f"{message} is graded: expected a state '{PAYLOAD}'")
-    _check_receptors(message, model)
+    if model.receptors < 1:
+        raise TypeError(f"{message}: receptors = {model.receptors}: expected at least 1")
+    if len(receptors) != model.receptors and (receptors or model.receptors > 1):
+        raise TypeError(
+            f"{message}: receptors = {model.receptors} with {len(receptors)} receptor_names: expected as many"
+        )
+    if unknown := [name for name in model.conductances if name not in receptors]:
+        raise TypeError(f"{message}: conductance '{unknown[0]}' is none of its receptor_names")
     c = _complete_numbers(message, model)
     if c is None:
-        return
+        return model
     if "V_m" in names and "V_th" in model.quantities() and c[0] != model.defaults()["V_th"]:
         raise TypeError(f"{message}: its first constant is {c[0]:g}: expected V_th = {model.defaults()['V_th']:g}")
     if hasattr(model.arithmetic, "catch_up"):
         check_functions(message, model, {"catch_up": 8})
     check_sleep(model, {word: float(model.defaults()[word]) for word in model.quantities()})
-
-
-def _check_receptors(prefix: str, model: type[Neuron]) -> None:
-    names = model.named_receptors()
-    if model.receptors < 1:
-        raise TypeError(f"{prefix}: receptors = {model.receptors}: expected at least 1")
-    if len(names) != model.receptors and (names or model.receptors > 1):
-        raise TypeError(f"{prefix}: receptors = {model.receptors} with {len(names)} receptor_names: expected as many")
-    if unknown := [name for name in model.conductances if name not in names]:
-        raise TypeError(f"{prefix}: conductance '{unknown[0]}' is none of its receptor_names")
+    return model
 
 
 def _complete_numbers(prefix: str, model: type[Model]) -> NDArray[np.float64] | None:
@@ -297,3 +312,60 @@ def _complete_numbers(prefix: str, model: type[Model]) -> NDArray[np.float64] | 
     c = np.zeros(model.width)
     fill(prefix, model, np.array([float(defaults[word]) for word in kinds]), c)
     return c
+
+
+def check_sleep(model: type[Any], parameters: Mapping[str, float], h: float = 0.1) -> None:
+    """Refuse a neuron model for which a silence passed at once differs from the same silence step by step.
+
+    Neurons at random states are tried. Of those that `quiet` lets sleep none may fire within `SILENCE` steps. Passing
+    these steps at once must leave the same state: by `catch_up` or one long step where the model is `linear`, else by
+    doing nothing.
+
+    Args:
+        model: the class.
+        parameters: numbers by word, in order of definition.
+        h: length of a step in ms.
+
+    Raises:
+        TypeError: it names the state that differs.
+    """
+    arithmetic, label, n = model.arithmetic, f"neuron model '{model.__name__}'", DEVIATIONS.size
+    p, c = np.array([float(value) for value in parameters.values()]), np.zeros(model.width)
+    x, i_0, fired, drawn = np.zeros((max(2, model.receptors), n)), np.zeros(n), np.zeros(n, np.uint8), np.zeros(n)
+    words = (drawn,) if model.draws else ()
+    # States that differ from those at step 0; hidden counters stay.
+    rng, start = np.random.default_rng(0), np.zeros((len(model.states), n))
+    initial: Mapping[str, Any] = model.initial({word: np.array([value]) for word, value in parameters.items()})
+    for k, state in enumerate(model.states):
+        start[k] = initial.get(state.name, 0.0)
+        if not state.hidden:
+            start[k] = np.clip(start[k] + DEVIATIONS * rng.standard_normal(n), state.at_least, state.at_most)
+    with np.errstate(all="ignore"):  # states may be far out
+        arithmetic.constants(p, h, c)
+        for i in range(n):
+            if not arithmetic.quiet(start, c, i_0, i, i + 1):
+                continue
+            stepped, passed = start.copy(), start.copy()
+            for _ in range(SILENCE):
+                arithmetic.step(stepped, c, x, i_0, i, i + 1, fired, *words)
+                if fired[i]:
+                    raise TypeError(f"{label} fires without input where `quiet` is true: expected it to be false there")
+            way, again = "none of them", np.zeros(model.width)
+            if model.linear and hasattr(arithmetic, "catch_up"):
+                way = "catch_up"
+                arithmetic.catch_up(passed, p, again, i_0, i, i + 1, h, SILENCE)
+            elif model.linear:
+                way = "one step of their length"
+                arithmetic.constants(p, SILENCE * h, again)
+                arithmetic.step(passed, again, x, i_0, i, i + 1, fired, *words)
+            limit = LIMIT * np.abs(start[:, i]).max(initial=1.0) if model.linear else 0.0
+            wrong = ~(np.abs(passed[:, i] - stepped[:, i]) <= limit) & ~(
+                np.isnan(passed[:, i]) & np.isnan(stepped[:, i])
+            )
+            if wrong.any():
+                k = int(np.argmax(wrong))
+                end, reached = stepped[k, i], passed[k, i]
+                raise TypeError(
+                    f"{label}: {SILENCE} steps without input bring {model.states[k].name} to {end:.9g}, {way} to "
+                    f"{reached:.9g}: expected the same, as {'it is linear and ' if model.linear else ''}`quiet` is true"
+                )

@@ -14,6 +14,11 @@ LARGEST = 2**31 - 1
 FRACTION = 2**32 - 1
 
 
+def register(default: int, doc: str, low: int = -LARGEST, high: int = LARGEST) -> Any:
+    """Return a parameter that is a register: a whole number within the bounds, for all neurons or for each."""
+    return quantity(default, "", doc, whole=True, at_least=low, at_most=high, arrays=True)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi_lif(Neuron):
     """A compartment of Loihi 1; every parameter is a register.
@@ -38,12 +43,12 @@ class loihi_lif(Neuron):
     )
     chip: ClassVar[str] = "loihi"
 
-    du: Value = quantity(409, "", "decay of the current", whole=True, at_least=0, at_most=4095, arrays=True)
-    dv: Value = quantity(409, "", "decay of the voltage", whole=True, at_least=0, at_most=4095, arrays=True)
-    vth: Value = quantity(100, "", "threshold mantissa", whole=True, at_least=0, at_most=131071, arrays=True)
-    bias_mant: Value = quantity(0, "", "bias mantissa", whole=True, at_least=-4096, at_most=4095, arrays=True)
-    bias_exp: Value = quantity(0, "", "bias exponent", whole=True, at_least=0, at_most=7, arrays=True)
-    refractory: Value = quantity(1, "", "refractory period", whole=True, at_least=1, at_most=64, arrays=True)
+    du: Value = register(409, "decay of the current", 0, 4095)
+    dv: Value = register(409, "decay of the voltage", 0, 4095)
+    vth: Value = register(100, "threshold mantissa", 0, 131071)
+    bias_mant: Value = register(0, "bias mantissa", -4096, 4095)
+    bias_exp: Value = register(0, "bias exponent", 0, 7)
+    refractory: Value = register(1, "refractory period", 1, 64)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,10 +68,10 @@ class Loihi2Neuron(Neuron):
     )
     chip: ClassVar[str] = "loihi2"
 
-    du: Value = quantity(409, "", "decay of the current", whole=True, at_least=-1, at_most=4095, arrays=True)
-    dv: Value = quantity(409, "", "decay of the voltage", whole=True, at_least=0, at_most=4096, arrays=True)
-    bias_mant: Value = quantity(0, "", "bias mantissa", whole=True, at_least=-4096, at_most=4095, arrays=True)
-    bias_exp: Value = quantity(0, "", "bias exponent", whole=True, at_least=0, at_most=7, arrays=True)
+    du: Value = register(409, "decay of the current", -1, 4095)
+    dv: Value = register(409, "decay of the voltage", 0, 4096)
+    bias_mant: Value = register(0, "bias mantissa", -4096, 4095)
+    bias_exp: Value = register(0, "bias exponent", 0, 7)
     reset_interval: int = quantity(0, "", "steps between resets; 0: none", kind="integer", at_least=0)
     reset_offset: int = quantity(0, "", "the first step with a reset", kind="integer", at_least=0)
 
@@ -83,7 +88,7 @@ class loihi2_lif(Loihi2Neuron):
         "u' = u (4095 - du)/4096 + 64 a; v' = v (4096 - dv)/4096 + u' + bias; spike at v' > 64 vth"
     )
 
-    vth: Value = quantity(100, "", "threshold mantissa", whole=True, at_least=0, at_most=131071, arrays=True)
+    vth: Value = register(100, "threshold mantissa", 0, 131071)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,12 +104,8 @@ class loihi2_ternary_lif(Loihi2Neuron):
     )
     graded: ClassVar[bool] = True
 
-    vth_hi: Value = quantity(
-        100, "", "upper threshold mantissa", whole=True, at_least=-131071, at_most=131071, arrays=True
-    )
-    vth_lo: Value = quantity(
-        -100, "", "lower threshold mantissa", whole=True, at_least=-131071, at_most=131071, arrays=True
-    )
+    vth_hi: Value = register(100, "upper threshold mantissa", -131071, 131071)
+    vth_lo: Value = register(-100, "lower threshold mantissa", -131071, 131071)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -130,8 +131,8 @@ class Loihi2Resonator(Neuron):
     resets_in_step: ClassVar[bool] = True
     chip: ClassVar[str] = "loihi2"
 
-    cos_decay: Value = quantity(3900, "", "decay times cosine", whole=True, at_least=-4096, at_most=4096, arrays=True)
-    sin_decay: Value = quantity(1000, "", "decay times sine", whole=True, at_least=-4096, at_most=4096, arrays=True)
+    cos_decay: Value = register(3900, "decay times cosine", -4096, 4096)
+    sin_decay: Value = register(1000, "decay times sine", -4096, 4096)
     vth: Value = quantity(100, "", "threshold, times 2^state_exp", at_least=0, at_most=131071, arrays=True)
     state_exp: int = quantity(6, "", "exponent of the states", kind="integer", at_least=0, at_most=7)
 
@@ -181,26 +182,18 @@ class spinnaker_lif(Neuron):
     receptors: ClassVar[int] = 2
     chip: ClassVar[str] = "spinnaker"
 
-    v_rest: Value = quantity(
-        -2129920, "", "resting potential", whole=True, at_least=-LARGEST, at_most=LARGEST, arrays=True
-    )
-    v_reset: Value = quantity(
-        -2129920, "", "after a spike", whole=True, at_least=-LARGEST, at_most=LARGEST, arrays=True
-    )
-    v_thresh: Value = quantity(-1638400, "", "threshold", whole=True, at_least=-LARGEST, at_most=LARGEST, arrays=True)
-    v_init: Value = quantity(-2129920, "", "v at tick 0", whole=True, at_least=-LARGEST, at_most=LARGEST, arrays=True)
-    i_offset: Value = quantity(0, "", "constant current", whole=True, at_least=-LARGEST, at_most=LARGEST, arrays=True)
-    r_m: Value = quantity(655360, "", "membrane resistance", whole=True, at_least=0, at_most=LARGEST, arrays=True)
-    exp_tc: Value = quantity(31170, "", "decay of v in a tick", whole=True, at_least=0, at_most=32768, arrays=True)
-    t_refract: Value = quantity(2, "", "refractory ticks", whole=True, at_least=0, at_most=LARGEST, arrays=True)
-    exc_decay: Value = quantity(3516421808, "", "decay of g_exc", whole=True, at_least=0, at_most=FRACTION, arrays=True)
-    exc_init: Value = quantity(
-        3892727436, "", "share of a slot that counts", whole=True, at_least=0, at_most=FRACTION, arrays=True
-    )
-    inh_decay: Value = quantity(3516421808, "", "decay of g_inh", whole=True, at_least=0, at_most=FRACTION, arrays=True)
-    inh_init: Value = quantity(
-        3892727436, "", "share of a slot that counts", whole=True, at_least=0, at_most=FRACTION, arrays=True
-    )
+    v_rest: Value = register(-2129920, "resting potential")
+    v_reset: Value = register(-2129920, "after a spike")
+    v_thresh: Value = register(-1638400, "threshold")
+    v_init: Value = register(-2129920, "v at tick 0")
+    i_offset: Value = register(0, "constant current")
+    r_m: Value = register(655360, "membrane resistance", 0, LARGEST)
+    exp_tc: Value = register(31170, "decay of v in a tick", 0, 32768)
+    t_refract: Value = register(2, "refractory ticks", 0, LARGEST)
+    exc_decay: Value = register(3516421808, "decay of g_exc", 0, FRACTION)
+    exc_init: Value = register(3892727436, "share of a slot that counts", 0, FRACTION)
+    inh_decay: Value = register(3516421808, "decay of g_inh", 0, FRACTION)
+    inh_init: Value = register(3892727436, "share of a slot that counts", 0, FRACTION)
     exc_shift: int = quantity(3, "", "left shift of excitatory slots", kind="integer", at_least=0, at_most=15)
     inh_shift: int = quantity(3, "", "left shift of inhibitory slots", kind="integer", at_least=0, at_most=15)
 

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.quantities import Value, quantity
-from neuro.model.neurons.base import Generator
+from neuro.model.neurons.base import Timed
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CurrentGenerator(Generator):
+class CurrentGenerator(Timed):
     """A population whose neurons emit a current instead of spikes.
 
     Class attributes:
@@ -30,7 +30,6 @@ class CurrentGenerator(Generator):
     """
 
     role: ClassVar[str] = "current"
-    timed: ClassVar[bool] = True
     varies: ClassVar[bool] = True
     draws: ClassVar[bool] = False
 
@@ -58,8 +57,6 @@ class dc_generator(CurrentGenerator):
     varies: ClassVar[bool] = False
 
     amplitude: Value = quantity(0.0, "pA", "current", arrays=True)
-    start: float = quantity(0.0, "ms", "begin", at_least=0)
-    stop: float = quantity(math.inf, "ms", "end", at_least=0, infinite=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,8 +73,6 @@ class step_current_generator(CurrentGenerator):
 
     amplitude_times: Any = quantity(unit="ms", doc="when the current changes", kind="moments")
     amplitude_values: Any = quantity(unit="pA", doc="the current from each of these times on", kind="series")
-    start: float = quantity(0.0, "ms", "begin", at_least=0)
-    stop: float = quantity(math.inf, "ms", "end", at_least=0, infinite=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,8 +88,6 @@ class ac_generator(CurrentGenerator):
     offset: Value = quantity(0.0, "pA", "constant part", arrays=True)
     phase: Value = quantity(0.0, "deg", "of the sine at t = 0", arrays=True)
     frequency: Value = quantity(0.0, "Hz", "of the sine", at_least=0, arrays=True)
-    start: float = quantity(0.0, "ms", "begin", at_least=0)
-    stop: float = quantity(math.inf, "ms", "end", at_least=0, infinite=True)
 
     @staticmethod
     def values(p: Mapping[str, Floats], t: Floats, z: Floats) -> Floats:
@@ -125,8 +118,6 @@ class noise_generator(CurrentGenerator):
     phase: Value = quantity(0.0, "deg", "of the modulation at t = 0", arrays=True)
     frequency: Value = quantity(0.0, "Hz", "of the modulation", at_least=0, arrays=True)
     individual_noise: bool = quantity(True, "", "whether each connection has its own noise", kind="boolean")
-    start: float = quantity(0.0, "ms", "begin", at_least=0)
-    stop: float = quantity(math.inf, "ms", "end", at_least=0, infinite=True)
 
     @property
     def individual(self) -> bool:

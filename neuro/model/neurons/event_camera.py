@@ -116,26 +116,20 @@ class event_camera(Generator):
         if self.stream is None and self.sensor is not None:
             message = "event_camera: found 'sensor' without 'stream': a recording tells its own"
             raise ModelError(message, where=here(), path=("sensor",), missing="stream")
-        if self.stream is not None:
-            self._check_stream()
-        if self.events is not None:
-            from neuro.events.playing import played
+        try:
+            if self.stream is not None:
+                from neuro.events.streams import check_stream
 
-            try:
+                check_stream(self.stream, self.format, self.sensor)
+            if self.events is not None:
+                from neuro.events.playing import played
+
                 object.__setattr__(self, "events", played(self.events))
-            except ModelError as error:
-                raise error.at(here(), "event_camera") from None
+        except ModelError as error:
+            raise error.at(here(), "event_camera") from None
         if abs(self.offset * 1000.0 - round(self.offset * 1000.0)) > 1e-6:
             message = f"event_camera.offset = {self.offset:.12g} ms: expected whole us, as the times of events are"
             raise ModelError(message, where=here(), path=("offset",))
-
-    def _check_stream(self) -> None:
-        from neuro.events.streams import check_stream
-
-        try:
-            check_stream(self.stream, self.format, self.sensor)
-        except ModelError as error:
-            raise error.at(here(), "event_camera") from None
 
     def seen(self, sensor: tuple[int, int]) -> tuple[int, ...]:
         """The shape of what is seen of a sensor of this width and height, px.

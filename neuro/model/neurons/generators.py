@@ -1,9 +1,10 @@
 """Sources of spikes whose moments are listed, or follow from a rate or from values, and the numbers that they draw."""
 
-# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+# mypy: disable-error-code="no-untyped-def,no-untyped-call", check-untyped-defs=False
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any, ClassVar, Self
@@ -17,13 +18,13 @@ from neuro.core.errors import ModelError, Where, here
 from neuro.core.paths import file_path
 from neuro.core.quantities import Value, quantity
 from neuro.core.values import FromFile, shown
-from neuro.model.neurons.base import Generator
+from neuro.model.neurons.base import Generator, State, Timed
 
 _OF_FILE = ("file", "key")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class poisson_generator(Generator):
+class poisson_generator(Timed):
     """Emits a Poisson number of spikes each step, independently for each neuron of the population.
 
     All targets of one of its neurons see the same train. Source: NEST 3.10, `poisson_generator` behind
@@ -33,11 +34,8 @@ class poisson_generator(Generator):
     equation: ClassVar[str] = "number of spikes in a step ~ Poisson(rate h / 1000)"
     source: ClassVar[str] = "NEST 3.10 poisson_generator"
     role: ClassVar[str] = "poisson"
-    timed: ClassVar[bool] = True
 
     rate: Value = quantity(0.0, "Hz", "mean rate", at_least=0, arrays=True)
-    start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
-    stop: float = quantity(math.inf, "ms", "and up to this one", at_least=0, infinite=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,7 +81,7 @@ class spike_train(Generator):
         self.__post_init__()
 
     def _read(self, file: str | PathLike[str], key: str | None) -> Any:
-        from neuro.model.language.trains import train_of
+        from neuro.model.language.files import train_of
 
         try:
             return train_of(file_path(file, "file"), key, here() or Where("Python"))
@@ -109,7 +107,7 @@ class graded_spike_train(Generator):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class inhomogeneous_poisson_generator(Generator):
+class inhomogeneous_poisson_generator(Timed):
     """Emits a Poisson number of spikes each step, at a rate that changes at listed times and is 0 before the first.
 
     One list of rates is for all neurons; an array of shape [neurons, times] has a row for each. All targets of
@@ -122,13 +120,10 @@ class inhomogeneous_poisson_generator(Generator):
     )
     source: ClassVar[str] = "NEST 3.10 inhomogeneous_poisson_generator"
     role: ClassVar[str] = "poisson"
-    timed: ClassVar[bool] = True
     schedule: ClassVar[tuple[str, ...]] = ("rate_times", "rate_values")
 
     rate_times: Any = quantity(unit="ms", doc="when the rate changes", kind="moments")
     rate_values: Any = quantity(unit="Hz", doc="the rate from each of these times on", kind="series", at_least=0)
-    start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
-    stop: float = quantity(math.inf, "ms", "and up to this one", at_least=0, infinite=True)
 
 
 def poisson(u, mean, nothing):
@@ -221,3 +216,92 @@ class encode(Generator):
                 path = ("values",) if k == 0 and error.path == (code.values,) else (*place, *error.path)
                 raise error.but(message=f"{code.name}: {error.message}", path=path) from None
         return found
+
+
+MEAN, AMPLITUDE, PER_STEP, PHASE = range(4)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class sinusoidal_poisson_generator(Timed):
+    """Emits a Poisson number of spikes each step, at a rate that follows a sine; below 0 it counts as 0.
+
+    In NEST one generator sends each target a train of its own, unless `individual_spike_trains` is false. Here each
+    neuron has one train; so while it is true, a neuron may have one target only.
+    """
+
+    equation: ClassVar[str] = (
+        "number of spikes in a step ~ Poisson(max(0, rate + amplitude sin(2 pi frequency t / 1000 + pi phase / 180)) "
+        "h / 1000)"
+    )
+    source: ClassVar[str] = "NEST 3.10 sinusoidal_poisson_generator"
+    fixed: ClassVar[tuple[str, ...]] = ("individual_spike_trains",)
+
+    rate: Value = quantity(0.0, "Hz", "mean rate", at_least=0, arrays=True)
+    amplitude: Value = quantity(0.0, "Hz", "how far the rate rises and falls", arrays=True)
+    frequency: Value = quantity(0.0, "Hz", "of the sine", at_least=0, arrays=True)
+    phase: Value = quantity(0.0, "deg", "of the sine at t = 0", arrays=True)
+    individual_spike_trains: bool = quantity(True, "", "whether targets must not share a train", kind="boolean")
+
+    def constants(p, h, c):
+        """Spikes a step, and the sine's angle a step; `p` are the parameters above in order but start and stop."""
+        c[MEAN], c[AMPLITUDE] = p[0] * h / 1000.0, p[1] * h / 1000.0
+        c[PER_STEP], c[PHASE] = 2.0 * math.pi / 1000.0 * p[2] * h, math.pi / 180.0 * p[3]
+
+    def emit(s, c, u, step, lo, hi, out):
+        """Poisson numbers of one mean."""
+        mean = c[MEAN] + c[AMPLITUDE] * math.sin(c[PER_STEP] * step + c[PHASE])
+        if mean > 0.0:
+            nothing = math.exp(-mean)
+            for i in range(lo, hi):
+                if u[i] >= nothing:
+                    out[i] = poisson(u[i], mean, nothing)
+
+
+LARGEST_SHAPE = 10
+CHANCE, STAGES = range(2)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class gamma_sup_generator(Timed):
+    """Emits the spikes of many independent gamma processes together, as the input from a population of neurons.
+
+    A process goes through `gamma_shape` stages and spikes when it leaves the last; in a step it leaves its stage with
+    the probability rate gamma_shape h / 1000. All targets of one of its neurons see the same train.
+    """
+
+    equation: ClassVar[str] = (
+        "in a step each of n_proc processes goes on to its next stage of gamma_shape with the probability "
+        "rate gamma_shape h / 1000; from the last one it spikes"
+    )
+    source: ClassVar[str] = "NEST 3.10 gamma_sup_generator; Deger, Helias, Boucsein & Rotter 2012"
+    fixed: ClassVar[tuple[str, ...]] = ("gamma_shape", "n_proc")
+    states: ClassVar[tuple[State, ...]] = tuple(
+        State(f"in_stage_{k}", "", "processes in a stage", hidden=True) for k in range(LARGEST_SHAPE)
+    )
+
+    rate: Value = quantity(0.0, "Hz", "mean rate of each process", at_least=0, arrays=True)
+    gamma_shape: int = quantity(1, "", "stages of a process", kind="integer", at_least=1, at_most=LARGEST_SHAPE)
+    n_proc: int = quantity(1, "", "number of processes", kind="integer", at_least=1)
+
+    @staticmethod
+    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """The processes are spread evenly over the stages, as in NEST; the first stages have what is left over."""
+        stages, processes = int(parameters["gamma_shape"][0]), int(parameters["n_proc"][0])
+        each, over = divmod(processes, stages)
+        return {f"in_stage_{k}": np.array([float(each + (k < over))]) for k in range(stages)}
+
+    def constants(p, h, c):
+        """The chance to leave a stage in a step; `p` are rate, gamma_shape and n_proc."""
+        c[CHANCE], c[STAGES] = p[0] * p[1] * h / 1000.0, p[1]
+
+    def emit(s, c, u, step, lo, hi, out):
+        """Binomial numbers leave each stage for the next; the stages share one uniform number."""
+        stages = int(c[STAGES])
+        for i in range(lo, hi):
+            rest, came = u[i], 0
+            for stage in range(stages):
+                leave, rest = binomial(rest, int(s[stage, i]), c[CHANCE])
+                s[stage, i] += came - leave
+                came = leave
+            s[0, i] += came
+            out[i] = came

@@ -1,6 +1,6 @@
 """The Hodgkin-Huxley neuron with alpha-shaped synaptic currents."""
 
-# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+# mypy: disable-error-code="no-untyped-def,no-untyped-call", check-untyped-defs=False
 from __future__ import annotations
 
 import math
@@ -20,6 +20,57 @@ from neuro.model.neurons.integrators import (
     step_adaptively,
     step_evenly,
 )
+
+V_M, ACT_M, INACT_H, ACT_N, I_EX, I_IN, D_EX, D_IN, REFRACTORY, SIZE, V_BEFORE = range(11)
+BY_C, G_NA, G_K, G_L, E_NA, E_K, E_L, RATE_EX, RATE_IN, JUMP_EX, JUMP_IN, I_E, R, H, SUBSTEPS = range(15)
+TOLERANCE = 1e-3
+RESTING = -65.0
+LONGEST, ROUNDING = 0.05, 1e-9
+"""The longest step of RK4 in ms that does not run away, and what a quotient of two times may err by."""
+rkf45, rk4, (take, put) = fehlberg(8), runge_kutta(8), rows(8)
+
+
+def opening_rates(v):
+    """Rates of opening and closing in 1/ms: alpha and beta of m, h and n."""
+    return (
+        linear_over_exponential(v + 40.0),
+        4.0 * finite_exp(-(v + 65.0) / 18.0),
+        0.07 * finite_exp(-(v + 65.0) / 20.0),
+        1.0 / (1.0 + finite_exp(-(v + 35.0) / 10.0)),
+        0.1 * linear_over_exponential(v + 55.0),
+        0.125 * finite_exp(-(v + 65.0) / 80.0),
+    )
+
+
+def linear_over_exponential(u):
+    """0.1 u / (1 - exp(-u / 10)), 1 at 0."""
+    e = finite_exp(-0.1 * u)
+    return 1.0 if e == 1.0 else 0.1 * u / (1.0 - e)
+
+
+def rates(y, p):
+    """Derivatives of V_m, m, h, n, the currents and their slopes."""
+    v, m, h, n, i_ex, i_in, d_ex, d_in = y
+    by_c, g_na, g_k, g_l, e_na, e_k, e_l, rate_ex, rate_in, current = p
+    alpha_m, beta_m, alpha_h, beta_h, alpha_n, beta_n = opening_rates(v)
+    i_na = g_na * m * m * m * h * (v - e_na)
+    i_k = g_k * n * n * n * n * (v - e_k)
+    return (
+        (current + i_ex + i_in - i_na - i_k - g_l * (v - e_l)) * by_c,
+        alpha_m * (1.0 - m) - beta_m * m,
+        alpha_h * (1.0 - h) - beta_h * h,
+        alpha_n * (1.0 - n) - beta_n * n,
+        d_ex + rate_ex * i_ex,
+        d_in + rate_in * i_in,
+        rate_ex * d_ex,
+        rate_in * d_in,
+    )
+
+
+def system(s, c, i_0, i):
+    """What `rates` needs."""
+    potentials = c[E_NA], c[E_K], c[E_L]
+    return c[BY_C], c[G_NA], c[G_K], c[G_L], *potentials, c[RATE_EX], c[RATE_IN], c[I_E] + i_0[i]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,92 +138,35 @@ class hh_psc_alpha(Neuron):
                 path=("hh_psc_alpha", "rk4_substeps"),
             )
 
+    def constants(p, h, c):
+        """Fill `c` for a step of h ms; `p` is tau_minus, then the parameters above in order."""
+        c[BY_C], c[G_NA], c[G_K], c[G_L] = 1.0 / p[1], p[2], p[3], p[4]
+        c[E_NA], c[E_K], c[E_L], c[R] = p[5], p[6], p[7], round(p[8] / h)
+        c[RATE_EX], c[RATE_IN] = -1.0 / p[9], -1.0 / p[10]
+        c[JUMP_EX], c[JUMP_IN] = math.e / p[9], math.e / p[10]
+        c[I_E], c[SUBSTEPS], c[H] = p[11], p[12], h
 
-V_M, ACT_M, INACT_H, ACT_N, I_EX, I_IN, D_EX, D_IN, REFRACTORY, SIZE, V_BEFORE = range(11)
-BY_C, G_NA, G_K, G_L, E_NA, E_K, E_L, RATE_EX, RATE_IN, JUMP_EX, JUMP_IN, I_E, R, H, SUBSTEPS = range(15)
-TOLERANCE = 1e-3
-RESTING = -65.0
-LONGEST, ROUNDING = 0.05, 1e-9
-"""The longest step of RK4 in ms that does not run away, and what a quotient of two times may err by."""
+    def step(s, c, x, i_0, lo, hi, fired):
+        """One step: all that flows, then the input, then whether V has passed its maximum."""
+        for i in range(lo, hi):
+            s[V_BEFORE, i] = s[V_M, i]
+        if c[SUBSTEPS] == 0.0:
+            step_adaptively(rkf45, take, put, rates, system, s, c, i_0, lo, hi, c[H], SIZE, TOLERANCE, fired)
+        else:
+            step_evenly(rk4, take, put, rates, system, s, c, i_0, lo, hi, c[H], c[SUBSTEPS])
+        jump_ex, jump_in = c[JUMP_EX], c[JUMP_IN]
+        for i in range(lo, hi):
+            s[D_EX, i] += jump_ex * x[0, i]
+            s[D_IN, i] += jump_in * x[1, i]
+            free = s[REFRACTORY, i] == 0.0
+            s[REFRACTORY, i] -= not free
+            fired[i] = free and s[V_M, i] >= 0.0 and s[V_BEFORE, i] > s[V_M, i]
 
-rkf45, rk4, (take, put) = fehlberg(8), runge_kutta(8), rows(8)
+    def fire(s, c, i):
+        """No other spike for t_ref; nothing is reset."""
+        s[REFRACTORY, i] = c[R]
 
-
-def constants(p, h, c):
-    """Fill `c` for a step of h ms; `p` is tau_minus, then the parameters above in order."""
-    c[BY_C], c[G_NA], c[G_K], c[G_L] = 1.0 / p[1], p[2], p[3], p[4]
-    c[E_NA], c[E_K], c[E_L], c[R] = p[5], p[6], p[7], round(p[8] / h)
-    c[RATE_EX], c[RATE_IN] = -1.0 / p[9], -1.0 / p[10]
-    c[JUMP_EX], c[JUMP_IN] = math.e / p[9], math.e / p[10]
-    c[I_E], c[SUBSTEPS], c[H] = p[11], p[12], h
-
-
-def opening_rates(v):
-    """Rates of opening and closing in 1/ms: alpha and beta of m, h and n."""
-    return (
-        linear_over_exponential(v + 40.0),
-        4.0 * finite_exp(-(v + 65.0) / 18.0),
-        0.07 * finite_exp(-(v + 65.0) / 20.0),
-        1.0 / (1.0 + finite_exp(-(v + 35.0) / 10.0)),
-        0.1 * linear_over_exponential(v + 55.0),
-        0.125 * finite_exp(-(v + 65.0) / 80.0),
-    )
-
-
-def linear_over_exponential(u):
-    """0.1 u / (1 - exp(-u / 10)), 1 at 0."""
-    e = finite_exp(-0.1 * u)
-    return 1.0 if e == 1.0 else 0.1 * u / (1.0 - e)
-
-
-def rates(y, p):
-    """Derivatives of V_m, m, h, n, the currents and their slopes."""
-    v, m, h, n, i_ex, i_in, d_ex, d_in = y
-    by_c, g_na, g_k, g_l, e_na, e_k, e_l, rate_ex, rate_in, current = p
-    alpha_m, beta_m, alpha_h, beta_h, alpha_n, beta_n = opening_rates(v)
-    i_na = g_na * m * m * m * h * (v - e_na)
-    i_k = g_k * n * n * n * n * (v - e_k)
-    return (
-        (current + i_ex + i_in - i_na - i_k - g_l * (v - e_l)) * by_c,
-        alpha_m * (1.0 - m) - beta_m * m,
-        alpha_h * (1.0 - h) - beta_h * h,
-        alpha_n * (1.0 - n) - beta_n * n,
-        d_ex + rate_ex * i_ex,
-        d_in + rate_in * i_in,
-        rate_ex * d_ex,
-        rate_in * d_in,
-    )
-
-
-def system(s, c, i_0, i):
-    """What `rates` needs."""
-    potentials = c[E_NA], c[E_K], c[E_L]
-    return c[BY_C], c[G_NA], c[G_K], c[G_L], *potentials, c[RATE_EX], c[RATE_IN], c[I_E] + i_0[i]
-
-
-def step(s, c, x, i_0, lo, hi, fired):
-    """One step: all that flows, then the input, then whether V has passed its maximum."""
-    for i in range(lo, hi):
-        s[V_BEFORE, i] = s[V_M, i]
-    if c[SUBSTEPS] == 0.0:
-        step_adaptively(rkf45, take, put, rates, system, s, c, i_0, lo, hi, c[H], SIZE, TOLERANCE, fired)
-    else:
-        step_evenly(rk4, take, put, rates, system, s, c, i_0, lo, hi, c[H], c[SUBSTEPS])
-    jump_ex, jump_in = c[JUMP_EX], c[JUMP_IN]
-    for i in range(lo, hi):
-        s[D_EX, i] += jump_ex * x[0, i]
-        s[D_IN, i] += jump_in * x[1, i]
-        free = s[REFRACTORY, i] == 0.0
-        s[REFRACTORY, i] -= not free
-        fired[i] = free and s[V_M, i] >= 0.0 and s[V_BEFORE, i] > s[V_M, i]
-
-
-def fire(s, c, i):
-    """No other spike for t_ref; nothing is reset."""
-    s[REFRACTORY, i] = c[R]
-
-
-def quiet(s, c, i_0, lo, hi):
-    """At rest."""
-    h, substeps = c[H], c[SUBSTEPS]
-    return are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps, REFRACTORY, SIZE, 0.0)
+    def quiet(s, c, i_0, lo, hi):
+        """At rest."""
+        h, substeps = c[H], c[SUBSTEPS]
+        return are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps, REFRACTORY, SIZE, 0.0)

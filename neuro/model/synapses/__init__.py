@@ -1,9 +1,8 @@
-"""Synapse models, one a file, and the registry of all."""
+"""Synapse models, a file for each family, and the registry of all."""
 
 import numpy as np
 
-from neuro.core.registry import Registry
-from neuro.model.arithmetic import check_functions, fill
+from neuro.core.registry import Registry, check_functions, fill
 from neuro.model.synapses import builtin
 from neuro.model.synapses.base import (
     FUNCTIONS,
@@ -12,12 +11,14 @@ from neuro.model.synapses.base import (
     MORE_TEACHING,
     TEACHING,
     DelayRule as DelayRule,
+    Growth as Growth,
+    Lesson as Lesson,
     Modulated as Modulated,
     Synapse as Synapse,
     Trace as Trace,
+    TrialEnd as TrialEnd,
 )
 from neuro.model.synapses.builtin import *  # noqa: F403
-from neuro.model.synapses.lessons import Growth as Growth, Lesson as Lesson, TrialEnd as TrialEnd
 from neuro.model.synapses.moves import GATHERING, MoveRule as MoveRule
 
 

@@ -15,7 +15,7 @@ then post, then pre. Synapse `e` has the states `y[:, e]`; the first is the weig
 A rule that changes delays (`delays`) has the delay in ms as its first state, `y[1]`. It counts from where spikes set
 out: `pre` knows the emissions, which arrive `y[1]` later, and post spikes reach the synapse at once.
 
-A rule for trials says in its method `lessons` whom the end of a trial teaches (`neuro.model.synapses.lessons`), and has
+A rule for trials says in its method `lessons` whom the end of a trial teaches (`Lesson`), and has
 `constants` and
 
     teach(w, since, lesson, c)                new weight of one input of a neuron that is taught: `since` is the time in
@@ -32,7 +32,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,9 +41,12 @@ from neuro.core.checks import is_number
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity, word_of
-from neuro.model.arithmetic import OfModule
+from neuro.core.registry import OfModule
 from neuro.model.neurons.base import State
-from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 FUNCTIONS = {"constants": 3, "on_post": 5, "on_pre": 5}
 """The functions of a pairwise rule and how many arguments each takes."""
@@ -51,6 +54,82 @@ TEACHING = {"constants": 3, "teach": 4}
 """Those of a rule for trials."""
 MORE_TEACHING = {"settle": 4, "encourage": 2}
 """Those that it may have beside."""
+
+
+class Lesson(NamedTuple):
+    """Teach the inputs of one neuron by the rule's `teach`.
+
+    Attributes:
+        neuron: its id.
+        tick: the moment from which arrivals are counted, ticks of the trial.
+        lesson: the argument of `teach`, > 0 a reward and < 0 a punishment.
+    """
+
+    neuron: int
+    tick: int
+    lesson: float
+
+
+class Growth(NamedTuple):
+    """Change every weight onto some maps by the rule's `encourage`.
+
+    Attributes:
+        maps: the maps of the output.
+    """
+
+    maps: Ints
+
+
+@dataclass(slots=True, eq=False)
+class TrialEnd:
+    """How a trial that is learnt from ended. Where several neurons won, a rule sees one after the other.
+
+    Attributes:
+        winner: the neuron that decided, or -1.
+        tick: the tick of the decision, from 0, or -1.
+        ticks: ticks that were run.
+        label: the right label, or -1 where none is known.
+        hit: whether the neuron that decided is of the right label.
+        reward: what the section `trials` gives for this outcome; 0 in silence and where no label is known.
+        maps: the maps of the right label.
+        silenced: the maps that dropout silenced, shape (maps,).
+        potential: largest V_m of each map at the decision, of several at its own first (before the reset), or at the
+            end, shape (maps,).
+        best: the neuron of each map that has it, shape (maps,).
+        peak: for rules with `peaks`, the largest V_m of each neuron of the output up to the decision, shape (neurons,);
+            infinite for the neuron that decided.
+        peak_tick: the first tick at which it had it; for the neuron that decided its decision.
+    """
+
+    winner: int
+    tick: int
+    ticks: int
+    label: int
+    hit: bool
+    reward: float
+    maps: Ints
+    silenced: Bools
+    potential: Floats
+    best: Ints
+    peak: Floats | None
+    peak_tick: Ints | None
+
+    def best_excited(self) -> int:
+        """The neuron of the right label with the largest V_m at the decision or the end, or -1 if all are silenced."""
+        awake = self.maps[~self.silenced[self.maps]]
+        return int(self.best[awake[self.potential[awake].argmax()]]) if len(awake) else -1
+
+    def highest(self) -> tuple[int, int]:
+        """The neuron of the right label with the largest `peak`, and its tick; (-1, -1) if all are silenced."""
+        assert self.peak is not None, "for rules with peaks = True"
+        assert self.peak_tick is not None
+        awake = self.maps[~self.silenced[self.maps]]
+        if not len(awake):
+            return -1, -1
+        per_map = len(self.peak) // len(self.silenced)
+        cells = (awake[:, None] * per_map + np.arange(per_map)).ravel()
+        neuron = int(cells[self.peak[cells].argmax()])
+        return neuron, int(self.peak_tick[neuron])
 
 
 def weight(y: Any, e: int, c: Any) -> Any:
@@ -100,7 +179,7 @@ class Synapse(Choice):
         states: the states of a synapse beside its weight.
         width: how many constants `constants` fills; tables of decays may be among them.
         ordered: pairs of parameters of which the first is less than the second.
-        arithmetic: the module with the functions above: that of the class.
+        arithmetic: what has the functions above: the class or its module, see `OfModule`.
     """
 
     kind: ClassVar[str] = "synapse"
@@ -174,12 +253,12 @@ class Synapse(Choice):
         each, names = self.of_each(), [entry.name for entry in fields(self)]
         return {name: word_of(name) for name in names if word_of(name) in each}
 
-    def first_states(self) -> NDArray[np.float64]:
+    def first_states(self) -> Floats:
         """The states at step 0, without the weight, shape (states, 1) or (states, synapses)."""
         given = self.initial(self.parameters())
         return _columns([given.get(state.name, 0.0) for state in self.states])
 
-    def first_traces(self) -> NDArray[np.float64]:
+    def first_traces(self) -> Floats:
         """The pre traces at step 0."""
         given = self.parameters()
         return np.array([given.get(trace.starts, 0.0) for trace in self.pre], dtype=np.float64)
@@ -192,7 +271,7 @@ class Synapse(Choice):
         ends = limits.get("Wmin", 0.0), limits["Wmax"]
         return np.minimum(*ends), np.maximum(*ends)
 
-    def outside(self, weight: NDArray[np.float64]) -> int | None:
+    def outside(self, weight: Floats) -> int | None:
         """The first synapse whose weight is not within the bounds; weights of all or one."""
         low, high = self.bounds()
         bad = np.flatnonzero((weight < low) | (weight > high))
@@ -205,13 +284,13 @@ class Synapse(Choice):
             return f"a weight >= {low:g}, as {self.name} takes no other"
         return f"{low:g} to {high:g}, the bounds of {self.name}"
 
-    def vector(self) -> NDArray[np.float64]:
+    def vector(self) -> Floats:
         """The numeric parameters as one vector; a row for each synapse where some have a value for each."""
         values = self.parameters()
         columns = _columns([values[word] for word in self.numbers()])
         return np.ascontiguousarray(columns.T) if self.of_each() else columns[:, 0]
 
-    def constants_of(self, vector: NDArray[np.float64], h: float) -> NDArray[np.float64]:
+    def constants_of(self, vector: Floats, h: float) -> Floats:
         """The constants for parameters in the form of `vector`, shape (width,) or (synapses, width)."""
         c = np.zeros((*vector.shape[:-1], self.width))
         for synapse in np.ndindex(vector.shape[:-1]):
@@ -223,12 +302,12 @@ class Synapse(Choice):
         return (Lesson(end.winner, end.tick, end.reward),) if end.reward else ()
 
 
-def common(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+def common(vector: Floats) -> Floats:
     """What all synapses share in parameters in the form of `Synapse.vector`; of others the first synapse's."""
     return vector if vector.ndim == 1 else vector[0]
 
 
-def _columns(values: Sequence[Any]) -> NDArray[np.float64]:
+def _columns(values: Sequence[Any]) -> Floats:
     """A row for each value, as long as the longest of them."""
     table = np.zeros((len(values), max((np.size(value) for value in values), default=1)))
     for row, value in zip(table, values, strict=True):

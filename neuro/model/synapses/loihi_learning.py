@@ -129,20 +129,16 @@ class RegisterLearning(Synapse):
         super().__post_init__()
         try:
             for word in ("dw", "dt"):
-                object.__setattr__(self, word, text(self._terms(word)))
+                products = getattr(self, word)
+                terms = self.parsed(products if isinstance(products, str) else " + ".join(products), word)
+                for factor in (factor for term in terms for factor in term.factors):
+                    if factor.name in ("r1", "r2"):
+                        message = f"{word} reads {factor.name}, which nothing sets here"
+                        raise ModelError(message, hint="stdp_dopa has a signal or dopamine", path=(word,))
+                object.__setattr__(self, word, text(terms))
             self.rule()
         except ModelError as error:
             raise error.at(here(), self.name) from None
-
-    def _terms(self, word: str) -> tuple[Term, ...]:
-        said = getattr(self, word)
-        terms = self.parsed(said if isinstance(said, str) else " + ".join(said), word)
-        for term in terms:
-            for factor in term.factors:
-                if factor.name in ("r1", "r2"):
-                    message = f"{word} reads {factor.name}, which nothing sets here"
-                    raise ModelError(message, hint="stdp_dopa has a signal or dopamine", path=(word,))
-        return terms
 
     @staticmethod
     def parsed(rule: str, what: str) -> tuple[Term, ...]:

@@ -1,21 +1,34 @@
-"""The edges that a file lists, between neurons of two populations."""
+"""The edges that a file lists, between neurons of two populations: read, filtered, and shuffled as a control."""
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.checks import argument
 from neuro.core.errors import ModelError, unknown
 from neuro.core.values import shown
+from neuro.model.network import Network
 from neuro.model.rules import from_file
-from neuro.model.wiring.columns import MATRIX, NUMBER, TEXT, Column, Piece, Table, Texts, cell, rows
-from neuro.model.wiring.filters import Condition
+from neuro.model.wiring.formats import open_table
 from neuro.model.wiring.neurons import NOWHERE, Ids, Neurons
-from neuro.model.wiring.opening import open_table
+from neuro.model.wiring.tables import (
+    MATRIX,
+    NUMBER,
+    TEXT,
+    Column,
+    Condition,
+    Piece,
+    Table,
+    Texts,
+    cell,
+    rows,
+)
 
 Floats = NDArray[np.float64]
 _MOST = 2**31 - 1
@@ -148,7 +161,16 @@ class _Reader:
         if not self.rule.transmitter:
             return None
         if self.sign is None:
-            return self._sign_of_edges(piece, kept)
+            assert self.rule.transmitter
+            words = _some(piece.columns[self.rule.transmitter], kept)
+            assert isinstance(words, Texts)
+            sign = words.each(_signs(words, self.rule))
+            lost = np.flatnonzero(np.isnan(sign))
+            if lost.size:
+                word = words.words[words.codes[lost[0]]]
+                place = f"{self.table.path}: row {_row(piece, kept, int(lost[0]))}, column '{self.rule.transmitter}'"
+                raise _no_sign(word, self.rule).at(None, place)
+            return sign
         sign = np.where(pre >= 0, self.sign[pre], 0.0)
         lost = np.flatnonzero(np.isnan(sign))
         if lost.size:
@@ -159,18 +181,6 @@ class _Reader:
             word = column.words[column.codes[self.source.taken[neuron]]]
             who = f"neuron {self.source.shown_id(neuron)} of {self.source.ids.what}"
             raise _no_sign(word, self.rule).at(None, who)
-        return sign
-
-    def _sign_of_edges(self, piece: Piece, kept: Any) -> Floats:
-        assert self.rule.transmitter
-        words = _some(piece.columns[self.rule.transmitter], kept)
-        assert isinstance(words, Texts)
-        sign = words.each(_signs(words, self.rule))
-        lost = np.flatnonzero(np.isnan(sign))
-        if lost.size:
-            word = words.words[words.codes[lost[0]]]
-            place = f"{self.table.path}: row {_row(piece, kept, int(lost[0]))}, column '{self.rule.transmitter}'"
-            raise _no_sign(word, self.rule).at(None, place)
         return sign
 
     def _sign_of_sources(self) -> Floats:
@@ -212,3 +222,104 @@ def _signs(column: Texts, rule: from_file) -> Floats:
 def _no_sign(word: str, rule: from_file) -> ModelError:
     hint = f"signs: {{{shown(word)}: 0}} leaves its edges out"
     return unknown("transmitter", word, rule.signs).but(hint=hint)
+
+
+_ROUNDS = 200
+
+
+def shuffle_edges(edges: Edges, what: str, rng: np.random.Generator, same: bool) -> Edges:
+    """The same number of edges, with one property drawn anew.
+
+    Args:
+        edges: of the file.
+        what: "edges": each keeps source, weight, sign and delay, and edges exchange their targets, so that every neuron
+            keeps its numbers of inputs and outputs; no pair is connected twice and no neuron reaches itself, unless
+            the diagram has such edges. "signs": neurons of the source exchange their transmitters where these are
+            theirs, else edges exchange signs. "weights": edges exchange the sizes of their weights, and keep signs.
+        rng: draws.
+        same: whether source and target are one population.
+
+    Raises:
+        ModelError: there are no signs or weights, or too few pairs to exchange targets.
+    """
+    if what == "edges":
+        return replace(edges, post=_exchanged(edges.pre, edges.post, rng, same))
+    if edges.weight is None:
+        raise ModelError(f"shuffle: {what}: found none in the file: expected a column 'weight' or 'transmitter'")
+    if what == "weights":
+        return replace(edges, weight=np.sign(edges.weight) * rng.permutation(np.abs(edges.weight)))
+    if edges.sign is None:
+        return replace(edges, weight=np.abs(edges.weight) * rng.permutation(np.sign(edges.weight)))
+    connected = np.unique(edges.pre)
+    exchanged = edges.sign.copy()
+    exchanged[connected] = rng.permutation(edges.sign[connected])
+    weight = edges.weight * edges.sign[edges.pre] * exchanged[edges.pre]
+    return replace(edges, weight=weight, sign=exchanged)
+
+
+def _exchanged(
+    pre: NDArray[np.int32], post: NDArray[np.int32], rng: np.random.Generator, same: bool
+) -> NDArray[np.int32]:
+    """The targets in another order.
+
+    All are permuted; then each edge that repeats a pair, or reaches its source, exchanges its target with a random
+    edge, until there is none. Source: Maslov & Sneppen, Science 296:910, 2002, whose step this exchange is.
+    """
+    allowed_twice = bool(_repeats(pre, post).size)
+    allowed_self = not same or bool((pre == post).any())
+    found = rng.permutation(post)
+    for _ in range(_ROUNDS):
+        wrong = np.zeros(0, dtype=np.int64) if allowed_twice else _repeats(pre, found)
+        if not allowed_self:
+            wrong = np.union1d(wrong, np.flatnonzero(pre == found))
+        if not wrong.size:
+            return found
+        for edge, other in zip(wrong.tolist(), rng.integers(0, pre.size, wrong.size).tolist(), strict=True):
+            found[edge], found[other] = found[other], found[edge]
+    raise ModelError(
+        f"shuffle: edges: {wrong.size} of {pre.size} edges still repeat a pair: expected fewer edges among the neurons"
+    )
+
+
+def _repeats(pre: NDArray[np.int32], post: NDArray[np.int32]) -> NDArray[np.int64]:
+    """The edges that connect a pair which another, before them in order of pairs, connects."""
+    pairs = pre.astype(np.int64) << 32 | post
+    order = np.argsort(pairs)
+    pairs = pairs[order]
+    found: NDArray[np.int64] = order[1:][pairs[1:] == pairs[:-1]]
+    return found
+
+
+def shuffled(net: Network, what: str, *, seed: int = 0) -> Network:
+    """A control: the same network, in which one property of each wiring diagram is drawn anew.
+
+    Args:
+        net: the network; it is not changed.
+        what: "edges": edges exchange targets, and every neuron keeps its numbers of inputs and outputs, the sizes and
+            signs of its outputs; "signs": neurons exchange their transmitters (with `dale`; else edges exchange signs);
+            "weights": edges exchange the sizes of their weights and keep their signs.
+        seed: of the draws; another one gives another control.
+
+    Returns:
+        A network that differs in `shuffle` and `shuffle_seed` of its rules `from_file`, so that it can be saved.
+
+    Raises:
+        ModelError: the network has no edges from a file.
+    """
+    if not isinstance(net, Network):
+        raise ModelError(f"shuffled: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
+    argument("shuffled: what", what, words=("edges", "signs", "weights"))
+    argument("shuffled: seed", seed, kind="integer", at_least=0)
+    if not any(isinstance(part.rule, from_file) for part in net.projections.values()):
+        hint = "net.wiring(neurons=..., edges=...), or the rule neuro.from_file(...)"
+        raise ModelError(
+            f"shuffled: network '{net.name}' has no edges from a file: expected a rule from_file", hint=hint
+        )
+    control = copy.copy(net)
+    control.projections = {
+        name: replace(part, rule=replace(part.rule, shuffle=what, shuffle_seed=seed))
+        if isinstance(part.rule, from_file)
+        else part
+        for name, part in net.projections.items()
+    }
+    return control

@@ -15,8 +15,8 @@ from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import quantity
 from neuro.core.values import shown
-from neuro.model.wiring.columns import ANY, INT64, TEXT, UINT64, Column, Table, Texts, cell, rows
-from neuro.model.wiring.opening import open_table
+from neuro.model.wiring.formats import open_table
+from neuro.model.wiring.tables import ANY, INT64, TEXT, UINT64, Column, Table, Texts, cell, rows
 
 ELSEWHERE, NOWHERE = -1, -2
 """In place of a neuron: one of the table that is not in the population; none of the table."""
@@ -190,7 +190,13 @@ class Neurons:
             if empty.size:
                 raise cell(self._table, first + int(empty[0]), name, "", "an id")
             if all(_WHOLE.fullmatch(column.words[code]) for code in np.unique(column.codes).tolist()):
-                column = self._numbers(column, name)
+                whole = [int(word) if word else 0 for word in column.words]
+                low, high = min(whole), max(whole)
+                if low < -(2**63) or high >= 2**64 or (low < 0 and high >= 2**63):
+                    bad = low if low < -(2**63) else high
+                    row = int(np.flatnonzero(column.each(np.array([number == bad for number in whole])))[0])
+                    raise cell(self._table, self._table.first + row, name, bad, "a whole number of 64 bits")
+                column = column.each(np.array(whole, dtype=INT64 if high < 2**63 else UINT64))
         elif column.dtype.kind not in "iu":
             message = f"{self._said.file}: column '{name}' holds {column.dtype}: expected whole numbers or text"
             raise ModelError(message, path=("id",))
@@ -205,15 +211,6 @@ class Neurons:
             expected = f"another id than that of row {first + before}"
             raise cell(self._table, first + again, name, found, expected)
         return column
-
-    def _numbers(self, column: Texts, name: str) -> NDArray[Any]:
-        whole = [int(word) if word else 0 for word in column.words]
-        low, high = min(whole), max(whole)
-        if low < -(2**63) or high >= 2**64 or (low < 0 and high >= 2**63):
-            bad = low if low < -(2**63) else high
-            row = int(np.flatnonzero(column.each(np.array([number == bad for number in whole])))[0])
-            raise cell(self._table, self._table.first + row, name, bad, "a whole number of 64 bits")
-        return column.each(np.array(whole, dtype=INT64 if high < 2**63 else UINT64))
 
 
 def _joined(pieces: list[Column]) -> Column:

@@ -6,6 +6,8 @@ Source: the SONATA Developer Guide, AllenInstitute/sonata.
 
 from __future__ import annotations
 
+import csv
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,8 +20,92 @@ from numpy.typing import NDArray
 from neuro.core import hdf5
 from neuro.core.errors import ModelError, unknown
 from neuro.core.hdf5_texts import Texts as Heaps
-from neuro.model.wiring.columns import ROWS, Column, Piece, Texts, cell
-from neuro.model.wiring.sonata_types import Types
+from neuro.core.inputs import record_input
+from neuro.core.paths import existing
+from neuro.core.values import shown
+from neuro.model.wiring.tables import ROWS, Column, Piece, Texts, cell
+
+NULL = "NULL"
+
+
+class Types:
+    """A table of types.
+
+    Args:
+        path: of the CSV.
+        id: the column of the ids, "edge_type_id" or "node_type_id".
+
+    Attributes:
+        names: of the attributes.
+
+    Raises:
+        ModelError: it cannot be read, or a type stands there twice.
+    """
+
+    def __init__(self, path: Path, id: str) -> None:
+        self.path = existing(path)
+        record_input(path)
+        try:
+            with self.path.open(encoding="utf-8-sig", newline="") as file:
+                found = [line for line in csv.reader(file, delimiter=" ", skipinitialspace=True) if any(line)]
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise ModelError(f"{self.path}: no CSV of types that can be read: {error!s:.150}") from None
+        if not found:
+            raise ModelError(f"{self.path}: found no header: expected the names of the columns in the first line")
+        header, *lines = found
+        if id not in header:
+            raise ModelError(f"{path}: row 1: found {header}: expected a column '{id}'", path=("types",))
+        if twice := [name for k, name in enumerate(header) if name in header[:k]]:
+            raise ModelError(f"{path}: row 1: column '{twice[0]}' stands there twice: expected each once")
+        for row, line in enumerate(lines, 2):
+            if len(line) != len(header):
+                raise ModelError(f"{path}: row {row}: found {len(line)} words: expected {len(header)}, as in row 1")
+        columns = dict(zip(header, zip(*lines, strict=True) if lines else [()] * len(header), strict=True))
+        ids = self._ids(id, columns.pop(id))
+        self._order = np.argsort(ids, kind="stable")
+        self._ids_sorted = ids[self._order]
+        self.names = tuple(columns)
+        self._columns = {name: self._column(cells) for name, cells in columns.items()}
+
+    def _ids(self, id: str, cells: tuple[str, ...]) -> NDArray[np.int64]:
+        found: dict[int, int] = {}
+        for row, text in enumerate(cells, 2):
+            place = f"{self.path}: row {row}, column '{id}': found {shown(text)}: expected"
+            try:
+                number = int(text)
+            except ValueError:
+                raise ModelError(f"{place} a whole number") from None
+            if not 0 <= number < 2**63:
+                raise ModelError(f"{place} a whole number from 0 to 2^63 - 1")
+            if number in found:
+                raise ModelError(f"{place} another type than that of row {found[number]}")
+            found[number] = row
+        return np.array(list(found), dtype=np.int64)
+
+    def _column(self, cells: tuple[str, ...]) -> tuple[Column, NDArray[np.bool_]]:
+        """A value for each type, numbers where all are, and which types have one."""
+        has = np.array([cell not in (NULL, "") for cell in cells], dtype=bool)
+        try:
+            numbers = np.array([float(cell) if there else math.nan for cell, there in zip(cells, has, strict=True)])
+        except ValueError:
+            words = tuple(dict.fromkeys(cells))
+            return Texts(np.array([words.index(cell) for cell in cells], dtype=np.int64), words), has
+        return numbers, has
+
+    def places(self, ids: NDArray[Any]) -> NDArray[np.int64]:
+        """Of each id of a type its place in the table, -1 where it is none."""
+        if not self._order.size:
+            return np.full(ids.size, -1, dtype=np.int64)
+        at = np.minimum(np.searchsorted(self._ids_sorted, ids), self._order.size - 1)
+        return np.where(self._ids_sorted[at] == ids, self._order[at], -1)
+
+    def values(self, name: str, places: NDArray[np.int64]) -> tuple[Column, NDArray[np.bool_]]:
+        """An attribute of the types at some places, and which of them have it."""
+        column, has = self._columns[name]
+        if isinstance(column, Texts):
+            return Texts(column.codes[places], column.words), has[places]
+        return column[places], has[places]
+
 
 _FAILURES = (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError, AttributeError)
 _LOOKED_AT = 1 << 24
@@ -80,19 +166,16 @@ class SonataTable:
             own = {name: [g for g in self._groups if name in file[self._place][g]] for name in self._own(file)}
             self._in_groups = {name: groups for name, groups in own.items() if name not in self._ids}
             self._types = None if types is None else Types(types, f"{self._word}_type_id")
-            self._size = self._rows(file, kind)
+            ids = "target_node_id" if kind == "edges" else "node_type_id"
+            if ids not in self._ids:
+                raise ModelError(f"{self.path}: '{self._place}' has no '{ids}': expected {', '.join(_IDS[kind])}")
+            self._size = int(self._dataset(file, f"{self._place}/{ids}").shape[0])
         shared = () if self._types is None else self._types.names
         self.names = tuple(dict.fromkeys((*self._ids, *self._in_groups, *shared)))
 
     def _own(self, file: Any) -> list[str]:
         names = (name for group in self._groups for name in file[self._place][group])
         return [name for name in dict.fromkeys(names) if name not in ("@library", "dynamics_params")]
-
-    def _rows(self, file: Any, kind: str) -> int:
-        ids = "target_node_id" if kind == "edges" else "node_type_id"
-        if ids not in self._ids:
-            raise ModelError(f"{self.path}: '{self._place}' has no '{ids}': expected {', '.join(_IDS[kind])}")
-        return int(self._dataset(file, f"{self._place}/{ids}").shape[0])
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
@@ -147,7 +230,19 @@ class SonataTable:
                 "type": self._types is not None and any(name in self._types.names for name in attributes),
             }
             about = {word: self._of_rows(file, name) for word, name in words.items() if needed[word]}
-            self._check(about)
+            for word, name in (("group", "group_id"), ("place", "group_index")):
+                if len(self._groups) > 1 and about.get(word, 0) is None:
+                    groups = f"the groups {', '.join(self._groups)}"
+                    raise ModelError(f"{self.path}: '{self._place}' has {groups} and no '{self._word}_{name}'")
+            for data in about.values():
+                if data is not None and data.dtype.kind not in "iu":
+                    raise ModelError(
+                        f"{self.path}: '{data.name.lstrip('/')}' holds {data.dtype}: expected whole numbers"
+                    )
+            if about.get("type", 0) is None:
+                raise ModelError(
+                    f"{self.path}: '{self._place}' has no '{self._word}_type_id': expected one for 'types'"
+                )
             for begin in range(0, self._size, ROWS):
                 end = min(begin + ROWS, self._size)
                 read = {word: None if data is None else data[begin:end] for word, data in about.items()}
@@ -168,18 +263,6 @@ class SonataTable:
                 f"{self.path}: '{place}' has {data.shape[0]} values: expected one for each of {self._size} rows"
             )
         return data
-
-    def _check(self, about: Mapping[str, Any]) -> None:
-        """What tells rows of several groups apart, and types of rows: they have to be there, as whole numbers."""
-        for word, name in (("group", "group_id"), ("place", "group_index")):
-            if len(self._groups) > 1 and about.get(word, 0) is None:
-                groups = f"the groups {', '.join(self._groups)}"
-                raise ModelError(f"{self.path}: '{self._place}' has {groups} and no '{self._word}_{name}'")
-        for data in about.values():
-            if data is not None and data.dtype.kind not in "iu":
-                raise ModelError(f"{self.path}: '{data.name.lstrip('/')}' holds {data.dtype}: expected whole numbers")
-        if about.get("type", 0) is None:
-            raise ModelError(f"{self.path}: '{self._place}' has no '{self._word}_type_id': expected one for 'types'")
 
     def _attribute(self, file: Any, name: str, rows: _Rows) -> Column:
         """An attribute of some rows: that of the group where it has it, else that of the type."""

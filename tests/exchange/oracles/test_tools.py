@@ -13,7 +13,7 @@ import pytest
 
 import neuro
 from neuro.exchange.nir import measured
-from neuro.exchange.nir.importing import judge
+from neuro.exchange.nir.judging import judge
 
 TOOLS = ("nir", "norse", "snntorch", "sinabs", "spikingjelly")
 nir, norse, snntorch, sinabs, spikingjelly = (

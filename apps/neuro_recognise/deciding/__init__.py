@@ -1,1 +1,0 @@
-"""Decisions while events arrive: beginnings learnt apart, sessions, and when to stop."""

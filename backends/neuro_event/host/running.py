@@ -1,0 +1,222 @@
+"""The loop of an engine: its arrays and threads, spikes in and out, and steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import ModuleType
+
+import numpy as np
+
+from neuro.core.english import a
+from neuro.core.errors import ModelError
+from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped, torn
+from neuro.program.backend import Spikes
+from neuro.program.currents import Currents, Rates
+from neuro.program.program import Floats, Ints, Program
+from neuro.program.spikes import ListedSpikes, RecordedSpikes, carrying, too_many
+from neuro_event.building import build, joined_rows, layout
+from neuro_event.host.reading import NeuronReader, PreSpikeRecords, SynapseReader, state_probes
+from neuro_event.host.threads import Threads
+from neuro_event.host.varying_currents import VaryingCurrents, apply
+from neuro_event.loop import steps, tables as t
+
+
+class Running:
+    """A program on the compiled loop, which can be advanced."""
+
+    def __init__(self, program: Program, threads: int) -> None:
+        self._program = program
+        self._n_threads = threads
+        self._stop: Ints = np.zeros(1, dtype=np.int64)
+        self._interruptible = Interruptible(self._stop)
+        self._start_over()
+
+    def _start_over(self, eager: bool = True, edges: Ints | None = None, joined: frozenset[int] | None = None) -> None:
+        cut = () if edges is None else (edges, joined)
+        self._a = build.build(self._program, self._n_threads, eager, *cut)
+        self._a.net["stop"] = self._stop
+        self._step, self._torn = 0, False
+        # What was set: parameters by population and word, in the order of ids; the numbers of all synapse models by
+        # projection; and weights onto relays, which no kernel reads.
+        self._given: dict[str, Floats] = {}
+        self._rules = {q: p.synapse.vector() for q, p in enumerate(self._program.projections)}
+        self._kept: dict[int, Floats] = {}
+        self._record = RecordedSpikes()
+        self._currents = Currents(self._program)
+        self._drives = VaryingCurrents(self._program, self._currents, self._a)
+        self._rates = Rates(self._program)
+        self._steady = not any(p.kind == "current" or p.schedule is not None for p in self._program.populations)
+        n_threads = self._a.net["edges"].shape[1] - 1
+        self._threads = Threads(n_threads)
+        self._listed = ListedSpikes(self._program, self._a.net, [place.begin for place in self._a.places], n_threads)
+        self._samples, self._notes = state_probes(self._a), PreSpikeRecords(self._a)
+        self._stops = bool(self._samples or self._notes)
+        self._trial_start = 0
+        self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
+        self._taught: dict[int, tuple[ModuleType, Floats]] = {}
+        self._map_of: dict[int, Ints] = {}
+        self._pack()
+
+    def _pack(self) -> None:
+        """Tell the kernels where the arrays are; needed whenever one is replaced by another."""
+        net = self._a.net
+        for _, each, held in build.declared_in(self._a):
+            if each.life.startswith("="):
+                held[each.name] = held[each.life[1:]].view(each.kind)
+        net["due_slots"] = net["due"].reshape(len(net["due"]), -1, net["awake"].size)
+        build.link(self._a)
+        self._table = t.table_of(net, self._a.plastic)
+        self._view = self._table.ctypes.data
+        self._flags = net["clock"][:, t.OVERRUN : t.UNCOUNTED + 1]
+        self._no_flags = np.zeros_like(self._flags).tolist()
+        self._copy, self._cells = SynapseReader(self._a, self._table), NeuronReader(self._a)
+
+    @property
+    def step(self) -> int:
+        """The last finished step."""
+        return self._step
+
+    def run(self, steps: int) -> None:
+        """Advance; stops at the steps where a current or a rate changes and where the record must be emptied."""
+        self._refuse_torn()
+        end = self._step + steps
+        self.join_rows()
+        with self._interruptible:
+            while self._step < end:
+                self._run_to(end if self._steady else min(end, self._prepare(self._step)))
+
+    def share_stop(self, engines: Sequence[Running]) -> Ints:
+        """Let several engines end together; return the number that stops all, see `neuro.core.interrupts`."""
+        for engine in engines:
+            engine._stop = engine._a.net["stop"] = self._stop
+            engine._interruptible = self._interruptible
+            engine._pack()
+        return self._stop
+
+    def join_rows(self) -> None:
+        """Lay out joined rows before a run: weights that were set have parted them, and many may be set in turn."""
+        if self._a.parted:
+            joined_rows.join(self._a)
+            self._pack()
+            self._a.parted = False  # last: a run that is interrupted before lays them out again
+
+    def _refuse_torn(self) -> None:
+        """Refuse to go on where an interrupt has left some threads ahead of others."""
+        if self._torn:
+            raise torn()
+
+    def _prepare(self, step: int) -> int:
+        """Write what generators are to send after a step; return the last step for which it is so."""
+        apply(self._currents, self._program, self._a, self._view, step)
+        for k, rate in self._rates.new(step):
+            build.set_rate(self._a, k, self._a.places[k].by_place(rate) if rate.size > 1 else rate, step)
+        until, replaced = self._drives.prepare(step, self._parameter)
+        if replaced:
+            self._pack()
+        return min(until, self._currents.next_change(step), self._rates.next_change(step))
+
+    def _parameter(self, population: int, name: str) -> Floats:
+        """A parameter of every neuron, or a rate or current as it is now."""
+        p, place = self._program.populations[population], self._a.places[population]
+        if p.kind == "poisson" and name == "rate":
+            mean: Floats = self._a.net["mean"][place.begin : place.end]
+            return mean / (self._program.resolution * 1e-3)
+        if layout.computes(p):
+            column = build.parameters(self._a, population)[:, list(p.parameters).index(name)]
+            return np.broadcast_to(place.by_id(column) if column.size > 1 else column, p.size).copy()
+        value = self._currents.parameter(population, name) if p.kind == "current" else p.parameters[name]
+        return np.broadcast_to(value, p.size).astype(np.float64)
+
+    def _run_to(self, end: int) -> None:
+        first, stop = self._step + 1, self._stop
+        while first <= end:
+            last = end
+            if self._notes:  # steps one by one: there must be room for what the spikes of each will leave
+                if self._notes.make_room(self._view, first - 1):
+                    self._pack()
+                last = first
+            if self._stops:
+                last = min([last, *(-(-first // probe.every) * probe.every for probe in self._samples.values())])
+            self._torn = True
+            try:
+                reached = self._threads.run(
+                    self._view, first, last + 1, self._a.longest_slice, self._a.reach, self._program.resolution, stop
+                )
+                if stop.item():
+                    end_if_stopped(stop)
+            except BaseException:  # Ctrl-C is heard as soon as a kernel returns
+                self._torn = self._threads.several or int(stop[0]) == AT_ONCE
+                self._step = int(self._a.net["reached"][0]) - 1
+                raise
+            self._torn, self._step = False, int(reached) - 1
+            if reached <= last:
+                self._drain()
+                if reached == first and steps.has_room(self._view, first, 1, self._a.reach) < 1:
+                    self._grow_log()
+            elif self._stops:
+                for probe in self._samples.values():
+                    if last % probe.every == 0:
+                        probe.read(self._view, last)
+            first = int(reached)
+        self._step = end
+        self._check_flags()
+
+    def _check_flags(self) -> None:
+        """Refuse what kernels could not do.
+
+        They count spikes with 64 bits. Histories are as long as refractoriness lets them grow: a model that fires
+        earlier has lost spikes.
+        """
+        flags = self._flags.tolist()
+        if flags == self._no_flags:
+            return
+        overrun, uncounted = (max(column) for column in zip(*flags, strict=True))
+        if uncounted:
+            raise too_many(self._program.populations[uncounted - 1])
+        if overrun:
+            part = self._program.populations[overrun - 1]
+            raise ModelError(
+                f"population '{part.name}': {a(part.model.name)} fired again within its t_ref, so its plastic synapses "
+                "missed spikes: expected a model that is silent for t_ref after a spike"
+            )
+
+    def _grow_log(self) -> None:
+        """Twice the room for spikes under way."""
+        net = self._a.net
+        old = net["log_ids"].shape[1]
+        for name in ("log_ids", "log_counts"):
+            bigger = np.zeros((net[name].shape[0], 2 * old), dtype=net[name].dtype)
+            for thread in range(bigger.shape[0]):
+                places = np.arange(max(0, int(net["log_at"][thread, 0]) - old), int(net["log_at"][thread, 0]))
+                bigger[thread, places & (2 * old - 1)] = net[name][thread, places & (old - 1)]
+            net[name] = bigger
+        self._pack()
+
+    def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
+        """Add spikes of a listed population, at steps after the present one."""
+        if self._listed.add(population, steps, ids, self._step, payloads):
+            self._pack()
+
+    def spikes(self, population: int, since: int) -> Spikes:
+        """Recorded spikes with step > since."""
+        self._drain()
+        place = self._a.places[population]
+        ids_at = None if place.inside is None else place.outside
+        found = self._record.spikes(place.begin, place.end, since, ids_at)
+        return carrying(self._program.populations[population], found)
+
+    def _drain(self) -> None:
+        """Move recorded spikes out of the loop's buffers."""
+        names, filled = ("rec_steps", "rec_ids", "rec_counts"), self._a.net["rec_at"][:, 0]
+        steps, ids, counts = (self._a.net[name] for name in names)
+        self._record.take((steps[k, :n], ids[k, :n], counts[k, :n]) for k, n in enumerate(filled.tolist()))
+        filled[:] = 0
+
+    def forget(self, before: int) -> None:
+        """Drop recorded spikes with step <= before."""
+        if before >= self._step:
+            self._a.net["rec_at"][:, 0] = 0
+            self._record = RecordedSpikes()
+            return
+        self._drain()
+        self._record.forget(before)

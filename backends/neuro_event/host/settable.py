@@ -1,0 +1,198 @@
+"""What an engine reads and sets between steps: states, parameters, signals, weights and rules."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.program.program import Floats, Ints
+from neuro_event.building import build, joined_rows, layout, learning, projections
+from neuro_event.host import reading
+from neuro_event.host.running import Running
+from neuro_event.loop import arrivals, histories, moves, steps, tables as t
+
+
+class Settable(Running):
+    """A program in execution whose values are read and set by the numbers of its parts."""
+
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        """A state or parameter of all neurons or of some; sleeping ones are brought up in a copy."""
+        p = self._program.populations[population]
+        if layout.computes(p):
+            states = [s.name for s in type(p.model).states]
+            if name in states:
+                return self._cells.state(population, states.index(name), ids, self._step)
+        every = self._parameter(population, name)
+        return every if ids is None else every[ids]
+
+    def are_finite(self, population: int, states: Sequence[str]) -> bool:
+        """As `neuro.program.backend.are_finite`: looks at sleeping neurons as they fell asleep."""
+        place, model = self._a.places[population], type(self._program.populations[population].model)
+        names = [s.name for s in model.states]
+        rows = self._a.net["state"]
+        return all(bool(np.isfinite(rows[names.index(name), place.begin : place.end]).all()) for name in states)
+
+    def set(self, population: int, values: Mapping[str, Floats]) -> None:
+        """Change states and parameters; acts from the next step on."""
+        for name, each in values.items():
+            self._set(population, name, each)
+
+    def _set(self, population: int, name: str, values: Floats) -> None:
+        p, place = self._program.populations[population], self._a.places[population]
+        if name in p.parameters:
+            self._given[f"{population}.{name}"] = values.copy()
+        if p.kind == "poisson":
+            build.set_rate(self._a, population, values, self._step)
+            return
+        if not layout.computes(p):
+            self._currents.set(population, name, values, self._step)
+            self._drives.changed()
+            return
+        if p.kind == "neuron":
+            steps.wake_population(self._view, population, self._step, self._program.resolution)
+            if any(name == tau for _, tau in getattr(p.model, "filters", {}).values()):
+                self._drives.changed()
+        inner = place.by_place(values) if values.size > 1 else values
+        states = [s.name for s in type(p.model).states]
+        if name in states:
+            self._a.net["state"][states.index(name), place.begin : place.end] = inner
+            return
+        rows = build.parameters(self._a, population)
+        rows = np.repeat(rows, p.size, axis=0) if inner.size > len(rows) else rows.copy()
+        rows[:, list(p.parameters).index(name)] = inner
+        if name == "tau_minus":
+            self._a.net["tau_minus"][place.begin : place.end] = inner
+        if name == "t_ref" and self._a.net["pops"][population, t.HISTORY] >= 0:
+            learning.widen_histories(self._a, population, float(inner.min()))
+        build.rebuild_constants(self._a, {population: rows})
+        self._pack()
+
+    def signal(self, signal: int, values: Floats) -> None:
+        """Set the dopamine concentration of every synapse that listens to a signal; teach those that learn by moves."""
+        for q, k in self._a.moves_of.items():
+            p = self._program.projections[q]
+            if signal in (p.signal, p.gate):
+                inner = np.ascontiguousarray(self._a.places[p.target].by_place(values), dtype=np.float64)
+                if p.gate == signal:
+                    first = self._a.plastic["move_table"][k, t.MOVE_TARGET]
+                    self._a.plastic["move_gate"][first : first + inner.size] = inner
+                if p.signal == signal:
+                    moves.teach_moves(self._view, k, inner)
+        for q, k in self._a.plastic_of.items():
+            p = self._program.projections[q]
+            if p.signal == signal:
+                inner = np.ascontiguousarray(self._a.places[p.target].by_place(values), dtype=np.float64)
+                self._copy.give(k, self._step)
+                histories.write_signal(self._view, k, inner, self._step, self._program.resolution)
+
+    def get_synapses(self, projection: int, name: str) -> Floats:
+        """A state of the synapses, in the order of the program's weights."""
+        if projection in self._a.plastic_of:
+            return self._copy.synapses(projection, name, self._step)
+        p = self._program.projections[projection]
+        if projection in self._a.moves_of:
+            row, here = self._move_states(projection, name)
+            return reading.by_id(self._a.plastic["move_y"][row, here], self._a.synapses[projection].order)
+        if name == "delay":
+            return reading.by_id(
+                self._a.net["late"][learning.own_delays_of(self._a, projection)], self._a.synapses[projection].order
+            )
+        if self._a.net["pops"][p.target, t.RELAY] == 1:
+            return np.broadcast_to(self._kept.get(projection, p.weight), p.size).copy()
+        return reading.weights(self._a, projection)
+
+    def _move_states(self, projection: int, name: str) -> tuple[int, slice]:
+        """Where the weight or a state of a projection that learns by moves lies: row, and synapses."""
+        p = self._program.projections[projection]
+        first = self._a.plastic["move_table"][self._a.moves_of[projection], t.MOVE_SYNAPSE]
+        row = 0 if name == "weight" else 1 + [s.name for s in type(p.synapse).states].index(name)
+        return row, slice(first, first + p.size)
+
+    def set_synapses(self, projection: int, name: str, values: Floats) -> None:
+        """Set a state of the synapses of a projection that learns by moves."""
+        row, here = self._move_states(projection, name)
+        order = self._a.synapses[projection].order
+        self._a.plastic["move_y"][row, here] = values[order] if order is not None and values.size > 1 else values
+        if values.any():
+            moves.enliven(self._view, self._a.moves_of[projection])
+
+    def set_rule(self, projection: int, parameters: Floats) -> None:
+        """Change the numbers of a synapse model."""
+        if projection in self._a.moves_of:
+            learning.set_move_rule(self._a, projection, parameters)
+        if projection in self._a.plastic_of:
+            self._copy.drop()
+            reading.bring_all(self._a, self._view, self._a.plastic_of[projection], self._step)
+            if learning.set_numbers(self._a, projection, parameters, self._step):
+                self._pack()
+        self._rules[projection] = parameters.copy()
+        self._taught.pop(projection, None)
+
+    def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Replace all weights, or those that are chosen; spikes under way keep the old ones."""
+        part = self._program.projections[projection]
+        if self._a.net["projections"][projection, t.DENSE_COUNTS] == 1:
+            # A generator that keeps counts lists its spikes from now on. Counts are added with the one weight of now,
+            # so what is under way is delivered first.
+            for q in [q for q, p in enumerate(self._program.projections) if p.source == part.source]:
+                lag = self._give_ring(q)
+                arrivals.deliver_counts(self._view, q, self._step - lag + 1, self._step)
+                self._a.net["projections"][q, t.DENSE_COUNTS] = 0
+            self._a.net["pops"][part.source, t.COUNTS] = t.NONE
+        elif self._step > 0 and projection not in self._a.plastic_of and projection not in self._a.moves_of:
+            # What was sent goes into a ring, with the weights of now.
+            last, lag = self._step - (not self._program.sends_at_once(part)), self._give_ring(projection)
+            arrivals.deliver_between(self._view, projection, self._step - lag + 1, last, self._step)
+            self._a.net["set_out"][projection] = last
+        self._write_weights(projection, weights, chosen)
+
+    def _give_ring(self, projection: int) -> int:
+        """Let a projection have a ring; return how many of the last steps may have sent what is not in it."""
+        lag = int(self._a.net["projections"][projection, t.LAG])
+        if lag == 0:
+            return 1
+        projections.give_ring(self._a, projection)
+        self._pack()
+        return lag
+
+    def _write_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        p, row = self._program.projections[projection], self._a.net["projections"][projection]
+        if p.size == 0:
+            return
+        if p.source in self._currents:
+            self._currents.set_weights(projection, weights, self._step)
+            self._drives.changed()
+        order = self._a.synapses[projection].order
+        inner = weights[order] if order is not None and weights.size > 1 else weights
+        if projection in self._a.plastic_of:
+            k = self._a.plastic_of[projection]
+            self._copy.drop()
+            if self._a.plastic["table"][k, t.EAGER] == 0:
+                reading.bring_all(self._a, self._view, k, self._step)
+            first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
+            changed = slice(None) if chosen is None else chosen if order is None else chosen[order]
+            for kept in (self._a.plastic["y"][0], self._a.plastic["sent"]):
+                kept[first : first + p.size][changed] = np.broadcast_to(inner, p.size)[changed]
+            return
+        if self._a.net["pops"][p.target, t.RELAY] == 1:
+            self._kept[projection] = weights.copy()
+            return
+        if projection in self._a.moves_of:
+            self._a.plastic["move_y"][self._move_states(projection, "weight")] = inner
+        inner = p.arriving(inner)
+        if projections.own_weights(self._a):
+            self._pack()
+        first, stride = int(row[t.WEIGHT]), int(row[t.WEIGHT_STRIDE])
+        if first < 0 or (inner.size > 1 and stride == 0 and p.size > 1):
+            row[t.WEIGHT], row[t.WEIGHT_STRIDE] = self._a.net["weights"].size, int(inner.size > 1)
+            self._a.net["weights"] = np.concatenate([self._a.net["weights"], inner])
+            self._pack()
+        else:
+            self._a.net["weights"][first : first + (p.size if stride else 1)] = inner
+        if projection not in self._a.moves_of:
+            row[t.SIGN] = layout.sign(inner)
+        if projection in self._a.joined and row[t.LAG] > 0 and not self._a.parted:
+            joined_rows.part(self._a)
+            self._pack()

@@ -1,0 +1,329 @@
+"""Learning of one projection by spike pairs, eagerly: every synapse follows every event; and by moves.
+
+A synapse hears the spikes of its target after its delay, at once where the delay learns. So it keeps a K- of its own:
+the trace of the post spikes that have reached it, see `Traces`. By moves, eligibility is gathered step by step, and a
+signal teaches it at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core import keyed_random
+from neuro.model.synapses import Trace
+from neuro.model.synapses.base import DELAY, common
+from neuro.model.synapses.moves import MoveRule
+from neuro.program.program import Floats, Ints, Program
+from neuro_reference.projections import ReferenceProjection
+
+
+class PairLearning:
+    """States of the plastic synapses of one projection.
+
+    Attributes:
+        rule: the numbers of the synapse model, of all synapses or a row for each.
+        c: the constants that follow, a row for each synapse.
+        y: weight and states of every synapse.
+        back: steps after which a synapse hears a spike of its target.
+        sent: weight after the last pre spike, which `stdp` shows.
+        reached: step up to which a modulated synapse is integrated.
+        pre: traces of each source; post: of each synapse, of the post spikes that have reached it.
+        n, n_step: dopamine of each target at a step.
+        posts: post spikes on their way, (steps, synapse); doses: dopamine spikes on their way, (steps, target).
+    """
+
+    kept: ClassVar[tuple[str, ...]] = ("rule", "y", "sent", "reached", "n", "n_step", "posts", "doses")
+
+    def __init__(self, program: Program, wires: ReferenceProjection, tau_minus: Floats) -> None:
+        part = wires.part
+        self.wires, self.part, self.h = wires, part, program.resolution
+        self.arithmetic, self.modulated = part.synapse.arithmetic, part.synapse.modulated
+        self.n_source = program.populations[part.source].size
+        self.tau_minus: Floats = np.broadcast_to(tau_minus, wires.n_target)[wires.target]
+        self.grid = program.min_delay * int(part.synapse.parameters().get("deliver_interval", 1))
+        self.y: Floats = np.zeros((1 + len(part.synapse.states), len(wires.target)))
+        self.sent = wires.weights.copy()
+        self.y[0], self.y[1:] = self.sent, part.synapse.first_states()
+        self.delays = part.synapse.delays
+        if self.delays:
+            self.y[DELAY] = wires.delay * self.h
+        self.back = np.zeros_like(wires.delay) if self.delays else wires.delay
+        self.send = part.synapse.sends()
+        self.key = keyed_random.key(program.seed, "synapse", part.name)
+        self.rule = part.synapse.vector()
+        n, n_target = len(wires.target), wires.n_target
+        self.pre = Traces(part.synapse.pre, self._taus(part.synapse.pre), self.n_source, self.h)
+        self.pre.after[:] = part.synapse.first_traces()[:, None]
+        self.post = Traces(part.synapse.post, self._taus(part.synapse.post), n, self.h)
+        self.refresh()
+        self.reached: Ints = np.zeros(n, dtype=np.int64)
+        self.n: Floats = np.zeros(n_target)
+        self.n_step: Ints = np.zeros(n_target, dtype=np.int64)
+        self.posts: Ints = np.zeros((self.wires.slots, n), dtype=np.int64)
+        self.doses: Ints = np.zeros((self.part.dopamine_delay + 1, n_target), dtype=np.int64)
+
+    def emit_post(self, ids: Ints, multiplicity: Ints, step: int) -> None:
+        """Send spikes of the target to the synapses."""
+        emitted: Ints = np.zeros(self.wires.n_target, dtype=np.int64)
+        emitted[ids] = multiplicity
+        to = np.flatnonzero(emitted[self.wires.target])
+        self.posts[(step + self.back[to]) % len(self.posts), to] = emitted[self.wires.target[to]]
+
+    def emit_dopamine(self, ids: Ints, multiplicity: Ints, step: int) -> None:
+        """Send spikes of the dopamine population to the targets."""
+        place = (step + self.part.dopamine_delay) % len(self.doses)
+        if self.part.dopamine_one_to_one:
+            self.doses[place, ids] += multiplicity
+        else:
+            self.doses[place] += multiplicity.sum()
+
+    def arrive(self, step: int) -> None:
+        """What arrives in a step: dopamine first, then post spikes."""
+        place = step % len(self.doses)
+        for target in np.flatnonzero(self.doses[place]).tolist():
+            for e in np.flatnonzero(self.wires.target == target).tolist():
+                self._integrate(e, step)
+            dose = self.doses[place, target] / self.tau_n
+            self.n[target], self.n_step[target] = self._dopamine(target, step) + dose, step
+        self.doses[place] = 0
+        for e in np.flatnonzero(self.posts[step % len(self.posts)]).tolist():
+            self._integrate(e, step)
+            multiplicity = int(self.posts[step % len(self.posts), e])
+            pre = self.pre.at(self.wires.source[e], step)
+            for _ in range(multiplicity):
+                self.arithmetic.on_post(self.y, e, self.c[e], pre, self.post.at(e, step))
+                self.post.spike(e, step)
+        self.posts[step % len(self.posts)] = 0
+
+    def spike(self, source: int, step: int, nth: int) -> Floats:
+        """A pre spike emitted in `step`: the rule acts, then its traces grow; return the weights that are sent.
+
+        Args:
+            source: the neuron.
+            step: of its spike.
+            nth: how many it has emitted in this step before.
+        """
+        row, pre = self.wires.row(source), self.pre.at(source, step)
+        for e in range(row.start, row.stop):
+            self._integrate(e, step)
+            drawn: tuple[float, ...] = ()
+            if self.part.synapse.draws:
+                drawn = tuple(keyed_random.uniform(self.key, keyed_random.nth(step, nth), np.array([e])).tolist())
+            self.arithmetic.on_pre(self.y, e, self.c[e], pre, self.post.earlier(e, step), *drawn)
+        self.pre.spike(source, step)
+        self.sent[row] = self.y[0, row]
+        if self.delays:
+            self.wires.set_out(row, self.y[DELAY, row])
+        return np.array([self.send(self.y, e, self.c[e]) for e in range(row.start, row.stop)])
+
+    def signal(self, values: Floats, step: int) -> None:
+        """Set the dopamine of every target at the end of a step."""
+        self._bring(step)
+        self.n[:], self.n_step[:] = values, step
+
+    def set_rule(self, rule: Floats, step: int) -> None:
+        """Change the rule's numbers at the end of a step; what came before keeps the old ones."""
+        self._bring(step)
+        self.pre.bring(step)
+        self.post.bring(step)
+        self.n = np.array([self._dopamine(j, step) for j in range(self.wires.n_target)])
+        self.n_step[:] = step
+        self.rule = rule.copy()
+        self.refresh()
+
+    def set_weights(self, weights: Floats, step: int, where: slice | NDArray[np.bool_]) -> None:
+        """Replace the weights of some synapses at the end of a step."""
+        self._bring(step)
+        self.y[0, where] = weights[where]
+        self.sent[where] = weights[where]
+
+    def read(self, name: str, step: int) -> Floats:
+        """A state of every synapse at the end of a step; nothing is changed by it."""
+        if name == "K_plus":
+            return np.array([self.pre.at(i, step)[0] for i in self.wires.source])
+        if name == "n":
+            return np.array([self._dopamine(j, step) for j in self.wires.target])
+        if not self.modulated and name == "weight":
+            return self.sent.copy()
+        y, reached = self.y.copy(), self.reached.copy()
+        self._bring(step)
+        values = self.state(name).copy()
+        self.y, self.reached = y, reached
+        return values
+
+    def state(self, name: str) -> Floats:
+        """The weight or a state of every synapse as it was left."""
+        row = 0 if name == "weight" else 1 + [s.name for s in self.part.synapse.states].index(name)
+        values: Floats = self.y[row]
+        return values
+
+    def refresh(self) -> None:
+        """Work out the constants after a change of the rule."""
+        constants = self.part.synapse.constants_of(self.rule, self.h)
+        self.c: Floats = np.broadcast_to(constants, (len(self.wires.target), self.part.synapse.width))
+        self.tau_n = float(self._numbers().get("tau_n", math.inf))  # without one n is held
+        self.pre.taus = [np.broadcast_to(tau, self.n_source) for tau in self._taus(self.part.synapse.pre)]
+        self.post.taus = [np.broadcast_to(tau, len(self.wires.target)) for tau in self._taus(self.part.synapse.post)]
+
+    def _taus(self, traces: Sequence[Trace]) -> list[Floats]:
+        """The time constants of some traces, ms."""
+        own = {name: np.full(1, value) for name, value in self._numbers().items()}
+        return [own.get(trace.tau, self.tau_minus) if trace.tau else np.zeros(1) for trace in traces]
+
+    def _numbers(self) -> dict[str, float]:
+        """The rule's numbers by name, of those that all synapses share."""
+        return dict(zip(self.part.synapse.numbers(), common(self.rule).tolist(), strict=True))
+
+    def _bring(self, step: int) -> None:
+        for e in range(len(self.wires.target)):
+            self._integrate(e, step)
+
+    def _integrate(self, e: int, step: int) -> None:
+        """Let dopamine act on a synapse from where it was left up to a step."""
+        if not self.modulated or self.reached[e] == step:
+            return
+        begin = int(self.reached[e])
+        n = self._dopamine(self.wires.target[e], begin)
+        self.arithmetic.advance(self.y, e, self.c[e], begin, step, n, self.grid)
+        self.reached[e] = step
+
+    def _dopamine(self, target: int, step: int) -> float:
+        if not self.modulated:
+            return 0.0
+        passed = (step - self.n_step[target]) * self.h
+        return float(self.n[target] * math.exp(-passed / self.tau_n))
+
+
+NEVER = -1
+"""The step of the last spike where there was none."""
+
+
+class Traces:
+    """The traces of one side.
+
+    Args:
+        kinds: what the rule reads.
+        taus: the time constant of each in ms, one or one per place.
+        n: sources, or synapses.
+        h: length of a step in ms.
+
+    Attributes:
+        after: the values at step `since`, shape (traces, n).
+        before: the values just before the spikes of step `last`, the last that had any.
+    """
+
+    kept: ClassVar[tuple[str, ...]] = ("after", "before", "since", "last")
+
+    def __init__(self, kinds: Sequence[Trace], taus: Sequence[Floats], n: int, h: float) -> None:
+        self.kinds, self.h = kinds, h
+        self.after: Floats = np.zeros((len(kinds), n))
+        self.before: Floats = np.zeros((len(kinds), n))
+        self.since: Ints = np.zeros(n, dtype=np.int64)
+        self.last: Ints = np.full(n, NEVER, dtype=np.int64)
+        self.taus = [np.broadcast_to(tau, n) for tau in taus]
+
+    def at(self, place: int, step: int) -> tuple[float, ...]:
+        """The values at a step, of all spikes so far."""
+        values = []
+        for kind, after, taus in zip(self.kinds, self.after, self.taus, strict=True):
+            if not kind.tau:
+                values.append(float(step - self.last[place]) * self.h if self.last[place] != NEVER else math.inf)
+            else:
+                passed, tau = (step - self.since[place]) * self.h, taus[place]
+                values.append(float(after[place] * math.exp(-passed / tau)) if tau > 0.0 else 0.0)
+        return tuple(values)
+
+    def earlier(self, place: int, step: int) -> tuple[float, ...]:
+        """The values at a step, of the spikes strictly before it."""
+        if self.last[place] == step:
+            return tuple(float(self.before[k, place]) for k in range(len(self.kinds)))
+        return self.at(place, step)
+
+    def spike(self, place: int, step: int) -> None:
+        """A spike at a step, after all that came before."""
+        values = self.at(place, step)
+        if self.last[place] != step:
+            self.before[:, place] = values
+        for k, (kind, value) in enumerate(zip(self.kinds, values, strict=True)):
+            self.after[k, place] = kind.adds if kind.nearest else kind.adds + value
+        self.since[place] = self.last[place] = step
+
+    def bring(self, step: int) -> None:
+        """Let all decay to a step, as before their time constants change."""
+        for place in range(len(self.since)):
+            self.after[:, place], self.since[place] = self.at(place, step), step
+
+
+class MoveLearning:
+    """States of the synapses of one projection that learn by moves.
+
+    Attributes:
+        rule: the numbers of the synapse model.
+        y: weight and states of every synapse.
+        x: the pre traces of each source, (traces, sources).
+        came: spikes of each source that arrive in the present step.
+        gate: of each target.
+    """
+
+    kept: ClassVar[tuple[str, ...]] = ("rule", "y", "x", "came", "gate")
+
+    def __init__(self, program: Program, wires: ReferenceProjection) -> None:
+        part = wires.part
+        assert isinstance(part.synapse, MoveRule)
+        self.wires, self.part, self.h, self.model = wires, part, program.resolution, part.synapse
+        states = [state.name for state in program.populations[part.target].model.states]
+        self.seen_row = states.index(self.model.sees) if self.model.sees else -1
+        self.y: Floats = np.zeros((1 + len(part.synapse.states), len(wires.target)))
+        self.y[0], self.y[1:] = wires.weights, part.synapse.first_states()
+        n_source = program.populations[part.source].size
+        self.x: Floats = np.zeros((len(part.synapse.pre), n_source))
+        self.came: Ints = np.zeros(n_source, dtype=np.int64)
+        self.gate: Floats = np.ones(wires.n_target)
+        self.rule = part.synapse.vector()
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Work out the constants after a change of the rule."""
+        self.c: Floats = self.part.synapse.constants_of(self.rule, self.h)
+        numbers = dict(zip(self.part.synapse.numbers(), common(self.rule).tolist(), strict=True))
+        self.left: Floats = np.exp([[-self.h / numbers[trace.tau]] for trace in self.part.synapse.pre])
+        self.adds: Floats = np.array([[trace.adds] for trace in self.part.synapse.pre])
+        self.x_min = numbers["x_min"]
+
+    def gather(self, ids: Ints, multiplicity: Ints, states: Floats) -> None:
+        """Let a step of the target, in which some of its neurons spiked, add to the eligibility.
+
+        Args:
+            ids: the neurons that spiked.
+            multiplicity: how often each.
+            states: of all neurons, as the step has left them.
+        """
+        self.x *= self.left
+        self.x[:, np.all(np.abs(self.x) < self.x_min, axis=0)] = 0.0
+        self.x += self.adds * self.came
+        self.came[:] = 0
+        spikes: Ints = np.zeros(self.wires.n_target, dtype=np.int64)
+        spikes[ids] = multiplicity
+        seen = states[self.seen_row] if self.model.sees else np.zeros(self.wires.n_target)
+        sources, targets = np.flatnonzero(self.x.any(axis=0)), np.flatnonzero((spikes != 0) | (seen != 0.0))
+        concerned = np.isin(self.wires.source, sources) & np.isin(self.wires.target, targets)
+        for e in np.flatnonzero(concerned).tolist():
+            i, pre = self.wires.target[e], tuple(self.x[:, self.wires.source[e]].tolist())
+            self.model.arithmetic.gather(self.y, e, self.c, pre, float(spikes[i]), float(seen[i]), float(self.gate[i]))
+
+    def teach(self, values: Floats) -> None:
+        """Let a signal act that is set at the end of a step."""
+        for e in np.flatnonzero(self.y[1:].any(axis=0)).tolist():
+            self.model.arithmetic.teach(self.y, e, self.c, float(values[self.wires.target[e]]))
+        self.wires.weights[:] = self.y[0]
+
+    def state(self, name: str) -> Floats:
+        """The row of the weight or of a state of every synapse."""
+        row = 0 if name == "weight" else 1 + [s.name for s in self.part.synapse.states].index(name)
+        values: Floats = self.y[row]
+        return values

@@ -1,0 +1,191 @@
+"""A program in a chip's integers, the report of what quantising made of it, and how full its input registers become."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.chips.description import Chip
+from neuro.chips.fixed import FixedPopulation, FixedProjection
+from neuro.chips.known import arithmetic_of
+from neuro.core.tables import aligned
+from neuro.program.backend import Problem
+from neuro.program.program import Floats, Program
+
+POPULATIONS = ("population", "neurons", "is a", "units per mV", "quantity", "described", "on the chip", "error")
+PROJECTIONS = ("projection", "weights", "bits", "signs", "scale", "a step", "delay", "become 0", "largest error", "rms")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FixedProgram:
+    """A whole program in a chip's integers.
+
+    Attributes:
+        chip: what it was made for.
+        program: what it was made from.
+        populations, projections: in the order of the program; a projection that carries a current, or that could not
+            be brought into integers, is None.
+        problems: what is refused, and what is approximated beyond the stated limits.
+        notes: what the host does for the chip, and other things to know.
+    """
+
+    chip: Chip
+    program: Program
+    populations: tuple[FixedPopulation, ...]
+    projections: tuple[FixedProjection | None, ...]
+    problems: tuple[Problem, ...]
+    notes: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """The report as a text."""
+        return report(self)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The report for JSON."""
+        return {
+            "chip": self.chip.name,
+            "populations": {
+                part.name: {
+                    "kind": part.kind,
+                    "units_per_mV": part.volt,
+                    "rounding": {
+                        r.quantity: {"unit": r.unit, "wanted": r.wanted, "got": r.got, "error": r.error}
+                        for r in part.rounding
+                    },
+                }
+                for part in self.populations
+            },
+            "projections": {
+                part.name: {
+                    "exponent": part.exponent,
+                    "sign_mode": part.sign_mode,
+                    "bits": part.bits,
+                    "step": float(part.step.max()),
+                    "delay": [int(part.delay.min(initial=0)), int(part.delay.max(initial=0))],
+                    "saturated": part.rounding.saturated,
+                    "zeroed": part.rounding.zeroed,
+                    "largest_error": part.rounding.worst,
+                    "rms_error": part.rounding.rms,
+                }
+                for part in self.projections
+                if part is not None
+            },
+            "notes": list(self.notes),
+        }
+
+
+def report(fixed: FixedProgram) -> str:
+    """What quantising made of a program: a table of populations, one of projections, and notes."""
+    lines = [f"network '{fixed.program.name}' in the integers of {fixed.chip.title}"]
+    for head, rows in ((POPULATIONS, _populations(fixed)), (PROJECTIONS, _projections(fixed))):
+        if body := list(rows):
+            lines += ["", *aligned([head, *body])]
+    if fixed.notes:
+        lines += ["", "notes", *(f"  - {note}" for note in fixed.notes)]
+    return "\n".join(lines)
+
+
+def _populations(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
+    for part, cells in zip(fixed.program.populations, fixed.populations, strict=True):
+        if cells.kind in ("source", "current"):
+            continue
+        scaled = f"{cells.volt:.6g}" if cells.rounding else "-"
+        own = (part.name, f"{part.size:,}", cells.kind, scaled)
+        rows = [
+            (r.quantity, f"{r.wanted:.6g} {r.unit}", f"{r.got:.6g} {r.unit}", _share(r.error, signed=True))
+            for r in cells.rounding
+        ] or [("-",) * 4]
+        for k, row in enumerate(rows):
+            yield (*(own if k == 0 else ("",) * 4), *row)
+
+
+def _projections(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
+    told_scale = arithmetic_of(fixed.chip).told_scale
+    for part, wires in zip(fixed.program.projections, fixed.projections, strict=True):
+        if wires is None:
+            continue
+        lost, described, register = wires.rounding, _range(part.delay), _range(wires.delay)
+        yield (
+            part.name,
+            f"{part.size:,}",
+            str(wires.bits),
+            wires.sign_mode or "either",
+            told_scale(fixed.populations[part.target], wires),
+            _range(wires.step),
+            described if described == register else f"{described} as {register}",
+            _share(lost.zeroed),
+            _share(lost.worst),
+            _share(lost.rms),
+        )
+
+
+def _range(values: npt.NDArray[Any]) -> str:
+    low, high = values.min(), values.max()
+    return f"{low:.5g}" if low == high else f"{low:.5g}..{high:.5g}"
+
+
+def _share(error: float, signed: bool = False) -> str:
+    if error == 0.0:
+        return "0"
+    if abs(error) < 5e-5:
+        return "< 0.01%"
+    return f"{error:+.2%}" if signed else f"{error:.2%}"
+
+
+Spikes = Mapping[str, npt.NDArray[np.floating]]
+
+
+def filled(fixed: FixedProgram, spikes: Spikes) -> dict[str, float]:
+    """The largest share of its registers that the input of a population takes, in any neuron and step.
+
+    1 or more wraps. Weights count as they are now, and delays as they are now.
+
+    Args:
+        fixed: a quantised program.
+        spikes: by population how many each neuron emits in each step, (recordings, steps, neurons); none of those that
+            are left out.
+
+    Returns:
+        By population that spikes reach; empty on chips whose slots saturate.
+    """
+    program, arithmetic = fixed.program, arithmetic_of(fixed.chip)
+    if arithmetic.receptors == 2:  # their slots saturate
+        return {}
+    found = {}
+    for target, cells in enumerate(fixed.populations):
+        onto = [k for k, part in enumerate(program.projections) if part.target == target]
+        sums = [_sums(fixed, k, wires, spikes) for k in onto if (wires := fixed.projections[k]) is not None]
+        arriving = [one for one in sums if one is not None]
+        if arriving:
+            found[cells.name] = arithmetic.filled(cells, np.sum(arriving, axis=0))
+    return found
+
+
+def _sums(fixed: FixedProgram, index: int, wires: FixedProjection, spikes: Spikes) -> Floats | None:
+    """What a projection brings in each step, (recordings, steps, neurons) in words; None without spikes."""
+    from scipy.sparse import csr_array
+
+    program = fixed.program
+    part = program.projections[index]
+    source, target = program.populations[part.source], program.populations[part.target]
+    emitted = spikes.get(source.name)
+    if emitted is None or not part.size:
+        return None
+    batch, steps, _ = emitted.shape
+    pre, post, place = program.synapses(index)
+    words = np.broadcast_to(wires.words, max(wires.words.size, int(place.max()) + 1))[place].astype(np.float64)
+    lags = np.broadcast_to(wires.lag, max(wires.lag.size, int(place.max()) + 1))[place]
+    rows = csr_array(emitted.reshape(batch * steps, -1).astype(np.float64))
+    found = np.zeros((batch, steps, target.size))
+    for lag in np.unique(lags):
+        here = lags == lag
+        table = csr_array((words[here], (pre[here], post[here])), shape=(source.size, target.size))
+        dense = table.nnz > source.size * target.size // 8
+        brought = rows @ (table.toarray() if dense else table)
+        brought = (brought if dense else brought.toarray()).reshape(batch, steps, -1)
+        found[:, lag:] += brought[:, : steps - lag]
+    return found

@@ -1,1 +1,0 @@
-"""Loihi 1's arithmetic: registers, weight words, and rules of its learning engine."""

@@ -1,0 +1,421 @@
+"""From `stdp` and `stdp_dopa` to the scales, impulses and rules of Loihi's learning engine.
+
+A trace that rises by `impulse` i stands for K = trace / i; a scale S = m 2^e makes S i the change by one pair, in
+mantissas. Impulses of up to 31 leave room for K = 4 in 7 bits. With dopamine the tag holds the eligibility, 16 to 31
+for the largest pair; r1 and r2 hold the positive and the negative part of n, and the weight moves in every 2^k-th step.
+
+A post spike reaches a float synapse after its delay of D >= 1 steps, on the chip at once. A pair in one step is then
+causal on both, but the window of the float model begins one step later: A_plus exp(-h / tau_plus) and A_minus give both
+windows the float model's areas, so that uncorrelated spikes drift alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from neuro.chips.description import Chip
+from neuro.chips.fixed import FixedProjection
+from neuro.chips.inputs import LEARN_ELSEWHERE, Options, approximated, foreign, refused
+from neuro.core.errors import ModelError
+from neuro.model.neurons import parrot_neuron
+from neuro.model.synapses import Synapse, loihi_learning, stdp, stdp_dopa
+from neuro.model.synapses.loihi_rule import (
+    FRACTION_BITS,
+    KEEP,
+    LARGEST_CONSTANT,
+    LARGEST_EXPONENT,
+    LARGEST_U,
+    MANTISSA_BITS,
+    PRODUCT_BITS,
+    TRACE_MAX,
+    WIDTHS,
+    Factor,
+    LearningRule,
+    Term,
+    Trace,
+)
+from neuro.program.backend import Problem
+from neuro.program.program import Program
+
+LARGEST_IMPULSE = 31
+"""Leaves room for four spikes in 7 bits."""
+SMALLEST_UPDATE = 2.0**-FRACTION_BITS
+"""A change by less than this many mantissas is cut to nothing: mappings are refused below it."""
+COARSE_UPDATE = 16 * SMALLEST_UPDATE
+"""Below this many mantissas cutting loses up to 6 % of a change, or a trace has less than 16 levels: a warning."""
+_MANTISSAS = (1, 3, 5, 7)
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """An impulse and a scale mantissa 2^exponent; `value` is their product."""
+
+    impulse: int
+    mantissa: int
+    exponent: int
+
+    @property
+    def value(self) -> float:
+        """What one spike makes of it."""
+        return self.impulse * self.mantissa * 2.0**self.exponent
+
+
+def nearest_fit(change: float, bits: int, what: str) -> Fit:
+    """Impulse and scale whose product is nearest to a change; of those within 1 % the one with the largest impulse.
+
+    Raises:
+        ModelError: none is within a quarter.
+    """
+    lowest = -FRACTION_BITS - max(0, bits - PRODUCT_BITS)
+    found = []
+    for impulse in range(1, LARGEST_IMPULSE + 1):
+        for mantissa in _MANTISSAS:
+            exponent = round(math.log2(change / (impulse * mantissa)))
+            fit = Fit(impulse, mantissa, min(LARGEST_EXPONENT, max(lowest, exponent)))
+            off = abs(fit.value / change - 1.0)
+            found.append(((off > 0.01, off if off > 0.01 else -impulse, mantissa), fit, off))
+    _, fit, off = min(found, key=lambda entry: entry[0])
+    if off > 0.25:
+        raise too_small(what, change) if fit.value > change else too_large(what, change)
+    return fit
+
+
+def signal_fit(gain: float, largest_n: float, b: float) -> tuple[Fit, float]:
+    """A scale and the unit of r1 and r2 that makes it exact, so that `largest_n` fits 7 bits.
+
+    Of the units up to four times the smallest one that does, the one of which `b` is most nearly a whole number.
+    """
+    lowest = -FRACTION_BITS - (WIDTHS["t"] + WIDTHS["r1"] + MANTISSA_BITS - PRODUCT_BITS)
+    units = [
+        (mantissa * 2.0**exponent / gain, mantissa, exponent)
+        for mantissa in _MANTISSAS
+        for exponent in range(lowest, LARGEST_EXPONENT + 1)
+    ]
+    fitting = [unit for unit in units if unit[0] * TRACE_MAX >= largest_n]
+    if not fitting:
+        raise too_large("stdp_dopa: dopamine", largest_n * gain)
+    finest = min(fitting)[0]
+    n_scale, mantissa, exponent = min(
+        (unit for unit in fitting if unit[0] <= 4 * finest), key=lambda u: (abs(round(b / u[0]) * u[0] - b), u[0])
+    )
+    return Fit(0, mantissa, exponent), n_scale
+
+
+def fading(tau: float) -> tuple[tuple[Term, ...], str]:
+    """Products by which a tag decays with a time constant in steps: a share of 128ths in every 2^k-th step."""
+    found = []
+    for every in range(LARGEST_U + 1):
+        share = 1.0 - math.exp(-(2**every) / tau)
+        part = max(1, round(share * 128))
+        if share <= 0.25 or every == 0:
+            found.append((abs(-(2**every) / math.log1p(-min(part, 127) / 128) / tau - 1.0), every, min(part, 127)))
+    near = [entry for entry in found if entry[0] <= 0.01]
+    off, every, part = near[0] if near else min(found)
+    bits = [1 << k for k in range(7) if part >> k & 1]
+    terms = tuple(Term(-1, bit.bit_length() - 8, "u", every, (Factor("t"),)) for bit in bits)
+    return terms, f"the eligibility loses {part}/128 {_period(every)}: tau_c is {off:.1%} off"
+
+
+def too_small(what: str, change: float) -> ModelError:
+    """The error for a change that the accumulator cannot hold."""
+    return ModelError(
+        f"{what}: a change of {change:.3g} mantissas cannot be represented: the smallest is {SMALLEST_UPDATE:.3g}",
+        hint="a smaller weight scale (weight exponent) or a larger step size of the rule",
+    )
+
+
+def too_large(what: str, change: float) -> ModelError:
+    """The error for a change beyond the accumulator."""
+    return ModelError(
+        f"{what}: a change of {change:.3g} mantissas does not fit the accumulator",
+        hint="a larger weight scale (weight exponent) or a smaller step size of the rule",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Mapped:
+    """A rule of the chip that stands for a float synapse model.
+
+    Attributes:
+        rule: the rule.
+        approximations: what differs, one sentence each.
+        update: size of one change of the weight in mantissas: by one pair; for `stdp_dopa` in one application, after
+            one pair, at the largest n or at that of one dopamine spike. Below `COARSE_UPDATE` it is worth a warning.
+        n_scale: dopamine in 1/ms of one unit of r1 and r2; 0 without dopamine.
+    """
+
+    rule: LearningRule
+    approximations: tuple[str, ...]
+    update: float
+    n_scale: float = 0.0
+
+
+def rule_of(
+    synapse: Synapse,
+    resolution_ms: float,
+    tau_minus: float,
+    weight_scale: float,
+    weight_bits: int = 8,
+    *,
+    delay: int = 1,
+    largest_n: float = 1.0,
+) -> Mapped:
+    """The rule that does on Loihi what a float synapse model does.
+
+    Args:
+        synapse: a `stdp` or `stdp_dopa`.
+        resolution_ms: length of a step in ms.
+        tau_minus: time constant of the target's K- in ms.
+        weight_scale: weight, in its unit, of one mantissa.
+        weight_bits: bits of a weight, for the messages.
+        delay: delay of the projection in steps.
+        largest_n: largest |n| that a signal will set, in 1/ms.
+
+    Raises:
+        ModelError: the chip cannot do it; the hint is a way out.
+    """
+    if isinstance(synapse, stdp_dopa):
+        mapped = _dopamine(synapse, resolution_ms, tau_minus, weight_scale, largest_n)
+    elif isinstance(synapse, stdp):
+        mapped = _pairs(synapse, resolution_ms, tau_minus, weight_scale)
+    else:
+        raise ModelError(
+            "the learning engine runs stdp, stdp_dopa and loihi_learning",
+            hint="run it on event, or send static weights: sim.network() has what was learnt",
+        )
+    shared = [
+        f"weights have {weight_bits} bits and change by whole steps, stochastically rounded from 2^-7 of a mantissa",
+        f"traces are 7-bit: K above {TRACE_MAX / LARGEST_IMPULSE:.3g} saturates; their decay is stochastically rounded",
+        f"a post spike reaches its synapses at once, not after the delay ({delay} steps): the windows of pairs are "
+        "shifted by it and keep their areas",
+        "several spikes of a neuron in one step are one",
+    ]
+    return Mapped(mapped.rule, (*mapped.approximations, *shared), mapped.update, mapped.n_scale)
+
+
+def _period(every: int) -> str:
+    """Return "every step" for 0, "every 32 steps" for 5."""
+    return f"every {2**every} steps" if every else "every step"
+
+
+def _pairs(p: stdp, h: float, tau_minus: float, scale: float) -> Mapped:
+    for word, mu in (("mu_plus", p.mu_plus), ("mu_minus", p.mu_minus)):
+        if mu not in (0.0, 1.0):
+            raise ModelError(
+                f"stdp.{word} = {mu:g}: expected 0 or 1, which are sums of products on the chip",
+                hint=f"{word}: {round(min(mu, 1.0))} is nearest",
+                path=(word,),
+            )
+    top = p.Wmax / scale
+    bound = _bound("stdp.Wmax", p.Wmax, scale)
+    more: tuple[Factor, ...] = (Factor("w", -bound),) if p.mu_plus else ()
+    less: tuple[Factor, ...] = (Factor("w"),) if p.mu_minus else ()
+    plus, minus = p.lambda_ * (1.0 if p.mu_plus else top), p.alpha * p.lambda_ * (1.0 if p.mu_minus else top)
+    terms, traces, notes = _sides(
+        (plus * math.exp(-h / p.tau_plus), more, -1 if p.mu_plus else 1),
+        (minus, less, -1),
+        (p.tau_plus / h, tau_minus / h),
+        "stdp.lambda",
+    )
+    if not math.isclose(bound, top, rel_tol=1e-9):
+        notes += (f"Wmax = {p.Wmax:g} is {top:.5g} mantissas, taken as {bound}",)
+    if not p.mu_plus:
+        notes += (f"potentiation stops at the largest mantissa, {255 * scale:g}, not at Wmax = {p.Wmax:g}",)
+    if p.mu_plus or p.mu_minus:
+        notes += ("changes that depend on the weight are cut towards 0 to 2^-7 of a mantissa",)
+    return Mapped(LearningRule(terms, traces=traces), notes, p.lambda_ * top)
+
+
+def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n: float) -> Mapped:
+    if p.A_plus == p.A_minus == 0.0:
+        raise ModelError("stdp_dopa.A_plus = A_minus = 0: nothing to learn", path=("A_plus",))
+    one = _tag_of_one(abs(p.A_plus) * math.exp(-h / p.tau_plus), abs(p.A_minus))
+    dt, traces, notes = _sides(
+        (p.A_plus * one * math.exp(-h / p.tau_plus), (), 1),
+        (p.A_minus * one, (), -1),
+        (p.tau_plus / h, tau_minus / h),
+        "stdp_dopa.A_plus",
+    )
+    fade, factor = fading(p.tau_c / h)
+    every = max(0, min(LARGEST_U, math.floor(math.log2(max(1.0, min(p.tau_c, p.tau_n) / h / 8)))))
+    gain = 2.0**every * h / one / scale  # mantissas in one application, of one tag unit at n = 1/ms
+    if p.dopamine is None:
+        fit, n_scale = signal_fit(gain, largest_n, p.b)
+    else:
+        fit = nearest_fit(gain / p.tau_n, MANTISSA_BITS + WIDTHS["t"] + WIDTHS["r1"], "stdp_dopa.A_plus")
+        n_scale = 1.0 / p.tau_n / fit.impulse
+        notes += (f"dopamine of one spike is {fit.value * p.tau_n / gain - 1:+.1%} off",)
+    baseline = round(p.b / n_scale)
+    if abs(baseline) > LARGEST_CONSTANT:
+        raise ModelError(
+            f"stdp_dopa.b = {p.b:g}: {baseline} units of {n_scale:.3g}: expected at most {LARGEST_CONSTANT}",
+            path=("b",),
+        )
+    moving = (Factor("t"), Factor("r1", -baseline)), (Factor("t"), Factor("r2"))
+    dw = tuple(
+        Term(sign * fit.mantissa, fit.exponent, "u", every, part) for sign, part in zip((1, -1), moving, strict=True)
+    )
+    keep = Trace.exponential(0, p.tau_n / h)
+    traces |= {"r1": Trace(fit.impulse, keep.numerator, KEEP), "r2": keep}
+    notes += (
+        factor,
+        f"n is r1 - r2 in units of {n_scale:.4g} 1/ms, 7 bits each; b = {p.b:g} is {baseline * n_scale:.4g}",
+        f"the eligibility is a 9-bit tag, {one:.4g} for each of its units; beyond {255 / one:.4g} it saturates",
+        f"the weight moves {_period(every)} by c (n - b), cut towards 0 to 2^-7 of a mantissa",
+        f"the chip clips at 0 and 255 mantissas ({255 * scale:g}), not at Wmin = {p.Wmin:g} and Wmax = {p.Wmax:g}",
+    )
+    update = gain * one * max(abs(p.A_plus), abs(p.A_minus)) * (largest_n if p.dopamine is None else 1.0 / p.tau_n)
+    if update < SMALLEST_UPDATE:
+        raise too_small("stdp_dopa", update)
+    return Mapped(LearningRule(dw, (*dt, *fade), traces), notes, update, n_scale)
+
+
+def _tag_of_one(plus: float, minus: float) -> float:
+    """Units of the tag for an eligibility of 1: the larger side is some whole impulse, the other one nearly exact."""
+    larger, smaller = max(plus, minus), min(plus, minus)
+    sizes = [impulse / larger for impulse in range(LARGEST_IMPULSE // 2 + 1, LARGEST_IMPULSE + 1)]
+    if smaller == 0.0:
+        return sizes[-1]
+    bits = MANTISSA_BITS + WIDTHS["x1"]
+    return min(
+        sizes, key=lambda one: abs(nearest_fit(smaller * one, bits, "stdp_dopa.A_minus").value / one / smaller - 1)
+    )
+
+
+def _sides(
+    plus: tuple[float, tuple[Factor, ...], int],
+    minus: tuple[float, tuple[Factor, ...], int],
+    taus: tuple[float, float],
+    what: str,
+) -> tuple[tuple[Term, ...], dict[str, Trace], tuple[str, ...]]:
+    """Products, traces and notes of potentiation (y0 x1) and depression (x0 (y1 - y2)); y2 is a spike of this step.
+
+    Each side is its change by one pair, the factors beside its trace, and its sign; `taus` are in steps.
+    """
+    terms: list[Term] = []
+    traces: dict[str, Trace] = {}
+    notes: list[str] = []
+    for (change, more, sign), gate, trace, tau in zip((plus, minus), ("y0", "x0"), ("x1", "y1"), taus, strict=True):
+        if change == 0.0:
+            continue
+        if change < 0.0:
+            change, sign = -change, -sign
+        fit = nearest_fit(change, MANTISSA_BITS + WIDTHS[trace] + sum(WIDTHS[f.name] for f in more), what)
+        terms.append(Term(sign * fit.mantissa, fit.exponent, gate, 0, (Factor(trace), *more)))
+        traces[trace] = Trace.exponential(fit.impulse, tau)
+        if trace == "y1":
+            terms.append(Term(-sign * fit.mantissa, fit.exponent, gate, 0, (Factor("y2"), *more)))
+            traces["y2"] = Trace(fit.impulse, 0, 1)
+        off = fit.value / change - 1
+        if abs(off) > 1e-3:
+            notes.append(f"{'potentiation' if gate == 'y0' else 'depression'} is {off:+.1%} off")
+    return tuple(terms), traces, tuple(notes)
+
+
+def _bound(what: str, weight: float, scale: float) -> int:
+    bound = round(weight / scale)
+    if not 0 < bound <= LARGEST_CONSTANT:
+        raise ModelError(
+            f"{what} = {weight:g}: {bound} mantissas of {scale:g}: expected 1 to {LARGEST_CONSTANT}",
+            hint="change the weight exponent of the projection",
+        )
+    return bound
+
+
+FRACTIONS = 256
+"""Parts of a step that a tag tells apart: -128 to 127 of them, so that the register is the nearest whole step."""
+
+LARGEST_SIGNAL = 4.0
+"""Dopamine that a signal may set, in those of one dopamine spike, 1/tau_n, where the option `signals` says nothing."""
+
+
+def give_rules(program: Program, chip: Chip, wires: dict[int, FixedProjection], options: Options) -> Iterator[Problem]:
+    """Give rules to the projections that learn on the chip; tell what is refused and what is approximated.
+
+    Args:
+        program: the whole network.
+        chip: for which it is quantised.
+        wires: the projections in words, by index; those that learn are replaced.
+        options: largest dopamine by projection.
+    """
+    for index, part in enumerate(program.projections):
+        synapse = part.synapse
+        if (problem := foreign(program, chip, index) or _no_rule(program, index)) is not None:
+            yield problem
+        elif isinstance(synapse, loihi_learning) and index in wires:
+            wires[index] = replace(wires[index], rule=synapse.rule())
+        elif synapse.delays and index in wires:
+            yield _delays(program, index)
+        elif synapse.learns == "pairs" and index in wires:
+            try:
+                mapped = _mapped(program, index, wires[index], options)
+            except ModelError as error:
+                yield refused(part, synapse.name, error.message, error.hint)
+                continue
+            wires[index] = replace(wires[index], rule=mapped.rule, n_scale=mapped.n_scale)
+            differs = "".join(f"\n    - {text}" for text in mapped.approximations)
+            yield approximated(part, synapse.name, f"the chip's learning engine runs it otherwise:{differs}")
+            if mapped.update < COARSE_UPDATE:
+                why = (
+                    f"a change is {mapped.update:.2g} of a weight step: below {COARSE_UPDATE:g} much of it is cut away"
+                )
+                yield approximated(part, synapse.name, why, "learn faster, or lower Wmax, which sets the weight step")
+
+
+def _delays(program: Program, index: int) -> Problem:
+    """What a rule for delays becomes on the chip; a synapse that has other traces than times cannot be there."""
+    part = program.projections[index]
+    traces = (*part.synapse.pre, *part.synapse.post) if part.synapse.learns == "pairs" else ()
+    if any(trace.tau for trace in traces) or len(traces) > 2:
+        return refused(part, part.synapse.name, "of spikes the host knows when the last ones were", LEARN_ELSEWHERE)
+    when = "times of spikes, which its learning engine has not" if traces else "the ends of trials"
+    kept = f"delays are whole steps in the register and 1/{FRACTIONS} of a step in the tag"
+    return approximated(part, part.synapse.name, f"{kept}; the host changes them by {when}")
+
+
+def _no_rule(program: Program, index: int) -> Problem | None:
+    """Why a synapse model cannot be onto these neurons; None if it can."""
+    part = program.projections[index]
+    synapse, target = part.synapse, program.populations[part.target].model
+    if isinstance(target, parrot_neuron) and synapse.learns in ("pairs", "chip"):
+        why = "the host relays the spikes of parrots, so there is no weight to learn"
+        way = "learn at the next projection"
+    elif synapse.chip and not target.chip and not isinstance(target, parrot_neuron):
+        why, way = f"its weights are mantissas, but {target.name} has mV and pA", "use static or stdp, or a loihi_lif"
+    elif words := synapse.of_each():
+        why = f"{', '.join(words)} of each synapse: a rule of the chip is one for the whole projection"
+        way = "give all synapses one number, split the projection, or run on event"
+    elif synapse.learns == "pairs" and target.chip:
+        why, way = f"its weights are in mV or pA, but {target.name} has registers", "use loihi_learning"
+    else:
+        return None
+    return refused(part, synapse.name, why, way)
+
+
+def _mapped(program: Program, index: int, wires: FixedProjection, options: Options) -> Mapped:
+    """The rule of the learning engine for a projection.
+
+    Raises:
+        ModelError: there is none.
+    """
+    part = program.projections[index]
+    numbers = part.synapse.parameters()
+    tau_minus = program.populations[part.target].parameters["tau_minus"]
+    if wires.step.size > 1 or tau_minus.size > 1:
+        raise ModelError("the target's neurons differ: a rule is one for the whole projection")
+    if wires.sign_mode != "excitatory":
+        raise ModelError(
+            f"weights in sign mode {wires.sign_mode}: expected Wmin >= 0 and weights >= 0",
+            hint="set Wmin: 0" if "Wmin" in numbers else "backend 'event' runs it",
+        )
+    return rule_of(
+        part.synapse,
+        program.resolution,
+        float(tau_minus[0]),
+        float(wires.step[0]),
+        wires.bits,
+        delay=int(part.delay.max(initial=1)),
+        largest_n=float(options.of("signals", part.name) or LARGEST_SIGNAL / numbers.get("tau_n", 1.0)),
+    )

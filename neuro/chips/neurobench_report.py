@@ -1,0 +1,222 @@
+"""A run in the words of the NeuroBench harness 2.3, and beside them what it does not measure.
+
+The harness hooks into torch modules; the same numbers follow from counters. `connection_sparsity`,
+`activation_sparsity`, `synaptic_operations` and, where potentials are given, `membrane_updates` and `neuron_ops` are
+its metrics by its definitions. All that is counted is per sample.
+
+Source: NeuroBench 2.3.0, `neurobench/metrics`; Yik et al., Nature Communications 16:1545, 2025.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from neuro.chips.energy import STATIC, Energy, sourced
+from neuro.chips.incoming import dense_size, fan_out, spiking
+from neuro.core.errors import ModelError
+from neuro.program.backend import EngineCounts
+from neuro.program.counts import Tally
+from neuro.program.program import Floats, Program
+
+if TYPE_CHECKING:
+    from neuro.chips.placing import Placement
+
+OPS = {"iaf_psc_delta": 4, "iaf_psc_exp": 8, "cuba_lif": 8, "iaf_psc_alpha": 24}
+"""Operations per membrane update, as NeuroBench counts them for snnTorch's Leaky, Synaptic and Alpha, reset to 0."""
+
+_COSTS = {
+    "synaptic_op": "synop",
+    "mac": "synop",
+    "neuron_update_active": "neuron",
+    "neuron_update_inactive": "neuron",
+    "spike_in_tile": "route",
+    "hop_east_west": "route",
+    "hop_north_south": "route",
+    "packet": "route",
+    "learning_update": "learn",
+    "weight_write": "learn",
+    STATIC: "static",
+}
+
+
+def neurobench(
+    program: Program,
+    counts: EngineCounts,
+    *,
+    samples: int = 1,
+    steps: int | None = None,
+    weights: Sequence[Floats] | None = None,
+    potentials: Mapping[str, Floats] | None = None,
+    stride_s: float | None = None,
+    placement: Placement | None = None,
+    energy: Energy | None = None,
+) -> dict[str, Any]:
+    """A run as NeuroBench would report it, ready for JSON.
+
+    Args:
+        program: what ran.
+        counts: of the run.
+        samples: how many samples it presented.
+        steps: of one sample; all steps / samples if not given. The harness passes a spike through all layers in one
+            step, so a sample of 20 takes 22 steps here if two layers have a delay of 1: then say 20.
+        weights: of each projection, as they were; those of the program if not given.
+        potentials: V_m of populations by name, shape (samples, steps, neurons), at the end of each step. Only with
+            those of all neurons are `membrane_updates` and `neuron_ops.effective` known, else they are None.
+        stride_s: time between two executions of the model in s, which its author declares.
+        placement: where the neurons lie on a chip, for `hops`.
+        energy: the bill of the run, for `energy_j` and `table_source`.
+
+    Raises:
+        ModelError: the samples take more steps than there were, or potentials are of another shape.
+    """
+    steps = _steps(counts.steps, samples, steps)
+    weights = [part.weight for part in program.projections] if weights is None else weights
+    report = _Report(program, counts, samples, steps, weights)
+    updates = None if potentials is None else report.membrane_updates(potentials)
+    items = () if energy is None else energy.items
+    return {
+        "footprint_bytes": report.footprint(),
+        "parameter_count": sum(part.size for part in program.projections),
+        "connection_sparsity": report.connection_sparsity(),
+        "activation_sparsity": report.activation_sparsity(),
+        "synaptic_operations": report.synaptic_operations(),
+        "membrane_updates": None if updates is None else sum(updates.values()) / samples,
+        "membrane_updates_dense": report.dense_updates / samples,
+        "membrane_updates_performed": report.tally.neuron_updates_active / samples,
+        "neuron_ops": report.neuron_ops(updates),
+        "model_execution_rate_hz": None if stride_s is None else 1.0 / stride_s,
+        "spikes": report.spikes(),
+        "weight_writes": report.tally.learning_updates / samples,
+        "packets": report.packets(),
+        "hops": None if placement is None else report.hops(placement),
+        "energy_j": None if energy is None else _joules(energy, samples),
+        "table_source": list(dict.fromkeys(sourced(item.source, item.conditions) for item in items if item.source)),
+        "samples": samples,
+        "steps_per_sample": steps,
+    }
+
+
+def _steps(total: int, samples: int, steps: int | None) -> int:
+    """Steps of one sample."""
+    if isinstance(samples, bool) or not isinstance(samples, int) or samples < 1:
+        raise ModelError(f"samples = {samples!r}: expected a whole number >= 1")
+    if steps is None and total % samples:
+        raise ModelError(f"samples = {samples}: expected a number that divides the {total} steps", hint="or say steps")
+    steps = total // samples if steps is None else steps
+    if isinstance(steps, bool) or not isinstance(steps, int) or not 0 <= steps * samples <= total:
+        raise ModelError(f"steps = {steps!r}: expected at most the {total} steps of the run / {samples} samples")
+    return steps
+
+
+class _Report:
+    """The numbers, one a method."""
+
+    def __init__(
+        self, program: Program, counts: EngineCounts, samples: int, steps: int, weights: Sequence[Floats]
+    ) -> None:
+        self.program, self.counts, self.weights = program, counts, weights
+        self.samples, self.steps = samples, steps
+        self.tally = Tally(program).between(None, counts)
+        self.layers = spiking(program)
+        self.neurons = [i for i, part in enumerate(program.populations) if part.kind == "neuron"]
+        self.dense_updates = samples * steps * sum(program.populations[i].size for i in self.neurons)
+
+    def footprint(self) -> int:
+        """Bytes of the arrays that describe the network: connections, weights, delays, parameters, states."""
+        size = 0
+        for part, weight in zip(self.program.projections, self.weights, strict=True):
+            size += weight.nbytes + part.delay.nbytes + part.targets.nbytes + part.row_ends.nbytes
+        for population in self.program.populations:
+            arrays = (*population.parameters.values(), population.spike_steps, population.spike_ids)
+            size += sum(array.nbytes for array in arrays)
+            size += 8 * population.size * len(population.model.states)
+        return size
+
+    def connection_sparsity(self) -> float:
+        """Weights of dense layers that are 0, of all, to four digits; a grid has those of its kernels."""
+        zeros = total = 0
+        for index in self.layers:
+            part = self.program.projections[index]
+            sizes = (self.program.populations[part.source].size, self.program.populations[part.target].size)
+            size = part.size if part.grid is not None else sizes[0] * sizes[1]
+            zeros += size - int(np.count_nonzero(np.broadcast_to(self.weights[index], part.size)))
+            total += size
+        return round(zeros / total, 4) if total else 0.0
+
+    def activation_sparsity(self) -> float:
+        """Neuron-steps without a spike, of all."""
+        total = self.dense_updates
+        fired = sum(int(self.counts.events[index].sum()) for index in self.neurons)
+        return (total - fired) / total if total else 0.0
+
+    def synaptic_operations(self) -> dict[str, float]:
+        """Operations on weights that are not 0: accumulates of binary spikes, else multiply-accumulates."""
+        ops = {"effective_acs": 0, "effective_macs": 0, "dense": 0}
+        for index in self.layers:
+            source = self.program.projections[index].source
+            events = self.counts.events[source]
+            binary = int(events.sum()) == int(self.counts.spikes[source].sum())
+            made = int(events @ fan_out(self.program, index, self.weights[index]))
+            ops["effective_acs" if binary else "effective_macs"] += made
+            ops["dense"] += self.samples * self.steps * dense_size(self.program, index)
+        return {name: count / self.samples for name, count in ops.items()}
+
+    def membrane_updates(self, potentials: Mapping[str, Floats]) -> dict[str, int]:
+        """Of each population: every neuron in the first step of a sample, then each change of V_m."""
+        updates = {}
+        for index in self.neurons:
+            part = self.program.populations[index]
+            shape = (self.samples, self.steps, part.size)
+            v = potentials.get(part.name)
+            if v is None or v.shape != shape:
+                found = "none" if v is None else f"shape {v.shape}"
+                raise ModelError(f"potentials of '{part.name}': found {found}: expected shape {shape}")
+            updates[part.name] = self.samples * part.size * min(1, shape[1]) + int(np.count_nonzero(np.diff(v, axis=1)))
+        return updates
+
+    def neuron_ops(self, updates: Mapping[str, int] | None) -> dict[str, Any]:
+        """Membrane updates x operations of the model; models that the harness does not know are left out."""
+        parts = [self.program.populations[index] for index in self.neurons]
+        known = {part.name: OPS[part.model.name] for part in parts if part.model.name in OPS}
+        dense = self.samples * self.steps * sum(part.size * OPS.get(part.model.name, 0) for part in parts)
+        done = None if updates is None else sum(ops * updates[name] for name, ops in known.items()) / self.samples
+        left_out = [part.name for part in parts if part.name not in known]
+        return {"effective": done, "dense": dense / self.samples, "left_out": left_out}
+
+    def spikes(self) -> dict[str, Any]:
+        """Spikes that come in, within, and of populations from which nothing goes on."""
+        senders = {part.source for part in self.program.projections}
+        each = {name: part.spikes / self.samples for name, part in self.tally.populations.items()}
+        sums = {"in": 0.0, "hidden": 0.0, "out": 0.0}
+        for index, part in enumerate(self.program.populations):
+            inner = "hidden" if index in senders else "out"
+            sums["in" if part.kind != "neuron" else inner] += each[part.name]
+        return {**sums, "total": sum(sums.values()), "per_population": each}
+
+    def packets(self) -> float:
+        """Spikes of populations that send to any."""
+        senders = {part.source for part in self.program.projections}
+        return sum(int(self.counts.spikes[index].sum()) for index in senders) / self.samples
+
+    def hops(self, placement: Placement) -> float:
+        """Moves from tile to tile, on one chip or between two."""
+        total = 0
+        for index, part in enumerate(self.program.projections):
+            each = placement.hops(index)
+            total += int(self.counts.spikes[part.source] @ (each.east_west + each.north_south))
+        return total / self.samples
+
+
+def _joules(energy: Energy, samples: int) -> dict[str, Any]:
+    """Joules of one sample by what they are spent on, the chip working at the bill's clock, and all in real time."""
+    sums = dict.fromkeys(("synop", "neuron", "route", "learn", "static"), 0.0)
+    for what, joules in energy.by_cost().items():
+        sums[_COSTS[what]] += joules / samples
+    one, real = ({"total": e.total_j, "low": e.low_j, "high": e.high_j} for e in (energy, energy.real_time))
+    clocks = [
+        {name: None if energy.refused else joules / samples for name, joules in each.items()} for each in (one, real)
+    ]
+    return {"model": energy.target, "clock": energy.clock, **clocks[0], **sums, "real_time": clocks[1]}

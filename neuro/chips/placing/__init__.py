@@ -1,1 +1,0 @@
-"""From a program and a chip to cores, tiles and chips, and the ways of spikes between them."""

@@ -1,1 +1,0 @@
-"""What a run takes on a chip: counts times figures with sources."""

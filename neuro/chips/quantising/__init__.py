@@ -1,1 +1,0 @@
-"""From a float program to a chip's integers, and what that changes."""

@@ -1,0 +1,318 @@
+"""Which neurons share a core: populations cut into pieces that a core's limits allow."""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from neuro.chips.description import Chip
+from neuro.chips.incoming import ROW_WORDS, SHARED, WORD_BITS, Incoming, block_bits, index_bits, memory_limit
+from neuro.chips.known import placed_as
+from neuro.chips.mesh import reached, weigh
+from neuro.kernels.jit import kernel, subkernel
+from neuro.program.program import Ints, Program
+
+Part = tuple[int, int, int]
+"""A population and its neurons first <= i < last."""
+
+_NO_LIMIT = 1 << 62
+
+NEURONS, AXONS, MEMORY, EDGES, LINES, KERNELS = range(6)
+"""Counts of a core while it fills: neurons, axons in, bits, axons out, lines; bits of kernels."""
+
+ROW_BITS = ROW_WORDS * WORD_BITS
+bits_of_block, bits_of_index = subkernel(block_bits), subkernel(index_bits)
+
+
+@kernel
+def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
+    """Add the neurons queue[begin:end] to a core until one does not fit; returns its position, or end.
+
+    Args:
+        queue: neurons in the order in which they are taken.
+        begin: position of the first.
+        end: the position after the last.
+        core: a number that no other core has had: marks of other cores are void.
+        rows: whether synapses lie in rows, not in blocks.
+        graph: ends, line, first, source, projection, bits and sources of `Incoming`; where ends are all 0, synapses
+            are not looked at.
+        sends: axons out of each neuron, as far as known.
+        limits: most of NEURONS, AXONS, MEMORY and EDGES.
+        load: the same of this core so far, and LINES and KERNELS.
+        marks: core and count (core << 32 | count) of each line, core of each source, longest row and its core of each
+            projection, and the lines that reach this core.
+    """
+    ends, line, first, source_of, projection_of, all_bits, sources = graph
+    mark, source_core, longest, row_core, lines = marks
+    most_axons, most_memory = limits[AXONS], limits[MEMORY]
+    axons, memory, n_lines = load[AXONS], load[MEMORY], load[LINES]
+    empty = core << 32
+    stopped = end
+    for position in range(begin, end):
+        if load[NEURONS] == limits[NEURONS]:
+            stopped = position
+            break
+        t = queue[position]
+        before = bits_of_index(load[NEURONS])
+        load[NEURONS] += 1
+        width = bits_of_index(load[NEURONS])
+        if width != before and not rows:  # one bit more for all synapses of the core
+            memory = load[KERNELS]
+            for k in range(n_lines):
+                own_bits = all_bits[projection_of[lines[k]]]
+                memory += 0 if own_bits == SHARED else bits_of_block(mark[lines[k]] - empty, own_bits + width)
+        past, to_source, bits, one, projection, shared = 0, 0, 0, 0, 0, False
+        for e in range(ends[t], ends[t + 1]):
+            own = line[e]
+            if own >= past:  # lines of a neuron lie by projection
+                projection = projection_of[own]
+                past = first[projection + 1]
+                to_source = source_of[own] - own
+                shared = all_bits[projection] == SHARED
+                bits = all_bits[projection] + width
+                one = bits_of_block(1, bits)
+            count = mark[own] - empty
+            if count <= 0:
+                count = 0
+                if not rows:
+                    lines[n_lines] = own
+                    n_lines += 1
+                if source_core[own + to_source] != core:
+                    source_core[own + to_source] = core
+                    axons += 1
+            count += 1
+            mark[own] = empty + count
+            if shared:
+                pass
+            elif not rows:
+                memory += one if count == 1 else bits_of_block(count, bits) - bits_of_block(count - 1, bits)
+            else:
+                if row_core[projection] != core:
+                    row_core[projection] = core
+                    longest[projection] = 0
+                    memory += sources[projection] * ROW_BITS
+                if count > longest[projection]:
+                    longest[projection] = count
+                    memory += sources[projection] * WORD_BITS
+            if axons > most_axons or memory > most_memory:
+                stopped = position
+                break
+        if stopped < end:
+            break
+        load[EDGES] += sends[t]
+        if axons > most_axons or memory > most_memory or load[EDGES] > limits[EDGES]:
+            stopped = position
+            break
+    load[AXONS], load[MEMORY], load[LINES] = axons, memory, n_lines
+    return stopped
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Split:
+    """Cores without a place yet, and what reaches them.
+
+    Attributes:
+        cores: what each core holds, as runs of neighbouring ids.
+        core_of: the core of every neuron, numbered through as in `Incoming`; -1 for generators.
+        sends: destination cores of every neuron.
+        neurons, memory, axons_in, axons_out: of every core; memory in bytes.
+    """
+
+    cores: tuple[tuple[Part, ...], ...]
+    core_of: Ints
+    sends: Ints
+    neurons: Ints
+    memory: Ints
+    axons_in: Ints
+    axons_out: Ints
+
+    def taken(self, order: Ints) -> Split:
+        """The same cores numbered anew: core i is what core order[i] was."""
+        rank = np.argsort(order)
+        return replace(
+            self,
+            cores=tuple(self.cores[i] for i in order),
+            core_of=np.where(self.core_of >= 0, rank[self.core_of], -1) if len(rank) else self.core_of,
+            neurons=self.neurons[order],
+            memory=self.memory[order],
+            axons_in=self.axons_in[order],
+            axons_out=self.axons_out[order],
+        )
+
+
+def split(
+    program: Program,
+    chip: Chip,
+    into: Incoming,
+    order: Sequence[int],
+    neurons_per_core: int | None = None,
+    by_place: bool = False,
+) -> Split:
+    """Fill cores one after the other.
+
+    A core takes neurons of a population until one more would exceed a limit. How many axons leave a core depends on
+    how the targets are split: where too many do, all is filled again with those counts. A neuron that fits on no
+    core has one of its own.
+
+    What a core's neurons receive only grows with them. So cores are filled by the other limits first, and where these
+    keep all within the limits of memory and axons in, synapses need not be looked at neuron by neuron.
+
+    Args:
+        program: has the populations.
+        chip: has the limits.
+        into: all synapses.
+        order: of the populations.
+        neurons_per_core: at most so many, beside the chip's own limit.
+        by_place: whether neurons at one place of a grid are taken together, since they share their sources; otherwise
+            all are taken in order of id.
+    """
+    queue = _queue(program, into, by_place)
+    sends = np.zeros(into.start[-1], dtype=np.int64)
+    limit = chip.limit("axons_out_per_core")
+    each = False
+    while True:
+        room = _Room(chip, into, neurons_per_core, sends, queue, each)
+        found = _weighed(_fill(program, chip, room, order), chip, into, queue)
+        if not each and not _within(found, room.limits):
+            each = True
+            continue
+        over = (found.neurons > 1) & (found.axons_out > (_NO_LIMIT if limit is None else limit))
+        if not over.any():
+            return found
+        sends = np.maximum(sends, found.sends)
+
+
+def _within(cores: Split, limits: Ints) -> bool:
+    """Return whether all cores keep the limits of what their neurons receive."""
+    return bool(np.all(cores.memory <= limits[MEMORY] // 8) and np.all(cores.axons_in <= limits[AXONS]))
+
+
+def _queue(program: Program, into: Incoming, by_place: bool) -> Ints:
+    """All neurons in the order in which they are taken, population by population."""
+    queue = np.arange(into.start[-1])
+    for part in program.projections if by_place else ():
+        if part.grid is not None:
+            own = queue[into.start[part.target] : into.start[part.target + 1]]
+            own[:] = into.start[part.target] + np.arange(own.size).reshape(part.grid.maps, -1).T.reshape(-1)
+    for population in into.columns:
+        own = queue[into.start[population] : into.start[population + 1]]
+        shape = program.populations[population].shape
+        own[:] = into.start[population] + np.arange(own.size).reshape(shape).transpose(2, 1, 0).reshape(-1)
+    return queue
+
+
+class _Room:
+    """A core that is being filled."""
+
+    def __init__(
+        self, chip: Chip, into: Incoming, neurons_per_core: int | None, sends: Ints, queue: Ints, each: bool
+    ) -> None:
+        memory = memory_limit(chip)
+        least = [n for n in (chip.limit("neurons_per_core"), neurons_per_core) if n is not None]
+        limits = (
+            min(least, default=None),
+            chip.limit("axons_in_per_core"),
+            None if memory is None else 8 * memory,
+            chip.limit("axons_out_per_core"),
+        )
+        self.rows, self.sends, self.start, self.queue = placed_as(chip).in_rows, sends, into.start, queue
+        self.limits = np.array([_NO_LIMIT if n is None else n for n in limits], dtype=np.int64)
+        none = np.zeros(0, dtype=np.int32)
+        ends, line = (into.ends, into.line) if each else (np.zeros(int(into.start[-1]) + 1, dtype=np.int64), none)
+        self.graph = (ends, line, into.first, into.source, into.projection, into.bits, into.sources)
+        lines, sources, projections = len(into.source), int(into.start[-1]), len(into.bits)
+        mark = np.full(lines if each else 0, -1, dtype=np.int64)
+        shapes = (sources, projections, projections, len(mark))
+        self.marks = (mark, *(np.full(shape, -1, dtype=np.int32) for shape in shapes))
+        self.core = -1
+        self.kernels, self.columns, self.most = into.kernels, into.columns, int(self.limits[NEURONS])
+        self.open(-1)
+
+    def open(self, population: int) -> None:
+        """Begin a new core for a population; -1: for none yet."""
+        self.core += 1
+        self.load = np.zeros(6, dtype=np.int64)
+        if population >= 0:
+            self.load[[MEMORY, KERNELS]] = self.kernels[population]
+
+    def fill(self, population: int, first: int, last: int) -> int:
+        """Add neurons first <= i < last of a population's queue; returns the first that does not fit, or last."""
+        base = int(self.start[population])
+        rest = (self.core, self.rows, self.graph, self.sends, self.limits, self.load, self.marks)
+        return int(fill_core(self.queue, base + first, base + last, *rest)) - base
+
+
+def _fill(program: Program, chip: Chip, room: _Room, order: Sequence[int]) -> list[list[Part]]:
+    """A population joins the core before it where it fits there whole, else it begins a core."""
+    cores: list[list[Part]] = []
+    most = chip.limit("populations_per_core")
+    for population in order:
+        part = program.populations[population]
+        first = 0
+        slab = room.columns.get(population, 0) * math.prod(part.shape[:-1])
+        room.limits[NEURONS] = min(room.most, slab or room.most)
+        if cores and (most is None or len(cores[-1]) < most) and room.fill(population, 0, part.size) == part.size:
+            cores[-1].append((population, 0, part.size))
+            continue
+        while first < part.size:
+            room.open(population)
+            last = max(room.fill(population, first, part.size), first + 1)
+            cores.append([(population, first, last)])
+            first = last
+    return cores
+
+
+def _weighed(cores: list[list[Part]], chip: Chip, into: Incoming, queue: Ints) -> Split:
+    """Count what reaches each core."""
+    count, total = len(cores), int(into.start[-1])
+    core_of = np.full(total, -1, dtype=np.int64)
+    kernels = np.zeros(count, dtype=np.int64)
+    runs: list[tuple[Part, ...]] = []
+    for number, held in enumerate(cores):
+        of_core: list[Part] = []
+        for population, first, last in held:
+            base = into.start[population]
+            neurons = queue[base + first : base + last]
+            core_of[neurons] = number
+            kernels[number] += into.kernels[population]
+            ids = np.sort(neurons) - base
+            gaps = np.flatnonzero(np.diff(ids) != 1)
+            firsts, lasts = ids[np.append(0, gaps + 1)], ids[np.append(gaps, ids.size - 1)] + 1
+            of_core += [(population, int(a), int(b)) for a, b in zip(firsts, lasts, strict=True)]
+        runs.append(tuple(of_core))
+    on_core = core_of >= 0
+    sizes = np.bincount(core_of[on_core], minlength=count)
+    rows = placed_as(chip).in_rows
+    index = np.array([] if rows else [index_bits(int(n)) for n in sizes], dtype=np.int64)
+    sends, axons_in, blocks, in_rows, longest = (np.zeros(size, dtype=np.int64) for size in (total, *[count] * 4))
+    for projection, ways in reached(into, core_of, count):
+        own = sends[into.start[into.begins_at[projection]] :]
+        longest[:] = 0
+        weigh(*ways, into.bits[projection], index, own, axons_in, blocks, longest)
+        in_rows += np.where(longest > 0, ROW_WORDS + longest, 0) * (WORD_BITS * into.sources[projection])
+    return Split(
+        cores=tuple(runs),
+        core_of=core_of,
+        sends=sends,
+        neurons=sizes,
+        memory=(in_rows if rows else blocks + kernels) // 8,
+        axons_in=axons_in,
+        axons_out=np.bincount(core_of[on_core], weights=sends[on_core], minlength=count).astype(np.int64),
+    )
+
+
+def fewest_cores(program: Program, chip: Chip, into: Incoming) -> int:
+    """Cores that a program needs at least, by its neurons and by the bits of its synapses."""
+    most, memory = chip.limit("neurons_per_core"), chip.limit("synapse_bytes_per_core")
+    neurons = sum(program.populations[index].size for index in neurons_of(program))
+    bits = int(into.synapses @ np.maximum(into.bits, 0))
+    return max(0 if most is None else -(-neurons // most), 0 if memory is None else bits // (8 * memory))
+
+
+def neurons_of(program: Program) -> list[int]:
+    """Indices of the populations that take cores; generators are the host's."""
+    return [index for index, part in enumerate(program.populations) if part.kind == "neuron" and part.size]

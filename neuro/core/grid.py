@@ -1,0 +1,108 @@
+"""A grid of jobs: results are sealed files, and a job whose file has its result already is not done again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+from neuro.core.outputs import Kind, check_output, kept_json, sealed, write_text
+from neuro.core.processes import side_by_side
+
+Result = dict[str, Any]
+"""Figures of a job by name, as plain data, with all that they follow from as `of`."""
+
+
+@dataclass(frozen=True, slots=True)
+class JobResults:
+    """Files of JSON with the results of jobs.
+
+    A file is whole or not there, and one that a person edited is never replaced. A job goes by its description `of`,
+    plain data that its result follows from: a file with another description is a result of another job.
+
+    Attributes:
+        what: the files are, for messages, e.g. "a result of 'neuro drone compare'".
+        format: name and version of their content; files of another format count as not there.
+    """
+
+    what: str
+    format: str
+
+    @property
+    def kind(self) -> Kind:
+        """The kind of these files, for `check_output`."""
+        return sealed(self.what, f'"format": "{self.format}"', ', "digest": "{}"')
+
+    def read(self, path: Path, of: Mapping[str, Any]) -> Result:
+        """Return the result of a job; {} if its file is missing, damaged, or of another job or format."""
+        result, known = kept_json(path), {"format": self.format, "of": json.loads(json.dumps(of))}
+        result.pop("digest", None)
+        return result if result | known == result else {}
+
+    def write(self, path: Path, of: Mapping[str, Any], figures: Mapping[str, Any]) -> Result:
+        """Write the result of a job and return it; errors as of `neuro.apps.write_text`."""
+        text = json.dumps({"format": self.format, "of": dict(of), **figures}, indent=1)
+        write_text(path, text, self.kind)
+        result: Result = json.loads(text)  # as it is read
+        return result
+
+    def of_job(self, path: Path, of: Mapping[str, Any], work: Callable[[], Mapping[str, Any]]) -> Result:
+        """Return the result of a job from its file; do the job and write the file where it has none."""
+        if result := self.read(path, of):
+            return result
+        check_output(path, self.kind)
+        return self.write(path, of, work())
+
+
+class GridJob(Protocol):
+    """A job of a grid, which can be pickled."""
+
+    @property
+    def file(self) -> Path:
+        """The file of its result."""
+
+    @property
+    def of(self) -> Mapping[str, Any]:
+        """All that the result follows from, as plain data."""
+
+    def work(self, report: Callable[[Any], None]) -> Mapping[str, Any]:
+        """Do the job and return its figures; figures with the name `refused` are not written."""
+
+
+def grid(
+    results: JobResults,
+    jobs: Sequence[GridJob],
+    processes: int | None = None,
+    report: Callable[[Any], None] | None = None,
+) -> list[Result]:
+    """Do the jobs of a grid at the same time; those whose files have their results already are not done again.
+
+    Args:
+        results: the files of the results.
+        jobs: to do; a killed grid goes on behind the last job whose file is written.
+        processes: at a time, as of `neuro.apps.side_by_side`.
+        report: called with what jobs report, and with None for each result that is there.
+
+    Returns:
+        The results in the order of the jobs.
+
+    Raises:
+        Unwritable: a file cannot be written, or has the name of something else.
+        Exception: as of `neuro.apps.side_by_side`.
+    """
+    found = [results.read(job.file, job.of) for job in jobs]
+    for result in found:
+        if result and report:
+            report(None)
+    left = [job for job, result in zip(jobs, found, strict=True) if not result]
+    done = iter(side_by_side(partial(_do, results), left, processes, report))
+    return [result or next(done) for result in found]
+
+
+def _do(results: JobResults, job: GridJob, report: Callable[[Any], None]) -> Result:
+    check_output(job.file, results.kind)
+    figures = job.work(report)
+    return dict(figures) if "refused" in figures else results.write(job.file, job.of, figures)

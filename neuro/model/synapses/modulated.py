@@ -1,0 +1,226 @@
+"""Rules of spikes whose traces dopamine or reward teaches."""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call", check-untyped-defs=False
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from neuro.core.errors import ModelError
+from neuro.core.quantities import quantity
+from neuro.model.neurons.base import State
+from neuro.model.synapses.base import Modulated, Trace
+from neuro.model.synapses.pairs import within
+
+TABLE = 1024
+"""Steps over which the decays of c and n are kept in a table; beyond it they are computed."""
+TAU_PLUS, A_PLUS, A_MINUS, TAU_C, TAU_N, B, W_MIN, W_MAX, H, TAU = range(10)
+GAMMA, TAU_Z = 3, 4
+Q_0, ETA, DELTA_Z, TAU_R = 1, 2, 6, 7
+"""Constants; the first are those of `stdp_dopa`."""
+
+DECAYS = 10
+
+
+def decays(c, steps):
+    """What is left of c and of n after some steps, and what is lost of c and of c n: exact however small."""
+    at = -steps * c[H]
+    return math.exp(at / c[TAU_C]), math.exp(at / c[TAU_N]), -math.expm1(at / c[TAU_C]), -math.expm1(at / c[TAU])
+
+
+def drift(y, e, c, steps, n):
+    """Integrate over some steps in which n - b keeps its sign; return n at their end."""
+    if steps < TABLE:
+        at = DECAYS + 4 * steps
+        left_c, left_n, lost_c, lost_both = c[at], c[at + 1], c[at + 2], c[at + 3]
+    else:
+        left_c, left_n, lost_c, lost_both = decays(c, steps)
+    eligibility = y[1, e]
+    gain = n * c[TAU] * lost_both - c[B] * c[TAU_C] * lost_c
+    y[0, e] = min(c[W_MAX], max(c[W_MIN], y[0, e] + eligibility * gain))
+    y[1, e] = eligibility * left_c
+    return n * left_n
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class stdp_dopa(Modulated):
+    """Spike pairs leave an eligibility c; the weight moves while dopamine n differs from its baseline b.
+
+    Dopamine comes either from the spikes of a population (`dopamine`; each adds 1/tau_n to n of every
+    post neuron, or of its own with `dopamine_rule` one_to_one) or from a signal (`signal`; sets n).
+    Clipping to [Wmin, Wmax] happens at events and on the grid of `deliver_interval` x the smallest delay
+    of the network. Source: NEST 3.10, `stdp_dopamine_synapse`; Izhikevich, Cereb. Cortex 17:2443, 2007;
+    Potjans, Morrison & Diesmann, Front. Comput. Neurosci. 4:141, 2010.
+    """
+
+    equation: ClassVar[str] = "w' = c (n - b); c' = -c/tau_c + A_plus K+ (post) - A_minus K- (pre); n' = -n/tau_n"
+    source: ClassVar[str] = "NEST 3.10 stdp_dopamine_synapse; Potjans et al., Front. Comput. Neurosci. 4:141, 2010"
+    states: ClassVar[tuple[State, ...]] = (State("c", "", "eligibility trace"),)
+    width: ClassVar[int] = 10 + 4 * TABLE
+
+    tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
+    A_plus: float = quantity(1.0, "", "eligibility of a pre-post pair")
+    A_minus: float = quantity(1.5, "", "eligibility lost by a post-pre pair")
+    tau_c: float = quantity(1000.0, "ms", "time constant of the eligibility", above=0)
+    tau_n: float = quantity(200.0, "ms", "time constant of dopamine", above=0)
+    b: float = quantity(0.0, "1/ms", "dopamine baseline")
+    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
+    Wmax: float = quantity(200.0, "", "largest weight, in the unit of the weight", of_value=True)
+    deliver_interval: int = quantity(1, "", "delivery grid in smallest delays", kind="integer", at_least=1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.measured and self.Wmin > self.Wmax:
+            raise ModelError(f"stdp_dopa.Wmin = {self.Wmin:g}: expected at most Wmax = {self.Wmax:g}", path=("Wmin",))
+
+    def constants(p, h, c):
+        """The parameters, the step, T = tau_c tau_n / (tau_c + tau_n), and the decays over 0, 1, ... steps."""
+        c[:8] = p[:8]
+        c[H] = h
+        c[TAU] = p[TAU_C] * p[TAU_N] / (p[TAU_C] + p[TAU_N])
+        for k in range(TABLE):
+            at = DECAYS + 4 * k
+            c[at], c[at + 1], c[at + 2], c[at + 3] = decays(c, k)
+
+    def on_post(y, e, c, pre, post):
+        """A pre-post pair raises the eligibility."""
+        y[1, e] += c[A_PLUS] * pre[0]
+
+    def on_pre(y, e, c, pre, post):
+        """A post-pre pair lowers it."""
+        y[1, e] -= c[A_MINUS] * post[0]
+
+    def advance(y, e, c, begin, end, n, grid):
+        """Integrate w and c exactly from step `begin` to `end`; clip where w turns and at the end.
+
+        w turns where n crosses b. NEST clips at delivery points only, so the cell of the grid that holds the
+        crossing is added as a whole.
+        """
+        at = begin
+        b = c[B]
+        if b != 0.0 and n / b > 1.0:
+            crossing = begin + c[TAU_N] * math.log(n / b) / c[H]
+            if crossing < end:
+                cell = math.floor(crossing / grid) * grid
+                for bound in (cell, cell + grid):
+                    if at < bound < end:
+                        n = drift(y, e, c, int(bound - at), n)
+                        at = bound
+        drift(y, e, c, int(end - at), n)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class mstdpet(Modulated):
+    """Spike pairs leave an eligibility z; the weight moves while the reward n differs from its baseline b.
+
+    A signal sets n, which stays until it is set again: to b after a moment of reward. If it stays long, a pair moves
+    the weight by gamma (n - b) A_plus K+ or -gamma (n - b) A_minus K- in all. Integration is exact; the weight is
+    within 0 and Wmax at all times. Source: Florian, Neural Comput. 19:1468, 2007 (MSTDPET).
+    """
+
+    equation: ClassVar[str] = "w' = gamma (n - b) z; tau_z z' = -z + A_plus K+ (post) - A_minus K- (pre)"
+    source: ClassVar[str] = "Florian, Neural Comput. 19:1468, 2007"
+    states: ClassVar[tuple[State, ...]] = (State("z", "1/ms", "eligibility trace"),)
+
+    tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
+    A_plus: float = quantity(1.0, "", "eligibility of a pre-post pair")
+    A_minus: float = quantity(1.0, "", "eligibility lost by a post-pre pair")
+    tau_z: float = quantity(25.0, "ms", "time constant of the eligibility", above=0)
+    gamma: float = quantity(0.1, "", "learning rate, in the unit of the weight", of_value=True)
+    b: float = quantity(0.0, "", "baseline of the reward")
+    Wmax: float = quantity(
+        100.0, "", "largest weight, in the unit of the weight; below 0 it inhibits", nonzero=True, of_value=True
+    )
+
+    def constants(p, h, c):
+        """The parameters and the step."""
+        c[A_PLUS], c[A_MINUS], c[TAU_Z], c[GAMMA], c[B], c[W_MAX], c[H] = p[1], p[2], p[3], p[4], p[5], p[6], h
+
+    def on_post(y, e, c, pre, post):
+        """A pre-post pair raises the eligibility."""
+        y[1, e] += c[A_PLUS] * pre[0] / c[TAU_Z]
+
+    def on_pre(y, e, c, pre, post):
+        """A post-pre pair lowers it."""
+        y[1, e] -= c[A_MINUS] * post[0] / c[TAU_Z]
+
+    def advance(y, e, c, begin, end, n, grid):
+        """Integrate from step `begin` to `end`; n is held, so the weight moves one way and is clipped at the end."""
+        z, passed = y[1, e], (end - begin) * c[H] / c[TAU_Z]
+        y[0, e] = within(y[0, e] - c[GAMMA] * (n - c[B]) * z * c[TAU_Z] * math.expm1(-passed), c[W_MAX])
+        y[1, e] = z * math.exp(-passed)
+
+
+WEIGHT, Q, C, Z, RELEASED, REFRACTORY = range(6)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class hedonistic(Modulated):
+    """A pre spike releases transmitter with probability p = 1 / (1 + exp(-q_0 - q - z)); then the weight is sent.
+
+    An available synapse that releases gains 1 - p of eligibility c and is refractory until it recovers, at the rate
+    1/tau_r; one that fails loses p. Each pre spike then adds Delta_z to the calcium z. The reward n that a signal sets,
+    less its baseline b, moves q along c; the weight stays. So `sim.save` keeps what is learnt, `sim.network` does not.
+    A parrot_neuron hears failures, too, as it hears all spikes whatever their weight.
+    Source: Seung, Neuron 40:1063, 2003.
+    """
+
+    equation: ClassVar[str] = (
+        "q' = eta (n - b) c; c' = -c/tau_c + 1 - p (release), - p (failure); z' = -z/tau_z + Delta_z (pre)"
+    )
+    source: ClassVar[str] = "Seung, Neuron 40:1063, 2003"
+    pre: ClassVar[tuple[Trace, ...]] = (Trace(""),)
+    post: ClassVar[tuple[Trace, ...]] = ()
+    draws: ClassVar[bool] = True
+    states: ClassVar[tuple[State, ...]] = (
+        State("q", "", "release parameter, as far as it is learnt"),
+        State("c", "", "eligibility trace"),
+        State("z", "", "calcium"),
+        State("released", "", "1 if the last pre spike released, else 0"),
+        State("refractory", "", "1 from a release until it recovers", hidden=True),
+    )
+
+    q_0: float = quantity(0.0, "", "release parameter without learning")
+    eta: float = quantity(0.01, "1/ms", "learning rate")
+    b: float = quantity(0.0, "", "baseline of the reward")
+    tau_c: float = quantity(20.0, "ms", "time constant of the eligibility", above=0)
+    Delta_z: float = quantity(0.0, "", "calcium of a pre spike")
+    tau_z: float = quantity(50.0, "ms", "time constant of the calcium", above=0)
+    tau_r: float = quantity(10.0, "ms", "mean time to recover from a release", above=0)
+
+    def constants(p, h, c):
+        """The parameters and the step."""
+        c[Q_0], c[ETA], c[B], c[TAU_C], c[DELTA_Z], c[TAU_Z], c[TAU_R] = p[:7]
+        c[H] = h
+
+    def on_post(y, e, c, pre, post):
+        """A post spike does nothing."""
+
+    def on_pre(y, e, c, pre, post, u):
+        """Recover, release or fail by one random number; recovery follows from the time since the last spike alone."""
+        p = 0.5 * (1.0 + math.tanh(0.5 * (c[Q_0] + y[Q, e] + y[Z, e])))
+        y[Z, e] += c[DELTA_Z]
+        y[RELEASED, e] = 0.0
+        if y[REFRACTORY, e] == 1.0:
+            recovers = -math.expm1(-pre[0] / c[TAU_R])
+            if u >= recovers:
+                return
+            u /= recovers  # uniform again
+        if u < p:
+            y[C, e] += 1.0 - p
+            y[RELEASED, e] = y[REFRACTORY, e] = 1.0
+        else:
+            y[C, e] -= p
+            y[REFRACTORY, e] = 0.0
+
+    def sent(y, e, c):
+        """The weight, if there was a release."""
+        return y[WEIGHT, e] * y[RELEASED, e]
+
+    def advance(y, e, c, begin, end, n, grid):
+        """Integrate exactly from step `begin` to `end`, in which n is held."""
+        passed = (end - begin) * c[H]
+        y[Q, e] -= c[ETA] * (n - c[B]) * y[C, e] * c[TAU_C] * math.expm1(-passed / c[TAU_C])
+        y[C, e] *= math.exp(-passed / c[TAU_C])
+        y[Z, e] *= math.exp(-passed / c[TAU_Z])

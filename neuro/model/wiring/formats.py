@@ -1,0 +1,356 @@
+"""Tables in files: CSV and parquet, read by Arrow, npz and npy; SONATA has a file of its own."""
+
+from __future__ import annotations
+
+import csv
+import re
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.errors import ModelError
+from neuro.core.extras import needed
+from neuro.core.hdf5 import is_hdf5
+from neuro.core.inputs import record_input
+from neuro.core.paths import existing
+from neuro.core.values import shown
+from neuro.model.wiring.sonata import SonataTable
+from neuro.model.wiring.tables import ANY, MATRIX, NUMBER, ROWS, TEXT, Column, Piece, Table, Texts, cell
+
+_FAILURES = (OSError, ValueError, EOFError, KeyError, MemoryError, SyntaxError, zipfile.BadZipFile, zlib.error)
+_SPARSE = {"format", "shape", "data"}
+"""Names that only a sparse matrix of SciPy has together."""
+
+
+def open_arrays(path: Path) -> Table:
+    """The table in an npz or npy file. Arrays of Python objects are refused: to read them may run code."""
+    try:
+        with path.open("rb") as file:
+            if file.read(2) != b"PK":
+                return _Dense(path, np.load(path, allow_pickle=False, mmap_mode="r"))
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as found:
+                names = tuple(found.files)
+            if set(names) >= _SPARSE:
+                from scipy.sparse import load_npz
+
+                file.seek(0)
+                matrix = load_npz(file)
+                if hasattr(matrix, "check_format"):
+                    matrix.check_format(full_check=True)
+                return _Sparse(path, matrix.tocoo())
+            return _Columns(path, names)
+    except _FAILURES as error:
+        raise _damaged(path, error) from None
+
+
+def _damaged(path: Path, error: Exception) -> ModelError:
+    if isinstance(error, ModelError):
+        return error
+    if "pickle" in str(error):
+        return ModelError(f"{path}: holds Python objects, which may run code: expected arrays of numbers or text")
+    return ModelError(f"{path}: no npz or npy file that can be read: {type(error).__name__}: {error!s:.150}")
+
+
+class _Columns:
+    places, first = None, 1
+
+    def __init__(self, path: Path, names: tuple[str, ...]) -> None:
+        self.path, self.names = path, names
+
+    def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
+        """The arrays, some rows at a time."""
+        try:
+            with self.path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+                columns = {name: _array_column(file[name], f"{self.path}: column '{name}'") for name in kinds}
+        except _FAILURES as error:
+            raise _damaged(self.path, error) from None
+        sizes = {name: len(column) for name, column in columns.items()}
+        if len(set(sizes.values())) > 1:
+            raise ModelError(f"{self.path}: arrays of different lengths, {sizes}: expected as many rows in each")
+        for begin in range(0, max(sizes.values(), default=0), ROWS):
+            yield Piece(begin + 1, {name: _part(column, begin) for name, column in columns.items()})
+
+
+def _array_column(array: NDArray[Any], what: str) -> Column:
+    if array.ndim != 1:
+        raise ModelError(f"{what}: an array of shape {list(array.shape)}: expected one value for each row")
+    if array.dtype.kind == "U":
+        words, codes = np.unique(array, return_inverse=True)
+        return Texts(codes.astype(np.int64), tuple(words.tolist()))
+    if array.dtype.kind not in "iufb":
+        raise ModelError(f"{what}: an array of {array.dtype}: expected numbers or text")
+    return array
+
+
+def _part(column: Column, begin: int) -> Column:
+    if isinstance(column, Texts):
+        return Texts(column.codes[begin : begin + ROWS], column.words)
+    return column[begin : begin + ROWS]
+
+
+class _Dense:
+    """A matrix; row k and column k are of the k-th neuron."""
+
+    first, names = 1, MATRIX
+
+    def __init__(self, path: Path, matrix: NDArray[Any]) -> None:
+        if matrix.ndim != 2 or matrix.dtype.kind not in "iuf":
+            found = f"{matrix.dtype} of shape {list(matrix.shape)}"
+            raise ModelError(f"{path}: an array of {found}: expected a matrix of numbers, (sources, targets)")
+        self.path, self._matrix, self.places = path, matrix, matrix.shape
+
+    def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
+        """The entries that are not 0, row by row."""
+        for row in range(self._matrix.shape[0]):
+            weights = self._matrix[row]
+            post = np.flatnonzero(weights)
+            columns = {"pre": np.full(post.size, row), "post": post, "weight": weights[post]}
+            yield Piece(row + 1, columns, alone=True)
+
+
+class _Sparse:
+    """A sparse matrix, likewise."""
+
+    first, names = 1, MATRIX
+
+    def __init__(self, path: Path, matrix: Any) -> None:
+        self.path, self._matrix, self.places = path, matrix, matrix.shape
+
+    def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
+        """The stored entries."""
+        columns = {"pre": self._matrix.row, "post": self._matrix.col, "weight": self._matrix.data}
+        for begin in range(0, self._matrix.nnz, ROWS):
+            yield Piece(begin + 1, {name: column[begin : begin + ROWS] for name, column in columns.items()})
+
+
+_BLOCK = 1 << 24
+"""Bytes of a CSV that are read at once."""
+
+_WRONG = re.compile(r"column #(?P<column>\d+): Row #(?P<row>\d+): .* invalid value '(?P<value>.*)'", re.DOTALL)
+_EXPECTED = {
+    NUMBER: "a number",
+    "int64": "a whole number of 64 bits",
+    "uint64": "a whole number from 0 to 2^64 - 1",
+}
+
+
+def _arrow(path: Path, module: str) -> Any:
+    message = f"{path}: the package pyarrow, which reads CSV and parquet, is missing"
+    return needed(f"pyarrow{module}", "parquet", message)
+
+
+class CsvTable:
+    """A CSV with a header; rows are counted with it, as lines are."""
+
+    places, first = None, 2
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.names = _header(path)
+
+    def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
+        """The columns, block by block."""
+        try:
+            yield from self._pieces(kinds, True)
+        except (_arrow(self.path, "").ArrowException, KeyError, OSError) as error:
+            raise self._located(error, kinds) from None
+
+    def _pieces(self, kinds: Mapping[str, str], threads: bool) -> Iterator[Piece]:
+        arrow, reader = _arrow(self.path, ""), _arrow(self.path, ".csv")
+        types = {NUMBER: arrow.float64(), "int64": arrow.int64(), "uint64": arrow.uint64()}
+        text = arrow.dictionary(arrow.int32(), arrow.string())
+        how = reader.ConvertOptions(
+            column_types={name: types.get(kind, text) for name, kind in kinds.items()},
+            include_columns=list(kinds),
+            null_values=[""],
+            strings_can_be_null=True,
+        )
+        options = reader.ReadOptions(block_size=_BLOCK, use_threads=threads)
+        first = self.first
+        for batch in reader.open_csv(self.path, read_options=options, convert_options=how):
+            yield Piece(
+                first, {name: _arrow_column(self, first, name, batch.column(name), kinds[name]) for name in kinds}
+            )
+            first += batch.num_rows
+
+    def _located(self, error: Exception, kinds: Mapping[str, str]) -> ModelError:
+        """What Arrow found wrong, with row and column, which it tells where it reads with one thread."""
+        try:
+            for _ in self._pieces(kinds, False):
+                pass
+        except (_arrow(self.path, "").ArrowException, KeyError, OSError) as told:
+            error = told
+        if found := _WRONG.search(str(error)):
+            name = self.names[int(found["column"])] if int(found["column"]) < len(self.names) else found["column"]
+            return cell(self, int(found["row"]), name, found["value"], _EXPECTED.get(kinds.get(name, ""), "text"))
+        return ModelError(f"{self.path}: no CSV that can be read: {str(error).splitlines()[0]:.200}")
+
+
+def _header(path: Path) -> tuple[str, ...]:
+    """The names in the first line.
+
+    Raises:
+        ModelError: there is none, it is no text, or a name stands there twice.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            names = tuple(next(csv.reader([file.readline(1 << 24)]), ()))
+    except (UnicodeDecodeError, csv.Error):
+        raise ModelError(f"{path}: found no text: expected CSV, parquet, SONATA (HDF5), npz or npy") from None
+    if not any(names):
+        raise ModelError(f"{path}: found no header: expected the names of the columns in the first line")
+    if twice := [name for k, name in enumerate(names) if name in names[:k]]:
+        raise ModelError(f"{path}: row 1: column '{twice[0]}' stands there twice: expected each once")
+    return names
+
+
+def _arrow_column(table: Table, first: int, name: str, values: Any, kind: str) -> Column:
+    """An array of Arrow as a column; an empty cell is an error, but in a text that is no id."""
+    pyarrow = _arrow(table.path, "")
+    kinds = pyarrow.types
+    stated = values.type.value_type if kinds.is_dictionary(values.type) else values.type
+    if kinds.is_string(stated) or kinds.is_large_string(stated):
+        coded = values if kinds.is_dictionary(values.type) else values.dictionary_encode()
+        words = [word if word is not None else "" for word in coded.dictionary.to_pylist()]
+        codes = coded.indices.fill_null(len(words)).to_numpy(zero_copy_only=False).astype(np.int64)
+        return Texts(codes, (*words, ""))
+    if values.null_count:
+        empty = int(np.flatnonzero(values.is_null().to_numpy(zero_copy_only=False))[0])
+        raise cell(table, first + empty, name, "", _EXPECTED.get(kind, "a value"))
+    if not (kinds.is_integer(stated) or kinds.is_floating(stated) or kinds.is_boolean(stated)):
+        expected = "text" if kind == TEXT else "numbers or text" if kind == ANY else _EXPECTED[kind]
+        raise ModelError(f"{table.path}: column '{name}' holds {stated}: expected {expected}", path=(name,))
+    numbers: Column = values.to_numpy(zero_copy_only=False)
+    return numbers
+
+
+class ParquetTable:
+    """A parquet file; rows are counted from 1."""
+
+    places, first = None, 1
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._errors = (_arrow(path, "").ArrowException, OSError, ValueError)
+        try:
+            self.names = tuple(_arrow(path, ".parquet").read_schema(path).names)
+        except self._errors as error:
+            raise self._damaged(error) from None
+
+    def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
+        """The columns, a group of rows at a time."""
+        first = self.first
+        for batch in self._batches(list(kinds)):
+            yield Piece(
+                first, {name: _arrow_column(self, first, name, batch.column(name), kinds[name]) for name in kinds}
+            )
+            first += batch.num_rows
+
+    def _batches(self, names: list[str]) -> Iterator[Any]:
+        try:
+            with _arrow(self.path, ".parquet").ParquetFile(self.path) as file:
+                yield from file.iter_batches(batch_size=ROWS, columns=names)
+        except self._errors as error:
+            raise self._damaged(error) from None
+
+    def _damaged(self, error: Exception) -> ModelError:
+        return ModelError(f"{self.path}: no parquet file that can be read: {str(error).splitlines()[0]:.200}")
+
+
+class CsvMatrix:
+    """A CSV whose first line has the ids of the targets, and each other line the id of a source and its weights."""
+
+    places, first, names = None, 2, MATRIX
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._posts = _header(path)[1:]
+
+    def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
+        """The entries that are not 0, some lines at a time; a row is that of the source."""
+        with self.path.open(encoding="utf-8-sig", newline="") as file:
+            lines, known = self._lines(file), dict[str, int]()
+            next(lines)
+            for row, line in enumerate(lines, 2):
+                if not line:
+                    continue
+                if known.setdefault(line[0], row) != row:
+                    raise cell(self, row, "pre", line[0], f"another id than that of row {known[line[0]]}")
+                if len(line) - 1 != len(self._posts):
+                    message = f"{self.path}: row {row}: found {len(line) - 1} weights: expected {len(self._posts)}"
+                    raise ModelError(f"{message}, as many as ids in row 1")
+                try:
+                    weights = np.array(line[1:], dtype=np.float64)
+                except ValueError:
+                    weights = np.full(len(self._posts), np.nan)
+                if not np.isfinite(weights).all():
+                    bad = next(k for k, text in enumerate(line[1:]) if not _is_finite(text))
+                    raise cell(self, row, self._posts[bad], line[1 + bad], "a finite number")
+                there = np.flatnonzero(weights)
+                named = {"pre": [line[0]] * there.size, "post": [self._posts[k] for k in there.tolist()]}
+                columns = {name: self._ids(row, name, ids, kinds[name]) for name, ids in named.items() if name in kinds}
+                yield Piece(row, {**columns, "weight": weights[there]}, alone=True)
+
+    def _lines(self, file: Any) -> Iterator[list[str]]:
+        try:
+            yield from csv.reader(file)
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise ModelError(f"{self.path}: no CSV that can be read: {error!s:.150}") from None
+
+    def _ids(self, row: int, name: str, ids: list[str], kind: str) -> Column:
+        if kind == TEXT:
+            words = tuple(dict.fromkeys(ids))
+            return Texts(np.array([words.index(word) for word in ids], dtype=np.int64), words)
+        try:
+            return np.array([int(text) for text in ids], dtype=kind)
+        except (ValueError, OverflowError):
+            wrong = next(text for text in ids if not re.fullmatch(r"[-+]?\d{1,20}", text.strip()))
+            raise cell(self, row, name, wrong, _EXPECTED[kind]) from None
+
+
+def _is_finite(text: str) -> bool:
+    try:
+        return bool(np.isfinite(float(text)))
+    except ValueError:
+        return False
+
+
+def open_table(path: Path, key: str | None = None, matrix: bool = False, types: Path | None = None) -> Table:
+    """The table in a file, whose format is found by its signature; what has none is CSV.
+
+    Args:
+        path: CSV, parquet, HDF5 of SONATA, npz or npy.
+        key: in HDF5 the population of edges or of nodes.
+        matrix: whether a CSV is a matrix with ids in its first row and column.
+        types: in HDF5 the CSV with the attributes of types of edges or of nodes.
+
+    Raises:
+        ModelError: there is no such file, or it is none of these.
+    """
+    table = _opened(path, key, matrix, types)
+    if matrix and table.names != MATRIX:
+        raise ModelError(f"{path}: layout: matrix: found a list of edges: expected a matrix", path=("layout",))
+    return table
+
+
+def _opened(path: Path, key: str | None, matrix: bool, types: Path | None) -> Table:
+    existing(path)
+    record_input(path)
+    with path.open("rb") as file:
+        head = file.read(8)
+    for word, said in (("key", key), ("types", types)):
+        if said is not None and not is_hdf5(head):
+            raise ModelError(f"{path}: {word} = {shown(said)}: expected none, only HDF5 has {word}", path=(word,))
+    if is_hdf5(head):
+        return SonataTable(path, key, types)
+    if head.startswith((b"PK\x03\x04", b"PK\x05\x06", b"\x93NUMPY")):
+        return open_arrays(path)
+    if head.startswith(b"PAR1"):
+        return ParquetTable(path)
+    return CsvMatrix(path) if matrix else CsvTable(path)
