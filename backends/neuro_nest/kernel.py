@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
-from neuro.core.launch import leads, processes, share as work_together
+from neuro.core.system import leads, processes, share as work_together
 from neuro.program.share import WHOLE, Share
 
 T = TypeVar("T")

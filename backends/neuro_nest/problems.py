@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.english import a, some
+from neuro.core.errors import a, some
 from neuro.model.neurons import CurrentGenerator
 from neuro.model.rules import fixed_total_number
 from neuro.program.backend import Problem, floats_only, unnoted

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from neuro.chips.description import Chip
 from neuro.chips.fixed import FixedPopulation, FixedProjection, Words
 from neuro.chips.inputs import LEARN_ELSEWHERE, Inputs, Options, foreign, refused
-from neuro.core.english import a
-from neuro.core.errors import ModelError, nearest
+from neuro.core.errors import ModelError, a, nearest
 from neuro.model.neurons import Model, Neuron
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Population, Program

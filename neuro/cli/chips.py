@@ -63,7 +63,7 @@ def refusal(problem: Problem, begin: str = "{place}{kind}: ") -> str:
 
 def summary(program: Program) -> str:
     """How large a network is."""
-    from neuro.core.english import some
+    from neuro.core.errors import some
 
     neurons = sum(population.size for population in program.populations)
     synapses = sum(projection.size for projection in program.projections)

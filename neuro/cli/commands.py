@@ -142,7 +142,7 @@ def _option() -> Any:
 
 def _run(context: typer.Context, files: list[Path]) -> list[Path]:
     from neuro.core.extension import extensions, run_extension
-    from neuro.core.launch import speaks
+    from neuro.core.system import speaks
 
     for file in files or []:
         if speaks() and str(file.resolve()) not in extensions():

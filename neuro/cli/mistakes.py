@@ -13,7 +13,7 @@ from typing import Any
 
 import typer
 
-from neuro.core.launch import speaks
+from neuro.core.system import speaks
 
 _MORE = re.compile(r"Got unexpected extra argument\(?s?\)? \((.*)\)")
 _CHOICE = re.compile(r"Invalid value for ('[^']*'): Value error, (.*) is not one of (.*)")

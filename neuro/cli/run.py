@@ -54,9 +54,9 @@ def run(
 ) -> None:
     """Run a network and write its spikes, traces and weights, and the network itself, to one HDF5 file."""
     from neuro.core.clock import Clock
-    from neuro.core.launch import shared, speaks
     from neuro.core.outputs import check_output
     from neuro.core.progress import advance
+    from neuro.core.system import shared, speaks
     from neuro.files.results import KIND, read
     from neuro.model.language import load
     from neuro.run.compiled import compile as compiled
@@ -95,9 +95,9 @@ def _at_the_end(
     Returns:
         the results, of several processes without weights, and what `advance` gives.
     """
-    from neuro.core.launch import shared, speaks
     from neuro.core.outputs import output
     from neuro.core.progress import advance
+    from neuro.core.system import shared, speaks
     from neuro.files.results import KIND, read, write
     from neuro.run.collect import all_weights_of, collect
 
@@ -130,7 +130,7 @@ def together(backend: str) -> None:
     """Let the processes of mpirun share the network where the backend can; one of them cleans up at the end."""
     import signal
 
-    from neuro.core.launch import processes, share
+    from neuro.core.system import processes, share
     from neuro.program.backend import Distributed, find_backend
 
     if processes() > 1 and isinstance(find_backend(backend), Distributed):
@@ -154,8 +154,7 @@ def tell_silence(inputs: list[str]) -> None:
 
 def keep_spikes(net: Network, names: list[str]) -> None:
     """Ask for the spikes of the named populations; those of some generators are not kept of themselves."""
-    from neuro.core.english import a
-    from neuro.core.errors import ModelError, Where, unknown
+    from neuro.core.errors import ModelError, Where, a, unknown
     from neuro.model.neurons import CurrentGenerator, Generator
 
     net.place = Where("--record")
@@ -219,7 +218,7 @@ def recorded(results: Results) -> str:
 
 def what(trace: Trace) -> str:
     """What a probe recorded, in a few words."""
-    from neuro.core.english import some
+    from neuro.core.errors import some
 
     of, times = trace.projection or trace.population, some(trace.times_ms.size, "time")
     if trace.at_pre_spikes:

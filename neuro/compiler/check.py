@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from neuro.compiler.shapes import Shape, end_of, size
 from neuro.core.clock import Clock
-from neuro.core.english import a
-from neuro.core.errors import ModelError, unknown, words_of
+from neuro.core.errors import ModelError, a, unknown, words_of
 from neuro.core.keyed_random import LARGEST_MEAN
 from neuro.core.registry import Registry
 from neuro.core.values import plain

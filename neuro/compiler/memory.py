@@ -15,8 +15,8 @@ from neuro.compiler.connect import expected_synapses
 from neuro.compiler.pairs import between, expected_pairs
 from neuro.compiler.shapes import Shape, end_of, size
 from neuro.core.errors import ModelError, Where
-from neuro.core.launch import neighbours
 from neuro.core.memory import free_memory
+from neuro.core.system import neighbours
 from neuro.core.values import plain
 from neuro.model.distributions import Distribution
 from neuro.model.network import Network

@@ -17,8 +17,8 @@ from neuro.compiler.memory import NO_ROOM
 from neuro.compiler.resolve import compile_network
 from neuro.compiler.sections import ALONE
 from neuro.core.errors import ModelError, Where
+from neuro.core.inputs import file_path
 from neuro.core.memory import uncollected
-from neuro.core.paths import file_path
 from neuro.model.language.files import GATHERED, SECTIONS, gather
 from neuro.model.language.loader import TABLES, build
 from neuro.model.language.parameters import resolve

@@ -24,7 +24,7 @@ from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.core.memory import uncollected
-from neuro.core.threads import mapped
+from neuro.core.system import mapped
 from neuro.model.distributions import DISTRIBUTIONS, Distribution
 from neuro.model.network import Network
 from neuro.model.neurons import (

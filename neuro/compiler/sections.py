@@ -10,8 +10,7 @@ import numpy as np
 from neuro.compiler.check import recordable
 from neuro.compiler.shapes import Shape, end_of
 from neuro.core.clock import Clock
-from neuro.core.english import a
-from neuro.core.errors import ModelError, nearest, unknown, words_of
+from neuro.core.errors import ModelError, a, nearest, unknown, words_of
 from neuro.model.network import Network
 from neuro.model.neurons import CurrentGenerator, spike_generator
 from neuro.model.parts import (

@@ -19,7 +19,7 @@ from neuro.core.checks import check
 from neuro.core.clock import Clock
 from neuro.core.keyed_random import generator
 from neuro.core.memory import give_back
-from neuro.core.threads import mapped
+from neuro.core.system import mapped
 from neuro.model.distributions import Distribution
 from neuro.model.parts import Projection
 from neuro.model.rules import all_to_all, one_to_one

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, nearest
 from neuro.core.hints import axes, near, notation
-from neuro.core.paths import file_path
+from neuro.core.inputs import file_path
 from neuro.core.quantities import KINDS, LARGEST, Kind, Quantity, is_written, with_unit
 from neuro.core.values import FromFile, shown
 

@@ -1,4 +1,4 @@
-"""The one error that users of the language see.
+"""The one error that users of the language see, and words of its messages.
 
 ```
 ValueError
@@ -147,3 +147,13 @@ def here() -> Where | None:
             return Where(Path(frame.f_code.co_filename).name, frame.f_lineno)
         frame = frame.f_back
     return None
+
+
+def a(name: str) -> str:
+    """A name behind its article: "a poisson_generator", "an iaf_psc_exp"."""
+    return f"{'an' if name[:1].lower() in 'aeio' else 'a'} {name}"
+
+
+def some(n: int, noun: str) -> str:
+    """A number of something: "1 synapse", "1,000 synapses"."""
+    return f"{n:,} {noun}{'s' * (n != 1)}"

@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from neuro.core.errors import ModelError, Where
-from neuro.core.paths import existing
+from neuro.core.inputs import existing
 from neuro.core.registry import registered
 
 __all__ = ["extensions", "named_by_user", "run_extension", "run_extensions"]

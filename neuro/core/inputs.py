@@ -1,4 +1,4 @@
-"""Which files were read, so that what is made of them can tell."""
+"""Files that are read: their names as users give them, and a record of them with digests."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-__all__ = ["digest_of", "gathering", "record_input", "recorded_inputs"]
+from neuro.core.errors import ModelError
+
+__all__ = ["digest_of", "existing", "file_path", "gathering", "record_input", "recorded_inputs"]
 
 _BLOCK = 1 << 20
 _read: dict[str, None] = {}
@@ -73,3 +76,44 @@ def digest_of(path: str | os.PathLike[str]) -> str:
         return _known[key]
     except OSError:
         return ""
+
+
+def file_path(given: Any, what: str) -> Path:
+    """The path that a value is.
+
+    Args:
+        given: text or a path.
+        what: its name in the message.
+
+    Raises:
+        ModelError: it is neither, or no file can have that name.
+    """
+    if not isinstance(given, str | os.PathLike) or not isinstance(os.fspath(given), str):
+        raise ModelError(f"{what} = {given!r:.60}: expected the name of a file")
+    if "\0" in os.fspath(given):
+        raise ModelError(f"{what} = {os.fspath(given)!r:.60}: expected the name of a file, without a zero byte")
+    return Path(given)
+
+
+def existing(given: Any, expected: str = "") -> Path:
+    """The path of a file that is there.
+
+    Args:
+        given: text or a path.
+        expected: what it should be, for the message, e.g. "a state written by sim.save".
+
+    Raises:
+        ModelError: there is no such file, or it is a folder.
+    """
+    path = file_path(given, "path")
+    wanted = f": expected {expected}" if expected else ""
+    try:
+        if path.is_dir():
+            raise ModelError(f"{path}: is a folder{wanted or ': expected a file'}")
+        if not path.exists():
+            raise ModelError(f"{path}: no such file{wanted}")
+        if not path.is_file():
+            raise ModelError(f"{path}: is neither file nor folder{wanted or ': expected a file'}")
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
+    return path

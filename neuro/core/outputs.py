@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from neuro.core.errors import ModelError
-from neuro.core.paths import file_path
+from neuro.core.inputs import file_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from neuro.core.clock import Clock
-from neuro.core.launch import shared
+from neuro.core.system import shared
 
 EVERY_S = 10.0
 STRETCH_S = 0.2

@@ -8,7 +8,7 @@ from itertools import chain
 
 import numpy as np
 
-from neuro.core.english import some
+from neuro.core.errors import some
 from neuro.diagnosis.findings import Finding, fault, figure, finding, note, warning
 from neuro.diagnosis.learning import balanced
 from neuro.diagnosis.observing import Observation

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from neuro.core import html
-from neuro.core.english import some
+from neuro.core.errors import some
 from neuro.core.html import Html, tag
 from neuro.core.outputs import sealed
 from neuro.core.tables import Table, as_html

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.english import some
+from neuro.core.errors import some
 from neuro.diagnosis.findings import Finding, fault, figure, finding, note, warning
 from neuro.diagnosis.observing import Learnt, Observation
 from neuro.diagnosis.parts import LEFT, changes_weights

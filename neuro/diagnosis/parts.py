@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from neuro.core.english import some
+from neuro.core.errors import some
 from neuro.diagnosis.findings import Finding, fault, warning
 from neuro.diagnosis.wiring import Wiring, is_short_term
 from neuro.model.neurons import Neuron

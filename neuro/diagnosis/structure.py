@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from neuro.core.english import some
+from neuro.core.errors import some
 from neuro.diagnosis.findings import Finding, fault, figure, finding, note, warning
 from neuro.diagnosis.observing import idle_inputs
 from neuro.diagnosis.wiring import Wiring

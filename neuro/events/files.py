@@ -10,8 +10,8 @@ from typing import Any
 
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
+from neuro.core.inputs import file_path
 from neuro.core.outputs import Kind, Unwritable, output
-from neuro.core.paths import file_path
 from neuro.events._events import Events, checked_size
 from neuro.events.formats import Format, Unsavable, called, written
 from neuro.events.formats._format import in_order

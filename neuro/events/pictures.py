@@ -19,8 +19,8 @@ import numpy.typing as npt
 from neuro.core import html
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
+from neuro.core.inputs import file_path
 from neuro.core.outputs import marked, output, sealed, write_text
-from neuro.core.paths import file_path
 from neuro.events._events import Events
 from neuro.events.parts import together, windows
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.core.errors import ModelError, Where
-from neuro.core.paths import file_path
+from neuro.core.inputs import file_path
 
 Given = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
 Bytes = npt.NDArray[np.uint8]

@@ -31,8 +31,7 @@ from neuro.chips.arithmetic import is_whole
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError
 from neuro.core.hdf5 import check_tree
-from neuro.core.inputs import record_input
-from neuro.core.paths import existing
+from neuro.core.inputs import existing, record_input
 from neuro.exchange.verdict import EXACT, REFUSED, Verdict, Verdicts
 from neuro.model.network import Network
 from neuro.model.neurons import (

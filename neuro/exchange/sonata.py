@@ -16,8 +16,8 @@ import numpy as np
 
 from neuro.core.errors import ModelError
 from neuro.core.hdf5 import new_file
+from neuro.core.inputs import file_path
 from neuro.core.outputs import Kind, marked, output
-from neuro.core.paths import file_path
 from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
 from neuro.program.program import Population, Projection
 

@@ -45,13 +45,11 @@ import numpy as np
 
 from neuro.core.checks import check_span
 from neuro.core.clock import Clock
-from neuro.core.english import a
-from neuro.core.errors import ModelError, unknown
+from neuro.core.errors import ModelError, a, unknown
 from neuro.core.growing import JournalReader
 from neuro.core.hdf5 import check_tree, has_format, new_file
-from neuro.core.inputs import record_input
+from neuro.core.inputs import existing, record_input
 from neuro.core.outputs import Kind, kept_parts
-from neuro.core.paths import existing
 from neuro.core.tables import Table, as_html, as_text
 from neuro.files.finished_runs import Sought, one_each, weights
 from neuro.files.parts import Fed, Opener, Stored, Trace, Train, Weights, kept, span

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from neuro.core.choice import Choice
-from neuro.core.english import some
+from neuro.core.errors import some
 from neuro.core.quantities import word_of
 from neuro.core.tables import Table, as_html, as_text
 from neuro.core.values import FromFile, same, shown

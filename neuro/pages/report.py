@@ -12,8 +12,7 @@ import numpy as np
 
 from neuro.chips.energy import Energy
 from neuro.core import html
-from neuro.core.english import some
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, some
 from neuro.core.extension import extensions
 from neuro.core.html import Html, table, tag
 from neuro.core.outputs import sealed

@@ -28,8 +28,7 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.extension import extensions
 from neuro.core.hdf5 import check, check_tree, has_format
-from neuro.core.inputs import digest_of
-from neuro.core.paths import file_path
+from neuro.core.inputs import digest_of, file_path
 from neuro.core.progress import Bar
 from neuro.core.provenance import ATTRIBUTE, differences, provenance
 from neuro.core.values import shown

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.extension import extensions
+from neuro.core.inputs import file_path
 from neuro.core.outputs import check_output, free_part
-from neuro.core.paths import file_path
 from neuro.core.provenance import ATTRIBUTE, provenance
 from neuro.core.version import VERSION
 from neuro.files.parts import Trace, Train, Weights

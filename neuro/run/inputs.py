@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from neuro.core.clock import NEVER
-from neuro.core.english import a
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, a
 from neuro.model.synapses import tsodyks2
 from neuro.program.backend import Engine
 from neuro.program.counts import fan_out

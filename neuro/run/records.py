@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from neuro.core.checks import check_span
 from neuro.core.clock import NEVER
-from neuro.core.english import a
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, a
 from neuro.model.neurons import Generator
 from neuro.model.parts import Probe
 from neuro.program.program import Floats, Ints

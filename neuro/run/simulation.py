@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from neuro.core.checks import check
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
-from neuro.core.paths import file_path
+from neuro.core.inputs import file_path
 from neuro.core.progress import Bar, advance
 from neuro.core.quantities import Quantity, word_of
 from neuro.core.tables import Table, as_html, as_text

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neuro.core.clock import NEVER, Clock
-from neuro.core.english import a
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, a
 from neuro.program.backend import Engine, together
 from neuro.program.program import Ints, Program
 from neuro.run.handles import Handles

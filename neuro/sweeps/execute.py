@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from neuro.core.checks import check
 from neuro.core.errors import ModelError
-from neuro.core.paths import file_path
+from neuro.core.inputs import file_path
 from neuro.core.progress import Bar
 from neuro.core.provenance import provenance
 from neuro.core.quantities import Quantity

@@ -16,8 +16,7 @@ import yaml
 from neuro.core.checks import check
 from neuro.core.choice import Choice
 from neuro.core.clock import Clock
-from neuro.core.english import a
-from neuro.core.errors import ModelError, Where, nearest, unknown
+from neuro.core.errors import ModelError, Where, a, nearest, unknown
 from neuro.core.inputs import digest_of, gathering
 from neuro.core.quantities import Quantity, in_ms, word_of
 from neuro.model.language.files import gather

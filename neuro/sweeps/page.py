@@ -11,8 +11,7 @@ import numpy as np
 
 from neuro.chips.energy import quantity
 from neuro.core import html
-from neuro.core.english import some
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, some
 from neuro.core.html import Html, table, tag
 from neuro.core.outputs import output, sealed
 from neuro.core.provenance import differences

@@ -17,8 +17,8 @@ from neuro.chips.energy import quantity
 from neuro.core import tables
 from neuro.core.errors import ModelError, unknown
 from neuro.core.extras import needed
+from neuro.core.inputs import file_path
 from neuro.core.outputs import Kind, marked, output
-from neuro.core.paths import file_path
 from neuro.pages.curves import few
 from neuro.sweeps.folder import PRUNED, SWEEP, Folder, RunOutcome, claimed
 

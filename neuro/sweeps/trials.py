@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from neuro.core.errors import ModelError
+from neuro.core.inputs import file_path
 from neuro.core.outputs import marked
-from neuro.core.paths import file_path
 from neuro.sweeps.folder import PRUNED, TUNING, Claims, Folder, RunOutcome
 from neuro.sweeps.function import IsWorse
 from neuro.sweeps.journal import DraftStorage, locked, optuna, quietly, study_of, trials_of

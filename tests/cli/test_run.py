@@ -194,12 +194,12 @@ def test_independent_runs_under_mpirun(neuro, network, monkeypatch, words):
 
 @pytest.mark.parametrize(("rank", "told"), [("0", "error: --record: unknown population 'ecx'"), ("1", "")])
 def test_of_a_shared_run_one_tells(neuro, network, monkeypatch, rank, told):
-    from neuro.core import launch
+    from neuro.core import system
     from neuro.program.share import WHOLE
     from neuro_reference import ReferenceBackend
 
     monkeypatch.setattr(ReferenceBackend, "share", lambda self: WHOLE, raising=False)
-    monkeypatch.setattr(launch, "_shared", False)
+    monkeypatch.setattr(system, "_shared", False)
     monkeypatch.setenv("PMI_SIZE", "2")
     monkeypatch.setenv("PMI_RANK", rank)
     answer = neuro("run", network, "--backend", "reference", "--record", "ecx")

@@ -142,7 +142,7 @@ BY_RULES = """
 import sys, warnings
 import numpy as np
 import neuro
-from neuro.core.launch import leads
+from neuro.core.system import leads
 warnings.simplefilter("ignore")
 net = neuro.Network("rules")
 for name in ("exc", "inh"):
@@ -229,7 +229,7 @@ SCRIPT = """
 import sys
 import numpy as np
 import neuro
-from neuro.core.launch import leads
+from neuro.core.system import leads
 sim = neuro.compile(neuro.load("net.yaml"), "nest")
 for _ in range(3):
     sim.set_weights("inh_exc", np.linspace(-90.0, -50.0, 330))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core import keyed_random
-from neuro.core.threads import mapped
+from neuro.core.system import mapped
 from neuro.kernels.address import Declared
 from neuro.kernels.beside import addresses
 from neuro.kernels.draws import GUIDE_BITS, guide_to

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
-from neuro.core.threads import mapped
+from neuro.core.system import mapped
 from neuro.model.neurons import Neuron
 from neuro.program.compact import CompactProjection, SynapseBlock, is_single
 from neuro.program.program import Floats, Ints, Program, StoredSynapses

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
-from neuro.core.threads import mapped
+from neuro.core.system import mapped
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Ints
 from neuro_event.building import joined_rows, layout

@@ -7,8 +7,7 @@ from types import ModuleType
 
 import numpy as np
 
-from neuro.core.english import a
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, a
 from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped, torn
 from neuro.program.backend import Spikes
 from neuro.program.currents import Currents, Rates

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from neuro.core.clock import NEVER
-from neuro.core.english import some
+from neuro.core.errors import some
 from neuro.model.neurons import Neuron
 from neuro.program.currents import Currents, driven
 from neuro.program.program import Floats, Population, Program, Projection

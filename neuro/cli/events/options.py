@@ -57,8 +57,8 @@ def spare(source: str | Path, target: str | Path, kind: Kind, force: bool) -> No
     from dataclasses import replace
 
     from neuro.core.errors import ModelError
+    from neuro.core.inputs import file_path
     from neuro.core.outputs import check_output
-    from neuro.core.paths import file_path
 
     if str(target) == "-":
         return

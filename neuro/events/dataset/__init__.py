@@ -12,7 +12,7 @@ from typing import Any, Self, overload
 import numpy as np
 
 from neuro.core.errors import ModelError, unknown
-from neuro.core.paths import file_path
+from neuro.core.inputs import file_path
 from neuro.events._events import Events
 from neuro.events.dataset._layouts import LAYOUTS, Layout, is_hdf5
 from neuro.events.dataset._recordings import UNKNOWN, Recording, Recordings, Sample, labelled, recordings

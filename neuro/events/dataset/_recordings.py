@@ -16,8 +16,7 @@ import numpy.typing as npt
 
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
-from neuro.core.inputs import record_input
-from neuro.core.paths import file_path
+from neuro.core.inputs import file_path, record_input
 from neuro.events._events import Events
 from neuro.events.dataset._layouts import (
     ARCHIVES,

@@ -30,9 +30,9 @@ from neuro.chips.quantising import quantise
 from neuro.core.checks import check
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
+from neuro.core.inputs import file_path
 from neuro.core.keyed_random import mix
 from neuro.core.outputs import make_folder, output, sealed
-from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
 from neuro.exchange.c_code.arrays import Memory, number
 from neuro.exchange.c_code.cells import supports

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from neuro.compiler.resolve import compile_network
 from neuro.core.checks import check
 from neuro.core.clock import NEVER
-from neuro.core.english import some
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, some
 from neuro.core.hdf5 import disk
 from neuro.core.outputs import Kind, output
 from neuro.core.quantities import Quantity

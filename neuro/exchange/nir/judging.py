@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from neuro.core.checks import check
-from neuro.core.english import some
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, some
 from neuro.core.quantities import Quantity
 from neuro.exchange.nir.cells import (
     ASK,

@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 
 from neuro.core.errors import ModelError
-from neuro.core.hdf5 import check_tree
-from neuro.core.hdf5_texts import Texts
-from neuro.core.inputs import record_input
-from neuro.core.paths import existing
+from neuro.core.hdf5 import Texts, check_tree
+from neuro.core.inputs import existing, record_input
 from neuro.exchange.nir.graph import FIELDS, Graph, Node, outcome, package, shown, wholes
 
 LARGEST = 2**28

@@ -21,7 +21,7 @@ from uuid import uuid4
 from neuro.core.checks import check
 from neuro.core.errors import ModelError, Where
 from neuro.core.extras import needed
-from neuro.core.paths import existing
+from neuro.core.inputs import existing
 from neuro.core.quantities import Quantity
 from neuro.core.system import only_on_linux
 from neuro.exchange.pynn.report import Damaged, Failure, Report, printable

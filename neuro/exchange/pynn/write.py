@@ -14,10 +14,9 @@ import numpy as np
 
 from neuro.compiler import compile_network
 from neuro.core.checks import check
-from neuro.core.english import some
-from neuro.core.errors import ModelError, Where
+from neuro.core.errors import ModelError, Where, some
+from neuro.core.inputs import file_path
 from neuro.core.outputs import marked, output, sealed
-from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
 from neuro.exchange.pynn.cells import BY_MODEL, DEPENDENCES, Cell, difference
 from neuro.exchange.templates import filled

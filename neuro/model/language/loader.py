@@ -18,9 +18,8 @@ from neuro.core.checks import check
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, Where, unknown
 from neuro.core.hints import ELSEWHERE
-from neuro.core.inputs import gathering
+from neuro.core.inputs import file_path, gathering
 from neuro.core.memory import uncollected
-from neuro.core.paths import file_path
 from neuro.core.quantities import KINDS, Quantity
 from neuro.core.values import FromFile, shown
 from neuro.model.distributions import DISTRIBUTIONS

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, Where
 from neuro.core.hdf5 import has_format, new_file
+from neuro.core.inputs import file_path
 from neuro.core.outputs import Kind, Unwritable, output, sealed
-from neuro.core.paths import file_path
 from neuro.core.quantities import word_of
 from neuro.core.values import FromFile
 from neuro.model.equations import EquationNeuron, EquationSynapse

@@ -15,7 +15,7 @@ from neuro.coding.codes import chain
 from neuro.coding.encoders import Floats
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, Where, here
-from neuro.core.paths import file_path
+from neuro.core.inputs import file_path
 from neuro.core.quantities import Value, quantity
 from neuro.core.values import FromFile, shown
 from neuro.model.neurons.base import Generator, State, Timed

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from neuro.core.errors import ModelError
 from neuro.core.extras import needed
 from neuro.core.hdf5 import is_hdf5
-from neuro.core.inputs import record_input
-from neuro.core.paths import existing
+from neuro.core.inputs import existing, record_input
 from neuro.core.values import shown
 from neuro.model.wiring.sonata import SonataTable
 from neuro.model.wiring.tables import ANY, MATRIX, NUMBER, ROWS, TEXT, Column, Piece, Table, Texts, cell

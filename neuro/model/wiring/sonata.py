@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from neuro.core import hdf5
 from neuro.core.errors import ModelError, unknown
-from neuro.core.hdf5_texts import Texts as Heaps
-from neuro.core.inputs import record_input
-from neuro.core.paths import existing
+from neuro.core.hdf5 import Texts as Heaps
+from neuro.core.inputs import existing, record_input
 from neuro.core.values import shown
 from neuro.model.wiring.tables import ROWS, Column, Piece, Texts, cell
 
