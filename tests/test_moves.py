@@ -141,6 +141,8 @@ def test_weights_stay_within_their_bounds(backend):
     sim.set("value", eta=0.0)
     sim.signal("judge", -1e6)
     np.testing.assert_array_equal(sim.get("value", "weight"), weight)
+    with pytest.raises(ModelError, match=r"weight\[0\] = 3: expected -1 to 1, the bounds of td_lambda"):
+        sim.set("value", weight=3.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

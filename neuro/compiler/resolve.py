@@ -354,9 +354,7 @@ def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints
 
 
 def _check_weights(rule: Synapse, weight: Floats, of: Connections | None) -> None:
-    """Refuse weights beyond the bounds of a rule for pairs or moves; places in a share (`of`) say nothing."""
-    if rule.learns not in ("pairs", "moves"):
-        return
+    """Refuse weights beyond the bounds of a rule; places in a share (`of`) say nothing."""
     bad = rule.outside(weight)
     if bad is not None:
         raised = f", or raise {rule.name}.Wmax" if "Wmax" in rule.parameters() else ""

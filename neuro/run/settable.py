@@ -232,9 +232,7 @@ def rule_of(rule: Synapse, vector: Floats) -> Synapse:
 
 
 def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
-    """Weights that pairs change stay within their rule's bounds."""
-    if rule.learns != "pairs":
-        return
+    """Refuse weights beyond the bounds of their rule."""
     bad = rule.outside(weight)
     if bad is not None:
         raise ModelError(

@@ -272,7 +272,12 @@ class Synapse(Choice):
         return np.minimum(*ends), np.maximum(*ends)
 
     def outside(self, weight: Floats) -> int | None:
-        """The first synapse whose weight is not within the bounds; weights of all or one."""
+        """The first synapse whose weight is not within the bounds, for rules that learn by pairs or by moves.
+
+        None for other rules, whose weights may begin anywhere. Weights of all synapses or one.
+        """
+        if self.learns not in ("pairs", "moves"):
+            return None
         low, high = self.bounds()
         bad = np.flatnonzero((weight < low) | (weight > high))
         return int(bad[0]) if bad.size else None
