@@ -66,8 +66,8 @@ def load(
         if not strict:
             checked.warn()
         t, x, y, p = joined(pieces, sort)
-        columns, rows = (max((int(piece[k].max(initial=0)) for piece in pieces), default=0) for k in (1, 2))
-        size = checked.size or smallest(file.format, columns, rows)
+        largest = (max((int(piece[k].max(initial=0)) for piece in pieces), default=0) for k in (1, 2))
+        size = checked.size or smallest(file.format, *largest)
         metadata = {"format": file.format.name, **({"t0": int(t[0])} if t.size else {}), **file.reader.metadata}
     return Events._trusted(t, x, y, p, size, metadata)
 

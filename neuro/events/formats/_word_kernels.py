@@ -29,6 +29,8 @@ from neuro.kernels.numba_internals import ir
 U = np.uint32
 BLOCK = 1024
 """Words that are decoded together where all are events, as most are."""
+SURE = 8
+"""Such blocks in a row after which the next one is decoded before it is looked at."""
 NEAR = PERIOD // 16
 NEVER = np.iinfo(np.int64).min
 """us; before any time."""
@@ -203,6 +205,57 @@ def decoder(layout, how=kernel):
             k = end
         return k
 
+    @subkernel
+    def each(data, at, stop, begin, clock, before, state, t, x, y, p):
+        """Decode words one by one, up to the byte `stop`: a function of its own, so that registers hold its variables.
+
+        Returns the number of events, the next byte, begin, clock, the last time, largest x and y, whether time does not
+        run back.
+        """
+        n = np.int64(0)
+        x_max = y_max = U(0)
+        ordered = True
+        waiting = waits and not state[STARTED]
+        while at < stop:
+            odd = is_odd(data, at)
+            if clocked:
+                raw = np.int64(t_of(data, at))
+                if rule == WRAPS:
+                    begin += PERIOD if clock >= PERIOD - NEAR and raw < NEAR else 0
+                elif raw - clock < -PERIOD // 2:
+                    begin += PERIOD
+                elif clock >= 0 and begin > 0 and raw - clock > PERIOD // 2:
+                    begin -= PERIOD
+                clock = raw
+            if odd or waiting:
+                used, begin = others(data, at, begin, state)
+                at += used
+                waiting = waits and not state[STARTED]
+                if used == 0:
+                    break
+                continue
+            if least < size and at + size > data.size:
+                break
+            raw = t_of(data, at)
+            now = begin + time_of(raw)
+            column = x_of(data, at)
+            row = y_of(data, at)
+            polarity = p_of(data, at)
+            place = np.uint64(n)  # of a signed index each store would test the sign
+            t[place] = now
+            x[place] = column
+            y[place] = row
+            p[place] = polarity
+            x_max = max(x_max, U(column))
+            y_max = max(y_max, U(row))
+            ordered &= now >= before
+            before = now
+            if rule == GAPS:
+                begin = now
+            n += 1
+            at += size
+        return n, at, begin, clock, before, x_max, y_max, ordered
+
     def decode(data, state, t, x, y, p):
         """Decode bytes that begin with a word.
 
@@ -221,19 +274,19 @@ def decoder(layout, how=kernel):
         x_max = y_max = U(0)
         ordered = True
         begin, clock, before = state[BEGIN], state[CLOCK], NEVER
-        waiting = waits and not state[STARTED]
         patience = 1
-        clean = True  # the words before were all events: then those that follow are decoded before they are looked at
+        clean = SURE  # blocks before that were all events
         while at + least <= data.size and not state[STOPPED]:
             count = min(BLOCK, (data.size - at) // size)
-            lead = 0 if waiting else count if clean else leading(data, at, count)
+            waiting = waits and not state[STARTED]
+            lead = 0 if waiting else count if clean >= SURE else leading(data, at, count)
             end = n + lead
             if lead:
                 column, row, rises, odd = run(data, at, begin, t[n:end], x[n:end], y[n:end], p[n:end])
                 if odd:
-                    clean = False
+                    clean = 0
                     continue
-            clean = lead == count
+            clean = clean + 1 if lead == count else 0
             patience = 1 if lead else min(2 * patience, 32)
             stop = at + size * max(1, min(group * patience, count))
             if lead:
@@ -251,43 +304,14 @@ def decoder(layout, how=kernel):
                     at += size * lead
                     stop = at + size * min(group, count - lead)
             stop = min(stop, data.size + 1 - least)
-            while at < stop:
-                odd = is_odd(data, at)
-                if clocked:
-                    raw = np.int64(t_of(data, at))
-                    if rule == WRAPS:
-                        begin += PERIOD if clock >= PERIOD - NEAR and raw < NEAR else 0
-                    elif raw - clock < -PERIOD // 2:
-                        begin += PERIOD
-                    elif clock >= 0 and begin > 0 and raw - clock > PERIOD // 2:
-                        begin -= PERIOD
-                    clock = raw
-                if odd or waiting:
-                    used, begin = others(data, at, begin, state)
-                    at += used
-                    waiting = waits and not state[STARTED]
-                    if used == 0:
-                        break
-                    continue
-                if least < size and at + size > data.size:
-                    state[BEGIN], state[CLOCK] = begin, clock
-                    return n, at, x_max, y_max, ordered
-                raw = t_of(data, at)
-                now = begin + time_of(raw)
-                column = x_of(data, at)
-                row = y_of(data, at)
-                t[n] = now
-                x[n] = column
-                y[n] = row
-                p[n] = p_of(data, at)
-                x_max = max(x_max, U(column))
-                y_max = max(y_max, U(row))
-                ordered &= now >= before
-                before = now
-                if rule == GAPS:
-                    begin = now
-                n += 1
-                at += size
+            count, at, begin, clock, before, column, row, rises = each(
+                data, at, stop, begin, clock, before, state, t[n:], x[n:], y[n:], p[n:]
+            )
+            n += count
+            x_max, y_max = max(x_max, column), max(y_max, row)
+            ordered &= rises
+            if least < size and at < stop:
+                break
         state[BEGIN], state[CLOCK] = begin, clock
         return n, at, x_max, y_max, ordered
 
