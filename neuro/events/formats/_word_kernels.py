@@ -1,5 +1,5 @@
 # mypy: ignore-errors
-"""The decoder of all layouts of `_layout`, with the packets of AEDAT 3.1, and the encoder of Event Stream."""
+"""The decoder of all layouts of `_words`, with the packets of AEDAT 3.1, and the encoder of Event Stream."""
 
 from __future__ import annotations
 
