@@ -8,6 +8,7 @@ ground is filtered instead: each pixel is looked up in means of the pattern over
 """
 
 from math import ceil, floor, log2, pi, sin, sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,23 @@ RUN = 8
 """Pixels of a row that take one level of the pattern."""
 HIGHEST = 64.0
 """Level of what is at the horizon or above."""
+
+
+class Picture(NamedTuple):
+    """Arrays of a picture that is drawn over and over.
+
+    Attributes:
+        drawn: (5, 3) float64, matrix of the base, and 1 where all is to be drawn.
+        base: (height, width) float32, ground and sky.
+        image: (height, width) float32.
+        box: (4,) int64, filled with columns and rows that may differ from the picture before (first and behind the
+            last).
+    """
+
+    drawn: Any
+    base: Any
+    image: Any
+    box: Any
 
 
 @subkernel
@@ -319,15 +337,15 @@ def textured_ground(matrix, focal, middle, levels, size, wide, sharp, x, y, base
 
 
 @kernel
-def paint(matrix, focal, middle, shades, pattern, ball, strips, circle, work, drawn, base, image, box):
+def paint(matrix, focal, middle, shades, pattern, ball, strips, circle, work, picture):
     """Draw the next picture over the one before.
 
     shades: of sky, ground, line and ball. pattern: of the ground, see `textured_ground`, from levels to y; no levels
     for none. ball: x, y, z, radius, m; radius 0 for none. strips: (n, 4, 2), parts of the line on the ground, m. work:
-    buffers. drawn: matrix of the base, and 1 where all is to be drawn. box: filled with columns and rows that may
-    differ from the picture before (first and behind the last).
+    buffers. picture: a `Picture`.
     """
     points, corners, cover, spans, painted = work
+    drawn, base, image, box = picture
     height, width = image.shape
     box[0], box[1], box[2], box[3] = width, height, 0, 0
     if ground(matrix, focal, middle, shades, pattern, work, drawn, base):
