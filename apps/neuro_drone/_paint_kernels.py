@@ -8,7 +8,6 @@ ground is filtered instead: each pixel is looked up in means of the pattern over
 """
 
 from math import ceil, floor, log2, pi, sin, sqrt
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,23 +26,6 @@ RUN = 8
 """Pixels of a row that take one level of the pattern."""
 HIGHEST = 64.0
 """Level of what is at the horizon or above."""
-
-
-class Picture(NamedTuple):
-    """Arrays of a picture that is drawn over and over.
-
-    Attributes:
-        drawn: (5, 3) float64, matrix of the base, and 1 where all is to be drawn.
-        base: (height, width) float32, ground and sky.
-        image: (height, width) float32.
-        box: (4,) int64, filled with columns and rows that may differ from the picture before (first and behind the
-            last).
-    """
-
-    drawn: Any
-    base: Any
-    image: Any
-    box: Any
 
 
 @subkernel
@@ -342,7 +324,8 @@ def paint(matrix, focal, middle, shades, pattern, ball, strips, circle, work, pi
 
     shades: of sky, ground, line and ball. pattern: of the ground, see `textured_ground`, from levels to y; no levels
     for none. ball: x, y, z, radius, m; radius 0 for none. strips: (n, 4, 2), parts of the line on the ground, m. work:
-    buffers. picture: a `Picture`.
+    buffers. picture: drawn, matrix of the base, and 1 where all is to be drawn; base; image; box, filled with columns
+    and rows that may differ from the picture before (first and behind the last).
     """
     points, corners, cover, spans, painted = work
     drawn, base, image, box = picture

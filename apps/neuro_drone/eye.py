@@ -40,7 +40,7 @@ class Eye:
     """
 
     def __init__(self, scenario: Scenario, *, seed: int = 0) -> None:
-        from neuro_drone._paint_kernels import RUN, Picture, paint
+        from neuro_drone._paint_kernels import RUN, paint
 
         camera, task, light = scenario.camera, scenario.task, scenario.light
         self._ground, self._light = scenario.ground, light
@@ -53,14 +53,14 @@ class Eye:
         self._paint, self._work = paint, buffers(size, CORNERS)
         angle = 2.0 * np.pi / CORNERS * np.arange(CORNERS)
         self._circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        self._ball = np.zeros(4)
+        self._ball, self._box = np.zeros(4), np.zeros(4, np.int64)
         self._line: npt.NDArray[np.float64] | None = None
         self._strips = np.zeros((0, 4, 2))
         self._dvs = self._new_dvs(seed)
         self._pattern: Pattern = pattern(scenario.ground, light, seed)
         self._looked_up = np.zeros((size, -(-size // RUN))), np.zeros(size), np.zeros(size)
+        self._base, self._drawn = np.zeros((size, size), np.float32), np.zeros((5, 3))
         self.image: npt.NDArray[np.float32] = np.zeros((size, size), np.float32)
-        self._picture = Picture(np.zeros((5, 3)), np.zeros_like(self.image), self.image, np.zeros(4, np.int64))
         self.reset(seed)
 
     def reset(self, seed: int) -> None:
@@ -74,7 +74,7 @@ class Eye:
         if self._ground.redraw:
             self._pattern = pattern(self._ground, self._light, seed)
         self._rng = np.random.default_rng([seed, 2])
-        self._picture.drawn[4, 0] = 1.0
+        self._drawn[4, 0] = 1.0
         self._boxed = False
 
     def _new_dvs(self, seed: int) -> DVS:
@@ -119,14 +119,14 @@ class Eye:
         self._ball[:] = scene.ball or (0.0, 0.0, 0.0, 0.0)
         self._paint(
             view.matrix, view.focal, view.middle, self._shades, self._pattern + self._looked_up, self._ball,
-            self._strips, self._circle, self._work, self._picture,
+            self._strips, self._circle, self._work, (self._drawn, self._base, self.image, self._box),
         )  # fmt: skip
         return self.image
 
     @property
     def box(self) -> Box:
         """Columns and rows of the image that may differ from the one before: first x and y, x and y behind the last."""
-        x0, y0, x1, y1 = self._picture.box.tolist()
+        x0, y0, x1, y1 = self._box.tolist()
         return x0, y0, x1, y1
 
 

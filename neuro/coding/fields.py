@@ -99,12 +99,14 @@ class Fields:
     @property
     def middle(self) -> Floats:
         """Mean of each dimension, used where it has no bounds, (dimensions,)."""
-        return self._ends[MIDDLE]
+        middle: Floats = self._ends[MIDDLE]
+        return middle
 
     @property
     def spread(self) -> Floats:
         """Standard deviation of each dimension, used where it has no bounds, (dimensions,)."""
-        return self._ends[SPREAD]
+        spread: Floats = self._ends[SPREAD]
+        return spread
 
     def learn(self, seen: Floats) -> None:
         """Take middle and spread of unbounded dimensions from what was seen, (vectors, dimensions), at least two."""
