@@ -319,15 +319,16 @@ def textured_ground(matrix, focal, middle, levels, size, wide, sharp, x, y, base
 
 
 @kernel
-def paint(matrix, focal, middle, shades, pattern, ball, strips, circle, work, drawn, base, image, box):
+def paint(matrix, focal, middle, shades, pattern, ball, strips, circle, work, picture):
     """Draw the next picture over the one before.
 
     shades: of sky, ground, line and ball. pattern: of the ground, see `textured_ground`, from levels to y; no levels
     for none. ball: x, y, z, radius, m; radius 0 for none. strips: (n, 4, 2), parts of the line on the ground, m. work:
-    buffers. drawn: matrix of the base, and 1 where all is to be drawn. box: filled with columns and rows that may
-    differ from the picture before (first and behind the last).
+    buffers. picture: drawn, matrix of the base, and 1 where all is to be drawn; base; image; box, filled with columns
+    and rows that may differ from the picture before (first and behind the last).
     """
     points, corners, cover, spans, painted = work
+    drawn, base, image, box = picture
     height, width = image.shape
     box[0], box[1], box[2], box[3] = width, height, 0, 0
     if ground(matrix, focal, middle, shades, pattern, work, drawn, base):

@@ -119,7 +119,7 @@ class Eye:
         self._ball[:] = scene.ball or (0.0, 0.0, 0.0, 0.0)
         self._paint(
             view.matrix, view.focal, view.middle, self._shades, self._pattern + self._looked_up, self._ball,
-            self._strips, self._circle, self._work, self._drawn, self._base, self.image, self._box,
+            self._strips, self._circle, self._work, (self._drawn, self._base, self.image, self._box),
         )  # fmt: skip
         return self.image
 

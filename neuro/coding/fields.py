@@ -33,6 +33,13 @@ SILENT = 0.01
 """A neuron whose activity is below this does not spike."""
 NEAR = 5
 """Tuning curves of one dimension that are at least SILENT somewhere."""
+LOW, HIGH, STATES, MIDDLE, SPREAD = range(5)
+"""Rows of the array of a space, (5, dimensions) float64: lowest and highest value, number of states or 0, and mean and
+standard deviation where a bound is missing."""
+Parts: TypeAlias = tuple[Ints, Ints, Floats, Ints]
+"""Of g grids of s dimensions: numbers of the dimensions, steps from one neuron to the next along each, and shares of a
+field by which a grid is shifted, (g, s); the first neuron, (g,). A plain tuple, of which a kernel takes an array in a
+quarter of the time of one in a named tuple: the kernel is called for each vector."""
 GOLDEN = 0.6180339887498949
 """Multiples of it, modulo 1, are phases that are spread evenly, for any number of neurons."""
 
@@ -72,7 +79,6 @@ class Fields:
         dimensions: of the vectors.
         size: how many neurons there are.
         active: how many of them stand for a vector at a time.
-        middle, spread: mean and standard deviation of each dimension, used where it has no bounds, (dimensions,).
     """
 
     def __init__(self, dimensions: Sequence[Dimension], group: int) -> None:
@@ -84,12 +90,23 @@ class Fields:
         if math.comb(len(self.dimensions), self._some) > MOST:
             raise self._too_many()
         self._groups = list(combinations(range(len(self.dimensions)), self._some))
-        self.middle = np.array([0.0 if one.states else (one.low + one.high) / 2 for one in self.dimensions])
-        self.middle[~np.isfinite(self.middle)] = 0.0
-        self.spread = np.ones(len(self.dimensions))
-        self._states = np.array([float(one.states) for one in self.dimensions])
-        self._low = np.array([float(one.first) if one.states else one.low for one in self.dimensions])
-        self._high = np.array([one.high for one in self.dimensions])
+        self._ends = np.ones((5, len(self.dimensions)))
+        for d, one in enumerate(self.dimensions):
+            middle = (one.low + one.high) / 2
+            middle = 0.0 if one.states or not np.isfinite(middle) else middle
+            self._ends[:SPREAD, d] = one.first if one.states else one.low, one.high, one.states, middle
+
+    @property
+    def middle(self) -> Floats:
+        """Mean of each dimension, used where it has no bounds, (dimensions,)."""
+        middle: Floats = self._ends[MIDDLE]
+        return middle
+
+    @property
+    def spread(self) -> Floats:
+        """Standard deviation of each dimension, used where it has no bounds, (dimensions,)."""
+        spread: Floats = self._ends[SPREAD]
+        return spread
 
     def learn(self, seen: Floats) -> None:
         """Take middle and spread of unbounded dimensions from what was seen, (vectors, dimensions), at least two."""
@@ -120,9 +137,6 @@ class Fields:
     def cells(self, vector: Floats) -> Ints:
         """The neurons that stand for one vector: of each grid or group the one that is most active, (active,)."""
         raise NotImplementedError
-
-    def _ends(self) -> tuple[Floats, ...]:
-        return self._low, self._high, self._states, self.middle, self.spread
 
     def _layout(self, members: Sequence[Sequence[int]], cells: Sequence[int]) -> None:
         """Number the neurons of each grid or group, of which each has so many along each dimension."""
@@ -180,7 +194,7 @@ class _Grids(Fields):
         draws = _NONE if rng is None else rng.random((n, ticks, self.active))
         parts = (self._member, self._stride, self._shift, self._first)
         _spikes(
-            np.ascontiguousarray(vectors), *parts, *self._ends(), self._fields, ticks - 1, draws, room, count, when, ids
+            np.ascontiguousarray(vectors), parts, self._ends, self._fields, ticks - 1, draws, room, count, when, ids
         )
         total = count[-1]
         return count, when[:total], ids[:total]
@@ -311,7 +325,7 @@ class Population(Fields):
         cells, amounts = np.empty(self._room, np.int64), np.empty(self._room)
         bells, lowest = np.empty((self._some, NEAR)), np.empty((2, self._some), np.int64)
         parts = (self._member, self._stride, self._first)
-        n = _bells(np.ascontiguousarray(vector), *parts, *self._ends(), self._fields, bells, lowest, cells, amounts)
+        n = _bells(np.ascontiguousarray(vector), *parts, self._ends, self._fields, bells, lowest, cells, amounts)
         return cells[:n], amounts[:n]
 
     def cells(self, vector: Floats) -> Ints:
@@ -330,27 +344,21 @@ _NONE = np.empty((0, 0, 0))
 
 
 @subkernel
-def _share(x: float, low: float, high: float, middle: float, spread: float) -> float:
-    """Where a number lies between its bounds, from 0 to 1."""
+def _share(x: float, ends: Floats, d: int) -> float:
+    """Where a number of dimension d lies between its bounds, from 0 to 1."""
+    low, high = ends[LOW, d], ends[HIGH, d]
     if np.isfinite(low) and np.isfinite(high):
         share = (x - low) / (high - low) if high > low else 0.5
         return min(max(share, 0.0), 1.0)
     # Beyond a few deviations fields widen: what has not been reached has a place, too.
-    return float(0.5 + 0.5 * np.tanh((x - middle) / (REACH * spread)))
+    return float(0.5 + 0.5 * np.tanh((x - ends[MIDDLE, d]) / (REACH * ends[SPREAD, d])))
 
 
 @kernel
 def _spikes(
     vectors: Floats,
-    member: Ints,
-    stride: Ints,
-    shift: Floats,
-    first: Ints,
-    low: Floats,
-    high: Floats,
-    states: Floats,
-    middle: Floats,
-    spread: Floats,
+    parts: Parts,
+    ends: Floats,
     fields: float,
     last: int,
     draws: Floats,
@@ -360,6 +368,7 @@ def _spikes(
     ids: Ints,
 ) -> None:
     """Fill when and ids with the spikes of each vector, by tick, then id; draws are empty for regular ones."""
+    member, stride, shift, first = parts
     at = 0
     for k in range(vectors.shape[0]):
         for g in range(member.shape[0]):
@@ -367,11 +376,10 @@ def _spikes(
             for j in range(member.shape[1]):
                 d = member[g, j]
                 x = vectors[k, d]
-                if states[d] > 0.0:
-                    inside = min(max(x - low[d], 0.0), states[d] - 1.0)
+                if ends[STATES, d] > 0.0:
+                    inside = min(max(x - ends[LOW, d], 0.0), ends[STATES, d] - 1.0)
                 else:
-                    share = _share(x, low[d], high[d], middle[d], spread[d])
-                    inside = share * fields * (1.0 - 1e-12) + shift[g, j]
+                    inside = _share(x, ends, d) * fields * (1.0 - 1e-12) + shift[g, j]
                 place += stride[g, j] * np.int64(inside)
             cell[g] = place
         # Places of later grids have larger numbers, so they are in order already.
@@ -389,11 +397,7 @@ def _bells(
     member: Ints,
     stride: Ints,
     first: Ints,
-    low: Floats,
-    high: Floats,
-    states: Floats,
-    middle: Floats,
-    spread: Floats,
+    ends: Floats,
     fields: float,
     bells: Floats,
     lowest: Ints,
@@ -406,11 +410,12 @@ def _bells(
         combinations = 1
         for j in range(member.shape[1]):  # the bells near the value, from `lowest[0]`, `lowest[1]` of them
             d = member[g, j]
-            if states[d] > 0.0:
-                lowest[0, j], lowest[1, j] = np.int64(min(max(vector[d] - low[d], 0.0), states[d] - 1.0)), 1
+            if ends[STATES, d] > 0.0:
+                inside = min(max(vector[d] - ends[LOW, d], 0.0), ends[STATES, d] - 1.0)
+                lowest[0, j], lowest[1, j] = np.int64(inside), 1
                 bells[j, 0] = 1.0
             else:
-                at = _share(vector[d], low[d], high[d], middle[d], spread[d]) * (fields - 2.0) + 0.5
+                at = _share(vector[d], ends, d) * (fields - 2.0) + 0.5
                 lowest[0, j] = np.int64(max(0.0, np.floor(at + 0.5) - NEAR // 2))
                 lowest[1, j] = np.int64(min(float(NEAR), fields - lowest[0, j]))
                 for i in range(lowest[1, j]):

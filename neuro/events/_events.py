@@ -22,7 +22,8 @@ T_MAX = (1 << 63) - 1
 
 
 Columns = tuple[npt.NDArray[np.int64], npt.NDArray[np.uint16], npt.NDArray[np.uint16], npt.NDArray[np.uint8]]
-"""Times, columns, rows and polarities of events."""
+"""Times, columns, rows and polarities of events. A plain tuple: a kernel takes an array of it in a quarter of the time
+of one in a named tuple."""
 
 
 def empty_columns(n: int) -> Columns:
@@ -158,6 +159,10 @@ class Events:
         for name, value in zip(("t", "x", "y", "p", "sensor_size", "metadata"), values, strict=True):
             object.__setattr__(self, name, value)
         return self
+
+    @property
+    def _columns(self) -> Columns:
+        return self.t, self.x, self.y, self.p
 
     def __len__(self) -> int:
         return len(self.t)

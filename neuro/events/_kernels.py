@@ -77,13 +77,14 @@ LIMIT = 600.0
 
 
 @kernel
-def surfaces(t, x, y, p, tau_us, theta, radius, cell, origin, held, counts, sums, keep):
-    """held: float64[height + 2 radius, width + 2 radius, 2]; origin: int64[1], us; counts: int64[rows, columns].
+def surfaces(columns, tau_us, theta, radius, cell, origin, held, counts, sums, keep):
+    """columns: of events; held: float64[height + 2 radius, width + 2 radius, 2]; origin: int64[1], us.
 
-    sums: float64[rows, columns, 2, side, side]; keep: bool[n]. What is held is in units of exp((t - origin) / tau), so
-    all values decay at once as the unit grows: an event needs one exponential, and only every 600 tau all are touched.
-    Times are subtracted as uint64, which is right over all of int64.
+    counts: int64[rows, columns]; sums: float64[rows, columns, 2, side, side]; keep: bool[n]. What is held is in units
+    of exp((t - origin) / tau), so all values decay at once as the unit grows: an event needs one exponential, and only
+    every 600 tau all are touched. Times are subtracted as uint64, which is right over all of int64.
     """
+    t, x, y, p = columns
     side = 2 * radius + 1
     for k in range(t.shape[0]):
         age = (np.uint64(t[k]) - np.uint64(origin[0])) / tau_us
@@ -115,11 +116,13 @@ def add_surface(unit, x, y, p, radius, cell, held, counts, sums):
 
 
 @kernel
-def join(t, x, y, p, columns, rows, threshold, sums, out_t, out_x, out_y, out_p):
+def join(events, columns, rows, threshold, sums, out):
     """columns: uint16[width], rows: uint16[height], block of each; sums: int64[blocks down, across].
 
-    out_*: of the length of t. Returns how many events were written.
+    events, out: columns t, x, y and p, as long. Returns how many events were written.
     """
+    t, x, y, p = events
+    out_t, out_x, out_y, out_p = out
     n = 0
     for k in range(t.shape[0]):
         column, row = columns[x[k]], rows[y[k]]
@@ -193,8 +196,10 @@ def sprinkle(first, last, key, mean_us, pixels, out_t, out_pixel, out_p):
 
 
 @kernel
-def merge(noise_t, noise_pixel, noise_p, width, t, x, y, p, out_t, out_x, out_y, out_p):
-    """Both in the order of time, the noise first; out_*: as long as both."""
+def merge(noise_t, noise_pixel, noise_p, width, events, out):
+    """Both in the order of time, the noise first; events, out: columns t, x, y and p; out: as long as both."""
+    t, x, y, p = events
+    out_t, out_x, out_y, out_p = out
     j = 0
     for k in range(t.shape[0]):
         while j < noise_t.shape[0] and noise_t[j] <= t[k]:
@@ -374,14 +379,11 @@ def forget(t, x, y, constants, memory, inside, queues, following):
 
 
 @kernel
-def histograms(t, x, y, p, begin, constants, memory, inside, queues, following, sums, counts):
+def histograms(columns, begin, constants, memory, inside, queues, following, sums, counts):
     """Sum the time surfaces of all events.
 
     Args:
-        t: (n,) int64.
-        x: (n,) uint16.
-        y: (n,) uint16.
-        p: (n,) uint8.
+        columns: t, (n,) int64; x and y, uint16; p, uint8.
         begin: how many of the events were seen before and are in the memory.
         constants: side of a cell, radius, window, tau, and what an event adds to its own surface.
         memory: (rows, columns, 2, cell + 2 radius, cell + 2 radius) float64, 0: with a margin that stays 0.
@@ -398,6 +400,7 @@ def histograms(t, x, y, p, begin, constants, memory, inside, queues, following, 
     moved before weights grow beyond e^30. An event that leaves the window is taken out again; a pixel whose last event
     left is set to exactly 0.
     """
+    t, x, y, p = columns
     cell, radius, _, tau, own = constants
     size = 2 * radius + 1
     for k in range(begin, t.shape[0]):

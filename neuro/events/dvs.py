@@ -153,7 +153,7 @@ class DVS:
         Args:
             images: as for `watch`.
         """
-        columns = joined_columns((e.t, e.x, e.y, e.p) for e in self.watch(images))
+        columns = joined_columns(e._columns for e in self.watch(images))
         return Events._trusted(*columns, self.sensor_size, {})
 
     def _checked(self, image: Image, t_us: int) -> tuple[npt.NDArray[Any], int]:

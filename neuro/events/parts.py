@@ -71,7 +71,7 @@ def together(parts: list[Events]) -> Events:
     """Parts of one recording as one."""
     if len(parts) == 1:
         return parts[0]
-    columns = joined_columns((part.t, part.x, part.y, part.p) for part in parts)
+    columns = joined_columns(part._columns for part in parts)
     return Events._trusted(*columns, parts[0].sensor_size, parts[0].metadata)
 
 

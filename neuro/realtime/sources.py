@@ -126,7 +126,7 @@ class Inlet:
         if len(now) < 2:
             return now[0] if now else (None, _NONE)
         parts, times = zip(*now, strict=True)
-        columns = joined_columns((part.t, part.x, part.y, part.p) for part in parts)
+        columns = joined_columns(part._columns for part in parts)
         return Events._trusted(*columns, parts[0].sensor_size, {}), np.concatenate(times)
 
     def _wait_for(self, events: Events) -> None:

@@ -12,6 +12,7 @@ of channels. All terms are positive, so the sums stay exact to a few last bits.
 """
 
 from math import exp, sqrt
+from typing import Any, NamedTuple
 
 from neuro.apps import kernel, subkernel
 
@@ -19,6 +20,25 @@ LONGEST = 30.0
 """Time constants after which a map is counted from now on again."""
 NOTHING = 1e-200
 """What is smaller is 0: numbers below 1e-308 would be slow."""
+
+
+class Seen(NamedTuple):
+    """The map of a layer, and what its numbers mean.
+
+    Attributes:
+        map: float64[(height + 2 margin) * (width + 2 margin) * channels], 0 at the beginning; the margin is the radius,
+            for `find` 0.
+        width: of the sensor, px.
+        radius: of a neighbourhood, px.
+        channels: int.
+        tau: us.
+    """
+
+    map: Any
+    width: int
+    radius: int
+    channels: int
+    tau: float
 
 
 @subkernel
@@ -51,14 +71,15 @@ def closest(products, first, scale, squares):
 
 
 @kernel
-def find(t, x, y, channel, seen, products, width, radius, channels, tau, turned, squares, out):
+def find(t, x, y, channel, layer, products, turned, squares, out):
     """Find the centre closest to the time surface of each event.
 
-    t: int64[n], us; x, y: uint16[n], px; channel: int64[n], polarity or centre of the layer before; seen:
-    float64[height * width * channels], 0 at the beginning; products: float64[(height + 2 radius) * (width + 2 radius) *
-    centres], 0 at the beginning; tau: us; turned: float64[channels, rows * columns * centres], centres turned by half a
-    turn; squares: float64[centres], the squared lengths of centres; out: int64[n], the centre of each event.
+    t: int64[n], us; x, y: uint16[n], px; channel: int64[n], polarity or centre of the layer before; layer: `Seen`;
+    products: float64[(height + 2 radius) * (width + 2 radius) * centres], 0 at the beginning; turned: float64[channels,
+    rows * columns * centres], centres turned by half a turn; squares: float64[centres], the squared lengths of centres;
+    out: int64[n], the centre of each event.
     """
+    seen, width, radius, channels, tau = layer
     n, side = squares.size, 2 * radius + 1
     stride, span = (width + 2 * radius) * n, side * n
     begin = float(t[0]) if t.size else 0.0
@@ -122,13 +143,15 @@ def moved(seen, corner, stride, span, side, scale, centres, k, keep, alpha):
 
 
 @kernel
-def learn(t, x, y, channel, seen, width, radius, channels, tau, centres, squares, products, wins, rate, slow):
+def learn(t, x, y, channel, layer, centres, squares, products, wins, rates):
     """Move the centre closest to the time surface of each event towards it; algorithm 13 of the thesis.
 
-    As `find`, but seen: float64[(height + 2 radius) * (width + 2 radius) * channels]; centres: float64[rows * columns *
-    channels, centres], changed; squares, changed; products: float64[centres], scratch; wins: int64[centres], p_k,
-    changed; rate, slow: of alpha = rate / (1 + p_k / slow).
+    As `find`, but centres: float64[rows * columns * channels, centres], changed; squares, changed; products:
+    float64[centres], scratch; wins: int64[centres], p_k, changed; rates: rate and slow of alpha = rate / (1 + p_k /
+    slow).
     """
+    seen, width, radius, channels, tau = layer
+    rate, slow = rates
     side = 2 * radius + 1
     stride, span = (width + 2 * radius) * channels, side * channels
     begin = float(t[0]) if t.size else 0.0
@@ -148,11 +171,12 @@ def learn(t, x, y, channel, seen, width, radius, channels, tau, centres, squares
 
 
 @kernel
-def surfaces(t, x, y, channel, seen, width, radius, channels, tau, wanted, out):
+def surfaces(t, x, y, channel, layer, wanted, out):
     """The time surfaces of some events, to begin centres with.
 
     As `learn`; wanted: int64[k], ascending numbers of events; out: float64[rows * columns * channels, k].
     """
+    seen, width, radius, channels, tau = layer
     side = 2 * radius + 1
     stride, span = (width + 2 * radius) * channels, side * channels
     begin, found = float(t[0]) if t.size else 0.0, 0

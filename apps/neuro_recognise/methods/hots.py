@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,9 @@ from neuro.events import Events
 from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Progress
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.shown import Evidence, Features, Floats, Ints, Lazy
+
+if TYPE_CHECKING:
+    from neuro_recognise.methods._hots_kernels import Seen
 
 Report: TypeAlias = Callable[["Layers", int, int], None]
 
@@ -207,11 +210,13 @@ class Layers:
         side = 2 * self.settings.radius_of(layer) + 1
         return side, side, self.settings.channels_of(layer), self.settings.centres_of(layer)
 
-    def _map(self, layer: int) -> Floats:
-        """An empty map of the last events with a border as wide as the radius, flat."""
-        width, height = self.sensor_size
-        border = 2 * self.settings.radius_of(layer)
-        return np.zeros((height + border) * (width + border) * self.settings.channels_of(layer))
+    def _seen(self, layer: int, margin: int) -> Seen:
+        """An empty map of the last events of a layer with a margin."""
+        from neuro_recognise.methods._hots_kernels import Seen
+
+        (width, height), s = self.sensor_size, self.settings
+        channels, room = s.channels_of(layer), (height + 2 * margin) * (width + 2 * margin)
+        return Seen(np.zeros(room * channels), width, s.radius_of(layer), channels, s.tau_of(layer))
 
     def _begin(self, recordings: Sequence[Events], order: Sequence[int]) -> None:
         """Give the next layer its first prototypes: surfaces of events."""
@@ -241,12 +246,9 @@ class Layers:
         """(numbers of a surface, wanted events) of a layer."""
         from neuro_recognise.methods._hots_kernels import surfaces
 
-        s, shape = self.settings, self._shape(layer)
-        out = np.empty((int(np.prod(shape[:3])), len(wanted)))
-        surfaces(
-            events.t, events.x, events.y, self._channels(events, layer), self._map(layer), self.sensor_size[0],
-            s.radius_of(layer), shape[2], s.tau_of(layer), wanted, out,
-        )  # fmt: skip
+        out = np.empty((int(np.prod(self._shape(layer)[:3])), len(wanted)))
+        seen = self._seen(layer, self.settings.radius_of(layer))
+        surfaces(events.t, events.x, events.y, self._channels(events, layer), seen, wanted, out)
         return out
 
     def _teach(self, events: Events) -> None:
@@ -256,9 +258,8 @@ class Layers:
         s, layer = self.settings, self.learnt
         centres = self.centres[layer].reshape(-1, s.centres_of(layer))
         learn(
-            events.t, events.x, events.y, self._channels(events, layer), self._map(layer), self.sensor_size[0],
-            s.radius_of(layer), s.channels_of(layer), s.tau_of(layer), centres, (centres**2).sum(axis=0),
-            np.empty(s.centres_of(layer)), self.wins[layer], s.rate, s.slow,
+            events.t, events.x, events.y, self._channels(events, layer), self._seen(layer, s.radius_of(layer)),
+            centres, (centres**2).sum(axis=0), np.empty(s.centres_of(layer)), self.wins[layer], (s.rate, s.slow),
         )  # fmt: skip
 
     def _channels(self, events: Events, layers: int) -> Ints:
@@ -272,13 +273,10 @@ class Layers:
         channel = events.p.astype(np.int64) if s.polarity else np.zeros(len(events), np.int64)
         for layer in range(layers):
             centres, border, out = self.centres[layer], 2 * s.radius_of(layer), np.empty(len(events), np.int64)
-            seen = np.zeros(height * width * s.channels_of(layer))
             products = np.zeros((height + border) * (width + border) * s.centres_of(layer))
             turned = np.ascontiguousarray(centres[::-1, ::-1].transpose(2, 0, 1, 3)).reshape(s.channels_of(layer), -1)
-            find(
-                events.t, events.x, events.y, channel, seen, products, width, s.radius_of(layer),
-                s.channels_of(layer), s.tau_of(layer), turned, (centres**2).sum(axis=(0, 1, 2)), out,
-            )  # fmt: skip
+            squares = (centres**2).sum(axis=(0, 1, 2))
+            find(events.t, events.x, events.y, channel, self._seen(layer, 0), products, turned, squares, out)
             channel = out
         return channel
 

@@ -104,7 +104,7 @@ class Filter(ABC):
             (w, h), (width, height) = events.sensor_size, self.sensor_size
             raise FilterError(f"{self._name}: events of a {w}x{h} sensor, expected {width}x{height}")
         if not len(events):
-            return self._of(events, (events.t, events.x, events.y, events.p))
+            return self._of(events, events._columns)
         if events.t[0] < self._clock[0]:
             raise FilterError(
                 f"{self._name}: time runs back from {self._clock[0]} to {events.t[0]} us, expected the next part "
@@ -220,12 +220,11 @@ def kept(events: Events, keep: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any],
         events: from which to take.
         keep: (n,) whether to.
     """
-    columns = (events.t, events.x, events.y, events.p)
     n = int(np.count_nonzero(keep))
     if n == len(events):
-        return columns
+        return events._columns
     out = empty_columns(n + 1)
-    for column, to in zip(columns, out, strict=True):
+    for column, to in zip(events._columns, out, strict=True):
         kernels.compact(keep, column, to)
     return tuple(to[:n] for to in out)
 

@@ -214,7 +214,7 @@ class ShotNoise(Filter):
         word = np.uint64(key(self.seed, "events", "noise"))
         n = kernels.sprinkle(first, last, word, mean_us, width * height, t, pixel, p)
         out = empty_columns(n + len(events))
-        kernels.merge(t[:n], pixel[:n], p[:n], width, events.t, events.x, events.y, events.p, *out)
+        kernels.merge(t[:n], pixel[:n], p[:n], width, events._columns, out)
         self._hold(last)
         return self._of(events, out)
 
@@ -303,10 +303,8 @@ class TARSurfaces(Sieve):
         origin, held, counts, sums = self._state
         if origin[0] == NEVER:
             origin[0] = events.t[0]
-        kernels.surfaces(
-            events.t, events.x, events.y, events.p, 1e6 * self.tau, self.theta, self.radius, self.cell,
-            origin, held, counts, sums, keep,
-        )  # fmt: skip
+        constants = (1e6 * self.tau, self.theta, self.radius, self.cell)
+        kernels.surfaces(events._columns, *constants, origin, held, counts, sums, keep)
 
     def histograms(self) -> npt.NDArray[np.float64]:
         """The averaged surfaces so far; ask before `finish`.

@@ -172,7 +172,7 @@ class Downsample(Filter):
         sides = zip(self.sensor_size, self.factor, strict=True)
         columns, rows = ((np.arange(pixels) // factor).astype(np.uint16) for pixels, factor in sides)
         out = empty_columns(len(events))
-        n = kernels.join(events.t, events.x, events.y, events.p, columns, rows, self.integrate, self._state[0], *out)
+        n = kernels.join(events._columns, columns, rows, self.integrate, self._state[0], out)
         return self._of(events, tuple(values[:n] for values in out))
 
 

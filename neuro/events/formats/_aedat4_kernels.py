@@ -17,6 +17,8 @@ Source: lz4_Block_format.md and lz4_Frame_format.md of the LZ4 project.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
@@ -284,35 +286,43 @@ def _unpacked(data, at, size, head, plain):
     return frame(data, at, at + size, plain)
 
 
+class Alike(NamedTuple):
+    """Packets that begin alike.
+
+    Attributes:
+        wanted: the stream with the events.
+        head: how the packets begin, bytes; empty where they are not packed.
+        lead: how they begin when unpacked, after their size and up to the number of events, bytes.
+        highest: largest x and y that may be.
+    """
+
+    wanted: int
+    head: bytes
+    lead: bytes
+    highest: int
+
+
 @kernel
-def walk(data, counts, wanted, head, lead, highest, plain, begins, places, n, t, x, y, p):
+def walk(data, counts, alike, plain, begins, places, n, columns):
     """Decode packets up to the first that is cut, has no room, or is not like those before it.
 
     Args:
         data: (m,) uint8, from the beginning of a packet on.
         counts: (streams,) int64: packets of each stream, counted on; -1 for a number that is no stream.
-        wanted: the stream with the events.
-        head: how the packets begin, bytes; empty where they are not packed.
-        lead: how they begin when unpacked, after their size and up to the number of events, bytes.
-        highest: largest x and y that may be.
+        alike: an `Alike`.
         plain: room for an unpacked packet, uint8.
         begins: int64, filled with the first event of each packet that has any.
         places: int64, as long, filled with the byte of `data` at which it begins.
         n: number of events that there are.
-        t: int64, filled from n on, as are the others.
-        x: uint16.
-        y: uint16.
-        p: uint8, filled with 0 or 1.
+        columns: filled from n on: t, int64; x and y, uint16; p, uint8, 0 or 1.
 
     Returns:
         number of bytes used, packets with events, events that there are, largest (x, y), whether time does not run
         back from event n - 1 on.
     """
-    at = 0
-    found = 0
-    x_max = 0
-    y_max = 0
-    ordered = True
+    wanted, head, lead, highest = alike
+    t, x, y, p = columns
+    at, found, x_max, y_max, ordered = 0, 0, 0, 0, True
     source, first = address(data), address(plain)
     start = 4 + len(lead) + 4
     while at + ENTRY <= data.size and found < begins.size:

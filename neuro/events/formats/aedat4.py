@@ -345,9 +345,9 @@ class Aedat4:
         data.flags.writeable = False
         room = min(data.size // ENTRY.size, _MOST)
         begins, places = np.empty(room, np.int64), np.empty(room, np.int64)
-        like = self._wanted, self._packets.head, self._packets.lead, self._highest
+        alike = aedat4_kernels.Alike(self._wanted, self._packets.head, self._packets.lead, self._highest)
         columns = held.t, held.x, held.y, held.p
-        taken = self._walk(data, counts, *like, self._plain, begins, places, held.used, *columns)
+        taken = self._walk(data, counts, alike, self._plain, begins, places, held.used, columns)
         used, found, n, highest, ordered = taken
         cursor.take(used)
         held.added(begins[:found].tolist(), (place + places[:found]).tolist(), n, highest, ordered)

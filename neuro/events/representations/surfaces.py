@@ -329,7 +329,7 @@ class Hats:
             old, seen = len(self._following), together([held[first:], events])
         following = np.concatenate([self._following, np.empty(len(events), np.int64)])
         sums = (self._memory, self._inside, self._queues, following, self._sums, self._counts)
-        kernels.histograms(seen.t, seen.x, seen.y, seen.p, old, self._constants, *sums)
+        kernels.histograms(seen._columns, old, self._constants, *sums)
         self._held, self._following = seen, following
 
     def histograms(self, dtype: npt.DTypeLike = np.float32) -> npt.NDArray[np.floating]:

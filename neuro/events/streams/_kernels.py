@@ -265,7 +265,7 @@ NOWHERE = -1 << 61
 
 
 @kernel
-def settle(index, first, last, width, height, period, ordered, forward, facts, t, x, y, p):
+def settle(index, first, last, width, height, period, ordered, forward, facts, columns):
     """Keep the events that can be, with a time that does not run back; move them to the front.
 
     A time far from the clock is believed if that of the event before it, or after it in its datagram, is near it.
@@ -280,14 +280,12 @@ def settle(index, first, last, width, height, period, ordered, forward, facts, t
         ordered: whether nothing is damaged or comes in another order, as by TCP.
         forward: how far the clock may move between two events unless a second one agrees, us.
         facts: (FACTS,) int64, changed.
-        t: (m,) int64, us, as are the others all events of the entries.
-        x: uint16.
-        y: uint16.
-        p: uint8.
+        columns: all events of the entries: t, (m,) int64, us; x and y, uint16; p, uint8.
 
     Returns:
         number of events that stay.
     """
+    t, x, y, p = columns
     kept = 0
     begin = 0
     clock, added, doubt, behind = facts[CLOCK], facts[ADDED], facts[DOUBT], facts[BEHIND]

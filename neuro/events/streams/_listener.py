@@ -130,7 +130,7 @@ class Listener:
         now = receiver.received(last - 1) if last > first else self._seen_ns
         forward = kernels.FORWARD + (now - self._seen_ns) // 1000
         words = *self.sensor_size, self._period, self.format == "aedat4", forward
-        n = kernels.settle(receiver.index, first, last, *words, self._facts, *columns)
+        n = kernels.settle(receiver.index, first, last, *words, self._facts, columns)
         self._damaged += damaged
         if n:
             self._seen_ns = now
