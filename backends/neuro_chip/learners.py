@@ -9,9 +9,10 @@ tag the signed rest.
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -223,28 +224,13 @@ def _plastic(program: Program, index: int, wires: FixedProjection) -> Learner:
 
 _NEVER = -1
 
+_Sides = namedtuple("_Sides", "by_source row_ends by_target column_ends source target last_pre last_post y c")
+"""The synapses of a rule that spike pairs drive, by source and by target, and what the rule reads.
 
-class _Sides(NamedTuple):
-    """The synapses of a rule that spike pairs drive, by source and by target, and what the rule reads.
-
-    Attributes:
-        by_source, row_ends: numbers of synapses by source; those of source i are row_ends[i] : row_ends[i + 1].
-        by_target, column_ends: the same of targets.
-        source, target: neurons of each synapse.
-        last_pre, last_post: the step in which each neuron of a side fired last; -1 if it has not fired.
-        y, c: room for the state of one synapse; the constants of the rule.
-    """
-
-    by_source: Ints
-    row_ends: Ints
-    by_target: Ints
-    column_ends: Ints
-    source: Ints
-    target: Ints
-    last_pre: Ints
-    last_post: Ints
-    y: Floats
-    c: Floats
+Those of source i are by_source[row_ends[i] : row_ends[i + 1]], those of a target likewise; `source` and `target` are
+the neurons of each synapse. `last_pre` and `last_post` are the steps in which each neuron fired last, -1 if it has not.
+`y` has room for the state of one synapse, `c` has the constants of the rule.
+"""
 
 
 class Delays:

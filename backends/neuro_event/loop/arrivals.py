@@ -21,17 +21,8 @@ import numpy as np
 from neuro.kernels.instructions import address, prefetch
 from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
-from neuro_event.loop.deliver import (
-    Destination,
-    add_weight,
-    base_of,
-    csr_own,
-    mark_blocks,
-    receptor,
-    receptors_by_sign,
-    spikes,
-)
-from neuro_event.loop.tables import add_counts, arrive as call_arrive, deliver_log, net_of, slot_mask
+from neuro_event.loop.deliver import add_weight, base_of, csr_own, mark_blocks, receptor, receptors_by_sign, spikes
+from neuro_event.loop.tables import Destination, add_counts, arrive as call_arrive, deliver_log, net_of, slot_mask
 
 PREFETCH_DISTANCE = 6
 """Runs between a prefetch and its use."""

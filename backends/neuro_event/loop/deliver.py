@@ -5,14 +5,13 @@ projections whose spikes are delivered at emission. `due` marks the blocks that 
 """
 
 # mypy: ignore-errors
-from collections import namedtuple
 
 import numpy as np
 
 from neuro.kernels.instructions import LANES, address, prefetch
 from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
-from neuro_event.loop.tables import net_of, slot_mask
+from neuro_event.loop.tables import Destination, net_of, slot_mask
 
 TARGETS_PER_LINE = 16
 """Targets (4 bytes each) of a cache line."""
@@ -20,13 +19,6 @@ TARGETS_PER_LINE = 16
 _BLOCK_SHIFT = np.uint64(t.BLOCK_SHIFT)
 _SPOT_SHIFT = np.uint64(3)
 assert LANES == 1 << 3
-
-Destination = namedtuple("Destination", "out receptors receptor_stride mark spot")
-"""The place to which a delivery adds: `out` is the index of target 0 in `buf`.
-
-`receptors` says among how many receptors signs choose, `receptor_stride` is the distance to the second one; `mark` and
-`spot` are as in `deliver_shared_weight`.
-"""
 
 
 @subkernel
@@ -218,7 +210,7 @@ def receptors_by_sign(row, receptors):
 def csr_own(view, first, last, w, m, thread, to):
     """Add to the targets first:last their own weight times m; `w` is the place of the first one's weight."""
     net = net_of(view)
-    targets, weights, buf = net.targets, net.weights, net.buf
+    targets, weights, buf, due = net.targets, net.weights, net.buf, net.due[thread]
     if to.receptors == 2:
         for e in range(first, last):
             weight = weights[w + e - first] * m
@@ -230,7 +222,6 @@ def csr_own(view, first, last, w, m, thread, to):
             buf[begin + np.uint64(targets[e])] += weights[shift + e] * m
     # A loop of its own: the one above is nothing but adds, and these few bytes stay in the cache.
     if to.mark >= 0:
-        due = net.due[thread]
         for e in range(first, last):
             due[to.mark + (np.int64(targets[e]) >> t.BLOCK_SHIFT)] = 1
 
@@ -271,9 +262,8 @@ def grid_add(view, row, source, m, thread, lo, hi, to):
 
     Negative weights go `receptor_stride` places further, to the second receptor; 0 if all go to one.
     """
-    net = net_of(view)
+    net, (out, _, receptor_stride, mark, _) = net_of(view), to
     weights, buf, due = net.weights, net.buf, net.due[thread]
-    out, _, receptor_stride, mark, _ = to
     width, sheet = row[t.CHANNEL_WIDTH], row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
     maps, rows, columns, reach = row[t.MAPS], row[t.ROWS], row[t.COLUMNS], row[t.REACH]
     # A source that is a grid itself has its channels innermost; an input has them outermost, as its ids are.
@@ -326,10 +316,8 @@ def add_by_sign(weights, m, first, second):
 @subkernel
 def scatter(view, q, source_id, m, thread, lo, hi, n, to):
     """One spike of multiplicity m over a projection with one delay, to this thread's targets lo:hi of n."""
-    net = net_of(view)
-    row = net.projections[q]
-    buf, weights = net.buf, net.weights
-    out, receptors, receptor_stride, mark, spot = to
+    net, (out, receptors, receptor_stride, mark, spot) = net_of(view), to
+    row, buf, weights = net.projections[q], net.buf, net.weights
     layout = row[t.LAYOUT]
     if layout == t.CSR:
         place = row[t.ROW] + source_id * (net.edges.shape[1] - 1) + thread
