@@ -9,6 +9,7 @@ tag the signed rest.
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
@@ -223,6 +224,14 @@ def _plastic(program: Program, index: int, wires: FixedProjection) -> Learner:
 
 _NEVER = -1
 
+_Sides = namedtuple("_Sides", "by_source row_ends by_target column_ends source target last_pre last_post y c")
+"""The synapses of a rule that spike pairs drive, by source and by target, and what the rule reads.
+
+Those of source i are by_source[row_ends[i] : row_ends[i + 1]], those of a target likewise; `source` and `target` are
+the neurons of each synapse. `last_pre` and `last_post` are the steps in which each neuron fired last, -1 if it has not.
+`y` has room for the state of one synapse, `c` has the constants of the rule.
+"""
+
 
 class Delays:
     """The delays of all projections whose rules change them.
@@ -333,14 +342,14 @@ class _Pairs:
         n_source, n_target = (program.populations[k].size for k in (part.source, part.target))
         pre, post = program.connections(index)
         by_source, by_target = np.argsort(pre, kind="stable"), np.argsort(post, kind="stable")
-        self._rows = by_source, np.searchsorted(pre[by_source], np.arange(n_source + 1))
-        self._columns = by_target, np.searchsorted(post[by_target], np.arange(n_target + 1))
-        self._ends = pre.astype(np.int64), post.astype(np.int64)
-        self._h, self._c, self._y = program.resolution, np.zeros(part.synapse.width), np.zeros((2, 1))
-        arithmetic = part.synapse.arithmetic
-        arithmetic.constants(part.synapse.vector(), self._h, self._c)
+        rows = by_source, np.searchsorted(pre[by_source], np.arange(n_source + 1))
+        columns = by_target, np.searchsorted(post[by_target], np.arange(n_target + 1))
+        self._h, c, arithmetic = program.resolution, np.zeros(part.synapse.width), part.synapse.arithmetic
+        arithmetic.constants(part.synapse.vector(), self._h, c)
         self._pass = _pass(arithmetic.on_pre, arithmetic.on_post)
         self.last_pre, self.last_post = np.full(n_source, _NEVER), np.full(n_target, _NEVER)
+        ends = pre.astype(np.int64), post.astype(np.int64)
+        self._sides = _Sides(*rows, *columns, *ends, self.last_pre, self.last_post, np.zeros((2, 1)), c)
 
     def start_anew(self) -> None:
         """None has fired."""
@@ -349,10 +358,7 @@ class _Pairs:
 
     def learn(self, units: NDArray[np.int32], low: int, high: int, pre: Ints, post: Ints, step: int) -> None:
         """Post spikes of a step act, then pre spikes; neither side sees those of this step."""
-        self._pass(
-            *(self._y, units, self._h / FRACTIONS, low, high, self._c, *self._rows, *self._columns, *self._ends),
-            *(pre, post, self.last_pre, self.last_post, step, self._h),
-        )
+        self._pass(units, low, high, self._sides, pre, post, step, self._h)
 
 
 @cache
@@ -361,29 +367,29 @@ def _pass(on_pre: Any, on_post: Any) -> Any:
     by_pre, by_post = compiled(on_pre), compiled(on_post)
 
     @kernel
-    def learn(y, units, unit, low, high, c, by_source, row_ends, by_target, column_ends, source, target,
-              pre, post, last_pre, last_post, step, h):  # fmt: skip
+    def learn(units, low, high, sides, pre, post, step, h):
+        y, c, unit = sides.y, sides.c, h / FRACTIONS
         # Post before pre, as in the float backends; neither side sees the other's spikes of this step, which are
         # entered below.
         for j in post:
-            for n in range(column_ends[j], column_ends[j + 1]):
-                e = by_target[n]
-                last = last_pre[source[e]]
+            for n in range(sides.column_ends[j], sides.column_ends[j + 1]):
+                e = sides.by_target[n]
+                last = sides.last_pre[sides.source[e]]
                 # The rule's own function in ms; between spikes only whole units of 1/256 step are kept, as the two
                 # registers hold them.
                 y[DELAY, 0] = units[e] * unit
                 by_post(y, 0, c, (np.inf if last < 0 else (step - last) * h,), (0.0,))
                 units[e] = min(high, max(low, np.int64(np.floor(y[DELAY, 0] / unit + 0.5))))
         for i in pre:
-            for n in range(row_ends[i], row_ends[i + 1]):
-                e = by_source[n]
-                last = last_post[target[e]]
+            for n in range(sides.row_ends[i], sides.row_ends[i + 1]):
+                e = sides.by_source[n]
+                last = sides.last_post[sides.target[e]]
                 y[DELAY, 0] = units[e] * unit
                 by_pre(y, 0, c, (0.0,), (np.inf if last < 0 else (step - last) * h,))
                 units[e] = min(high, max(low, np.int64(np.floor(y[DELAY, 0] / unit + 0.5))))
         for i in pre:
-            last_pre[i] = step
+            sides.last_pre[i] = step
         for j in post:
-            last_post[j] = step
+            sides.last_post[j] = step
 
     return learn

@@ -191,9 +191,10 @@ def microcode(product, base_of, rounded, lowest):
     """
 
     @inlined
-    def change(terms, first, end, number, i, j, traces, w, t, value, counts):
+    def change(terms, first, end, number, i, j, traces, state, k, counts):
+        # Of state[k]: `state` is weight and tag.
         # Seven bits below the mantissa: the accumulator keeps fractions of a weight until the end of the epoch's sum.
-        begin = value << 7
+        begin = state[k] << 7
         total = begin
         for n in range(first, end):
             gate = terms[n, GATE]
@@ -208,35 +209,35 @@ def microcode(product, base_of, rounded, lowest):
             if slot < 0:
                 continue
             # the accumulator saturates at each sum, so the order of the products is part of the rule
-            total += limited(product(terms, n, slot, i, j, traces, w, t), lowest, counts)
+            total += limited(product(terms, n, slot, i, j, traces, *state), lowest, counts)
             total = limited(total, lowest, counts)
         return total - begin
 
     @inlined
-    def apply(terms, settings, number, i, j, e, traces, weights, tags, base_w, base_t, counts):
+    def apply(terms, settings, number, i, j, e, traces, synapses, bases, counts):
         counts[EVALUATED] += 1
-        w, t = np.int64(weights[e]), np.int64(tags[e])
+        state = w, t = np.int64(synapses.weights[e]), np.int64(synapses.tags[e])
         # Both changes from the values before either is applied.
-        dw = change(terms, 0, settings[OF_WEIGHT], number, i, j, traces, w, t, w, counts)
-        dt = change(terms, settings[OF_WEIGHT], terms.shape[0], number, i, j, traces, w, t, t, counts)
+        dw = change(terms, 0, settings[OF_WEIGHT], number, i, j, traces, state, 0, counts)
+        dt = change(terms, settings[OF_WEIGHT], terms.shape[0], number, i, j, traces, state, 1, counts)
         if dw != 0:
             low, high = settings[LOW], settings[HIGH]
-            new = rounded(w, dw, settings[PRECISION], low, high, settings[AWAY] != 0, base_w, e)
+            new = rounded(w, dw, settings[PRECISION], low, high, settings[AWAY] != 0, bases[0], e)
             if new > high or new < low:
                 counts[WEIGHT_SATURATED] += 1
                 new = min(high, max(low, new))
             if new != w:
                 counts[CHANGED] += 1
-                weights[e] = new
+                synapses.weights[e] = new
         if dt != 0:
             low, high = settings[TAG_LOW], settings[TAG_HIGH]
-            new = rounded(t, dt, 1, low, high, False, base_t, e)
+            new = rounded(t, dt, 1, low, high, False, bases[1], e)
             if new > high or new < low:
                 counts[TAG_SATURATED] += 1
                 new = min(high, max(low, new))
             if new != t:
                 counts[TAG_CHANGED] += 1
-                tags[e] = new
+                synapses.tags[e] = new
 
     @kernel
     def learn(terms, settings, traces, synapses, keys, step, counts):
@@ -256,8 +257,8 @@ def microcode(product, base_of, rounded, lowest):
             counts: grow.
         """
         number = step // settings[EPOCH]
-        base_w, base_t = base_of(keys, 0, step), base_of(keys, 1, step)
-        tx, ty, weights, tags = traces.tx, traces.ty, synapses.weights, synapses.tags
+        bases = base_of(keys, 0, step), base_of(keys, 1, step)
+        tx, ty, tags = traces.tx, traces.ty, synapses.tags
         row_ends, targets, sources = synapses.row_ends, synapses.targets, synapses.sources
         column_ends, incoming = synapses.column_ends, synapses.incoming
         sweep = gated_x = gated_y = False
@@ -273,14 +274,14 @@ def microcode(product, base_of, rounded, lowest):
                     if idle and tags[e] == 0 and tx[i] == 0 and ty[targets[e]] == 0:
                         counts[EVALUATED] += 1  # the chip does visit it
                         continue
-                    apply(terms, settings, number, i, targets[e], e, traces, weights, tags, base_w, base_t, counts)
+                    apply(terms, settings, number, i, targets[e], e, traces, synapses, bases, counts)
         else:
             if gated_x:
                 for i in range(tx.size):
                     if tx[i] != 0:
                         for e in range(row_ends[i], row_ends[i + 1]):
                             j = targets[e]
-                            apply(terms, settings, number, i, j, e, traces, weights, tags, base_w, base_t, counts)
+                            apply(terms, settings, number, i, j, e, traces, synapses, bases, counts)
             if gated_y:
                 for j in range(ty.size):
                     if ty[j] != 0:
@@ -288,7 +289,7 @@ def microcode(product, base_of, rounded, lowest):
                             # those of sources that fired were visited along their rows: each once, from the same values
                             i, e = sources[n], incoming[n]
                             if tx[i] == 0 or not gated_x:
-                                apply(terms, settings, number, i, j, e, traces, weights, tags, base_w, base_t, counts)
+                                apply(terms, settings, number, i, j, e, traces, synapses, bases, counts)
         tx[:] = 0
         ty[:] = 0
 

@@ -388,5 +388,6 @@ def _made_anew(
     laid = net["joined_singles" if columns[t.SINGLE] else "joined_weights"][columns[t.WEIGHT] :]
     runs, steps = net["joined_runs"][columns[t.RUN] :], net["joined_steps"][columns[t.SYNAPSE] :]
     span, bases = (int(columns[t.SHORTEST]), int(columns[t.DELAYS])), net["joined_bases"][columns[t.ROW]]
-    list_joined(row_ends, runs, steps, laid, *span, bases, begin, begin + n_targets, targets, weight, delay)
+    part = Listed(row_ends, targets, delay, bases, *span, weight, 1, begin)
+    list_joined(part, begin + n_targets, bases, runs, steps, laid)
     return targets, 0.0 - weight if negated else weight, delay

@@ -22,7 +22,7 @@ from neuro.kernels.instructions import address, prefetch
 from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.deliver import add_weight, base_of, csr_own, mark_blocks, receptor, receptors_by_sign, spikes
-from neuro_event.loop.tables import add_counts, arrive as call_arrive, deliver_log, net_of, slot_mask
+from neuro_event.loop.tables import Destination, add_counts, arrive as call_arrive, deliver_log, net_of, slot_mask
 
 PREFETCH_DISTANCE = 6
 """Runs between a prefetch and its use."""
@@ -71,10 +71,8 @@ def add_run(view, row, thread, first, last, m, receptors, receptor_stride, out, 
         # Weights of one sign need no choice of a receptor for each synapse.
         if receptors == 2 and row[t.SIGN] != t.MIXED:
             n_receptors, at = 1, out + (receptor_stride if row[t.SIGN] == t.NEGATIVE else 0)
-        w, due = row[t.WEIGHT] + first, net.due[thread]
-        csr_own(
-            net.targets, e + first, e + last, net.weights, w, m, n_receptors, receptor_stride, net.buf, at, due, mark
-        )
+        to = Destination(at, n_receptors, receptor_stride, mark, -1)
+        csr_own(view, e + first, e + last, row[t.WEIGHT] + first, m, thread, to)
 
 
 @subkernel
@@ -445,7 +443,7 @@ def add_joined(view, row, thread, n, total, slot):
 
 
 Listed = namedtuple("Listed", "row_ends targets delays edges shortest n_delays weights stride begin")
-"""The synapses of a projection as the program lists them, on their way into joined rows.
+"""The synapses of a projection as the program lists them, on their way into joined rows or back.
 
 `edges` are those of the threads among the targets, `shortest` and `n_delays` of the row; `stride` is 0 where synapses
 share a weight. Target 0 lies at `begin`.
@@ -479,18 +477,18 @@ def lay_joined(first_source, end_source, part, at, following, steps, laid):
 
 
 @kernel
-def list_joined(row_ends, runs, steps, laid, shortest, n_delays, bases, begin, end, targets, weights, delays):
-    """List the synapses of a projection, whose targets lie at the places begin:end, as they lie in a joined row."""
-    threads = bases.size
-    for source in range(row_ends.size - 1):
-        e = row_ends[source]
-        for d in range(n_delays):
+def list_joined(part, end, bases, runs, steps, laid):
+    """Fill `part`, which is `Listed`, from a joined row; its targets lie at the places from its `begin` to `end`."""
+    threads, begin = bases.size, part.begin
+    for source in range(part.row_ends.size - 1):
+        e = part.row_ends[source]
+        for d in range(part.n_delays):
             for thread in range(threads):
-                run, at = (source * n_delays + d) * threads + thread, bases[thread]
+                run, at = (source * part.n_delays + d) * threads + thread, bases[thread]
                 for s in range(runs[run], runs[run + 1]):
                     at += np.int64(steps[s])
                     if steps[s] < FAR and begin <= at < end:
-                        targets[e], delays[e] = at - begin, shortest + d
-                        if weights.size > 0:
-                            weights[e] = laid[s]
+                        part.targets[e], part.delays[e] = at - begin, part.shortest + d
+                        if part.weights.size > 0:
+                            part.weights[e] = laid[s]
                         e += 1

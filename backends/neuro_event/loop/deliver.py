@@ -11,7 +11,7 @@ import numpy as np
 from neuro.kernels.instructions import LANES, address, prefetch
 from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
-from neuro_event.loop.tables import net_of, slot_mask
+from neuro_event.loop.tables import Destination, net_of, slot_mask
 
 TARGETS_PER_LINE = 16
 """Targets (4 bytes each) of a cache line."""
@@ -207,21 +207,23 @@ def receptors_by_sign(row, receptors):
 
 
 @subkernel
-def csr_own(targets, first, last, weights, w, m, receptors, receptor_stride, buf, out, due, mark):
+def csr_own(view, first, last, w, m, thread, to):
     """Add to the targets first:last their own weight times m; `w` is the place of the first one's weight."""
-    if receptors == 2:
+    net = net_of(view)
+    targets, weights, buf, due = net.targets, net.weights, net.buf, net.due[thread]
+    if to.receptors == 2:
         for e in range(first, last):
             weight = weights[w + e - first] * m
-            buf[out + np.int64(targets[e]) + (receptor_stride if weight < 0.0 else 0)] += weight
+            buf[to.out + np.int64(targets[e]) + (to.receptor_stride if weight < 0.0 else 0)] += weight
     else:
         # Unsigned places are never counted from the end, so the loop has no test for it.
-        begin, shift = np.uint64(out), np.uint64(w) - np.uint64(first)
+        begin, shift = np.uint64(to.out), np.uint64(w) - np.uint64(first)
         for e in range(np.uint64(first), np.uint64(last)):
             buf[begin + np.uint64(targets[e])] += weights[shift + e] * m
     # A loop of its own: the one above is nothing but adds, and these few bytes stay in the cache.
-    if mark >= 0:
+    if to.mark >= 0:
         for e in range(first, last):
-            due[mark + (np.int64(targets[e]) >> t.BLOCK_SHIFT)] = 1
+            due[to.mark + (np.int64(targets[e]) >> t.BLOCK_SHIFT)] = 1
 
 
 @subkernel
@@ -255,11 +257,13 @@ def csr_delayed(view, q, source_id, m, step, after, thread, lo, hi):
 
 
 @subkernel
-def grid_add(row, source, m, weights, lo, hi, buf, out, receptor_stride, due, mark):
+def grid_add(view, row, source, m, thread, lo, hi, to):
     """A shared kernel, kept with the maps innermost: add it to those of lo:hi round one source, and mark their blocks.
 
     Negative weights go `receptor_stride` places further, to the second receptor; 0 if all go to one.
     """
+    net, (out, _, receptor_stride, mark, _) = net_of(view), to
+    weights, buf, due = net.weights, net.buf, net.due[thread]
     width, sheet = row[t.CHANNEL_WIDTH], row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
     maps, rows, columns, reach = row[t.MAPS], row[t.ROWS], row[t.COLUMNS], row[t.REACH]
     # A source that is a grid itself has its channels innermost; an input has them outermost, as its ids are.
@@ -292,9 +296,9 @@ def grid_add(row, source, m, weights, lo, hi, buf, out, receptor_stride, due, ma
                     weight = weights[w + k] * m
                     buf[out + begin + k + (receptor_stride if weight < 0.0 else 0)] += weight
             else:
-                to, some = buf[out + begin : out + end], weights[w : w + end - begin]
+                targets, some = buf[out + begin : out + end], weights[w : w + end - begin]
                 for k in range(some.size):
-                    to[k] += some[k] * m
+                    targets[k] += some[k] * m
 
 
 @subkernel
@@ -310,21 +314,16 @@ def add_by_sign(weights, m, first, second):
 
 
 @subkernel
-def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, receptor_stride, mark, spot):
-    """One spike of multiplicity m over a projection with one delay, to this thread's targets lo:hi of n.
-
-    `out` is the index of target 0 in `buf`, `receptor_stride` the distance to the second receptor; `mark` and `spot`
-    are as in `deliver_shared_weight`.
-    """
-    net = net_of(view)
-    row = net.projections[q]
-    buf, weights, due = net.buf, net.weights, net.due[thread]
+def scatter(view, q, source_id, m, thread, lo, hi, n, to):
+    """One spike of multiplicity m over a projection with one delay, to this thread's targets lo:hi of n."""
+    net, (out, receptors, receptor_stride, mark, spot) = net_of(view), to
+    row, buf, weights = net.projections[q], net.buf, net.weights
     layout = row[t.LAYOUT]
     if layout == t.CSR:
         place = row[t.ROW] + source_id * (net.edges.shape[1] - 1) + thread
         first, last = net.rows[place], net.rows[place + 1]
         w = row[t.WEIGHT] + first - row[t.SYNAPSE]
-        csr_own(net.targets, first, last, weights, w, m, receptors, receptor_stride, buf, out, due, mark)
+        csr_own(view, first, last, w, m, thread, to)
         if spot >= 0:
             mark_spots(net.targets, first, last, net.spots, spot)
     elif layout == t.DENSE:
@@ -333,14 +332,14 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, receptor_s
         if row[t.WEIGHT_STRIDE] == 0:
             weight = weights[row[t.WEIGHT]] * m
             o = out + receptor(weight, receptors) * receptor_stride
-            to = buf[o + lo : o + hi]
-            for k in range(to.size):
-                to[k] += weight
+            targets = buf[o + lo : o + hi]
+            for k in range(targets.size):
+                targets[k] += weight
         elif row[t.SIGN] != t.MIXED or receptors == 1:
             o = out + (receptor_stride if row[t.SIGN] == t.NEGATIVE and receptors == 2 else 0)
-            to, some = buf[o + lo : o + hi], weights[w + lo : w + hi]
-            for k in range(to.size):
-                to[k] += some[k] * m
+            targets, some = buf[o + lo : o + hi], weights[w + lo : w + hi]
+            for k in range(targets.size):
+                targets[k] += some[k] * m
         else:
             o = out + receptor_stride
             add_by_sign(weights[w + lo : w + hi], m, buf[out + lo : out + hi], buf[o + lo : o + hi])
@@ -350,12 +349,12 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, receptor_s
             weight = weights[row[t.WEIGHT] + source_id * row[t.WEIGHT_STRIDE]] * m
             buf[out + source_id + receptor(weight, receptors) * receptor_stride] += weight
             if mark >= 0:
-                due[mark + (source_id >> t.BLOCK_SHIFT)] = 1
+                net.due[thread, mark + (source_id >> t.BLOCK_SHIFT)] = 1
     elif row[t.SIGN] == t.MIXED and receptors == 2:
-        grid_add(row, source_id, m, weights, lo, hi, buf, out, receptor_stride, due, mark)
+        grid_add(view, row, source_id, m, thread, lo, hi, to)
     else:
         o = out + (receptor_stride if row[t.SIGN] == t.NEGATIVE and receptors == 2 else 0)
-        grid_add(row, source_id, m, weights, lo, hi, buf, o, 0, due, mark)
+        grid_add(view, row, source_id, m, thread, lo, hi, Destination(o, 1, 0, mark, spot))
 
 
 @kernel
@@ -417,7 +416,8 @@ def deliver_each(view, q, sent_step, now, log_slot, thread, out, receptor_stride
     n = target[t.END] - target[t.BEGIN]
     lo = net.edges[target[t.NUMBER], thread] * t.BLOCK - target[t.BEGIN]
     hi = min(net.edges[target[t.NUMBER], thread + 1] * t.BLOCK - target[t.BEGIN], n)
-    n_receptors, mask = receptors_by_sign(row, target[t.RECEPTORS]), net.log_ids.shape[1] - 1
+    mask, receptors = net.log_ids.shape[1] - 1, receptors_by_sign(row, target[t.RECEPTORS])
+    to = Destination(out, receptors, receptor_stride, mark, spot)
     if lo >= hi:
         return
     # Threads own ascending ids, so going through them in order adds as one thread would.
@@ -432,4 +432,4 @@ def deliver_each(view, q, sent_step, now, log_slot, thread, out, receptor_stride
             if row[t.LAYOUT] == t.CSR and row[t.DELAY_STRIDE] == 1:
                 csr_delayed(view, q, source_id, m, sent_step, now, thread, lo, hi)
             else:
-                scatter(view, q, source_id, m, thread, lo, hi, n, n_receptors, out, receptor_stride, mark, spot)
+                scatter(view, q, source_id, m, thread, lo, hi, n, to)

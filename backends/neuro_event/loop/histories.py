@@ -117,8 +117,9 @@ def bring_history(view, pop, thread, target, step, whole, h):
 
 
 @subkernel
-def keep_others(net, p, pop, local, n, step, h):
+def keep_others(view, pop, local, n, step, h):
     """Keep the traces that third-party rules read of a neuron, as they are just before its spike."""
+    net, p = net_of(view), plastic_of(view)
     history, neuron = net.pops[pop, t.HISTORY] + local, net.pops[pop, t.BEGIN] + local
     others = p.others[history]
     for column in range(p.columns.shape[1]):
@@ -127,7 +128,7 @@ def keep_others(net, p, pop, local, n, step, h):
         if q < 0:
             break
         kind = p.kinds[q, p.kinds.shape[1] // 2 + j]
-        value = post_value(net, p, q, j, kind, column - j, history, 0, neuron, step, h)
+        value = post_value(view, q, j, kind, column - j, history, 0, neuron, step, h)
         for i in range(n, 0, -1):
             others[i, column] = others[i - 1, column]
         others[0, column] = value
@@ -156,7 +157,7 @@ def post_spike(view, pop, thread, local, m, step, done, h):
         trace += traces[NEWEST + 1] * math.exp(-age / net.tau_minus[net.pops[pop, t.BEGIN] + local])
     # Before the entry is made: the values are those just before the spike.
     if p.others.shape[2] > 0:
-        keep_others(net, p, pop, local, n, step, h)
+        keep_others(view, pop, local, n, step, h)
     # The newest goes in front: a search begins with what a synapse most likely needs.
     for i in range(ENTRY * n - 1, -1, -1):
         past[NEWEST + ENTRY + i] = past[NEWEST + i]

@@ -6,6 +6,7 @@ What `lazy_stdp` does for `stdp` and `stdp_dopa`, for any list of traces. The hi
 
 # mypy: ignore-errors
 import math
+from collections import namedtuple
 from functools import cache
 
 import numpy as np
@@ -39,6 +40,12 @@ TAU, NEAREST, ADDS = range(3)
 """Columns of `kinds`."""
 TIME, OF_NEURON = -1.0, -2.0
 """In place of a time constant: the trace is a time; it decays with the neuron's tau_minus."""
+
+Synapse = namedtuple("Synapse", "q z own target history delay")
+"""A synapse in the tables of learning: number of the projection, column of its states, place of its source's traces.
+
+`target` is the number of its target in the population, `history` in `past`; `delay` is in steps.
+"""
 
 
 @subkernel
@@ -104,8 +111,9 @@ def newest_before(past, before):
 
 
 @inlined
-def post_value(net, p, q, j, kind, column, history, i, neuron, before, h):
+def post_value(view, q, j, kind, column, history, i, neuron, before, h):
     """A post trace at a step, from the i-th entry of a history and those before it, if there is such an entry."""
+    p = plastic_of(view)
     past = p.past[history]
     if i == past[ENTRIES]:
         return math.inf if kind[TAU] == TIME else 0.0
@@ -113,7 +121,7 @@ def post_value(net, p, q, j, kind, column, history, i, neuron, before, h):
     passed = before - past[NEWEST + ENTRY * i]
     if kind[TAU] == TIME:
         return passed * h
-    tau = net.tau_minus[neuron] if kind[TAU] == OF_NEURON else p.kinds[q, row, TAU]
+    tau = net_of(view).tau_minus[neuron] if kind[TAU] == OF_NEURON else p.kinds[q, row, TAU]
     m = past[NEWEST + ENTRY * i + 2]
     return grown(kind, value, m) * left(p.decay[q, OWN + row], passed, h, tau)
 
@@ -172,7 +180,7 @@ def rule_entry(model, own_rows):
     advance, sent = compiled(arithmetic.advance) if modulated else None, compiled(model.sends())
     n_pre = len(model.pre)
     pre_values = tuple_of(pre_value, model.pre, "p, q, {j}, {kind}, thread, own, step, h")
-    post_values = tuple_of(post_value, model.post, "net, p, q, {j}, {kind}, column, history, i, neuron, before, h")
+    post_values = tuple_of(post_value, model.post, "view, q, {j}, {kind}, column, history, i, neuron, before, h")
     kept_values = tuple_of(kept_value, model.post, "p, {j}, {kind}, column, history, k, m")
 
     if modulated:
@@ -223,9 +231,10 @@ def rule_entry(model, own_rows):
             return delay
 
     @inlined
-    def flow(view, q, z, own, thread, history, target, upto, whole, delay, h):
+    def flow(view, synapse, thread, upto, whole, h):
         """Let the post spikes up to step `upto` act on a synapse; with `whole` also what flows after the last."""
         net, p = net_of(view), plastic_of(view)
+        q, z, own, target, history, delay = synapse
         # Lazily, a neuron's spikes go into a short history of its own, and a synapse reads it at its next pre spike:
         # 10,000 synapses onto a neuron cost nothing while their sources are silent.
         past, column = p.past[history], p.table[q, t.COLUMN]
@@ -279,10 +288,10 @@ def rule_entry(model, own_rows):
             delay = heard_after(net, row, s)
             history = target_row[t.HISTORY] + target
             # Post before pre within a step: what arrives now acts first, and is not in the traces that are read below.
-            flow(view, q, z, own, thread, history, target, step, True, delay, h)
+            flow(view, Synapse(q, z, own, target, history, delay), thread, step, True, h)
             neuron = target_row[t.BEGIN] + target
             newest = newest_before(p.past[history], step - delay)
-            post = post_values(net, p, q, column, history, newest, neuron, step - delay, h)
+            post = post_values(view, q, column, history, newest, neuron, step - delay, h)
             c = p.rule[row_of(q, p.table[q], z)]
             learn_pre(p, q, z, c, step, nth, pre, post)
             weight = sent(p.y, z, c) + 0.0  # -0.0 would be no input
@@ -320,7 +329,7 @@ def rule_entry(model, own_rows):
                 # later.
                 p.sent[z] = p.y[0, z]  # see `lazy_stdp`
             delay = heard_after(net, row, z - table[t.FIRST_SYNAPSE])
-            flow(view, q, z, own, thread, history, target, step, whole, delay, h)
+            flow(view, Synapse(q, z, own, target, history, delay), thread, step, whole, h)
 
     @kernel
     def run(view, q, operation, index, step, thread, h):

@@ -2,6 +2,7 @@
 
 # mypy: ignore-errors
 import math
+from collections import namedtuple
 from functools import cache
 
 import numpy as np
@@ -19,6 +20,7 @@ from neuro_event.loop.lazy_rules import (
     ENTRY,
     NEWEST,
     PRE_SPIKE,
+    Synapse,
     decayed,
     due_everywhere,
     own_row,
@@ -27,6 +29,9 @@ from neuro_event.loop.lazy_rules import (
 )
 from neuro_event.loop.operations import taking
 from neuro_event.loop.tables import RULE_TYPE, net_of, plastic_of, slot_mask
+
+Trace = namedtuple("Trace", "decay tau k last")
+"""K+ of a source: its value `k` just after the step `last` of a pre spike, the table of its decay, and tau in ms."""
 
 
 @inlined
@@ -95,13 +100,13 @@ def _modulated(model, on_post):
         return since
 
     @inlined
-    def learn(view, q, z, c, own, thread, target, past, plus, tau, k_plus, last, upto, whole, delay, h):
+    def learn(view, synapse, c, past, trace, thread, upto, whole, h):
         """Let the post spikes up to step `upto` act on a synapse, and what flows between them.
 
         With `whole` also what flows from the last of them to `upto`. To stop there clips the weight, so it is for
         events and reads only: not for making room in a history.
         """
-        p = plastic_of(view)
+        p, (q, z, own, target, _, delay) = plastic_of(view), synapse
         since = p.reached[z]
         # A synapse without a new post spike skips the call.
         if past[ENTRIES] > 0 and past[NEWEST] + delay > since:
@@ -115,43 +120,43 @@ def _modulated(model, on_post):
         p.reached[z] = since
 
     @inlined
-    def bring_one(view, q, z, c, own, thread, target, past, upto, whole, delay, h):
+    def bring_one(view, synapse, c, past, thread, upto, whole, h):
         """Let it catch up."""
-        if plastic_of(view).reached[z] < upto:
-            learn(view, q, z, c, own, thread, target, past, (), (), 0.0, 0, upto, whole, delay, h)
+        if plastic_of(view).reached[synapse.z] < upto:
+            learn(view, synapse, c, past, (), thread, upto, whole, h)
 
     return learn, bring_one
 
 
 def _plain(model, on_post):
-    """What a synapse without dopamine does with a history: at a pre spike, of which `last` is the one before, and else.
+    """What a synapse without dopamine does with a history: at a pre spike, and else.
 
     It shows the weight that it sent last, so that is kept aside before the first change.
     """
     repeat = repeating(model, on_post)
 
     @inlined
-    def learn(view, q, z, c, own, thread, target, past, plus, tau, k_plus, last, upto, whole, delay, h):
+    def learn(view, synapse, c, past, trace, thread, upto, whole, h):
         """Apply the post spikes that have arrived since the last pre spike, and were not applied."""
         # No pre spike yet, so no post spike can potentiate.
-        if k_plus == 0.0:
+        if trace.k == 0.0:
             return
-        y, since = plastic_of(view).y, max(last, past[APPLIED])
-        for i in range(arrived_since(past, since, delay) - 1, -1, -1):
-            arrival = past[NEWEST + ENTRY * i] + delay
+        y, since = plastic_of(view).y, max(trace.last, past[APPLIED])
+        for i in range(arrived_since(past, since, synapse.delay) - 1, -1, -1):
+            arrival = past[NEWEST + ENTRY * i] + synapse.delay
             if arrival > upto:
                 break
-            k = k_plus * decayed(plus, arrival - last, h, tau, 0)
-            repeat(view, y, z, c, k, past[NEWEST + ENTRY * i + 2])
+            k = trace.k * decayed(trace.decay, arrival - trace.last, h, trace.tau, 0)
+            repeat(view, y, synapse.z, c, k, past[NEWEST + ENTRY * i + 2])
 
     @inlined
-    def bring_one(view, q, z, c, own, thread, target, past, upto, whole, delay, h):
+    def bring_one(view, synapse, c, past, thread, upto, whole, h):
         """Let it catch up."""
-        p = plastic_of(view)
+        p, q, z, own = plastic_of(view), synapse.q, synapse.z, synapse.own
         if past[APPLIED] <= p.spiked[thread, own]:
             p.sent[z] = p.y[0, z]
-        plus, tau, k_plus, last = p.decay[q, PLUS], p.tau[q], p.k_plus[thread, own], p.k_time[thread, own]
-        learn(view, q, z, c, own, thread, target, past, plus, tau, k_plus, last, upto, whole, delay, h)
+        trace = Trace(p.decay[q, PLUS], p.tau[q], p.k_plus[thread, own], p.k_time[thread, own])
+        learn(view, synapse, c, past, trace, thread, upto, whole, h)
 
     return learn, bring_one
 
@@ -170,7 +175,7 @@ def lazy_entry(model, own_rows):
         table, y = p.table[q], p.y
         # K+ and K- are two numbers that stay in registers: read from memory for each synapse, as third-party traces
         # are, they would cost more than what this pass shares with `lazy_rules`.
-        plus, minus, tau = p.decay[q, PLUS], p.decay[q, MINUS], p.tau[q]
+        minus = p.decay[q, MINUS]
         row = net.projections[table[t.PROJECTION]]
         target_row = net.pops[row[t.TARGET]]
         receptors, relay = target_row[t.RECEPTORS], target_row[t.RELAY]
@@ -178,6 +183,7 @@ def lazy_entry(model, own_rows):
         slots, due = slot_mask(net), net.due[thread]
         own = table[t.FIRST_SOURCE] + source
         k_plus, last = p.k_plus[thread, own], p.k_time[thread, own]
+        pre_trace = Trace(p.decay[q, PLUS], p.tau[q], k_plus, last)
         place = row[t.ROW] + source * (net.edges.shape[1] - 1) + thread
         wide = row[t.WAKE_ALL] == 1 and row[t.DELAY_STRIDE] == 0
         end = net.rows[place + 1]
@@ -197,19 +203,12 @@ def lazy_entry(model, own_rows):
             z = to_synapse + e
             target = np.int64(net.targets[e])
             delay = np.int64(net.delays[delay_at + (e - first) * delay_stride])
-            past = p.past[history + target]
+            synapse = Synapse(q, z, own, target, history + target, delay)
+            past, traces = p.past[synapse.history], p.traces[synapse.history]
             rule = p.rule[row_of(q, table, z)]
-            learn(view, q, z, rule, own, thread, target, past, plus, tau, k_plus, last, step, True, delay, h)
+            learn(view, synapse, rule, past, pre_trace, thread, step, True, h)
             # Post spikes that arrive in this very step have potentiated above, and are not in K-: post is before pre.
-            k_minus = post_trace(
-                minus,
-                past,
-                p.traces[history + target],
-                step - delay,
-                h,
-                net.tau_minus,
-                neuron + target,
-            )
+            k_minus = post_trace(minus, past, traces, step - delay, h, net.tau_minus, neuron + target)
             on_pre(y, z, rule, (0.0,), (k_minus,))
             weight = y[0, z] + 0.0  # sent after its own update, as NEST does; -0.0 would be no input
             second = 1 if receptors == 2 and weight < 0.0 else 0
@@ -234,14 +233,15 @@ def lazy_entry(model, own_rows):
         net, p = net_of(view), plastic_of(view)
         table = p.table[q]
         row = net.projections[table[t.PROJECTION]]
-        past = p.past[net.pops[row[t.TARGET], t.HISTORY] + target]
+        history = net.pops[row[t.TARGET], t.HISTORY] + target
+        past = p.past[history]
         begin = table[t.INCOMING] + target
         for i in range(p.incoming[begin], p.incoming[begin + 1]):
             z = table[t.FIRST_SYNAPSE] + np.int64(p.in_synapse[i])
             own = table[t.FIRST_SOURCE] + np.int64(p.in_source[i])
             delay = np.int64(net.delays[row[t.DELAY] + (z - table[t.FIRST_SYNAPSE]) * row[t.DELAY_STRIDE]])
             c = p.rule[own_row(q, table, z)]
-            bring_one(view, q, z, c, own, thread, target, past, step, whole, delay, h)
+            bring_one(view, Synapse(q, z, own, target, history, delay), c, past, thread, step, whole, h)
 
     @kernel
     def run(view, q, operation, index, step, thread, h):

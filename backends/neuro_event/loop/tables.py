@@ -6,6 +6,7 @@ A population begins at a multiple of `BLOCK * GROUPED` neurons, so that blocks a
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,call-arg,no-any-return,misc"
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
@@ -405,6 +406,13 @@ def call_entry(view, row, operation, lo, hi, thread, step, h):
 
 net_of = viewer(Views("Net", 0, _NET))
 plastic_of = viewer(Views("Plastic", len(NET_FIELDS), _PLASTIC))
+
+Destination = namedtuple("Destination", "out receptors receptor_stride mark spot")
+"""The place to which a delivery adds: `out` is the index of target 0 in `buf`.
+
+`receptors` says among how many receptors signs choose, `receptor_stride` is the distance to the second one; `mark` and
+`spot` are as in `deliver.deliver_shared_weight`.
+"""
 
 
 # Parts of the loop that only some networks need are stages: each is compiled by itself, and called by its address. So a

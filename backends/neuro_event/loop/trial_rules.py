@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 
 from neuro.core.clock import NEVER
-from neuro.kernels.jit import compiled, inlined, kernel, subkernel
+from neuro.kernels.jit import compiled, kernel, subkernel
 from neuro.model.synapses.base import steps_of
 from neuro_event.loop import tables as t
 from neuro_event.loop.tables import net_of
@@ -49,68 +49,63 @@ def source_place(row, channel, y, x):
     return pixel * inside + channel if inside > 0 else channel * sheet + pixel
 
 
-@inlined
-def over_inputs(view, q, act, values, c, first, moment, neuron, local, lesson, h):
-    """Let `act` change the value of each input of one neuron, e.g. its weight; return how many there are.
-
-    `values` are laid out as the weights of the projection are. `first` holds the step of each input's first spike,
-    `moment` the step of the lesson; `neuron` is the id of the neuron, `local` its internal place.
-    """
-    net = net_of(view)
-    row = net.projections[q]
-    # A pass takes microseconds and runs between trials, on one thread: it is written for all layouts at once, not for
-    # speed.
-    delay = np.int64(net.delays[row[t.DELAY]])
-    changed = 0
-    if row[t.LAYOUT] == t.GRID:
-        columns, maps = row[t.COLUMNS], row[t.MAPS]
-        at = neuron // (row[t.ROWS] * columns)
-        r = neuron // columns % row[t.ROWS] * row[t.STRIDE] - row[t.TOP]
-        s = neuron % columns * row[t.STRIDE] - row[t.LEFT]
-        height, width = row[t.CHANNEL_HEIGHT], row[t.CHANNEL_WIDTH]
-        first_channel = at // row[t.REACH]
-        for channel in range(row[t.DEPTH]):
-            for i in range(row[t.KERNEL_HEIGHT]):
-                for j in range(row[t.KERNEL_WIDTH]):
-                    # Padding has no neuron: its weights are not taught by places at the border.
-                    if not (0 <= r + i < height and 0 <= s + j < width):
-                        continue
-                    source = source_place(row, first_channel + channel, r + i, s + j)
-                    place = (channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j
-                    # The kernel is shared: one neuron's lesson changes it for all places of its map.
-                    e = place * maps + at
-                    values[e] = act(values[e], since(first[source], delay, moment, h), lesson, c)
-                    changed += 1
-        return changed
-    threads = net.edges.shape[1] - 1
-    n_target = net.pops[row[t.TARGET], t.END] - net.pops[row[t.TARGET], t.BEGIN]
-    for source in range(first.shape[0]):
-        if row[t.LAYOUT] != t.CSR:
-            if row[t.LAYOUT] == t.DENSE or source == local:
-                e = source * n_target + local if row[t.LAYOUT] == t.DENSE else source
-                values[e] = act(values[e], since(first[source], delay, moment, h), lesson, c)
-                changed += 1
-            continue
-        # Rows are by source, so all are gone through: a list by target would cost 8 bytes a synapse for something that
-        # happens once a trial.
-        begin = row[t.ROW] + source * threads
-        for s in range(net.rows[begin], net.rows[begin + threads]):
-            if net.targets[s] == local:
-                k = s - row[t.SYNAPSE]
-                own = np.int64(net.delays[row[t.DELAY] + k * row[t.DELAY_STRIDE]])
-                values[k] = act(values[k], since(first[source], own, moment, h), lesson, c)
-                changed += 1
-    return changed
-
-
 @cache
 def teacher(teach):
-    """The pass over the inputs of one neuron, compiled for a rule's `teach`; it returns how many there are."""
+    """The pass over the inputs of one neuron, compiled for a rule's `teach`."""
     act = compiled(teach)
 
     @kernel
     def learn(view, q, values, c, first, moment, neuron, local, lesson, h):
-        return over_inputs(view, q, act, values, c, first, moment, neuron, local, lesson, h)
+        """Change the value of each input of a neuron, e.g. its weight; return how many there are.
+
+        `values` are laid out as the weights of the projection are. `first` holds the step of each input's first spike,
+        `moment` the step of the lesson; `neuron` is the id of the neuron, `local` its internal place.
+        """
+        net = net_of(view)
+        row = net.projections[q]
+        # A pass takes microseconds and runs between trials, on one thread: it is written for all layouts at once, not
+        # for speed.
+        delay = np.int64(net.delays[row[t.DELAY]])
+        changed = 0
+        if row[t.LAYOUT] == t.GRID:
+            columns, maps = row[t.COLUMNS], row[t.MAPS]
+            at = neuron // (row[t.ROWS] * columns)
+            r = neuron // columns % row[t.ROWS] * row[t.STRIDE] - row[t.TOP]
+            s = neuron % columns * row[t.STRIDE] - row[t.LEFT]
+            height, width = row[t.CHANNEL_HEIGHT], row[t.CHANNEL_WIDTH]
+            first_channel = at // row[t.REACH]
+            for channel in range(row[t.DEPTH]):
+                for i in range(row[t.KERNEL_HEIGHT]):
+                    for j in range(row[t.KERNEL_WIDTH]):
+                        # Padding has no neuron: its weights are not taught by places at the border.
+                        if not (0 <= r + i < height and 0 <= s + j < width):
+                            continue
+                        source = source_place(row, first_channel + channel, r + i, s + j)
+                        place = (channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j
+                        # The kernel is shared: one neuron's lesson changes it for all places of its map.
+                        e = place * maps + at
+                        values[e] = act(values[e], since(first[source], delay, moment, h), lesson, c)
+                        changed += 1
+            return changed
+        threads = net.edges.shape[1] - 1
+        n_target = net.pops[row[t.TARGET], t.END] - net.pops[row[t.TARGET], t.BEGIN]
+        for source in range(first.shape[0]):
+            if row[t.LAYOUT] != t.CSR:
+                if row[t.LAYOUT] == t.DENSE or source == local:
+                    e = source * n_target + local if row[t.LAYOUT] == t.DENSE else source
+                    values[e] = act(values[e], since(first[source], delay, moment, h), lesson, c)
+                    changed += 1
+                continue
+            # Rows are by source, so all are gone through: a list by target would cost 8 bytes a synapse for something
+            # that happens once a trial.
+            begin = row[t.ROW] + source * threads
+            for s in range(net.rows[begin], net.rows[begin + threads]):
+                if net.targets[s] == local:
+                    k = s - row[t.SYNAPSE]
+                    own = np.int64(net.delays[row[t.DELAY] + k * row[t.DELAY_STRIDE]])
+                    values[k] = act(values[k], since(first[source], own, moment, h), lesson, c)
+                    changed += 1
+        return changed
 
     return learn
 
