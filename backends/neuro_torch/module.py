@@ -20,7 +20,7 @@ from neuro.compiler import compile_network
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Floats, Program
-from neuro_torch import events, memory, trainable as words
+from neuro_torch import feeding, memory, trainable as words
 from neuro_torch.cells import graded_messages, graded_payloads
 from neuro_torch.events import Events
 from neuro_torch.outcome import Outcome, Told, active_updates
@@ -132,17 +132,17 @@ class Module(torch.nn.Module):
             ModelError: a name or a shape is wrong, something is NaN, delays or parameters of neurons are out of
                 their bounds, or the batch needs more memory than is free.
         """
-        size, steps = events.sizes(self.program, batch, self._steps)
+        size, steps = feeding.sizes(self.program, batch, self._steps)
         task = self._task(size, steps)
         named = batch.trains if isinstance(batch, Events) else batch
         asked = {
-            k: events.checked(part, named.get(part.name))
+            k: feeding.checked(part, named.get(part.name))
             for k, part in enumerate(self.program.populations)
             if part.kind in ("listed", "poisson", "generator")
         }
         if not torch.compiler.is_compiling():
             memory.refuse_large(self._need(asked, task), task)
-        given = {k: events.given_to(self.program.populations[k], each, task) for k, each in asked.items()}
+        given = {k: feeding.given_to(self.program.populations[k], each, task) for k, each in asked.items()}
         emitted, potentials = self._scanned(given, task) if self._plan.parts else self._stepped(given, task)
         return self._outcome(batch, emitted, potentials, task)
 
@@ -152,8 +152,8 @@ class Module(torch.nn.Module):
 
         def run(steps: int) -> None:
             few = replace(task, batch=1, steps=steps)
-            begun = {k: events.beginning(each, steps) for k, each in asked.items()}
-            self._stepped({k: events.given_to(parts[k], each, few) for k, each in begun.items()}, few)
+            begun = {k: feeding.beginning(each, steps) for k, each in asked.items()}
+            self._stepped({k: feeding.given_to(parts[k], each, few) for k, each in begun.items()}, few)
 
         def tape() -> float:
             if "tape" not in self._kept:
@@ -167,7 +167,7 @@ class Module(torch.nn.Module):
         """What populations emit, and potentials at the ends of steps."""
         scans = self._scans()[0]
         populations = self.program.populations
-        emitted = {k: events.emitted(self.program, populations[k], each, task, scans) for k, each in given.items()}
+        emitted = {k: feeding.emitted(self.program, populations[k], each, task, scans) for k, each in given.items()}
         weights = {q: self._weight(q, task) for q, p in enumerate(self.program.projections) if p.carries == "spikes"}
         potentials: dict[int, Tensor] = {}
         for part in self._plan.parts:
@@ -223,7 +223,7 @@ class Module(torch.nn.Module):
         populations = self.program.populations
         parameters = {name: dict(each.items()) for name, each in self.neurons.items()}
         inputs = {
-            populations[k].name: events.dense(each, populations[k], task)
+            populations[k].name: feeding.dense(each, populations[k], task)
             for k, each in given.items()
             if each is not None
         }

@@ -6,7 +6,6 @@ import sys
 import time
 from typing import Any
 
-from neuro.core.clock import Clock
 from neuro.core.system import shared
 
 EVERY_S = 10.0
@@ -99,6 +98,8 @@ def advance(sim: Any, steps: int, bar: Bar) -> float:
         how long the first step took in s where others follow: in it kernels are compiled, once on a machine, which
         reports nothing of the others; else 0.
     """
+    from neuro.core.clock import Clock  # with numpy, which a start of the command line does not pay for
+
     clock = Clock(sim.program.resolution)
     sim.check_room(steps)
     if shared():

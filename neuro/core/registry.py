@@ -133,11 +133,11 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def values(self) -> ValuesView[T]:
         """All parts; of installed packages those that can be loaded."""
-        return dict(self._whole_ones()).values()
+        return _Values(self)
 
     def items(self) -> ItemsView[str, T]:
         """All parts with their names; of installed packages those that can be loaded."""
-        return dict(self._whole_ones()).items()
+        return _Items(self)
 
     def _whole_ones(self) -> Iterator[tuple[str, T]]:
         for name in self:
@@ -169,6 +169,24 @@ class Registry(Mapping[str, T], Generic[T]):
             raise ModelError(str(error)) from None
         self._whole[id(part)] = part
         return complete
+
+
+class _Values(ValuesView[T]):
+    """The parts of a registry. Each is loaded when it is asked for: to find one of ours needs no look at packages."""
+
+    _mapping: Registry[T]
+
+    def __iter__(self) -> Iterator[T]:
+        return (part for _, part in self._mapping._whole_ones())
+
+
+class _Items(ItemsView[str, T]):
+    """The parts of a registry with their names, loaded likewise."""
+
+    _mapping: Registry[T]
+
+    def __iter__(self) -> Iterator[tuple[str, T]]:
+        return self._mapping._whole_ones()
 
 
 @cache
