@@ -10,12 +10,10 @@ pytestmark = pytest.mark.usefixtures("nest")
 
 @pytest.mark.parametrize("tau_fac", [0.0, 50.0])
 @pytest.mark.parametrize("model", ["tsodyks2_synapse", "tsodyks_synapse"])
-def test_what_spikes_send_is_as_in_nest(model, tau_fac):
-    import nest
-
+def test_what_spikes_send_is_as_in_nest(model, tau_fac, own_nest):
+    nest = own_nest
     share, tau_rec, tau_syn = 0.2, 130.0, 4.0
     times = np.round(np.cumsum(np.random.default_rng(0).exponential(50.0, 60)) + 5.0, 1)
-    nest.ResetKernel()
     nest.resolution = 0.1
     source, sends = nest.Create("spike_generator", params={"spike_times": times}), nest.Create("parrot_neuron")
     still = {"tau_m": 1e12, "C_m": 1.0, "V_th": 1e9, "E_L": 0.0, "V_m": 0.0}
