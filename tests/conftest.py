@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 import pytest
 from hypothesis import settings
 
+from golden_messages import Messages, messages_of
+
 # How long an example takes depends on what else the machine does: a deadline fails tests of right code.
 settings.register_profile("suite", deadline=None)
 settings.load_profile("suite")
@@ -31,6 +33,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--bounds", action="store_true", help="compile kernels that look at every index; slow")
+    parser.addoption("--renew-messages", action="store_true", help="write tests/messages.yaml anew; not with -n")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -116,6 +119,12 @@ def registries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     yield
     for name in [name for name in sys.modules if name.startswith("my_")]:
         del sys.modules[name]
+
+
+@pytest.fixture
+def messages(request: pytest.FixtureRequest) -> Messages:
+    """Compare messages by case with those of this test in tests/messages.yaml."""
+    return messages_of(request)
 
 
 class Answer(NamedTuple):

@@ -1,0 +1,68 @@
+"""Exact wordings of messages: one golden file, `tests/messages.yaml`, which `pytest --renew-messages` writes anew.
+
+A test gives the messages that it collected (`refused.refused`) to the fixture `messages`; all other tests look at the kind of an error, its
+place and its suggestion. A renewed file is read in the diff before it is committed.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+FILE = Path(__file__).parents[1] / "messages.yaml"
+HEAD = "# What is said, by test and case. `pytest --renew-messages` writes the cases of the tests that it runs anew.\n"
+
+
+class _Dumper(yaml.SafeDumper):
+    """Texts of several lines as blocks, so that a diff shows the line that changed."""
+
+
+def _text(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style="|" if "\n" in text else None)
+
+
+_Dumper.add_representer(str, _text)
+
+
+def dump(messages: dict[str, dict[str, str]]) -> str:
+    """The golden file as text: tests and their cases in alphabetical order."""
+    return HEAD + yaml.dump(messages, Dumper=_Dumper, allow_unicode=True, width=1 << 30)
+
+
+def read(file: Path = FILE) -> dict[str, dict[str, str]]:
+    """The messages of each test by case."""
+    return yaml.load(file.read_text("utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)) or {}
+
+
+class Messages:
+    """The messages of one test: a call compares those of some cases, and reports all that differ.
+
+    Args:
+        test: the key of the golden file: path of the test's file below `tests`, and its function.
+        renew: whether the file is written instead of compared; tests must then run in one process.
+    """
+
+    def __init__(self, test: str, renew: bool) -> None:
+        self._test, self._renew = test, renew
+
+    def __call__(self, messages: dict[str, str]) -> None:
+        texts = {case: "\n".join(line.rstrip() for line in text.splitlines()) for case, text in messages.items()}
+        golden = read()
+        if self._renew:
+            FILE.write_text(dump(golden | {self._test: golden.get(self._test, {}) | texts}), "utf-8")
+            return
+        expected = golden.get(self._test, {})
+        wrong = [
+            f"{case}\n  expected: {expected.get(case)}\n  found:    {text}"
+            for case, text in texts.items()
+            if text != expected.get(case)
+        ]
+        if wrong:
+            pytest.fail(f"{len(wrong)} messages differ from tests/messages.yaml:\n" + "\n".join(wrong), pytrace=False)
+
+
+def messages_of(request: Any) -> Messages:
+    """The comparer of a test."""
+    path = request.path.relative_to(FILE.parent)
+    return Messages(f"{path}::{request.function.__name__}", request.config.getoption("--renew-messages"))
