@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from neuro.core.lazy import public_names
+from neuro.core.lazy import PublicModules, public_names
 from neuro.core.version import VERSION
 
 __version__ = VERSION
@@ -114,4 +114,5 @@ def _registered(name: str) -> object:
 
 
 if not TYPE_CHECKING:
+    sys.meta_path.insert(0, PublicModules())
     __getattr__, __dir__, __all__ = public_names(__name__, __file__, _registered)

@@ -27,18 +27,25 @@ from neuro.cli.run import plot, report, rerun, run
 from neuro.cli.start import example, new
 from neuro.cli.sweep import sweep, tune
 from neuro.core.errors import ModelError, unknown
+from neuro.core.lazy import missing
 from neuro.core.version import VERSION
 
 GROUP = "neuro.commands"
+
+ORDER = (
+    *("new", "example", "run", "live", "rerun", "plot", "report", "compare", "predict", "convert", "check", "doctor"),
+    *("show", "fit", "energy", "schema", "verify", "models", "backends", "events", "sweep", "tune"),
+)
+"""Commands as help lists them, wherever they are defined; those of further apps follow by name."""
 
 
 class Commands(TyperGroup):
     """Lists apps without importing them, so that a slow or broken one affects only its own command."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Our own commands, then those of apps."""
-        ours = super().list_commands(ctx)
-        return ours + sorted(apps().keys() - set(ours))
+        """All commands: those of `ORDER` as they stand there, then those of other apps."""
+        names = {*super().list_commands(ctx), *apps()}
+        return [name for name in ORDER if name in names] + sorted(names - {*ORDER})
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """A command as help shows it; None if there is none of that name."""
@@ -54,6 +61,9 @@ class Commands(TyperGroup):
         """
         name, known = args[0], self.list_commands(ctx)
         if name not in known:
+            gone = apps(there=False).get(name)
+            if gone is not None:
+                raise ModelError(f"command '{name}' {missing(gone.module.partition('.')[0])}")
             raise unknown("command", name, known)
         command = super().get_command(ctx, name) or load(apps()[name])
         return name, with_extensions(command), args[1:]
@@ -67,9 +77,16 @@ class Commands(TyperGroup):
         return [without_type(each) for each in super().get_params(ctx)]
 
 
-def apps() -> dict[str, EntryPoint]:
-    """The commands of installed apps."""
-    return {entry.name: entry for entry in entry_points(group=GROUP)}
+def apps(*, there: bool = True) -> dict[str, EntryPoint]:
+    """The commands of apps by name.
+
+    Args:
+        there: those whose package can be imported; else those whose package was taken away.
+    """
+    entries = {entry.name: entry for entry in entry_points(group=GROUP)}
+    found = {entry.module.partition(".")[0] for entry in entries.values()}
+    present = {package for package in found if find_spec(package) is not None}
+    return {name: entry for name, entry in entries.items() if (entry.module.partition(".")[0] in present) == there}
 
 
 def load(entry: EntryPoint) -> Any:
@@ -79,7 +96,7 @@ def load(entry: EntryPoint) -> Any:
         ModelError: its import fails.
     """
     try:
-        command = typer.main.get_command(entry.load())
+        command = typer.main.get_command(as_app(entry.load()))
     except Exception as error:
         raise ModelError(
             f"command '{entry.name}' cannot be loaded from {entry.value}: {type(error).__name__}: {error}",
@@ -89,13 +106,30 @@ def load(entry: EntryPoint) -> Any:
     return command
 
 
+def as_app(command: Any) -> typer.Typer:
+    """Commands of an entry point: an app of typer, or a function that is one command."""
+    if isinstance(command, typer.Typer):
+        return command
+    app = typer.Typer(add_completion=False)
+    app.command()(command)
+    return app
+
+
 def placeholder(entry: EntryPoint) -> TyperCommand:
-    """A command that can only be listed; its help is the first line of its module's docstring."""
-    return TyperCommand(entry.name, help=summary(entry.module))
+    """A command that can only be listed, with one line of help, see `summary`."""
+    return TyperCommand(entry.name, help=summary(entry.module, entry.attr))
 
 
-def summary(module: str) -> str:
-    """The first line of a module's docstring, read without running it or its package; "" if it cannot be had."""
+def summary(module: str, name: str = "") -> str:
+    """The first line of the docstring of a function, or of its module where it is none, read without running either.
+
+    Args:
+        module: its name.
+        name: of the function.
+
+    Returns:
+        "" if it cannot be had.
+    """
     package, *inside = module.split(".")
     try:
         spec = find_spec(package)  # that of a module inside would run the package
@@ -103,8 +137,9 @@ def summary(module: str) -> str:
         folder = spec.submodule_search_locations
         file = Path(next(iter(folder))).joinpath(*inside) if folder else Path(spec.origin or "")
         file = file / "__init__.py" if file.is_dir() else file.with_suffix(".py")
-        text = file.read_text("utf-8")
-        return (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
+        tree = ast.parse(file.read_text("utf-8"))
+        functions = [part for part in tree.body if isinstance(part, ast.FunctionDef) and part.name == name]
+        return (ast.get_docstring([*functions, tree][0]) or "").partition("\n")[0]
     except Exception:
         return ""
 

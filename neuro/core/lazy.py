@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
+from importlib.machinery import ModuleSpec
 from os.path import dirname
+from types import ModuleType
+from typing import Any
+
+PACKAGES: dict[str, str] = {}
+"""Public modules of `neuro` that are packages of their own, in `apps`: the package of each."""
 
 
 def public_names(
@@ -32,14 +38,65 @@ def public_names(
 
             hint = "" if name.startswith("_") else near(name, list(homes))
             raise AttributeError(f"module '{module}' has no attribute '{name}'{hint and f': {hint}'}")
-        home = import_module(homes[name])
-        # The module itself would look here again for a name that is a module inside it.
-        inside = homes[name] == module or not hasattr(home, name)
-        value = import_module(f"{homes[name]}.{name}") if inside else getattr(home, name)
+        try:
+            home = import_module(homes[name])
+            # The module itself would look here again for a name that is a module inside it.
+            inside = homes[name] == module or not hasattr(home, name)
+            value = import_module(f"{homes[name]}.{name}") if inside else getattr(home, name)
+        except ModuleNotFoundError as error:
+            package = PACKAGES.get(f"{module}.{name}", homes[name].partition(".")[0])
+            if error.name not in (package, f"{module}.{name}"):
+                raise
+            raise AttributeError(f"{module}.{name} {missing(package)}") from None
         setattr(sys.modules[module], name, value)
         return value
 
     return getattribute, lambda: sorted(homes), sorted(homes)
+
+
+def missing(package: str) -> str:
+    """The end of a sentence on something that a package of `apps` brings which is not installed."""
+    return f"is in the package {package}, which is not installed: it comes with neuro-snn"
+
+
+class PublicModules:
+    """Finds the public modules of `neuro` that are packages of their own, with all that is in them.
+
+    `neuro.events.filters` and `neuro_events.filters` are one module. It is imported when one of its names is.
+    """
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """The place of a module; None for all others.
+
+        Raises:
+            ModuleNotFoundError: the package is not installed.
+        """
+        public = ".".join(fullname.split(".")[:2])
+        if public not in PACKAGES:
+            return None
+        name = PACKAGES[public] + fullname.removeprefix(public)
+        try:
+            module = import_module(name)
+        except ModuleNotFoundError as error:
+            if error.name != PACKAGES[public]:
+                raise
+            raise ModuleNotFoundError(f"{fullname} {missing(PACKAGES[public])}", name=fullname) from None
+        return ModuleSpec(
+            fullname, self, loader_state=(module, module.__spec__), is_package=hasattr(module, "__path__")
+        )
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        """The module under its own name."""
+        module: ModuleType = spec.loader_state[0]
+        return module
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Give the module its own place again, which the import by its public name has replaced."""
+        spec = module.__spec__
+        if spec is not None:
+            module.__spec__ = spec.loader_state[1]
 
 
 def _homes(file: str, block: str = "") -> dict[str, str]:

@@ -1,7 +1,7 @@
 """Exact wordings of messages: one golden file, `tests/messages.yaml`, which `pytest --renew-messages` writes anew.
 
-A test gives the messages that it collected (`refused.refused`) to the fixture `messages`; all other tests look at the kind of an error, its
-place and its suggestion. A renewed file is read in the diff before it is committed.
+A test gives the messages that it collected (`refused.refused`) to the fixture `messages`; all other tests look at the
+kind of an error, its place and its suggestion. A renewed file is read in the diff before it is committed.
 """
 
 from pathlib import Path
