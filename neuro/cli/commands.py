@@ -138,8 +138,8 @@ def summary(module: str, name: str = "") -> str:
         file = Path(next(iter(folder))).joinpath(*inside) if folder else Path(spec.origin or "")
         file = file / "__init__.py" if file.is_dir() else file.with_suffix(".py")
         tree = ast.parse(file.read_text("utf-8"))
-        functions = [part for part in tree.body if isinstance(part, ast.FunctionDef) and part.name == name]
-        return (ast.get_docstring([*functions, tree][0]) or "").partition("\n")[0]
+        function = next((part for part in tree.body if isinstance(part, ast.FunctionDef) and part.name == name), tree)
+        return (ast.get_docstring(function) or "").partition("\n")[0]
     except Exception:
         return ""
 

@@ -83,9 +83,9 @@ class PublicModules:
             if error.name != PACKAGES[public]:
                 raise
             raise ModuleNotFoundError(f"{fullname} {missing(PACKAGES[public])}", name=fullname) from None
-        return ModuleSpec(
-            fullname, self, loader_state=(module, module.__spec__), is_package=hasattr(module, "__path__")
-        )
+        loader: Any = self  # its base class would take a slow import
+        place = (module, module.__spec__)
+        return ModuleSpec(fullname, loader, loader_state=place, is_package=hasattr(module, "__path__"))
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         """The module under its own name."""
