@@ -27,7 +27,6 @@
 comma := ,
 VENV := .venv
 BIN := $(VENV)/bin
-PEERS := ../shared/bench/peers
 NEST_MPI := nest-simulator
 RELEASE_PYTHONS := $(PYTHON)
 NETWORKS := 5000
@@ -112,11 +111,10 @@ demo: $(VENV)/.demo
 bench: $(VENV)/.test
 	$(BIN)/pytest benchmarks --benchmark-only -p no:xdist
 
-bench-peers: $(VENV)/.test $(if $(wildcard $(PEERS)/bench_nest.py),$(VENV)-peers/.installed $(VENV)-peers-chips/.installed) \
-             $(if $(TORCH),$(VENV)-peers-torch/.installed)
-	$(if $(TORCH),$(VENV)-peers-torch/bin/python benchmarks/peers_torch.py)
-	$(BIN)/python benchmarks/peers.py --scripts "$(PEERS)" --python $(VENV)-peers/bin/python
-	$(BIN)/python benchmarks/peers_chips.py --scripts "$(PEERS)" --python $(VENV)-peers-chips/bin/python
+bench-peers: $(VENV)/.test $(VENV)-peers/.installed $(VENV)-peers-chips/.installed $(if $(TORCH),$(VENV)-peers-torch/.installed)
+	$(if $(TORCH),$(VENV)-peers-torch/bin/python benchmarks/peers/compare_torch.py)
+	$(BIN)/python benchmarks/peers/compare.py --python $(VENV)-peers/bin/python
+	$(BIN)/python benchmarks/peers/compare_chips.py --python $(VENV)-peers-chips/bin/python
 
 docs: $(VENV)-docs/.installed
 	$(VENV)-docs/bin/sphinx-build --fail-on-warning --keep-going --quiet docs build/site

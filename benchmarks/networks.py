@@ -1,11 +1,12 @@
-"""The networks that are timed. `NETWORKS` and `loop` are those of NEST's and Brian2's scripts, see `peers.py`.
+"""The networks that are timed. `NETWORKS` and `loop` are those of NEST's and Brian2's scripts, see `peers/`.
 
-`feedforward` and `recurrent` are the two that chip emulators are timed with, in registers, see `peers_chips.py`.
+`feedforward` and `recurrent` are those of chip emulators, in registers, see `peers/chip_networks.py`.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from peers import chip_networks
 
 import neuro
 
@@ -180,32 +181,30 @@ def feed_forward(model: type[neuro.Model] = neuro.iaf_psc_exp) -> neuro.Network:
 
 def feedforward(n: int = 1000) -> neuro.Network:
     """Sources that fire at 5 % a step, all onto all."""
-    rng = np.random.default_rng(1)
+    layer = chip_networks.FEEDFORWARD
     net = neuro.Network("feedforward", resolution=1.0)
     net.population("sources", n, neuro.spike_generator())
-    net.population("cells", n, neuro.loihi_lif(du=600, dv=300, vth=30000))
-    weights = 2.0 * rng.integers(-40, 60, (n, n))
+    net.population("cells", n, neuro.loihi_lif(du=layer.du, dv=layer.dv, vth=layer.vth))
+    weights = chip_networks.feedforward(n).astype(float)
     net.connect("sources", "cells", neuro.all_to_all(), neuro.loihi_static(), weight=weights, delay=1.0)
     return net
 
 
 def sources(n: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Times and neurons of the input of `feedforward`."""
-    times, ids = np.nonzero(np.random.default_rng(2).random((steps, n)) < 0.05)
-    return times + 1.0, ids
+    rows, ids = chip_networks.fired(steps, n)
+    return rows + 1.0, ids
 
 
 def recurrent(n: int = 10_240, fan_in: int = 100) -> neuro.Network:
     """Ten cores of neurons with a bias, each hearing 100 others, four of five excitatory."""
-    rng = np.random.default_rng(3)
+    layer = chip_networks.RECURRENT
+    pre, post, weights, bias = chip_networks.recurrent(n, fan_in)
     net = neuro.Network("recurrent", resolution=1.0)
-    bias = rng.integers(900, 2700, n).astype(float)
-    net.population("cells", n, neuro.loihi_lif(du=1500, dv=160, vth=500, bias_mant=bias))
-    pre = rng.integers(0, n, n * fan_in)
-    excite, inhibit = 2 * rng.integers(1, 10, n * fan_in), -2 * rng.integers(4, 40, n * fan_in)
-    weights = np.where(rng.random(n * fan_in) < 0.8, excite, inhibit).astype(float)
-    rule = neuro.pairs(pre, np.repeat(np.arange(n), fan_in))
-    net.connect("cells", "cells", rule, neuro.loihi_static(), weight=weights, delay=1.0)
+    cell = neuro.loihi_lif(du=layer.du, dv=layer.dv, vth=layer.vth, bias_mant=bias.astype(float))
+    net.population("cells", n, cell)
+    synapses = {"weight": weights.astype(float), "delay": 1.0}
+    net.connect("cells", "cells", neuro.pairs(pre, post), neuro.loihi_static(), **synapses)
     return net
 
 
