@@ -14,7 +14,6 @@ from neuro.core.lazy import public_names
 if TYPE_CHECKING:
     from neuro.chips.energy import number as number, quantity as quantity, sourced as sourced
     from neuro.cli.chips import PRICED as PRICED, Chips as Chips, Sources as Sources
-    from neuro.cli.live import announce as announce
     from neuro.cli.options import (
         Backend as Backend,
         Backends as Backends,
@@ -69,6 +68,7 @@ if TYPE_CHECKING:
     from neuro.program.backend import find_backend as find_backend
     from neuro.readout.decisions import Evaluation as Evaluation, evaluate as evaluate, wilson as wilson
     from neuro.readout.showing import Overflows as Overflows, Showing as Showing, warn_of_overflows as warn_of_overflows
+    from neuro_live.cli import announce as announce
 
 
 if not TYPE_CHECKING:

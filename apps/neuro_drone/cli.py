@@ -135,7 +135,7 @@ def try_model(
 def _announced(no_browser: bool) -> Callable[[Any, Any], Any]:
     """What makes a page, prints its address and opens it."""
     from neuro.apps import announce
-    from neuro.live import Page
+    from neuro_live import Page
 
     def page(sim: Any, figures: Any) -> Page:
         shown = Page(sim, figures=figures)
