@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neuro.kernels.draws import mix
-from neuro.kernels.jit import allocating, kernel, subkernel
+from neuro.apps import draws
+from neuro.extend import allocating, kernel, subkernel
 
 BLOCK = 64
 SETTLED = 40.0
@@ -94,8 +94,8 @@ class Curve(NamedTuple):
 @subkernel
 def draw(seed, pixel, number):
     """The pixel's random word of this number: a function of nothing else."""
-    key = mix(np.uint64(seed) + np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15))
-    return mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
+    key = draws.mix(np.uint64(seed) + np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15))
+    return draws.mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
 
 
 @subkernel
@@ -215,7 +215,7 @@ def run(state, levels, i, s, end, all_, origin, earliest, n, out):
             next_noise(state, i, all_)
         while state.noise - start < at and state.noise <= end:
             word = draw(all_.seed, i, state.drawn)
-            if unit(mix(word)) >= all_.dimmed * min(state.bright, 1.0):
+            if unit(draws.mix(word)) >= all_.dimmed * min(state.bright, 1.0):
                 at = state.noise - start
                 p = int(word & np.uint64(1))
                 break

@@ -9,10 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.checks import argument, is_number, refuse_masked
-from neuro.core.errors import ModelError
-from neuro.core.tables import Table, as_html
-from neuro.core.values import same
+from neuro import ModelError
+from neuro.apps import Table, argument, as_html, is_number, refuse_masked, same
 
 EVENT = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
 """One event as a packed record of 13 bytes: us, px, px, 1 = ON."""

@@ -7,8 +7,8 @@ from math import exp, log
 
 import numpy as np
 
-from neuro.kernels.draws import mix, step_word, uniform
-from neuro.kernels.jit import kernel, subkernel
+from neuro.apps import draws
+from neuro.extend import kernel, subkernel
 
 
 @kernel
@@ -144,7 +144,7 @@ def shake(t, key, first, amount, out):
     """Event k of the part is number first + k of the recording; key: uint64; out: int64[n], us."""
     choices = np.uint64(2 * amount + 1)
     for k in range(t.shape[0]):
-        out[k] = t[k] + np.int64(step_word(key, first + k) % choices) - amount
+        out[k] = t[k] + np.int64(draws.step_word(key, first + k) % choices) - amount
 
 
 @kernel
@@ -175,18 +175,18 @@ def sprinkle(first, last, key, mean_us, pixels, out_t, out_pixel, out_p):
     """
     n = 0
     for number in range(first // BIN_US, last // BIN_US + 1):
-        base = step_word(key, number)
+        base = draws.step_word(key, number)
         at = 0.0
         k = 0
         while True:
-            at -= mean_us * log(1.0 - uniform(base, k))
+            at -= mean_us * log(1.0 - draws.uniform(base, k))
             if at >= BIN_US:
                 break
             t = number * BIN_US + int(at)
             if first <= t <= last:
                 if n == out_t.shape[0]:
                     raise OverflowError("noise: more events than expected")
-                word = mix(base + np.uint64(k) + np.uint64(1))
+                word = draws.mix(base + np.uint64(k) + np.uint64(1))
                 out_t[n] = t
                 out_pixel[n] = (word >> np.uint64(1)) % np.uint64(pixels)
                 out_p[n] = word & np.uint64(1)

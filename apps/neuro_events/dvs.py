@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.checks import argument, check_fields
-from neuro.core.errors import ModelError
-from neuro.core.extras import LazyModule
-from neuro.core.quantities import quantity
+from neuro import ModelError
+from neuro.apps import LazyModule, argument, check_fields
+from neuro.extend import quantity
 from neuro_events._events import Events, checked_size, empty_columns, joined_columns
 
 kernels = LazyModule("neuro_events._dvs_kernels")

@@ -8,10 +8,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from neuro.core.checks import argument
-from neuro.core.errors import ModelError
-from neuro.core.inputs import file_path
-from neuro.core.outputs import Kind, Unwritable, output
+from neuro import ModelError
+from neuro.apps import Kind, Unwritable, argument, file_path, output
 from neuro_events._events import Events, checked_size
 from neuro_events.formats import Format, Unsavable, called, written
 from neuro_events.formats._format import in_order

@@ -11,10 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.extras import LazyModule
-from neuro.core.hints import near
-from neuro.core.inputs import record_input
-from neuro.core.outputs import PART
+from neuro.apps import PART, LazyModule, near, record_input
 from neuro_events._events import Columns, empty_columns, joined_columns
 from neuro_events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Seeker, Sized, called
 from neuro_events.source import EventFileError, EventFileWarning, Given, Source, let_go, opened_source

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.errors import ModelError
+from neuro import ModelError
 from neuro_events._events import Events, joined_columns
 from neuro_events.source import EventFileError
 

@@ -16,11 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core import html
-from neuro.core.checks import argument
-from neuro.core.errors import ModelError
-from neuro.core.inputs import file_path
-from neuro.core.outputs import marked, output, sealed, write_text
+from neuro import ModelError
+from neuro.apps import argument, file_path, html, marked, output, sealed, write_text
 from neuro_events._events import Events
 from neuro_events.parts import together, windows
 

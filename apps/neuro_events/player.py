@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.checks import is_number
-from neuro.core.errors import ModelError
+from neuro import ModelError
+from neuro.apps import is_number
 from neuro_events._events import Events, empty_columns
 from neuro_events.files import size_of, stream
 

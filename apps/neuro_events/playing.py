@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.errors import ModelError
+from neuro import ModelError
 from neuro_events._events import EVENT, Event, Events
 from neuro_events.files import size_of, stream
 from neuro_events.formats import Unsavable, in_order

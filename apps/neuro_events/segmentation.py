@@ -22,10 +22,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.checks import argument
-from neuro.core.errors import ModelError
-from neuro.core.extras import LazyModule
-from neuro.core.registry import Registry
+from neuro import ModelError
+from neuro.apps import LazyModule, Registry, argument
 from neuro_events._events import Events
 from neuro_events.parts import together
 

@@ -15,8 +15,8 @@ from typing import BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.errors import ModelError, Where
-from neuro.core.inputs import file_path
+from neuro import ModelError
+from neuro.apps import Where, file_path
 
 Given = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
 Bytes = npt.NDArray[np.uint8]

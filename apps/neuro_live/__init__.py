@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from neuro.core.lazy import public_names
+from neuro.apps import public_names
 
 if TYPE_CHECKING:
     from neuro_live.page import Page as Page

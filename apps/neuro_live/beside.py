@@ -16,25 +16,20 @@ from typing import Any
 
 import numpy as np
 
-from neuro.chips.description import Chip
-from neuro.chips.known import chip, chips
-from neuro.chips.placing import Placement, place
-from neuro.chips.pricing import price
-from neuro.compiler import compile_network
-from neuro.core.errors import ModelError
-from neuro.core.processes import Done, Lost, Processes, Raised, Work
-from neuro.model.language import load, save
-from neuro.model.network import Network
-from neuro.model.neurons import Neuron
-from neuro.model.neurons.current_generators import dc_generator
-from neuro.model.neurons.event_camera import event_camera
-from neuro.model.rules import one_to_one
-from neuro.program.backend import EngineCounts
-from neuro.program.counts import difference
-from neuro.program.program import Program
-from neuro.run.compiled import compile as compiled
-from neuro.run.settable import neuron_ids
-from neuro.run.simulation import Simulation
+from neuro import (
+    ModelError,
+    Network,
+    Simulation,
+    chips,
+    compile as compiled,
+    dc_generator,
+    event_camera,
+    load,
+    one_to_one,
+)
+from neuro.apps import Done, Lost, Processes, Raised, Work, compile_network, difference, save, settable
+from neuro.chips import Chip, Placement, chip, place, price
+from neuro.extend import EngineCounts, Neuron, Program
 
 CURRENTS = 24
 """Points of a curve."""
@@ -199,7 +194,7 @@ def curve_of(sim: Simulation, population: str, neuron: int) -> Network:
         ModelError: there is no such neuron, or it takes no current.
     """
     neurons = sim.handles.neurons(population)
-    ids, model = neuron_ids([neuron], neurons.part.size), neurons.part.model
+    ids, model = settable.neuron_ids([neuron], neurons.part.size), neurons.part.model
     if not isinstance(model, Neuron) or not has_curve(model):
         raise ModelError(f"'{population}' is {neurons.part.said}: expected a neuron to which a current can be given")
     words = model.parameters()

@@ -12,25 +12,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from neuro.cli.options import (
+from neuro import ModelError
+from neuro.apps import (
     Backend,
     NetworkFile,
+    Record,
     Seed,
     Set,
     Threads,
     assignments,
     at_least,
+    keep_spikes,
     milliseconds,
     refuse_unused,
     stoppable,
 )
-from neuro.cli.run import Record, keep_spikes
-from neuro.core.errors import ModelError
 
 if TYPE_CHECKING:
-    from neuro.model.network import Network
+    from neuro import Network, Simulation
     from neuro.realtime import LiveRun, Source
-    from neuro.run.simulation import Simulation
     from neuro_events import Listener
     from neuro_live import Page
 
@@ -130,11 +130,9 @@ def live(
     no_browser: NoBrowser = False,
 ) -> None:
     """Run a network in real time on live events; report latencies, misses and drops, and keep what it saw."""
-    from neuro.core.outputs import check_output
-    from neuro.files.results import KIND
-    from neuro.model.language import load
+    from neuro import compile as compiled, load
+    from neuro.apps import KIND, check_output
     from neuro.realtime import Loop
-    from neuro.run.compiled import compile as compiled
 
     if not any("=udp://" in text for text in input):
         refuse_unused(context, "an --input from udp://", "from_format")
@@ -189,10 +187,8 @@ def announce(page: Page, no_browser: bool, err: bool = False) -> None:
 
 def show_stream(stream: Listener, ms: float, no_browser: bool) -> None:
     """Show the events of a stream on a page, as those of a camera that drives nothing, for so long or until Ctrl-C."""
-    from neuro.model.network import Network
-    from neuro.model.neurons import event_camera
+    from neuro import Network, compile as compiled, event_camera
     from neuro.realtime import Loop
-    from neuro.run.compiled import compile as compiled
     from neuro_live import Page
 
     width, height = stream.sensor_size
@@ -216,8 +212,8 @@ def _is_paced(page: bool, speed: float | None, real_time: Mapping[str, object]) 
 
 def streamed(net: Network, stack: ExitStack) -> dict[str, Source]:
     """The streams that cameras of a network name, which become inputs of its loop; the stack closes them."""
-    from neuro.model.neurons import event_camera
-    from neuro.model.parts import AUTO
+    from neuro import event_camera
+    from neuro.apps import AUTO
     from neuro_events import listen
 
     made: dict[str, Source] = {}
@@ -236,7 +232,7 @@ def sources(
     sim: Simulation, streams: Mapping[str, Source], texts: list[str], format: str | None, stack: ExitStack
 ) -> dict[str, Source]:
     """The streams and the sources of NAME=FROM, by the names of cameras; the stack closes those that are open."""
-    from neuro.compiler.inputs import CameraInput
+    from neuro.apps import CameraInput
     from neuro.realtime import Player
     from neuro_events import listen
 

@@ -16,12 +16,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from neuro.core.checks import check
-from neuro.core.errors import ModelError, unknown
-from neuro.core.quantities import Quantity
-from neuro.program.program import Floats
-from neuro.run.inputs import driver, outgoing
-from neuro.run.simulation import Simulation
+from neuro import ModelError, Simulation
+from neuro.apps import Floats, Quantity, check, driver, outgoing, unknown
 from neuro_live.beside import Beside
 from neuro_live.facts import is_signal, present, settable_words, sliders
 from neuro_live.frames import Frames

@@ -9,13 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from neuro.core.errors import ModelError
-from neuro.core.quantities import Quantity
-from neuro.model.neurons import Neuron
-from neuro.program.program import Floats, Population
-from neuro.run import settable
-from neuro.run.inputs import driver
-from neuro.run.simulation import Simulation
+from neuro import ModelError, Simulation
+from neuro.apps import Floats, Population, Quantity, driver, settable
+from neuro.extend import Neuron
 from neuro_live.beside import has_curve
 
 KINDS = ("number", "integer", "boolean")

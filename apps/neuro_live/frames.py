@@ -14,12 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.clock import Clock
-from neuro.core.errors import unknown
-from neuro.program.backend import Fired
-from neuro.program.program import Floats, Ints, Population, Projection
-from neuro.run.settable import neuron_ids
-from neuro.run.simulation import Simulation
+from neuro import Simulation
+from neuro.apps import Clock, Fired, Floats, Ints, Population, Projection, settable, unknown
 
 MOST_SPIKES = 2000
 """Of a population in a frame; of more an even choice, and all are counted."""
@@ -69,7 +65,7 @@ class Frames:
             ModelError: there is no such neuron or state.
         """
         neurons = self._sim.handles.neurons(population)
-        neuron_ids([neuron], neurons.part.size)
+        settable.neuron_ids([neuron], neurons.part.size)
         if state not in self._sim.states(population):
             raise unknown("state", state, self._sim.states(population))
         self.watched, self._sampled = {"population": population, "neuron": neuron, "state": state}, []

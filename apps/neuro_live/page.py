@@ -16,13 +16,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from neuro.core.checks import check
-from neuro.core.clock import Clock
-from neuro.core.errors import ModelError
-from neuro.core.extras import needed
-from neuro.core.quantities import Quantity
-from neuro.program.program import Floats
-from neuro.run.simulation import Simulation
+from neuro import ModelError, Simulation
+from neuro.apps import Clock, Floats, Quantity, check, needed
 from neuro_live.beside import Beside
 from neuro_live.channel import Channel
 from neuro_live.commands import SPEED, Commands, Pace

@@ -27,7 +27,7 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from neuro.core import html
+from neuro.apps import html
 from neuro_live.channel import SIZES, Head, packed
 
 MOST_CLIENTS = 16

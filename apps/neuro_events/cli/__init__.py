@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from neuro.cli.options import group
+from neuro.apps import group
 from neuro_events.cli.looking import formats, gif, info, view
 from neuro_events.cli.making import convert, filter, frames, split, tohdf5
 from neuro_events.cli.streaming import listen, send

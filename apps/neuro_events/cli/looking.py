@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import milliseconds
+from neuro.apps import milliseconds
 from neuro_events.cli.options import (
     Force,
     From,
@@ -190,7 +190,7 @@ def _shown(content: bytes) -> str:
 
 def formats() -> None:
     """List the file formats, and whether they were tried on real recordings."""
-    from neuro.core.tables import console, table
+    from neuro.apps import console, table
     from neuro_events.formats import FORMATS
 
     rows = [

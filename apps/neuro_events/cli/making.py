@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import milliseconds
+from neuro.apps import milliseconds
 from neuro_events.cli.options import (
     Force,
     From,
@@ -104,7 +104,7 @@ def filter(
 
 def _parsed(text: str) -> tuple[type[Filter], dict[str, Any]]:
     """A filter and its parameters, written as any choice in a network is."""
-    from neuro.core.errors import ModelError
+    from neuro import ModelError
     from neuro_events.filters import FILTERS
 
     kind, values = chosen(text, FILTERS, "filter", "FILTER")
@@ -141,8 +141,8 @@ def split(
     force: Force = False,
 ) -> None:
     """Cut a recording into files of equal time or equally many events; windows without events give no file."""
-    from neuro.core.errors import ModelError
-    from neuro.core.outputs import make_folder
+    from neuro import ModelError
+    from neuro.apps import make_folder
     from neuro_events import save, stream
     from neuro_events.convert import given
     from neuro_events.files import RECORDING
@@ -216,8 +216,8 @@ def frames(
     """Make arrays of a recording, one of each segment: --cut 'count_segments: {count: 5000}' --as hats."""
     import numpy as np
 
-    from neuro.core.errors import ModelError
-    from neuro.core.outputs import Kind, output
+    from neuro import ModelError
+    from neuro.apps import Kind, output
     from neuro_events import load
     from neuro_events.representations import REPRESENTATIONS
     from neuro_events.segmentation import SEGMENTERS
@@ -268,7 +268,7 @@ def tohdf5(
     lenient: Mend = False,
 ) -> None:
     """Gather a data set into one HDF5 file, /class/sample; after a kill the same command goes on where it was."""
-    from neuro.core.errors import ModelError
+    from neuro import ModelError
     from neuro_events.dataset import Dataset
 
     if not out.parent.is_dir():

@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import stoppable, whole
-from neuro.core.progress import Bar
+from neuro.apps import Bar, stoppable, whole
 
 if TYPE_CHECKING:
-    from neuro.core.outputs import Kind
+    from neuro.apps import Kind
     from neuro_events import Events
 
 
@@ -56,9 +55,8 @@ def spare(source: str | Path, target: str | Path, kind: Kind, force: bool) -> No
     """Refuse to write over the recording itself, or over what is not ours unless that is wanted; or into no folder."""
     from dataclasses import replace
 
-    from neuro.core.errors import ModelError
-    from neuro.core.inputs import file_path
-    from neuro.core.outputs import check_output
+    from neuro import ModelError
+    from neuro.apps import check_output, file_path
 
     if str(target) == "-":
         return
@@ -81,8 +79,7 @@ def chosen(text: str, registry: Mapping[str, Any], what: str, hint: str) -> tupl
     """
     import yaml
 
-    from neuro.cli.options import number
-    from neuro.core.errors import unknown
+    from neuro.apps import options, unknown
 
     hint = f"'{hint}'" if hint.startswith("-") else hint
     try:
@@ -101,7 +98,7 @@ def chosen(text: str, registry: Mapping[str, Any], what: str, hint: str) -> tupl
             raise unknown(f"parameter of {what} '{name}'", str(key), known)
     if any(word.split()[0] == key and key not in values for key, word in known.items()):
         raise typer.BadParameter(f"'{text}': expected all of {', '.join(known.values())}", param_hint=hint)
-    return registry[name], {key: number(value) for key, value in values.items()}
+    return registry[name], {key: options.number(value) for key, value in values.items()}
 
 
 def parameters_of(part: Any) -> dict[str, str]:
@@ -122,7 +119,7 @@ _OF_PROGRAMS = ("segments", "as_torch", "dtype")
 
 def list_parts(**registries: Mapping[str, Any]) -> None:
     """Print all parts of some kinds with their parameters, and leave."""
-    from neuro.core.tables import console, table
+    from neuro.apps import console, table
 
     for what, registry in registries.items():
         rows = [

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import milliseconds, refuse_unused
-from neuro.core.errors import ModelError
-from neuro.core.interrupts import ending_by
+from neuro import ModelError
+from neuro.apps import ending_by, milliseconds, refuse_unused
 from neuro_events.cli.options import Force, From, In, Lenient, Sensor, To, count, events_so_far, going, spare
 from neuro_live.cli import NoBrowser, show_stream
 
 if TYPE_CHECKING:
-    from neuro.core.progress import Bar
+    from neuro.apps import Bar
     from neuro_events import Events, Listener
 
 _STREAMED = "spif, spif-timed, faery13, faery8, raw-evt3; by tcp:// aedat4."

@@ -11,8 +11,8 @@ from typing import Any, Self, overload
 
 import numpy as np
 
-from neuro.core.errors import ModelError, unknown
-from neuro.core.inputs import file_path
+from neuro import ModelError
+from neuro.apps import file_path, unknown
 from neuro_events._events import Events
 from neuro_events.dataset._layouts import LAYOUTS, Layout, is_hdf5
 from neuro_events.dataset._recordings import UNKNOWN, Recording, Recordings, Sample, labelled, recordings

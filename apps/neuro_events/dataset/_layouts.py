@@ -28,8 +28,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from neuro.core import hdf5
-from neuro.core.errors import unknown
+from neuro.apps import hdf5, unknown
 from neuro_events.formats import FORMATS
 from neuro_events.source import EventFileError
 

@@ -14,9 +14,8 @@ from typing import Protocol, overload
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.checks import argument
-from neuro.core.errors import ModelError
-from neuro.core.inputs import file_path, record_input
+from neuro import ModelError
+from neuro.apps import argument, file_path, record_input
 from neuro_events._events import Events
 from neuro_events.dataset._layouts import (
     ARCHIVES,

@@ -15,11 +15,8 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from neuro.core.errors import ModelError, unknown
-from neuro.core.extras import LazyModule
-from neuro.core.hdf5 import check, has_format, is_whole, new_file
-from neuro.core.outputs import Kind, output, write_text
-from neuro.core.processes import Done, Lost, Processes, Raised, Work, cores
+from neuro import ModelError
+from neuro.apps import Done, Kind, LazyModule, Lost, Processes, Raised, Work, cores, hdf5, output, unknown, write_text
 from neuro_events._events import Events
 from neuro_events.dataset._layouts import FileContent, natural
 from neuro_events.formats._format import Damage
@@ -47,7 +44,7 @@ def opened(path: str, whole: bool = False) -> Any:
     """
     try:
         if not whole:
-            check(Path(path))
+            hdf5.check(Path(path))
         return h5py.File(path, "r")
     except ModelError as error:
         raise EventFileError(path, error.message.removeprefix(f"{Path(path)}: "), hint=error.hint) from None
@@ -165,7 +162,7 @@ def holds_samples(path: str) -> bool:
     Raises:
         EventFileError: it is no whole HDF5 file.
     """
-    if has_format(Path(path), FORMAT):
+    if hdf5.has_format(Path(path), FORMAT):
         return True
     holder = _File(path)
     with _damage_told(holder):
@@ -316,7 +313,7 @@ def _finished(path: Path, samples: Sequence[Any], plan: str, choice: str) -> Sto
     Raises:
         EventFileError: it is another file, or damaged.
     """
-    if has_format(path, FORMAT):
+    if hdf5.has_format(path, FORMAT):
         with opened(str(path)) as file:
             damaged = json.loads(file.attrs.get(DAMAGED, "{}"))
             if file.attrs.get(PLAN) == plan and (not damaged or file.attrs[CHOICE] == choice):
@@ -355,7 +352,7 @@ def _done(folder: Path, samples: Sequence[Any]) -> set[int]:
     for stray in folder.glob(".*.part"):
         stray.unlink(missing_ok=True)
     for part in folder.glob("*.h5"):
-        if not is_whole(part, BATCH_FORMAT):
+        if not hdf5.is_whole(part, BATCH_FORMAT):
             part.unlink()
             continue
         with h5py.File(part, "r") as file:
@@ -406,7 +403,7 @@ def _join(
     places, damaged = _contents(folder)
     done, order = 0, sorted(places)
     tell("writing", done, len(order))
-    with output(path, Kind("a data set")) as part, new_file(part, FORMAT, libver=("v108", "v108")) as out:
+    with output(path, Kind("a data set")) as part, hdf5.new_file(part, FORMAT, libver=("v108", "v108")) as out:
         for small, numbers in itertools.groupby(order, key=places.__getitem__):
             with h5py.File(small, "r") as file:
                 for number in numbers:
@@ -479,7 +476,7 @@ def pack(job: ConversionJob, numbers: Sequence[int]) -> int:
     damaged = {}
     with (
         output(path, Kind("a batch"), replace=True) as part,
-        new_file(part, BATCH_FORMAT, libver=("v108", "v108")) as file,
+        hdf5.new_file(part, BATCH_FORMAT, libver=("v108", "v108")) as file,
     ):
         stamps = {str(number): job.samples[number].stamp() for number in numbers}
         for number in numbers:

@@ -7,7 +7,7 @@ where it was: cut anywhere, the parts give what the whole gives. `chain` puts fi
 
 from __future__ import annotations
 
-from neuro.core.registry import Registry
+from neuro.apps import Registry
 from neuro_events.filters._filter import Chain, Filter, FilterError, Sieve, chain, complete
 from neuro_events.filters.noise import (
     TAR,

@@ -11,10 +11,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.checks import check
-from neuro.core.errors import ModelError
-from neuro.core.extras import LazyModule
-from neuro.core.quantities import Quantity
+from neuro import ModelError
+from neuro.apps import LazyModule, Quantity, check
 from neuro_events._events import Events, checked_size, empty_columns
 from neuro_events.parts import together
 

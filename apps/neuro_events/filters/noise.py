@@ -9,9 +9,8 @@ from math import sqrt
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.extras import LazyModule
-from neuro.core.keyed_random import key
-from neuro.core.quantities import quantity
+from neuro.apps import LazyModule, key
+from neuro.extend import quantity
 from neuro_events._events import Events, empty_columns
 from neuro_events.filters._filter import NEVER, Filter, FilterError, Sieve, State
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from neuro.core.registry import Registry
+from neuro.apps import Registry
 from neuro_events.formats._format import (
     HEAD,
     Damage,

@@ -23,8 +23,8 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from neuro.kernels.jit import kernel, subkernel
-from neuro.kernels.numba_internals import ir
+from neuro.apps import ir
+from neuro.extend import kernel, subkernel
 from neuro_events.formats.aedat4 import LIMIT, RECORD
 
 WIDE = 16

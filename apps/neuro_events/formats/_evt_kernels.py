@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro.kernels.jit import kernel, subkernel
+from neuro.extend import kernel, subkernel
 from neuro_events.formats._word_kernels import time_high, word
 from neuro_events.formats._words import BEGIN, OTHER, STARTED
 

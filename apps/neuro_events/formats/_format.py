@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.extras import install
+from neuro.apps import install
 from neuro_events._events import Events
 from neuro_events.source import Source
 

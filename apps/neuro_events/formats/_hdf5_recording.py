@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.extras import LazyModule
+from neuro.apps import LazyModule
 from neuro_events.formats._columns import SECONDS, US, Names, find_names, fits, to_piece, unit_of
 from neuro_events.formats._format import Damage, Piece, extra
 from neuro_events.formats._reading import bisected

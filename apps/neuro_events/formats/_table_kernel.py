@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from neuro.kernels.jit import allocating, kernel, subkernel
+from neuro.extend import allocating, kernel, subkernel
 
 NOT_A_NUMBER, TOO_FEW, TOO_MANY, NOT_WHOLE, OUT_OF_RANGE = 1, 2, 3, 4, 5
 _LOW = np.int64(-922337203685477580)

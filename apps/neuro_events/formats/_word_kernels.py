@@ -9,8 +9,8 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from neuro.kernels.jit import inlined, kernel, subkernel
-from neuro.kernels.numba_internals import ir
+from neuro.apps import inlined, ir
+from neuro.extend import kernel, subkernel
 from neuro_events.formats._words import (
     ADDED,
     BEGIN,

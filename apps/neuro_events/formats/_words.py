@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.extras import LazyModule
+from neuro.apps import LazyModule
 from neuro_events._events import Events, empty_columns
 from neuro_events.formats._format import Damage, Piece, Room, Size, no_place
 from neuro_events.formats._reading import begin, decoded, write_words

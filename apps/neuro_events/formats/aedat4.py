@@ -14,7 +14,7 @@ import lz4.frame
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.extras import LazyModule
+from neuro.apps import LazyModule
 from neuro_events._events import Events
 from neuro_events.formats._format import Damage, Format, Piece, Room, Size, extra, in_order
 from neuro_events.formats._reading import Cursor, GrowingArray, growing

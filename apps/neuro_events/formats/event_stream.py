@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.extras import LazyModule
+from neuro.apps import LazyModule
 from neuro_events._events import Events
 from neuro_events.formats._format import SMALLER, Damage, Format, Room, Size, Unsavable, refuse
 from neuro_events.formats._reading import write_words

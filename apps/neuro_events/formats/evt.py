@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.extras import LazyModule
+from neuro.apps import LazyModule
 from neuro_events._events import Events
 from neuro_events.formats._format import HEAD, Damage, Format, Room
 from neuro_events.formats._reading import begin, write_words

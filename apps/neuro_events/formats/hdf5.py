@@ -29,8 +29,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.extras import LazyModule
-from neuro.core.hdf5 import FRONT, Front, is_hdf5, new_file
+from neuro.apps import LazyModule, hdf5
 from neuro_events._events import EVENT, Events
 from neuro_events.formats._format import Damage, Format, Piece, Size, Unsavable, as_json, from_json
 from neuro_events.formats._hdf5_recording import FAILURES, Padded, find, of_rows, one_line
@@ -99,7 +98,7 @@ class Hdf5:
         yield from self._recording.pieces(block, start_us)
         if not self._heaps:
             raise Damage("a heap of strings is damaged; attributes with strings were left out", None)
-        front = None if start_us is not None else Front.of(bytes(self._bytes[:FRONT]))  # of what this library wrote
+        front = None if start_us is not None else hdf5.Front.of(bytes(self._bytes[: hdf5.FRONT]))  # of our own files
         if front is not None and not front.fits(lambda at, n: self._bytes[at : at + n]):
             raise Damage("damaged: it is not what was written", None)
 
@@ -274,7 +273,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
         Unsavable: a time lies 2^63 us or more after the first.
     """
     # The format of HDF5 1.8 has room for attributes longer than 64 KiB.
-    with new_file(path, FORMAT, libver=("v108", "v108")) as file:
+    with hdf5.new_file(path, FORMAT, libver=("v108", "v108")) as file:
         group = file.create_group("events")
         columns = {key: _column(group, key, EVENT[key]) for key in "txyp"}
         index, offset, done = _column(file, "ms_to_idx", np.dtype("<u8")), 0, 0
@@ -333,5 +332,5 @@ def _extend_index(index: Any, t: npt.NDArray[np.int64], done: int) -> None:
         _append(index, done + np.searchsorted(t, starts).astype(np.uint64))
 
 
-HDF5 = Format("hdf5", "HDF5", (".h5", ".hdf5"), is_hdf5, Hdf5, write, inside=Hdf5)
+HDF5 = Format("hdf5", "HDF5", (".h5", ".hdf5"), hdf5.is_hdf5, Hdf5, write, inside=Hdf5)
 """Read and written."""

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.extras import LazyModule
+from neuro.apps import LazyModule
 from neuro_events._events import Events
 from neuro_events.formats._columns import Names, find_names, to_piece, unit_of
 from neuro_events.formats._format import Damage, Format, Found

@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro.core.extras import LazyModule
+from neuro.apps import LazyModule
 from neuro_events._events import Events, empty_columns
 from neuro_events.formats._columns import SECONDS, UNITS, US, Ambiguous, find_names, in_seconds, order_of, unit_of
 from neuro_events.formats._format import Damage, Format, Piece, Size

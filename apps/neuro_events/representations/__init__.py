@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from neuro.core.registry import Registry
+from neuro.apps import Registry
 from neuro_events.representations.frames import binary_frame, event_frame, event_spike_tensor, voxel_grid
 from neuro_events.representations.surfaces import Hats, LeakySurface, TimeSurface, hats, leaky_surface, time_surface
 

@@ -7,9 +7,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.checks import argument
-from neuro.core.errors import ModelError
-from neuro.core.extras import LazyModule, needed
+from neuro import ModelError
+from neuro.apps import LazyModule, argument, needed
 from neuro_events._events import Events
 
 kernels = LazyModule("neuro_events._kernels")

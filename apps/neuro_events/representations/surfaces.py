@@ -8,9 +8,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.checks import argument
-from neuro.core.errors import ModelError
-from neuro.core.extras import LazyModule
+from neuro import ModelError
+from neuro.apps import LazyModule, argument
 from neuro_events._events import Events
 from neuro_events.parts import together
 from neuro_events.representations.frames import Representation, given, real

@@ -15,9 +15,8 @@ from urllib.parse import urlsplit
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.errors import ModelError, unknown
-from neuro.core.extras import LazyModule
-from neuro.core.inputs import CLOSED
+from neuro import ModelError
+from neuro.apps import CLOSED, LazyModule, unknown
 from neuro_events._events import Columns, Events, empty_columns, joined_columns
 from neuro_events.formats._format import Damage
 from neuro_events.formats._words import Field, Layout, Odd, encoded, first_state

@@ -11,9 +11,8 @@ from functools import cache
 import numpy as np
 from numba import types
 
-from neuro.kernels.address import caller
-from neuro.kernels.instructions import address, load_acquire, store_release
-from neuro.kernels.jit import kernel, subkernel
+from neuro.apps import address, caller, load_acquire, store_release
+from neuro.extend import kernel, subkernel
 from neuro_events.formats._evt_kernels import BASE, ROW, STATES_3, TIME_HIGH, decode3, room3
 from neuro_events.formats._word_kernels import decoder, field, word
 from neuro_events.formats._words import OTHER

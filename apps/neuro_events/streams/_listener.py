@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from neuro.core.checks import argument
-from neuro.core.errors import ModelError
-from neuro.core.extras import LazyModule
+from neuro import ModelError
+from neuro.apps import LazyModule, argument
 from neuro_events._events import Events, checked_size
 from neuro_events.formats._format import Damage
 from neuro_events.source import EventFileWarning

@@ -17,8 +17,8 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.errors import ModelError
-from neuro.core.extras import LazyModule
+from neuro import ModelError
+from neuro.apps import LazyModule
 
 kernels = LazyModule("neuro_events.streams._kernels")
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from neuro.core.checks import argument
-from neuro.core.errors import ModelError
+from neuro import ModelError
+from neuro.apps import argument
 from neuro_events._events import Event, Events
 from neuro_events.files import stream
 from neuro_events.formats.aedat4 import new_header
