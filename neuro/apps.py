@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         Backend as Backend,
         Backends as Backends,
         NetworkFile as NetworkFile,
+        NoBrowser as NoBrowser,
         Seed as Seed,
         Set as Set,
         Threads as Threads,
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
     from neuro.core.clock import Clock as Clock
     from neuro.core.errors import Where as Where, unknown as unknown
     from neuro.core.extension import extensions as extensions, run_extensions as run_extensions
-    from neuro.core.extras import LazyModule as LazyModule, install as install, needed as needed
+    from neuro.core.extras import LazyModule as LazyModule, app as app, install as install, needed as needed
     from neuro.core.grid import GridJob as GridJob, JobResults as JobResults, grid as grid
     from neuro.core.hints import near as near
     from neuro.core.inputs import CLOSED as CLOSED, file_path as file_path, record_input as record_input

@@ -20,7 +20,6 @@ from neuro import (
     ModelError,
     Network,
     Simulation,
-    chips,
     compile as compiled,
     dc_generator,
     event_camera,
@@ -28,7 +27,7 @@ from neuro import (
     one_to_one,
 )
 from neuro.apps import Done, Lost, Processes, Raised, Work, compile_network, difference, save, settable
-from neuro.chips import Chip, Placement, chip, place, price
+from neuro.chips import Chip, Placement, chip, chips, place, price
 from neuro.extend import EngineCounts, Neuron, Program
 
 CURRENTS = 24

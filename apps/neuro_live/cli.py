@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,10 +16,12 @@ from neuro import ModelError
 from neuro.apps import (
     Backend,
     NetworkFile,
+    NoBrowser,
     Record,
     Seed,
     Set,
     Threads,
+    app,
     assignments,
     at_least,
     keep_spikes,
@@ -102,7 +104,6 @@ Speed = Annotated[
     float | None,
     typer.Option("--speed", metavar="X", parser=times_real_time, help="With --page: times real time, or inf."),
 ]
-NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the address of the page, and open no browser.")]
 
 REPORT_S = 10.0
 STREAM_TICK = 10.0
@@ -214,13 +215,12 @@ def streamed(net: Network, stack: ExitStack) -> dict[str, Source]:
     """The streams that cameras of a network name, which become inputs of its loop; the stack closes them."""
     from neuro import event_camera
     from neuro.apps import AUTO
-    from neuro_events import listen
 
     made: dict[str, Source] = {}
     for name, part in net.populations.items():
         model = part.model
         if isinstance(model, event_camera) and model.stream is not None:
-            found = stack.enter_context(listen(model.stream, format=model.format, sensor=model.sensor))
+            found = stack.enter_context(_listen(model.stream, format=model.format, sensor=model.sensor))
             made[name] = found
             shape = model.seen(found.sensor_size) if AUTO in part.shape else part.shape
             model = replace(model, stream=None, format=None, sensor=None)
@@ -233,8 +233,6 @@ def sources(
 ) -> dict[str, Source]:
     """The streams and the sources of NAME=FROM, by the names of cameras; the stack closes those that are open."""
     from neuro.apps import CameraInput
-    from neuro.realtime import Player
-    from neuro_events import listen
 
     made = dict(streams)
     for text in texts:
@@ -245,11 +243,15 @@ def sources(
             raise typer.BadParameter(f"'{text}': '{name}' has an input already", param_hint="'--input'")
         camera = sim.handles.neurons(name).part.stream
         if "://" not in what:
-            made[name] = Player(what)
+            made[name] = app("neuro_events.player", "--input: the reader of recordings").Player(what)
         else:
             size = camera.sensor_size if isinstance(camera, CameraInput) and what.startswith("udp") else None
-            made[name] = stack.enter_context(listen(what, format=format, sensor=size))
+            made[name] = stack.enter_context(_listen(what, format=format, sensor=size))
     return made
+
+
+def _listen(url: str, **words: Any) -> Any:
+    return app("neuro_events", "the receiver of streams").listen(url, **words)
 
 
 class _Lines:

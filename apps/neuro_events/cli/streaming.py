@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from neuro import ModelError
-from neuro.apps import ending_by, milliseconds, refuse_unused
+from neuro.apps import NoBrowser, app, ending_by, milliseconds, refuse_unused
 from neuro_events.cli.options import Force, From, In, Lenient, Sensor, To, count, events_so_far, going, spare
-from neuro_live.cli import NoBrowser, show_stream
 
 if TYPE_CHECKING:
-    from neuro.apps import Bar
+    from neuro.apps import Bar, NoBrowser, app
     from neuro_events import Events, Listener
 
 _STREAMED = "spif, spif-timed, faery13, faery8, raw-evt3; by tcp:// aedat4."
@@ -83,7 +82,9 @@ def listen(
             typer.echo(f"listening at {stream.url}", err=True)
         begin = time.monotonic()
         if page:
-            show_stream(stream, FOR_EVER if duration is None else duration, no_browser)
+            app("neuro_live.cli", "the page").show_stream(
+                stream, FOR_EVER if duration is None else duration, no_browser
+            )
             _tell(stream, time.monotonic() - begin, err=False)
             return
         stopped = threading.Event()
