@@ -9,66 +9,111 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from neuro.core.lazy import public_names
+from neuro.core.lazy import public_names as public_names
 
 if TYPE_CHECKING:
     from neuro.chips.energy import number as number, quantity as quantity, sourced as sourced
+    from neuro.cli import options as options
     from neuro.cli.chips import PRICED as PRICED, Chips as Chips, Sources as Sources
-    from neuro.cli.live import announce as announce
     from neuro.cli.options import (
         Backend as Backend,
         Backends as Backends,
         NetworkFile as NetworkFile,
+        NoBrowser as NoBrowser,
         Seed as Seed,
         Set as Set,
+        Threads as Threads,
         assignments as assignments,
         at_least as at_least,
+        group as group,
+        milliseconds as milliseconds,
+        refuse_unused as refuse_unused,
         resumable as resumable,
         seeds as seeds,
+        stoppable as stoppable,
         whole as whole,
         with_settings as with_settings,
     )
+    from neuro.cli.run import Record as Record, keep_spikes as keep_spikes
+    from neuro.compiler import compile_network as compile_network
+    from neuro.compiler.inputs import CameraInput as CameraInput
     from neuro.core import hdf5 as hdf5, html as html, player as player
-    from neuro.core.checks import check as check, check_fields as check_fields
+    from neuro.core.checks import (
+        argument as argument,
+        check as check,
+        check_fields as check_fields,
+        is_number as is_number,
+        refuse_masked as refuse_masked,
+    )
     from neuro.core.clock import Clock as Clock
     from neuro.core.errors import Where as Where, unknown as unknown
     from neuro.core.extension import extensions as extensions, run_extensions as run_extensions
-    from neuro.core.extras import install as install
+    from neuro.core.extras import LazyModule as LazyModule, app as app, install as install, needed as needed
     from neuro.core.grid import GridJob as GridJob, JobResults as JobResults, grid as grid
-    from neuro.core.inputs import record_input as record_input
+    from neuro.core.hints import near as near
+    from neuro.core.inputs import CLOSED as CLOSED, file_path as file_path, record_input as record_input
+    from neuro.core.interrupts import ending_by as ending_by
+    from neuro.core.keyed_random import key as key
+    from neuro.core.lazy import public_names as public_names
     from neuro.core.outputs import (
+        PART as PART,
         Kind as Kind,
         Unwritable as Unwritable,
         check_output as check_output,
         kept_json as kept_json,
         make_folder as make_folder,
+        marked as marked,
         output as output,
         sealed as sealed,
         write_picture as write_picture,
         write_text as write_text,
     )
-    from neuro.core.processes import cores as cores, side_by_side as side_by_side
+    from neuro.core.processes import (
+        Done as Done,
+        Lost as Lost,
+        Processes as Processes,
+        Raised as Raised,
+        Work as Work,
+        cores as cores,
+        side_by_side as side_by_side,
+    )
     from neuro.core.progress import Bar as Bar
     from neuro.core.provenance import provenance as provenance
     from neuro.core.quantities import Quantity as Quantity
     from neuro.core.registry import Registry as Registry
     from neuro.core.settings import Part as Part, Settings as Settings, part as part, setting as setting
-    from neuro.core.tables import console as console, echo as echo, table as table
-    from neuro.core.values import literal as literal
+    from neuro.core.tables import Table as Table, as_html as as_html, console as console, echo as echo, table as table
+    from neuro.core.values import literal as literal, same as same
+    from neuro.files.results import KIND as KIND
     from neuro.files.state import Checkpoint as Checkpoint, fingerprint as fingerprint
-    from neuro.kernels.jit import allocating as allocating, kernel as kernel, subkernel as subkernel
+    from neuro.kernels import draws as draws
+    from neuro.kernels.address import caller as caller
+    from neuro.kernels.instructions import (
+        address as address,
+        load_acquire as load_acquire,
+        store_release as store_release,
+    )
+    from neuro.kernels.jit import allocating as allocating, inlined as inlined, kernel as kernel, subkernel as subkernel
+    from neuro.kernels.numba_internals import ir as ir
     from neuro.model.language import (
         Node as Node,
         about as about,
         mistake as mistake,
         plain as plain,
         read as read,
+        save as save,
         words as words,
     )
     from neuro.model.language.writer import NETWORK as NETWORK
-    from neuro.program.backend import find_backend as find_backend
+    from neuro.model.parts import AUTO as AUTO
+    from neuro.program.backend import Fired as Fired, find_backend as find_backend
+    from neuro.program.counts import difference as difference
+    from neuro.program.program import Floats as Floats, Ints as Ints, Population as Population, Projection as Projection
     from neuro.readout.decisions import Evaluation as Evaluation, evaluate as evaluate, wilson as wilson
     from neuro.readout.showing import Overflows as Overflows, Showing as Showing, warn_of_overflows as warn_of_overflows
+    from neuro.run import settable as settable
+    from neuro.run.inputs import driver as driver, outgoing as outgoing
+    from neuro_live.cli import announce as announce
 
 
 if not TYPE_CHECKING:

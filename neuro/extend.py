@@ -16,18 +16,6 @@ if TYPE_CHECKING:
     from neuro.core.errors import ModelError as ModelError
     from neuro.core.quantities import Value as Value, quantity as quantity
     from neuro.core.registry import register as register
-    from neuro.events._events import Events as Events
-    from neuro.events.filters import Filter as Filter, Sieve as Sieve
-    from neuro.events.formats import (
-        Damage as Damage,
-        Format as Format,
-        Piece as Piece,
-        Reader as Reader,
-        Seeker as Seeker,
-        Unsavable as Unsavable,
-        in_order as in_order,
-        refuse as refuse,
-    )
     from neuro.kernels.jit import allocating as allocating, kernel as kernel, subkernel as subkernel
     from neuro.model.distributions import Distribution as Distribution
     from neuro.model.neurons.base import Generator as Generator, Neuron as Neuron, State as State
@@ -72,6 +60,18 @@ if TYPE_CHECKING:
         Trial as Trial,
     )
     from neuro.program.program import Program as Program
+    from neuro_events._events import Events as Events
+    from neuro_events.filters import Filter as Filter, Sieve as Sieve
+    from neuro_events.formats import (
+        Damage as Damage,
+        Format as Format,
+        Piece as Piece,
+        Reader as Reader,
+        Seeker as Seeker,
+        Unsavable as Unsavable,
+        in_order as in_order,
+        refuse as refuse,
+    )
 
 
 if not TYPE_CHECKING:

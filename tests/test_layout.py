@@ -9,12 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from neuro.core.lazy import PACKAGES
+
 ROOT = Path(__file__).parent.parent
 LAYERS = (
     "core",
     "kernels",
     "coding",
-    "events",
     "model",
     "program",
     "compiler",
@@ -28,7 +29,6 @@ LAYERS = (
     "compare",
     "exchange",
     "readout",
-    "live",
     "sweeps",
     "rerun",
     "testing",
@@ -37,13 +37,13 @@ LAYERS = (
 """From the ground up: a module imports from its own room and those before it."""
 PUBLIC = {
     "neuro",
-    *(f"neuro.{name}" for name in ("chips", "coding", "compare", "events", "live", "plots", "realtime")),
+    *(f"neuro.{name}" for name in ("chips", "coding", "compare", "plots", "realtime")),
     *(f"neuro.{name}" for name in ("results", "extend", "apps")),
 }
-"""Modules whose names are promised; `neuro.events` has public modules of its own, without a `_`."""
+"""Modules whose names are promised, beside those of `PACKAGES`, which have modules of their own without a `_`."""
 PUBLIC_OF_BACKENDS = {"neuro_torch", "neuro_torch.losses", "neuro_torch.surrogates"}
 """What apps may take of backends: networks as modules. The others they name only, to `neuro.compile`."""
-APPS = ("neuro_bench", "neuro_drone", "neuro_recognise", "neuro_remus", "neuro_train")
+APPS = ("neuro_bench", "neuro_drone", "neuro_events", "neuro_live", "neuro_recognise", "neuro_remus", "neuro_train")
 TEMPLATES = ROOT / "neuro" / "cli" / "templates"
 """Scripts that `neuro new` copies: files of users, no modules of ours."""
 
@@ -102,7 +102,7 @@ def test_few_modules_stand_directly_in_the_package():
 
 def test_nothing_runs_upward():
     def downward(module, other, name):
-        if room(module) not in LAYERS:
+        if room(module) not in LAYERS or other.partition(".")[0] in PACKAGES.values():
             return True
         return other.startswith("neuro.") and LAYERS.index(room(other)) <= LAYERS.index(room(module))
 
@@ -134,7 +134,7 @@ def test_apps_use_public_names():
     def public(module, other, name):
         if other.split(".")[0] == "neuro":
             hidden = any(word.startswith("_") for word in [*other.split("."), name])
-            return not hidden and (other in PUBLIC or other.startswith("neuro.events"))
+            return not hidden and other in PUBLIC
         return "backends" not in MODULES[other].parts or other in PUBLIC_OF_BACKENDS
 
     assert refused(public, *APPS) == []
@@ -144,7 +144,7 @@ def test_backends_know_no_other():
     def known(module, other, name):
         if "backends" not in MODULES[module].parts:
             return True
-        above = other.startswith("neuro.") and room(other) in ("run", "events", "compare", "testing", "cli")
+        above = other.startswith("neuro.") and room(other) in ("run", "compare", "testing", "cli")
         return other.split(".")[0] in ("neuro", module.split(".")[0]) and not above
 
     assert refused(known, "neuro_") == []
@@ -152,5 +152,5 @@ def test_backends_know_no_other():
 
 def test_public_names_stand_on_a_page():
     words = {word for page in (ROOT / "docs").rglob("*.md") for word in re.findall(r"\w+", page.read_text("utf-8"))}
-    names = {name for module in sorted({*PUBLIC, "neuro.testing"}) for name in import_module(module).__all__}
+    names = {name for module in sorted({*PUBLIC, *PACKAGES, "neuro.testing"}) for name in import_module(module).__all__}
     assert {name for name in names if not name.startswith("_")} - words == set()

@@ -352,10 +352,11 @@ def test_no_file_is_opened_for_writing_elsewhere():
         for path in (root / folder).rglob("*.py")
         if any(call in path.read_text() for call in (*calls, ".replace(path)"))
     }
-    formats = {f"neuro/events/formats/{name}.py" for name in FORMATS}
+    formats = {f"apps/neuro_events/formats/{name}.py" for name in FORMATS}
     given = {
-        *(f"neuro/cli/{name}.py" for name in ("compare", "doctor", "start", "run", "events/making")),
+        *(f"neuro/cli/{name}.py" for name in ("compare", "doctor", "start", "run")),
         *(f"neuro/sweeps/{name}.py" for name in ("page", "folder", "worker")),
+        "apps/neuro_events/cli/making.py",
         "neuro/model/language/writer.py",
         "neuro/core/player.py",
         "neuro/exchange/pynn/write.py",
@@ -363,14 +364,14 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "neuro/exchange/c_code/export.py",
     }
     temporary = {
-        *("neuro/rerun/__init__.py", "neuro/files/results.py", "neuro/events/formats/rosbag.py"),
+        *("neuro/rerun/__init__.py", "neuro/files/results.py", "apps/neuro_events/formats/rosbag.py"),
         "apps/neuro_recognise/methods/framewise.py",
         "neuro/kernels/kept.py",  # machine code, in a folder of its own
         "neuro/run/results_file.py",  # a run that is under way
         "neuro/core/html.py",  # a picture inside a page
         "neuro/plots/_canvas.py",  # a picture for a notebook
         "neuro/sweeps/network.py",  # a table for one run
-        "neuro/live/page.py",  # a file for the browser, in a folder of its own
+        "apps/neuro_live/page.py",  # a file for the browser, in a folder of its own
     }
     journal = {"neuro/sweeps/journal.py"}  # many add lines to it, so it is rewritten under its own lock
     assert found == {"neuro/core/outputs.py"} | formats | temporary | given | journal

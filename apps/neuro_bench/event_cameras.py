@@ -10,8 +10,8 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import record_input
-from neuro.events import recordings
 from neuro_bench.task import Examples, Fold, Folds, Ints, Spikes, Task, random_folds
+from neuro_events import recordings
 
 
 class Recorded(Task):

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.events import Events
-from neuro.events.representations import hats
 from neuro_bench.costs import UNKNOWN, Costs, product_costs
 from neuro_bench.task import Examples, Method, check_installed
+from neuro_events import Events
+from neuro_events.representations import hats
 
 
 def _rows(shown: Examples, pooled: int = 1) -> Any:

@@ -134,11 +134,12 @@ def try_model(
 
 def _announced(no_browser: bool) -> Callable[[Any, Any], Any]:
     """What makes a page, prints its address and opens it."""
-    from neuro.apps import announce
-    from neuro.live import Page
+    from neuro.apps import announce, app as package
 
-    def page(sim: Any, figures: Any) -> Page:
-        shown = Page(sim, figures=figures)
+    live = package("neuro_live", "the page")
+
+    def page(sim: Any, figures: Any) -> Any:
+        shown = live.Page(sim, figures=figures)
         announce(shown, no_browser, err=True)  # stdout has the figures, as JSON if asked
         return shown
 

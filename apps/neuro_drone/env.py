@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import kernel, unknown
-from neuro.events import Events
 from neuro_drone.body import Body, body_of
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import CameraView, WorldScene
@@ -23,6 +22,7 @@ from neuro_drone.parts import Ball, Load, Motors, Wind
 from neuro_drone.paths import FIXED, Variation
 from neuro_drone.scenario import Scenario, errors, load
 from neuro_drone.tasks import BallTask, Judged, LineTask, Task
+from neuro_events import Events
 
 CELLS = 8
 OBSERVATIONS = ("counts", "binary", "frame", "normalised")

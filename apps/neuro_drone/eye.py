@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events import DVS, DVSParameters, Events
 from neuro_drone.geometry import CameraView, Pose, WorldScene
 from neuro_drone.parts import Camera, Ground, Line
 from neuro_drone.scenario import Scenario
+from neuro_events import DVS, DVSParameters, Events
 
 SKY = 0.9
 """Brightness above the horizon, as a share of full scale; it is in the picture at tilts below 32.5 degrees."""

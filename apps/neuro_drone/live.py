@@ -18,7 +18,6 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError, Simulation
-from neuro.events import Events, listen, send
 from neuro.realtime import Histogram
 from neuro_drone.controllers import Controller
 from neuro_drone.controllers.simple import Oracle
@@ -27,9 +26,10 @@ from neuro_drone.evaluate import FlightTest, Lap, Start, begin, fly_lap
 from neuro_drone.geometry import CameraView
 from neuro_drone.model import Model
 from neuro_drone.scenario import Scenario
+from neuro_events import Events, listen, send
 
 if TYPE_CHECKING:
-    from neuro.live import Page
+    from neuro_live import Page
 
 
 FORMAT = "faery13"

@@ -1,6 +1,6 @@
 """Recognise objects in event-camera recordings: train, test, compare and use recognisers by one interface.
 
-from neuro.events import recordings
+from neuro_events import recordings
 from neuro_recognise import fit
 
 recogniser = fit(recordings("N-MNIST", part="Train"), "hats", seed=1)

@@ -17,7 +17,7 @@ import typer
 from neuro.apps import PRICED, Backend, Chips, Seed, Set, Sources, assignments, at_least, resumable
 
 if TYPE_CHECKING:
-    from neuro.events import Recordings
+    from neuro_events import Recordings
     from neuro_recognise.method import Progress
     from neuro_recognise.recogniser import Recogniser
 
@@ -80,7 +80,7 @@ def _refuse_network(model: Path, words: Sequence[str]) -> None:
 
 
 def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:
-    from neuro.events import recordings
+    from neuro_events import recordings
 
     return recordings(path, part=part, classes=classes)
 
@@ -369,7 +369,7 @@ def detect(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Find several objects in a recording, with boxes and identities; or measure that on scenes."""
-    from neuro.events import load
+    from neuro_events import load
     from neuro_recognise.detection import report
     from neuro_recognise.detection.detector import Detecting, Detector, try_out
     from neuro_recognise.detection.scenes import Scenes

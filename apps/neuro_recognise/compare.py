@@ -19,7 +19,7 @@ import numpy as np
 from neuro import ModelError, apps
 from neuro.apps import write_text
 from neuro.chips import COLUMNS, cells
-from neuro.events import EventFileError, Recordings
+from neuro_events import EventFileError, Recordings
 from neuro_recognise.energy import price
 from neuro_recognise.method import Method, Progress, choose
 from neuro_recognise.methods import METHODS, method_of

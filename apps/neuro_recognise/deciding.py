@@ -39,7 +39,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.events import Events
+from neuro_events import Events
 from neuro_recognise.method import SILENT, Learnt, Observer, choose
 from neuro_recognise.shown import Evidence, Floats, Ints
 

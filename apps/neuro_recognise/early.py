@@ -25,8 +25,8 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import Checkpoint, hdf5, make_folder
-from neuro.events import Recordings
-from neuro.events.dataset import Sample
+from neuro_events import Recordings
+from neuro_events.dataset import Sample
 from neuro_recognise.deciding import Early, Held, margins
 from neuro_recognise.method import Course, Learnt, Method, Progress, choose
 from neuro_recognise.observations import observe, seen_of, write_evidence

@@ -19,8 +19,8 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import Registry, Settings, find_backend, setting, unknown
-from neuro.events import Events
-from neuro.events.parts import together
+from neuro_events import Events
+from neuro_events.parts import together
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints
 
 if TYPE_CHECKING:

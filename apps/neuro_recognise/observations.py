@@ -28,8 +28,8 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import Settings, Unwritable, hdf5
-from neuro.events import Events, Recordings
-from neuro.events.dataset import Sample
+from neuro_events import Events, Recordings
+from neuro_events.dataset import Sample
 from neuro_recognise.method import Method
 from neuro_recognise.shown import Array, Evidence, Features, Ints, Lazy, unlabelled
 

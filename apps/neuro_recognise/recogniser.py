@@ -18,8 +18,8 @@ import numpy as np
 import neuro
 from neuro import ModelError
 from neuro.apps import Checkpoint, check_output, hdf5, provenance, record_input
-from neuro.events import EventFileError, Events, Recordings
-from neuro.events.dataset import UNKNOWN
+from neuro_events import EventFileError, Events, Recordings
+from neuro_events.dataset import UNKNOWN
 from neuro_recognise.deciding import ASSURANCE, WINDOW_MS, Early, Session, part_of, stopping_rule
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, choose
 from neuro_recognise.methods import method_of

@@ -12,7 +12,7 @@ import numpy as np
 import neuro
 from neuro.apps import PRICED, console, html, make_folder, sealed, table, write_text
 from neuro.chips import COLUMNS, footnotes
-from neuro.events import Recordings, recordings
+from neuro_events import Recordings, recordings
 from neuro_models import path
 from neuro_recognise import energy
 from neuro_recognise.energy import Priced

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import Bar, Kind, Unwritable, cores, side_by_side, write_text
-from neuro.events import DVSParameters, EventFileError, Events, dvs_events, save
+from neuro_events import DVSParameters, EventFileError, Events, dvs_events, save
 
 Floats = npt.NDArray[np.float64]
 

@@ -87,7 +87,7 @@ def train(
         raise ModelError("neuro train learns by PyTorch, which is not installed", hint=apps.install("torch"))
     import torch
 
-    from neuro.events import recordings
+    from neuro_events import recordings
     from neuro_train import telling
     from neuro_train.data import but, show
 

@@ -18,12 +18,12 @@ import numpy.typing as npt
 import neuro
 from neuro import ModelError
 from neuro.apps import record_input, unknown
-from neuro.events.dataset import UNKNOWN
-from neuro.events.parts import windowed
+from neuro_events.dataset import UNKNOWN
+from neuro_events.parts import windowed
 from neuro_train.plan import TrainingPlan, corner
 
 if TYPE_CHECKING:
-    from neuro.events import Recordings
+    from neuro_events import Recordings
     from neuro_torch import Events
 
 

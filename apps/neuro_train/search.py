@@ -33,7 +33,7 @@ from neuro_train.tested import on_backend, rooms, train_and_test
 from neuro_train.trainer import begun, identity, learn, module_of
 
 if TYPE_CHECKING:
-    from neuro.events import Recordings
+    from neuro_events import Recordings
 
 
 FOLD_RESULTS = JobResults("a result of 'neuro train --folds'", "neuro train fold 1")
@@ -349,7 +349,7 @@ def divided(recordings: Recordings, seed: int, fold: int | None, folds: int) -> 
 
 @cache
 def _recordings(data: str, part: str, without: str) -> Recordings:
-    from neuro.events import recordings
+    from neuro_events import recordings
 
     return but(recordings(Path(data), part=part), json.loads(without))
 

@@ -20,8 +20,6 @@ from neuro.cli.chips import check, energy, fit, show
 from neuro.cli.compare import compare, verify
 from neuro.cli.convert import convert
 from neuro.cli.doctor import doctor
-from neuro.cli.events import app as events
-from neuro.cli.live import live
 from neuro.cli.predict import predict
 from neuro.cli.run import plot, report, rerun, run
 from neuro.cli.start import example, new
@@ -209,7 +207,6 @@ COMMANDS = (
     new,
     example,
     run,
-    live,
     rerun,
     plot,
     report,
@@ -230,7 +227,6 @@ COMMANDS = (
 app = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_exceptions_enable=False)
 for command in COMMANDS:
     app.command()(command)
-app.add_typer(events)
 app.add_typer(sweep)
 app.add_typer(tune)
 

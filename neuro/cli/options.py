@@ -243,4 +243,5 @@ Backends = Annotated[
 ]
 Seed = Annotated[int, typer.Option("--seed", metavar="N", parser=at_least(0), help="Seed of everything random.")]
 Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
+NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the address of the page, and open no browser.")]
 Threads = Annotated[int, typer.Option("--threads", metavar="N", parser=at_least(1), help="Threads to compute with.")]

@@ -16,6 +16,7 @@ from neuro.compiler.check import check_rate
 from neuro.compiler.shapes import Shape, size
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
+from neuro.core.extras import app
 from neuro.core.keyed_random import key
 from neuro.kernels.jit import kernel
 from neuro.model.network import Network
@@ -213,12 +214,10 @@ class CameraInput:
 
     def _shape_of(self, said: tuple[int | str, ...]) -> Shape:
         """The shape that the sensor gives, which a shape that is said must agree with."""
-        from neuro.events.playing import OfEvents
-
         if self._sensor is None:
             if AUTO in said:
                 hint = "write the numbers: [2, height, width], or [height, width] unless the polarities are split"
-                if isinstance(self._played, OfEvents):
+                if self._played is not None and isinstance(self._played, app("neuro_events.playing", "").OfEvents):
                     hint = f"neuro.events.Events(t, x, y, p, (width, height)) tells it; or {hint}"
                 message = "no sensor is known before it is played" if self._played is None else self._played.no_sensor
                 raise ModelError(f"shape {_written(said)}: {message}", hint=hint, path=("shape",))
@@ -273,16 +272,14 @@ class CameraInput:
 
     def given(self, events: Any) -> tuple[Ints, Ints]:
         """Steps and neurons of Events, a structured array, or an iterable of them."""
-        from neuro.events import Events
-        from neuro.events.playing import played
-
         if isinstance(events, (str, PathLike)):
             raise ModelError(f"events: found {str(events)!r}: expected Events", hint="neuro.events.load reads a file")
         if self._origin is None:
             raise ModelError("its recording has not begun to play: expected 'origin'", hint="or run first")
         begin = self._origin + self._offset
         parts = []
-        whole = [events] if isinstance(events, Events) else played(events).parts(None, self.sensor_size)
+        playing = app("neuro_events.playing", "the type of events")
+        whole = [events] if isinstance(events, playing.Events) else playing.played(events).parts(None, self.sensor_size)
         for part in whole:
             if len(part) and part.t[0] < begin:
                 raise ModelError(f"an event at {part.t[0]} us: expected from {begin} us on, the beginning")

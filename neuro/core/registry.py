@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable, Collection, ItemsView, Iterable, Iterator, Mapping, ValuesView
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
@@ -31,12 +32,13 @@ _ROOMS = (
     "neuro.model.space",
     "neuro.program.backend",
     "neuro.chips.known",
-    "neuro.events",
-    "neuro.events.formats",
+    "neuro_events",
+    "neuro_events.formats",
     "neuro.coding",
     "neuro.sweeps.function",
 )
-"""Where registries are made. A class or an instance has brought its own along; a plain function has not."""
+"""Where registries are made, some in packages that may be missing. A class or an instance brings its own along; a
+plain function does not."""
 
 
 class Registry(Mapping[str, T], Generic[T]):
@@ -233,7 +235,8 @@ def _registry_of(thing: object, kind: str) -> Registry[Any]:
     found = next((registry for registry in _REGISTRIES if _is_of(registry, thing, kind)), None)
     if found is None:
         for room in _ROOMS:
-            import_module(room)
+            if find_spec(room.partition(".")[0]) is not None:
+                import_module(room)
         found = next((registry for registry in _REGISTRIES if _is_of(registry, thing, kind)), None)
     if found is not None:
         return found

@@ -15,13 +15,13 @@ from neuro.coding.encoders import check_pixels, pixel_spikes
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.values import shown
-from neuro.events import Events, recordings
-from neuro.events.dataset import UNKNOWN, Sample
-from neuro.events.parts import windowed
 from neuro.exchange.nir.nodes import NEVER
 from neuro.model.network import Network
 from neuro.model.neurons import spike_generator
 from neuro.model.parts import AUTO, CENTRED, DECIDED_BY, Population, Readout
+from neuro_events import Events, recordings
+from neuro_events.dataset import UNKNOWN, Sample
+from neuro_events.parts import windowed
 
 
 @dataclass(frozen=True, slots=True, eq=False)

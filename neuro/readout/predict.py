@@ -15,8 +15,6 @@ import numpy.typing as npt
 from neuro.chips.energy import Energy
 from neuro.compare.runs import chip_of
 from neuro.core.errors import ModelError
-from neuro.events import Events
-from neuro.events.dataset import Sample
 from neuro.model.network import Network
 from neuro.model.parts import Population, Readout
 from neuro.program.program import Program
@@ -25,6 +23,8 @@ from neuro.readout.decisions import SILENT, Evaluation, by_counts, by_first, by_
 from neuro.readout.showing import Overflows, Showing
 from neuro.run.compiled import compile
 from neuro.run.simulation import Simulation
+from neuro_events import Events
+from neuro_events.dataset import Sample
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
-from neuro.realtime.loop import LATE, Loop, empty_loop
-from neuro.realtime.report import Histogram, LiveRun
-from neuro.realtime.sources import Player, Source
+from typing import TYPE_CHECKING
 
-__all__ = ["LATE", "Histogram", "LiveRun", "Loop", "Player", "Source", "empty_loop"]
+from neuro.core.lazy import public_names
+
+if TYPE_CHECKING:
+    from neuro.realtime.loop import LATE as LATE, Loop as Loop, empty_loop as empty_loop
+    from neuro.realtime.report import Histogram as Histogram, LiveRun as LiveRun
+    from neuro.realtime.sources import Source as Source
+    from neuro_events.player import Player as Player
+
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__, __all__ = public_names(__name__, __file__)

@@ -1,24 +1,23 @@
-"""Live sources of events, a recording among them, cut into ticks and put on the network's time."""
+"""Live sources of events, cut into ticks and put on the network's time."""
 
 from __future__ import annotations
 
-import os
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, is_dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.compiler.inputs import CameraInput
-from neuro.core.checks import is_number
 from neuro.core.errors import ModelError
-from neuro.events import Events, stream
-from neuro.events._events import empty_columns, joined_columns
-from neuro.events.files import size_of
+from neuro.core.extras import app
 from neuro.run.simulation import Simulation
+
+if TYPE_CHECKING:
+    from neuro_events import Events
 
 _NONE = np.zeros(0, dtype=np.int64)
 
@@ -74,6 +73,7 @@ class Inlet:
             shapes = f"{list(model.seen(tuple(size)))}, that of its source: expected {list(neurons.part.shape)}"
             raise ModelError(f"inputs: '{name}' would have the shape {shapes}")
         self.name, self._sim, self._source, self._camera = name, sim, source, camera
+        self._events = app("neuro_events._events", "the type of events")
         self._take_before: Callable[[int], Events] | None = getattr(source, "take_before", None)
         self._waiting: deque[tuple[Events, NDArray[np.int64]]] = deque()
         self.taken = self.fed = self.dropped = 0
@@ -94,7 +94,7 @@ class Inlet:
     def rehearse(self) -> None:
         """Feed nothing, so that all that this needs is in memory."""
         if (size := getattr(self._source, "sensor_size", None)) is not None:
-            self._sim.feed(self.name, Events(*empty_columns(0), tuple(size)))
+            self._sim.feed(self.name, self._events.Events(*self._events.empty_columns(0), tuple(size)))
 
     def begin(self) -> None:
         """Let go of what came before now."""
@@ -126,12 +126,12 @@ class Inlet:
         if len(now) < 2:
             return now[0] if now else (None, _NONE)
         parts, times = zip(*now, strict=True)
-        columns = joined_columns(part._columns for part in parts)
-        return Events._trusted(*columns, parts[0].sensor_size, {}), np.concatenate(times)
+        columns = self._events.joined_columns(part._columns for part in parts)
+        return self._events.Events._trusted(*columns, parts[0].sensor_size, {}), np.concatenate(times)
 
     def _wait_for(self, events: Events) -> None:
         """Keep what a source gives, and when it was received, until its tick."""
-        if not isinstance(events, Events):
+        if not isinstance(events, self._events.Events):
             raise ModelError(f"inputs: source of '{self.name}' gave {events!r:.60}: expected Events")
         if len(events):
             self.taken += len(events)
@@ -158,85 +158,8 @@ class Inlet:
         else:
             high, first = self._camera.first_us(step + steps) - 1, low + (int(received[0]) - begin_ns) // 1000
             t = np.clip(events.t + (first - int(events.t[0])), low, high)
-        placed = Events._trusted(t, events.x, events.y, events.p, events.sensor_size, {})
+        placed = self._events.Events._trusted(t, events.x, events.y, events.p, events.sensor_size, {})
         if steps > 1 and (t[1:] < t[:-1]).any():
             placed = placed[np.argsort(t, kind="stable")]
         self._sim.feed(self.name, placed)
         self.fed += len(events)
-
-
-_PART = 1 << 13
-"""Events of a file that are decoded at once, in about 0.1 ms."""
-
-
-class Player:
-    """Plays a recording at the clock's pace, from the first `take` on.
-
-    Args:
-        recording: Events, or the path of a file, of which little is in memory.
-        speed: 2 plays it twice as fast.
-        format: of a file, where neither content nor ending shows it.
-
-    Attributes:
-        sensor_size: width and height in px.
-        received_ns: when each of the events last taken was due, in ns of `time.monotonic_ns`.
-        ended: whether all have been taken.
-
-    Raises:
-        ModelError: the speed is not above 0, or there is no such recording.
-    """
-
-    def __init__(
-        self, recording: Events | str | os.PathLike[str], speed: float = 1.0, format: str | None = None
-    ) -> None:
-        if not is_number(speed) or not 0 < speed < float("inf"):
-            raise ModelError(f"speed = {speed!r:.60}: expected a number > 0")
-        self._ns = 1000.0 / speed
-        if isinstance(recording, Events):
-            self.sensor_size = recording.sensor_size
-            self._parts: Iterator[Events] = iter([recording])
-        elif isinstance(recording, str | os.PathLike):
-            self.sensor_size = size_of(recording, format=format)
-            self._parts = stream(recording, format=format, sensor_size=self.sensor_size, count=_PART)
-        else:
-            raise ModelError(f"recording is {recording!r:.60}: expected Events or the path of a file")
-        first = next((part for part in self._parts if len(part)), None)
-        self.ended = first is None
-        self._origin = 0 if first is None else int(first.t[0])
-        self._part, self._at = self._of(first) if first is not None else (_none(self.sensor_size), _NONE)
-        self._begin: int | None = None
-        self.received_ns: NDArray[np.int64] = _NONE
-
-    def _of(self, part: Events) -> tuple[Events, NDArray[np.int64]]:
-        """A part, and when its events are due after the begin, ns."""
-        return part, ((part.t - self._origin) * self._ns).astype(np.int64)
-
-    def take(self) -> Events:
-        """The events that were due since this was last called; the first call begins, and has none."""
-        now = time.monotonic_ns()
-        if self._begin is None:
-            self._begin, self.received_ns = now, _NONE
-            return _none(self.sensor_size)
-        parts, received = [], []
-        while True:
-            n = int(np.searchsorted(self._at, now - self._begin, side="right"))
-            if n:
-                parts.append(self._part[:n])
-                received.append(self._at[:n] + self._begin)
-                self._part, self._at = self._part[n:], self._at[n:]
-            if len(self._part):
-                break
-            following = next((part for part in self._parts if len(part)), None)
-            if following is None:
-                self.ended = True
-                break
-            self._part, self._at = self._of(following)
-        self.received_ns = received[0] if len(received) == 1 else np.concatenate([_NONE, *received])
-        return sum(parts[1:], parts[0]) if parts else _none(self.sensor_size)
-
-
-_NONE = np.zeros(0, dtype=np.int64)
-
-
-def _none(size: tuple[int, int]) -> Events:
-    return Events(*empty_columns(0), size)

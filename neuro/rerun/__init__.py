@@ -28,11 +28,10 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.extension import extensions
 from neuro.core.hdf5 import check, check_tree, has_format
-from neuro.core.inputs import digest_of, file_path
+from neuro.core.inputs import CLOSED, digest_of, file_path
 from neuro.core.progress import Bar
 from neuro.core.provenance import ATTRIBUTE, differences, provenance
 from neuro.core.values import shown
-from neuro.events.streams._codings import CLOSED
 from neuro.files.parts import Weights
 from neuro.files.results import KIND, RECORDING, YAML, Results, read, write
 from neuro.files.state import FORMAT as STATE

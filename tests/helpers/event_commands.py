@@ -3,7 +3,7 @@
 import typer
 
 from neuro.cli.commands import Commands
-from neuro.cli.events import app
+from neuro_events.cli import app
 
 
 def root():

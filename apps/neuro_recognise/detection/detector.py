@@ -20,8 +20,8 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import Part, Registry, Settings, make_folder, part, setting
-from neuro.events import Events, representations, save
-from neuro.events.parts import together
+from neuro_events import Events, representations, save
+from neuro_events.parts import together
 from neuro_recognise.detection.boxes import (
     AT_LEAST,
     UNKNOWN,

@@ -20,7 +20,7 @@ import numpy as np
 import neuro
 from neuro import ModelError
 from neuro.apps import Part, Registry, setting
-from neuro.events import Events
+from neuro_events import Events
 from neuro_recognise.methods.framewise import Framewise, RemusLayer
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.shown import Array, Floats, Ints

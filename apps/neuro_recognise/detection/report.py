@@ -12,7 +12,7 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import console, html, player, table, write_picture
-from neuro.events import Events
+from neuro_events import Events
 from neuro_recognise.detection.boxes import COLOURS, UNKNOWN, Boxes, read_boxes, write_boxes
 from neuro_recognise.detection.detector import DetectionTrial, Detector
 from neuro_recognise.detection.scenes import Scenes

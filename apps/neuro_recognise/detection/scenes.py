@@ -27,7 +27,7 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import Kind, Settings, make_folder, setting, write_text
-from neuro.events import Events, Recordings, filters, load, save
+from neuro_events import Events, Recordings, filters, load, save
 from neuro_recognise.detection.boxes import Boxes, read_boxes, write_boxes
 from neuro_recognise.shown import Floats, Ints, Lazy
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from neuro.apps import kernel, part, setting
-from neuro.events import Events, representations
+from neuro_events import Events, representations
 from neuro_recognise.method import Answer, Course, Drawings, Growing, Grows, Learnt, Method, Observer, Pictures, View
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.parts.segmenters import Cleaner, Msd, Plain, Segmenter, Tar

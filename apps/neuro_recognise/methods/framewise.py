@@ -19,7 +19,7 @@ import numpy as np
 import neuro
 from neuro import ModelError
 from neuro.apps import Part, Registry, part, setting
-from neuro.events import Events
+from neuro_events import Events
 from neuro_models import path as network_path
 from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Pictures, Progress, TrialView, View
 from neuro_recognise.parts.banks import Bank, Counts, Gabors, Max, Pool, Representation

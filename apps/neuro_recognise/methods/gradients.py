@@ -18,7 +18,7 @@ import numpy as np
 import neuro
 from neuro import ModelError
 from neuro.apps import install, setting
-from neuro.events import Events
+from neuro_events import Events
 from neuro_models import path
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
 from neuro_recognise.methods.framewise import from_text, to_text

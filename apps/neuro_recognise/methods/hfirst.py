@@ -20,8 +20,8 @@ import neuro
 import neuro_models
 from neuro import ModelError
 from neuro.apps import Settings, allocating, setting
-from neuro.events import Events
-from neuro.events.filters import BackgroundActivity
+from neuro_events import Events
+from neuro_events.filters import BackgroundActivity
 from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Run
 from neuro_recognise.parts.banks import gabor_bank
 from neuro_recognise.shown import Evidence, Features, Floats, Ints

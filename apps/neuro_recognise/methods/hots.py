@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import Part, Quantity, Registry, check, part, setting
-from neuro.events import Events
+from neuro_events import Events
 from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Progress
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.shown import Evidence, Features, Floats, Ints, Lazy

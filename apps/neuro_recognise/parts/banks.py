@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import Part, Registry, setting
-from neuro.events import Events, representations
+from neuro_events import Events, representations
 from neuro_recognise.method import SPLITS
 from neuro_recognise.shown import Array, Floats, Ints
 

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from neuro.apps import Part, Registry, setting
-from neuro.events import Events, filters, segmentation
+from neuro_events import Events, filters, segmentation
 from neuro_recognise.method import SPLITS
 from neuro_recognise.shown import Ints
 

@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.signal import convolve
 
 from neuro.apps import Evaluation, literal, wilson
-from neuro.events import Events, representations
+from neuro_events import Events, representations
 from neuro_recognise.detection.boxes import COLOURS, UNKNOWN, Boxes
 from neuro_recognise.shown import Floats
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import Bar as Line, Evaluation, console, echo, evaluate, install, number, table, write_picture
-from neuro.events import Events, Recordings, load
+from neuro_events import Events, Recordings, load
 from neuro_recognise.deciding import ASSUMES, ASSURANCE, least_allowed, outcome
 from neuro_recognise.method import METHODS, SILENT, Answer, Progress, choose
 from neuro_recognise.methods import method_of

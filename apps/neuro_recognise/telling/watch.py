@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import html, player, sealed
-from neuro.events import Events, load
+from neuro_events import Events, load
 from neuro_recognise.deciding import ASSUMES, ASSURANCE, Decision
 from neuro_recognise.method import SILENT, Pictures, View
 from neuro_recognise.recogniser import Recogniser

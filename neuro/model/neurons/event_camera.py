@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, here
+from neuro.core.extras import app
 from neuro.core.quantities import quantity
 from neuro.core.values import shown
 from neuro.model.neurons.base import Generator
 
 if TYPE_CHECKING:
-    from neuro.events.playing import Played
+    from neuro_events.playing import Played
+
+_READER = "the reader of recordings"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -118,12 +121,9 @@ class event_camera(Generator):
             raise ModelError(message, where=here(), path=("sensor",), missing="stream")
         try:
             if self.stream is not None:
-                from neuro.events.streams import check_stream
-
-                check_stream(self.stream, self.format, self.sensor)
+                app("neuro_events.streams", _READER).check_stream(self.stream, self.format, self.sensor)
             if self.events is not None:
-                from neuro.events.playing import played
-
+                played = app("neuro_events.playing", _READER).played
                 object.__setattr__(self, "events", played(self.events))
         except ModelError as error:
             raise error.at(here(), "event_camera") from None
@@ -165,14 +165,12 @@ class event_camera(Generator):
 
         Raises:
             EventFileError: there is no such file, or it is damaged where it begins.
+            ModelError: the package that reads recordings is not installed.
         """
         if self.stream is not None:
-            from neuro.events.streams import OfStream
-
             seconds = (self.until_silent / 1000.0, self.first_within / 1000.0)
-            return OfStream(self.stream, self.format, self.sensor, *seconds)
+            streams = app("neuro_events.streams", _READER)
+            return streams.OfStream(self.stream, self.format, self.sensor, *seconds)  # type: ignore[no-any-return]
         if self.file is None:
             return self.events  # type: ignore[no-any-return]
-        from neuro.events.playing import of_file
-
-        return of_file(self.file, self.format)
+        return app("neuro_events.playing", _READER).of_file(self.file, self.format)  # type: ignore[no-any-return]

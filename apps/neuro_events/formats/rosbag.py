@@ -1,0 +1,411 @@
+"""Bags of ROS 1 (version 2.0) and ROS 2 with events.
+
+ROS 1: the line ``#ROSBAG V2.0``, then records of a header (fields ``name=value``) and data, each after its size. Chunks
+(op 5) hold messages (op 2) and connections (op 7), plain or packed with bz2 or LZ4. Records are read one after the
+other without the index at the end, so a bag that was cut or not closed gives what is whole.
+ROS 2: ``.db3`` (SQLite) and ``.mcap``, through the package ``rosbags``.
+
+The first topic with events is read; ``metadata`` has ``topic``, ``message``, ``encoding`` and ``topics`` (others with
+events).
+
+Source: "Bag format 2.0", wiki.ros.org/Bags/Format/2.0.
+"""
+
+from __future__ import annotations
+
+import bz2
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from struct import Struct, error
+from typing import Any
+
+import lz4.frame
+import numpy as np
+
+from neuro_events.formats._format import Damage, Format, Piece, Size, extra
+from neuro_events.formats._reading import Cursor, GrowingArray
+from neuro_events.formats._words import Decoder
+from neuro_events.formats.evt import evt3_decoder
+from neuro_events.source import Bytes, Source
+
+MAGIC = b"#ROSBAG V2.0\n"
+RECORD_LIMIT = 1 << 30
+"""No record is longer; a damaged size must not fill the memory."""
+
+MESSAGE, CHUNK, CONNECTION = 2, 5, 7
+OPS = frozenset(range(2, 8))
+
+_U32 = Struct("<I")
+Message = tuple[int, str, str, Bytes]
+"""Byte, topic, type and content."""
+
+
+class _Bag:
+    """What both kinds of bags have in common: events of the messages of one topic."""
+
+    cdr: bool
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.sensor_size: Size | None = None
+        self.metadata: dict[str, Any] = {}
+        self._topic = ""
+        for place, topic, kind, data in self.messages(1 << 20):
+            if kind.split("/")[-1] in KINDS:
+                first = self._content(place, kind, data)
+                self._topic, self.sensor_size = topic, first.size
+                self.metadata |= {"topic": topic, "message": kind, "encoding": first.encoding}
+                break
+        if not self._topic:
+            raise Damage(f"has no messages with events, expected {' or '.join(KINDS)}", None)
+
+    def messages(self, block: int) -> Iterator[Message]:
+        """All messages from the beginning."""
+        raise NotImplementedError
+
+    def _content(self, place: int, kind: str, data: Bytes) -> Packet:
+        try:
+            return packet(data, kind.split("/")[-1], self.cdr)
+        except Damage as damage:
+            raise Damage(damage.what, self._byte(place)) from None
+
+    def _byte(self, place: int) -> int | None:
+        return place
+
+    def pieces(self, block: int) -> Iterator[Piece]:
+        """The events; see `Reader`."""
+        held, unpacker, taken = GrowingArray(), Unpacker(), 0
+        damage: Damage | None = None
+        others: set[str] = set()
+        try:
+            for place, topic, kind, data in self.messages(block):
+                if topic != self._topic:
+                    others |= {topic} if kind.split("/")[-1] in KINDS else set()
+                    continue
+                content = self._content(place, kind, data)
+                try:
+                    self._add(held, place, unpacker.piece(content))
+                except Damage as found:
+                    raise Damage(found.what, self._byte(place)) from None
+                taken += data.size
+                if taken >= block:
+                    yield held.piece()
+                    taken = 0
+        except Damage as found:
+            damage = Damage(found.what, found.offset)  # without the frames, which hold the file
+        yield held.piece()
+        self.metadata["topics"] = sorted(others)
+        if damage is not None:
+            raise damage
+
+    def _add(self, held: GrowingArray, place: int, piece: Piece) -> None:
+        n, count = held.used, piece.t.size
+        held.room(count)
+        held.t[n : n + count], held.p[n : n + count] = piece.t, piece.p
+        held.x[n : n + count], held.y[n : n + count] = piece.x, piece.y
+        if not count:
+            return
+        highest = piece.highest or (int(piece.x.max(initial=0)), int(piece.y.max(initial=0)))
+        ordered = bool(np.all(piece.t[1:] >= piece.t[:-1])) if piece.ordered is None else piece.ordered
+        forward = ordered and (not n or bool(held.t[n] >= held.t[n - 1]))
+        held.added([n], [self._byte(place)], n + count, highest, forward)
+
+
+class Ros1Bag(_Bag):
+    """An open bag of ROS 1."""
+
+    cdr = False
+
+    def __init__(self, source: Source) -> None:
+        head = source.head(len(MAGIC))
+        if head != MAGIC:
+            raise Damage(f"begins with {head!r}, expected the line {MAGIC[:-1].decode()}", 0)
+        source.all()
+        super().__init__(source)
+
+    def messages(self, block: int) -> Iterator[Message]:
+        """See `_Bag`; messages in a chunk have the chunk's byte."""
+        cursor = Cursor(self.source, len(MAGIC), block)
+        known: dict[int, tuple[str, str]] = {}
+        while True:
+            place = cursor.at
+            if not (size := cursor.take(4)).size:
+                return
+            fields, data = _record(cursor, place, size)
+            if fields["op"] == bytes([CHUNK]):
+                inner = Cursor(Source(_unpacked(fields, data, place).data), 0, 1 << 62)
+                while (size := inner.take(4)).size:
+                    yield from _message(*_record(inner, place, size), known, place)
+            else:
+                yield from _message(fields, data, known, place)
+
+
+def _message(fields: dict[str, bytes], data: Bytes, known: dict[int, tuple[str, str]], place: int) -> Iterator[Message]:
+    """The message of a record, if it is one; connections become known."""
+    op = fields["op"][0]
+    if op not in (MESSAGE, CONNECTION):
+        return
+    number = fields.get("conn", b"")
+    if len(number) != 4:
+        raise Damage("a record does not tell its connection", place)
+    connection = _U32.unpack(number)[0]
+    if op == CONNECTION:
+        kind = _fields(data.tobytes(), place).get("type", b"")
+        known[connection] = (fields.get("topic", b"").decode("utf-8", "replace"), kind.decode("utf-8", "replace"))
+    elif connection not in known:
+        raise Damage(f"a message of connection {connection}, which is not declared", place)
+    else:
+        yield (place, *known[connection], data)
+
+
+def _record(cursor: Cursor, place: int, size: Bytes) -> tuple[dict[str, bytes], Bytes]:
+    """Header and data of the record whose first four bytes are taken."""
+    head = _part(cursor, place, size)
+    fields = _fields(head.tobytes(), place)
+    if len(fields.get("op", b"")) != 1 or fields["op"][0] not in OPS:
+        raise Damage(f"a record of kind {fields.get('op', b'')!r}, expected 2 to 7", place)
+    return fields, _part(cursor, place, cursor.take(4))
+
+
+def _part(cursor: Cursor, place: int, size: Bytes) -> Bytes:
+    count = int.from_bytes(size.tobytes(), "little")
+    if count > RECORD_LIMIT:
+        raise Damage(f"a record of {count} bytes, expected at most {RECORD_LIMIT}", place)
+    taken = cursor.take(count)
+    if size.size < 4 or taken.size < count:
+        raise Damage("the file ends in a record", place)
+    return taken
+
+
+def _fields(data: bytes, place: int) -> dict[str, bytes]:
+    """Fields ``name=value``, each after its size."""
+    found, at = {}, 0
+    while at < len(data):
+        try:
+            (size,) = _U32.unpack_from(data, at)
+        except error:
+            size = len(data)
+        field = data[at + 4 : at + 4 + size]
+        if len(field) < size or b"=" not in field:
+            raise Damage("a record has no whole header", place)
+        name, value = field.split(b"=", 1)
+        found[name.decode("ascii", "replace")] = value
+        at += 4 + size
+    return found
+
+
+def _unpacked(fields: dict[str, bytes], data: Bytes, place: int) -> Bytes:
+    """The records of a chunk."""
+    packed = fields.get("compression", b"").decode("ascii", "replace")
+    size = int.from_bytes(fields.get("size", b""), "little")
+    plain: Any
+    try:
+        if packed == "none":
+            plain = data
+        elif packed == "bz2":
+            plain = bz2.BZ2Decompressor().decompress(data.data, min(size, RECORD_LIMIT) + 1)
+        elif packed == "lz4":
+            plain = lz4.frame.decompress(data)
+        else:
+            raise Damage(f"a chunk is packed with {packed!r}, expected none, bz2 or lz4", place)
+    except (OSError, EOFError, RuntimeError, MemoryError):
+        raise Damage(f"a chunk is no {packed} data", place) from None
+    if len(plain) != size:
+        raise Damage(f"a chunk has {len(plain)} bytes, expected {size}", place)
+    return np.frombuffer(plain, np.uint8)
+
+
+class Ros2Bag(_Bag):
+    """An open file of a ROS 2 bag; its messages have no byte, since another library finds them."""
+
+    cdr = True
+
+    def messages(self, block: int) -> Iterator[Message]:
+        """See `_Bag`."""
+        bags = extra("rosbags.rosbag2", "a ROS 2 bag")
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                with bags.Reader(self._path(Path(folder))) as bag:
+                    for connection, _, data in bag.messages():
+                        yield 0, connection.topic, connection.msgtype, np.frombuffer(data, np.uint8)
+            except Damage:
+                raise
+            except Exception as failure:
+                # The package lets errors of many kinds through for a damaged bag.
+                raise Damage(f"no whole ROS 2 bag: {' '.join(str(failure).split())}", None) from None
+
+    def _path(self, folder: Path) -> Path:
+        """The file on the disk with the ending that its content needs."""
+        ending = ".mcap" if self.source.head(len(MCAP)) == MCAP else ".db3"
+        path = self.source.path
+        if path is not None and path.suffix == ending:
+            return path
+        copy = folder / f"bag{ending}"
+        copy.write_bytes(self.source.all().data)
+        return copy
+
+    def _byte(self, place: int) -> int | None:
+        return None
+
+
+PACKET = "EventPacket"
+ARRAY = "EventArray"
+KINDS = (PACKET, ARRAY)
+
+_U64, _U8 = Struct("<Q"), Struct("<B")
+_ROS1 = np.dtype([("x", "<u2"), ("y", "<u2"), ("s", "<u4"), ("ns", "<u4"), ("p", "u1")])
+_CDR = np.dtype([*((name, _ROS1[name]) for name in ("x", "y")), ("unused", "u1", 2),
+                 *((name, _ROS1[name]) for name in ("s", "ns", "p")), ("after", "u1")])  # fmt: skip
+"""Any event but the first, which needs no bytes between y and the time."""
+
+
+class _MessageFields:
+    """Reads the fields of a message one after the other."""
+
+    def __init__(self, data: Bytes, cdr: bool) -> None:
+        if cdr and data[1:2].tobytes() != b"\x01":
+            raise Damage(f"a message begins with {data[:4].tobytes()!r}, expected little-endian CDR", None)
+        self._data = data[4:] if cdr else data
+        self._at = 0
+        self.cdr = cdr
+
+    def number(self, kind: Struct) -> int:
+        if self.cdr:
+            self._at += -self._at % kind.size
+        try:
+            value: int = kind.unpack_from(self._data.data, self._at)[0]
+        except error:
+            raise Damage("a message ends within its fields", None) from None
+        self._at += kind.size
+        return value
+
+    def bytes(self, count: int) -> Bytes:
+        taken = self._data[self._at : self._at + count]
+        if taken.size < count:
+            raise Damage(f"a message ends within its fields: {taken.size} of {count} bytes", None)
+        self._at += count
+        return taken
+
+    def text(self) -> str:
+        return self.bytes(self.number(_U32)).tobytes().rstrip(b"\0").decode("utf-8", "replace")
+
+    def header(self) -> None:
+        """Number (ROS 1 only), time and frame."""
+        for _ in range(2 if self.cdr else 3):
+            self.number(_U32)
+        self.text()
+
+
+@dataclass(slots=True)
+class Packet:
+    """The content of a message, its events not yet decoded."""
+
+    size: Size | None
+    encoding: str
+    base: int
+    data: Bytes
+    big: bool
+    count: int
+
+
+def packet(data: Bytes, kind: str, cdr: bool) -> Packet:
+    """Take a message apart.
+
+    Args:
+        data: its bytes.
+        kind: `PACKET` or `ARRAY`.
+        cdr: whether ROS 2 wrote it.
+
+    Raises:
+        Damage: it is shorter than its fields.
+
+    ``event_camera_msgs/EventPacket``: header, height, width, seq, time_base (ns), encoding, is_bigendian, bytes.
+    Encodings: ``evt3`` (words of EVT 3.0, whose clock goes on from packet to packet) and ``mono`` (uint64: bit 63
+    polarity, bits 48-62 y, 32-47 x, 0-31 ns after time_base).
+    ``dvs_msgs/EventArray`` and ``prophesee_event_msgs/EventArray``: header, height, width, events of x, y (uint16),
+    time in s and ns (uint32), polarity.
+    Times in ns are cut to us.
+
+    ROS 1 writes the fields one after the other; ROS 2 (CDR) after four bytes, each at a multiple of its size, strings
+    with a zero at the end.
+
+    Source: event_camera_msgs (github.com/ros-event-camera/event_camera_msgs), dvs_msgs
+    (github.com/uzh-rpg/rpg_dvs_ros); "DDSI-RTPS", section 10, for CDR.
+    """
+    fields = _MessageFields(data, cdr)
+    fields.header()
+    height, width = fields.number(_U32), fields.number(_U32)
+    size = (width, height) if 1 <= width <= 65536 and 1 <= height <= 65536 else None
+    if kind == ARRAY:
+        count = fields.number(_U32)
+        length = max(0, _CDR.itemsize * count - 3) if cdr else _ROS1.itemsize * count
+        return Packet(size, ARRAY, 0, fields.bytes(length), False, count)
+    fields.number(_U64)
+    base, encoding = fields.number(_U64), fields.text()
+    big = bool(fields.number(_U8))
+    return Packet(size, encoding, base, fields.bytes(fields.number(_U32)), big, 0)
+
+
+class Unpacker:
+    """Decodes the packets of one camera in order."""
+
+    def __init__(self) -> None:
+        self._evt3: Decoder | None = None
+
+    def piece(self, content: Packet) -> Piece:
+        """The events of a packet.
+
+        Raises:
+            Damage: its encoding is not known, or its bytes are no whole words.
+        """
+        if content.encoding == ARRAY:
+            return _array(content)
+        word = {"evt3": 2, "mono": 8}.get(content.encoding)
+        if word is None:
+            raise Damage(f"encoding {content.encoding!r} is not known, expected evt3 or mono", None)
+        if content.data.size % word:
+            raise Damage(f"a packet of {content.data.size} bytes, expected whole words of {word} bytes", None)
+        data = content.data.reshape(-1, word)[:, ::-1] if content.big else content.data
+        data = np.ascontiguousarray(data).reshape(-1)
+        if content.encoding == "mono":
+            return _mono(data.view("<u8"), content.base)
+        self._evt3 = self._evt3 or evt3_decoder()
+        return self._evt3.piece(data)
+
+
+def _mono(words: Any, base: int) -> Piece:
+    if base >= 1 << 63:
+        raise Damage(f"time_base is {base} ns, expected less than 2^63", None)
+    t = (base + (words & 0xFFFFFFFF).astype(np.int64)) // 1000
+    x, y = (words >> 32).astype(np.uint16), (words >> 48 & 0x7FFF).astype(np.uint16)
+    return Piece(t, x, y, (words >> 63).astype(np.uint8))
+
+
+def _array(content: Packet) -> Piece:
+    """Events of an array; CDR ones begin with one that is two bytes shorter."""
+    raw = content.data
+    if raw.size == _ROS1.itemsize * content.count:
+        events = raw.view(_ROS1)
+    else:
+        padded = np.zeros(16 * content.count, np.uint8)
+        padded[:4], padded[6 : 2 + raw.size] = raw[:4], raw[4:]
+        events = padded.view(_CDR)
+    if (events["ns"] >= 10**9).any():
+        raise Damage(f"a time has {events['ns'].max()} ns, expected less than 10^9", None)
+    t = events["s"].astype(np.int64) * 10**6 + events["ns"] // 1000
+    x, y = (np.ascontiguousarray(events[name]) for name in "xy")
+    return Piece(t, x, y, (events["p"] != 0).astype(np.uint8))
+
+
+MCAP = b"\x89MCAP0\r\n"
+SQLITE = b"SQLite format 3\0"
+
+ROS1 = Format("rosbag1", "ROS 1 bag", (".bag",), lambda head: head.startswith(MAGIC), Ros1Bag)
+"""Read only. Bags with EventPacket are tested with a real one, those with EventArray with made ones."""
+ROS2 = Format(
+    "rosbag2", "ROS 2 bag", (".mcap", ".db3"), lambda head: head.startswith((MCAP, SQLITE)), Ros2Bag,
+    untested="made with the package rosbags; no recording of a camera was at hand",
+)  # fmt: skip
+"""Read only."""

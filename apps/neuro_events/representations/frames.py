@@ -1,0 +1,226 @@
+"""Events counted per pixel, of a whole recording or of each of its segments."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro import ModelError
+from neuro.apps import LazyModule, argument, needed
+from neuro_events._events import Events
+
+kernels = LazyModule("neuro_events._kernels")
+
+Polarity = Literal["separate", "signed", "ignored"]
+Representation = npt.NDArray[Any] | Any
+"""An array, or a torch tensor where it was asked for."""
+
+
+def given(array: npt.NDArray[Any], as_torch: bool) -> Representation:
+    """The array, or a tensor that shares its memory.
+
+    Raises:
+        ModelError: torch is asked for and missing.
+    """
+    if not as_torch:
+        return array
+    return needed("torch", "torch", "as_torch=True: torch is not installed").from_numpy(array)
+
+
+def real(dtype: npt.DTypeLike) -> np.dtype[Any]:
+    """float32 or float64.
+
+    Raises:
+        ModelError: it is another type.
+    """
+    kind = np.dtype(dtype)
+    if kind not in (np.dtype(np.float32), np.dtype(np.float64)):
+        raise ModelError(f"dtype is {kind}, expected float32 or float64")
+    return kind
+
+
+def span(events: Events, start_us: int | None, stop_us: int | None) -> tuple[int, int]:
+    """The first and last time that are looked at: those given, else of the first and last event.
+
+    Raises:
+        ModelError: the last is before the first.
+    """
+    first, last = (int(events.t[0]), int(events.t[-1])) if len(events) else (0, 0)
+    start = first if start_us is None else argument("start_us", start_us, kind="microseconds")
+    stop = max(start, last) if stop_us is None else argument("stop_us", stop_us, kind="microseconds")
+    if stop < start:
+        raise ModelError(f"stop_us is {stop} us, expected at least {start}, the start")
+    return start, stop
+
+
+def event_frame(
+    events: Events,
+    *,
+    polarity: Polarity = "separate",
+    segments: npt.ArrayLike | None = None,
+    as_torch: bool = False,
+) -> Representation:
+    """Count the events of each pixel.
+
+    Args:
+        events: what to count.
+        polarity: ``"separate"``, ``"signed"`` (ON minus OFF) or ``"ignored"``.
+        segments: (n + 1,) bounds, as the functions of `neuro.events.segmentation` give them, or (n, 2) ranges of
+            events, which may overlap; one frame each.
+        as_torch: give a torch tensor.
+
+    Returns:
+        int32 ([n,] [2,] height, width): the first axis with `segments`, the second with separate polarities.
+
+    Raises:
+        ModelError: an argument is wrong, or torch is missing; the message says which.
+    """
+    argument("polarity", polarity, words=("separate", "signed", "ignored"))
+    return given(_counted(events, polarity, segments), as_torch)
+
+
+def binary_frame(
+    events: Events,
+    *,
+    polarity: Polarity = "ignored",
+    segments: npt.ArrayLike | None = None,
+    as_torch: bool = False,
+) -> Representation:
+    """Say of each pixel whether it had an event.
+
+    Args:
+        events: where to look.
+        polarity: ``"separate"`` or ``"ignored"``.
+        segments: as for `event_frame`.
+        as_torch: give a torch tensor.
+
+    Returns:
+        bool ([n,] [2,] height, width): the first axis with `segments`, the second with separate polarities.
+
+    Raises:
+        ModelError: an argument is wrong, or torch is missing; the message says which.
+    """
+    argument("polarity", polarity, words=("separate", "ignored"))
+    return given(_counted(events, polarity, segments) > 0, as_torch)
+
+
+def _counted(events: Events, polarity: str, segments: npt.ArrayLike | None) -> npt.NDArray[np.int32]:
+    ranges = np.array([[0, len(events)]]) if segments is None else _ranges(segments, len(events))
+    width, height = events.sensor_size
+    separate = polarity == "separate"
+    out = np.zeros((len(ranges), 1 + separate, height, width), np.int32)
+    kernels.count(events.x, events.y, events.p, ranges, separate, polarity == "signed", out)
+    frames = out if separate else out[:, 0]
+    return frames[0] if segments is None else frames
+
+
+def _ranges(segments: npt.ArrayLike, n: int) -> npt.NDArray[np.int64]:
+    """(segments, 2) first event and the one after the last."""
+    given: npt.NDArray[Any] = np.asarray(segments)
+    pairs = given.ndim == 2 and given.shape[1] == 2
+    if given.dtype.kind not in "iu" or not (pairs or (given.ndim == 1 and given.size)):
+        raise ModelError(
+            f"segments is {given.dtype} of shape {given.shape}, expected whole numbers (n + 1,) or (n, 2)",
+            hint="bounds = msd_segments(events.t), or another function of neuro.events.segmentation",
+        )
+    ranges = (given if pairs else np.stack([given[:-1], given[1:]], axis=1)).astype(np.int64)
+    bad = (ranges[:, 0] < 0) | (ranges[:, 1] < ranges[:, 0]) | (ranges[:, 1] > n)
+    if bad.any():
+        k = int(bad.argmax())
+        first, last = ranges[k]
+        raise ModelError(f"segment {k} is events {first} to before {last}, expected 0 <= first <= last <= {n}")
+    return np.ascontiguousarray(ranges)
+
+
+def voxel_grid(
+    events: Events,
+    bins: int,
+    *,
+    start_us: int | None = None,
+    stop_us: int | None = None,
+    polarity: Polarity = "signed",
+    dtype: npt.DTypeLike = np.float32,
+    as_torch: bool = False,
+) -> Representation:
+    """Spread each event over the two bins that are next in time, the nearer one getting more.
+
+    V[b, y, x] is the sum over the pixel's events of s max(0, 1 - |b - t*|), where s is the sign and
+    t* = (bins - 1) (t - start) / (stop - start). So bin 0 is at the start and the last bin is at the stop, both
+    included, and no part of an event between them is lost. With one bin, or where all times are equal, t* = 0.
+
+    tonic's ``ToVoxelGrid(n)`` puts the stop one bin later and leaves out what falls there: it equals
+    ``voxel_grid(events, n + 1)[:-1]``.
+
+    Args:
+        events: what to spread.
+        bins: number of them.
+        start_us: where bin 0 is, us; None: at the first event. Events before it are left out.
+        stop_us: where the last bin is, us; None: at the last event. Events after it are left out.
+        polarity: ``"signed"`` as in the paper, ``"separate"`` or ``"ignored"``.
+        dtype: float32 or float64.
+        as_torch: give a torch tensor.
+
+    Returns:
+        ([2,] bins, height, width): the first axis with separate polarities.
+
+    Raises:
+        ModelError: an argument is wrong, or torch is missing; the message says which.
+
+    Source: Zhu et al., Unsupervised event-based learning of optical flow, depth, and egomotion, CVPR 2019, eqs 1-3.
+    """
+    argument("polarity", polarity, words=("separate", "signed", "ignored"))
+    separate = polarity == "separate"
+    start, stop = span(events, start_us, stop_us)
+    width, height = events.sensor_size
+    out = np.zeros((1 + separate, argument("bins", bins, kind="integer", at_least=1), height, width), real(dtype))
+    kernels.spread(events.t, events.x, events.y, events.p, start, stop, separate, polarity == "signed", False, out)
+    return given(out if separate else out[0], as_torch)
+
+
+Measurement = Literal["time", "polarity", "count"]
+
+
+def event_spike_tensor(
+    events: Events,
+    bins: int = 9,
+    *,
+    measurement: Measurement = "time",
+    start_us: int | None = None,
+    stop_us: int | None = None,
+    dtype: npt.DTypeLike = np.float32,
+    as_torch: bool = False,
+) -> Representation:
+    """Convolve what events measure with a triangle in time, and read it at regular times.
+
+    S[p, b, y, x] is the sum over the pixel's events of polarity p of f max(0, 1 - |b - t*|), where f is the
+    measurement and t* = (bins - 1) (t - start) / (stop - start), as for `voxel_grid`. The kernel is fixed; the paper
+    also learns it, starting from this one.
+
+    Args:
+        events: what to convolve.
+        bins: number of times at which it is read; 9 is the paper's.
+        measurement: ``"time"``, from 0 at the start to 1 at the stop (the paper's best); ``"polarity"``, 1 or -1; or
+            ``"count"``, always 1, so that ON minus OFF is the voxel grid.
+        start_us: where bin 0 is, us; None: at the first event. Events before it are left out.
+        stop_us: where the last bin is, us; None: at the last event. Events after it are left out.
+        dtype: float32 or float64.
+        as_torch: give a torch tensor.
+
+    Returns:
+        (2, bins, height, width), 0 = OFF. The authors' program gives its first two axes as one of 2 bins.
+
+    Raises:
+        ModelError: an argument is wrong, or torch is missing; the message says which.
+
+    Source: Gehrig et al., End-to-end learning of representations for asynchronous event-based data, ICCV 2019,
+        sections 3.2-3.4; thesis section 3.4.
+    """
+    argument("measurement", measurement, words=("time", "polarity", "count"))
+    start, stop = span(events, start_us, stop_us)
+    width, height = events.sensor_size
+    out = np.zeros((2, argument("bins", bins, kind="integer", at_least=1), height, width), real(dtype))
+    signed, timed = measurement == "polarity", measurement == "time"
+    kernels.spread(events.t, events.x, events.y, events.p, start, stop, True, signed, timed, out)
+    return given(out, as_torch)

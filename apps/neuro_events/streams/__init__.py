@@ -1,0 +1,8 @@
+"""Events by the network: received while a program runs, and sent at their own pace."""
+
+from __future__ import annotations
+
+from neuro_events.streams._listener import Listener, OfStream, StreamCounts, check_stream, listen
+from neuro_events.streams._sender import Sent, send
+
+__all__ = ["Listener", "OfStream", "Sent", "StreamCounts", "check_stream", "listen", "send"]

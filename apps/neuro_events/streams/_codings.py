@@ -1,0 +1,428 @@
+"""Where a stream comes from or goes to."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import pairwise
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro import ModelError
+from neuro.apps import CLOSED, LazyModule, unknown
+from neuro_events._events import Columns, Events, empty_columns, joined_columns
+from neuro_events.formats._format import Damage
+from neuro_events.formats._words import Field, Layout, Odd, encoded, first_state
+from neuro_events.formats.aedat4 import (
+    ENTRY,
+    HEADER_LIMIT,
+    PACKET,
+    U32,
+    Header,
+    Malformed,
+    Packets,
+    packet,
+    read_header,
+)
+
+aedat4_kernels = LazyModule("neuro_events.formats._aedat4_kernels")
+evt_kernels = LazyModule("neuro_events.formats._evt_kernels")
+kernels = LazyModule("neuro_events.streams._kernels")
+
+SCHEMES = ("udp", "tcp")
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """A URL of a stream.
+
+    Attributes:
+        url: as given.
+        scheme: udp or tcp.
+        family: of its sockets.
+        place: host and port, as sockets take them.
+    """
+
+    url: str
+    scheme: str
+    family: socket.AddressFamily
+    place: Any
+
+    def new_socket(self) -> socket.socket:
+        """A socket of its kind."""
+        return socket.socket(self.family, socket.SOCK_DGRAM if self.scheme == "udp" else socket.SOCK_STREAM)
+
+    def bound(self, place: Any) -> str:
+        """The URL with the port that a socket has got."""
+        host = f"[{place[0]}]" if self.family == socket.AF_INET6 else place[0]
+        return f"{self.scheme}://{host}:{place[1]}"
+
+    def refused(self, error: OSError) -> ModelError:
+        """What the system says of it."""
+        low = "ports below 1024 are for administrators; 3333 is none of them"
+        known = {
+            errno.EADDRINUSE: ("another program listens there", "port 0 takes a free one"),
+            errno.EACCES: ("this user may not use it", low if self.place[1] < 1024 else ""),
+            errno.EADDRNOTAVAIL: ("no interface of this machine has the address", "0.0.0.0 is all of them"),
+            errno.ECONNREFUSED: ("nobody listens there", "start the sender first"),
+        }
+        text, hint = known.get(error.errno or 0, (error.strerror or str(error) or type(error).__name__, ""))
+        return ModelError(f"{self.url}: {text}", hint=hint)
+
+
+def parsed(url: object) -> tuple[str, str, int]:
+    """Scheme, host and port of a URL such as udp://127.0.0.1:3333 or tcp://[::1]:7777.
+
+    Raises:
+        ModelError: it is none.
+    """
+    expected = "expected udp://HOST:PORT or tcp://HOST:PORT, such as udp://127.0.0.1:3333"
+    if not isinstance(url, str):
+        raise ModelError(f"url = {url!r:.60}: {expected}")
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    else:
+        if parts.scheme and parts.scheme not in SCHEMES and "://" in url:
+            raise unknown("kind of stream", parts.scheme, SCHEMES)
+    if host is None or port is None or parts.path.strip("/") or parts.query or parts.fragment or parts.username:
+        raise ModelError(f"url = {url!r:.80}: {expected}")
+    return parts.scheme, host, port
+
+
+def address(url: str) -> Address:
+    """Look up the host of a URL.
+
+    Raises:
+        ModelError: it is none, or its host is not known.
+    """
+    scheme, host, port = parsed(url)
+    if os.environ.get(CLOSED):
+        raise ModelError(f"{url}: is not opened while a file is made again")
+    kind = socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM
+    try:
+        family, _, _, _, place = socket.getaddrinfo(host, port, type=kind)[0]
+    except (OSError, UnicodeError) as error:
+        raise ModelError(f"{url}: host '{host}' is not known ({getattr(error, 'strerror', '') or error})") from None
+    return Address(url, scheme, family, place)
+
+
+def format_for(scheme: str, format: object, known: Iterable[str]) -> str:
+    """The format of a stream: by TCP only aedat4, by UDP one that is named.
+
+    Raises:
+        ModelError: there is no such format, or it does not come this way.
+    """
+    by_udp = tuple(known)
+    names = ("aedat4",) if scheme == "tcp" else by_udp
+    if format is None:
+        if scheme == "tcp":
+            return "aedat4"
+        raise ModelError(f"format is missing: expected one of {', '.join(names)}")
+    if not isinstance(format, str) or format not in names:
+        if isinstance(format, str) and format in ("aedat4", *by_udp):
+            other = "tcp" if scheme == "udp" else "udp"
+            raise ModelError(f"format '{format}' comes by {other}://: found {scheme}://")
+        raise unknown("format of a stream", format, names)
+    return str(format)
+
+
+DATAGRAM = 1400
+"""Bytes of a datagram, at most; the usual Ethernet carries 1,472."""
+
+
+Decoder = Callable[[NDArray[np.uint8], NDArray[np.int64], int, int], tuple[int, Columns, int]]
+"""Decodes entries of a ring: (bytes of a `Receiver`, its entries, the first to decode, the one after the last) ->
+number of events, room that begins with them, number of damaged entries."""
+
+Encoder = Callable[[Events, int], Iterator[Any]]
+"""Datagrams (bytes) of at most so many bytes for events; parts of one recording in their order."""
+
+
+@dataclass(frozen=True, slots=True)
+class Coding:
+    """A way to write events in datagrams.
+
+    Attributes:
+        name: the word for `format`.
+        title: what it is.
+        decoder: makes a decoder for a stream that began at a time, ns.
+        encoder: makes an encoder.
+        period: after which its clock begins again, us; 0: never.
+        sides: columns and rows that it has room for.
+        datagram: bytes of a datagram, at most, unless said otherwise.
+    """
+
+    name: str
+    title: str
+    decoder: Callable[[int], Decoder]
+    encoder: Callable[[], Encoder]
+    period: int
+    sides: int
+    datagram: int = DATAGRAM
+
+    def check(self, sensor: tuple[int, int]) -> None:
+        """Refuse a sensor for which it has no room.
+
+        Raises:
+            ModelError: it is too wide or too high.
+        """
+        if max(sensor) > self.sides:
+            size = "{}x{}".format(*sensor)
+            raise ModelError(f"format '{self.name}': found a sensor of {size} px: expected at most {self.sides} a side")
+
+
+@dataclass(slots=True)
+class _Plain:
+    """Events of a layout; each takes `least` bytes, at least."""
+
+    layout: Layout
+    least: int
+    opened_ns: int
+    state: NDArray[np.int64] = field(default_factory=first_state)
+
+    def __call__(
+        self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
+    ) -> tuple[int, Columns, int]:
+        room = empty_columns(int(_sizes(index, first, last).sum()) // self.least + 1)
+        decode = (kernels.plain_decoder if self.least == self.layout.size else kernels.spif_decoder)(self.layout)
+        n, damaged = decode(ring, index, first, last, self.opened_ns, self.state, *room)
+        return n, room, damaged
+
+
+def _sizes(index: NDArray[np.int64], first: int, last: int) -> NDArray[np.int64]:
+    """Bytes of entries."""
+    begin, count, m = first % len(index), last - first, len(index)
+    sizes = index[:, kernels.SIZE]
+    if begin + count <= m:
+        return sizes[begin : begin + count]
+    return np.concatenate((sizes[begin:], sizes[: begin + count - m]))
+
+
+class _Evt3:
+    """Words of EVT 3.0."""
+
+    def __init__(self, opened_ns: int) -> None:
+        from neuro_events.formats.evt import evt3_decoder
+
+        begin = evt3_decoder().state
+        self._state = np.zeros(kernels.STATES, np.int64)
+        self._state[: begin.size] = begin
+
+    def __call__(
+        self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
+    ) -> tuple[int, Columns, int]:
+        words = ring.view("<u2")
+        room = empty_columns(kernels.room_evt3(words, index, first, last))
+        n, damaged = kernels.decode_evt3(words, index, first, last, self._state, *room)
+        return n, room, damaged
+
+
+def _cut(records: NDArray[Any], size: int) -> Iterator[Any]:
+    """Datagrams of whole records."""
+    step = max(1, size // records.itemsize)
+    for k in range(0, len(records), step):
+        yield records[k : k + step].data.cast("B")
+
+
+SPIF = Layout(8, t=Field(0, 32, byte=4), x=Field(16, 15), y=Field(0, 15), p=Field(15, 1))
+"""An event with its time."""
+FAERY_13 = Layout(
+    13, t=Field(0, 64, size=8), x=Field(0, 16, byte=8), y=Field(16, 16, byte=8), p=Field(0, 1, byte=12, size=1),
+    odd=Odd(0xFE << 56 | 3 << 22, byte=5, size=8),
+)  # fmt: skip
+"""No time has its upper two bits set, and polarities are 0 or 1: the word at byte 5 tells."""
+FAERY_8 = Layout(8, t=Field(0, 32), x=Field(0, 16, byte=4), y=Field(17, 15, byte=4), p=Field(16, 1, byte=4))
+
+
+def _spif(events: Events, size: int, timed: bool) -> Iterator[Any]:
+    if timed:
+        return _cut(encoded(SPIF, events).view("V8")[:, 0], size)
+    words = encoded(SPIF._replace(size=4, t=Field(0, 0)), events).view("<u4")
+    return _cut(words[:, 0] | np.uint32(1 << 31), size)
+
+
+def _faery13(events: Events, size: int) -> Iterator[Any]:
+    if len(events) and events.t[0] < 0:
+        raise ModelError(f"format 'faery13': found an event at {events.t[0]} us: expected times from 0 us on")
+    return _cut(events.records().view("V13"), size)
+
+
+def _faery8(events: Events, size: int) -> Iterator[Any]:
+    return _cut(encoded(FAERY_8, events).view("V8")[:, 0], size)
+
+
+_PERIOD_3 = 1 << 24
+_BEAT = 1 << 22
+"""At least so often, us, a TIME_HIGH is sent, so that a receiver counts all wraps."""
+_LONGEST = 1 << 32
+"""A longer silence, us, would need too many of them."""
+_EVENT_BYTES = 8
+"""An event takes at most so many bytes, in `encode3`: time (two words), row and column."""
+
+
+def _evt3() -> Encoder:
+    """Datagrams that each begin with time and row, so that one that is lost harms no other."""
+    last: int | None = None
+
+    def encode(events: Events, size: int) -> Iterator[Any]:
+        nonlocal last
+        silent = np.flatnonzero(np.diff(events.t, prepend=events.t[:1]) > _BEAT)
+        for begin, end in pairwise([0, *silent, len(events)]):
+            for k in range(begin, end, max(1, size // _EVENT_BYTES)):
+                part = events[k : min(end, k + size // _EVENT_BYTES)]
+                first = int(part.t[0])
+                if last is not None and first - last > _LONGEST:
+                    silence = f"{(first - last) / 1e6:.0f} s without events before {first} us"
+                    raise ModelError(f"format 'raw-evt3': found {silence}: expected at most {_LONGEST / 1e6:.0f} s")
+                beats = np.arange(first if last is None else last + _BEAT, first, _BEAT) >> 12
+                yield from _cut((evt_kernels.TIME_HIGH << 12 | beats & 0xFFF).astype("<u2"), size)
+                since = part.t - first // _PERIOD_3 * _PERIOD_3
+                words = np.empty(4 * len(part) + 2 * (int(since[-1]) // _PERIOD_3) + 1, "<u2")
+                n = evt_kernels.encode3(since, part.x, part.y, part.p, np.full(2, -1, np.int64), words)
+                last = int(part.t[-1])
+                yield words[:n].data.cast("B")
+
+    return encode
+
+
+AESTREAM = 512
+"""Bytes of the datagrams of aestream, which reads no more of one."""
+_32 = 1 << 32
+
+CODINGS = {
+    coding.name: coding
+    for coding in (
+        Coding(
+            "spif", "SPIF, words of 32 bits, with times or without; sent without",
+            partial(_Plain, SPIF, 4), lambda: partial(_spif, timed=False), _32, 1 << 15, AESTREAM,
+        ),
+        Coding(
+            "spif-timed", "SPIF, sent with times: two words of 32 bits",
+            partial(_Plain, SPIF, 4), lambda: partial(_spif, timed=True), _32, 1 << 15, AESTREAM,
+        ),
+        Coding(
+            "faery13", "faery's t64_x16_y16_on8, 13 bytes",
+            partial(_Plain, FAERY_13, 13), lambda: _faery13, 0, 1 << 16,
+        ),
+        Coding(
+            "faery8", "faery's t32_x16_y15_on1, 8 bytes",
+            partial(_Plain, FAERY_8, 8), lambda: _faery8, _32, 1 << 15,
+        ),
+        Coding("raw-evt3", "Prophesee's EVT 3.0, words of 16 bits", _Evt3, _evt3, 0, 1 << 11),
+    )
+}  # fmt: skip
+"""By name."""
+
+
+_LARGEST = 1 << 24
+"""No packet is longer; a damaged length must not fill the memory."""
+
+
+def received_header(sock: socket.socket, url: str) -> tuple[Header, int, tuple[int, int]]:
+    """Read the header of a connection: it, the number of its stream of events, and the sensor.
+
+    Raises:
+        ModelError: this is no header, or lists no events.
+        OSError: it does not come.
+    """
+    size = U32.unpack(_exactly(sock, 4, url))[0]
+    if size > HEADER_LIMIT:
+        raise ModelError(f"{url}: does not send AEDAT 4: its header would have {size} bytes")
+    try:
+        header = read_header(_exactly(sock, size, url))
+        for number, stream in header.streams.items():
+            if stream["type"] == "events" and "width" in stream:
+                return header, number, (stream["width"], stream["height"])
+    except Malformed as error:
+        raise ModelError(f"{url}: does not send AEDAT 4: {error}") from None
+    raise ModelError(f"{url}: sends no events: expected a stream of type EVTS with a sensor")
+
+
+def _exactly(sock: socket.socket, count: int, url: str) -> bytes:
+    found = b""
+    while len(found) < count:
+        more = sock.recv(count - len(found))
+        if not more:
+            raise ModelError(f"{url}: does not send AEDAT 4: the connection ended within its header")
+        found += more
+    return found
+
+
+class PacketDecoder:
+    """Decodes the bytes of connections as they come; see `neuro.events.streams._codings.Decoder`.
+
+    Args:
+        compression: of the packets, as the header says.
+        wanted: number of the stream of events.
+        broken: called where bytes are no packets; what follows is left out up to the next connection.
+    """
+
+    def __init__(self, compression: str, wanted: int, broken: Callable[[], None]) -> None:
+        self._packets, self._wanted, self._broken = Packets(compression), wanted, broken
+        self._held = bytearray()
+        self._lost = False
+
+    def __call__(
+        self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
+    ) -> tuple[int, Columns, int]:
+        parts: list[Columns] = []
+        damaged = n = 0
+        for entry in range(first, last):
+            row, had = index[entry % len(index)], len(parts)
+            start, size = row[[kernels.START, kernels.SIZE]].tolist()
+            if not size:
+                damaged += bool(self._held)
+                self._held.clear()
+                self._lost = False
+            elif not self._lost:
+                self._held += ring[start : start + size].data
+                try:
+                    self._take(parts)
+                except Damage:
+                    damaged += 1
+                    self._lost = True
+                    self._held.clear()
+                    self._broken()
+            n += sum(len(each[0]) for each in parts[had:])
+            row[kernels.EVENTS] = n
+        columns = parts[0] if len(parts) == 1 else joined_columns(parts)
+        return n, columns, damaged
+
+    def _take(self, parts: list[Columns]) -> None:
+        """Take all whole packets."""
+        at = 0
+        try:
+            while len(self._held) - at >= ENTRY.size:
+                stream, size = ENTRY.unpack_from(self._held, at)
+                if not 0 <= size <= _LARGEST:
+                    raise Damage(f"a packet of {size} bytes", None)
+                end = at + ENTRY.size + size
+                if len(self._held) < end:
+                    return
+                if stream == self._wanted:
+                    parts.append(self._events(np.frombuffer(self._held[end - size : end], np.uint8)))
+                at = end
+        finally:
+            del self._held[:at]
+
+    def _events(self, data: NDArray[np.uint8]) -> Columns:
+        plain, start, count = self._packets.events(data, 0)
+        columns = empty_columns(count)
+        aedat4_kernels.split(np.frombuffer(plain, np.uint8), start, count, 0, *columns)
+        return columns
+
+
+def sent_packets(events: Events) -> bytes:
+    """Events as packets."""
+    parts = [packet(events[k : k + PACKET]) for k in range(0, len(events), PACKET)]
+    return b"".join(ENTRY.pack(0, len(data)) + data for data in parts)

@@ -1,0 +1,14 @@
+"""A page in a browser on a network while it runs; needs the extra `live`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from neuro.apps import public_names
+
+if TYPE_CHECKING:
+    from neuro_live.page import Page as Page
+
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__, __all__ = public_names(__name__, __file__)

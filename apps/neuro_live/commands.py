@@ -1,0 +1,307 @@
+"""Requests of browsers, and the pace that they set.
+
+A request has numbers and names of parts, each checked; nothing of it is code or a path.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import tempfile
+import time
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from neuro import ModelError, Simulation
+from neuro.apps import Floats, Quantity, check, driver, outgoing, unknown
+from neuro_live.beside import Beside
+from neuro_live.facts import is_signal, present, settable_words, sliders
+from neuro_live.frames import Frames
+
+LATE_S = 0.2
+"""A run that is later than this is not caught up with: it goes on from where it is."""
+SPEED = Quantity(doc="times real time", above=0.0, infinite=True)
+
+
+class Pace:
+    """Says how long to wait.
+
+    Args:
+        speed: times real time; infinite as fast as it can.
+
+    Attributes:
+        paused: whether it waits for `pause(False)` or `step`.
+    """
+
+    def __init__(self, speed: float) -> None:
+        self.speed, self.paused = speed, False
+        self._steps = 0
+        self._began: tuple[float, float] | None = None
+
+    def set(self, speed: float) -> None:
+        """Go on at another speed."""
+        self.speed, self._began = speed, None
+
+    def pause(self, paused: bool) -> None:
+        """Wait, or go on."""
+        self.paused, self._steps, self._began = paused, 0, None
+
+    def step(self) -> None:
+        """Pause, but let one stretch more be run."""
+        if not self.paused:
+            self.pause(True)
+        self._steps += 1
+
+    def begin(self) -> None:
+        """The time of the network was set."""
+        self._began = None
+
+    def wait_s(self, ms: float) -> float:
+        """How long to wait, at most, before the network runs on from a time; 0 or less: not at all."""
+        if self.paused:
+            if not self._steps:
+                return math.inf
+            self._steps -= 1
+            return 0.0
+        now = time.perf_counter()
+        if self._began is None or math.isinf(self.speed):
+            self._began = now, ms
+        wait = self._began[0] + (ms - self._began[1]) * 1e-3 / self.speed - now
+        if wait < -LATE_S:
+            self._began = now, ms
+        return wait
+
+
+Asked = dict[str, Any]
+Answer = tuple[dict[str, Any], bytes]
+
+LARGEST_FILE = 256 << 20
+"""Bytes of a state that a browser may fetch."""
+MOST_OWED_S, PAID = 1.0, 0.2
+"""Seconds that commands may take at once, and the share of the time in which that is made up for."""
+_NAME = Quantity(kind="name")
+_NUMBER = Quantity()
+_NEURON = Quantity(kind="integer", at_least=0)
+_SEED = Quantity(kind="integer", at_least=0)
+_FLAG = Quantity(kind="boolean")
+
+
+class Steered(Protocol):
+    """What of a page is asked for here."""
+
+    sim: Simulation
+    pace: Pace | None
+    restart: Callable[[int], Simulation] | None
+    frames: Frames
+    beside: Beside
+
+    def begin(self) -> None:
+        """The simulation is at another time."""
+
+    def show_again(self, seed: int) -> None:
+        """Begin anew with another seed."""
+
+    def look_again(self, *projections: int) -> None:
+        """Read weights anew."""
+
+    def keep(self, key: str, what: dict[str, Any]) -> None:
+        """Tell all browsers."""
+
+    def tell_value(self, part: str, word: str, values: Floats) -> None:
+        """Tell what a parameter is now."""
+
+    def tell_state(self) -> None:
+        """Tell what can be changed of the run."""
+
+
+class Commands:
+    """Does what browsers ask for, between two stretches of a run.
+
+    Args:
+        page: has the simulation.
+    """
+
+    def __init__(self, page: Steered) -> None:
+        self._page, self._sim = page, page.sim
+        self._owed, self._since = 0.0, time.monotonic()
+        self._before: dict[str, dict[int, Floats]] = {}
+        paced = ("pause", "resume", "step", "speed", "reset") if page.pace is not None else ()
+        seeds = ("seed",) if page.restart is not None else ()
+        names = (
+            *paced,
+            *seeds,
+            "sliders",
+            "set",
+            "silence",
+            "restore",
+            "activate",
+            "watch",
+            "curve",
+            "save",
+            "network",
+        )
+        self._known: dict[str, Callable[[Asked], Answer | None]] = {name: getattr(self, f"_{name}") for name in names}
+
+    @property
+    def silenced(self) -> list[str]:
+        """The populations that were silenced."""
+        return list(self._before)
+
+    def answer(self, asked: Asked) -> Answer:
+        """Do it; the reply, and a file if one is asked for."""
+        number, began = asked.get("id", 0), time.monotonic()
+        self._owed = max(0.0, self._owed - (began - self._since) * PAID)
+        try:
+            name = check(_NAME, asked.get("do"), "do")
+            if name not in self._known:
+                raise unknown("command", name, self._known)
+            if self._owed > MOST_OWED_S:
+                raise ModelError("too much was asked for at once, which holds the simulation up: try again later")
+            head, body = self._known[name](asked) or ({}, b"")
+            return {"id": number, **head}, body
+        except ModelError as error:
+            hint = f" ({error.hint})" if error.hint else ""
+            return {"id": number, "error": f"{error.message}{hint}"}, b""
+        finally:
+            self._since = time.monotonic()
+            self._owed = min(2.0 * MOST_OWED_S, self._owed + self._since - began)
+
+    # the run
+
+    def _pause(self, asked: Asked) -> None:
+        self._paused(True)
+
+    def _resume(self, asked: Asked) -> None:
+        self._paused(False)
+
+    def _paused(self, paused: bool) -> None:
+        assert self._page.pace is not None
+        self._page.pace.pause(paused)
+        self._page.tell_state()
+
+    def _step(self, asked: Asked) -> None:
+        assert self._page.pace is not None
+        self._page.pace.step()
+        self._page.tell_state()
+
+    def _speed(self, asked: Asked) -> None:
+        assert self._page.pace is not None
+        speed = check(SPEED, asked.get("value"), "speed")
+        self._page.pace.set(float("inf") if speed >= 1e9 else speed)
+        self._page.tell_state()
+
+    def _reset(self, asked: Asked) -> None:
+        weights = check(_FLAG, asked.get("weights", False), "weights")
+        self._sim.reset(weights=weights)
+        if weights:
+            self._before.clear()
+        self._page.begin()
+        self._page.tell_state()
+
+    def _seed(self, asked: Asked) -> None:
+        self._page.show_again(check(_SEED, asked.get("value"), "seed"))
+
+    # its parts
+
+    def _sliders(self, asked: Asked) -> Answer:
+        return {"sliders": sliders(self._sim, self._part(asked))}, b""
+
+    def _set(self, asked: Asked) -> None:
+        """A parameter of a part, its weight, or a signal."""
+        part, word, sim = self._part(asked), self._text(asked, "word"), self._sim
+        value = asked.get("value")
+        if not isinstance(value, bool):
+            value = check(_NUMBER, value, f"{part}.{word}")
+        known = settable_words(sim, part)
+        if word not in known:
+            raise unknown("parameter", word, known).at(None, f"'{part}'")
+        if is_signal(sim, part):
+            sim.signal(part, value)
+            self._page.tell_value(part, word, np.array([value]))
+            return
+        sim.set(part, {word: value})
+        self._page.tell_value(part, word, present(sim, part, word))
+        if word == "weight":
+            self._page.look_again(sim.handles.projection(part))
+
+    def _silence(self, asked: Asked) -> None:
+        part = self._population(asked)
+        if part in self._before:
+            return
+        concerned = outgoing(self._sim.program, self._sim.handles.neurons(part))
+        before = {index: self._sim._engine.get_synapses(index, "weight") for index in concerned}
+        self._sim.silence(part)
+        self._before[part] = before
+        self._page.look_again(*concerned)
+        self._page.tell_state()
+
+    def _restore(self, asked: Asked) -> None:
+        """The weights that they had when they were silenced."""
+        part = self._population(asked)
+        for index, weights in self._before.pop(part, {}).items():
+            self._sim.set_weights(self._sim.program.projections[index].name, weights)
+            self._page.look_again(index)
+        self._page.tell_state()
+
+    def _activate(self, asked: Asked) -> None:
+        part = self._population(asked)
+        self._sim.activate(part, check(_NUMBER, asked.get("rate"), "rate"))
+        generators = driver(self._sim.program, self._sim.handles.neurons(part)).part.name
+        self._page.tell_value(generators, "rate", self._sim.get(generators, "rate"))
+
+    def _watch(self, asked: Asked) -> None:
+        neuron = check(_NEURON, asked.get("neuron"), "neuron")
+        self._page.frames.watch(self._population(asked), neuron, self._text(asked, "state"))
+        self._page.tell_state()
+
+    def _curve(self, asked: Asked) -> None:
+        self._page.beside.curve(self._population(asked), check(_NEURON, asked.get("neuron"), "neuron"))
+
+    # files
+
+    def _save(self, asked: Asked) -> Answer:
+        with tempfile.TemporaryDirectory(prefix="neuro-live-") as folder:
+            path = Path(folder) / "state.h5"
+            self._sim.save(path)
+            if path.stat().st_size > LARGEST_FILE:
+                message = f"the state has {path.stat().st_size:,} bytes: expected at most {LARGEST_FILE:,}"
+                raise ModelError(message, hint="sim.save(path) writes it where the simulation runs")
+            return {"file": f"{self._sim.program.name}-{self._sim.time:g}ms.h5"}, path.read_bytes()
+
+    def _network(self, asked: Asked) -> Answer:
+        """As YAML, with what it has learnt; where it has large arrays a zip of both files."""
+        name = self._sim.program.name
+        with tempfile.TemporaryDirectory(prefix="neuro-live-") as folder:
+            self._sim.network().save(Path(folder) / "network.yaml")
+            files = sorted(Path(folder).iterdir())
+            if len(files) == 1:
+                return {"file": f"{name}.yaml"}, files[0].read_bytes()
+            packed = io.BytesIO()
+            with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+                for file in files:
+                    archive.write(file, file.name)
+            return {"file": f"{name}.zip"}, packed.getvalue()
+
+    # what was sent
+
+    def _text(self, asked: Asked, word: str) -> str:
+        name: str = check(_NAME, asked.get(word), word)
+        return name
+
+    def _population(self, asked: Asked) -> str:
+        name, known = self._text(asked, "population"), [part.name for part in self._sim.program.populations]
+        if name not in known:
+            raise unknown("population", name, known)
+        return name
+
+    def _part(self, asked: Asked) -> str:
+        """The name of a population, projection or signal: no view, which is written as a text, too."""
+        program, name = self._sim.program, self._text(asked, "part")
+        known = [part.name for part in (*program.populations, *program.projections, *program.signals)]
+        if name not in known:
+            raise unknown("part", name, known)
+        return name

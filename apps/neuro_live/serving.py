@@ -1,0 +1,283 @@
+"""The process that serves the page: `python -m neuro_live.serving DESCRIPTOR`, started by `neuro_live.page`.
+
+It knows nothing of networks. To browsers it gives four files and the messages of the network's process; from them it
+takes small messages, which it passes on. Everything is bounded: a browser that reads slowly misses frames, one that
+sends too much is closed, and the network's process is sent no more than it reads.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+import logging
+import signal
+import socket
+import sys
+import time
+from collections import deque
+from contextlib import suppress
+from http import HTTPStatus
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Any
+
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from neuro.apps import html
+from neuro_live.channel import SIZES, Head, packed
+
+MOST_CLIENTS = 16
+LONGEST_MESSAGE = 4096
+"""Bytes of a message from a browser."""
+MESSAGES_PER_S = 60.0
+BURST = 120.0
+WAITING = 1 << 16
+"""Bytes that may wait for the network's process; beyond, a browser is asked to try again."""
+REPLIES, MOST_WAITING = 64, 64 << 20
+"""Answers, and bytes of these, that wait for a browser."""
+OPEN_S = 5.0
+
+_FOLDER = Path(__file__).parent
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    "Content-Security-Policy": _POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+
+class Client:
+    """A browser: what it is to be sent, and how much it has sent of late.
+
+    Args:
+        connection: the WebSocket.
+        kept: the messages that hold now, by key.
+    """
+
+    def __init__(self, connection: ServerConnection, kept: dict[str, str]) -> None:
+        self.connection = connection
+        self._kept, self._frame = dict(kept), b""
+        self._replies: deque[str | bytes] = deque(maxlen=REPLIES)
+        self._wake = asyncio.Event()
+        self._wake.set()
+        self._allowed, self._since = BURST, time.monotonic()
+
+    def keep(self, key: str, text: str, fresh: bool) -> None:
+        """Send a message in the place of the one of that key which waits, or of all."""
+        if fresh:
+            self._kept.clear()
+        self._kept[key] = text
+        self._wake.set()
+
+    def frame(self, frame: bytes) -> None:
+        """Send a frame in the place of the one that waits."""
+        self._frame = frame
+        self._wake.set()
+
+    def reply(self, reply: str | bytes) -> None:
+        """Send an answer to what it asked, unless those before it are not fetched."""
+        if sum(map(len, self._replies)) < MOST_WAITING:
+            self._replies.append(reply)
+        self._wake.set()
+
+    async def send(self) -> None:
+        """Send what there is, as fast as the browser reads, until it is gone."""
+        with suppress(ConnectionClosed):
+            while True:
+                await self._wake.wait()
+                self._wake.clear()
+                while self._replies:
+                    await self.connection.send(self._replies.popleft())
+                while self._kept:
+                    await self.connection.send(self._kept.pop(next(iter(self._kept))))
+                if self._frame:
+                    frame, self._frame = self._frame, b""
+                    await self.connection.send(frame)
+
+    def too_many(self) -> bool:
+        """Whether one message more is more than may come."""
+        now = time.monotonic()
+        self._allowed = min(BURST, self._allowed + (now - self._since) * MESSAGES_PER_S) - 1.0
+        self._since = now
+        return self._allowed < 0.0
+
+
+class Server:
+    """Serves one network to several browsers.
+
+    Args:
+        settings: host, port and token.
+        reader: messages of the network's process.
+        writer: to it.
+    """
+
+    def __init__(self, settings: Head, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._host, self._port = str(settings["host"]), int(settings["port"])
+        self._secret = f"/{settings['token']}/".encode()
+        self._reader, self._writer = reader, writer
+        self._clients: dict[int, Client] = {}
+        self._kept: dict[str, str] = {}
+        self._number = 0
+        style = html.player_style() + "\n" + (_FOLDER / "page.css").read_text("utf-8")
+        self._files = {
+            "": ("text/html", (_FOLDER / "page.html").read_bytes()),
+            "page.css": ("text/css", style.encode()),
+            **{name: ("text/javascript", (_FOLDER / name).read_bytes()) for name in ("graph.js", "page.js")},
+        }
+
+    async def run(self) -> None:
+        """Serve until the network's process ends."""
+        try:
+            server = await serve(
+                self._meet,
+                self._host,
+                self._port,
+                process_request=self._judge,
+                compression=None,
+                max_size=LONGEST_MESSAGE,
+                max_queue=4,
+                open_timeout=OPEN_S,
+                close_timeout=1.0,
+                server_header=None,
+            )
+        except (OSError, OverflowError) as error:
+            self._tell({"error": str(error)})
+            await self._writer.drain()
+            return
+        self._port = next(iter(server.sockets)).getsockname()[1]
+        self._tell({"port": self._port})
+        try:
+            await self._listen()
+        finally:
+            server.close(close_connections=True)
+
+    # to and from the network's process
+
+    def _tell(self, head: Head) -> None:
+        self._writer.write(packed(head))
+
+    async def _listen(self) -> None:
+        while True:
+            try:
+                head_size, body_size = SIZES.unpack(await self._reader.readexactly(SIZES.size))
+                text = (await self._reader.readexactly(head_size)).decode()
+                body = await self._reader.readexactly(body_size)
+            except (asyncio.IncompleteReadError, ConnectionError):
+                return
+            head = json.loads(text)
+            if "keep" in head:
+                if head["fresh"]:
+                    self._kept.clear()
+                self._kept[head["keep"]] = text
+                for client in self._clients.values():
+                    client.keep(head["keep"], text, head["fresh"])
+            elif "to" in head:
+                if asking := self._clients.get(head.pop("to")):
+                    asking.reply(packed(head, body) if body else json.dumps(head))
+            else:
+                frame = SIZES.pack(head_size, body_size) + text.encode() + body
+                for client in self._clients.values():
+                    client.frame(frame)
+                if self._clients:
+                    self._tell({"want": True, "new": False, "first": False})
+
+    # to and from browsers
+
+    def _judge(self, connection: ServerConnection, request: Request) -> Response | None:
+        """The file that is asked for, a refusal, or None for what may become a WebSocket."""
+        if not self._is_here(request.headers):
+            return _response(HTTPStatus.FORBIDDEN)
+        path = request.path.encode()
+        begin, name = path[: len(self._secret)], path[len(self._secret) :].decode()
+        if getattr(request, "method", "GET") != "GET" or not hmac.compare_digest(begin, self._secret):
+            return _response(HTTPStatus.NOT_FOUND)
+        if name == "socket":
+            if request.headers.get_all("Origin") != [f"http://{request.headers['Host']}"]:  # not the page itself
+                return _response(HTTPStatus.FORBIDDEN)
+            return _response(HTTPStatus.SERVICE_UNAVAILABLE) if len(self._clients) >= MOST_CLIENTS else None
+        if name not in self._files:
+            return _response(HTTPStatus.NOT_FOUND)
+        kind, content = self._files[name]
+        return _response(HTTPStatus.OK, f"{kind}; charset=utf-8", content)
+
+    def _is_here(self, headers: Headers) -> bool:
+        """Whether a request names this server: by its host, or by an address, which no name server can give away."""
+        hosts = headers.get_all("Host")
+        name, _, port = hosts[0].rpartition(":") if len(hosts) == 1 else ("", "", "")
+        return port == str(self._port) and (name in ("localhost", self._host) or _is_address(name.strip("[]")))
+
+    async def _meet(self, connection: ServerConnection) -> None:
+        if len(self._clients) >= MOST_CLIENTS:
+            await connection.close(1013, "too many browsers")
+            return
+        self._number += 1
+        number, client = self._number, Client(connection, self._kept)
+        self._tell({"want": True, "new": True, "first": not self._clients})
+        self._clients[number] = client
+        sending = asyncio.ensure_future(client.send())
+        try:
+            async for message in connection:
+                if client.too_many():
+                    await connection.close(1008, "too many messages")
+                    return
+                self._take(number, client, message)
+        except ConnectionClosed:
+            pass
+        finally:
+            sending.cancel()
+            del self._clients[number]
+
+    def _take(self, number: int, client: Client, message: str | bytes) -> None:
+        """Pass on what a browser asks for, if it is a small object of JSON."""
+        try:
+            asked = json.loads(message) if isinstance(message, str) else None
+        except (ValueError, RecursionError):
+            asked = None
+        if not isinstance(asked, dict) or not all(isinstance(v, str | int | float | None) for v in asked.values()):
+            client.reply(json.dumps({"error": "expected an object of JSON with texts and numbers", "id": 0}))
+        elif self._writer.transport.get_write_buffer_size() > WAITING:
+            client.reply(json.dumps({"error": "the simulation is busy: try again", "id": asked.get("id", 0)}))
+        else:
+            self._tell({"asked": asked, "of": number})
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _response(status: HTTPStatus, kind: str = "text/plain", content: bytes = b"") -> Response:
+    content = content or f"{status.phrase}\n".encode()
+    length = {"Content-Type": kind, "Content-Length": str(len(content)), "Connection": "close"}
+    return Response(status.value, status.phrase, Headers({**_HEADERS, **length}), content)
+
+
+async def _serve(end: socket.socket) -> None:
+    reader, writer = await asyncio.open_connection(sock=end)
+    head, body = SIZES.unpack(await reader.readexactly(SIZES.size))
+    settings: dict[str, Any] = json.loads(await reader.readexactly(head + body))
+    await Server(settings, reader, writer).run()
+
+
+def main() -> None:
+    """Serve until the socket of the descriptor is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    logging.disable()
+    asyncio.run(_serve(socket.socket(fileno=int(sys.argv[1]))))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+from neuro_events.dvs import *

@@ -1,8 +1,0 @@
-"""Events by the network: received while a program runs, and sent at their own pace."""
-
-from __future__ import annotations
-
-from neuro.events.streams._listener import Listener, OfStream, StreamCounts, check_stream, listen
-from neuro.events.streams._sender import Sent, send
-
-__all__ = ["Listener", "OfStream", "Sent", "StreamCounts", "check_stream", "listen", "send"]

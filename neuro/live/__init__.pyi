@@ -1,0 +1,1 @@
+from neuro_live import Page as Page
