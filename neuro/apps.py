@@ -23,25 +23,28 @@ if TYPE_CHECKING:
         Set as Set,
         assignments as assignments,
         at_least as at_least,
+        milliseconds as milliseconds,
+        option as option,
         resumable as resumable,
         seeds as seeds,
         whole as whole,
         with_settings as with_settings,
     )
-    from neuro.core import hdf5 as hdf5, html as html, player as player
-    from neuro.core.checks import check as check, check_fields as check_fields
-    from neuro.core.clock import Clock as Clock
-    from neuro.core.errors import Where as Where, unknown as unknown
+    from neuro.core import hdf5 as hdf5, html as html, keyed_random as keyed_random, player as player, tables as tables
+    from neuro.core.checks import check as check, check_fields as check_fields, is_number as is_number
+    from neuro.core.clock import NEVER as NEVER, Clock as Clock
+    from neuro.core.errors import Where as Where, some as some, unknown as unknown
     from neuro.core.extension import extensions as extensions, run_extensions as run_extensions
-    from neuro.core.extras import install as install
+    from neuro.core.extras import install as install, needed as needed
     from neuro.core.grid import GridJob as GridJob, JobResults as JobResults, grid as grid
-    from neuro.core.inputs import record_input as record_input
+    from neuro.core.inputs import existing as existing, file_path as file_path, record_input as record_input
     from neuro.core.outputs import (
         Kind as Kind,
         Unwritable as Unwritable,
         check_output as check_output,
         kept_json as kept_json,
         make_folder as make_folder,
+        marked as marked,
         output as output,
         sealed as sealed,
         write_picture as write_picture,
@@ -53,6 +56,7 @@ if TYPE_CHECKING:
     from neuro.core.quantities import Quantity as Quantity
     from neuro.core.registry import Registry as Registry
     from neuro.core.settings import Part as Part, Settings as Settings, part as part, setting as setting
+    from neuro.core.system import only_on_linux as only_on_linux
     from neuro.core.tables import console as console, echo as echo, table as table
     from neuro.core.values import literal as literal
     from neuro.files.state import Checkpoint as Checkpoint, fingerprint as fingerprint

@@ -26,7 +26,6 @@ LAYERS = (
     "run",
     "realtime",
     "compare",
-    "exchange",
     "readout",
     "live",
     "sweeps",
@@ -43,7 +42,7 @@ PUBLIC = {
 """Modules whose names are promised; `neuro.events` has public modules of its own, without a `_`."""
 PUBLIC_OF_BACKENDS = {"neuro_torch", "neuro_torch.losses", "neuro_torch.surrogates"}
 """What apps may take of backends: networks as modules. The others they name only, to `neuro.compile`."""
-APPS = ("neuro_bench", "neuro_drone", "neuro_recognise", "neuro_remus", "neuro_train")
+APPS = ("neuro_bench", "neuro_drone", "neuro_exchange", "neuro_recognise", "neuro_remus", "neuro_train")
 TEMPLATES = ROOT / "neuro" / "cli" / "templates"
 """Scripts that `neuro new` copies: files of users, no modules of ours."""
 

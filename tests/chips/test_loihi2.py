@@ -18,10 +18,10 @@ from neuro.chips.loihi2 import dropped
 from neuro.cli.commands import app
 from neuro.compare import loihi_rules
 from neuro.core.errors import ModelError
-from neuro.exchange.netx import examine_netx
 from neuro.results import read
 from neuro.run.saved import present
 from neuro.testing.verify import verify
+from neuro_exchange.netx import examine_netx
 
 
 @pytest.fixture(scope="module")

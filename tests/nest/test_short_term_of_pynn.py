@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from neuro.exchange.pynn.cells import effects
+from neuro_exchange.pynn.cells import effects
 
 pytestmark = pytest.mark.usefixtures("nest")
 
