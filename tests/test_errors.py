@@ -52,6 +52,7 @@ INSIDE = {
     ("AttributeError", "neuro/core/lazy.py"): "asked for by Python of a module",
     ("NotImplementedError", "neuro/"): "of a method that subclasses have",
     ("NotImplementedError", "apps/neuro_bench/"): "of a method that subclasses have",
+    ("NotImplementedError", "apps/neuro_exchange/"): "of a method that subclasses have",
     ("TypeError", "apps/neuro_bench/"): "of what is no task or method; a registry tells it as ModelError",
     ("TypeError", "neuro/model/"): "of a class that is no model; a registry tells it as ModelError",
     ("TypeError", "neuro/core/registry.py"): "likewise",

@@ -212,7 +212,7 @@ class Gathered:
                 if np.any(shape != np.rint(shape)):
                     raise Incomplete("SpikeSourceGamma: 'alpha' is no whole number")
                 numbers: dict[str, Any] = {"gamma_shape": shared(shape.astype(int)), "rate": shared(rate)}
-                return gamma_sup_generator(**numbers, **self._window(values))
+                return gamma_sup_generator(**numbers | self._window(values))
             case "SpikeSourcePoissonVariable":
                 times = [np.asarray(one.value) for one in values["starts"]]
                 rates = np.array([one.value for one in values["rates"]])
