@@ -29,15 +29,6 @@ if TYPE_CHECKING:
     from neuro.diagnosis.diagnosis import Diagnosis as Diagnosis
     from neuro.diagnosis.doctor import doctor as doctor
     from neuro.diagnosis.findings import Finding as Finding
-    from neuro.exchange.c_code.export import CCode as CCode, save_c as save_c
-    from neuro.exchange.netx import from_netx as from_netx
-    from neuro.exchange.nir.exporting import to_nir as to_nir
-    from neuro.exchange.nir.importing import check_nir as check_nir, from_nir as from_nir
-    from neuro.exchange.nir.torch_modules import from_torch as from_torch
-    from neuro.exchange.pynn.read import from_pynn as from_pynn
-    from neuro.exchange.pynn.write import to_pynn as to_pynn
-    from neuro.exchange.sonata import save_sonata as save_sonata
-    from neuro.exchange.verdict import Verdict as Verdict, Verdicts as Verdicts
     from neuro.model.distributions import lognormal as lognormal, normal as normal, uniform as uniform
     from neuro.model.equations import equations as equations
     from neuro.model.language import load as load
@@ -104,6 +95,15 @@ if TYPE_CHECKING:
     from neuro.sweeps.function import Pruned as Pruned, report_step as report_step
     from neuro.sweeps.table import SweepTable as SweepTable
     from neuro.sweeps.trials import TuneTable as TuneTable
+    from neuro_exchange.c_code.export import CCode as CCode, save_c as save_c
+    from neuro_exchange.netx import from_netx as from_netx
+    from neuro_exchange.nir.exporting import to_nir as to_nir
+    from neuro_exchange.nir.importing import check_nir as check_nir, from_nir as from_nir
+    from neuro_exchange.nir.torch_modules import from_torch as from_torch
+    from neuro_exchange.pynn.read import from_pynn as from_pynn
+    from neuro_exchange.pynn.write import to_pynn as to_pynn
+    from neuro_exchange.sonata import save_sonata as save_sonata
+    from neuro_exchange.verdict import Verdict as Verdict, Verdicts as Verdicts
 
 
 def _registered(name: str) -> object:

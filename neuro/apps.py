@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         at_least as at_least,
         group as group,
         milliseconds as milliseconds,
+        option as option,
         refuse_unused as refuse_unused,
         resumable as resumable,
         seeds as seeds,
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from neuro.cli.run import Record as Record, keep_spikes as keep_spikes
     from neuro.compiler import compile_network as compile_network
     from neuro.compiler.inputs import CameraInput as CameraInput
-    from neuro.core import hdf5 as hdf5, html as html, player as player
+    from neuro.core import hdf5 as hdf5, html as html, keyed_random as keyed_random, player as player, tables as tables
     from neuro.core.checks import (
         argument as argument,
         check as check,
@@ -45,13 +46,18 @@ if TYPE_CHECKING:
         is_number as is_number,
         refuse_masked as refuse_masked,
     )
-    from neuro.core.clock import Clock as Clock
-    from neuro.core.errors import Where as Where, unknown as unknown
+    from neuro.core.clock import NEVER as NEVER, Clock as Clock
+    from neuro.core.errors import Where as Where, some as some, unknown as unknown
     from neuro.core.extension import extensions as extensions, run_extensions as run_extensions
     from neuro.core.extras import LazyModule as LazyModule, app as app, install as install, needed as needed
     from neuro.core.grid import GridJob as GridJob, JobResults as JobResults, grid as grid
     from neuro.core.hints import near as near
-    from neuro.core.inputs import CLOSED as CLOSED, file_path as file_path, record_input as record_input
+    from neuro.core.inputs import (
+        CLOSED as CLOSED,
+        existing as existing,
+        file_path as file_path,
+        record_input as record_input,
+    )
     from neuro.core.interrupts import ending_by as ending_by
     from neuro.core.keyed_random import key as key
     from neuro.core.lazy import public_names as public_names
@@ -82,6 +88,7 @@ if TYPE_CHECKING:
     from neuro.core.quantities import Quantity as Quantity
     from neuro.core.registry import Registry as Registry
     from neuro.core.settings import Part as Part, Settings as Settings, part as part, setting as setting
+    from neuro.core.system import only_on_linux as only_on_linux
     from neuro.core.tables import Table as Table, as_html as as_html, console as console, echo as echo, table as table
     from neuro.core.values import literal as literal, same as same
     from neuro.files.results import KIND as KIND

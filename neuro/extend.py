@@ -13,6 +13,7 @@ from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
     from neuro.chips.description import Chip as Chip, Figure as Figure, Mesh as Mesh
+    from neuro.compiler.resolve import compile_network as compile_network
     from neuro.core.errors import ModelError as ModelError
     from neuro.core.quantities import Value as Value, quantity as quantity
     from neuro.core.registry import register as register
@@ -36,8 +37,9 @@ if TYPE_CHECKING:
         from_exponential as from_exponential,
         leak as leak,
     )
-    from neuro.model.rules import Rule as Rule
+    from neuro.model.rules import Rule as Rule, out_size as out_size, synapses_of as synapses_of
     from neuro.model.space import Profile as Profile
+    from neuro.model.synapses import loihi_rule as loihi_rule
     from neuro.model.synapses.base import (
         K_MINUS as K_MINUS,
         K_PLUS as K_PLUS,
@@ -59,7 +61,14 @@ if TYPE_CHECKING:
         Spikes as Spikes,
         Trial as Trial,
     )
-    from neuro.program.program import Program as Program
+    from neuro.program.program import (
+        Floats as Floats,
+        Grid as Grid,
+        Ints as Ints,
+        Population as Population,
+        Program as Program,
+        Projection as Projection,
+    )
     from neuro_events._events import Events as Events
     from neuro_events.filters import Filter as Filter, Sieve as Sieve
     from neuro_events.formats import (

@@ -27,7 +27,6 @@ LAYERS = (
     "run",
     "realtime",
     "compare",
-    "exchange",
     "readout",
     "sweeps",
     "rerun",
@@ -43,7 +42,16 @@ PUBLIC = {
 """Modules whose names are promised, beside those of `PACKAGES`, which have modules of their own without a `_`."""
 PUBLIC_OF_BACKENDS = {"neuro_torch", "neuro_torch.losses", "neuro_torch.surrogates"}
 """What apps may take of backends: networks as modules. The others they name only, to `neuro.compile`."""
-APPS = ("neuro_bench", "neuro_drone", "neuro_events", "neuro_live", "neuro_recognise", "neuro_remus", "neuro_train")
+APPS = (
+    "neuro_bench",
+    "neuro_drone",
+    "neuro_events",
+    "neuro_exchange",
+    "neuro_live",
+    "neuro_recognise",
+    "neuro_remus",
+    "neuro_train",
+)
 TEMPLATES = ROOT / "neuro" / "cli" / "templates"
 """Scripts that `neuro new` copies: files of users, no modules of ours."""
 

@@ -359,9 +359,9 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "apps/neuro_events/cli/making.py",
         "neuro/model/language/writer.py",
         "neuro/core/player.py",
-        "neuro/exchange/pynn/write.py",
-        "neuro/exchange/sonata.py",
-        "neuro/exchange/c_code/export.py",
+        "apps/neuro_exchange/pynn/write.py",
+        "apps/neuro_exchange/sonata.py",
+        "apps/neuro_exchange/c_code/export.py",
     }
     temporary = {
         *("neuro/rerun/__init__.py", "neuro/files/results.py", "apps/neuro_events/formats/rosbag.py"),

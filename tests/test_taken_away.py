@@ -106,6 +106,4 @@ def refused(part: Path) -> list[tuple[str, ...]]:
     points = PROJECT["entry-points"]
     commands = [name for name, home in points["neuro.commands"].items() if home.startswith(f"{part.name}.")]
     backends = [name for name, home in points["neuro.backends"].items() if home.startswith(f"{part.name}:")]
-    return [(name,) for name in commands] + [
-        ("run", "net.yaml", "--for", "5", "--backend", name) for name in backends
-    ]
+    return [(name,) for name in commands] + [("run", "net.yaml", "--for", "5", "--backend", name) for name in backends]

@@ -21,12 +21,15 @@ if TYPE_CHECKING:
         cells as cells,
         footnotes as footnotes,
     )
+    from neuro.chips.fixed import FixedPopulation as FixedPopulation, FixedProjection as FixedProjection
     from neuro.chips.fixed_program import FixedProgram as FixedProgram, filled as filled
-    from neuro.chips.known import chip as chip, chips as chips
+    from neuro.chips.inputs import longest_lag as longest_lag
+    from neuro.chips.known import arithmetic_of as arithmetic_of, chip as chip, chips as chips
+    from neuro.chips.loihi import bounds as bounds
     from neuro.chips.neurobench_report import neurobench as neurobench
     from neuro.chips.placing import Placement as Placement, place as place
     from neuro.chips.pricing import bill as bill, price as price
-    from neuro.chips.quantising import quantise as quantise
+    from neuro.chips.quantising import names_of as names_of, quantise as quantise
 
 
 if not TYPE_CHECKING:

@@ -18,7 +18,6 @@ from typer.core import TyperCommand, TyperGroup
 from neuro.cli.catalogue import backends, models, schema
 from neuro.cli.chips import check, energy, fit, show
 from neuro.cli.compare import compare, verify
-from neuro.cli.convert import convert
 from neuro.cli.doctor import doctor
 from neuro.cli.predict import predict
 from neuro.cli.run import plot, report, rerun, run
@@ -212,7 +211,6 @@ COMMANDS = (
     report,
     compare,
     predict,
-    convert,
     check,
     doctor,
     show,

@@ -171,15 +171,6 @@ def listed(text: str) -> list[str]:
     return names
 
 
-def memory_size(text: str) -> int:
-    """A size of memory in bytes: a whole number, with K or M for 1024 or 1024 x 1024 of them."""
-    units = {"K": 1 << 10, "M": 1 << 20}
-    digits, unit = (text[:-1], units[text[-1]]) if text[-1:] in units else (text, 1)
-    if not digits.isascii() or not digits.isdigit():
-        raise typer.BadParameter(f"'{text}': expected a number of bytes, such as 65536, 64K or 1M")
-    return int(digits) * unit
-
-
 def at_least(least: int) -> Callable[[str], int]:
     """Return a parser of whole numbers that are not less."""
     return lambda text: whole(text, least)

@@ -15,13 +15,15 @@ from neuro.coding.encoders import check_pixels, pixel_spikes
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.values import shown
-from neuro.exchange.nir.nodes import NEVER
 from neuro.model.network import Network
 from neuro.model.neurons import spike_generator
 from neuro.model.parts import AUTO, CENTRED, DECIDED_BY, Population, Readout
 from neuro_events import Events, recordings
 from neuro_events.dataset import UNKNOWN, Sample
 from neuro_events.parts import windowed
+
+_NEVER = 1e20
+"""A threshold in mV above which a neuron counts as one that never fires, as in a graph of NIR."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,7 +144,7 @@ def fires(part: Population) -> bool:
     """Whether any neuron of a population can reach its threshold."""
     threshold = getattr(part.model, "V_th", 0.0)
     values = getattr(threshold, "values", threshold)  # of a file
-    return not isinstance(values, (int, float, np.ndarray)) or bool(np.any(np.asarray(values) < NEVER))
+    return not isinstance(values, (int, float, np.ndarray)) or bool(np.any(np.asarray(values) < _NEVER))
 
 
 def _size(part: Population) -> int:

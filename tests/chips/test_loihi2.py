@@ -1,35 +1,24 @@
-"""Loihi 2: golden cases of lava, networks of lava-dl, graded spikes on all backends that have them."""
+"""Loihi 2: golden cases of lava, graded spikes on all backends that have them."""
 
-import contextlib
 import json
 import warnings
 from importlib.util import find_spec
 
-import h5py
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 import neuro
 import random_loihi2
-from graded import STEPS, network, twin
-from neuro.chips import chip, place, quantise
+from graded import STEPS, network, sent, twin
+from neuro.chips import chip, quantise
 from neuro.chips.loihi2 import dropped
 from neuro.cli.commands import app
 from neuro.compare import loihi_rules
 from neuro.core.errors import ModelError
-from neuro.exchange.netx import examine_netx
 from neuro.results import read
 from neuro.run.saved import present
 from neuro.testing.verify import verify
-
-
-@pytest.fixture(scope="module")
-def lava(request):
-    folder = request.getfixturevalue("shared") / "reference" / "loihi2"
-    if not folder.is_dir():
-        pytest.skip("the traces of lava are not here")
-    return folder
 
 
 def test_every_case_of_a_model_that_is_built(lava):
@@ -48,15 +37,6 @@ def test_a_case_that_cannot_run_leaves_the_others(tmp_path):
     np.savez(tmp_path / "lava.npz", **arrays)
     found = {r.case: (r.ok, r.message.partition(":")[0]) for r in verify(tmp_path)}
     assert found == {"lava: invsqrt": (False, "not built"), "lava: dense": (True, "")}
-
-
-def sent(sim, population):
-    """Payloads or spikes by step and neuron."""
-    part = next(p for p in sim.program.populations if p.name == population)
-    times, ids, numbers = sim.payloads(population) if part.model.graded else (*sim.spikes(population), 1)
-    found = np.zeros((round(sim.time) + 1, part.size), dtype=np.int64)
-    found[np.rint(times).astype(int), ids] = numbers
-    return found
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -280,16 +260,6 @@ def test_a_diagnosis_sees_payloads_that_were_injected():
     assert [found for found in sim.doctor() if found.severity == "fault"] == []
 
 
-def test_other_tools_have_no_payloads(tmp_path):
-    net = graded()
-    with pytest.raises(ModelError) as error:
-        neuro.to_pynn(net, tmp_path / "net.py")
-    assert "graded_spike_train has no counterpart in PyNN" in str(error.value)
-    verdict = neuro.save_sonata(neuro.compile(net), tmp_path / "net.json")["out"]
-    assert verdict.verdict == "approximate"
-    assert verdict.how.endswith("its spikes are written without their payloads")
-
-
 def test_a_weight_of_half_a_unit_is_shifted():
     net = graded()
     net.population("half", 2, neuro.sigma_delta(vth=0, relu=False))
@@ -394,35 +364,6 @@ def test_a_bill_is_a_range_from_0_to_the_ceiling():
     assert "derived, not published" in str(bill)
 
 
-def flat(file):
-    """An array of width, height, channels, time by step and neuron."""
-    array = np.load(file)
-    return array.T.reshape(array.shape[-1], -1).astype(np.int64)
-
-
-def test_pilotnet_in_lif_neurons_takes_intels_cores_and_a_step_is_within_its_measurement(lava):
-    """A calibration, not a prediction: the ceilings follow from 68.3 uJ of dynamic energy a step."""
-    costs = chip("loihi2").costs
-    ends = [3.4e6 * costs["synaptic_op"].high, 158e3 * costs["neuron_update_active"].high]
-    assert ends == pytest.approx([68.3e-6] * 2, rel=0.01)
-    net = neuro.from_netx(lava / "pilotnet_lif" / "network.net", reset=17, first=1)
-    sim = neuro.compile(net, "loihi2")
-    cores = [len(np.unique(own[own >= 0])) for own in place(sim.program, chip("loihi2")).core_of]
-    assert cores[1:6] == [25, 13, 3, 3, 2]  # as printed by its compiler
-    assert cores[6] <= 12  # it cuts this dense layer into more pieces than it must
-    assert cores[7:] == [1, 1, 1]
-    steps, ids = np.nonzero(flat(lava / "pilotnet_lif" / "input.npy"))
-    sim.inject("input", steps + 1.0, ids)
-    sim.run(24.0)
-    bill = sim.energy("loihi2")
-    dynamic = [item for item in bill.items if item.what != "static_per_chip"]
-    counted = {what: sum(i.count for i in dynamic if i.what.startswith(what)) / 24 for what in ("syn", "neuron")}
-    assert counted["syn"] == pytest.approx(2.955e6, rel=1e-3)  # for another frame than the notebook's, of 3.4 million
-    assert counted["neuron"] == 158_509 - 39_600  # the input is the host's here
-    assert sum(i.low for i in dynamic) / 24 <= 68.3e-6 <= sum(i.high for i in dynamic) / 24
-    assert bill.real_time.static_j == pytest.approx(0.232 * 24e-3)  # one chip
-
-
 def registers(exponent, weights, **words):
     net = neuro.Network("rules", resolution=1.0)
     net.population("in", len(weights), neuro.spike_generator(spike_times=[[2.0, 5.0]] * len(weights)))
@@ -468,179 +409,3 @@ def test_rules_of_both_chips():
     assert "'rules' by the rules of Loihi 1 and Loihi 2: 2 differences (not run)" in str(held)
     assert str(registers(0, [4, -6])).endswith("are equal (20 steps on both, 0 spikes)")
     assert registers(7, [254, 254]).spikes == (0, 18)
-
-
-# networks of lava-dl
-
-
-def test_pilotnet_sdnn_is_that_of_intels_test(lava):
-    net = neuro.from_netx(lava / "gts_pilotnet_sdnn_network.net")
-    image = np.load(lava / "gts_pilotnet_sdnn_input.npy")[..., 0].transpose(2, 1, 0).ravel()
-    truth = np.load(lava / "gts_pilotnet_sdnn_output.npy").ravel()
-    sim = neuro.compile(net, "loihi2")
-    sim.set("input", bias=image)
-    sim.run(float(truth.size))
-    assert sent(sim, "dense9")[1:, 0].tolist() == truth.tolist()
-
-
-def test_tinynet_is_that_of_intels_test(lava, tmp_path):
-    neuro.from_netx(lava / "tiny.net", reset=17).save(tmp_path / "tiny.yaml")
-    sim = neuro.compile(neuro.load(tmp_path / "tiny.yaml"), "loihi2")
-    sim.set("input", bias_mant=np.load(lava / "gts_tinynet_input_bias.npy").transpose(2, 1, 0).ravel())
-    sim.run(17.0)
-    truth = np.load(lava / "gts_tinynet_output.npy")[0, :, 0, 0, 1:]
-    assert np.array_equal(sent(sim, "conv2")[3:18].T, truth)
-
-
-@pytest.mark.parametrize(("first", "source", "target"), [(2, "conv-0", "conv-1"), (7, "conv-4", "fc-0")])
-def test_pairs_of_layers_of_pilotnet_lif(lava, first, source, target):
-    def recorded(name):
-        return flat(lava / "pilotnet_lif" / f"{name}.npy")
-
-    net = neuro.from_netx(lava / "pilotnet_lif" / "network.net", reset=17, first=first)
-    before, after = list(net.populations)[:2]
-    for state in ("u", "v"):
-        net.probe(state, after, state)
-    sim = neuro.compile(net, "loihi2")
-    steps, ids = np.nonzero(recorded(source))
-    sim.inject(before, steps + 1.0, ids)
-    sim.run(24.0)
-    assert np.array_equal(sent(sim, after)[1:], recorded(target))
-    for state in ("u", "v"):
-        if (lava / "pilotnet_lif" / f"{target}-{state}.npy").exists():
-            found = sim.trace(state)[1]
-            found = np.where((recorded(target) > 0) & (state == "v"), 128, found)  # what the chip's register reads then
-            assert np.array_equal(found, recorded(f"{target}-{state}"))
-
-
-def netx_file(path, **changes):
-    """A file of a small network, with some words of its second layer changed."""
-    neuron = {"type": b"LOIHI", "iDecay": 4096, "vDecay": 1024, "vThMant": 25}
-    layers = [
-        {"type": b"input", "shape": [4, 1, 1], "neuron": neuron},
-        {"type": b"dense", "shape": [2], "weight": np.array([[1.0, -3, 5, 7], [2, 4, -6, 8]]), "neuron": neuron},
-    ]
-    layers[1] = {**layers[1], **changes}
-    with h5py.File(path, "w") as file:
-        for number, layer in enumerate(layers):
-            for word, value in layer.items():
-                if isinstance(value, dict):
-                    for inner, each in value.items():
-                        file[f"layer/{number}/{word}/{inner}"] = each
-                else:
-                    file[f"layer/{number}/{word}"] = value
-    return path
-
-
-def test_odd_weights_lose_nothing(tmp_path):
-    net = neuro.from_netx(netx_file(tmp_path / "odd.net"))
-    part = net.projections["input_dense1"]
-    assert part.synapse.weight_exp == -1
-    assert np.ravel(part.weight).tolist() == [2, 4, -6, 8, 10, -12, 14, 16]
-
-
-NETX = {
-    "layer 1 (pool): netx has no layer 'pool': expected input, conv, dense, flatten": {"type": b"pool"},
-    "layer 1 (dense): netx has no neuron 'RF': expected LOIHI, CUBA or SDNN": {"neuron": {"type": b"RF"}},
-    "layer 1 (dense): its neuron has no 'iDecay'": {"neuron": {"type": b"CUBA", "vThMant": 1, "vDecay": 1}},
-    "layer 1 (dense): it has delays, which netx leaves out": {"delay": np.ones((2, 4))},
-    "layer 1 (dense): its weights are no whole numbers": {"weight": np.full((2, 4), 0.5)},
-    "layer 1 (dense): weights from -301 to 1: a weight has 8 bits": {"weight": np.array([[1.0, -301, 1, 1]] * 2)},
-    "layer 1 (dense): 6 weights from 4 neurons to 2: expected 8": {"weight": np.ones((2, 3))},
-    "layer 1 (dense): 3 biases: expected 1 or 2": {"bias": np.ones(3)},
-    "layer 1 (conv): shape [2] from [4, 1, 1]: expected 3 numbers each": {"type": b"conv"},
-    "layer 1 (conv): weights of shape [2, 4]: expected maps, channels, height, width": {
-        "type": b"conv",
-        "shape": [2, 1, 1],
-    },
-    "layer 1 (conv): shape [2, 1, 1] from [4, 1, 1]: expected [2, 1, 1] from [8, 1, 1]": {
-        "type": b"conv",
-        "shape": [2, 1, 1],
-        "weight": np.ones((2, 8, 1, 1)),
-    },
-    "layer 1 (conv): groups = 4: expected one that divides 2 maps": {
-        "type": b"conv",
-        "shape": [2, 1, 1],
-        "weight": np.ones((2, 1, 1, 1)),
-        "groups": 4,
-    },
-    "layer 1 (dense): loihi2_lif.vth = -1: expected a whole number >= 0 and <= 131071": {
-        "neuron": {"type": b"CUBA", "vThMant": -1, "iDecay": 1, "vDecay": 1}
-    },
-    "layer 1: stride = nan: expected 1 or 2 whole numbers >= 1": {"stride": np.nan},
-    "layer 1: padding = [0, -1]: expected 1 or 2 whole numbers >= 0": {"padding": [0, -1]},
-    "layer 1: shape = []: expected 1 to 3 whole numbers >= 1": {"shape": np.array([], dtype=int)},
-    "layer 1: shape = ['a']: expected 1 to 3 whole numbers >= 1": {"shape": [b"a"]},
-    "layer 1: weight = 'a': expected numbers": {"weight": b"a"},
-    "layer 1: weight has no value: expected numbers": {"weight": {"inside": 1}},
-    "layer 1: type = 3: expected a word": {"type": 3},
-    "layer 1: its neuron is no group of words": {"neuron": 3},
-    "layer 1: iDecay = 1.5: expected a whole number": {"neuron": {"type": b"CUBA", "iDecay": 1.5}},
-    "layer 1: vThMant = [1, 2]: expected a whole number": {"neuron": {"type": b"CUBA", "vThMant": [1, 2]}},
-}
-
-
-@pytest.mark.parametrize("message", NETX)
-def test_what_netx_refuses_or_leaves_out(tmp_path, message):
-    path = netx_file(tmp_path / "net.net", **NETX[message])
-    with pytest.raises(ModelError) as error:
-        neuro.from_netx(path)
-    assert error.value.message == f"{path}: {message}"
-
-
-def test_each_layer_of_a_file_has_a_verdict(tmp_path):
-    net, table = examine_netx(netx_file(tmp_path / "net.net"), reset=5)
-    assert [(each.node, each.kind, each.verdict) for each in table] == [
-        ("input", "input, LOIHI", "exact"),
-        ("dense1", "dense, LOIHI", "exact"),
-    ]
-    assert net.populations["dense1"].model.reset_interval == 5
-    assert table["dense1"].how == "loihi2_lif, 8 weights, none of which loses a bit"
-    net, table = examine_netx(netx_file(tmp_path / "pool.net", type=b"pool"))
-    assert net is None
-    assert [each.node for each in table.refused] == ["pool1"]
-    assert table["pool1"].how == "netx has no layer 'pool': expected input, conv, dense, flatten"
-
-
-def test_a_file_that_is_no_network(tmp_path):
-    (tmp_path / "a.net").write_bytes(b"nothing")
-    with pytest.raises(ModelError, match="cannot be read as a network of lava-dl"):
-        neuro.from_netx(tmp_path / "a.net")
-    with h5py.File(tmp_path / "b.net", "w") as file:
-        file["layer/0"] = 1
-        file["layer/1/shape"] = 4
-    with pytest.raises(ModelError, match=r"b\.net: layer 0 is no group of words"):
-        neuro.from_netx(tmp_path / "b.net")
-    with h5py.File(tmp_path / "b.net", "r+") as file:
-        del file["layer/0"]
-    with pytest.raises(ModelError, match=r"b\.net: layer 1 has no 'type'"):
-        neuro.from_netx(tmp_path / "b.net")
-    with h5py.File(tmp_path / "b.net", "r+") as file:
-        del file["layer/1"]
-    with pytest.raises(ModelError, match=r"b\.net: there is no layer in it"):
-        neuro.from_netx(tmp_path / "b.net")
-    with pytest.raises(ModelError, match="path = 3: expected the name of a file"):
-        neuro.from_netx(3)
-
-
-@pytest.mark.parametrize("first", [2, -1, 1.5, "a", True])
-def test_the_first_layer_is_one_of_the_file(tmp_path, first):
-    with pytest.raises(ModelError, match=rf"first = {first!r}: expected the number of a layer, 0 to 1"):
-        neuro.from_netx(netx_file(tmp_path / "net.net"), first=first)
-
-
-def test_a_wrong_reset_is_refused(tmp_path):
-    with pytest.raises(ModelError, match="reset = 'a': expected a whole number >= 0 and <= 2147483647"):
-        neuro.from_netx(netx_file(tmp_path / "net.net"), reset="a")
-
-
-def test_damaged_files_are_read_or_refused(tmp_path):
-    whole = netx_file(tmp_path / "net.net").read_bytes()
-    rng = np.random.default_rng(0)
-    for k in range(200):
-        damaged = bytearray(whole[: rng.integers(len(whole))] if k % 4 == 0 else whole)
-        for byte in rng.integers(len(damaged), size=rng.integers(1, 20)) if damaged else ():
-            damaged[byte] = rng.integers(256)
-        (tmp_path / "damaged.net").write_bytes(damaged)
-        with contextlib.suppress(ModelError):
-            neuro.from_netx(tmp_path / "damaged.net")

@@ -20,9 +20,9 @@ from typer.testing import CliRunner
 import neuro
 from neuro.chips import chip as known_chip, quantise
 from neuro.cli.commands import app
-from neuro.exchange.c_code.export import _digest, without_learning
-from neuro.exchange.c_code.source import source_of
 from neuro.program.backend import Trial
+from neuro_exchange.c_code.export import _digest, without_learning
+from neuro_exchange.c_code.source import source_of
 from random_c import STEPS, random_network
 
 NETWORKS = int(os.environ.get("NEURO_C_NETWORKS", "2"))

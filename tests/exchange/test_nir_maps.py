@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.exchange.nir.graph import Node, map_of, outcome, sheet, together
+from neuro_exchange.nir.graph import Node, map_of, outcome, sheet, together
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 nir = pytest.importorskip("nir", reason="nir is not installed")

@@ -9,9 +9,9 @@ import pytest
 
 import neuro
 import random_nir
-from neuro.exchange.nir.importing import network_of
-from neuro.exchange.nir.judging import judge
-from neuro.exchange.nir.measured import measure
+from neuro_exchange.nir.importing import network_of
+from neuro_exchange.nir.judging import judge
+from neuro_exchange.nir.measured import measure
 
 nir = pytest.importorskip("nir", reason="nir is not installed")
 

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 import neuro
 from neuro.cli.commands import app
-from neuro.exchange.pynn import kernel
-from neuro.exchange.pynn.report import MOST_BYTES, Built, Damaged, Failure, Remark, Report
+from neuro_exchange.pynn import kernel
+from neuro_exchange.pynn.report import MOST_BYTES, Built, Damaged, Failure, Remark, Report
 
 pytest.importorskip("pyNN", reason="PyNN is not installed")
 needs_filter = pytest.mark.skipif(

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.exchange.nir import measured
-from neuro.exchange.nir.judging import judge
+from neuro_exchange.nir import measured
+from neuro_exchange.nir.judging import judge
 
 TOOLS = ("nir", "norse", "snntorch", "sinabs", "spikingjelly")
 nir, norse, snntorch, sinabs, spikingjelly = (

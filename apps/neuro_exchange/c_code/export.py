@@ -1,0 +1,400 @@
+"""A network in a chip's integers as a folder of C: `NAME.c`, `NAME.h`, and a test with a recorded run.
+
+The test compares digests. A digest is the sum of one word a number, a hash of its place and value, modulo 2^64. So two
+runs with the same digests in all steps have the same spikes and states, but for a chance of 2^-64 a step.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro import ModelError, Network, OverflowWarning, Simulation, compile, loihi2_static, loihi_static, static
+from neuro.apps import Clock, Quantity, check, file_path, keyed_random, make_folder, output, sealed, unknown
+from neuro.chips import FixedProgram, arithmetic_of, chip, quantise
+from neuro.extend import Chip, Ints, Population, Problem, Program, Projection, Synapse
+from neuro_exchange.c_code.arrays import Memory, number
+from neuro_exchange.c_code.cells import supports
+from neuro_exchange.c_code.source import FAMILIES, INPUTS, MARK, STEPS, Source, source_of
+from neuro_exchange.templates import filled
+
+__all__ = ["CCode", "save_c"]
+
+KIND = sealed("a file of C of neuro, as it was written", MARK, "; digest {}")
+_BYTES = Quantity(unit="bytes", doc="of a memory", kind="integer", at_least=0, optional=True)
+_DURATION = Quantity(unit="ms", doc="of the recorded run", above=0, optional=True)
+_FLAG = Quantity(kind="boolean")
+_WORD = re.compile(r"[a-z][a-z0-9_]{0,39}")
+_TEMPLATES = files("neuro_exchange.c_code").joinpath("templates")
+_SHORTEST, _LONGEST, _AFTER, _MOST = 100, 1000, 20, 100_000
+_DRAWN = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class CCode:
+    """What was written.
+
+    Attributes:
+        folder: where.
+        name: with which its public names begin.
+        chip: whose integers it computes in.
+        flash: bytes of constant tables; `code` those of machine code on a Cortex-M4, at most.
+        ram: bytes of states and of the gaps between them, at most.
+        steps: of the recorded run.
+        drawn: whether its input was drawn, since the network's own inputs send nothing.
+        input_spikes, output_spikes: of the recorded run.
+    """
+
+    folder: Path
+    name: str
+    chip: str
+    flash: int
+    code: int
+    ram: int
+    steps: int
+    drawn: bool
+    input_spikes: int
+    output_spikes: int
+
+    def __str__(self) -> str:
+        drawn = ", drawn, since the network's own send nothing" if self.drawn else ""
+        return "\n".join(
+            [
+                f"{self.folder}: {self.name}.c and {self.name}.h, in the integers of {self.chip}",
+                f"  flash  {self.flash + self.code:,} bytes: tables {self.flash:,}, code at most {self.code:,}",
+                f"  RAM    at most {self.ram:,} bytes, beside the stack and the caller's events",
+                f"  test   {self.steps:,} steps: {self.input_spikes:,} spikes of inputs{drawn}, "
+                f"{self.output_spikes:,} of outputs",
+                f"  make -C {self.folder} test compares every spike and state with the emulator",
+            ]
+        )
+
+
+def save_c(
+    net: Network,
+    folder: str | PathLike[str],
+    *,
+    chip: str = "loihi",
+    name: str = "net",
+    ram: int | None = None,
+    flash: int | None = None,
+    duration: float | None = None,
+    given: Given | None = None,
+    frozen: bool = False,
+    seed: int = 0,
+) -> CCode:
+    """Write a network in the integers of an emulated chip as C99 for a microcontroller.
+
+    The program allocates nothing and uses no floating-point numbers. It has the spikes and the states of the emulator
+    in every step. Spikes of generators are its input. Its output are the populations of which spikes are probed, or
+    else those that send to no other.
+
+    Args:
+        net: the network, all of whose weights are fixed.
+        folder: for the files; made where there is none.
+        chip: name or table of a chip.
+        name: with which its public names begin: small letters, digits, `_`.
+        ram: bytes that its states may take.
+        flash: bytes that its tables and its code may take.
+        duration: of the recorded run in ms; some steps longer than the network's listed spikes if not given.
+        given: spikes of inputs in the recorded run: steps, from 1, neurons, and payloads where they have such, by the
+            input's name. Otherwise those of the network; drawn ones if it has none.
+        frozen: whether what learns is left out; weights stay as they are in the network.
+        seed: of everything random.
+
+    Raises:
+        ModelError: the chip does not run the network, a part of it cannot be written, or it does not fit.
+    """
+    if not isinstance(net, Network):
+        raise ModelError(f"save_c: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
+    limits = {"flash": check(_BYTES, flash, "flash"), "RAM": check(_BYTES, ram, "ram")}
+    taken = {Path(each.name).stem for each in _TEMPLATES.iterdir()}
+    if not (isinstance(name, str) and _WORD.fullmatch(name)) or name in taken or name.endswith("_test"):
+        hint = f"files that lie beside it are {', '.join(sorted(taken))}, and those that end in _test"
+        raise ModelError(f"name = {name!r:.60}: expected small letters, digits and _, as in 'net'", hint=hint)
+    target = check_chip(chip)
+    sim = compile(watched(without_learning(net) if check(_FLAG, frozen, "frozen") else net), backend=chip, seed=seed)
+    program = sim.program
+    fixed = quantise(program, target)
+    refuse(fixed)
+    # The populations whose spikes are output.
+    neurons = [part.name for part in program.populations if part.kind == "neuron"]
+    probed = {probe.of for probe in net.probes.values() if "spikes" in probe.record}
+    ends = {part.source for part in net.projections.values() if part.source != part.target}
+    found = tuple(name for name in neurons if name in probed)
+    outputs = found or tuple(name for name in neurons if name not in ends) or tuple(neurons)
+    source = source_of(fixed, name, outputs)
+    code = 400 + 16 * source.code.count(";")
+    for what, limit, size in (("flash", limits["flash"], source.flash + code), ("RAM", limits["RAM"], source.ram)):
+        if limit is not None and size > limit:
+            hint = "fewer neurons, shorter delays or shared kernels (grid) take less"
+            raise ModelError(
+                f"{what}: network '{net.name}' takes {size:,} bytes: expected at most {limit:,}", hint=hint
+            )
+    shown = _check_given(given)
+    steps = _steps(program, check(_DURATION, duration, "duration"), shown)
+    run, drawn = _run(sim, source, outputs, steps, shown)
+    place = file_path(folder, "folder")
+    words = {"name": name, "NAME": name.upper(), "chip": target.arithmetic, "mark": f"{MARK}.", "steps": str(steps)}
+    words |= {"data": _data(run, name), "id": source.id, "field": FAMILIES[target.arithmetic].field}
+    texts = {
+        f"{name}.h": source.header,
+        f"{name}.c": source.code,
+        f"{name}_test.c": filled("c_code/templates/test.c", **words),
+    }
+    shared = ["integers.h", f"{target.arithmetic}.h", "Makefile", "m4.c", "m4.ld"]
+    shared += ["learning.h"] if '"learning.h"' in source.code else []
+    # Write all files, or none if one of them cannot be written.
+    make_folder(place)
+    with ExitStack() as parts:  # none takes its name before all are written
+        for file, text in (texts | {file: filled(f"c_code/templates/{file}", **words) for file in shared}).items():
+            parts.enter_context(output(place / file, KIND)).write_text(KIND.seal(text), "utf-8")
+    graded = words["field"] == "payload"
+    spikes = (each.shape[1] if graded else int(each[2].sum()) for each in (run.sent, run.told))
+    return CCode(place, name, fixed.chip.title, source.flash, code, source.ram, steps, drawn, *spikes)
+
+
+def _check_given(given: Given | None) -> Given:
+    if not isinstance(given or {}, Mapping):
+        raise ModelError(f"given = {given!r:.60}: expected arrays of steps and neurons, by the name of an input")
+    found = {}
+    for name, spikes in (given or {}).items():
+        found[name] = arrays = [np.asarray(each) for each in spikes] if isinstance(spikes, Sequence) else []
+        if not 2 <= len(arrays) <= 3 or any(each.shape != (arrays[0].size,) for each in arrays):
+            wish = "expected arrays of steps, of neurons, and of payloads where it has such"
+            raise ModelError(f"given[{name!r}] = {spikes!r:.60}: {wish}")
+    return found
+
+
+def _steps(program: Program, duration: float | None, given: Given) -> int:
+    if duration is not None:
+        steps = Clock(program.resolution).step(duration, "duration")
+        if steps > _MOST:
+            raise ModelError(f"duration = {duration:g} ms, {steps:,} steps: expected at most {_MOST:,}")
+        return max(1, steps)
+    listed = [part.spike_steps for part in program.populations if part.kind == "listed"]
+    listed += [spikes[0] for spikes in given.values()]
+    last = max((int(steps.max()) for steps in listed if steps.size), default=0)
+    return min(max(last + _AFTER, _SHORTEST), _LONGEST)
+
+
+def _run(sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int, given: Given) -> tuple[Recorded, bool]:
+    """The recorded run, and whether its input was drawn."""
+    inputs = [part for part in sim.program.populations if part.kind in INPUTS]
+    listed = [part.name for part in inputs if part.kind == "listed"]
+    for name, (when, *rest) in given.items():
+        if name not in listed:
+            raise unknown("input", name, listed)
+        sim.inject(name, when * sim.program.resolution, *rest)
+    found = record(sim, source, outputs, steps)
+    if found.sent.size or given or not inputs:
+        return found, False
+    sim.reset()
+    draws = np.random.default_rng(0)
+    for part in inputs:
+        if part.kind == "poisson":
+            sim.set(part.name, rate=1000.0 * _DRAWN / sim.program.resolution)
+        else:
+            when, neurons = np.nonzero(draws.random((steps, part.size)) < _DRAWN)
+            payloads = [draws.integers(1, 128, neurons.size)] if part.model.graded else []
+            sim.inject(part.name, (when + 1) * sim.program.resolution, neurons, *payloads)
+    return record(sim, source, outputs, steps), True
+
+
+def _data(run: Recorded, name: str) -> str:
+    """What the test compares with."""
+    memory = Memory()
+    for word, spikes in (("in", run.sent), ("out", run.told)):
+        ends = np.searchsorted(spikes[0], np.arange(run.steps + 1), side="right")
+        memory.table(f"{word}_ends", ends, f"where the {word}put events of each step end", True)
+        events = [f"{{{neuron}, {number(times)}}}" for neuron, times in spikes[1:].T.tolist()]
+        memory.constants(f"{word}_events", f"{name}_event", [*events, "{0, 0}"])
+    for word, digests in (("spike", run.spikes), ("state", run.states)):
+        memory.constants(f"{word}_digests", "uint64_t", [f"UINT64_C({digest})" for digest in digests.tolist()])
+    return "\n".join(memory.lines)
+
+
+Given = Mapping[str, Sequence[Ints]]
+"""Steps, from 1, neurons, and payloads where it has such, of the spikes that are given to an input, by its name."""
+
+Words = NDArray[np.uint64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """A run.
+
+    Attributes:
+        steps: of it.
+        sent: steps, neurons (of the network) and numbers, multiplicities or payloads, of the spikes of inputs, by step.
+        told: the same of outputs.
+        spikes, states: the digest of each step, of all spikes of neurons and of all states after it.
+    """
+
+    steps: int
+    sent: Ints
+    told: Ints
+    spikes: Words
+    states: Words
+
+
+def record(sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int) -> Recorded:
+    """Run a simulation of a chip from step 0 on, step by step.
+
+    Args:
+        sim: with probes of all spikes, see `watched`.
+        source: the network as C.
+        outputs: whose spikes are output.
+        steps: how many.
+    """
+    digests = np.zeros(steps, dtype=np.uint64)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", OverflowWarning)  # the program in C overflows alike
+        for step in range(steps):
+            sim.run(sim.program.resolution)
+            digests[step] = _digest(sim, source)
+    inputs = [part.name for part in sim.program.populations if part.kind in INPUTS]
+    neurons = [part.name for part in sim.program.populations if part.kind == "neuron"]
+    every = _spikes(sim, source, neurons)
+    words = keyed_random.mix(every[1].astype(np.uint64) << np.uint64(32) | (every[2] & 0xFFFFFFFF).astype(np.uint64))
+    spikes = np.zeros(steps, dtype=np.uint64)
+    np.add.at(spikes, every[0] - 1, words)
+    return Recorded(steps, _spikes(sim, source, inputs), _spikes(sim, source, outputs), spikes, digests)
+
+
+def without_learning(net: Network) -> Network:
+    """The network, with the weights that it has and no rule that changes them."""
+    other = copy.copy(net)
+    other.projections = {name: _frozen(part, net) for name, part in net.projections.items()}
+    return other
+
+
+def _frozen(part: Any, net: Network) -> Any:
+    if not part.synapse.learns:
+        return part
+    target = net.populations[part.target].model
+    models: dict[str, type[Synapse]] = {"loihi": loihi_static, "loihi2": loihi2_static}
+    model = models.get(part.synapse.chip or target.chip, static)
+    known = part.synapse.parameters()
+    return replace(part, synapse=model(**{word: known[word] for word in model.quantities() if word in known}))
+
+
+def watched(net: Network) -> Network:
+    """The network, with all spikes recorded."""
+    other = copy.copy(net)
+    other.probes = dict(net.probes)
+    for name, part in net.populations.items():
+        if part.model.role != "current":
+            other.probe(f"{name}.spikes.c", name, "spikes")
+    return other
+
+
+def _digest(sim: Simulation, source: Source) -> np.uint64:
+    values = [sim.get(name, word, raw=True) for name, words in source.states.items() for word in words]
+    flat = np.concatenate(values).astype(np.int64) if values else np.zeros(0, dtype=np.int64)
+    places = np.arange(flat.size, dtype=np.uint64) << np.uint64(32)
+    total: np.uint64 = keyed_random.mix(places | (flat & 0xFFFFFFFF).astype(np.uint64)).sum(dtype=np.uint64)
+    return total
+
+
+def _spikes(sim: Simulation, source: Source, names: Any) -> Ints:
+    """Steps, neurons and numbers of the spikes of some populations, by step, then neuron, shape (3, spikes)."""
+    found = [np.zeros((3, 0), dtype=np.int64)]
+    for part, first in zip(sim.program.populations, source.firsts, strict=False):
+        if part.name in names:
+            graded = part.model.graded
+            times, ids, numbers = sim.payloads(part.name) if graded else (*sim.spikes(part.name), np.zeros(0))
+            steps = np.rint(times / sim.program.resolution).astype(np.int64)
+            pairs, counts = np.unique(np.stack([steps, ids + first]), axis=1, return_counts=True)
+            found.append(np.vstack([steps, ids + first, numbers] if graded else [pairs, counts]))
+    joined = np.concatenate(found, axis=1).astype(np.int64)
+    return joined[:, np.lexsort((joined[1], joined[0]))]
+
+
+_FROZEN = "--frozen (frozen=True) leaves the rule out: weights stay as they are in the network"
+_READABLE = ("spikes", "V_m", "v", "sigma", "real")
+
+
+def check_chip(name: str) -> Chip:
+    """The chip of a name or a table, if its arithmetic is written as C.
+
+    Raises:
+        ModelError: there is no such chip, or it has another arithmetic.
+    """
+    found = chip(name)
+    if found.arithmetic not in FAMILIES:
+        known = " or ".join(FAMILIES).replace(" or ", ", ", 1)
+        raise ModelError(f"chip '{name}' cannot be written as C: expected the arithmetic of {known}")
+    return found
+
+
+def refuse(fixed: FixedProgram) -> None:
+    """Refuse a program with all reasons at once.
+
+    Raises:
+        ModelError: a part of it cannot be written.
+    """
+    problems = [*_populations(fixed), *_projections(fixed), *_groups(fixed), *_probes(fixed)]
+    if problems:
+        count = f"{len(problems)} problem" + "s" * (len(problems) > 1)
+        message = f"network '{fixed.program.name}' cannot be written as C ({count})"
+        raise ModelError(message, others=tuple(problem.error() for problem in problems))
+
+
+def _populations(fixed: FixedProgram) -> Iterator[Problem]:
+    for part, cells in zip(fixed.program.populations, fixed.populations, strict=True):
+        if part.model.role == "current":
+            why = "the host writes its current into registers while the network runs"
+            yield _refused(part, part.said, why, "give the neurons a constant current, I_e, or spikes")
+        elif cells.kind not in STEPS and part.kind not in INPUTS:
+            known = ", ".join(model.__name__ for model in arithmetic_of(fixed.chip).models)
+            known += " or parrot_neuron"
+            yield _refused(part, part.said, f"it is no neuron of {fixed.chip.name}", f"use {known}")
+    if not any(cells.kind in STEPS for cells in fixed.populations):
+        yield Problem(True, f"network '{fixed.program.name}'", "it has no neurons", "add a population of iaf_psc_exp")
+
+
+def _projections(fixed: FixedProgram) -> Iterator[Problem]:
+    for part, wires in zip(fixed.program.projections, fixed.projections, strict=True):
+        if part.signal >= 0 or part.dopamine >= 0:
+            yield _refused(part, part.synapse.name, "the program in C has no dopamine", _FROZEN)
+        elif part.synapse.learns and (wires is None or wires.rule is None or fixed.chip.arithmetic != "loihi"):
+            why = "the host applies the rule, and the program in C has none"
+            if wires is not None and wires.rule is not None:
+                why = f"the program in C has no learning of {fixed.chip.name}"
+            yield _refused(part, part.synapse.name, why, _FROZEN)
+
+
+def _refused(part: Population | Projection, what: str, why: str, way_out: str) -> Problem:
+    kind = "population" if isinstance(part, Population) else "projection"
+    return Problem(True, f"{kind} '{part.name}': {what}", why, way_out, part.origin)
+
+
+def _groups(fixed: FixedProgram) -> Iterator[Problem]:
+    for group in fixed.program.groups:
+        if not supports(group.choice):
+            why = f"{group.choice.noun} is not written as C"
+            way = "use winner_take_all or lateral_reset"
+            yield Problem(True, f"group '{group.name}'", why, way, group.origin)
+
+
+def _probes(fixed: FixedProgram) -> Iterator[Problem]:
+    for probe in fixed.program.probes:
+        if probe.record not in _READABLE or probe.mean:
+            what = f"probe '{probe.name}': {'mean ' * probe.mean}{probe.record}"
+            way = "leave it out, or probe spikes; NAME_voltage() reads the voltage register"
+            yield Problem(True, what, "the program in C keeps no record", way, probe.origin)
+    for one in fixed.program.synapse_probes:
+        way = "leave it out, or probe spikes of a population"
+        yield Problem(True, f"probe '{one.name}': {one.record}", "the program in C keeps no record", way, one.origin)

@@ -1,0 +1,381 @@
+"""A quantised program as the text of `NAME.c` and `NAME.h`, and the bytes that its arrays take.
+
+A step has the order of the emulated chips. A spike is sent when it is emitted, into the slot of a later step: rings
+have one slot more than the longest lag, so the slot that a population reads now is written by nobody.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+from zlib import crc32
+
+import numpy as np
+
+from neuro.chips import FixedProgram, FixedProjection, arithmetic_of, longest_lag, names_of
+from neuro.extend import Population
+from neuro_exchange.c_code.arrays import TYPES, Memory, comment, narrowest
+from neuro_exchange.c_code.cells import (
+    Cells,
+    Stepped,
+    decide,
+    delta_encoder,
+    function,
+    graded_product,
+    graded_vector,
+    indented,
+    loihi2_lif,
+    loihi2_rf,
+    loihi2_rf_iz,
+    loihi2_ternary_lif,
+    loihi_lif,
+    relay,
+    shared,
+    sigma_decoder,
+    sigma_delta,
+    spinnaker_delta,
+    spinnaker_lif,
+)
+from neuro_exchange.c_code.synapses import Delivery, Learning, lags_of
+from neuro_exchange.templates import filled
+
+STEPS: dict[str, Callable[[Cells, Memory], Stepped]] = {
+    "relay": relay,
+    "loihi_lif": loihi_lif,
+    "spinnaker_lif": spinnaker_lif,
+    "spinnaker_delta": spinnaker_delta,
+    "loihi2_lif": loihi2_lif,
+    "loihi2_ternary_lif": loihi2_ternary_lif,
+    "loihi2_rf": loihi2_rf,
+    "loihi2_rf_iz": loihi2_rf_iz,
+    "sigma_delta": sigma_delta,
+    "delta_encoder": delta_encoder,
+    "sigma_decoder": sigma_decoder,
+    "graded_vector": graded_vector,
+    "graded_product": graded_product,
+}
+"""The neurons that are written as C, by `FixedPopulation.kind`."""
+
+
+class Family(NamedTuple):
+    """What differs between families of chips, beside their headers.
+
+    Attributes:
+        slot: type of what a neuron receives in a step.
+        field: of an event, beside its neuron.
+        kind: type of the field.
+        about: what an event is.
+        by_sign: whether words below 0 go to a receptor of their own.
+    """
+
+    slot: str = "uint16_t"
+    field: str = "times"
+    kind: str = "uint16_t"
+    about: str = "A neuron that sends `times` spikes in a step"
+    by_sign: bool = False
+
+
+_GRADED = "A neuron that sends a spike with a payload; one whose spikes have none sends as many in a step"
+FAMILIES = {
+    "loihi": Family(),
+    "loihi2": Family("uint32_t", "payload", "int32_t", _GRADED),
+    "spinnaker": Family(by_sign=True),
+}
+"""Families of chips that are written as C, by the name of their header."""
+
+INPUTS = ("listed", "poisson")
+"""Kinds of populations whose spikes a program gives."""
+
+REGISTERS = {"V_m": ("v", "hold"), "I_syn_ex": ("u", "g_exc"), "I_syn_in": ("u", "g_inh")}
+"""What a trial puts back with a state; with the potential refractoriness ends."""
+
+MARK = "Written by neuro for a microcontroller"
+
+_POINTER = 4
+_TOGETHER = -1
+_STEP = "uint32_t NAME_step(const NAME_event *events, uint32_t n, NAME_event *out)"
+
+_TRIAL = "/* Begin a trial: drop all that is under way, and put the output back where a trial begins. */"
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A network as C.
+
+    Attributes:
+        header, code: of its two files.
+        id: a number of both that other networks do not have.
+        flash: bytes of its constant tables.
+        ram: bytes of its states.
+        firsts: the first neuron of each population among all, and the number of all.
+        states: registers that a digest of all states is made of, by population or projection that learns, in order.
+    """
+
+    header: str
+    code: str
+    id: str
+    flash: int
+    ram: int
+    firsts: list[int]
+    states: dict[str, tuple[str, ...]]
+
+
+def source_of(fixed: FixedProgram, name: str, outputs: tuple[str, ...]) -> Source:
+    """Write a quantised program.
+
+    Args:
+        fixed: all of whose parts can be written.
+        name: with which all public names begin.
+        outputs: populations whose spikes are output.
+    """
+    return _Writer(fixed, name, outputs).source()
+
+
+class _Writer:
+    """Collects the arrays and functions of a network."""
+
+    def __init__(self, fixed: FixedProgram, name: str, outputs: tuple[str, ...]) -> None:
+        self._fixed, self._program, self._name, self._outputs = fixed, fixed.program, name, outputs
+        self._memory, self._family = Memory(), FAMILIES[fixed.chip.arithmetic]
+        sizes = [part.size for part in self._program.populations]
+        self._firsts = np.concatenate(([0], np.cumsum(sizes))).astype(int).tolist()
+        self._spiking = [
+            q for q, wires in enumerate(fixed.projections) if wires is not None and self._program.projections[q].size
+        ]
+        self._learns = [q for q in self._spiking if self._program.projections[q].synapse.learns]
+        self._cells = {k: self._described(k) for k, part in enumerate(fixed.populations) if part.kind in STEPS}
+        self._inputs = [k for k, part in enumerate(self._program.populations) if part.kind in INPUTS]
+
+    def _described(self, k: int) -> Cells:
+        part, cells, wires = self._program.populations[k], self._fixed.populations[k], self._fixed.projections
+        into = [q for q in self._spiking if self._program.projections[q].target == k]
+        lag = max((int(longest_lag(self._program, q).max(initial=1)) for q in into), default=0)
+        second = any(
+            wire.receptor or (self._family.by_sign and np.any(wire.words < 0))
+            for q in into
+            if (wire := wires[q]) is not None
+        )
+        relays = cells.kind == "relay"
+        receptors, slot = 1 + (second and not relays), Family().slot if relays else self._family.slot
+        group = any(group.population == k for group in self._program.groups)
+        out = part.name in self._outputs
+        onto, noted = self._along(k), self._noted(k)
+        return Cells(k, cells, part.size, self._firsts[k], lag + 1, receptors, slot, out, group, onto, noted)
+
+    def _along(self, k: int) -> tuple[int, ...]:
+        """The projections that a population sends along."""
+        return tuple(q for q in self._spiking if self._program.projections[q].source == k)
+
+    def _noted(self, k: int) -> tuple[str, ...]:
+        """Statements with which the projections that learn hear of a spike of neuron i of a population."""
+        sides = (("x", "source"), ("y", "target"))
+        parts = self._program.projections
+        return tuple(
+            f"{x}_fired_{q}[i] = 1;" for q in self._learns for x, side in sides if getattr(parts[q], side) == k
+        )
+
+    def source(self) -> Source:
+        """Both files."""
+        memory = self._memory
+        if self._counts:
+            memory.variable("now", "uint64_t", "the step")
+        for k, cells in self._cells.items():
+            size, name = cells.slots * cells.size * cells.receptors, cells.fixed.name
+            memory.state(f"ring_{k}", cells.slot, size, f"{name}: input to come, {cells.slots} slots")
+            memory.variable(f"at_{k}", TYPES[narrowest(0, cells.slots)], f"{name}: the slot of this step")
+        self._sums = self._summed()
+        self._learning = {q: Learning(self._program, q, self._wires(q), memory) for q in self._learns}
+        sending = [line for q in self._spiking for line in self._delivery(q)]
+        learning = [line for part in self._learning.values() for line in part.lines()]
+        stepped = {k: STEPS[cells.fixed.kind](cells, memory) for k, cells in self._cells.items()}
+        deciding, opened = list[str](), list[str]()
+        for index, group in enumerate(self._program.groups):
+            k = group.population
+            lines, begin = decide(self._program, index, self._cells[k], stepped[k].threshold, memory)
+            deciding, opened = deciding + lines, opened + begin
+        functions = [line for part in stepped.values() for line in part.lines]
+        inputs, step = self._input(), self._step()
+        parts = [sending, functions, deciding, learning, inputs, self._init(stepped, opened), step]
+        parts += [self._voltage(stepped), self._digest(stepped)]
+        family, upper = self._family, self._name.upper()
+        words = {
+            "name": self._name,
+            "NAME": upper,
+            "about": f"network '{comment(self._program.name)}' in the integers of {self._fixed.chip.title}",
+            "mark": MARK,
+            "kind": family.kind,
+            "field": family.field,
+        }
+        code = filled(
+            "c_code/network/network.c",
+            **words,
+            chip=self._fixed.chip.arithmetic,
+            learning='#include "learning.h"\n' if self._learns else "",
+            memory="\n".join(memory.lines),
+            value="wrap32(times)" if family.kind == "int32_t" else f"({family.kind})times",
+            functions="\n".join(line for part in parts for line in [*part, ""]),
+        )
+        code = re.sub(r"\n{3,}", "\n\n", code).replace("NAME_", f"{self._name}_").rstrip() + "\n"
+        populations = self._program.populations
+        neurons = []
+        for word, part, first in zip(_macros(populations), populations, self._firsts, strict=False):
+            role = "input" if part.kind in INPUTS else "output" if part.name in self._outputs else "inside"
+            neurons += [
+                f"#define {upper}_FIRST_{word} {first}u /* {role} */",
+                f"#define {upper}_SIZE_{word} {part.size}u",
+            ]
+        header = filled(
+            "c_code/network/network.h",
+            **words,
+            neurons="\n".join(neurons),
+            most=sum(part.size for part in populations if part.name in self._outputs),
+            ns=round(self._program.resolution * 1e6),
+            neuron="uint16_t" if self._firsts[-1] <= 65536 else "uint32_t",
+            event=family.about,
+            trial=f"{_TRIAL}\nvoid {self._name}_trial(void);\n\n" if self._program.trials is not None else "",
+        )
+        states = {self._cells[k].fixed.name: _digested(part) for k, part in stepped.items()}
+        states |= {self._program.projections[q].name: list(part.states) for q, part in self._learning.items()}
+        number = f"0x{crc32((header + code).encode()):08X}u"
+        return Source(
+            header.replace("@id@", number),
+            code.replace("@id@", number),
+            number,
+            memory.flash,
+            memory.ram + _POINTER,
+            self._firsts,
+            {name: tuple(each) for name, each in states.items()},
+        )
+
+    def _wires(self, q: int) -> FixedProjection:
+        wires = self._fixed.projections[q]
+        assert wires is not None
+        return wires
+
+    def _delivery(self, q: int) -> list[str]:
+        part = self._program.projections[q]
+        to, by_sign, sums = self._cells[part.target], self._family.by_sign, self._sums.get(q)
+        delivery = Delivery(q, part, self._wires(q), to, self._memory, by_sign, sums)
+        return delivery.lines(self._learning[q].word if q in self._learning else "")
+
+    def _summed(self) -> dict[int, int]:
+        """Where the sums of projections begin that are shifted or wrapped; sources use one place in turn."""
+        found, sizes = dict[int, int](), dict[int, int]()
+        for q in self._spiking:
+            part, wires = self._program.projections[q], self._wires(q)
+            if wires.shift or wires.wraps:
+                source = _TOGETHER if part.source in self._inputs else part.source
+                first, last = lags_of(wires)
+                found[q] = sizes.get(source, 0)
+                sizes[source] = found[q] + (last - first + 1) * self._cells[part.target].size
+                self._memory.variable(f"full_{q}", "uint8_t", f"{part.name}: whether it has sums")
+        if sizes:
+            self._memory.state("sums", "uint32_t", max(sizes.values()), "sums of a step, of one source after the other")
+        return found
+
+    def _poured(self, *sources: int) -> list[str]:
+        """Calls that add the sums of what sources have sent to rings."""
+        return [f"pour_{q}();" for k in sources for q in self._along(k) if q in self._sums]
+
+    @property
+    def _counts(self) -> bool:
+        """Whether the number of the step is needed: by draws, and by resets in an interval."""
+        resets = any(shared(cells.fixed.registers, "reset_interval") for cells in self._cells.values())
+        return bool(self._program.groups or self._learns or resets)
+
+    def _input(self) -> list[str]:
+        """Where the spikes of each input go; what is no neuron of an input is passed over."""
+        lines = ["static void input(uint32_t neuron, uint32_t times)", "{", "    (void)times;"]
+        for k in self._inputs:
+            first, last = self._firsts[k], self._firsts[k + 1]
+            sent = [f"        send_{q}(i, times);" for q in self._along(k)]
+            sent = [f"        uint32_t i = neuron - {first}u;", "        (void)i;", *sent]
+            sent += [f"        {each}" for each in self._noted(k)]
+            about = comment(self._program.populations[k].name)
+            lines += [f"    if ({_inside(first, last)}) {{ /* {about} */", *sent, "    }"]
+        if not self._inputs:
+            lines.append("    (void)neuron;")
+        return [*lines, "}"]
+
+    def _init(self, stepped: dict[int, Stepped], opened: list[str]) -> list[str]:
+        """The functions that begin a run, and a trial."""
+        clear = [f"memset(ring_{k}, 0, sizeof ring_{k});" for k in self._cells]
+        lines = [*(["now = 0;"] if self._counts else []), *(f"at_{k} = 0;" for k in self._cells), *clear]
+        lines += [line for part in stepped.values() for line in part.init.values()]
+        lines += [line for part in self._learning.values() for line in part.init]
+        found = function("void NAME_init(void)", [*lines, *opened])
+        if (trials := self._program.trials) is not None:
+            names = names_of(self._program.populations[trials.output])
+            states = {register for state in trials.reset for each in names[state] for register in REGISTERS[each]}
+            anew = [line for register, line in stepped[trials.output].init.items() if register in states]
+            found += function("void NAME_trial(void)", [*clear, *anew, *opened])
+        return found
+
+    def _step(self) -> list[str]:
+        merge = arithmetic_of(self._fixed.chip).one_bit and bool(self._inputs)
+        each = ["uint32_t neuron = events[e].neuron;"]
+        times = f"events[e].{self._family.field}"
+        once = f"if ({times} != 0) input(neuron, spikes((uint32_t){times}));"
+        lines = [*(["now++;"] if self._counts else []), "out_at = out;"]
+        if merge:
+            most = max(self._firsts[k + 1] for k in self._inputs)
+            seen = self._memory.state("seen", "uint32_t", -(-most // 32), "inputs that have sent a spike in this step")
+            each += [f"if (neuron >= {most}u || ({seen}[neuron / 32u] >> neuron % 32u & 1u) != 0) continue;"]
+            once = f"if ({times} != 0) {seen}[neuron / 32u] |= UINT32_C(1) << neuron % 32u, input(neuron, 1u);"
+        lines += ["for (uint32_t e = 0; e < n; e++) {", *indented([*each, once]), "}", *self._poured(*self._inputs)]
+        if merge:
+            clear = f"if (events[e].neuron < {most}u) {seen}[events[e].neuron / 32u] = 0;"
+            lines += [f"for (uint32_t e = 0; e < n; e++) {{ {clear} }}"]
+        for k, cells in self._cells.items():
+            lines += [f"step_{k}();", *([f"decide_{k}();"] if cells.group else []), *self._poured(k)]
+        lines += [f"learn_{q}();" for q in self._learns]
+        for k, cells in self._cells.items():
+            kind = TYPES[narrowest(0, cells.slots)]
+            lines += [f"at_{k} = ({kind})later(at_{k}, 1u, {cells.slots}u);"] if cells.slots > 1 else []
+        return function(_STEP, [*lines, "return (uint32_t)(out_at - out);"])
+
+    def _voltage(self, stepped: dict[int, Stepped]) -> list[str]:
+        lines = []
+        for k, part in stepped.items():
+            first, size = self._firsts[k], self._cells[k].size
+            for state in list(part.states.values())[:1]:
+                lines += [f"if ({_inside(first, first + size)}) return {state}[neuron - {first}u];"]
+        return function("int32_t NAME_voltage(uint32_t neuron)", [*lines, "(void)neuron;", "return 0;"])
+
+    def _digest(self, stepped: dict[int, Stepped]) -> list[str]:
+        """What tests compare: all states after a step, and all spikes of it."""
+        lines = ["uint64_t sum = 0;", "uint32_t place = 0;"]
+        for k, part in stepped.items():
+            size = self._cells[k].size
+            for register in _digested(part):
+                what = f"digest(&sum, &place, {part.states[register]}[i]);"
+                lines += [f"for (uint32_t i = 0; i < {size}u; i++) {what}"]
+        for one in self._learning.values():
+            for name, size in one.states.values():
+                lines.append(f"for (uint32_t i = 0; i < {size}u; i++) digest(&sum, &place, {name}[i]);")
+        lines += ["*spikes = sent;", "sent = 0;", "(void)place;", "return sum;"]
+        head = "uint64_t NAME_digest(uint64_t *spikes)"
+        return ["#ifdef NEURO_DIGEST", f"{head};", *function(head, lines)[:-1], "#endif"]
+
+
+def _inside(first: int, last: int) -> str:
+    """The test whether `neuron` lies before the last and not before the first of some."""
+    return f"neuron < {last}u" if first == 0 else f"neuron >= {first}u && neuron < {last}u"
+
+
+def _digested(part: Stepped) -> list[str]:
+    """The registers that the emulator shows."""
+    return [register for register in part.states if register != "hold"]
+
+
+def _macros(populations: Iterable[Population]) -> Iterator[str]:
+    """A word for each population, in capitals, that no other has."""
+    taken = set[str]()
+    for k, part in enumerate(populations):
+        word = re.sub(r"[^A-Z0-9]", "_", part.name.upper())
+        while word in taken:
+            word += f"_{k}"
+        taken.add(word)
+        yield word

@@ -1,0 +1,421 @@
+"""What a neuron of NIR is in the convention of the tool that wrote it.
+
+A cell is a difference equation, the form that all these tools have in common. In each step
+
+    i = i_keep i + i_gain w s                       only where it has a synapse
+    v = rest + keep (v - rest) + gain (i, or w s)
+    spike where v >= threshold, or > if strict; then v = reset, or v falls by the threshold
+
+The second part finds the model of this package that has a cell's equation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from neuro import ModelError, cuba_lif, iaf_psc_delta
+from neuro.apps import unknown
+from neuro.extend import Neuron, from_exponential
+from neuro_exchange.nir.graph import Floats, Node
+
+ASK = "say which tool wrote it: from_='norse', 'snntorch', 'sinabs', 'spikingjelly', 'spyx', 'rockpool' or 'nir'"
+BY_GRAPH_EXECUTOR = ("norse", "sinabs")
+"""Tools whose importers run a graph by the `GraphExecutor` of nirtorch."""
+
+FALLS_AND_RISES = "fires at V > V_th, and falls by V_th; at 2 V_th while more than V_th is left"
+"""What a spike does in snnTorch 1.0 with reset by subtraction and without reset delay."""
+
+BEYOND = "while more than V_th is left after a spike, snnTorch fires at 2 V_th, and cuba_lif at V_th"
+"""What differs of a CubaLIF of snnTorch that is reset by subtraction."""
+
+MOST_SPIKES = 255
+"""Of a step here, where a tool has any number."""
+
+FIRES_AND_FALLS = (
+    f"fires at V >= V_th, several times if V_th fits several times (here {MOST_SPIKES} at most), "
+    "and falls by V_th each time"
+)
+"""What a spike does in Sinabs and Rockpool."""
+
+SNNTORCH_STEP = 1e-4
+"""The step in seconds that snnTorch 1.0 has in its importer and exporter, whatever a step lasts."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cell:
+    """The difference equation of the neurons of one node; arrays have its shape.
+
+    Attributes:
+        keep, rest, gain: of the potential.
+        how: the convention in words.
+        i_keep, i_gain: of the synapse, None without one.
+        offset: a constant that is added to i.
+        threshold: None where it never fires.
+        strict: whether it fires above the threshold only.
+        reset: the potential after a spike; None: it falls by the threshold.
+        several: whether it fires as often in a step as the threshold fits.
+        lowest: a bound of the potential from below after a spike, None without one.
+        start: the potential at the beginning, `rest` if None.
+        rises: whether a spike needs the threshold once more while what is left is above it.
+        late: by how many steps the tool sends a spike after the threshold was crossed.
+        fall: how far the potential falls where that is not the threshold.
+        hold: for how many steps after a spike the potential stays, and does not take input.
+        differs: what of it cannot be had exactly, "" if nothing.
+    """
+
+    keep: Floats
+    rest: Floats
+    gain: Floats
+    how: str
+    i_keep: Floats | None = None
+    i_gain: Floats | None = None
+    offset: Floats | None = None
+    threshold: Floats | None = None
+    strict: bool = False
+    reset: Floats | None = None
+    several: bool = False
+    lowest: Floats | None = None
+    start: Floats | None = None
+    rises: bool = False
+    hold: int = 0
+    late: int = 0
+    fall: Floats | None = None
+    differs: str = ""
+
+
+class Unsupported(Exception):
+    """A node that a convention cannot have: why, and the way out."""
+
+    def __init__(self, why: str, way_out: str) -> None:
+        self.why, self.way_out = why, way_out
+        super().__init__(why)
+
+
+def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
+    """The cell of a stateful node.
+
+    Args:
+        node: the node.
+        tool: a name of `TOOLS`.
+        step: seconds.
+        reset: a word of `from_nir` in place of the convention's, or None.
+
+    Raises:
+        Unsupported: the convention has no such node, or not with these parameters.
+        ModelError: a field does not fit.
+    """
+    if node.kind == "Threshold":
+        zero = np.zeros(node.shape)
+        how = "fires where the input of a step reaches the threshold, and keeps nothing"
+        return Cell(zero, zero, zero + 1.0, how, threshold=node.array("threshold"), reset=zero)
+    title, kinds, rests_at_zero, convention = TOOLS[tool]
+    if node.kind not in kinds:
+        raise Unsupported(f"{title} does not have {node.kind}", "read it with from_='nir'")
+    if rests_at_zero and "v_leak" in node.fields and np.any(node.array("v_leak") != 0.0):
+        raise Unsupported(f"v_leak is not 0, which {title} does not have", "read it with from_='nir'")
+    cell = convention(node, step)
+    if cell.threshold is not None and reset in ("subtract", "subtract_next"):
+        fall = cell.threshold / np.maximum(cell.keep, 1e-9) if reset == "subtract_next" else cell.threshold
+        when = "in the next step, after the decay" if reset == "subtract_next" else "in the same step"
+        rises = tool == "snntorch" and reset == "subtract" and cell.i_keep is None
+        spikes = FALLS_AND_RISES if rises else f"fires as there, and V falls by V_th {when}"
+        how = f"{cell.how.rpartition('; ')[0]}; {spikes}, as `reset` says"
+        differs = "" if rises or tool != "snntorch" or reset == "subtract_next" else BEYOND
+        cell = replace(cell, reset=None, fall=fall, hold=0, rises=rises, how=how, differs=differs)
+    elif cell.threshold is not None and reset in ("to_value", "to_value_next"):
+        hold = int(reset == "to_value_next")
+        when = "in the next step, which takes no input" if hold else "in the same step"
+        how = f"{cell.how.rpartition('; ')[0]}; fires as there, then V = v_reset {when}, as `reset` says"
+        cell = replace(cell, reset=_reset_value(node), several=False, rises=False, fall=None, hold=hold, how=how)
+    return cell
+
+
+def find_tool(said: str | None, metadata: object) -> str | None:
+    """The convention that is asked for, or that the graph says it has; None where nothing tells.
+
+    Raises:
+        ModelError: there is none of that name.
+    """
+    known = metadata.get("neuro_convention") if isinstance(metadata, dict) else None
+    known = known.decode("utf-8", "replace") if isinstance(known, bytes) else known
+    name = known if said is None else said
+    if name is not None and str(name) not in TOOLS:
+        raise unknown("convention", name, TOOLS)
+    return None if name is None else str(name)
+
+
+def _positive(node: Node, word: str) -> Floats:
+    values = node.array(word)
+    if np.any(values <= 0):
+        raise ModelError(f"node '{node.name}': {word} = {values.min():g}: expected a time above 0")
+    return values
+
+
+def _euler(node: Node, word: str, step: float) -> Floats:
+    share = step / _positive(node, word)
+    if np.any(share > 1.0 + 1e-6):
+        raise Unsupported(
+            f"{word} = {step / share.max():g} s is below a step of {step:g} s, where Euler's method overshoots",
+            "choose a smaller dt",
+        )
+    return np.minimum(share, 1.0)
+
+
+def _reset_value(node: Node) -> Floats:
+    return np.zeros(node.shape) if node.fields.get("v_reset") is None else node.array("v_reset")
+
+
+def _synaptic(node: Node, lost: Floats, i_lost: Floats, how: str, **words: Any) -> Cell:
+    """Return the cell of CubaLIF or CubaLI, whose states take the share of the input that they lose in a step."""
+    gain, i_gain = lost * node.array("r"), i_lost * node.array("w_in")
+    return Cell(1.0 - lost, words.pop("rest"), gain, how, i_keep=1.0 - i_lost, i_gain=i_gain, **words)
+
+
+def _firing(node: Node, cell: Cell, spikes: str, **rule: Any) -> Cell:
+    """Return the cell with a threshold and the rule of its spikes; unchanged for nodes that do not fire."""
+    if "v_threshold" not in node.fields:
+        return cell
+    return replace(cell, how=f"{cell.how}; {spikes}", threshold=node.array("v_threshold"), **rule)
+
+
+def _norse(node: Node, step: float) -> Cell:
+    """Norse 1.1: `lif_box`, `iaf`, `leaky_integrator_box`, and the module that its importer makes of CubaLIF."""
+    one, zero = np.ones(node.shape), np.zeros(node.shape)
+    match node.kind:
+        case "IF":
+            cell = Cell(one, zero, one, "Norse: V grows by the input, r is not used")
+        case "I":
+            cell = Cell(one, zero, one, "V grows by the input")
+        case "LIF" | "LI":
+            a = _euler(node, "tau", step)
+            cell = Cell(1.0 - a, node.array("v_leak"), a, "Norse: Euler, r is not used")
+        case _:
+            a, b, leak = _euler(node, "tau_mem", step), _euler(node, "tau_syn", step), node.array("v_leak")
+            cell = _synaptic(node, a, b, "Norse: Euler, the current first, then V with it", rest=leak, offset=leak)
+    return _firing(node, cell, "fires at V > V_th, then V = 0 in the same step", strict=True, reset=zero)
+
+
+def _snntorch(node: Node, step: float) -> Cell:
+    """SnnTorch 1.0: `Leaky` and `Synaptic` as its importer makes them, with its step of 1e-4 s."""
+    one, zero = np.ones(node.shape), np.zeros(node.shape)
+    how = "snnTorch: Euler with its step of 1e-4 s"
+    match node.kind:
+        case "IF":
+            if np.any(node.array("r") != 1.0):
+                raise Unsupported("r is not 1, which snnTorch does not have", "read it with from_='nir'")
+            cell = Cell(0.9 * one, zero, one, "snnTorch 1.0 reads IF as Leaky with beta = 0.9", rises=True)
+            return _firing(node, cell, FALLS_AND_RISES, strict=True)
+        case "I":
+            return Cell(one, zero, node.array("r"), "V grows by r times the input")
+        case "LIF" | "LI":
+            a = _euler(node, "tau", SNNTORCH_STEP)
+            gain = a * node.array("r")
+            if node.kind == "LIF" and np.unique(gain).size > 1:
+                gain = np.full(node.shape, np.unique(gain)[0])
+                how += ", the smallest r dt / tau of the node for all its neurons"
+            cell = Cell(1.0 - a, zero, gain, how)
+        case _:
+            a, b = (_euler(node, word, SNNTORCH_STEP) for word in ("tau_mem", "tau_syn"))
+            cell = _synaptic(node, a, b, f"{how}, the current first, then V with it", rest=zero)
+    hold = int(node.kind == "CubaLIF" and node.recurrent)
+    fires = "fires at V > V_th, then V = 0 in the same step"
+    if hold:
+        fires = "RSynaptic of snnTorch 1.0 fires at V > V_th, then V = 0 in the next step, which takes no input"
+    return _firing(node, cell, fires, strict=True, reset=zero, hold=hold)
+
+
+def _sinabs(node: Node, step: float) -> Cell:
+    """Sinabs 3.1: `IAF`, `LIF` and `ExpLeak` as its importer makes them, whose tau is in steps."""
+    one, zero = np.ones(node.shape), np.zeros(node.shape)
+    if node.kind == "IF":
+        threshold = node.array("v_threshold")
+        how = f"Sinabs: V grows by the input, r is not used; {FIRES_AND_FALLS}; then V >= -V_th"
+        return Cell(one, zero, one, how, threshold=threshold, several=True, lowest=-threshold)
+    if node.kind == "I":
+        return Cell(one, zero, one, "V grows by the input")
+    tau = _positive(node, "tau")
+    if np.all(tau < 1.0):
+        how = "Sinabs: exact decay, the input times dt / tau; tau in seconds, since it is below one step"
+        cell = Cell(np.exp(-step / tau), zero, step / tau, how)
+    else:
+        cell = Cell(np.exp(-1.0 / tau), zero, one, "Sinabs: exact decay, tau in steps, the input as it is")
+    return _firing(node, cell, FIRES_AND_FALLS, several=True)
+
+
+def _spikingjelly(node: Node, step: float) -> Cell:
+    """Spikingjelly 2.0: `IFNode`, `LIFNode` and `CUBALIFNode` as its importer makes them."""
+    reset = _reset_value(node)
+    match node.kind:
+        case "IF":
+            how = "spikingjelly: V grows by r dt times the input"
+            cell = Cell(np.ones(node.shape), reset, step * node.array("r"), how)
+        case "LIF":
+            a = _euler(node, "tau", step)
+            if np.any(node.array("v_leak") != reset):
+                raise Unsupported("v_leak is not v_reset, which spikingjelly does not have", "read it with from_='nir'")
+            cell = Cell(1.0 - a, reset, a * node.array("r"), "spikingjelly: Euler")
+        case _:
+            if np.any(node.array("v_leak") != 0.0):
+                raise Unsupported("v_leak is not 0, which spikingjelly does not have", "read it with from_='nir'")
+            a, b = (_euler(node, word, step) for word in ("tau_mem", "tau_syn"))
+            how = "spikingjelly: Euler, the current first, then V with it"
+            cell = _synaptic(node, a, b, how, rest=np.zeros(node.shape), start=reset)
+    return _firing(node, cell, "fires at V >= V_th, then V = v_reset in the same step", reset=reset)
+
+
+def _spyx(node: Node, step: float) -> Cell:
+    """Spyx 1.0: `IF`, `LIF` and `CuBaLIF`, whose spikes are those of the potential of the step before."""
+    one, zero = np.ones(node.shape), np.zeros(node.shape)
+    match node.kind:
+        case "IF":
+            cell = Cell(one, zero, one, "Spyx: V grows by the input")
+        case "LIF":
+            a = _euler(node, "tau", step)
+            own = np.allclose(node.array("r"), 1.0 - a, rtol=1e-4)  # what Spyx 1.0 writes; it does not read r
+            gain = one if own else a * node.array("r")
+            how = "Spyx: Euler, the input as it is" if own else "Spyx: Euler, the input times r dt / tau"
+            fall = node.array("v_threshold") / np.maximum(1.0 - a, 1e-9)
+            cell = Cell(1.0 - a, zero, gain, how, fall=fall)
+        case _:
+            a, b = (_euler(node, word, step) for word in ("tau_mem", "tau_syn"))
+            how = "Spyx: Euler, the current first, then V with it, the input as it is"
+            cell = Cell(1.0 - a, zero, one, how, i_keep=1.0 - b, i_gain=one)
+    return _firing(node, cell, "fires a step after V > V_th, and falls by V_th then", strict=True, late=1)
+
+
+def _rockpool(node: Node, step: float) -> Cell:
+    """Rockpool 3.1: `LIFNeuronTorch` and `LIFTorch`, whose input decays in the step in which it arrives."""
+    one, zero = np.ones(node.shape), np.zeros(node.shape)
+    if node.kind == "LIF":
+        tau = _positive(node, "tau")
+        how = "Rockpool: exact decay, the input times r dt / tau"
+        cell = Cell(np.exp(-step / tau), zero, node.array("r") * step / tau, how)
+    else:
+        keep, i_keep = (np.exp(-step / _positive(node, word)) for word in ("tau_mem", "tau_syn"))
+        how = "Rockpool: exact decay, also of the input in its first step, the current first"
+        cell = Cell(keep, zero, one, how, i_keep=i_keep, i_gain=i_keep)
+    return _firing(node, cell, FIRES_AND_FALLS, several=True)
+
+
+def _nir(node: Node, step: float) -> Cell:
+    """The equations of NIR, solved exactly for an input that is held for a step."""
+    match node.kind:
+        case "IF" | "I":
+            cell = Cell(np.ones(node.shape), np.zeros(node.shape), step * node.array("r"), "NIR: V' = r I")
+        case "LIF" | "LI":
+            keep = np.exp(-step / _positive(node, "tau"))
+            how = "NIR: solved exactly, the input held for a step"
+            cell = Cell(keep, node.array("v_leak"), (1.0 - keep) * node.array("r"), how)
+        case _:
+            keep, i_keep = (np.exp(-step / _positive(node, word)) for word in ("tau_mem", "tau_syn"))
+            how = "NIR: exact decay, the current first, then V with it"
+            gain, i_gain = (1.0 - keep) * node.array("r"), (1.0 - i_keep) * node.array("w_in")
+            cell = Cell(keep, node.array("v_leak"), gain, how, i_keep=i_keep, i_gain=i_gain)
+    return _firing(node, cell, "fires at V >= V_th, then V = v_reset in the same step", reset=_reset_value(node))
+
+
+_ALL = ("IF", "I", "LIF", "LI", "CubaLIF", "CubaLI")
+TOOLS: dict[str, tuple[str, tuple[str, ...], bool, Callable[[Node, float], Cell]]] = {
+    "norse": ("Norse", _ALL, False, _norse),
+    "snntorch": ("snnTorch", _ALL, True, _snntorch),
+    "sinabs": ("Sinabs", ("IF", "I", "LIF", "LI"), True, _sinabs),
+    "spikingjelly": ("spikingjelly", ("IF", "LIF", "CubaLIF"), False, _spikingjelly),
+    "spyx": ("Spyx", ("IF", "LIF", "CubaLIF"), True, _spyx),
+    "rockpool": ("Rockpool", ("LIF", "CubaLIF"), True, _rockpool),
+    "nir": ("NIR", _ALL, False, _nir),
+}
+"""Conventions by the name of the tool: its title, the nodes that it has, whether they rest at 0, and their cells."""
+
+
+AT_ONCE = 1e-3
+"""Time constant, in steps, of a potential that keeps nothing: e^-1000 is 0 in a double."""
+
+NEVER = 1e30
+"""A threshold in mV that no potential reaches."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Made:
+    """A model for the neurons of a node.
+
+    Attributes:
+        model: the model.
+        gain: weight per weight of NIR, an element for each neuron.
+        per_input: pA of a constant current per unit of constant input; None where a synapse filters the input.
+        offset: pA of a constant current that belongs to the cell itself.
+        initial: states at the beginning that differ from the model's.
+    """
+
+    model: Neuron
+    gain: Floats
+    per_input: Floats | None
+    offset: Floats
+    initial: dict[str, Any] = field(default_factory=dict)
+
+
+def model_of(cell: Cell, h: float) -> Made:
+    """The model of a cell.
+
+    Args:
+        cell: the difference equation.
+        h: length of a step, ms.
+
+    Raises:
+        Unsupported: no model has it.
+    """
+    tau = time_constant(cell.keep, h)
+    endless = np.isinf(tau)
+    # With this capacity a current of 1 pA adds 1 - keep mV in a step, as in NIR; without a leak 1 mV.
+    capacity, push = np.where(endless, h, tau), np.where(endless, 1.0, 1.0 - cell.keep)
+    words = {"tau_m": tau, "C_m": capacity, "t_ref": h * cell.hold, "E_L": cell.rest, **_spike(cell)}
+    if cell.lowest is not None:
+        words["V_min"] = cell.lowest
+    initial = {} if cell.start is None or np.all(cell.start == cell.rest) else {"V_m": one_or_all(cell.start)}
+    offset = cell.gain * (0.0 if cell.offset is None else cell.offset) / push
+    if cell.i_keep is None or cell.i_gain is None:
+        return Made(_model(iaf_psc_delta, words), cell.gain, cell.gain / push, offset, initial)
+    tau_syn = time_constant(cell.i_keep, h)
+    if np.any(np.isinf(tau_syn)):
+        raise Unsupported("a current that never decays has no model here", "choose a finite tau_syn")
+    p32 = np.vectorize(from_exponential)(tau, tau_syn, capacity, h)
+    words |= {"tau_syn_ex": tau_syn, "tau_syn_in": tau_syn}
+    return Made(_model(cuba_lif, words), cell.i_gain * cell.gain / p32, None, offset, initial)
+
+
+def _model(kind: type[Neuron], words: dict[str, Any]) -> Neuron:
+    plain = {word: one_or_all(v) if isinstance(v, (float, np.ndarray)) else v for word, v in words.items()}
+    return kind(**plain)
+
+
+def _spike(cell: Cell) -> dict[str, Any]:
+    """Threshold and reset. V_m > V_th is V_m >= the next number above it."""
+    if cell.threshold is None:
+        return {"V_th": NEVER, "V_reset": cell.rest}
+    v_th = np.nextafter(cell.threshold, np.inf) if cell.strict else cell.threshold
+    if cell.reset is None:
+        if np.any(cell.threshold <= 0.0):
+            raise Unsupported("v_threshold is not above 0, so that no spike lowers the potential", "raise it")
+        fall = cell.threshold if cell.fall is None else cell.fall
+        words = {"V_th": v_th, "V_reset": v_th - fall, "reset_by_subtraction": True}
+        words |= {"threshold_rises": True} if cell.rises else {}
+        return words | ({"max_spikes": MOST_SPIKES} if cell.several else {})
+    if np.any(cell.reset >= v_th):
+        raise Unsupported("v_reset is not below v_threshold", "raise v_threshold")
+    return {"V_th": v_th, "V_reset": cell.reset}
+
+
+def time_constant(keep: Floats, h: float) -> Floats:
+    """The time constant in ms that leaves the share `keep` after h ms."""
+    with np.errstate(divide="ignore"):
+        tau = -h / np.log(keep)
+    return np.where(keep <= 0.0, AT_ONCE * h, np.where(keep >= 1.0, np.inf, tau))
+
+
+def one_or_all(values: Any) -> Any:
+    """One number where all are the same, else a number for each neuron."""
+    flat = np.asarray(values, dtype=np.float64).reshape(-1)
+    return float(flat[0]) if np.all(flat == flat[0]) else flat

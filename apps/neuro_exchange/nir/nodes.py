@@ -1,0 +1,193 @@
+"""The node of NIR that a population is, in the scales of the tool that reads it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuro import cuba_lif, iaf_psc_delta, iaf_psc_exp
+from neuro.extend import Population, from_exponential
+from neuro_exchange.nir.cells import SNNTORCH_STEP, Unsupported
+from neuro_exchange.nir.graph import Floats
+
+ENDLESS = 1e12
+"""Seconds of a time constant beside which a step is nothing in a double, for tools that have no IF."""
+
+READOUT = "Output"
+"""The kind of neurons that keep nothing and never fire."""
+
+STRICT = ("norse", "snntorch")
+"""Tools that fire above the threshold only."""
+
+NEVER = 1e20
+"""A threshold in mV above which a neuron counts as one that never fires."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scaled:
+    """A population as a node.
+
+    Attributes:
+        kind: its type in NIR.
+        fields: of the node, an element for each neuron.
+        factor: weight of NIR per weight, of each neuron.
+        bias: of NIR, that is its own constant current.
+        per_pa: bias of NIR per pA; None where currents go past the synapse, and no bias does.
+        how: what it is, for the verdict.
+    """
+
+    kind: str
+    fields: dict[str, Floats]
+    factor: Floats
+    bias: Floats
+    per_pa: Floats | None
+    how: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Share:
+    """A state of which the share `keep` is left after a step, as a tool writes it.
+
+    Attributes:
+        tau: its time constant, in the tool's unit.
+        gain: what one unit of input adds to it, for a gain (r or w_in) of 1.
+        unity: the r or w_in with which one unit of input adds one.
+    """
+
+    tau: Floats
+    gain: Floats
+    unity: Floats
+
+
+def neuron_of(part: Population, tool: str, h: float) -> Scaled:
+    """The node of a population, for steps of h ms.
+
+    Raises:
+        Unsupported: it has none in this convention.
+    """
+    if type(part.model) not in (iaf_psc_delta, iaf_psc_exp, cuba_lif):
+        raise Unsupported(f"{part.said} has no node in NIR", "use iaf_psc_delta, iaf_psc_exp or cuba_lif")
+    p = {word: np.broadcast_to(values, part.size).astype(np.float64) for word, values in part.parameters.items()}
+    fires = bool(np.all(p["V_th"] < NEVER))
+    if not fires and np.any(p["V_th"] < NEVER):
+        raise Unsupported("some of its neurons never fire", "give them a population of their own")
+    for name, values in part.initial.items():
+        if np.any(values != (p["E_L"] if name == "V_m" else 0.0)):
+            raise Unsupported(f"{name} does not start at rest: nodes of NIR have no initial state", "leave it out")
+    if fires:
+        _check_spikes(p, tool)
+    elif "tau_syn_ex" not in p and np.all(np.exp(-h / p["tau_m"]) == 0.0) and np.all(p["E_L"] == 0.0):
+        one = np.ones(part.size)
+        push = p["tau_m"] / p["C_m"]
+        return Scaled(READOUT, {}, one, push * p["I_e"], push, "an Output of what arrives in a step")
+    elif tool != "nir":
+        raise Unsupported(f"{tool} reads no neurons that never fire", "leave them out, or read V_m of the layer before")
+    return _synaptic(p, tool, h, fires) if "tau_syn_ex" in p else _direct(p, tool, h, fires)
+
+
+def _check_spikes(p: dict[str, Floats], tool: str) -> None:
+    """Refuse what a tool does otherwise at a spike."""
+    if np.any(p["t_ref"] > 0):
+        raise Unsupported("t_ref is above 0: nodes of NIR have no refractory period", "give it t_ref: 0")
+    falls = p["reset_by_subtraction"] != 0.0
+    if tool == "sinabs":
+        several = p.get("max_spikes", np.ones(1)) < 255
+        if not falls.all() or np.any(p["V_reset"] != 0.0) or np.any(several) or np.any(p["E_L"] != 0.0):
+            raise Unsupported(
+                "Sinabs's neurons fall by V_th at a spike, several times in a step, and rest at 0",
+                "give it reset_by_subtraction: true, max_spikes: 255, V_reset: 0 and E_L: 0; or another tool",
+            )
+        lowest = np.where(np.isinf(p["tau_m"]), -p["V_th"], -np.inf)
+        if np.any(p.get("V_min", np.array(-np.inf)) != lowest):
+            raise Unsupported("Sinabs's IF has the lowest potential -V_th, its LIF none", "set V_min so")
+        return
+    if falls.any() or np.any(p.get("threshold_rises", 0.0)):
+        raise Unsupported(f"{tool} resets to a value where it reads NIR", "for_='sinabs', or reset to a value")
+    if np.any(p.get("V_min", np.array(-np.inf)) > -np.inf):
+        raise Unsupported("V_min: only Sinabs's IF has a lowest potential", "leave it out")
+    leaks_away = tool != "nir" and np.any(p["V_reset"] != p["E_L"])
+    if leaks_away and (tool != "norse" or "tau_syn_ex" in p):
+        raise Unsupported(f"V_reset is not E_L: {tool} resets to its resting potential", "reset to E_L, or for_=None")
+
+
+def _direct(p: dict[str, Floats], tool: str, h: float, fires: bool) -> Scaled:
+    """IF and LIF, or I and LI."""
+    step, one = h / 1e3, np.ones(p["tau_m"].size)
+    endless = np.isinf(p["tau_m"])
+    keep = np.where(endless, 1.0, np.exp(-h / p["tau_m"]))
+    finite = np.where(endless, 1.0, p["tau_m"])
+    push = np.where(endless, h, -finite * np.expm1(-h / finite)) / p["C_m"]  # mV in a step per pA
+    fields = _spike(p, tool) if fires else {}
+    if endless.all() and tool != "snntorch":
+        r = one if tool in ("norse", "sinabs") else one / step
+        kind = "IF" if fires else "I"
+        return Scaled(kind, {"r": r, **fields}, one, push * p["I_e"], push, f"{kind}, as {_called(tool)} reads it")
+    share = _share(keep, tool, step)
+    r = one if tool in ("norse", "sinabs") else share.unity
+    factor = 1.0 / (share.gain * r)
+    fields = {"tau": share.tau, "r": r, "v_leak": p["E_L"] - _zero(p, tool), **fields}
+    kind = "LIF" if fires else "LI"
+    how = f"{kind}, as {_called(tool)} reads it"
+    return Scaled(kind, fields, factor, push * p["I_e"] * factor, push * factor, how)
+
+
+def _synaptic(p: dict[str, Floats], tool: str, h: float, fires: bool) -> Scaled:
+    """CubaLIF, or CubaLI."""
+    if tool == "sinabs":
+        raise Unsupported("Sinabs reads no CubaLIF", "use iaf_psc_delta, or another tool")
+    if np.any(p["tau_syn_ex"] != p["tau_syn_in"]):
+        raise Unsupported("tau_syn_ex and tau_syn_in differ: CubaLIF has one current", "make them equal")
+    if np.any(p["I_e"] != 0.0):
+        raise Unsupported("I_e: a constant current goes past the synapse, and no bias does", "leave it out")
+    if np.isinf(p["tau_m"]).any() and tool == "nir":
+        raise Unsupported("tau_m is infinite: CubaLIF has a leak", "give it a finite tau_m")
+    step, one = h / 1e3, np.ones(p["tau_m"].size)
+    keep, kept = (np.exp(-h / p[word]) for word in ("tau_m", "tau_syn_ex"))
+    membrane, synapse = _share(keep, tool, step), _share(kept, tool, step)
+    r, w_in = (one, one) if tool == "norse" else (membrane.unity, synapse.unity)
+    factor = np.vectorize(from_exponential)(p["tau_m"], p["tau_syn_ex"], p["C_m"], h)
+    factor = factor / (membrane.gain * r * synapse.gain * w_in)
+    fields = {"tau_syn": synapse.tau, "tau_mem": membrane.tau, "r": r, "v_leak": 0.0 * one, "w_in": w_in}
+    kind = "CubaLIF" if fires else "CubaLI"
+    fields |= _spike(p, tool) if fires else {}
+    return Scaled(kind, fields, factor, 0.0 * one, None, f"{kind}, as {_called(tool)} reads it")
+
+
+def _share(keep: Floats, tool: str, step: float) -> Share:
+    """The time constant that keeps a share, by the arithmetic of a tool."""
+    one, endless = np.ones(keep.shape), keep >= 1.0
+    lost = np.where(endless, 1.0, 1.0 - keep)
+    with np.errstate(divide="ignore"):
+        exact = np.where(endless, ENDLESS, -1.0 / np.log(keep))  # in steps
+    if tool == "sinabs":
+        return Share(exact, one, one)
+    if tool == "nir":
+        return Share(np.where(endless, ENDLESS, exact * step), lost, 1.0 / lost)
+    unit = SNNTORCH_STEP if tool == "snntorch" else step
+    tau = np.where(endless, ENDLESS, unit / lost)
+    return Share(tau, unit / tau, tau / unit)
+
+
+def _spike(p: dict[str, Floats], tool: str) -> dict[str, Floats]:
+    zero = _zero(p, tool)
+    return {"v_threshold": _threshold(p["V_th"] - zero, tool), "v_reset": p["V_reset"] - zero}
+
+
+def _zero(p: dict[str, Floats], tool: str) -> Floats:
+    """The potential that is 0 there: Norse resets to 0, and the others rest at 0."""
+    return p["V_reset"] if tool == "norse" and np.all(p["V_th"] < NEVER) else p["E_L"]
+
+
+def _threshold(values: Floats, tool: str) -> Floats:
+    """A threshold with which the tool fires where V >= V_th, in the precision in which it computes."""
+    if tool == "nir":
+        return values
+    single = values.astype(np.float32)
+    if tool in STRICT:
+        return np.where(single >= values, np.nextafter(single, np.float32(-np.inf)), single).astype(np.float64)
+    return np.where(single < values, np.nextafter(single, np.float32(np.inf)), single).astype(np.float64)
+
+
+def _called(tool: str) -> str:
+    return "the definition of NIR" if tool == "nir" else tool

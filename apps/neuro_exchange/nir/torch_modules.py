@@ -1,0 +1,142 @@
+"""A `Network` from a module of a tool for torch, by that tool's own writer of NIR."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import io
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from importlib import import_module
+from typing import Any
+
+from neuro import ModelError, Network
+from neuro.apps import unknown
+from neuro_exchange.nir.graph import package
+from neuro_exchange.nir.importing import from_nir
+from neuro_exchange.verdict import APPROXIMATE, EXACT
+
+STEPS = {"norse": 1.0, "snntorch": 0.1, "sinabs": 1.0, "spikingjelly": 0.1}
+"""The step in ms that a tool takes where none is said."""
+
+
+def from_torch(module: Any, example: Any, of: str, dt: float | None = None) -> Network:
+    """A network from a module of snnTorch, Norse, Sinabs or spikingjelly.
+
+    Args:
+        module: a `torch.nn.Module`, made of neurons of the tool and layers of torch.
+        example: an input of it for one step, a tensor whose first axis is the batch.
+        of: the tool: "snntorch", "norse", "sinabs" or "spikingjelly".
+        dt: length of a step, ms; the tool's own if not given.
+
+    Returns:
+        The network, see `from_nir`; its `verdicts` says what became of each node.
+
+    Raises:
+        ModelError: the tool is not installed, its writer of NIR fails, or a node is refused.
+    """
+    if of not in WRITERS:
+        raise unknown("tool", of, WRITERS)
+    step = STEPS[of] if dt is None else dt
+    try:
+        write, reset = WRITERS[of](module)
+        with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
+            warnings.simplefilter("ignore")
+            graph = write(module, example, step / 1e3)
+    except ModelError:
+        raise
+    except ImportError as error:
+        raise ModelError(
+            f"from_torch: {error.name or of} is not installed", hint=f"pip install {of} nirtorch"
+        ) from None
+    except Exception as error:  # the writers raise many kinds
+        reason = f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
+        raise ModelError(f"from_torch: {of} cannot write the module as NIR: {reason}") from None
+    net = from_nir(graph, step, of, reset=reset)
+    if of == "snntorch":  # a module has no importer, whose recurrence may differ
+        recurrent = {n.node: n for n in net.verdicts if n.verdict == APPROXIMATE and n.kind in ("Linear", "Affine")}
+        exact = {"verdict": EXACT, "how": "weights", "measured": ""}
+        nodes = tuple(replace(n, **exact) if n.node in recurrent else n for n in net.verdicts)
+        net.verdicts = replace(net.verdicts, nodes=nodes)
+    return net
+
+
+Writer = Callable[[Any, Any, float], Any]
+
+
+def _norse(module: Any) -> tuple[Writer, str | None]:
+    import_module("norse.torch")
+    for part in module.modules():
+        if type(part).__name__ in ("LIFCell", "LIF", "LIFRecurrentCell", "LIFRecurrent"):
+            message = f"from_torch: Norse writes {type(part).__name__} as a CubaLIF, which it reads as another neuron"
+            raise ModelError(message, hint="use LIFBoxCell, or write the graph by hand and read it with from_='nir'")
+    writer, nirtorch = import_module("norse.torch.utils.export_nir"), import_module("nirtorch")
+    nir = package("from_torch")
+
+    def scaled(module: Any, example: Any, step: float) -> Any:
+        """As `norse.torch.to_nir`, which writes dt / tau_mem_inv (so 1 s here), a batch as an axis, and no Flatten."""
+
+        def node(part: Any) -> Any:
+            if type(part).__name__ == "Flatten":
+                return nir.Flatten(None, max(part.start_dim - 1, 0), part.end_dim)
+            return writer._extract_norse_module(part, dt=1.0)
+
+        return nirtorch.extract_nir_graph(module, node, example, model_name="norse", ignore_dims=[0])
+
+    return scaled, None
+
+
+def _snntorch(module: Any) -> tuple[Writer, str | None]:
+    write = import_module("snntorch.export_nir").export_to_nir
+    found = {_snntorch_reset(part) for part in module.modules() if hasattr(part, "reset_mechanism")}
+    if len(found) > 1:
+        message = "from_torch: neurons with different resets in one module, of which NIR holds none"
+        raise ModelError(message, hint="give all neurons one reset_mechanism and reset_delay")
+    return lambda module, example, step: write(_spread(module, example), example, ignore_dims=[0]), next(
+        iter(found), None
+    )
+
+
+def _spread(module: Any, example: Any) -> Any:
+    """A copy whose neurons have a number each where they share one: the writer takes no shape from one number."""
+    copied = copy.deepcopy(module)
+    copied(example)
+    for part in copied.modules():
+        if not hasattr(part, "reset_mechanism"):
+            continue
+        for word in ("alpha", "beta", "threshold"):
+            value = getattr(part, word, None)
+            if value is not None and value.dim() == 0:
+                part.register_buffer(word, value.detach().expand(part.mem.shape[1:]).clone())
+        part.reset_mem()
+    return copied
+
+
+def _snntorch_reset(part: Any) -> str:
+    """What a spike does to a neuron of snnTorch, in the words of `from_nir`."""
+    if part.reset_mechanism == "none":
+        raise ModelError("from_torch: reset_mechanism 'none'", hint="choose 'subtract' or 'zero'")
+    if part.reset_mechanism == "zero":
+        later = getattr(part, "reset_delay", True) and hasattr(part, "alpha")  # Leaky resets before it integrates
+        return "to_value_next" if later else "to_value"
+    return "subtract_next" if getattr(part, "reset_delay", True) else "subtract"
+
+
+def _sinabs(module: Any) -> tuple[Writer, str | None]:
+    write = import_module("sinabs.nir").to_nir
+    return lambda module, example, step: write(module, example), None
+
+
+def _spikingjelly(module: Any) -> tuple[Writer, str | None]:
+    write = import_module("spikingjelly.activation_based.nir_exchange").export_to_nir
+    return lambda module, example, step: write(module, example, dt=step), None
+
+
+WRITERS: dict[str, Callable[[Any], tuple[Writer, str | None]]] = {
+    "norse": _norse,
+    "snntorch": _snntorch,
+    "sinabs": _sinabs,
+    "spikingjelly": _spikingjelly,
+}
+"""By tool what writes a module as NIR, and what a spike does where NIR does not hold it."""

@@ -1,0 +1,182 @@
+"""The process that runs a script of PyNN, started by `neuro_exchange.pynn.read`.
+
+The script can read files, and write into a folder that is removed. Starting a program, using the network and writing
+elsewhere is refused, by hooks of Python, which tell the line, and by the kernel, see `neuro_exchange.pynn.kernel`.
+"""
+
+from __future__ import annotations
+
+import _posixsubprocess
+import ctypes
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from types import CodeType, ModuleType
+from typing import Any, NoReturn
+
+from neuro_exchange.pynn.kernel import hold
+
+_PARENT_DEATH = 1
+_PATHS = (
+    *("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.symlink", "os.link", "os.truncate", "os.chmod", "os.chown"),
+    *("os.utime", "os.setxattr", "os.removexattr", "sqlite3.connect"),
+)
+_ABOUT_FILES = ("chmod", "utime", "setxattr")
+"""What copying a file also sets: in a folder that is removed it means nothing, and the kernel refuses it."""
+_PROGRAMS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.forkpty", "pty.spawn")
+_NETWORK = ("socket.connect", "socket.bind", "socket.sendto", "socket.sendmsg", "socket.getaddrinfo")
+_SIGNALS = ("os.kill", "os.killpg", "signal.pthread_kill")
+_FILE_SIZE = 2**30
+
+
+class Refused(PermissionError):
+    """The script does what a description of a network does not need."""
+
+
+def main() -> None:
+    """Read what to run, run it, and write what has come of it."""
+    words = json.load(sys.stdin)
+    _end_with(words["parent"])
+    folder = Path(words["folder"])
+    from neuro_exchange.pynn import gathered, session, stand_in  # before the limits: imports may do all they like
+
+    script = Path(words["script"])
+    outcome = session.SESSION
+    outcome.begin(folder / "networks", script, folder / "files", gathered.Gathered)
+    here = folder / "files" / script.name
+    code = _compiled(script, outcome)
+    if code is not None:
+        stand_in.install()
+        os.chdir(folder / "files")
+        sys.argv, sys.path[0:0] = [script.name, *words["arguments"]], [str(folder / "files")]
+        _limit(words["memory"], words["seconds"])
+        _confine(folder)
+        _run(code, here, outcome)
+    outcome.report().write(words["report"])
+    os._exit(0)  # what the script has left, threads and functions to call at the end, is not waited for
+
+
+def _compiled(script: Path, outcome: Any) -> CodeType | None:
+    try:
+        return compile(script.read_bytes(), str(script), "exec", dont_inherit=True)
+    except (SyntaxError, ValueError) as error:
+        outcome.fail(f"is no Python: {getattr(error, 'msg', error)}", getattr(error, "lineno", 0) or 0)
+        return None
+
+
+def _run(code: CodeType, here: Path, outcome: Any) -> None:
+    module = sys.modules["__main__"] = ModuleType("__main__")
+    module.__file__ = here.name
+    try:
+        exec(code, vars(module))
+    except SystemExit as error:
+        if error.code not in (None, 0, False):
+            outcome.fail(f"it ends with {error.code!r:.200}", _line(error, code.co_filename), kind="exit")
+    except KeyboardInterrupt:
+        outcome.fail("is interrupted", 0)
+    except MemoryError as error:
+        outcome.fail("needs more memory than it may", _line(error, code.co_filename), kind="memory")
+    except BaseException as error:
+        last, strict = next(filter(str.strip, str(error).splitlines()), ""), isinstance(error, Refused)
+        said = last if strict else f"{type(error).__name__}: {last}" if last else type(error).__name__
+        outcome.fail(said[:400], _line(error, code.co_filename), kind="refused" if strict else "raised")
+
+
+def _line(error: BaseException, script: str) -> int:
+    """The last line of the script that has to do with an error."""
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == script]
+    return lines[-1] or 0 if lines else 0
+
+
+def _end_with(parent: int) -> None:
+    """End when the process that asked ends, whatever ends it."""
+    ctypes.CDLL(None).prctl(_PARENT_DEATH, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:
+        sys.exit(1)
+
+
+def _limit(memory: int, seconds: float) -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    resource.setrlimit(resource.RLIMIT_CPU, (int(seconds) + 1, int(seconds) + 2))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (_FILE_SIZE, _FILE_SIZE))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+
+def _confine(folder: Path) -> None:
+    """Refuse from now on what is not to be done."""
+    base = os.path.realpath(folder)
+    sys.dont_write_bytecode = True
+    hold(base)
+
+    def refuse(*args: Any, **words: Any) -> NoReturn:
+        raise Refused("a script may not start programs")
+
+    _posixsubprocess.fork_exec = refuse
+    subprocess._fork_exec = refuse  # type: ignore[attr-defined]
+
+    def inside(path: Any, follow: bool = True) -> bool:
+        if isinstance(path, int):
+            return True
+        name = os.path.abspath(os.fsdecode(path))
+        name = os.path.realpath(name) if follow else os.path.join(os.path.realpath(os.path.dirname(name)), "_")
+        return name.startswith(base + os.sep) or name == os.devnull
+
+    def check(event: str, args: tuple[Any, ...]) -> None:
+        if event == "open":
+            path, _, flags = args
+            if flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND):
+                _own(path, flags)
+                if not inside(path):
+                    raise Refused(f"a script may not write {os.fsdecode(path)!r:.200}")
+                if not isinstance(path, int):
+                    os.makedirs(os.path.dirname(os.path.abspath(path)), exist_ok=True)
+        elif event in _PATHS:
+            paths = args[:2] if event in ("os.rename", "os.link") else args[1:2] if event == "os.symlink" else args[:1]
+            wrong = next((path for path in paths if isinstance(path, str | bytes) and not inside(path, False)), None)
+            if wrong is not None:
+                raise Refused(f"a script may not change {os.fsdecode(wrong)!r:.200}")
+            if isinstance(args[0], int) and event != "os.truncate":
+                raise Refused("a script may not change the mode, owner or times of an open file")
+        elif event in _PROGRAMS:
+            raise Refused("a script may not start programs")
+        elif event in _NETWORK:
+            raise Refused("a script may not use the network")
+        elif event in _SIGNALS:
+            raise Refused("a script may not signal processes")
+        elif event == "ctypes.dlopen" or (event == "ctypes.dlsym" and not str(args[1]).startswith("Py")):
+            raise Refused("a script may not call libraries by ctypes")
+
+    sys.addaudithook(check)
+    for name in _ABOUT_FILES:
+        setattr(os, name, _without_effect(name))
+
+
+def _without_effect(name: str) -> Callable[..., None]:
+    """Stands for a function of `os` that changes what is known about a file: the hook sees it, and nothing is done."""
+
+    def call(path: Any, *args: Any, **words: Any) -> None:
+        sys.audit(f"os.{name}", path)
+
+    return call
+
+
+def _own(path: Any, flags: int) -> None:
+    """A file beside the script that is written is written as a copy."""
+    if isinstance(path, int) or not os.path.islink(path):
+        return
+    original = os.path.realpath(path)
+    os.unlink(path)
+    if not flags & os.O_TRUNC and os.path.isfile(original):
+        shutil.copyfile(original, path)
+
+
+if __name__ == "__main__":
+    main()

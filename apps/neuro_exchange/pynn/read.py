@@ -1,0 +1,257 @@
+"""A script of PyNN as a network: it is run in a process of its own, which records and simulates nothing."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import re
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, BinaryIO
+from uuid import uuid4
+
+from neuro import ModelError, Network, load
+from neuro.apps import Quantity, Where, check, existing, needed, only_on_linux
+from neuro_exchange.pynn.report import Damaged, Failure, Report, printable
+from neuro_exchange.verdict import APPROXIMATE, Verdict, Verdicts
+
+__all__ = ["from_pynn"]
+
+_MARK = "NEURO_SCRIPT"
+_MOST_BESIDE = 5_000
+"""Files beside a script that it can read by their names."""
+_ARGUMENTS = re.compile(r"get_simulator|get_script_args|sys\.argv|ArgumentParser")
+_SECONDS = Quantity(unit="s", above=0, at_most=86_400)
+_MEMORY = Quantity(above=0, at_most=4096)
+_NUMBER = Quantity(kind="integer", at_least=1)
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+
+
+def from_pynn(
+    script: str | os.PathLike[str],
+    *,
+    run_script: bool = False,
+    arguments: Sequence[str] | None = None,
+    network: int | None = None,
+    seconds: float = 120.0,
+    memory: float = 4.0,
+) -> Network:
+    """The network that a script of PyNN builds, for whatever simulator it is written.
+
+    The script is run in a process of its own, in which each simulator of PyNN is a recorder: nothing is simulated, and
+    results that the script reads are empty. It may read files, and write into a folder that is removed afterwards. It
+    may not start programs, use the network or write elsewhere. Connections, parameters and initial values are those
+    that the script draws.
+
+    Args:
+        script: a file of Python.
+        run_script: that the script may be run; without it the script is refused.
+        arguments: of the script; "nest", as the name of a simulator, if it reads any.
+        network: which one, from 1, where the script builds several; the last one if not given.
+        seconds: that the script may take.
+        memory: that it may use, GiB.
+
+    Returns:
+        The network. Its `verdicts` say how long the script runs it, and by line what is otherwise here.
+
+    Raises:
+        ModelError: the script may not be run, fails, takes too long or too much memory, builds no network, or builds
+            what cannot come; `others` has each line of it.
+    """
+    path = existing(script, "a script of PyNN")
+    if not run_script:
+        raise ModelError(
+            f"{path}: is a program, and only running it shows its network",
+            hint="--run-script (in Python run_script=True) runs it, without simulating, in a process of its own",
+        )
+    needed("pyNN", "pynn", "PyNN's scripts are read with PyNN, which is not installed")
+    if arguments is None:
+        arguments = ["nest"] if _ARGUMENTS.search(path.read_text("utf-8", "replace")) else []
+    limits = {"seconds": check(_SECONDS, seconds, "seconds"), "memory": int(check(_MEMORY, memory, "memory") * 2**30)}
+    chosen = None if network is None else check(_NUMBER, network, "network")
+    with _folder(path) as folder:
+        report = _run({"script": str(path.resolve()), "arguments": list(arguments), **limits}, folder)
+        return _network(path, report, folder / "networks", chosen)
+
+
+def _network(path: Path, report: Report, folder: Path, number: int | None) -> Network:
+    failure, networks = report.failure, report.networks
+    if failure and not failure.harmless:
+        where = Where(path.name, failure.line)
+        raise ModelError(f"the script fails: {failure.message}", where=where, hint=_HINTS.get(failure.kind, ""))
+    if not networks:
+        raise ModelError(f"{path.name}: builds no network", hint="a network has a population of a simulator of PyNN")
+    if number is not None and number > len(networks):
+        raise ModelError(f"network = {number}: {path.name} builds {len(networks)}")
+    built = networks[-1 if number is None else number - 1]
+    if built.problems:
+        others = tuple(ModelError(each.message, where=each.where) for each in built.problems)
+        count = f"{len(others)} problem" + "s" * (len(others) > 1)
+        raise ModelError(f"{path.name}: the network cannot come ({count})", others=others)
+    if not _are_plain_files(folder):
+        raise ModelError(f"{path.name}: the script fails: the files of its network are replaced")
+    net = load(folder / built.file)
+    net.inputs = ()
+    # How long the script runs the network, and by line what is otherwise here.
+    runs, said = built.runs, [path.name]
+    if runs:
+        shown = ", ".join(f"{ms:g}" for ms in runs[:5]) + (", ..." if len(runs) > 5 else "")
+        said.append(f"runs for {sum(runs):g} ms" + (f" ({shown})" if len(runs) > 1 else ""))
+    if len(networks) > 1:
+        lines = ", ".join(str(each.line) for each in networks)
+        chosen = "the last" if number is None else f"number {number}"
+        said.append(f"builds {len(networks)} networks, at lines {lines}: this is {chosen}")
+    if built.notes:
+        said.append("no spikes are compared, since the script is not simulated")
+    notes = [(f"{note.file}:{note.line}" if note.file else path.name, note.message) for note in built.notes]
+    if failure:
+        how = f"the script ends in what it does with results, which are empty here: {failure.message}"
+        notes.append((f"{path.name}:{failure.line}", how))
+    net.verdicts = Verdicts("; ".join(said), tuple(Verdict(place, "line", APPROXIMATE, how) for place, how in notes))
+    return net
+
+
+def _are_plain_files(folder: Path) -> bool:
+    """Whether this is a folder with files alone: no link, which leads elsewhere, and no pipe."""
+    if not stat.S_ISDIR(folder.lstat().st_mode):
+        return False
+    with os.scandir(folder) as entries:
+        return all(entry.is_file(follow_symlinks=False) for entry in entries)
+
+
+_HINTS = {
+    "memory": "--memory allows more",
+    "refused": "only what describes a network is allowed",
+    "time": "--seconds allows more",
+}
+
+
+# -- the process -----------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _folder(script: Path) -> Iterator[Path]:
+    """A folder for the script to run in, with links to the files beside it."""
+    folder = Path(tempfile.mkdtemp(prefix="neuro-script-"))
+    try:
+        (folder / "networks").mkdir()
+        _mirror(script.resolve().parent, folder / "files")
+        (folder / "files" / script.name).unlink(missing_ok=True)
+        shutil.copyfile(script, folder / "files" / script.name)
+        yield folder
+    finally:
+        with suppress(OSError):
+            _flatten(folder)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _flatten(top: Path) -> None:
+    """Empty all folders in a folder. They may lie deeper than paths are long and than functions can call themselves."""
+    mark, number = uuid4().hex, itertools.count()
+    while folders := [entry.path for entry in os.scandir(top) if entry.is_dir(follow_symlinks=False)]:
+        for folder in folders:
+            os.chmod(folder, 0o700)
+            for entry in os.scandir(folder):
+                if entry.is_dir(follow_symlinks=False):
+                    os.chmod(entry.path, 0o700)
+                    os.rename(entry.path, top / f"{mark}{next(number)}")
+                else:
+                    os.unlink(entry.path)
+            os.rmdir(folder)
+
+
+def _mirror(source: Path, target: Path) -> None:
+    target.mkdir()
+    count = 0
+    for root, folders, files in os.walk(source):
+        folders[:] = sorted(name for name in folders if not name.startswith((".", "__pycache__")))
+        inside = target / os.path.relpath(root, source)
+        inside.mkdir(exist_ok=True)
+        for name in sorted(files):
+            count += 1
+            if count > _MOST_BESIDE:
+                return
+            (inside / name).symlink_to(Path(root) / name)
+
+
+def _run(words: dict[str, Any], folder: Path) -> Report:
+    """Run a script to its end, or end it; nothing that it has started stays.
+
+    `words` are the script, its arguments, and its limits in seconds and bytes.
+
+    The report and what is printed are files without a name, so that the script can put nothing else in their place.
+    """
+    only_on_linux("running a script of PyNN")
+    mark = uuid4().hex
+    with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as report:
+        kept = {name: value for name, value in os.environ.items() if not re.search("TOKEN|SECRET|PASSWORD|KEY", name)}
+        paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
+        own = {
+            "PYTHONPATH": paths,
+            "MPLBACKEND": "Agg",
+            "PYTHONHASHSEED": "0",
+            "TMPDIR": str(folder / "files"),
+            _MARK: mark,
+        }
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "neuro_exchange.pynn.confined"],
+            stdin=subprocess.PIPE,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            cwd=folder,
+            env=kept | own | dict.fromkeys(_THREADS, "1"),
+            start_new_session=True,
+            pass_fds=[report.fileno()],
+        )
+        assert process.stdin is not None
+        try:
+            words |= {"parent": os.getpid(), "folder": str(folder), "report": report.fileno()}
+            with suppress(BrokenPipeError):
+                process.stdin.write(json.dumps(words).encode())
+                process.stdin.close()
+            code = process.wait(words["seconds"])
+        except subprocess.TimeoutExpired:
+            return _failed(f"takes longer than {words['seconds']:g} s", "time")
+        finally:
+            _end(process, mark)
+        try:
+            return Report.read(report) or _died(code, output, words["seconds"])
+        except Damaged as error:
+            return _failed(f"its report is damaged: {error}", "")
+
+
+def _end(process: subprocess.Popen[bytes], mark: str) -> None:
+    """End the process and all that it has started, also what has left its group."""
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    entry = f"{_MARK}={mark}".encode()
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if entry in (folder / "environ").read_bytes().split(b"\0"):
+                os.kill(int(folder.name), signal.SIGKILL)
+
+
+def _died(code: int, output: BinaryIO, seconds: float) -> Report:
+    if code == -signal.SIGXCPU:
+        return _failed(f"takes longer than {seconds:g} s", "time")
+    names = {each.value: each.name for each in signal.Signals}
+    how = f"is ended by {names.get(-code, f'signal {-code}')}" if code < 0 else f"ends with {code}"
+    size = os.fstat(output.fileno()).st_size
+    printed = os.pread(output.fileno(), 2000, max(0, size - 2000)).decode("utf-8", "replace")
+    text = printable(printed.strip().rpartition("\n")[2])
+    if "MemoryError" in text:
+        return _failed("needs more memory than it may", "memory")
+    return _failed(f"its process {how} before its network is complete" + (f": {text[:200]}" if text else ""), "")
+
+
+def _failed(message: str, kind: str) -> Report:
+    return Report(failure=Failure(message, kind=kind))

@@ -1,0 +1,241 @@
+"""PyNN's cells, synapses and current sources, whose parameters keep PyNN's names and units, and those of sPyNNaker.
+
+Source: PyNN 0.13, sPyNNaker 7.3 and PyNN8Examples.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pyNN import standardmodels
+from pyNN.connectors import FixedTotalNumberConnector
+from pyNN.parameters import ParameterSpace, Sequence
+from pyNN.standardmodels import (
+    StandardCellType,
+    StandardSynapseType,
+    STDPTimingDependence,
+    build_translations,
+    cells,
+    electrodes,
+    synapses,
+)
+
+from neuro_exchange.pynn.session import MOST_SAMPLES, SESSION
+
+
+class Absent:
+    """What a simulator has and this language has not."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __call__(self, *args: Any, **words: Any) -> Absent:
+        """Note the line that uses it."""
+        SESSION.problem(f"{self._name} has no counterpart")
+        return self
+
+    def __getattr__(self, name: str) -> Absent:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return Absent(f"{self._name}.{name}")
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(())
+
+
+def present(part: Any, instead: Any) -> Any:
+    """The part, or another so that the script goes on; that it is absent is a problem."""
+    return instead() if isinstance(part, Absent) and part() else part
+
+
+def _as_it_is(kind: Any, **words: Any) -> Any:
+    """A class of PyNN's whose parameters keep PyNN's names and units."""
+    names = build_translations(*((word, word) for word in kind.default_parameters))
+    return type(kind.__name__, (kind,), {"translations": names, "standard_receptor_type": True, **words})
+
+
+def _standard(module: Any, base: Any) -> dict[str, Any]:
+    found = (kind for kind in vars(module).values() if isinstance(kind, type) and issubclass(kind, base))
+    return {kind.__name__: kind for kind in found if getattr(kind, "default_parameters", None)}
+
+
+CELLS = {name: _as_it_is(kind) for name, kind in _standard(cells, standardmodels.StandardCellType).items()}
+PLACEHOLDER = type(
+    "Placeholder",
+    (CELLS["IF_curr_exp"],),
+    {
+        "can_record": lambda self, *variable: True,
+        "units": defaultdict(lambda: "mV"),
+        "receptor_types": ("excitatory", "inhibitory", "reward", "punishment"),
+    },
+)
+"""Stands for cells that are absent, so that the script goes on."""
+CELLS = {name: kind for name, kind in CELLS.items() if name not in ("PointNeuron", "MultiCompartmentNeuron")}
+
+
+class Delayed:
+    """A synapse without a delay has the smallest."""
+
+    def _get_minimum_delay(self) -> float:
+        return SESSION.experiment.min_delay
+
+
+_PLAIN = {
+    name: kind
+    for name, kind in _standard(synapses, standardmodels.StandardSynapseType).items()
+    if name != "STDPMechanism"
+}
+SYNAPSES = {name: _as_it_is(type(name, (Delayed, kind), {})) for name, kind in _PLAIN.items()}
+_BASES = (standardmodels.STDPWeightDependence, standardmodels.STDPTimingDependence)
+DEPENDENCES = {name: _as_it_is(kind) for base in _BASES for name, kind in _standard(synapses, base).items()}
+
+
+class STDPMechanism(Delayed, synapses.STDPMechanism):
+    """PyNN's STDP."""
+
+    base_translations = build_translations(*((word, word) for word in ("weight", "delay", "dendritic_delay_fraction")))
+
+    def __init__(self, timing_dependence: Any = None, weight_dependence: Any = None, *args: Any, **words: Any) -> None:
+        if not words.pop("backprop_delay", True):  # sPyNNaker's
+            SESSION.problem("'backprop_delay' is False: here a delay is dendritic")
+        timing = present(timing_dependence, DEPENDENCES["SpikePairRule"])
+        weight = present(weight_dependence, DEPENDENCES["AdditiveWeightDependence"])
+        super().__init__(timing, weight, *args, **words)
+
+    def _build_translations(self) -> None:
+        self.translations = dict(self.base_translations)
+        for component in (self.timing_dependence, self.weight_dependence):
+            self.translations.update(component.translations if component else {})
+
+
+class _Source:
+    def __init__(self, **parameters: Any) -> None:
+        parameters.pop("rng", None)
+        times = np.asarray(parameters.get("times", ()), dtype=float)
+        if np.any(np.diff(times, prepend=-np.finfo(float).tiny) <= 0) or np.any(times < 0):
+            raise ValueError("Step current timestamps should be monotonically increasing, and not negative.")
+        space = ParameterSpace(self.default_parameters, self.get_schema(), shape=(1,))  # type: ignore[attr-defined]
+        space.update(**parameters)
+        object.__setattr__(self, "_kept", space)
+
+    def inject_into(self, cells: Any) -> None:
+        """Keep which neurons receive it."""
+        if any(not cell.celltype.injectable for cell in cells):
+            raise TypeError("Can't inject current into a spike source.")
+        SESSION.changed("a current is injected")
+        SESSION.experiment.currents.append((self, [int(cell) for cell in cells], SESSION.where()))
+
+    def set_native_parameters(self, parameters: Any) -> None:
+        """Change its parameters."""
+        SESSION.changed("a current is changed")
+        self._kept.update(**dict(parameters.items()))  # type: ignore[attr-defined]
+
+    def get_native_parameters(self) -> Any:
+        """Its parameters."""
+        return self._kept  # type: ignore[attr-defined]
+
+    def record(self) -> None:
+        """Record nothing."""
+
+    def _get_data(self) -> tuple[Any, Any]:
+        SESSION.read = True
+        times = np.arange(min(MOST_SAMPLES, round(SESSION.t / SESSION.dt) + 1)) * SESSION.dt
+        return times, np.zeros(times.size)
+
+    def values(self) -> dict[str, Any]:
+        """Its parameters, numbers and arrays."""
+        space = deepcopy(self._kept)  # type: ignore[attr-defined]  # evaluated ones cannot be evaluated again
+        space.evaluate(simplify=True)
+        return {name: getattr(value, "value", value) for name, value in space.as_dict().items()}
+
+
+SOURCES = {
+    name: _as_it_is(type(name, (_Source, kind), {}))
+    for name, kind in _standard(electrodes, standardmodels.StandardCurrentSource).items()
+}
+
+
+SPINNAKER_EXTRAS = ("extra_models", "external_devices")
+"""Names under which sPyNNaker keeps what it adds."""
+
+
+def _same(*words: str) -> Any:
+    return build_translations(*((word, word) for word in words))
+
+
+class Neuromodulation(Delayed, StandardSynapseType):
+    """Synapses whose spikes are dopamine: each raises it by the weight."""
+
+    default_parameters = {"weight": 0.0, "delay": None, "tau_c": 1000.0, "tau_d": 200.0, "w_min": 0.0, "w_max": 1.0}
+    translations = _same(*default_parameters)
+    parameter_checks: dict[str, Any] = {}
+
+
+class Vogels2011Rule(STDPTimingDependence):
+    """The rule of Vogels et al. 2011; its step is `A_plus` x w_max."""
+
+    default_parameters = {"tau": 20.0, "alpha": 0.12, "A_plus": 0.01, "A_minus": 0.01}
+    translations = _same(*default_parameters)
+
+
+class SpikeSourcePoissonVariable(StandardCellType):
+    """Poisson trains whose rates change at listed times."""
+
+    default_parameters = {"rates": Sequence([1.0]), "starts": Sequence([0.0]), "durations": Sequence([])}
+    translations = _same(*default_parameters)
+    recordable = ["spikes"]
+    injectable = False
+    receptor_types = ()
+    conductance_based = False
+    default_initial_values: dict[str, float] = {}
+    units = {"spikes": "ms"}
+
+
+def spinnaker_names() -> dict[str, Any]:
+    """Return what sPyNNaker's module offers beyond PyNN's, by name.
+
+    Its cells record both names of a synaptic input and receive dopamine. Its receptor decides the sign of a weight, so
+    weights are not checked.
+    """
+    ours: dict[str, Any] = {name: kind for name, kind in CELLS.items() if name.startswith("SpikeSource")}
+    for name, kind in CELLS.items():
+        if name not in ours:
+            inputs = {"gsyn_exc": "uS", "gsyn_inh": "uS"}
+            words = {
+                "recordable": list(dict.fromkeys([*kind.recordable, *inputs])),
+                "units": {**inputs, **kind.units},
+                "receptor_types": ("excitatory", "inhibitory", "reward", "punishment"),
+            }
+            ours[name] = type(name, (kind,), words)
+    ours["Izhikevich"] = Absent("sPyNNaker's Izhikevich, whose synaptic currents are exponential,")
+    ours["IFCurDelta"] = ours["IFCurrDelta"] = ours["IF_curr_delta"]
+    ours |= {name: type(name, (kind,), {"parameter_checks": {}}) for name, kind in SYNAPSES.items()}
+    ours |= {kind.__name__: kind for kind in (Neuromodulation, Vogels2011Rule, SpikeSourcePoissonVariable)}
+    return ours | {"MultapseConnector": FixedTotalNumberConnector}
+
+
+def converted(name: str) -> Any:
+    """A function of `neo_convertor`: of results without a spike."""
+
+    def convert(*args: Any, **words: Any) -> Any:
+        SESSION.read = True
+        if name in ("count_spikes", "convert_spiketrains_count"):
+            return 0
+        return np.empty((0, 2 if "spike" in name else 3))
+
+    return convert
+
+
+def delta_jump(values: dict[str, Any], step: float) -> NDArray[np.float64]:
+    """Of each neuron the jump in mV that a weight of 1 nA makes, which is a current that lasts one step.
+
+    Args:
+        values: parameters of the neurons, in PyNN's units.
+        step: ms.
+    """
+    return np.asarray(values["tau_m"] / values["cm"] * -np.expm1(-step / values["tau_m"]))
