@@ -13,48 +13,92 @@ from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
     from neuro.chips.energy import number as number, quantity as quantity, sourced as sourced
+    from neuro.chips.known import ARITHMETICS as ARITHMETICS, arithmetic_of as arithmetic_of
     from neuro.cli.chips import PRICED as PRICED, Chips as Chips, Sources as Sources
     from neuro.cli.live import announce as announce
     from neuro.cli.options import (
         Backend as Backend,
         Backends as Backends,
+        Duration as Duration,
         NetworkFile as NetworkFile,
         Seed as Seed,
         Set as Set,
         assignments as assignments,
         at_least as at_least,
+        group as group,
+        milliseconds as milliseconds,
         resumable as resumable,
         seeds as seeds,
+        stoppable as stoppable,
         whole as whole,
         with_settings as with_settings,
     )
-    from neuro.core import hdf5 as hdf5, html as html, player as player
-    from neuro.core.checks import check as check, check_fields as check_fields
-    from neuro.core.clock import Clock as Clock
-    from neuro.core.errors import Where as Where, unknown as unknown
-    from neuro.core.extension import extensions as extensions, run_extensions as run_extensions
-    from neuro.core.extras import install as install
+    from neuro.cli.run import InFormat as InFormat, PictureFormat as PictureFormat, write_pictures as write_pictures
+    from neuro.coding.encoders import check_pixels as check_pixels, pixel_spikes as pixel_spikes
+    from neuro.compare.runs import chip_of as chip_of
+    from neuro.compiler import compile_network as compile_network
+    from neuro.compiler.mistakes import mistakes as mistakes
+    from neuro.core import (
+        hdf5 as hdf5,
+        html as html,
+        keyed_random as keyed_random,
+        player as player,
+        processes as processes,
+        tables as tables,
+    )
+    from neuro.core.checks import check as check, check_fields as check_fields, is_number as is_number
+    from neuro.core.choice import Choice as Choice
+    from neuro.core.clock import NEVER as NEVER, Clock as Clock
+    from neuro.core.errors import (
+        Where as Where,
+        a as a,
+        nearest as nearest,
+        some as some,
+        unknown as unknown,
+        words_of as words_of,
+    )
+    from neuro.core.extension import (
+        extensions as extensions,
+        named_by_user as named_by_user,
+        run_extensions as run_extensions,
+    )
+    from neuro.core.extras import install as install, needed as needed
     from neuro.core.grid import GridJob as GridJob, JobResults as JobResults, grid as grid
-    from neuro.core.inputs import record_input as record_input
+    from neuro.core.inputs import (
+        digest_of as digest_of,
+        file_path as file_path,
+        gathering as gathering,
+        record_input as record_input,
+    )
     from neuro.core.outputs import (
         Kind as Kind,
         Unwritable as Unwritable,
         check_output as check_output,
+        check_picture as check_picture,
         kept_json as kept_json,
         make_folder as make_folder,
+        marked as marked,
         output as output,
         sealed as sealed,
         write_picture as write_picture,
         write_text as write_text,
     )
     from neuro.core.processes import cores as cores, side_by_side as side_by_side
-    from neuro.core.progress import Bar as Bar
-    from neuro.core.provenance import provenance as provenance
-    from neuro.core.quantities import Quantity as Quantity
+    from neuro.core.progress import Bar as Bar, advance as advance
+    from neuro.core.provenance import ATTRIBUTE as ATTRIBUTE, differences as differences, provenance as provenance
+    from neuro.core.quantities import Quantity as Quantity, in_ms as in_ms, word_of as word_of
     from neuro.core.registry import Registry as Registry
     from neuro.core.settings import Part as Part, Settings as Settings, part as part, setting as setting
-    from neuro.core.tables import console as console, echo as echo, table as table
-    from neuro.core.values import literal as literal
+    from neuro.core.system import only_on_linux as only_on_linux
+    from neuro.core.tables import (
+        console as console,
+        echo as echo,
+        table as table,
+    )
+    from neuro.core.units import converted as converted, is_measure as is_measure
+    from neuro.core.values import literal as literal, printable as printable, shown as shown
+    from neuro.files import results as results, state as state
+    from neuro.files.recorded import variation as variation
     from neuro.files.state import Checkpoint as Checkpoint, fingerprint as fingerprint
     from neuro.kernels.jit import allocating as allocating, kernel as kernel, subkernel as subkernel
     from neuro.model.language import (
@@ -65,10 +109,25 @@ if TYPE_CHECKING:
         read as read,
         words as words,
     )
+    from neuro.model.language.files import gather as gather
+    from neuro.model.language.loader import build as build
+    from neuro.model.language.parameters import resolve as resolve
     from neuro.model.language.writer import NETWORK as NETWORK
-    from neuro.program.backend import find_backend as find_backend
-    from neuro.readout.decisions import Evaluation as Evaluation, evaluate as evaluate, wilson as wilson
-    from neuro.readout.showing import Overflows as Overflows, Showing as Showing, warn_of_overflows as warn_of_overflows
+    from neuro.model.parts import (
+        AUTO as AUTO,
+        CENTRED as CENTRED,
+        DECIDED_BY as DECIDED_BY,
+        Population as Population,
+        Projection as Projection,
+    )
+    from neuro.model.synapses.base import common as common
+    from neuro.pages import curves as curves, histograms as histograms, raster as raster
+    from neuro.plots._canvas import COLOURS as COLOURS, Picture as Picture, tidy as tidy
+    from neuro.program.backend import are_finite as are_finite, find_backend as find_backend, unreadable as unreadable
+    from neuro.program.counts import fan_out as fan_out
+    from neuro.run.collect import collect as collect
+    from neuro_predict.decisions import Evaluation as Evaluation, evaluate as evaluate, wilson as wilson
+    from neuro_predict.showing import Overflows as Overflows, Showing as Showing, warn_of_overflows as warn_of_overflows
 
 
 if not TYPE_CHECKING:

@@ -71,7 +71,14 @@ if TYPE_CHECKING:
         Spikes as Spikes,
         Trial as Trial,
     )
-    from neuro.program.program import Program as Program
+    from neuro.program.program import (
+        Population as Population,
+        Program as Program,
+        Projection as Projection,
+        Signal as Signal,
+        Stretch as Stretch,
+        Trials as Trials,
+    )
 
 
 if not TYPE_CHECKING:

@@ -202,7 +202,7 @@ def test_what_was_run_with_with_is_run_in_processes(tmp_path):
     )
     script = (
         "from neuro.core.extension import run_extension\nfrom neuro.apps import side_by_side\n"
-        "def run(job, report):\n    from neuro.sweeps.function import METRICS\n    return 'of_mine' in METRICS\n"
+        "def run(job, report):\n    from neuro_sweeps.function import METRICS\n    return 'of_mine' in METRICS\n"
         "if __name__ == '__main__':\n    run_extension('mine_for_jobs.py')\n    print(side_by_side(run, [1, 2], 2))\n"
     )
     (tmp_path / "script.py").write_text(script)

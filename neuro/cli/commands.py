@@ -19,13 +19,10 @@ from neuro.cli.catalogue import backends, models, schema
 from neuro.cli.chips import check, energy, fit, show
 from neuro.cli.compare import compare, verify
 from neuro.cli.convert import convert
-from neuro.cli.doctor import doctor
 from neuro.cli.events import app as events
 from neuro.cli.live import live
-from neuro.cli.predict import predict
-from neuro.cli.run import plot, report, rerun, run
+from neuro.cli.run import plot, report, run
 from neuro.cli.start import example, new
-from neuro.cli.sweep import sweep, tune
 from neuro.core.errors import ModelError, unknown
 from neuro.core.lazy import missing
 from neuro.core.version import VERSION
@@ -210,14 +207,11 @@ COMMANDS = (
     example,
     run,
     live,
-    rerun,
     plot,
     report,
     compare,
-    predict,
     convert,
     check,
-    doctor,
     show,
     fit,
     energy,
@@ -231,8 +225,6 @@ app = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_excep
 for command in COMMANDS:
     app.command()(command)
 app.add_typer(events)
-app.add_typer(sweep)
-app.add_typer(tune)
 
 
 @app.callback(invoke_without_command=True)

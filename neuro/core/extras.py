@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import Any
 
 from neuro.core.errors import ModelError
+from neuro.core.lazy import missing
 
 DISTRIBUTION = "neuro-snn"
 """The name of this package where packages are installed; on the index `neuro` is another one."""
@@ -48,6 +49,25 @@ def needed(module: str, extra: str, message: str) -> Any:
         return import_module(module)
     except ImportError:
         raise ModelError(message, hint=install(extra)) from None
+
+
+def app(module: str, what: str) -> Any:
+    """A module of a package of `apps`, which may have been taken away.
+
+    Args:
+        module: its name, e.g. "neuro_events.playing".
+        what: what needs it: the subject of the message.
+
+    Raises:
+        ModelError: the package is not installed.
+    """
+    package = module.partition(".")[0]
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name != package:
+            raise
+        raise ModelError(f"{what} {missing(package)}") from None
 
 
 class LazyModule:

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable, Collection, ItemsView, Iterable, Iterator, Mapping, ValuesView
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
@@ -34,7 +35,7 @@ _ROOMS = (
     "neuro.events",
     "neuro.events.formats",
     "neuro.coding",
-    "neuro.sweeps.function",
+    "neuro_sweeps.function",
 )
 """Where registries are made. A class or an instance has brought its own along; a plain function has not."""
 
@@ -233,7 +234,8 @@ def _registry_of(thing: object, kind: str) -> Registry[Any]:
     found = next((registry for registry in _REGISTRIES if _is_of(registry, thing, kind)), None)
     if found is None:
         for room in _ROOMS:
-            import_module(room)
+            if find_spec(room.partition(".")[0]) is not None:  # packages of apps may be taken away
+                import_module(room)
         found = next((registry for registry in _REGISTRIES if _is_of(registry, thing, kind)), None)
     if found is not None:
         return found
