@@ -65,6 +65,7 @@ if TYPE_CHECKING:
     from neuro.core.extras import install as install, needed as needed
     from neuro.core.grid import GridJob as GridJob, JobResults as JobResults, grid as grid
     from neuro.core.inputs import (
+        CLOSED as CLOSED,
         digest_of as digest_of,
         file_path as file_path,
         gathering as gathering,

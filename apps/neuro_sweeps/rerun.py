@@ -27,6 +27,7 @@ import numpy as np
 from neuro import ModelError, Network, event_camera, load
 from neuro.apps import (
     ATTRIBUTE,
+    CLOSED,
     Bar,
     Clock,
     differences,
@@ -43,8 +44,6 @@ from neuro.apps import (
 )
 from neuro.results import Weights
 
-CLOSED = "NEURO_STREAMS_CLOSED"
-"""A variable of the environment with which `neuro.events` opens no address of a stream."""
 _CODE = (*all_suffixes(), ".pth")
 _SETTINGS = (".numba_config.yaml", "matplotlibrc")
 """Files by which numba and matplotlib change what they do, if they lie in the current folder."""

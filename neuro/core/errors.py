@@ -23,7 +23,8 @@ __all__ = ["ModelError", "Where", "here", "nearest", "unknown", "words_of"]
 P = ParamSpec("P")
 R = TypeVar("R")
 _BACKENDS = ("neuro_chip", "neuro_event", "neuro_nest", "neuro_reference", "neuro_torch")
-_PACKAGES = ("neuro", *_BACKENDS, "dataclasses", "contextlib")
+_APPS = ("neuro_doctor", "neuro_events", "neuro_exchange", "neuro_live", "neuro_predict", "neuro_sweeps")
+_PACKAGES = ("neuro", *_BACKENDS, *_APPS, "dataclasses", "contextlib")
 
 
 class Where(NamedTuple):

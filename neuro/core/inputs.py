@@ -12,7 +12,9 @@ from typing import Any
 
 from neuro.core.errors import ModelError
 
-__all__ = ["digest_of", "existing", "file_path", "gathering", "record_input", "recorded_inputs"]
+CLOSED = "NEURO_STREAMS_CLOSED"
+"""An environment variable: a process that has it, and those that it starts, open no stream."""
+__all__ = ["CLOSED", "digest_of", "existing", "file_path", "gathering", "record_input", "recorded_inputs"]
 
 _BLOCK = 1 << 20
 _read: dict[str, None] = {}

@@ -37,7 +37,8 @@ _ROOMS = (
     "neuro.coding",
     "neuro_sweeps.function",
 )
-"""Where registries are made. A class or an instance has brought its own along; a plain function has not."""
+"""Where registries are made, some in packages that may be missing. A class or an instance brings its own along; a
+plain function does not."""
 
 
 class Registry(Mapping[str, T], Generic[T]):
@@ -234,7 +235,7 @@ def _registry_of(thing: object, kind: str) -> Registry[Any]:
     found = next((registry for registry in _REGISTRIES if _is_of(registry, thing, kind)), None)
     if found is None:
         for room in _ROOMS:
-            if find_spec(room.partition(".")[0]) is not None:  # packages of apps may be taken away
+            if find_spec(room.partition(".")[0]) is not None:
                 import_module(room)
         found = next((registry for registry in _REGISTRIES if _is_of(registry, thing, kind)), None)
     if found is not None:
