@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import neuro
-from neuro.sweeps.table import table_of
+from neuro_sweeps.table import table_of
 
 HERE = Path(__file__).resolve()
 FEW = 8

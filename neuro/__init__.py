@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     )
     from neuro.core.errors import ModelError as ModelError
     from neuro.core.registry import register as register
-    from neuro.diagnosis.diagnosis import Diagnosis as Diagnosis
-    from neuro.diagnosis.doctor import doctor as doctor
-    from neuro.diagnosis.findings import Finding as Finding
     from neuro.model.distributions import lognormal as lognormal, normal as normal, uniform as uniform
     from neuro.model.equations import equations as equations
     from neuro.model.language import load as load
@@ -72,7 +69,6 @@ if TYPE_CHECKING:
     from neuro.model.wiring.neurons import neuron_table as neuron_table
     from neuro.program.backend import OverflowWarning as OverflowWarning
     from neuro.program.counts import Counts as Counts
-    from neuro.readout.predict import Predictions as Predictions, predict as predict
     from neuro.run.compiled import (
         ApproximationWarning as ApproximationWarning,
         ModelWarning as ModelWarning,
@@ -91,10 +87,9 @@ if TYPE_CHECKING:
     from neuro.run.simulation import Simulation as Simulation
     from neuro.run.stepper import Stepper as Stepper
     from neuro.run.trials import TrialCounts as TrialCounts, TrialResults as TrialResults
-    from neuro.sweeps.execute import sweep as sweep, tune as tune, tuned as tuned
-    from neuro.sweeps.function import Pruned as Pruned, report_step as report_step
-    from neuro.sweeps.table import SweepTable as SweepTable
-    from neuro.sweeps.trials import TuneTable as TuneTable
+    from neuro_doctor.diagnosis import Diagnosis as Diagnosis
+    from neuro_doctor.doctor import doctor as doctor
+    from neuro_doctor.findings import Finding as Finding
     from neuro_exchange.c_code.export import CCode as CCode, save_c as save_c
     from neuro_exchange.netx import from_netx as from_netx
     from neuro_exchange.nir.exporting import to_nir as to_nir
@@ -104,6 +99,11 @@ if TYPE_CHECKING:
     from neuro_exchange.pynn.write import to_pynn as to_pynn
     from neuro_exchange.sonata import save_sonata as save_sonata
     from neuro_exchange.verdict import Verdict as Verdict, Verdicts as Verdicts
+    from neuro_predict.predict import Predictions as Predictions, predict as predict
+    from neuro_sweeps.execute import sweep as sweep, tune as tune, tuned as tuned
+    from neuro_sweeps.function import Pruned as Pruned, report_step as report_step
+    from neuro_sweeps.table import SweepTable as SweepTable
+    from neuro_sweeps.trials import TuneTable as TuneTable
 
 
 def _registered(name: str) -> object:

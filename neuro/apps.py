@@ -13,11 +13,13 @@ from neuro.core.lazy import public_names as public_names
 
 if TYPE_CHECKING:
     from neuro.chips.energy import number as number, quantity as quantity, sourced as sourced
+    from neuro.chips.known import ARITHMETICS as ARITHMETICS, arithmetic_of as arithmetic_of
     from neuro.cli import options as options
     from neuro.cli.chips import PRICED as PRICED, Chips as Chips, Sources as Sources
     from neuro.cli.options import (
         Backend as Backend,
         Backends as Backends,
+        Duration as Duration,
         NetworkFile as NetworkFile,
         NoBrowser as NoBrowser,
         Seed as Seed,
@@ -35,10 +37,26 @@ if TYPE_CHECKING:
         whole as whole,
         with_settings as with_settings,
     )
-    from neuro.cli.run import Record as Record, keep_spikes as keep_spikes
+    from neuro.cli.run import (
+        InFormat as InFormat,
+        PictureFormat as PictureFormat,
+        Record as Record,
+        keep_spikes as keep_spikes,
+        write_pictures as write_pictures,
+    )
+    from neuro.coding.encoders import check_pixels as check_pixels, pixel_spikes as pixel_spikes
+    from neuro.compare.runs import chip_of as chip_of
     from neuro.compiler import compile_network as compile_network
     from neuro.compiler.inputs import CameraInput as CameraInput
-    from neuro.core import hdf5 as hdf5, html as html, keyed_random as keyed_random, player as player, tables as tables
+    from neuro.compiler.mistakes import mistakes as mistakes
+    from neuro.core import (
+        hdf5 as hdf5,
+        html as html,
+        keyed_random as keyed_random,
+        player as player,
+        processes as processes,
+        tables as tables,
+    )
     from neuro.core.checks import (
         argument as argument,
         check as check,
@@ -46,16 +64,30 @@ if TYPE_CHECKING:
         is_number as is_number,
         refuse_masked as refuse_masked,
     )
+    from neuro.core.choice import Choice as Choice
     from neuro.core.clock import NEVER as NEVER, Clock as Clock
-    from neuro.core.errors import Where as Where, some as some, unknown as unknown
-    from neuro.core.extension import extensions as extensions, run_extensions as run_extensions
+    from neuro.core.errors import (
+        Where as Where,
+        a as a,
+        nearest as nearest,
+        some as some,
+        unknown as unknown,
+        words_of as words_of,
+    )
+    from neuro.core.extension import (
+        extensions as extensions,
+        named_by_user as named_by_user,
+        run_extensions as run_extensions,
+    )
     from neuro.core.extras import LazyModule as LazyModule, app as app, install as install, needed as needed
     from neuro.core.grid import GridJob as GridJob, JobResults as JobResults, grid as grid
     from neuro.core.hints import near as near
     from neuro.core.inputs import (
         CLOSED as CLOSED,
+        digest_of as digest_of,
         existing as existing,
         file_path as file_path,
+        gathering as gathering,
         record_input as record_input,
     )
     from neuro.core.interrupts import ending_by as ending_by
@@ -66,6 +98,7 @@ if TYPE_CHECKING:
         Kind as Kind,
         Unwritable as Unwritable,
         check_output as check_output,
+        check_picture as check_picture,
         kept_json as kept_json,
         make_folder as make_folder,
         marked as marked,
@@ -83,14 +116,17 @@ if TYPE_CHECKING:
         cores as cores,
         side_by_side as side_by_side,
     )
-    from neuro.core.progress import Bar as Bar
-    from neuro.core.provenance import provenance as provenance
-    from neuro.core.quantities import Quantity as Quantity
+    from neuro.core.progress import Bar as Bar, advance as advance
+    from neuro.core.provenance import ATTRIBUTE as ATTRIBUTE, differences as differences, provenance as provenance
+    from neuro.core.quantities import Quantity as Quantity, in_ms as in_ms, word_of as word_of
     from neuro.core.registry import Registry as Registry
     from neuro.core.settings import Part as Part, Settings as Settings, part as part, setting as setting
     from neuro.core.system import only_on_linux as only_on_linux
     from neuro.core.tables import Table as Table, as_html as as_html, console as console, echo as echo, table as table
-    from neuro.core.values import literal as literal, same as same
+    from neuro.core.units import converted as converted, is_measure as is_measure
+    from neuro.core.values import literal as literal, printable as printable, same as same, shown as shown
+    from neuro.files import results as results, state as state
+    from neuro.files.recorded import variation as variation
     from neuro.files.results import KIND as KIND
     from neuro.files.state import Checkpoint as Checkpoint, fingerprint as fingerprint
     from neuro.kernels import draws as draws
@@ -111,16 +147,33 @@ if TYPE_CHECKING:
         save as save,
         words as words,
     )
+    from neuro.model.language.files import gather as gather
+    from neuro.model.language.loader import build as build
+    from neuro.model.language.parameters import resolve as resolve
     from neuro.model.language.writer import NETWORK as NETWORK
-    from neuro.model.parts import AUTO as AUTO
-    from neuro.program.backend import Fired as Fired, find_backend as find_backend
-    from neuro.program.counts import difference as difference
-    from neuro.program.program import Floats as Floats, Ints as Ints, Population as Population, Projection as Projection
-    from neuro.readout.decisions import Evaluation as Evaluation, evaluate as evaluate, wilson as wilson
-    from neuro.readout.showing import Overflows as Overflows, Showing as Showing, warn_of_overflows as warn_of_overflows
+    from neuro.model.parts import (
+        AUTO as AUTO,
+        CENTRED as CENTRED,
+        DECIDED_BY as DECIDED_BY,
+        Population as Population,
+        Projection as Projection,
+    )
+    from neuro.model.synapses.base import common as common
+    from neuro.pages import curves as curves, histograms as histograms, raster as raster
+    from neuro.plots._canvas import COLOURS as COLOURS, Picture as Picture, tidy as tidy
+    from neuro.program.backend import (
+        Fired as Fired,
+        are_finite as are_finite,
+        find_backend as find_backend,
+        unreadable as unreadable,
+    )
+    from neuro.program.counts import difference as difference, fan_out as fan_out
     from neuro.run import settable as settable
+    from neuro.run.collect import collect as collect
     from neuro.run.inputs import driver as driver, outgoing as outgoing
     from neuro_live.cli import announce as announce
+    from neuro_predict.decisions import Evaluation as Evaluation, evaluate as evaluate, wilson as wilson
+    from neuro_predict.showing import Overflows as Overflows, Showing as Showing, warn_of_overflows as warn_of_overflows
 
 
 if not TYPE_CHECKING:

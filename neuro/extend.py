@@ -13,7 +13,6 @@ from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
     from neuro.chips.description import Chip as Chip, Figure as Figure, Mesh as Mesh
-    from neuro.compiler.resolve import compile_network as compile_network
     from neuro.core.errors import ModelError as ModelError
     from neuro.core.quantities import Value as Value, quantity as quantity
     from neuro.core.registry import register as register
@@ -68,6 +67,9 @@ if TYPE_CHECKING:
         Population as Population,
         Program as Program,
         Projection as Projection,
+        Signal as Signal,
+        Stretch as Stretch,
+        Trials as Trials,
     )
     from neuro_events._events import Events as Events
     from neuro_events.filters import Filter as Filter, Sieve as Sieve

@@ -44,7 +44,7 @@ INSIDE = {
     ("OverflowError", "apps/neuro_events/_kernels.py"): "a promise of a compiled kernel to its caller",
     (
         "ValueError",
-        "neuro/sweeps/folder.py",
+        "apps/neuro_sweeps/folder.py",
     ): "of JSON that is nested too deep; readers count it as damage",
     ("PermissionError", "neuro/core/outputs.py"): "as of the system; _telling tells it as Unwritable",
     ("OSError", "neuro/core/outputs.py"): "as of the system; _telling tells it as Unwritable",
@@ -68,7 +68,7 @@ INSIDE = {
     ("BadParameter", "neuro/cli/"): "of an option; the command line tells it with the option's name",
     ("BadParameter", "apps/"): "of an option; the command line tells it with the option's name",
     ("KeyboardInterrupt", "neuro/core/interrupts.py"): "of a second Ctrl-C, as Python raises it at the first",
-    ("Pruned", "neuro/sweeps/function.py"): "of a run that ends early; who does the run keeps it as pruned",
+    ("Pruned", "apps/neuro_sweeps/function.py"): "of a run that ends early; who does the run keeps it as pruned",
     (
         "ValueError",
         "apps/neuro_agent/spaces.py",

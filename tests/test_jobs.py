@@ -198,11 +198,11 @@ def test_a_script_that_starts_processes_wherever_it_is_read_is_told(tmp_path):
 
 def test_what_was_run_with_with_is_run_in_processes(tmp_path):
     (tmp_path / "mine_for_jobs.py").write_text(
-        "import neuro\n@neuro.register(kind='metric')\ndef of_mine(sim):\n    return 1\n"
+        "import neuro\n@neuro.register(kind='code')\ndef of_mine(value):\n    return value\n"
     )
     script = (
         "from neuro.core.extension import run_extension\nfrom neuro.apps import side_by_side\n"
-        "def run(job, report):\n    from neuro.sweeps.function import METRICS\n    return 'of_mine' in METRICS\n"
+        "def run(job, report):\n    from neuro.coding import CODES\n    return 'of_mine' in CODES\n"
         "if __name__ == '__main__':\n    run_extension('mine_for_jobs.py')\n    print(side_by_side(run, [1, 2], 2))\n"
     )
     (tmp_path / "script.py").write_text(script)

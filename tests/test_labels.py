@@ -10,7 +10,6 @@ from neuro.compare.differences import Divergence
 from neuro.core import html
 from neuro.pages import bills
 from neuro.plots._canvas import COLOURS, Picture
-from neuro.sweeps import pictures
 from neuro_drone.report import columns_of
 from neuro_train.telling import curves
 
@@ -25,21 +24,6 @@ def test_static_joules_are_those_of_their_clock():
     assert bills._spent(bill) == {"dynamic": 1.0, "static": 2.0, "waiting": 3.0}
 
 
-def test_values_of_a_map_lie_beside_their_axes():
-    axes = [[1, 2, 3], [10, 20]]
-    grid = np.array([[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]])
-    data = SimpleNamespace(grid=lambda: grid, axis=axes.__getitem__, names=["a", "b"], metric="m", mean_of="")
-    figure = pictures._map(data, "", 4.6)
-    assert np.array_equal(figure.axes[0].collections[0].get_array(), grid)
-    drawn = str(html.drawn(figure, "a map"))
-    ticks = {told: float(y) for y, told in re.findall(r'<text[^>]* y="([\d.]+)"[^>]*>(\d+)</text>', drawn)}
-    corners = r'<path d="M[\d.]+ ([\d.]+)L[\d. ]+L[\d.]+ ([\d.]+)L[^>]*>'
-    cells = re.findall(corners + r"<title>a = \d, b = (\d+): [\d.]+</title>", drawn)
-    assert len(cells) == grid.size
-    for bottom, top, told in cells:
-        assert float(top) < ticks[told] < float(bottom)
-
-
 def test_marks_of_a_figure_in_a_page_say_what_they_are():
     figure = Picture(figsize=(3.0, 2.0))
     axis = figure.subplots()
@@ -52,16 +36,6 @@ def test_marks_of_a_figure_in_a_page_say_what_they_are():
     assert "var(--ink)" in drawn
     assert COLOURS[0].lower() not in drawn
     assert not re.search(r"#ffffff|DejaVu|\bid=\"(figure|axes|line)", drawn)
-
-
-def test_bars_of_importance_stand_at_their_names(monkeypatch):
-    shares = {"first": 0.1, "second": 0.7, "third": 0.2}
-    monkeypatch.setattr(pictures, "importance", lambda table, name: shares)
-    plan = SimpleNamespace(objectives={"loss": "minimise"}, names=tuple(shares))
-    (axis,) = pictures._importance(SimpleNamespace(plan=plan, name="search"), "", 7.0).axes
-    names = [label.get_text() for label in axis.get_yticklabels()]
-    lengths = {names[round(bar.get_y() + bar.get_height() / 2)]: bar.get_width() for bar in axis.patches}
-    assert lengths == shares
 
 
 def test_the_curve_of_right_decisions_is_in_percent():

@@ -354,8 +354,9 @@ def test_no_file_is_opened_for_writing_elsewhere():
     }
     formats = {f"apps/neuro_events/formats/{name}.py" for name in FORMATS}
     given = {
-        *(f"neuro/cli/{name}.py" for name in ("compare", "doctor", "start", "run")),
-        *(f"neuro/sweeps/{name}.py" for name in ("page", "folder", "worker")),
+        *(f"neuro/cli/{name}.py" for name in ("compare", "start", "run")),
+        "apps/neuro_doctor/cli.py",
+        *(f"apps/neuro_sweeps/{name}.py" for name in ("page", "folder", "worker")),
         "apps/neuro_events/cli/making.py",
         "neuro/model/language/writer.py",
         "neuro/core/player.py",
@@ -364,16 +365,16 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "apps/neuro_exchange/c_code/export.py",
     }
     temporary = {
-        *("neuro/rerun/__init__.py", "neuro/files/results.py", "apps/neuro_events/formats/rosbag.py"),
+        *("apps/neuro_sweeps/rerun.py", "neuro/files/results.py", "apps/neuro_events/formats/rosbag.py"),
         "apps/neuro_recognise/methods/framewise.py",
         "neuro/kernels/kept.py",  # machine code, in a folder of its own
         "neuro/run/results_file.py",  # a run that is under way
         "neuro/core/html.py",  # a picture inside a page
         "neuro/plots/_canvas.py",  # a picture for a notebook
-        "neuro/sweeps/network.py",  # a table for one run
+        "apps/neuro_sweeps/network.py",  # a table for one run
         "apps/neuro_live/page.py",  # a file for the browser, in a folder of its own
     }
-    journal = {"neuro/sweeps/journal.py"}  # many add lines to it, so it is rewritten under its own lock
+    journal = {"apps/neuro_sweeps/journal.py"}  # many add lines to it, so it is rewritten under its own lock
     assert found == {"neuro/core/outputs.py"} | formats | temporary | given | journal
 
 

@@ -157,10 +157,11 @@ def _write_c(net: Network, folder: Path, options: Options) -> Verdicts | None:
 
 def _shown(net: Network, file: Path) -> dict[str, tuple[Any, Any]]:
     """The spikes of the network's pixels in a recording: steps, from 1, and neurons."""
-    from neuro.readout.asked import Pixels, gather, load, readout_of
+    from neuro.core.extras import app
 
-    first, readout = gather([file], None, False).samples[0], readout_of(net)
-    step, neuron = Pixels(net, readout).spikes(load(first), str(first.path))
+    asked = app("neuro_predict.asked", "a recording shown to a C program")
+    first, readout = asked.gather([file], None, False).samples[0], asked.readout_of(net)
+    step, neuron = asked.Pixels(net, readout).spikes(asked.load(first), str(first.path))
     return {readout.input: (step + 1, neuron)}
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError, Simulation
-from neuro.apps import Floats, Population, Quantity, driver, settable
-from neuro.extend import Neuron
+from neuro.apps import Quantity, driver, settable
+from neuro.extend import Floats, Neuron, Population
 from neuro_live.beside import has_curve
 
 KINDS = ("number", "integer", "boolean")

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro import Simulation
-from neuro.apps import Clock, Fired, Floats, Ints, Population, Projection, settable, unknown
+from neuro.apps import Clock, Fired, settable, unknown
+from neuro.extend import Floats, Ints, Population, Projection
 
 MOST_SPIKES = 2000
 """Of a population in a frame; of more an even choice, and all are counted."""

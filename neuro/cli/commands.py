@@ -18,11 +18,8 @@ from typer.core import TyperCommand, TyperGroup
 from neuro.cli.catalogue import backends, models, schema
 from neuro.cli.chips import check, energy, fit, show
 from neuro.cli.compare import compare, verify
-from neuro.cli.doctor import doctor
-from neuro.cli.predict import predict
-from neuro.cli.run import plot, report, rerun, run
+from neuro.cli.run import plot, report, run
 from neuro.cli.start import example, new
-from neuro.cli.sweep import sweep, tune
 from neuro.core.errors import ModelError, unknown
 from neuro.core.lazy import missing
 from neuro.core.version import VERSION
@@ -206,13 +203,10 @@ COMMANDS = (
     new,
     example,
     run,
-    rerun,
     plot,
     report,
     compare,
-    predict,
     check,
-    doctor,
     show,
     fit,
     energy,
@@ -225,8 +219,6 @@ COMMANDS = (
 app = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_exceptions_enable=False)
 for command in COMMANDS:
     app.command()(command)
-app.add_typer(sweep)
-app.add_typer(tune)
 
 
 @app.callback(invoke_without_command=True)

@@ -1,4 +1,4 @@
-"""A network run, what it left shown, and a file made again: `neuro run`, `plot`, `report` and `rerun`."""
+"""A network run, and what it left shown: `neuro run`, `plot` and `report`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -228,7 +227,7 @@ def what(trace: Trace) -> str:
     return f"{trace.state} of {some(trace.columns, 'synapse' if trace.projection else 'neuron')} at {times}"
 
 
-class Format(StrEnum):
+class PictureFormat(StrEnum):
     """Formats of pictures."""
 
     png = "png"
@@ -250,7 +249,7 @@ Of = Annotated[
     ),
 ]
 Bin = Annotated[float | None, typer.Option("--bin", metavar="MS", parser=milliseconds, help="Bins of the rates.")]
-PictureFormat = Annotated[Format, typer.Option("--format", metavar="png|pdf|svg", help="Of the pictures.")]
+InFormat = Annotated[PictureFormat, typer.Option("--format", metavar="png|pdf|svg", help="Of the pictures.")]
 
 
 def plot(
@@ -259,7 +258,7 @@ def plot(
     between: Between = None,
     of: Of = [],  # noqa: B006
     bin: Bin = None,
-    format: PictureFormat = Format.png,
+    format: InFormat = PictureFormat.png,
 ) -> None:
     """Draw the spikes, rates and traces of a run as pictures."""
     from neuro import plots
@@ -290,7 +289,7 @@ def plot(
     write_pictures(drawn, file.parent if out is None else out, format)
 
 
-def write_pictures(pictures: Iterable[tuple[str, Figure]], folder: Path, format: Format) -> None:
+def write_pictures(pictures: Iterable[tuple[str, Figure]], folder: Path, format: PictureFormat) -> None:
     """Write pictures by their names into a folder, which is made if it is not there, and report each."""
     from neuro.core.outputs import make_folder, write_picture
 
@@ -332,36 +331,3 @@ def report(file: File, out: PageOut = None, chip: ChipName = "loihi") -> None:
     with output(path, PAGE) as part:
         part.write_text(PAGE.seal(page(results, file, chip)), "utf-8")
     typer.echo(f"{path}: written")
-
-
-Made = Annotated[Path, typer.Argument(metavar="FILE", help="Results, a model, a page, or the folder of a run.")]
-OtherBackend = Annotated[str, typer.Option("--backend", metavar="NAME", help="Another one than it was made on.")]
-MovedTo = Annotated[
-    list[Path],
-    typer.Option("--moved-to", metavar="FOLDER", help="Look there for inputs that were moved, by content; repeatable."),
-]
-Against = Annotated[Path | None, typer.Option(metavar="OTHER", help="Compare with this file instead of making it.")]
-
-
-def rerun(
-    context: typer.Context,
-    file: Made,
-    backend: OtherBackend = "",
-    moved_to: MovedTo = [],  # noqa: B006
-    against: Against = None,
-) -> None:
-    """Make a file again from what it holds; report whether it has the same bits, or what differs and what changed."""
-    from neuro.cli.recorded import repeated
-    from neuro.core.progress import Bar
-    from neuro.core.values import printable
-    from neuro.rerun import rerun as again
-
-    repeat = partial(repeated, context.find_root().command)
-    with Bar() as bar:
-        bar.say("running again")
-        verdict = again(file, backend=backend, inputs=moved_to, against=against, bar=bar, repeat=repeat)
-    typer.echo(printable(f"{file}: " + ("the same bits" if verdict.same else f"not the same: {verdict.difference}")))
-    for line in verdict.changed:
-        typer.echo(printable(f"changed: {line}"))
-    if not verdict.same:
-        raise typer.Exit(1)

@@ -10,7 +10,7 @@ from os.path import dirname
 from types import ModuleType
 from typing import Any
 
-PACKAGES = {"neuro.events": "neuro_events", "neuro.live": "neuro_live"}
+PACKAGES = {"neuro.events": "neuro_events", "neuro.live": "neuro_live", "neuro.sweeps": "neuro_sweeps"}
 """Public modules of `neuro` that are packages of their own, in `apps`: the package of each."""
 
 

@@ -35,7 +35,7 @@ _ROOMS = (
     "neuro_events",
     "neuro_events.formats",
     "neuro.coding",
-    "neuro.sweeps.function",
+    "neuro_sweeps.function",
 )
 """Where registries are made, some in packages that may be missing. A class or an instance brings its own along; a
 plain function does not."""

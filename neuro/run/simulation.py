@@ -40,11 +40,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from neuro.chips.energy import Energy
-    from neuro.diagnosis.diagnosis import Diagnosis
     from neuro.files.parts import Trace
     from neuro.files.recorded import DataFrames
     from neuro.files.results import Results
     from neuro.run.collect import ResultsWriter
+    from neuro_doctor.diagnosis import Diagnosis
 
 _FLAG = Quantity(kind="boolean")
 
@@ -721,12 +721,13 @@ class Simulation:
             ModelError: an argument is not as described.
         """
         self.program.refuse_share("doctor")
-        from neuro.diagnosis.doctor import backend_of_copy, examine, options_of, refused
+        from neuro.core.extras import app
         from neuro.run.saved import present
 
-        options = options_of(
+        doctor = app("neuro_doctor.doctor", "sim.doctor")
+        options = doctor.options_of(
             ms=ms,
-            backend=backend_of_copy(self.backend),
+            backend=doctor.backend_of_copy(self.backend),
             chip=chip,
             train=train,
             drive=drive,
@@ -737,8 +738,10 @@ class Simulation:
         try:
             self._synapses.check()
         except ModelError as error:
-            return refused(self.program.name, [error])
-        return examine(present(self._run, self.steered), options)
+            diagnosis: Diagnosis = doctor.refused(self.program.name, [error])
+        else:
+            diagnosis = doctor.examine(present(self._run, self.steered), options)
+        return diagnosis
 
     # files
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from neuro.core.hdf5 import seal
 from neuro.core.provenance import ATTRIBUTE
-from neuro.sweeps.folder import SWEEP, TUNING, Folder, sum_of
+from neuro_sweeps.folder import SWEEP, TUNING, Folder, sum_of
 
 NET = """\
 neuro: 1
@@ -674,7 +674,7 @@ DRIVER = '''\
 """Run each case in a process of its own, which begins with all modules there; two at once."""
 import json, os, resource, signal, sys, time, traceback
 import sitecustomize
-import neuro.cli.commands, neuro.rerun, neuro.sweeps.definition, neuro.files.results, neuro, matplotlib.figure
+import neuro.cli.commands, neuro_sweeps.rerun, neuro_sweeps.definition, neuro.files.results, neuro, matplotlib.figure
 
 cases, log = json.load(open(sys.argv[1])), os.environ["HOSTILE_LOG"]
 

@@ -44,8 +44,8 @@ class Sweep:
     }
 
     def __init__(self, place):
-        from neuro.sweeps.definition import load_sweep
-        from neuro.sweeps.folder import SWEEP, Folder
+        from neuro_sweeps.definition import load_sweep
+        from neuro_sweeps.folder import SWEEP, Folder
 
         said = {"network": "net.yaml", "for": "20 ms", "backend": "reference", "keep": "results", "seeds": 2}
         (place / "net.yaml").write_text(json.dumps(self.NET))
@@ -53,15 +53,15 @@ class Sweep:
         self.file, self.load, self.folder = place / "sweep.yaml", load_sweep, lambda out: Folder(out, SWEEP)
 
     def do(self, out):
-        from neuro.sweeps.execute import execute
-        from neuro.sweeps.executors import Executor
+        from neuro_sweeps.execute import execute
+        from neuro_sweeps.executors import Executor
 
         execute(self.load(self.file), self.folder(out / "runs"), Executor(*self.place))
 
     place = ("here",)
 
     def bits(self, out):
-        from neuro.sweeps.table import table_of
+        from neuro_sweeps.table import table_of
 
         table = table_of(out / "runs")
         assert sorted(os.listdir(out / "runs" / "runs")) == sorted(table.keys), "something was left behind"

@@ -247,7 +247,7 @@ def writers():
         "report": (".html", command("report", "{seed}/run.h5", "--out", "{out}"), sealed("neuro.pages.report")),
         "plot": (".png", command("plot", "{seed}/run.h5", "--out", "{folder}")),
         "compare": (".html", command(*compare, "--html", "{out}"), sealed("neuro.compare.report")),
-        "doctor": (".html", doctor, sealed("neuro.diagnosis.diagnosis")),
+        "doctor": (".html", doctor, sealed("neuro_doctor.diagnosis")),
         "sweep table": (".csv", command("sweep", "table", "{seed}/sweep", "--out", "{out}")),
         "sweep page": (".html", command("sweep", "page", "{seed}/sweep", "--out", "{out}")),
         "sonata": (".json", command("convert", "{seed}/net.yaml", "{out}")),
@@ -314,10 +314,10 @@ def prepare(folder, sweeps=True):
 
 def sweep(folder, seed):
     """A sweep of two runs."""
-    from neuro.sweeps.definition import load_sweep
-    from neuro.sweeps.execute import execute
-    from neuro.sweeps.executors import Executor
-    from neuro.sweeps.folder import SWEEP, Folder
+    from neuro_sweeps.definition import load_sweep
+    from neuro_sweeps.execute import execute
+    from neuro_sweeps.executors import Executor
+    from neuro_sweeps.folder import SWEEP, Folder
 
     text = "parameters: {w: [1.0, 2.0]}\nnetwork: s.yaml\nfor: 5 ms\nbackend: reference\n"
     (folder / "sweep.yaml").write_text(f"{text}seeds: [{seed}]\n")

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import neuro
-from neuro.sweeps.table import table_of
+from neuro_sweeps.table import table_of
 
 pytest.importorskip("distributed", reason="the extra dask is not installed")
 
@@ -128,14 +128,14 @@ def test_a_killed_scheduler_loses_nothing(runs, cluster, tmp_path, notes):
 
 
 def test_a_cluster_without_workers(runs, cluster, tmp_path, monkeypatch):
-    monkeypatch.setattr("neuro.sweeps.executors.CONNECT_S", 1.5)
+    monkeypatch.setattr("neuro_sweeps.executors.CONNECT_S", 1.5)
     with pytest.raises(neuro.ModelError) as told:
         sweep(runs.add, {"a": [1]}, tmp_path / "out", on=cluster.file)
     assert str(told.value) == f"on = '{cluster.file}': the cluster has no worker"
 
 
 def test_no_scheduler(runs, tmp_path, monkeypatch):
-    monkeypatch.setattr("neuro.sweeps.executors.CONNECT_S", 0.5)
+    monkeypatch.setattr("neuro_sweeps.executors.CONNECT_S", 0.5)
     with pytest.raises(neuro.ModelError, match=r"on = 'tcp://127.0.0.1:9': no scheduler answers: "):
         sweep(runs.add, {"a": [1]}, tmp_path / "out", on="tcp://127.0.0.1:9")
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 import neuro
-from neuro.sweeps.folder import LEASE_S, Claims, Folder, alive, machine
-from neuro.sweeps.pictures import pictures, search_pictures
-from neuro.sweeps.table import table_of
+from neuro_sweeps.folder import LEASE_S, Claims, Folder, alive, machine
+from neuro_sweeps.pictures import pictures, search_pictures
+from neuro_sweeps.table import table_of
 
 SWEEP = "study: twice\nparameters: {x: [1, 2, 3]}\nseeds: 1\n"
 TUNE = "study: twice\nparameters: {x: {from: 0, to: 4}}\nobjectives: {value: max}\ntrials: 4\n"

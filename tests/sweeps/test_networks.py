@@ -8,9 +8,9 @@ import pytest
 import yaml
 
 import neuro
-from neuro.sweeps.definition import load_sweep
-from neuro.sweeps.folder import Folder
-from neuro.sweeps.table import table_of
+from neuro_sweeps.definition import load_sweep
+from neuro_sweeps.folder import Folder
+from neuro_sweeps.table import table_of
 
 NET = """\
 neuro: 1

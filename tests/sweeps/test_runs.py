@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 
 import neuro
-from neuro.sweeps.definition import Limits
-from neuro.sweeps.folder import Claims, Folder, began
-from neuro.sweeps.page import _metric
-from neuro.sweeps.pictures import pictures, plot_data
-from neuro.sweeps.space import RunItem
-from neuro.sweeps.table import table_of
-from neuro.sweeps.worker import LOST, Worker
+from neuro_sweeps.definition import Limits
+from neuro_sweeps.folder import Claims, Folder, began
+from neuro_sweeps.page import _metric
+from neuro_sweeps.pictures import pictures, plot_data
+from neuro_sweeps.space import RunItem
+from neuro_sweeps.table import table_of
+from neuro_sweeps.worker import LOST, Worker
 
 FOLDER = Path(__file__).parent
 

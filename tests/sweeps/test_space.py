@@ -9,7 +9,7 @@ import yaml
 from hypothesis import given, settings, strategies as st
 
 from neuro import ModelError
-from neuro.sweeps.space import space_of
+from neuro_sweeps.space import space_of
 
 
 def points(*args, **words):

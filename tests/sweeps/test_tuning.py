@@ -13,10 +13,10 @@ from hypothesis import given, settings, strategies as st
 import neuro
 from neuro import ModelError
 from neuro.core.extension import run_extensions
-from neuro.rerun import rerun
-from neuro.sweeps.folder import Claims, Folder, claimed
-from neuro.sweeps.plan import SearchPlan, front, plan_of
-from neuro.sweeps.worker import Worker
+from neuro_sweeps.folder import Claims, Folder, claimed
+from neuro_sweeps.plan import SearchPlan, front, plan_of
+from neuro_sweeps.rerun import rerun
+from neuro_sweeps.worker import Worker
 
 pytest.importorskip("optuna", reason="the extra tune is not installed")
 FOLDER = Path(__file__).parent

@@ -13,7 +13,7 @@ pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro as snn
 from neuro.apps import warn_of_overflows
 from neuro.events import recordings
-from neuro.readout.showing import noted
+from neuro_predict.showing import noted
 from neuro_train.data import show
 from neuro_train.plan import TrainingPlan
 from neuro_train.tested import on_backend, summed

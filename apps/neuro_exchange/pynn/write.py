@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError, Network, static, stdp, tsodyks2
-from neuro.apps import Quantity, Where, check, file_path, marked, output, sealed, some
-from neuro.extend import Floats, Ints, Population, Program, Projection, compile_network
+from neuro.apps import Quantity, Where, check, compile_network, file_path, marked, output, sealed, some
+from neuro.extend import Floats, Ints, Population, Program, Projection
 from neuro_exchange.pynn.cells import BY_MODEL, DEPENDENCES, Cell, difference
 from neuro_exchange.templates import filled
 from neuro_exchange.verdict import APPROXIMATE, Verdict, Verdicts

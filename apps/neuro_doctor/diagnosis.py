@@ -1,0 +1,184 @@
+"""All findings about a network, and their page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import neuro
+from neuro.apps import histograms, html, raster, sealed, some, tables
+from neuro_doctor.findings import SEVERITIES, Finding
+from neuro_doctor.observing import Observation
+from neuro_doctor.wiring import has_threshold
+
+PAGE = sealed("a page of 'neuro doctor'", '<meta name="generator" content="neuro doctor">', "<!-- digest {} -->")
+WIDE, TALL, TOP, LEFT = 900, 110, 12, 110
+"""Pixels of a drawing of potentials: its right and lower end, and where it begins."""
+_HEADS = ("severity", "finding", "of", "place")
+
+
+def page(network: str, lead: str, findings: Sequence[Finding], seen: Observation | None) -> str:
+    """The page as HTML text.
+
+    Args:
+        network: its name.
+        lead: what was found and how, in a line or two.
+        findings: what was found.
+        seen: of the run, None where nothing ran.
+    """
+    parts = (
+        html.tag("header", html.tag("h1", network), html.tag("p", lead, class_="lead")),
+        html.table(_HEADS, [(e.severity, e.name, e.what, e.where or "-") for e in findings]) if findings else None,
+        *(part for each in findings for part in _finding(each, seen)),
+        *(() if seen is None else _run(seen)),
+        html.tag("footer", f"Written by neuro {neuro.__version__} (neuro doctor)."),
+    )
+    return html.page("neuro doctor", f"{network}: a diagnosis", parts, raster.script())
+
+
+def _finding(each: Finding, seen: Observation | None) -> Iterator[html.Html]:
+    yield html.tag("h2", f"{each.severity.capitalize()}: {each.name}")
+    yield html.tag("p", html.tag("b", each.what), f" {each.where}" if each.where else None)
+    yield html.tag("p", each.evidence)
+    yield html.tag("p", html.tag("b", "Remedy: "), each.remedy)
+    if seen is None or each.severity == SEVERITIES[-1]:
+        return
+    shown = [k for k, p in enumerate(seen.program.populations) if p.name in each.shows]
+    yield from _raster(seen, shown)
+    yield from (_potential(seen, k) for k in shown if has_threshold(seen.program.populations[k]))
+    for q, learnt in seen.learning.items():
+        name = seen.program.projections[q].name
+        if each.what == f"projection '{name}'":
+            found = histograms.histogram(name, "", {"first": learnt.first, "last": learnt.last})
+            yield histograms.drawings([found], {"first": "at the beginning", "last": "at the end"})
+
+
+def _potential(seen: Observation, k: int) -> html.Html:
+    """The largest V_m of the neurons that were followed, along time, below the threshold."""
+    part, v = seen.program.populations[k], seen.populations[k].potentials.max(axis=1)
+    threshold = float(part.parameters["V_th"][0])
+    low, high = min(float(v.min()), threshold), max(float(v.max()), threshold)
+    x = LEFT + (WIDE - LEFT) * np.arange(1, v.size + 1) / v.size
+    y = TALL - (TALL - TOP) * (np.append(v, threshold) - low) / max(high - low, 1e-12)
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=False))
+    drawing = html.svg(
+        WIDE,
+        TALL + 20,
+        html.line(LEFT, float(y[-1]), WIDE, float(y[-1]), "rule"),
+        html.text(LEFT - 6, float(y[-1]) + 4, f"V_th {threshold:g} mV", "quiet", "end"),
+        html.text(LEFT - 6, float(y[0]) + 4, f"{v[0]:.4g} mV", "quiet", "end") if abs(y[0] - y[-1]) > 12 else None,
+        html.text(WIDE, TALL + 16, f"{seen.ms:g} ms", "quiet", "end"),
+        html.tag("polyline", points=points, class_="curve chip0"),
+        label=f"largest V_m of {part.name}",
+    )
+    return html.figure(drawing, f"The largest V_m of {seen.populations[k].ids.size:,} neurons of {part.name}.")
+
+
+def _run(seen: Observation) -> Iterator[html.Html]:
+    yield html.tag("h2", "The run")
+    populations = seen.program.populations
+    rows = [
+        (p.name, p.said, f"{p.size:,}", f"{int(seen.populations[k].spikes.sum()):,}", f"{seen.rate(k):.3g}")
+        for k, p in enumerate(populations)
+        if p.kind != "current"
+    ]
+    yield html.table(("population", "model", ">neurons", ">spikes", ">rate Hz"), rows)
+    yield from _raster(seen, [k for k, p in enumerate(populations) if p.records and p.kind != "current"][:50])
+
+
+def _raster(seen: Observation, indices: list[int]) -> Iterator[html.Html]:
+    """Strips of the neurons that were followed."""
+    strips = []
+    for k in indices:
+        s, part = seen.populations[k], seen.program.populations[k]
+        if not part.records:
+            continue
+        window = raster.Window(s.ids, seen.steps + 1, part.size)
+        about = f"{seen.rate(k):.3g} Hz, {window.described(seen.ms, seen.program.resolution)}"
+        keys = window.keys(s.steps, s.ids[s.rows]) if s.steps.size else np.zeros(0, dtype=np.int64)
+        strips.append(raster.Strip(part.name, about, window, {"spike": keys}))
+    if strips:
+        names = ", ".join(strip.name for strip in strips)
+        drawn = raster.raster(strips, seen.ms, seen.program.resolution, label=f"raster of {names}", tallest=100)
+        yield html.figure(drawn, "Each row is a neuron, the first at the bottom.", class_="raster")
+
+
+MOST_ALIKE = 4
+"""Findings of one name that are printed in full."""
+COLUMNS = (*_HEADS, "found", "remedy")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnosis:
+    """All findings about a network, faults first; iterable.
+
+    Attributes:
+        network: its name.
+        findings: what was found.
+        about: how the short run went, in a sentence.
+        observation: what was seen of the run, None where nothing ran.
+    """
+
+    network: str
+    findings: tuple[Finding, ...]
+    about: str
+    observation: Observation | None = None
+
+    def __iter__(self) -> Iterator[Finding]:
+        return iter(self.findings)
+
+    def __len__(self) -> int:
+        return len(self.findings)
+
+    @property
+    def faults(self) -> tuple[Finding, ...]:
+        """The findings that are faults."""
+        return tuple(each for each in self.findings if each.severity == "fault")
+
+    @property
+    def verdict(self) -> str:
+        """How many findings of each severity, in a line."""
+        counts = [(sum(each.severity == word for each in self.findings), word) for word in SEVERITIES]
+        return f"{self.network}: {', '.join(some(n, word) for n, word in counts if n) or 'nothing is wrong'}"
+
+    def __str__(self) -> str:
+        return "\n".join([*self._lines(), self.about, self.verdict])
+
+    def _lines(self) -> Iterator[str]:
+        """The first findings of each name, and of which parts there are more."""
+        by_name: dict[tuple[str, str], list[Finding]] = {}
+        for each in self.findings:
+            by_name.setdefault((each.severity, each.name), []).append(each)
+        for alike in by_name.values():
+            yield from map(str, alike[:MOST_ALIKE])
+            if more := alike[MOST_ALIKE:]:
+                names = ", ".join(each.what for each in more[:MOST_ALIKE])
+                yield f"  likewise {names}{', ...' * (len(more) > MOST_ALIKE)} ({len(more)} more)"
+
+    def _repr_html_(self) -> str:
+        rows = tuple((e.severity, e.name, e.what, str(e.where or ""), e.evidence, e.remedy) for e in self)
+        return tables.as_html(self.verdict, [tables.Table(self.about, COLUMNS, rows)])
+
+    def as_dict(self) -> dict[str, Any]:
+        """The diagnosis for JSON."""
+        return {
+            "network": self.network,
+            "about": self.about,
+            "faults": len(self.faults),
+            "findings": [each.as_dict() for each in self.findings],
+        }
+
+    def page(self) -> str:
+        """A page with the findings and the spikes that are their evidence, as HTML text."""
+        return page(self.network, f"{self.verdict}. {self.about}", self.findings, self.observation)
+
+
+def ordered(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Findings by severity, else as they come; of those of one name about one part the first."""
+    first: dict[tuple[str, str], Finding] = {}
+    for each in findings:
+        first.setdefault((each.name, each.what), each)
+    return tuple(sorted(first.values(), key=lambda each: SEVERITIES.index(each.severity)))

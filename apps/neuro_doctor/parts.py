@@ -1,0 +1,278 @@
+"""Checks of single parts: parameters of neurons and generators, the strength of one spike, rules of learning."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from neuro.apps import some
+from neuro.extend import Neuron, Population, Program, Projection, Synapse
+from neuro_doctor.findings import Finding, fault, warning
+from neuro_doctor.wiring import Wiring, is_short_term
+
+STRONG = 10.0
+"""Threshold distances by which one spike lifts V_m above which the unit of its weight is doubted. One is enough to
+fire, as relays need; networks that are trained have a few."""
+WEAK = 1e-3
+"""Share of the threshold distance below which one spike is doubted, if all inputs at once do not reach the threshold
+either: a hundred steps of a thousandth are as strong as a drive of many spikes, hence the second condition."""
+LONGEST_MS = {"izhikevich": 1.0}
+"""Steps of models without a time constant, above which forward Euler falsifies them: at 2 ms up to 45 % of the spikes
+of a fast-spiking neuron are missing. Izhikevich, 2003, halves his steps of 1 ms for V_m."""
+FAST_HZ = 1000.0
+"""No neuron fires faster, so a faster generator stands for many neurons."""
+
+
+def of_neurons(wiring: Wiring) -> Iterator[Finding]:
+    """Findings about populations and single spikes."""
+    for k, part in enumerate(wiring.program.populations):
+        if isinstance(part.model, Neuron) and not part.model.chip:
+            yield from _steps(wiring, k)
+            yield from _potentials(wiring, k)
+        elif part.kind != "neuron":
+            yield from _generator(wiring, k)
+    for q in range(len(wiring.program.projections)):
+        yield from _spike(wiring, q)
+
+
+def _is_coarse(part: Population, h: float) -> bool:
+    return h > LONGEST_MS.get(part.model.name, np.inf)
+
+
+def _steps(wiring: Wiring, k: int) -> Iterator[Finding]:
+    """Time constants that a step jumps over: what an input leaves is gone before the next step."""
+    part, h = wiring.program.populations[k], wiring.program.resolution
+    inhibits = any(wiring.pushes(q)[1] or wiring.program.projections[q].receptor is not None for q in wiring.onto(k))
+    if _is_coarse(part, h):
+        longest = LONGEST_MS[part.model.name]
+        evidence = f"forward Euler on steps of {h:g} ms falsifies {part.model.name} above {longest:g} ms"
+        yield fault("coarse-step", part, evidence, f"use a `resolution` of {longest / 2.0:g} ms or less")
+    for word, values in part.parameters.items():
+        unit = part.model.quantities()[word].unit if word in part.model.quantities() else ""
+        least = float(values.min(initial=np.inf))
+        unused = word == "tau_syn_in" and not inhibits
+        if word.startswith("tau") and not unused and unit == "ms" and 0.0 < least < h:
+            left = np.exp(-h / least)
+            evidence = f"{word} = {least:g} ms is shorter than a step of {h:g} ms, over which {left:.2g} of it is left"
+            remedy = f"use a `resolution` of at most {least / 4.0:.2g} ms, or check the unit of {word}: it is ms"
+            yield fault("coarse-step", part, evidence, remedy)
+
+
+def _potentials(wiring: Wiring, k: int) -> Iterator[Finding]:
+    part, cell = wiring.program.populations[k], wiring.cell(k)
+    if cell is None:
+        return
+    p = part.parameters
+    if "E_L" in p and bool(np.all(p["E_L"] >= p["V_th"])):
+        evidence = f"E_L = {p['E_L'].max():g} mV is not below V_th = {p['V_th'].min():g} mV: it fires without any input"
+        yield warning("fires-by-itself", part, evidence, "lower E_L or raise V_th; I_e drives neurons on purpose")
+    start = np.broadcast_to(part.initial["V_m"], part.size)
+    over = int((start >= p["V_th"]).sum())
+    if over and not bool(np.all(p.get("E_L", -np.inf) >= p["V_th"])):
+        share = over / part.size
+        if share > 0.5:
+            evidence = f"V_m of {over:,} of {some(part.size, 'neuron')} begins at or above V_th: they fire at once"
+            yield warning("starts-firing", part, evidence, "draw `initial: {V_m: ...}` between V_reset and V_th")
+    for word, above in (("E_ex", True), ("E_in", False)):
+        if word in p and bool(np.all(p[word] <= p["V_th"] if above else p[word] >= p["V_th"])):
+            name, does = ("excitatory", "cannot lift V_m to") if above else ("inhibitory", "lifts V_m to")
+            evidence = f"{word} = {p[word].max():g} mV, the {name} reversal, {does} V_th = {p['V_th'].min():g} mV"
+            yield fault("reversal", part, evidence, f"set {word} {'above' if above else 'below'} V_th")
+
+
+def _generator(wiring: Wiring, k: int) -> Iterator[Finding]:
+    part, h = wiring.program.populations[k], wiring.program.resolution
+    if part.stop <= part.start:
+        evidence = f"it ends at {part.stop * h:g} ms and begins at {part.start * h:g} ms, so it never emits"
+        yield fault("never-on", part, evidence, "set `stop` after `start`")
+    if part.kind != "poisson":
+        return
+    rate = part.largest("rate")
+    for q in wiring.out_of(k):
+        target = wiring.program.populations[wiring.program.projections[q].target]
+        each = wiring.weights[q].synapses / target.size
+        if rate > FAST_HZ and each > 1.5:
+            evidence = (
+                f"each of its {some(part.size, 'neuron')} emits {rate:g} Hz, and a neuron of '{target.name}' hears "
+                f"{each:.3g} of them: {rate * each:,.0f} spikes a second"
+            )
+            remedy = f"`rate` is of one neuron: if {rate:g} Hz is meant for all, set it to {rate / part.size:.3g} Hz"
+            yield warning("rate-of-all", part, evidence, remedy, target.name)
+            return
+
+
+def _spike(wiring: Wiring, q: int) -> Iterator[Finding]:
+    """What one spike does, beside the way to the threshold."""
+    part, w = wiring.program.projections[q], wiring.weights[q]
+    cell, target = wiring.cell(part.target), wiring.program.populations[part.target]
+    if cell is None or part.carries != "spikes" or not w.synapses or cell.distance <= 0.0:
+        return
+    if _is_coarse(target, cell.h):
+        return
+    forced = part.layout == "one_to_one" and wiring.program.populations[part.source].kind == "listed"
+    (up, _), (down, _) = wiring.receptors(q)
+    largest = max(abs(w.largest), abs(w.least))
+    # The mean magnitude: drawn weights have tails.
+    mean = (w.above - w.below) / w.synapses
+    receptor = up if w.above >= -w.below else down
+    slope = abs(cell.slope(receptor))
+    peak = slope * mean
+    unit = f" {target.model.weight_unit}" if isinstance(target.model, Neuron) and target.model.weight_unit else ""
+    if not slope or not largest:
+        return
+    one = f"a spike of weight {mean:.4g}{unit} moves V_m of '{target.name}' by {peak:.3g} mV, "
+    meant = f"a weight of {1.0 / slope:.3g}{unit} moves it by 1 mV"
+    # One that inhibits makes no neuron fire, so it is measured by the way to the threshold.
+    excites = w.above >= -w.below and peak > cell.distance / STRONG
+    fires = min(cell.to_fire(receptor) if excites else math.inf, cell.distance / slope)
+    if mean > STRONG * fires and not forced:  # listed spikes may well stand for those of their targets
+        evidence = f"{one}{mean / fires:.3g} times what makes it fire"
+        remedy = f"check the unit of `weight`: {meant}, and one of {fires:.3g}{unit} makes it fire"
+        yield warning("strong-spike", part, evidence, remedy)
+    elif peak < WEAK * cell.distance and not part.synapse.learns and _all_at_once(wiring, part.target) < cell.distance:
+        evidence = f"{one}{peak / cell.distance:.2%} of the way to the threshold; all inputs at once do not reach it"
+        yield warning("weak-spike", part, evidence, f"check the unit of `weight`: {meant}")
+
+
+def _all_at_once(wiring: Wiring, population: int) -> float:
+    """How far one spike of each input together moves V_m of a mean neuron up, in mV."""
+    size = wiring.program.populations[population].size
+    cell = wiring.cell(population)
+    assert cell is not None
+    slope = max(abs(cell.slope(k)) for k in range(cell.model.receptors))
+    return slope * sum(wiring.pushes(q)[0] for q in wiring.onto(population)) / size
+
+
+LEFT = 0.05
+"""Share of an eligibility below which the reward finds nothing of it: the trace of three time constants ago."""
+_RATES = ("lambda_", "lambda", "A_plus", "A_minus", "Ar_plus", "Ar_minus", "Ap_plus", "Ap_minus", "eta", "alpha_plus")
+
+
+def of_rules(wiring: Wiring, reward_after: float | None) -> Iterator[Finding]:
+    """Findings about rules, before anything runs.
+
+    Args:
+        wiring: of the network.
+        reward_after: how long after the spikes that earned it the reward comes, in ms, if it is known.
+    """
+    program = wiring.program
+    for part in program.projections:
+        if changes_weights(part.synapse):
+            yield from _rates(part)
+            yield from _one_way(part)
+            yield from _both_potentiate(part)
+            yield from _bounds(part)
+            yield from _eligibility(program, part, reward_after)
+            yield from _copies(program, part)
+    yield from _reward(program)
+
+
+def changes_weights(rule: Synapse) -> bool:
+    """Whether a rule learns, other than by short-term plasticity."""
+    return bool(rule.learns) and not is_short_term(rule)
+
+
+def _rates(part: Projection) -> Iterator[Finding]:
+    values = part.synapse.parameters()
+    rates = {word: values[word] for word in _RATES if word in values}
+    if rates and all(np.all(np.equal(value, 0.0)) for value in rates.values()):
+        names = ", ".join(f"{word.rstrip('_')} = 0" for word in rates)
+        evidence = f"{part.synapse.name} with {names}: nothing changes a weight"
+        remedy = f"set {' and '.join(word.rstrip('_') for word in rates)} above 0, or use static"
+        yield fault("learns-nothing", part, evidence, remedy)
+
+
+def _one_way(part: Projection) -> Iterator[Finding]:
+    """Rules of spike pairs that only grow weights, or only shrink them, whatever the spikes."""
+    values, rule = part.synapse.parameters(), part.synapse
+    if rule.learns != "pairs" or rule.modulated:
+        return
+    words = {word.rstrip("_") for word in values}
+    if {"alpha", "lambda"} <= words and np.all(np.equal(values["alpha"], 0.0)):
+        yield warning("one-way", part, "alpha = 0: no pair of spikes depresses a weight", "set alpha to about 1")
+    for word, other, does in (("A_plus", "A_minus", "potentiates"), ("A_minus", "A_plus", "depresses")):
+        if word in values and other in values and np.all(np.equal(values[word], 0.0)) and np.any(values[other]):
+            yield warning("one-way", part, f"{word} = 0: no pair of spikes {does} a weight", f"set {word} other than 0")
+
+
+def _both_potentiate(part: Projection) -> Iterator[Finding]:
+    """A sign of depression as other tools write it, by which both orders of a pair do the same."""
+    values, rule = part.synapse.parameters(), part.synapse
+    if rule.learns != "pairs" or rule.identity() or not {"A_plus", "A_minus"} <= values.keys():
+        return
+    if np.all(np.less(values["A_minus"], 0.0)) and np.all(np.greater(values["A_plus"], 0.0)):
+        least = float(np.min(values["A_minus"]))
+        evidence = f"A_minus = {least:g} and A_plus above 0: pairs of spikes in both orders potentiate"
+        remedy = f"set A_minus to {-least:g}: above 0 it depresses here, in Brian's scripts below 0"
+        yield warning("one-way", part, evidence, remedy)
+
+
+def _bounds(part: Projection) -> Iterator[Finding]:
+    """Weights that begin where they can only go one way, at the upper end."""
+    low, high = part.synapse.bounds()
+    if not part.size or not np.all(np.isfinite(high)) or np.all(np.equal(low, high)):
+        return
+    at = np.isclose(part.weight, high, rtol=1e-9, atol=0.0)
+    if float(at.mean()) > 0.9:
+        evidence = f"{at.mean():.0%} of its weights begin at the largest, Wmax = {np.max(high):g}: they can only fall"
+        yield warning("starts-at-bound", part, evidence, "raise Wmax, or begin below it")
+
+
+def _eligibility(program: Program, part: Projection, reward_after: float | None) -> Iterator[Finding]:
+    values = part.synapse.parameters()
+    word = next((w for w in ("tau_c", "tau_e", "tau_z") if w in values), None)
+    if word is None or not np.all(np.isfinite(values[word])):
+        return
+    tau = float(np.max(values[word]))
+    late = part.dopamine_delay * program.resolution if part.dopamine >= 0 else 0.0
+    window = float(np.max(values.get("tau_plus", 0.0)))
+    if reward_after is not None and math.exp(-reward_after / tau) < LEFT:
+        left = f"{math.exp(-reward_after / tau):.2g} of the eligibility"
+        evidence = f"{word} = {tau:g} ms: after {reward_after:g} ms {left} is left"
+        remedy = f"raise {word} to about {reward_after:g} ms, or reward earlier"
+        yield fault("eligibility-dies", part, evidence, remedy)
+    elif math.exp(-late / tau) < LEFT:
+        left = f"{math.exp(-late / tau):.2g} of the eligibility is left"
+        evidence = f"dopamine takes {late:g} ms, after which {left}: {word} = {tau:g} ms"
+        remedy = f"raise {word} to about {late:g} ms, or shorten dopamine_delay"
+        yield fault("eligibility-dies", part, evidence, remedy)
+    elif tau < program.resolution or tau < window / 2.0:
+        # A pair of spikes counts up to about tau_plus apart, so a reward cannot come sooner than that after the first.
+        than = f"a step, {program.resolution:g} ms" if tau < program.resolution else f"half of tau_plus = {window:g} ms"
+        evidence = f"the eligibility ends with {word} = {tau:g} ms, less than {than}: a later reward finds none"
+        remedy = f"raise {word} to the time from an action to its reward, often 100 to 1000 ms; its unit is ms"
+        yield fault("eligibility-dies", part, evidence, remedy)
+
+
+def _copies(program: Program, part: Projection) -> Iterator[Finding]:
+    """Maps that compete, or are taught, and begin as copies of each other: nothing ever distinguishes them."""
+    target = program.populations[part.target]
+    several = target.shape[0] > 1 if part.grid is not None else target.size > 1
+    rule = part.synapse
+    if rule.learns != "trials" or rule.delays or not several or part.size < 2 or part.layout not in ("dense", "grid"):
+        return
+    maps = part.weight.reshape(target.shape[0], -1) if part.grid is not None and part.weight.size > 1 else None
+    if maps is None and part.layout == "dense" and part.weight.size > 1:
+        maps = part.weight.reshape(-1, target.size).T
+    if maps is None or bool((maps == maps[0]).all()):
+        n = target.shape[0] if part.grid is not None else target.size
+        kind = "map" if part.grid is not None else "neuron"
+        evidence = f"the weights onto all {some(n, kind)} of '{target.name}' are equal, so they decide and learn alike"
+        remedy = "draw them, as `weight: {normal: {mean: 0.8, std: 0.05}}`"
+        yield fault("weights-alike", part, evidence, remedy)
+
+
+def _reward(program: Program) -> Iterator[Finding]:
+    trials = program.trials
+    if trials is None or not any(part.synapse.learns == "trials" for part in program.projections):
+        return
+    correct, wrong, silent = trials.reward
+    supervised = any(part.synapse.learns == "trials" and part.synapse.supervised for part in program.projections)
+    said = f"the reward is {correct:g} for correct, {wrong:g} for wrong and {silent:g} for silent trials"
+    if supervised and correct == wrong == silent == 0.0:
+        yield fault("no-reward", trials, f"{said}: no trial teaches", "set `reward: {correct: 1, wrong: -1}`")
+    elif supervised and correct < wrong:
+        evidence = f"{said}: what is wrong is rewarded above what is right"
+        yield fault("no-reward", trials, evidence, "exchange `correct` and `wrong`")

@@ -1,0 +1,397 @@
+"""The connections of a program: one neuron alone, sums of weights, signs, and paths."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.apps import common, fan_out
+from neuro.extend import Neuron, Population, Program, Projection, Synapse
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+MOST_STEPS = 1500
+TINY = 1e-3
+"""The weight with which the measuring of a postsynaptic potential begins. It is changed until the potential is small
+enough for conductances to be nearly linear, and far above the rounding of a potential."""
+
+
+def has_threshold(part: Population) -> bool:
+    """Whether a population has a potential and a fixed threshold, and its neurons are stepped one by one."""
+    model = part.model
+    if not isinstance(model, Neuron) or model.chip or model.relay or model.most:
+        return False
+    return (
+        bool(model.states)
+        and model.states[0].name == "V_m"
+        and bool(np.isfinite(part.parameters.get("V_th", np.inf)).all())
+    )
+
+
+class Cell:
+    """The first neuron of a population that `has_threshold`.
+
+    Args:
+        part: the population.
+        h: length of a step in ms.
+
+    Attributes:
+        rest: where V_m is without input, in mV.
+        threshold: in mV.
+    """
+
+    def __init__(self, part: Population, h: float) -> None:
+        assert isinstance(part.model, Neuron)
+        self.part, self.model, self.h = part, part.model, h
+        self.parameters = {word: float(values[0]) for word, values in part.parameters.items()}
+        self.constants = np.zeros(self.model.width)
+        self.model.arithmetic.constants(list(self.parameters.values()), h, self.constants)
+        self.rest = self.parameters.get("E_L", float(part.initial["V_m"][0]))
+        self.threshold = self.parameters["V_th"]
+        self._responses: dict[int, Floats] = {}
+
+    @property
+    def distance(self) -> float:
+        """From rest to the threshold, in mV."""
+        return self.threshold - self.rest
+
+    @cached_property
+    def steps(self) -> int:
+        """Five of the longest time constant of potential and input."""
+        skip = ("tau_minus", "tau_w", "tau_sfa", "tau_theta")
+        taus = [v for w, v in self.parameters.items() if w.startswith("tau") and w not in skip and math.isfinite(v)]
+        if "g_L" in self.parameters and self.parameters["g_L"] > 0.0:
+            taus.append(self.parameters["C_m"] / self.parameters["g_L"])
+        return min(MOST_STEPS, max(20, math.ceil(5.0 * max(taus, default=10.0) / self.h)))
+
+    def follow(self, inputs: Floats, first_only: bool = False, current: float = 0.0) -> tuple[Floats, bool]:
+        """V_m from rest, up to the first spike.
+
+        Args:
+            inputs: what arrives at each receptor in a step.
+            first_only: whether it arrives in the first step alone, else in each.
+            current: a constant current in pA.
+
+        Returns:
+            V_m at the end of each step, and whether it reached the threshold.
+        """
+        states = np.zeros((len(self.model.states), 1))
+        for row, state in zip(states, self.model.states, strict=True):
+            row[0] = self.part.initial[state.name][0]
+        states[0, 0] = self.rest
+        x = np.zeros((max(2, self.model.receptors), 1))
+        x[: inputs.size, 0] = inputs
+        fired, i_0 = np.zeros(1, dtype=np.uint8), np.array([current])
+        never = (np.array([1.0 - 2.0**-53]),) if self.model.draws else ()
+        found: list[float] = []
+        for _ in range(self.steps):
+            self.model.arithmetic.step(states, self.constants, x, i_0, 0, 1, fired, *never)
+            if fired[0]:
+                return np.array([*found, self.threshold]), True
+            found.append(states[0, 0])
+            if first_only:
+                x[:] = 0.0
+        return np.array(found), False
+
+    @cached_property
+    def _alone(self) -> Floats:
+        return self.follow(np.zeros(1), first_only=True)[0]
+
+    def slope(self, receptor: int) -> float:
+        """Peak of the potential after one spike, in mV per unit of weight, as of a small weight; signed as the weight.
+
+        0 where the model fires by itself at once, so that nothing can be measured.
+        """
+        v = self.response(receptor)
+        return float(v[np.abs(v).argmax()])
+
+    def to_fire(self, receptor: int) -> float:
+        """The weight of a single spike that makes the neuron fire; infinite where none does.
+
+        Of a linear model it follows from the response; elsewhere it is searched for, by halves, to a tenth.
+        """
+        slope = self.slope(receptor)
+        if slope == 0.0 or self.distance <= 0.0:
+            return math.inf
+        weight = self.distance / slope
+        if self.model.linear:
+            return weight
+        x, low, high = np.zeros(max(2, self.model.receptors)), 0.0, math.inf
+        for _ in range(16):
+            x[receptor] = weight
+            if self.follow(x, first_only=True)[1]:
+                high = weight
+            else:
+                low = weight
+            if high < 1.1 * low:
+                break
+            weight = 4.0 * low if math.isinf(high) else 0.5 * (low + high)
+        return high
+
+    def response(self, receptor: int) -> Floats:
+        """The potential after one spike at the end of each step, in mV per unit of weight, as of a small weight."""
+        if receptor not in self._responses:
+            self._responses[receptor] = self._measured(receptor)
+        return self._responses[receptor]
+
+    def _measured(self, receptor: int) -> Floats:
+        sign = -1.0 if self.model.receptors == 2 and receptor == 1 else 1.0
+        x = np.zeros(max(2, self.model.receptors))
+        weight, change = TINY, np.zeros(1)
+        for _ in range(8):  # the unit of a weight is not known, so look for one with a small effect
+            x[receptor] = sign * weight
+            v, _ = self.follow(x, first_only=True)
+            n = min(v.size, self._alone.size)
+            change = v[:n] - self._alone[:n]
+            peak = float(np.abs(change).max(initial=0.0))
+            if peak < 1e-7 * max(1.0, abs(self.distance)):
+                weight *= 1e3
+            elif peak > 0.01 * abs(self.distance):
+                weight /= 1e3
+            else:
+                break
+        unit: Floats = change / (sign * weight)
+        return unit if unit.size and np.isfinite(unit).all() else np.zeros(1)
+
+
+MOST_SYNAPSES = 5_000_000
+"""Of a projection whose synapses are summed neuron by neuron; larger ones are taken at their mean."""
+
+SETTLED = 50
+"""Regular spikes after which short-term plasticity is taken to be steady."""
+
+
+def is_short_term(rule: Synapse) -> bool:
+    """Whether a rule hears no post spikes, keeps its weight, and says what it sends."""
+    return rule.learns == "pairs" and not rule.post and hasattr(rule.arithmetic, "sent")
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """The weights of a projection as described.
+
+    Attributes:
+        synapses: how many there are; of a grid those that its kernels make.
+        least, largest: of the weights; 0 without synapses.
+        above, below: sums of the weights over all synapses that are at least 0, and below 0.
+    """
+
+    synapses: int
+    least: float
+    largest: float
+    above: float
+    below: float
+
+    @property
+    def mean(self) -> float:
+        """Of a synapse."""
+        return (self.above + self.below) / self.synapses if self.synapses else 0.0
+
+
+class Wiring:
+    """The connections of a program.
+
+    Args:
+        program: the network.
+    """
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self._cells: dict[int, Cell] = {}
+        self._pushes: dict[int, tuple[float, float]] = {}
+
+    def cell(self, population: int) -> Cell | None:
+        """A neuron of a population, None where it has no threshold."""
+        if population not in self._cells and has_threshold(self.program.populations[population]):
+            self._cells[population] = Cell(self.program.populations[population], self.program.resolution)
+        return self._cells.get(population)
+
+    @cached_property
+    def weights(self) -> list[Weights]:
+        """Of each projection."""
+        return [self._weights(index, part) for index, part in enumerate(self.program.projections)]
+
+    def _weights(self, index: int, part: Projection) -> Weights:
+        count = int(fan_out(self.program, index).sum()) if part.carries == "spikes" else part.size
+        if not count or not part.weight.size:
+            return Weights(count, 0.0, 0.0, 0.0, 0.0)
+        each, w = count / part.weight.size, part.weight
+        below = float(w.sum(where=w < 0.0)) * each
+        return Weights(count, float(w.min()), float(w.max()), float(w.sum()) * each - below, below)
+
+    def efficacy(self, projection: int, per_step: float) -> float:
+        """Share of its weights that spikes at a steady rate bring, as short-term plasticity leaves it; else 1.
+
+        The functions of the rule run as they stand, on regular spikes; of synapses that differ the first.
+        """
+        rule = self.program.projections[projection].synapse
+        if per_step <= 0.0 or rule.draws or not is_short_term(rule):
+            return 1.0
+        given, gap = rule.parameters(), self.program.resolution / per_step
+        left = [math.exp(-gap / given[trace.tau]) if given.get(trace.tau) else 0.0 for trace in rule.pre]
+        pre = [trace.adds * x / (1.0 if trace.nearest else 1.0 - x) for trace, x in zip(rule.pre, left, strict=True)]
+        c = common(rule.constants_of(rule.vector(), self.program.resolution))
+        y = np.concatenate([np.ones((1, 1)), rule.first_states()[:, :1]])
+        for _ in range(SETTLED):
+            rule.arithmetic.on_pre(y, 0, c, pre, ())
+        return float(rule.sends()(y, 0, c))
+
+    def onto(self, population: int, carries: str = "spikes") -> list[int]:
+        """The projections onto a population."""
+        return [q for q in self._ends[1][population] if self.program.projections[q].carries == carries]
+
+    def out_of(self, population: int) -> list[int]:
+        """The projections from a population."""
+        return self._ends[0][population]
+
+    @cached_property
+    def _ends(self) -> tuple[list[list[int]], list[list[int]]]:
+        """The projections from, and onto, each population."""
+        found: tuple[list[list[int]], ...] = tuple([[] for _ in self.program.populations] for _ in range(2))
+        for q, part in enumerate(self.program.projections):
+            found[0][part.source].append(q)
+            found[1][part.target].append(q)
+        return found[0], found[1]
+
+    def receptors(self, projection: int) -> tuple[tuple[int, float], tuple[int, float]]:
+        """The receptor and the factor with which weights of at least 0, and below 0, arrive."""
+        part = self.program.projections[projection]
+        model = self.program.populations[part.target].model
+        factor = -1.0 if part.receptor is not None and part.receptor.negated else 1.0
+        if part.receptor is not None:
+            return (part.receptor.index, factor), (part.receptor.index, factor)
+        second = 1 if isinstance(model, Neuron) and model.receptors == 2 else 0
+        return (0, 1.0), (second, 1.0)
+
+    def pushes(self, projection: int) -> tuple[float, float]:
+        """Sums of the weights of a projection that excite and, below 0, that inhibit, in units of its weights."""
+        if projection not in self._pushes:
+            self._pushes[projection] = self._sums(projection)
+        return self._pushes[projection]
+
+    def _sums(self, projection: int) -> tuple[float, float]:
+        part, w = self.program.projections[projection], self.weights[projection]
+        cell = self.cell(part.target)
+        up = down = 0.0
+        for total, (receptor, factor) in zip((w.above, w.below), self.receptors(projection), strict=True):
+            slope = 1.0 if cell is None else cell.slope(receptor) or 1.0
+            signed = abs(total) * np.sign(total * factor * slope)
+            up, down = up + max(signed, 0.0), down + min(signed, 0.0)
+        return up, down
+
+    def reached(self, begin: Iterable[int], excite: bool = True) -> set[int]:
+        """The populations that spikes of some reach, with these, along synapses that may excite.
+
+        Weights that learn may come to do so. With `excite` False any synapse counts whose weight is or may become other
+        than 0.
+        """
+        begin = set(begin)
+        return begin | self._after(begin, lambda q: self.may_excite(q) or (not excite and self.pushes(q)[1] < 0.0))
+
+    def _after(self, begin: Iterable[int], passes: Callable[[int], bool]) -> set[int]:
+        """The populations at the end of some ways along the projections that pass."""
+        found, new = set[int](), list(begin)
+        while new:
+            ends = {self.program.projections[q].target for q in self.out_of(new.pop()) if passes(q)} - found
+            found |= ends
+            new += ends
+        return found
+
+    def may_excite(self, projection: int) -> bool:
+        """Whether some synapses of a projection excite, or may come to."""
+        learns = self.program.projections[projection].synapse.learns != ""
+        return self.pushes(projection)[0] > 0.0 or (learns and self.weights[projection].synapses > 0)
+
+    def excites_itself(self, population: int) -> bool:
+        """Whether spikes of a population come back to it along synapses that excite on the whole."""
+        return population in self._after([population], lambda q: self.pushes(q)[0] > -self.pushes(q)[1])
+
+    def loops(self, population: int) -> list[int]:
+        """The projections onto a population that excite it and come from what it reaches itself."""
+        after = self.reached([population])
+        return [
+            q for q in self.onto(population) if self.program.projections[q].source in after and self.pushes(q)[0] > 0.0
+        ]
+
+    def names(self, projections: Iterable[int]) -> str:
+        """The first five of some projections, for messages."""
+        return ", ".join(f"'{self.program.projections[q].name}'" for q in list(projections)[:5])
+
+    def drive(self, population: int, per_step: dict[int, float], excite: bool = False) -> Floats:
+        """What arrives at each receptor of a mean neuron in a step.
+
+        Args:
+            population: the neuron's.
+            per_step: spikes of a neuron of each source in a step.
+            excite: whether only what excites is counted.
+        """
+        cell = self.cell(population)
+        part = self.program.populations[population]
+        x = np.zeros(max(2, getattr(part.model, "receptors", 1)))
+        for q in self.onto(population):
+            p, w = self.program.projections[q], self.weights[q]
+            spikes = per_step.get(p.source, 0.0)
+            spikes *= self.efficacy(q, spikes)
+            for total, (receptor, factor) in zip((w.above, w.below), self.receptors(q), strict=True):
+                arriving = spikes * total * factor / part.size
+                if not excite or cell is None or arriving * cell.slope(receptor) > 0.0:
+                    x[receptor] += arriving
+        return x
+
+    def strongest(self, population: int, most: dict[int, float]) -> Floats | None:
+        """What arrives at the excitable receptors of its best connected neuron if sources emit the most in a step.
+
+        None where the sums would take too long.
+        """
+        part, cell = self.program.populations[population], self.cell(population)
+        sums = np.zeros((max(2, getattr(part.model, "receptors", 1)), part.size))
+        for q in self.onto(population):
+            p = self.program.projections[q]
+            if self.weights[q].synapses > MOST_SYNAPSES or cell is None:
+                return None
+            sides = self.receptors(q)
+            _, post, place = self.program.synapses(q)
+            if not place.size:
+                continue
+            w = np.broadcast_to(p.weight, max(p.weight.size, 1 + int(place.max())))[place]
+            for chosen, (receptor, factor) in zip((w >= 0.0, w < 0.0), sides, strict=True):
+                arriving = w[chosen] * factor
+                helps = arriving * cell.slope(receptor) > 0.0
+                amounts = arriving[helps] * most[p.source]
+                sums[receptor] += np.bincount(post[chosen][helps], amounts, minlength=part.size)
+        pushes = sum(sums[k] * (cell.slope(k) if cell else 0.0) for k in range(len(sums)))
+        best: Floats = sums[:, int(np.argmax(pushes))]
+        return best
+
+    def inputs_of_each(self, population: int) -> Ints | None:
+        """How many synapses each neuron of a population has onto it; None where that takes too long to count."""
+        size = self.program.populations[population].size
+        total = np.zeros(size, dtype=np.int64)
+        for q in self.onto(population):
+            p = self.program.projections[q]
+            if self.weights[q].synapses > MOST_SYNAPSES:
+                return None
+            if p.layout == "dense":
+                total += self.program.populations[p.source].size
+            elif p.layout == "one_to_one":
+                total += 1
+            else:
+                total += np.bincount(self.program.synapses(q)[1], minlength=size)
+        return total
+
+    def current(self, population: int) -> float:
+        """The constant current in pA of generators into a mean neuron, at the largest that it comes to."""
+        size, total = self.program.populations[population].size, 0.0
+        for q in self.onto(population, "current"):
+            source = self.program.populations[self.program.projections[q].source]
+            words = ("amplitude",) if source.schedule is not None else ("amplitude", "offset", "mean")
+            w = self.weights[q]
+            most = sum(source.largest(word) for word in words if source.schedule or word in source.parameters)
+            total += most * (w.above + w.below) / size
+        return total

@@ -1,0 +1,116 @@
+"""Networks that recognise, asked about recordings: `neuro predict`."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from neuro.apps import Backends, NetworkFile, Seed, Set, assignments, milliseconds, stoppable
+
+if TYPE_CHECKING:
+    from neuro.apps import Bar
+    from neuro_predict.predict import Predictions
+
+Asked = Annotated[
+    list[Path], typer.Argument(metavar="REC", help="Recordings, folders or zips of class folders, HDF5 data sets.")
+]
+Input = Annotated[str | None, typer.Option("--input", metavar="NAME", help="The population of the pixels.")]
+Output = Annotated[str | None, typer.Option("--output", metavar="NAME", help="The one with a neuron for each class.")]
+Decide = Annotated[str | None, typer.Option("--decide", metavar="WORD", help="By counts, potential or first spike.")]
+Classes = Annotated[str | None, typer.Option("--classes", metavar="A,B,...", help="Names of the output's neurons.")]
+Duration = Annotated[
+    float | None,
+    typer.Option("--for", metavar="MS", parser=milliseconds, help="For each recording; to its end if not given."),
+]
+Labels = Annotated[bool, typer.Option("--labels", help="The class folders are right: report the accuracy.")]
+Part = Annotated[str | None, typer.Option("--part", metavar="NAME", help="Of recordings in parts, such as Test.")]
+Picture = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Draw the output in the first 24 recordings: .png, .pdf or .svg.")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+
+
+def predict(
+    file: NetworkFile,
+    recordings: Asked,
+    input: Input = None,
+    output: Output = None,
+    decide: Decide = None,
+    classes: Classes = None,
+    duration: Duration = None,
+    labels: Labels = False,
+    part: Part = None,
+    backends: Backends = "event",
+    picture: Picture = None,
+    as_json: Json = False,
+    seed: Seed = 0,
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Show recordings to a network and print the class that its output decides on, with scores and joules.
+
+    What is not given the network's file says in its section 'readout', or it follows from the network. With --labels
+    it prints accuracy and confusion instead of a row for each recording.
+    """
+    from neuro import ModelError, load
+    from neuro.apps import check_picture, find_backend, write_picture
+    from neuro_predict import tables
+    from neuro_predict.asked import gather, readout_of, with_classes
+    from neuro_predict.predict import ask, check_recordings
+
+    _check_network(file, recordings)
+    net = load(file, params=assignments(set))
+    names = None if classes is None else [name.strip() for name in classes.split(",")]
+    said = {"input": input, "output": output, "decide": decide, "classes": names, "duration": duration}
+    try:
+        readout = readout_of(net, **said)
+    except ModelError as error:
+        raise error.but(where=None) from None
+    for name in backends:
+        find_backend(name)
+    if picture is not None:
+        check_picture(picture)
+    asked = gather(recordings, part, labels)
+    if labels:
+        named = names is not None or (net.readout_section is not None and net.readout_section.classes is not None)
+        readout = with_classes(readout, named, asked.classes)
+    found: list[Predictions] = []
+    with stoppable("nothing is reported") as bar:
+        bar.say("reading recordings")
+        check_recordings(asked.samples, readout, net)
+        for name in backends:
+            keep = 0 if picture is None or found else tables.MOST
+            words: dict[str, Any] = {"labels": asked.labels, "seed": seed, "keep": keep, "report": _shown(bar, name)}
+            found.append(ask(net, asked.samples, readout, name, **words))
+    if picture is not None:
+        write_picture(picture, tables.draw(found[0]))
+    if as_json:
+        typer.echo(json.dumps(tables.as_dict(net.name, found), indent=1))
+        return
+    tables.show(found)
+    if picture is not None:
+        typer.echo(f"{picture}: written")
+
+
+def _shown(bar: Bar, backend: str) -> Callable[[int, int], None]:
+    return lambda done, total: bar.show(done, total, f"{backend}: showing recordings")
+
+
+def _check_network(file: Path, recordings: list[Path]) -> None:
+    """Lead to the command that asks or converts a file that is no network in YAML."""
+    from neuro import ModelError
+    from neuro.apps import hdf5
+
+    if file.suffix == ".nir":
+        command = shlex.join(["neuro", "convert", str(file), str(file.with_suffix(".yaml")), "--resolution", "1"])
+        raise ModelError(f"{file}: is a graph of NIR: expected a network as YAML", hint=f"{command} makes one")
+    if file.is_file():
+        with file.open("rb") as opened:
+            if hdf5.is_hdf5(opened.read(hdf5.FRONT)):
+                command = shlex.join(["neuro", "recognise", "predict", str(file), *map(str, recordings)])
+                message = f"{file}: is an HDF5 file: expected a network as YAML"
+                raise ModelError(message, hint=f"a recogniser is asked by: {command}")

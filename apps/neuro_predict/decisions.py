@@ -1,0 +1,152 @@
+"""Decisions of an output: a score for each of its neurons, the neuron that decides, and the accuracy of many decisions.
+
+| decides by | score | of several equal ones | nothing |
+| --- | --- | --- | --- |
+| counts | spikes, of a graded output the sum of payloads | the first to fire, then the lowest | where none fires |
+| first | ms of the first spike, NaN without one | the one that fires most, then the lowest | where none fires |
+| potential | mean V_m over all steps, mV | the lowest | where all are equal |
+
+That of `counts` is the rule of `neuro train`, that of `potential` the one of its loss.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.coding import first_to_fire, highest_rate
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+SILENT = -1
+"""The decision where there is nothing to decide by."""
+
+
+def by_counts(times: Floats, ids: Ints, neurons: int, payloads: Ints | None = None) -> tuple[int, Floats]:
+    """The neuron that fires most, and the spikes of each; of a graded output that of the largest sum, and the sums.
+
+    Args:
+        times: of spikes, ms.
+        ids: which neuron emits each.
+        neurons: of the output.
+        payloads: of the spikes of a graded output.
+    """
+    counts, first = _counts_and_first(times, ids, neurons)
+    if payloads is not None:
+        sums = np.bincount(ids, payloads, minlength=neurons).astype(np.float64)
+        return int(np.lexsort((first, -sums))[0]) if ids.size else SILENT, sums
+    most = highest_rate(counts)
+    return _first_of(most[first_to_fire(first[most])]), counts
+
+
+def by_first(times: Floats, ids: Ints, neurons: int) -> tuple[int, Floats]:
+    """The neuron that fires first, and the time of the first spike of each; arguments as of `by_counts`."""
+    counts, first = _counts_and_first(times, ids, neurons)
+    soonest = first_to_fire(first)
+    return _first_of(soonest[highest_rate(counts[soonest])]), first
+
+
+def by_potential(V_m: Floats) -> tuple[int, Floats]:
+    """The neuron with the highest mean potential, and the mean of each.
+
+    Args:
+        V_m: (steps, neurons), mV.
+    """
+    mean = V_m.mean(axis=0)
+    return (SILENT if (mean == mean[0]).all() else int(mean.argmax())), mean
+
+
+def _counts_and_first(times: Floats, ids: Ints, neurons: int) -> tuple[Floats, Floats]:
+    first = np.full(neurons, np.inf)
+    np.minimum.at(first, ids, times)
+    return np.bincount(ids, minlength=neurons).astype(np.float64), np.where(np.isinf(first), np.nan, first)
+
+
+def _first_of(neurons: Ints) -> int:
+    return int(neurons[0]) if neurons.size else SILENT
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evaluation:
+    """Decisions against the truth.
+
+    Attributes:
+        classes: names.
+        confusion: (classes, classes + 1) recordings by class and by decision; the last column is silence.
+    """
+
+    classes: tuple[str, ...]
+    confusion: Ints
+
+    @property
+    def n(self) -> int:
+        """The number of recordings."""
+        return int(self.confusion.sum())
+
+    @property
+    def correct(self) -> int:
+        """How many were decided rightly."""
+        return int(np.trace(self.confusion))
+
+    @property
+    def accuracy(self) -> float:
+        """Share of right decisions; silence is wrong."""
+        return self.correct / self.n if self.n else float("nan")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the accuracy."""
+        return wilson(self.correct, self.n)
+
+    def as_words(self) -> dict[str, Any]:
+        """The figures as plain data, for JSON."""
+        return {
+            "accuracy": self.accuracy,
+            "correct": self.correct,
+            "n": self.n,
+            "interval": list(self.interval),
+            "silent": int(self.confusion[:, -1].sum()),
+            "confusion": self.confusion.tolist(),
+        }
+
+
+def evaluate(decided: Ints, labels: Ints, classes: tuple[str, ...]) -> Evaluation:
+    """Compare decisions with labels.
+
+    Args:
+        decided: class of each recording, or -1 for silence.
+        labels: the right ones.
+        classes: names of the classes.
+
+    Returns:
+        The evaluation.
+    """
+    confusion = np.zeros((len(classes), len(classes) + 1), np.int64)
+    np.add.at(confusion, (labels, decided), 1)  # -1 is the last column
+    return Evaluation(classes, confusion)
+
+
+def wilson(correct: int, n: int, z: float = 1.959963984540054) -> tuple[float, float]:
+    """Interval of a share.
+
+    Args:
+        correct: successes.
+        n: trials; of none the interval is everything.
+        z: quantile of the normal distribution; the default gives 95 %.
+
+    Returns:
+        Lower and upper end.
+
+    Source: Wilson, J. Am. Stat. Assoc. 22:209, 1927.
+    """
+    if n == 0:
+        return 0.0, 1.0
+    p, spread = correct / n, z * z / n
+    middle = p + spread / 2
+    reach = z * float(np.sqrt(p * (1 - p) / n + spread / (4 * n)))
+    low, high = ((middle + sign * reach) / (1 + spread) for sign in (-1, 1))
+    return max(0.0, low), min(1.0, high)

@@ -1,0 +1,247 @@
+"""A network asked about recordings: what each backend decides, and what that takes."""
+
+from __future__ import annotations
+
+import copy
+import heapq
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro import ModelError, Network, Readout, Simulation, compile
+from neuro.apps import Population, chip_of
+from neuro.chips import Energy
+from neuro.extend import Program
+from neuro_events import Events
+from neuro_events.dataset import Sample
+from neuro_predict.asked import Pixels, fires, load, name_of, readout_of
+from neuro_predict.decisions import SILENT, Evaluation, by_counts, by_first, by_potential, evaluate
+from neuro_predict.showing import Overflows, Showing
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Report = Callable[[int, int], object]
+"""Called with how many recordings are done, and of how many."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownRecording:
+    """What the output does while it is shown a recording.
+
+    Attributes:
+        name: of the recording.
+        ms: how long the network runs.
+        times: of the output's spikes, ms.
+        ids: which neuron emits each.
+        V_m: (steps, neurons), mV; None where spikes decide.
+    """
+
+    name: str
+    ms: float
+    times: Floats
+    ids: Ints
+    V_m: Floats | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Predictions:
+    """What a network on a backend says of recordings.
+
+    Attributes:
+        backend: its name.
+        readout: how it was asked; `classes` has the name of each neuron.
+        names: of the recordings.
+        decided: (recordings,) the class of each, -1 for none.
+        scores: (recordings, classes) what decides, see `neuro_predict.decisions`.
+        spikes: (recordings,) of the output.
+        labels: (recordings,) the right classes; None where they are not known.
+        bill: of a recording, the mean, where the backend is a chip that has costs.
+        overflows: of the registers of a chip, in how many recordings.
+        shown: the first recordings in full, as many as were asked for.
+    """
+
+    backend: str
+    readout: Readout
+    names: tuple[str, ...]
+    decided: Ints
+    scores: Floats
+    spikes: Ints
+    labels: Ints | None = None
+    bill: Energy | None = None
+    overflows: Overflows | None = None
+    shown: tuple[ShownRecording, ...] = ()
+
+    @property
+    def own(self) -> Evaluation | None:
+        """How good the decisions are; None where the right ones are not known."""
+        return None if self.labels is None else evaluate(self.decided, self.labels, self.readout.classes)
+
+    def class_of(self, k: int) -> str | None:
+        """The name of the class of recording k, None for none."""
+        return None if self.decided[k] == SILENT else str(self.readout.classes[self.decided[k]])
+
+    def agrees(self, other: Predictions) -> float:
+        """The share of decisions that are equal."""
+        return float(np.mean(self.decided == other.decided))
+
+
+def predict(
+    net: Network,
+    recordings: Sequence[Sample | Events],
+    *,
+    backend: str | PathLike[str] = "event",
+    labels: Sequence[str] | None = None,
+    seed: int = 0,
+    **words: Any,
+) -> Predictions:
+    """Show recordings to a network, each from time 0 on, and let its output decide.
+
+    Args:
+        net: the network.
+        recordings: as `neuro.events.recordings` finds them, or events.
+        backend: its name, or the table file of a chip.
+        labels: the name of the right class of each.
+        seed: of everything random.
+        words: of `neuro.Readout`, in place of those of the network. What neither says follows from the network: the
+            only spike_generator, the only population that is probed, or else that sends to none, potentials where it
+            never fires.
+
+    Raises:
+        EventFileError: a recording is damaged.
+        ModelError: the network has no such input or output, a recording is of another sensor, a label is no class, or
+            the backend cannot run the network.
+    """
+    if not isinstance(net, Network):
+        raise ModelError(f"predict: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
+    asked = readout_of(net, **words)
+    check_recordings(recordings, asked, net)
+    return ask(net, recordings, asked, str(backend), labels=labels, seed=seed)
+
+
+def check_recordings(recordings: Sequence[Sample | Events], readout: Readout, net: Network) -> None:
+    """Read all recordings, before any is shown.
+
+    Raises:
+        EventFileError: one is damaged.
+        ModelError: one is of another sensor, or there is none.
+    """
+    if not len(recordings):
+        raise ModelError("found no recording: expected at least one to ask about")
+    pixels = Pixels(net, readout)
+    for k, item in enumerate(recordings):
+        pixels.check(item, name_of(item, k))
+
+
+def ask(
+    net: Network,
+    recordings: Sequence[Sample | Events],
+    readout: Readout,
+    backend: str = "event",
+    *,
+    labels: Sequence[str] | None = None,
+    seed: int = 0,
+    keep: int = 0,
+    report: Report = lambda done, total: None,
+) -> Predictions:
+    """Show recordings that were checked.
+
+    Args:
+        net: the network.
+        recordings: as of `predict`.
+        readout: as `readout_of` gives it.
+        backend: its name.
+        labels: as of `predict`.
+        seed: of everything random.
+        keep: how many of the first recordings are kept in full.
+        report: called with how many are done.
+
+    Raises:
+        ModelError: as of `predict`.
+    """
+    right = None if labels is None else _numbers(labels, readout, len(recordings))
+    sim, probe = _compiled(net, readout, backend, seed)
+    pixels, way, h = Pixels(net, readout), _way(sim.program, readout), net.resolution
+    total, neurons = len(recordings), len(readout.classes)
+    decided, spikes, scores = np.zeros(total, np.int64), np.zeros(total, np.int64), np.zeros((total, neurons))
+    showing, shown = Showing(sim, readout.input, readout.output), list[ShownRecording]()
+    for k, item in enumerate(recordings):
+        step, neuron = pixels.spikes(load(item), name_of(item, k))
+        steps = pixels.steps or int(step.max(initial=-1)) + 1 + way
+        times, ids, payloads = showing.show(step, neuron, steps)
+        V_m = sim.trace(probe)[1] if probe else None
+        decided[k], scores[k] = _decision(readout.decide, times, ids, payloads, V_m, neurons)
+        spikes[k] = len(ids)
+        if k < keep:
+            shown.append(ShownRecording(name_of(item, k), steps * h, times, ids, V_m))
+        report(k + 1, total)
+    names = tuple(name_of(item, k) for k, item in enumerate(recordings))
+    priced = _bill(showing, backend, total)
+    return Predictions(backend, readout, names, decided, scores, spikes, right, priced, showing.overflows, tuple(shown))
+
+
+def _numbers(labels: Sequence[str], readout: Readout, recordings: int) -> Ints:
+    if len(labels) != recordings:
+        raise ModelError(f"labels: found {len(labels)} for {recordings} recordings: expected one for each")
+    numbers = {name: k for k, name in enumerate(readout.classes)}
+    for name in labels:
+        if name not in numbers:
+            message = f"the class '{name}' is none of --output {readout.output}: expected {', '.join(numbers)}"
+            raise ModelError(message, hint="--classes A,B,... names its neurons in their order")
+    return np.array([numbers[name] for name in labels], np.int64)
+
+
+def _compiled(net: Network, readout: Readout, backend: str, seed: int) -> tuple[Simulation, str]:
+    """The network, and the probe of the potentials that decide, "" where spikes do."""
+    if readout.decide != "potential":
+        return compile(net, backend=backend, seed=seed), ""
+    _check_threshold(net.populations[readout.output], backend)
+    watched, name = copy.copy(net), f"{readout.output}.V_m"
+    watched.probes = {key: probe for key, probe in net.probes.items() if key != name}
+    watched.probe(name, readout.output, "V_m")
+    return compile(watched, backend=backend, seed=seed), name
+
+
+def _check_threshold(output: Population, backend: str) -> None:
+    """Refuse a threshold that leaves no bit of a chip's registers to the potentials below it."""
+    if chip_of(backend) is not None and not fires(output):
+        message = f"backend '{backend}': V_th of '{output.name}' is never reached, and sets the scale of its registers"
+        hint = "in its file a V_th just above the largest V_m that it reaches on event, and --decide potential"
+        raise ModelError(f"{message}: expected one near V_m", hint=hint)
+
+
+def _way(program: Program, readout: Readout) -> int:
+    """Steps in which the last spike of the input has come to the output, on the shortest way.
+
+    Raises:
+        ModelError: there is no way.
+    """
+    index = {part.name: k for k, part in enumerate(program.populations)}
+    ahead, done = [(0, index[readout.input])], set[int]()
+    while ahead:
+        steps, at = heapq.heappop(ahead)
+        if at == index[readout.output]:
+            return steps
+        if at not in done:
+            done.add(at)
+            for part in program.projections:
+                if part.source == at and part.size:
+                    heapq.heappush(ahead, (steps + int(np.max(part.delay)), part.target))
+    raise ModelError(f"no projection leads from --input {readout.input} to --output {readout.output}: expected a way")
+
+
+def _decision(
+    by: str, times: Floats, ids: Ints, payloads: Ints | None, V_m: Floats | None, neurons: int
+) -> tuple[int, Floats]:
+    if V_m is not None:
+        return by_potential(V_m)
+    return by_counts(times, ids, neurons, payloads) if by == "counts" else by_first(times, ids, neurons)
+
+
+def _bill(showing: Showing, backend: str, recordings: int) -> Energy | None:
+    """What a recording takes on the chip that a backend emulates."""
+    on = chip_of(backend)
+    return showing.sim.energy(backend, of=showing.taken).per(recordings, "recording") if on and on.costs else None

@@ -1,0 +1,81 @@
+"""Recordings shown to a network, one after the other, each from time 0 on."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy.typing as npt
+
+from neuro import OverflowWarning
+
+if TYPE_CHECKING:
+    from neuro import Simulation, TrialCounts
+    from neuro_predict.decisions import Floats, Ints
+
+
+Overflows = Mapping[str, tuple[int, str]]
+"""By what overflows, such as "input wraps of hidden", in how many recordings, and what keeps it from that."""
+
+
+@contextmanager
+def noted(found: dict[str, tuple[int, str]]) -> Iterator[None]:
+    """Add what overflows inside, in a recording, to what was found, instead of warning of it."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", OverflowWarning)
+        yield
+    for each in caught:
+        message = each.message
+        if not isinstance(message, OverflowWarning):
+            warnings.warn_explicit(message, each.category, each.filename, each.lineno)
+        elif message.what:
+            found[message.what] = found.get(message.what, (0, ""))[0] + 1, message.hint
+
+
+def warn_of_overflows(backend: str, found: Overflows, recordings: int) -> None:
+    """Warn once of each register that overflowed, with in how many recordings."""
+    for what, (some, hint) in found.items():
+        text = f"backend '{backend}': {what} in {some} of {recordings} recordings\n  hint: {hint}"
+        warnings.warn(text, OverflowWarning, stacklevel=2)
+
+
+class Showing:
+    """Shows recordings, and adds up what that takes.
+
+    Args:
+        sim: the compiled network.
+        input: the spike_generator of the pixels.
+        output: the population whose spikes are asked for.
+
+    Attributes:
+        taken: what all recordings took, None before the first.
+        overflows: of the registers of a chip, in how many recordings.
+    """
+
+    def __init__(self, sim: Simulation, input: str, output: str) -> None:
+        self.sim, self._input, self._output = sim, input, output
+        self._learns = any(part.synapse.learns for part in sim.program.projections)
+        self._graded = any(part.model.graded for part in sim.program.populations if part.name == output)
+        self.taken: TrialCounts | None = None
+        self.overflows: dict[str, tuple[int, str]] = {}
+
+    def show(self, step: npt.NDArray[Any], neuron: npt.NDArray[Any], steps: int) -> tuple[Floats, Ints, Ints | None]:
+        """Show one.
+
+        Args:
+            step: of each spike of the input, from 0 on.
+            neuron: that emits it.
+            steps: how long the network runs.
+
+        Returns:
+            The output's spikes: times in ms, neurons, and payloads, None where it is not graded.
+        """
+        sim, h = self.sim, self.sim.program.resolution
+        sim.reset(weights=self._learns)  # what one recording teaches is not known to the next
+        sim.inject(self._input, (step + 1.0) * h, neuron)
+        with noted(self.overflows):
+            sim.run(steps * h)
+        self.taken = sim.taken() if self.taken is None else self.taken + sim.taken()
+        return sim.payloads(self._output) if self._graded else (*sim.spikes(self._output), None)

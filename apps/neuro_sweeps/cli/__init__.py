@@ -1,0 +1,1 @@
+"""The commands `neuro sweep`, `tune` and `rerun`."""
