@@ -5,7 +5,6 @@ import pytest
 import neuro
 import neuro_models
 from neuro import ModelError
-from neuro.events import Events
 
 
 def told(make) -> str:
@@ -53,18 +52,6 @@ def test_words_of_a_part():
     assert told(lambda: neuro.event_camera(crop=[0, 0, 32, 48])) == (
         "event_camera.crop = [0, 0, 32, 48]: expected the words of crop\n  hint: its words are x, y"
     )
-
-
-def test_files_and_formats(tmp_path):
-    neuro.events.save(Events([1], [0], [0], [0], (2, 2)), tmp_path / "walk.dat")
-    near = "hint: did you mean 'walk.dat'?"
-    assert told(lambda: neuro.events.load(tmp_path / "wlk.dat")).endswith(f"no such file\n  {near}")
-    net = neuro.Network("seen")
-    net.population("eyes", "auto", neuro.event_camera(file=tmp_path / "wlk.dat"))
-    assert told(lambda: neuro.compile(net)).endswith(near)
-    assert told(lambda: neuro.events.load(tmp_path / "other")).endswith("no such file")
-    message = told(lambda: neuro.events.load(tmp_path / "walk.dat", format="aedat9"))
-    assert message.endswith("hint: did you mean 'aedat2' or 'aedat3' or 'aedat4'?")
 
 
 @pytest.mark.parametrize("name", ["dense", "dense.yaml"])

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 import neuro
-from event_tests import refusal
 from neuro import ModelError
 from neuro.core import growing
 from neuro.core.growing import JournaledFile, JournalReader
 from neuro.core.hdf5 import FRONT
 from neuro.files.parts import Stored
+from refused import refused as refusal
 
 
 def network():

@@ -8,7 +8,6 @@ import yaml
 from hypothesis import given, strategies as st
 from scipy.stats import skellam
 
-from event_tests import refusal
 from neuro import coding
 from neuro.coding import (
     burst,
@@ -25,6 +24,7 @@ from neuro.coding import (
     rate,
     van_rossum,
 )
+from refused import refused as refusal
 
 LATENCIES = [intensity_to_latency, log_intensity_to_latency]
 NAN = np.nan

@@ -9,11 +9,11 @@ import pytest
 import yaml
 
 import neuro
-from event_tests import refusal
 from neuro.coding import CODES, RATE_CODES, log_intensity_to_latency, poisson, population
 from neuro.coding.codes import CHOICES
 from neuro.core.keyed_random import key
 from neuro.testing import check_part
+from refused import refused as refusal
 
 BOUNDS = {"r_min": 1.0, "r_max": 8.0}
 NET = """\

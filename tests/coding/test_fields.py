@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from event_tests import refusal
 from neuro import coding
 from neuro.coding import FIELDS, Dimension, OneHot, Places, Population, Tiles
+from refused import refused as refusal
 
 UNIT = [Dimension(low=0.0, high=1.0)] * 3
 MIXED = [Dimension(low=-1.0, high=1.0), Dimension(), Dimension(states=4, first=2)]
