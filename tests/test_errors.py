@@ -50,6 +50,7 @@ INSIDE = {
     ("FrozenInstanceError", "neuro/model/parts.py"): "of a part that is frozen, as of any dataclass",
     ("ImportError", "neuro/__init__.py"): "of a system that has no interfaces of POSIX",
     ("AttributeError", "neuro/core/lazy.py"): "asked for by Python of a module",
+    ("ModuleNotFoundError", "neuro/core/lazy.py"): "as of Python, of a public module whose package is missing",
     ("NotImplementedError", "neuro/"): "of a method that subclasses have",
     ("NotImplementedError", "apps/neuro_bench/"): "of a method that subclasses have",
     ("NotImplementedError", "apps/neuro_exchange/"): "of a method that subclasses have",
