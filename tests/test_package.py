@@ -153,5 +153,5 @@ def test_no_link_of_the_readme_is_dead_on_the_index(tmp_path):
 
 def test_every_package_says_that_it_has_types():
     packages = {ROOT / "neuro", *(path.parent for path in ROOT.glob("*/neuro_*/*.py"))}
-    assert len(packages) == 13
+    assert len(packages) >= 13
     assert [package.name for package in packages if not (package / "py.typed").exists()] == []
