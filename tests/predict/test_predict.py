@@ -13,7 +13,6 @@ import pytest
 
 import neuro as snn
 from neuro.events import Dataset, Events, recordings, save
-from neuro_predict.cli import predict
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 NETWORK = """\
@@ -43,8 +42,8 @@ def events(side, n=60, width=8, seed=0):
 
 
 @pytest.fixture
-def run(alone, monkeypatch, tmp_path):
-    """Run `predict` alone with some words in a folder with a network and recordings; exit status, output and error."""
+def run(answer, monkeypatch, tmp_path):
+    """Run `neuro predict` with some words in a folder with a network and recordings; exit status, output and error."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "net.yaml").write_text(NETWORK)
     (tmp_path / "named.yaml").write_text(NETWORK + READOUT)
@@ -53,7 +52,7 @@ def run(alone, monkeypatch, tmp_path):
         path = tmp_path / "data" / side / f"{k}.npz"
         path.parent.mkdir(parents=True, exist_ok=True)
         save(events(side, seed=k), path)
-    return partial(alone, predict)
+    return partial(answer, "predict")
 
 
 def cells(out):
@@ -240,7 +239,7 @@ MISTAKES = {
     "net.yaml data --backends evnt": "unknown backend 'evnt'\n  hint: did you mean 'event'?",
     "net.yaml data --backends event,event": (
         "Invalid value for '--backends': 'event,event': expected names with commas between them, each once\n"
-        "  hint: see 'predict --help'"
+        "  hint: see 'neuro predict --help'"
     ),
     "net.yaml nope": "nope: no such folder, zip or HDF5 file",
     "net.yaml empty": (

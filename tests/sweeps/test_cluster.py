@@ -142,17 +142,15 @@ def test_no_scheduler(runs, tmp_path, monkeypatch):
 
 def _other(folder, text):
     """A folder with another package of our name, and what Dask needs."""
-    (folder / "neuro" / "core").mkdir(parents=True)
-    (folder / "neuro" / "__init__.py").write_text("")
-    (folder / "neuro" / "core" / "__init__.py").write_text("")
-    (folder / "neuro" / "core" / "version.py").write_text(text)
+    (folder / "neuro").mkdir(parents=True)
+    (folder / "neuro" / "__init__.py").write_text(text)
     return str(folder)
 
 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("VERSION = '0.0.1'\n", rf"the worker tcp://.* has neuro 0\.0\.1: expected {neuro.__version__}, as here"),
+        ("__version__ = '0.0.1'\n", rf"the worker tcp://.* has neuro 0\.0\.1: expected {neuro.__version__}, as here"),
         ("raise ImportError('none here')\n", r"the worker tcp://.* has no neuro: none here"),
     ],
 )
