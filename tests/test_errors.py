@@ -54,7 +54,6 @@ INSIDE = {
     ("ImportError", "neuro/__init__.py"): "of a system that has no interfaces of POSIX",
     ("ModuleNotFoundError", "neuro/core/lazy.py"): "as of Python, of a package that is not installed",
     ("AttributeError", "neuro/core/lazy.py"): "asked for by Python of a module",
-    ("ModuleNotFoundError", "neuro/core/lazy.py"): "as of Python, of a public module whose package is missing",
     ("NotImplementedError", "neuro/"): "of a method that subclasses have",
     ("NotImplementedError", "apps/neuro_events/"): "of a method that subclasses have",
     ("NotImplementedError", "apps/neuro_bench/"): "of a method that subclasses have",

@@ -157,7 +157,7 @@ def _write_c(net: Network, folder: Path, options: Options) -> Verdicts | None:
 
 def _shown(net: Network, file: Path) -> dict[str, tuple[Any, Any]]:
     """The spikes of the network's pixels in a recording: steps, from 1, and neurons."""
-    from neuro.core.extras import app
+    from neuro.apps import app
 
     asked = app("neuro_predict.asked", "a recording shown to a C program")
     first, readout = asked.gather([file], None, False).samples[0], asked.readout_of(net)

@@ -17,7 +17,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from neuro import ModelError, Simulation
-from neuro.apps import Floats, Quantity, check, driver, outgoing, unknown
+from neuro.apps import Quantity, check, driver, outgoing, unknown
+from neuro.extend import Floats
 from neuro_live.beside import Beside
 from neuro_live.facts import is_signal, present, settable_words, sliders
 from neuro_live.frames import Frames

@@ -17,7 +17,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from neuro import ModelError, Simulation
-from neuro.apps import Clock, Floats, Quantity, check, needed
+from neuro.apps import Clock, Quantity, check, needed
+from neuro.extend import Floats
 from neuro_live.beside import Beside
 from neuro_live.channel import Channel
 from neuro_live.commands import SPEED, Commands, Pace

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro import ModelError, Network, cuba_lif, dc_generator, iaf_psc_delta, iaf_psc_exp
-from neuro.apps import NEVER, Kind, Quantity, check, hdf5, output, some
+from neuro.apps import NEVER, Kind, Quantity, check, compile_network, hdf5, output, some
 from neuro.extend import Grid, Population, Program, Projection, from_constant
 from neuro_exchange.nir.cells import BY_GRAPH_EXECUTOR, Unsupported
 from neuro_exchange.nir.graph import Floats, package, same_in_each_map, shorten
@@ -222,7 +222,7 @@ def written(net: Network, dt: float | None, for_: str | None) -> tuple[Any, Verd
     if step is not None and not math.isclose(step, net.resolution):
         message = f"dt = {step:g} ms: expected {net.resolution:g} ms, the resolution of the network"
         raise ModelError(message, hint=f"neuro.Network(..., resolution={step:g})", path=("dt",))
-    out = Written(package("to_nir")(net, seed=0), tool)
+    out = Written(package("to_nir"), compile_network(net, seed=0), tool)
     for index, part in enumerate(out.program.populations):
         _scale(out, index, part)
     _find_depths(out)
