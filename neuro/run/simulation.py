@@ -14,26 +14,17 @@ from neuro.core.checks import check
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
 from neuro.core.inputs import file_path
-from neuro.core.progress import Bar, advance
-from neuro.core.quantities import Quantity, word_of
+from neuro.core.quantities import Quantity
 from neuro.core.tables import Table, as_html, as_text
-from neuro.core.values import shown
-from neuro.files.parts import synapse_said
-from neuro.files.results import projection_table, run_table
 from neuro.model.network import Network
 from neuro.model.parts import Part, Population, Probe, Projection, Side, Signal
 from neuro.model.views import View
-from neuro.program.backend import Engine, Registers
-from neuro.program.counts import Counts, Tally
+from neuro.program.backend import Engine
 from neuro.program.program import Floats, Ints
-from neuro.run.handles import Neurons, Run
-from neuro.run.inputs import InputFeeder, StreamFeeder, driver, outgoing, streams_of
-from neuro.run.ports import Port, Ports, Turn, alone
+from neuro.run.handles import Run
 from neuro.run.records import Records
-from neuro.run.saved import Saved, learnt_network
-from neuro.run.stepper import Joined, Stepper
-from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
-from neuro.run.values import NeuronValues, SynapseValues, Watch
+from neuro.run.turn import Turn, alone
+from neuro.run.watch import Watch
 
 if TYPE_CHECKING:
     import neo
@@ -44,13 +35,24 @@ if TYPE_CHECKING:
     from neuro.files.parts import Trace
     from neuro.files.recorded import DataFrames
     from neuro.files.results import Results
+    from neuro.program.counts import Counts, Tally
     from neuro.run.collect import ResultsWriter
+    from neuro.run.inputs import InputFeeder
+    from neuro.run.ports import Port, Ports
+    from neuro.run.saved import Saved
+    from neuro.run.stepper import Stepper
+    from neuro.run.streams import Inflow
+    from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
+    from neuro.run.values import Values
 
 _FLAG = Quantity(kind="boolean")
 
 
 class Simulation:
     """A network in execution; made by `neuro.compile`.
+
+    A run needs the engine, what is recorded and the watch on states. Each other purpose has its own module in this
+    room, which is imported when a call needs it, so that none of them delays the start.
 
     Times are in ms, neurons are counted from 0 in C order of their population's shape, values are in the units
     of their models. A part is named by its name, or by what `net.population`, `net.connect` and others returned; where
@@ -72,18 +74,41 @@ class Simulation:
         self.backend, self.program = backend, program
         self._run = run = Run(net, backend, program, engine)
         self._net, self._engine, self._latest = net, engine, net.latest
-        self._clock, self.handles, self._rules = run.clock, run.handles, run.rules
-        self._synapses, self._cells, self._inputs = SynapseValues(run), NeuronValues(run), InputFeeder(run)
-        self._records, self._tally = Records(run, self._synapses), Tally(program)
-        self._inflow, self._fed = StreamFeeder(program, engine, streams_of(program)), StreamFeeder(program, engine, {})
-        self._watch = Watch(run)
+        self._clock, self.handles = run.clock, run.handles
+        self._records, self._watch = Records(run), Watch(run)
+        self._inflow: Inflow | None = None
+        if any(part.stream is not None for part in program.populations):
+            self._inflow = self._new_inflow()
         self.steered: dict[str, None] = {}
-        turn: Turn = {}
-        self._ports = Ports(run, turn)
+        self._ports: Ports | None = None
+        self._calls: Turn = {}
         self._turn: Turn | None = None
         inner = object.__new__(type(self))
         inner.__dict__ |= self.__dict__
-        self._inner, self._turn = inner, turn
+        self._inner, self._turn = inner, self._calls
+
+    @cached_property
+    def _values(self) -> Values:
+        from neuro.run.values import Values
+
+        return Values(self._run)
+
+    @cached_property
+    def _inputs(self) -> InputFeeder:
+        from neuro.run.inputs import InputFeeder
+
+        return InputFeeder(self._run)
+
+    @cached_property
+    def _tally(self) -> Tally:
+        from neuro.program.counts import Tally
+
+        return Tally(self.program)
+
+    def _new_inflow(self) -> Inflow:
+        from neuro.run.streams import Inflow
+
+        return Inflow(self.program, self._engine)
 
     def __repr__(self) -> str:
         return f"Simulation({self.program.name!r}, backend={self.backend!r}, time={self.time:g} ms)"
@@ -101,6 +126,9 @@ class Simulation:
 
     def _tables(self) -> list[Table]:
         """A row for each population and projection."""
+        from neuro.files.parts import synapse_said
+        from neuro.files.results import projection_table, run_table
+
         populations, counts = self.program.populations, self.counts().populations
         spikes = {p.name: None if p.kind == "current" else counts[p.name].spikes for p in populations}
         return [
@@ -149,13 +177,14 @@ class Simulation:
                 self.run(ms, progress)
             return
         if progress is not False and check(_FLAG, progress, "run: progress"):
+            from neuro.core.progress import Bar, advance
+
             with Bar() as bar:
                 advance(self, steps, bar)
             return
         self._records.check_room(steps)
-        for stretch in self._inflow.stretches(steps):
-            for part in self._fed.stretches(stretch):
-                self._records.run(part)
+        for stretch in [steps] if self._inflow is None else self._inflow.stretches(steps):
+            self._records.run(stretch)
         self._watch.look()
 
     def check_room(self, steps: int) -> None:
@@ -216,14 +245,16 @@ class Simulation:
         """Back to time 0 and the initial states; weights only if asked. Parameters that were set stay."""
         self._records.refuse_while_recording("reset")
         weights = check(_FLAG, weights, "reset: weights")
-        self._inflow.check_again("reset")
+        if self._inflow is not None:
+            self._inflow.own.check_again("reset")
         self.steered["reset"] = None
         self._engine.reset(weights)
         self._watch.begin()
-        self._inflow.rewind()
-        self._fed.rewind()
+        if self._inflow is not None:
+            self._inflow.rewind()
         self._records.clear()
-        self._ports.begin()
+        if self._ports is not None:
+            self._ports.begin()
         if self.program.trials is not None:
             self._trials.start_anew()
 
@@ -258,18 +289,7 @@ class Simulation:
         Raises:
             ModelError: a name is unknown, a value is out of bounds, or no synapse is chosen.
         """
-        given = {} if values is None else values
-        if not isinstance(given, Mapping) or not all(isinstance(word, str) for word in given):
-            raise ModelError(f"set: found {shown(values)}: expected values by name", hint="sim.set(cells, V_m=-60.0)")
-        new = {word_of(word): value for word, value in {**given, **named}.items()}
-        neurons = self.handles.neurons_or_projection(part)
-        if not new:
-            raise ModelError("set: found no value: expected one by name", hint="sim.set(cells, V_m=-60.0)")
-        if isinstance(neurons, int):
-            self._synapses.set(neurons, new, self._synapses.chosen(neurons, of, pre, post, some=True))
-        else:
-            _refuse_ends(neurons, of, pre, post)
-            self._cells.set(neurons, new)
+        self._values.set(part, values, named, of, pre, post)
         self.steered["set"] = None
 
     @alone
@@ -298,29 +318,11 @@ class Simulation:
             pre: only those from these neurons; `weights` says which they are.
             post: likewise those onto these neurons.
         """
-        second: object = raw
-        if isinstance(second, str) and second.isidentifier():
-            hint = f"sim.get(part, [{what!r}, {second!r}]) gives both"
-            raise ModelError(f"get: found {shown(what)} and {shown(second)}: expected one name, or a list", hint=hint)
-        if isinstance(what, list):
-            return {word: self.get(part, word, raw, of=of, pre=pre, post=post) for word in what}
-        registers = self._engine if check(_FLAG, raw, "raw") else None
-        if registers is not None and not isinstance(registers, Registers):
-            raise ModelError(f"raw = True: expected False, as backend '{self.backend}' has no registers")
-        neurons = self.handles.neurons_or_projection(part)
-        if isinstance(neurons, int):
-            chosen = self._synapses.chosen(neurons, of, pre, post)
-            values = registers.synapse_registers(neurons, what) if registers else self._synapses.read(neurons, what)
-            return values if chosen is None else values[chosen]
-        _refuse_ends(neurons, of, pre, post)
-        if registers is None:
-            return self._cells.get(neurons, what)
-        every = registers.registers(neurons.index, word_of(what))
-        return every if neurons.ids is None else every[neurons.ids]
+        return self._values.get(part, what, raw, of, pre, post)
 
     def states(self, of: Population | View | str) -> list[str]:
         """The states of a population's neurons that this backend shows, in the order of its model."""
-        return self._cells.states(self.handles.neurons(of))
+        return self._values.cells.states(self.handles.neurons(of))
 
     @alone
     def weights(
@@ -350,14 +352,12 @@ class Simulation:
         Raises:
             ModelError: there is no such projection, or a weight is NaN or infinite: its rule is unstable.
         """
-        index = self.handles.projection(part)
-        chosen = self._synapses.chosen(index, of, pre, post)
-        return self._synapses.rows(index, chosen, check(_FLAG, delays, "delays"))
+        return self._values.weights(self.handles.projection(part), of, pre, post, delays)
 
     @alone
     def set_weights(self, of: Projection | str, weights: ArrayLike) -> None:
         """Replace the weights of a projection: one for all, or an array in the form that `weights` gives."""
-        self._synapses.set_weights(self.handles.projection(of), weights, None)
+        self._values.synapses.set_weights(self.handles.projection(of), weights, None)
         self.steered["set_weights"] = None
 
     # input and output
@@ -414,11 +414,13 @@ class Simulation:
             ModelError: the network has no such camera.
         """
         for name, fed in run.fed.items():
-            self._fed.play(self.handles.neurons(name).index, fed)
+            index = self.handles.neurons(name).index
+            self._inflow = self._inflow or self._new_inflow()
+            self._inflow.fed.play(index, fed)
             self.steered["replay"] = None
 
     def _refuse_replaying(self, what: str) -> None:
-        if self._fed.plays:
+        if self._inflow is not None and self._inflow.fed.plays:
             raise ModelError(f"{what}: a run is replayed, which no state keeps: expected a simulation without 'replay'")
 
     @alone
@@ -433,10 +435,7 @@ class Simulation:
         Raises:
             ModelError: weights from them learn, or they are some of the neurons that share a kernel.
         """
-        neurons = self.handles.neurons(of)
-        pre = None if neurons.among().all() else of
-        for index in outgoing(self.program, neurons):
-            self._synapses.set_weights(index, 0.0, self._synapses.chosen(index, None, pre, None))
+        self._values.silence(of)
         self.steered["silence"] = None
 
     @alone
@@ -454,8 +453,7 @@ class Simulation:
         Raises:
             ModelError: no such generator drives them, or several do, or a rate is below 0.
         """
-        neurons = self.handles.neurons(of)
-        self._cells.set(driver(self.program, neurons), {"rate": rate})
+        self._values.activate(self.handles.neurons(of), rate)
         self.steered["activate"] = None
 
     @alone
@@ -548,6 +546,10 @@ class Simulation:
         Raises:
             ModelError: there is no such part, it has nothing of that name, or its spikes are not recorded.
         """
+        if self._ports is None:
+            from neuro.run.ports import Ports
+
+            self._ports = Ports(self._run, self._calls)
         return self._ports.port(self, of, what)
 
     def stepper(
@@ -563,6 +565,8 @@ class Simulation:
         Raises:
             ModelError: there is no such population, one of `emit` is another model, or the network has probes.
         """
+        from neuro.run.stepper import Joined, Stepper
+
         return Stepper(Joined(self.program, self.handles, [self._engine], [self._watch]), ms, emit, count)
 
     @property
@@ -602,6 +606,8 @@ class Simulation:
 
     @cached_property
     def _trials(self) -> TrialLoop:
+        from neuro.run.trials import TrialLoop
+
         return TrialLoop(self._run, self._tally)
 
     @alone
@@ -647,6 +653,8 @@ class Simulation:
     @alone
     def taken(self) -> TrialCounts:
         """What has happened since the start or the last reset, to be added up over several runs for one bill."""
+        from neuro.run.trials import TrialCounts
+
         return TrialCounts(0, self._engine.counts(), self._tally)
 
     @alone
@@ -692,7 +700,9 @@ class Simulation:
     @alone
     def network(self) -> Network:
         """The network with what it has learnt: save it, or compile it for another backend."""
-        self._synapses.check()
+        self._values.synapses.check()
+        from neuro.run.saved import learnt_network
+
         return learnt_network(self._run)
 
     @alone
@@ -735,7 +745,7 @@ class Simulation:
             steered="signal" in self.steered,
         )
         try:
-            self._synapses.check()
+            self._values.synapses.check()
         except ModelError as error:
             return refused(self.program.name, [error])
         return examine(present(self._run, self.steered), options)
@@ -744,7 +754,9 @@ class Simulation:
 
     @cached_property
     def _saved(self) -> Saved:
-        return Saved(self._run, self._records, self._inflow)
+        from neuro.run.saved import Saved
+
+        return Saved(self._run, self._records, None if self._inflow is None else self._inflow.own)
 
     @alone
     def save(self, path: str | PathLike[str]) -> None:
@@ -753,7 +765,7 @@ class Simulation:
         Raises:
             ModelError: the file cannot be written, or a weight is NaN or infinite: its rule is unstable.
         """
-        self._synapses.check()
+        self._values.synapses.check()
         self._refuse_replaying("save")
         from neuro.run.collect import files_of, record_of
 
@@ -772,13 +784,9 @@ class Simulation:
         self._records.refuse_while_recording("restore")
         self._refuse_replaying("restore")
         self.steered["restore"] = None
-        self._inflow.check_again("restore")
+        if self._inflow is not None:
+            self._inflow.own.check_again("restore")
         self._saved.read(file_path(path, "path"), None if self.program.trials is None else self._trials)
         self._watch.begin()
-        self._ports.begin()
-
-
-def _refuse_ends(neurons: Neurons, of: object, pre: object, post: object) -> None:
-    if of is not None or pre is not None or post is not None:
-        hint = f"sim.set({of!r}, ...)" if isinstance(of, View) else ""
-        raise ModelError(f"of, pre and post of {neurons.text}: they choose synapses: expected a projection", hint=hint)
+        if self._ports is not None:
+            self._ports.begin()

@@ -14,7 +14,7 @@ from neuro.program.backend import Engine, together
 from neuro.program.program import Ints, Program
 from neuro.run.handles import Handles
 from neuro.run.ports import within
-from neuro.run.values import Watch
+from neuro.run.watch import Watch
 
 Listed = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
 
