@@ -26,7 +26,7 @@ class EventEngines:
         first = self._engines[0]
         self._program, self._at = first._program, first._a
         self._reached: Ints = np.zeros(len(engines), dtype=np.int64)
-        self._plain = all(len(e._a.net["edges"][0]) == 2 and e._steady and not e._stops for e in engines)
+        self._plain = all(len(e._a.net["edges"][0]) == 2 and e._changing is None and not e._stops for e in engines)
         self._run = t.stage_entry("run").address()
         self._stop = first.share_stop(self._engines)
 
