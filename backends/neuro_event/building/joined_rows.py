@@ -188,8 +188,6 @@ def join(a: EventArrays) -> None:
     if unchanged and any(isinstance(p, CompactProjection) for p in a.program.projections):
         names = (*layout.JOINED_ARRAYS, *layout.JOINED_TABLES)
         _IN_PLACE[a.program] = LaidRows(rows, a.net["edges"], {name: a.net[name] for name in names})
-            rows, a.net["edges"], {name: a.net[name] for name in (*layout.JOINED_ARRAYS, *layout.JOINED_TABLES)}
-        )
 
 
 def as_described(a: EventArrays) -> frozenset[int]:
