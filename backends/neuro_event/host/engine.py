@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
 from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped
-from neuro.program.backend import EngineCounts, Engines, Outcome, Sent, Trial, Wins
+from neuro.program.backend import EngineCounts, Outcome, Sent, Trial, Wins
 from neuro.program.program import Floats, Ints, Trials
+from neuro.program.together import Engines
 from neuro_event.building import build, joined_rows, layout, learning, move_rules, thread_partition
 from neuro_event.host.settable import Settable
 from neuro_event.loop import steps, tables as t, trial_rules

@@ -15,7 +15,7 @@ from neuro_event.loop import tables as t, together
 
 
 class EventEngines:
-    """Engines of one network that differ in their seeds; see `neuro.program.backend.Engines`.
+    """Engines of one network that differ in their seeds; see `neuro.program.together.Engines`.
 
     What a kernel cannot do for all at once is done one by one: several threads, currents that change, probes that are
     read on the way.
