@@ -7,10 +7,10 @@ from typing import Any
 
 from neuro.chips.arithmetic import Arithmetic
 from neuro.chips.description import Chip
+from neuro.chips.fitting import cut, fits_one_chip
 from neuro.chips.known import CHIPS, arithmetic_of, chip, is_table
 from neuro.chips.loihi import LOIHI
 from neuro.chips.loihi2 import LOIHI2
-from neuro.chips.placing import place
 from neuro.chips.quantising import quantise
 from neuro.chips.spinnaker import SPINNAKER
 from neuro.core.checks import check
@@ -70,7 +70,13 @@ class ChipBackend:
         """What does not fit into the chip's integers or onto its cores, and what is approximated."""
         fixed = quantise(program, self.chip, **_of_quantise(options))
         of_place = {name: value for name, value in options.items() if name in OF_PLACE}
-        return (*unnoted(program), *fixed.problems, *place(program, self.chip, **of_place).problems)
+        found = (*unnoted(program), *fixed.problems)
+        cores = cut(program, self.chip, **of_place)
+        if fits_one_chip(program, self.chip, cores):
+            return found
+        from neuro.chips.placing import placed  # which core lies on which chip matters for the rest
+
+        return (*found, *placed(program, self.chip, cores).problems)
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
         """Make an engine at step 0.

@@ -10,25 +10,15 @@ from numpy.typing import NDArray
 
 from neuro.chips.fixed import FixedPopulation, FixedProjection
 from neuro.chips.fixed_program import FixedProgram
-from neuro.chips.inputs import longest_lag
+from neuro.chips.inputs import has_two_inputs, longest_lag
 from neuro.chips.known import arithmetic_of
-from neuro.chips.loihi2 import has_two_inputs
 from neuro.core import keyed_random
 from neuro.core.clock import NEVER
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Program
-from neuro_chip import deliver, loihi2_step, loihi_step, spinnaker_step, tables as t
+from neuro_chip import deliver, tables as t
+from neuro_chip.steps import FAMILIES, NUMBERS
 from neuro_chip.tables import Arrays
-
-FAMILIES = {"loihi": loihi_step, "loihi2": loihi2_step, "spinnaker": spinnaker_step}
-"""How each family of chips runs here, by the name of its arithmetic: a new family is such a module and an entry."""
-
-STEPS = {kind: step for family in FAMILIES.values() for kind, step in family.STEPS.items()}
-"""The step of each kind of population (`FixedPopulation.kind`): step(net, pop, row, step) updates the neurons of a
-population and sets `fired` where the threshold is reached."""
-
-NUMBERS = {kind: t.STEPPED + place for place, kind in enumerate(STEPS)}
-"""The number of each kind in the loop, column `KIND` of the table of populations."""
 
 KINDS = {"current": t.CURRENT, "relay": t.RELAY, **NUMBERS}
 LAYOUTS = {"one_to_one": t.ONE_TO_ONE, "dense": t.DENSE, "csr": t.CSR, "grid": t.GRID}
@@ -221,7 +211,12 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
             table[q, t.FIRST_LAG] = _lags_apart(wires)[0]
     a["projections"] = table
     a |= {name: _joined(parts, kinds[name]) for name, parts in lists.items()}
-    deliver.lay_out(a, program)
+    if any(part.grid is not None for part in program.projections):
+        deliver.lay_out(a, program)
+    else:
+        table[:, t.GATHER] = t.NONE
+        a["kernels"], a["gathered"] = np.zeros(0, dtype=kind), np.zeros(0, dtype=np.int32)
+        a["marked"] = np.zeros(0, dtype=np.uint8)
     spiking = [q for q, wires in enumerate(fixed.projections) if wires is not None]
     by_source = [[q for q in spiking if table[q, t.SOURCE] == k] for k in range(len(program.populations))]
     a["out"] = np.array([q for group in by_source for q in group], dtype=np.int64)

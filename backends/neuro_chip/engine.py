@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import chain
 from typing import Any
 
@@ -86,6 +86,10 @@ class ChipEngine:
         else:
             every = np.broadcast_to(self._machine.cells.parameters[population][name], part.size).copy()
         return every if ids is None else every[ids]
+
+    def are_finite(self, population: int, states: Sequence[str]) -> bool:
+        """As `neuro.program.backend.are_finite`: registers hold whole numbers."""
+        return True
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters: all, or none where a register would overflow."""

@@ -69,9 +69,9 @@ from neuro.chips.inputs import (
     too_short,
     value_at,
 )
-from neuro.chips.loihi_learning import give_rules
 from neuro.core.errors import ModelError
 from neuro.model.neurons import Neuron, iaf_psc_delta, iaf_psc_exp
+from neuro.model.synapses import static
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints, Population, Program
 
@@ -689,6 +689,10 @@ class Loihi(Arithmetic):
 
     def give_rules(self, program: Program, chip: Chip, wires: Projections, options: Options) -> Iterator[Problem]:
         """Give rules to the projections that learn on the chip; yield what is refused and what is approximated."""
+        if all(type(part.synapse) is static for part in program.projections):
+            return iter(())
+        from neuro.chips.loihi_learning import give_rules
+
         return give_rules(program, chip, wires, options)
 
     def kept_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:

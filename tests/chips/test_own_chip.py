@@ -10,16 +10,16 @@ import pytest
 import neuro
 from neuro.chips import chip, chips, place
 from neuro.chips.description import COSTS, LIMITS, Chip, Figure
+from neuro.chips.fitting import too_late
 from neuro.chips.incoming import synapse_bits
 from neuro.chips.inputs import lag
 from neuro.chips.known import ARITHMETICS, CHIPS
 from neuro.chips.loihi import Loihi
-from neuro.chips.placing import too_late
 from neuro.core import registry
 from neuro.core.errors import ModelError
 from neuro.program.backend import find_backend
 from neuro_chip.backend import ChipBackend
-from neuro_chip.build import FAMILIES
+from neuro_chip.steps import FAMILIES
 
 LONG = "like: loihi\ntitle: Loihi with long delays\nlimits:\n  delay_max: {value: 200, source: my board}\n"
 NET = """\
