@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from neuro.chips.description import Chip
 from neuro.chips.inputs import longest_lag, register
-from neuro.chips.loihi import REGISTER_OF_ONE
+from neuro.chips.loihi_registers import REGISTER_OF_ONE
 from neuro.kernels.jit import kernel
 from neuro.model.synapses import loihi2_convolution
 from neuro.program.program import Floats, Ints, Program

@@ -41,7 +41,8 @@ from neuro.chips.inputs import (
     refused,
     value_at,
 )
-from neuro.chips.loihi import LOSSLESS, SCALING, WEIGHT_BITS, WEIGHT_EXPONENTS, Loihi, filled_current
+from neuro.chips.loihi import SCALING, Loihi, filled_current
+from neuro.chips.loihi_registers import LOSSLESS, WEIGHT_BITS, WEIGHT_EXPONENTS
 from neuro.model.neurons import (
     delta_encoder,
     graded_product,

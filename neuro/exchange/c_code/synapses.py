@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from neuro.chips.fixed import FixedProjection
-from neuro.chips.loihi import bounds, grain_of
+from neuro.chips.loihi_registers import bounds, grain_of
 from neuro.core.keyed_random import key
 from neuro.exchange.c_code.arrays import Memory, number, scaled
 from neuro.exchange.c_code.cells import Cells, function, indented
