@@ -1,5 +1,6 @@
 """From a quantised program to the arrays of the compiled loop."""
 
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
 import math
@@ -14,11 +15,43 @@ from neuro.chips.inputs import has_two_inputs, longest_lag
 from neuro.chips.known import arithmetic_of
 from neuro.core import keyed_random
 from neuro.core.clock import NEVER
+from neuro.kernels.jit import subkernel
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Program
-from neuro_chip import deliver, tables as t
-from neuro_chip.steps import FAMILIES, NUMBERS
+from neuro_chip import deliver, loihi2_step, loihi_step, spinnaker_step, tables as t
 from neuro_chip.tables import Arrays
+
+FAMILIES = {"loihi": loihi_step, "loihi2": loihi2_step, "spinnaker": spinnaker_step}
+"""How each family of chips runs here, by the name of its arithmetic: a new family is such a module and an entry."""
+
+STEPS = {kind: step for family in FAMILIES.values() for kind, step in family.STEPS.items()}
+"""The step of each kind of population (`FixedPopulation.kind`): step(net, pop, row, step) updates the neurons of a
+population and sets `fired` where the threshold is reached."""
+
+NUMBERS = {kind: t.STEPPED + place for place, kind in enumerate(STEPS)}
+"""The number of each kind in the loop, column `KIND` of the table of populations."""
+
+
+def _chosen(numbered):
+    """A function (net, pop, row, step) that runs the step whose number a row has; the last one else."""
+    (number, own), *others = numbered
+    if not others:
+        return own
+    # A chain of comparisons, since a kernel holds no table of functions: there are few kinds, and a population asks
+    # once a step.
+    rest = _chosen(others)
+
+    @subkernel
+    def chosen(net, pop, row, step):
+        if row[t.KIND] == number:
+            own(net, pop, row, step)
+        else:
+            rest(net, pop, row, step)
+
+    return chosen
+
+
+update = _chosen([(NUMBERS[kind], step) for kind, step in STEPS.items()])
 
 KINDS = {"current": t.CURRENT, "relay": t.RELAY, **NUMBERS}
 LAYOUTS = {"one_to_one": t.ONE_TO_ONE, "dense": t.DENSE, "csr": t.CSR, "grid": t.GRID}

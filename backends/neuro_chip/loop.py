@@ -11,8 +11,8 @@ import numpy as np
 from neuro.kernels.draws import poisson_by_sum, step_word, uniform
 from neuro.kernels.jit import kernel, subkernel
 from neuro_chip import tables as t
+from neuro_chip.build import update
 from neuro_chip.deliver import may_gather, send, send_grids
-from neuro_chip.steps import update
 from neuro_chip.tables import net_of
 
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from neuro.chips.description import Chip, Mesh, capacity, mesh_of
 from neuro.chips.fitting import LARGEST
-from neuro.chips.incoming import Incoming
-from neuro.chips.reach import cores_of_source, is_new, reached
+from neuro.chips.incoming import Incoming, cores_of_source, is_new, reached
 from neuro.kernels.jit import kernel
 from neuro.program.program import Floats, Ints, Program
 

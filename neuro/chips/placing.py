@@ -33,10 +33,9 @@ import numpy as np
 
 from neuro.chips.description import Chip
 from neuro.chips.fitting import LARGEST, Cut, chain, cut, exceeded
-from neuro.chips.incoming import Incoming
+from neuro.chips.incoming import Incoming, reached
 from neuro.chips.known import placed_as
 from neuro.chips.mesh import Hops, MeshPlaces, between_cores, draw_close, lay_out, routes
-from neuro.chips.reach import reached
 from neuro.chips.splitting import Split
 from neuro.core.tables import aligned
 from neuro.program.backend import Problem

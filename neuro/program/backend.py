@@ -14,8 +14,7 @@ from neuro.core.errors import ModelError, Where, unknown
 from neuro.core.registry import Registry
 from neuro.model.neurons import CurrentGenerator, Model
 from neuro.model.synapses import Synapse
-from neuro.program.program import Floats, Ints, Program
-from neuro.program.share import Share
+from neuro.program.program import Floats, Ints, Program, Share
 
 
 class OverflowWarning(UserWarning):

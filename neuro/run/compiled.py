@@ -19,8 +19,7 @@ from neuro.core.values import shown
 from neuro.model.network import Network
 from neuro.model.neurons import Neuron
 from neuro.program.backend import Backend, Distributed, Draws, Problem, find_backend
-from neuro.program.program import Program
-from neuro.program.share import WHOLE
+from neuro.program.program import WHOLE, Program
 from neuro.run.simulation import Simulation
 
 if TYPE_CHECKING:

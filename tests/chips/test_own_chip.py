@@ -19,7 +19,7 @@ from neuro.core import registry
 from neuro.core.errors import ModelError
 from neuro.program.backend import find_backend
 from neuro_chip.backend import ChipBackend
-from neuro_chip.steps import FAMILIES
+from neuro_chip.build import FAMILIES
 
 LONG = "like: loihi\ntitle: Loihi with long delays\nlimits:\n  delay_max: {value: 200, source: my board}\n"
 NET = """\

@@ -214,7 +214,7 @@ class EventEngine(Settable):
             **{f"{part}.{key}": values.copy() for part, each in held for key, values in each.items()},
             **self._record.snapshot(),
             **({} if self._changing is None else self._changing.currents.snapshot()),
-            **self._listed.snapshot(),
+            **({} if self._lists is None else self._lists.snapshot()),
         }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -246,5 +246,6 @@ class EventEngine(Settable):
         if self._changing is not None:
             self._changing.currents.restore(arrays)
             self._changing.drives.changed()
-        self._listed.restore(arrays, self._step)
+        if self._lists is not None:
+            self._lists.restore(arrays, self._step)
         self._pack()

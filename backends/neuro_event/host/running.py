@@ -13,11 +13,12 @@ from neuro.core.errors import ModelError, a
 from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped, torn
 from neuro.program.backend import Spikes
 from neuro.program.program import Floats, Ints, Program
-from neuro.program.spikes import ListedSpikes, RecordedSpikes, carrying, too_many
+from neuro.program.spikes import RecordedSpikes, carrying, nothing_listed, too_many
 from neuro_event.building import build, joined_rows, layout
 from neuro_event.loop import steps, tables as t
 
 if TYPE_CHECKING:
+    from neuro.program.listed import ListedSpikes
     from neuro_event.host.changing import Changing
     from neuro_event.host.probes import PreSpikeRecords, StateProbe
     from neuro_event.host.reading import NeuronReader, SynapseReader
@@ -59,7 +60,14 @@ class Running:
             from neuro_event.host.threads import Threads
 
             self._threads = Threads(n_threads)
-        self._listed = ListedSpikes(self._program, self._a.net, [place.begin for place in self._a.places], n_threads)
+        self._lists: ListedSpikes | None = None
+        if any(p.kind == "listed" for p in self._program.populations):
+            from neuro.program.listed import ListedSpikes
+
+            begins = [place.begin for place in self._a.places]
+            self._lists = ListedSpikes(self._program, self._a.net, begins, n_threads)
+        else:
+            self._a.net |= nothing_listed(self._program, n_threads)
         self._samples: dict[int, StateProbe] = {}
         self._notes: PreSpikeRecords | None = None
         if self._program.probes or self._program.synapse_probes:
@@ -226,6 +234,11 @@ class Running:
         names = [s.name for s in model.states]
         rows = self._a.net["state"]
         return all(bool(np.isfinite(rows[names.index(name), place.begin : place.end]).all()) for name in states)
+
+    @property
+    def _listed(self) -> ListedSpikes:
+        assert self._lists is not None
+        return self._lists
 
     def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
         """Add spikes of a listed population, at steps after the present one."""
