@@ -15,8 +15,7 @@ from neuro.model.distributions import Distribution
 from neuro.model.rules import Rule
 from neuro.program.compact import SharedProjection
 from neuro.program.counts import Tally
-from neuro.program.program import Program, Projection
-from neuro.program.share import Share
+from neuro.program.program import Program, Projection, Share
 
 PLACES = np.random.default_rng(0).random((60, 2))
 RULES: dict[str, Rule] = {
@@ -220,7 +219,7 @@ def of_shares(number: int, ask):
 @pytest.mark.parametrize("name", ["fixed_total_number", "pairwise_bernoulli", "one_to_one", "symmetric"])
 def test_each_share_tells_of_the_whole(monkeypatch: pytest.MonkeyPatch, name: str, many: bool):
     monkeypatch.setattr("neuro.compiler.resolve.MANY", 0 if many else 1 << 30)
-    monkeypatch.setattr("neuro.program.share.AT_ONCE", 50)
+    monkeypatch.setattr("neuro.program.program.AT_ONCE", 50)
     net = network(RULES[name], "normal")
     net.probe("some", "p", "weight", every=1.0, post=[3, 40])
     whole = compile_network(net, 5)

@@ -63,7 +63,7 @@ INSIDE = {
     ("TypeError", "neuro/core/registry.py"): "likewise",
     ("TypeError", "neuro/coding/"): "of a function that is no code; a registry tells it as ModelError",
     ("TypeError", "apps/neuro_events/f"): "of what is no format or filter; a registry tells it as ModelError",
-    ("TypeError", "neuro/kernels/key.py"): "to the author of a kernel",
+    ("TypeError", "neuro/kernels/kept.py"): "to the author of a kernel",
     ("AssertionError", "neuro/testing/"): "the judgement of the conformance suite",
     ("BadParameter", "neuro/cli/"): "of an option; the command line tells it with the option's name",
     ("BadParameter", "apps/"): "of an option; the command line tells it with the option's name",

@@ -325,7 +325,7 @@ def test_rows_of_blocks_as_they_were_drawn(monkeypatch: pytest.MonkeyPatch):
         engine = EventBackend().build(program)
         engine.run(1)
         nets.append(engine._a.net)  # type: ignore[attr-defined]
-    for name in joined_rows.NAMES:
+    for name in layout.JOINED_ARRAYS:
         assert np.array_equal(nets[0][name], nets[1][name]), name
     for part, arrays in zip(first.projections, before, strict=True):
         for found, expected in zip((part.targets, part.weight, part.delay), arrays, strict=True):
@@ -351,7 +351,7 @@ def test_rows_that_were_laid_out_anew_leave_no_second_copy(ran: float, before: b
     if before:
         sim.set("wires2", weight=9.0)
     sim._engine.run(0)  # type: ignore[attr-defined]
-    old = [weakref.ref(sim._engine._a.net[name]) for name in joined_rows.NAMES]  # type: ignore[attr-defined]
+    old = [weakref.ref(sim._engine._a.net[name]) for name in layout.JOINED_ARRAYS]  # type: ignore[attr-defined]
     sim.run(ran)
     sim.set("wires1", weight=9.0)
     sim.run(2.0)

@@ -7,10 +7,10 @@ from typing import Any
 
 from neuro.chips.arithmetic import Arithmetic
 from neuro.chips.description import Chip
+from neuro.chips.fitting import cut, fits_one_chip
 from neuro.chips.known import CHIPS, arithmetic_of, chip, is_table
 from neuro.chips.loihi import LOIHI
 from neuro.chips.loihi2 import LOIHI2
-from neuro.chips.placing import place
 from neuro.chips.quantising import quantise
 from neuro.chips.spinnaker import SPINNAKER
 from neuro.core.checks import check
@@ -18,6 +18,7 @@ from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
 from neuro.program.backend import Engine, Problem, unnoted
 from neuro.program.program import Program
+from neuro_chip.unsupported import LEARNING_CASES, REFRACTORY_CASES
 
 OF_PLACE = ("order", "neurons_per_core")
 _STRICT = Quantity(kind="boolean")
@@ -70,7 +71,13 @@ class ChipBackend:
         """What does not fit into the chip's integers or onto its cores, and what is approximated."""
         fixed = quantise(program, self.chip, **_of_quantise(options))
         of_place = {name: value for name, value in options.items() if name in OF_PLACE}
-        return (*unnoted(program), *fixed.problems, *place(program, self.chip, **of_place).problems)
+        found = (*unnoted(program), *fixed.problems)
+        cores = cut(program, self.chip, **of_place)
+        if fits_one_chip(program, self.chip, cores):
+            return found
+        from neuro.chips.placing import placed  # which core lies on which chip matters for the rest
+
+        return (*found, *placed(program, self.chip, cores).problems)
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
         """Make an engine at step 0.
@@ -94,73 +101,6 @@ class ChipBackend:
 
 def _of_quantise(options: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if name not in OWN}
-
-
-LEARNING_CASES = (
-    "counts_of_learning",
-    "ports_of_signals_and_weights",
-    "cutting_does_not_matter_of_learning",
-    "cutting_does_not_matter_when_steered_of_learning",
-    "probes_do_not_matter_of_learning",
-    "a_seed_repeats_of_learning",
-    "seeds_differ_of_learning",
-    "threads_do_not_matter_of_learning",
-    "a_reset_repeats_of_learning",
-    "a_reset_keeps_weights_of_learning",
-    "another_population_does_not_matter_of_learning",
-    "counts_follow_from_spikes_of_learning",
-    "a_saved_state_continues_of_learning",
-    "a_state_saved_after_a_change_continues_of_learning",
-)
-"""Those in which synapses learn from pairs of spikes."""
-
-REFRACTORY_CASES = (
-    "exact_one_to_one",
-    "exact_dense_rows",
-    "exact_listed_pairs",
-    "exact_grid",
-    "exact_depthwise",
-    "exact_recurrence",
-    "exact_parrots",
-    "exact_weights_set_at_an_emission",
-    "exact_network_again",
-    "exact_delays_of_currents",
-    "exact_refractory_periods",
-    "exact_thresholds",
-    "exact_currents",
-    "exact_noise",
-    "exact_best_of_each_step",
-    "exact_lateral_reset",
-    "exact_changes",
-    "exact_halving",
-    "first_to_fire",
-    "exact_local_winners",
-    "exact_local_winners_to_the_last",
-    "exact_decisions",
-    "exact_full_trials",
-    "exact_run_after_a_decision",
-    "exact_rewards",
-    "exact_rescue",
-    "exact_growth",
-    "cutting_does_not_matter_of_fixed_weights",
-    "cutting_does_not_matter_when_steered_of_fixed_weights",
-    "probes_do_not_matter_of_fixed_weights",
-    "a_seed_repeats_of_fixed_weights",
-    "seeds_differ_of_fixed_weights",
-    "threads_do_not_matter_of_fixed_weights",
-    "a_reset_repeats_of_fixed_weights",
-    "a_reset_keeps_weights_of_fixed_weights",
-    "another_population_does_not_matter_of_fixed_weights",
-    "counts_follow_from_spikes_of_fixed_weights",
-    "a_saved_state_continues_of_fixed_weights",
-    "a_state_saved_after_a_change_continues_of_fixed_weights",
-    "saved_trials_continue",
-    "cutting_a_batch_does_not_matter",
-    "ports_do_what_calls_do",
-    "ports_go_on_after_a_restore",
-    "exact_views",
-)
-"""Those whose neurons have a refractory period."""
 
 
 loihi = ChipBackend(LOIHI, "Intel Loihi 1, emulated bit for bit: integers, 8-bit weights, cores and their limits", {})

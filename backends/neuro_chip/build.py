@@ -1,5 +1,6 @@
 """From a quantised program to the arrays of the compiled loop."""
 
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
 import math
@@ -10,11 +11,11 @@ from numpy.typing import NDArray
 
 from neuro.chips.fixed import FixedPopulation, FixedProjection
 from neuro.chips.fixed_program import FixedProgram
-from neuro.chips.inputs import longest_lag
+from neuro.chips.inputs import has_two_inputs, longest_lag
 from neuro.chips.known import arithmetic_of
-from neuro.chips.loihi2 import has_two_inputs
 from neuro.core import keyed_random
 from neuro.core.clock import NEVER
+from neuro.kernels.jit import subkernel
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Program
 from neuro_chip import deliver, loihi2_step, loihi_step, spinnaker_step, tables as t
@@ -29,6 +30,28 @@ population and sets `fired` where the threshold is reached."""
 
 NUMBERS = {kind: t.STEPPED + place for place, kind in enumerate(STEPS)}
 """The number of each kind in the loop, column `KIND` of the table of populations."""
+
+
+def _chosen(numbered):
+    """A function (net, pop, row, step) that runs the step whose number a row has; the last one else."""
+    (number, own), *others = numbered
+    if not others:
+        return own
+    # A chain of comparisons, since a kernel holds no table of functions: there are few kinds, and a population asks
+    # once a step.
+    rest = _chosen(others)
+
+    @subkernel
+    def chosen(net, pop, row, step):
+        if row[t.KIND] == number:
+            own(net, pop, row, step)
+        else:
+            rest(net, pop, row, step)
+
+    return chosen
+
+
+update = _chosen([(NUMBERS[kind], step) for kind, step in STEPS.items()])
 
 KINDS = {"current": t.CURRENT, "relay": t.RELAY, **NUMBERS}
 LAYOUTS = {"one_to_one": t.ONE_TO_ONE, "dense": t.DENSE, "csr": t.CSR, "grid": t.GRID}
@@ -221,7 +244,12 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
             table[q, t.FIRST_LAG] = _lags_apart(wires)[0]
     a["projections"] = table
     a |= {name: _joined(parts, kinds[name]) for name, parts in lists.items()}
-    deliver.lay_out(a, program)
+    if any(part.grid is not None for part in program.projections):
+        deliver.lay_out(a, program)
+    else:
+        table[:, t.GATHER] = t.NONE
+        a["kernels"], a["gathered"] = np.zeros(0, dtype=kind), np.zeros(0, dtype=np.int32)
+        a["marked"] = np.zeros(0, dtype=np.uint8)
     spiking = [q for q, wires in enumerate(fixed.projections) if wires is not None]
     by_source = [[q for q in spiking if table[q, t.SOURCE] == k] for k in range(len(program.populations))]
     a["out"] = np.array([q for group in by_source for q in group], dtype=np.int64)

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from neuro.chips.fixed import FixedProjection
 from neuro.chips.fixed_program import FixedProgram
 from neuro.chips.inputs import acts_late, register
-from neuro.chips.loihi import REGISTER_OF_ONE
 from neuro.chips.loihi_learning import FRACTIONS
+from neuro.chips.loihi_registers import REGISTER_OF_ONE
 from neuro.core.errors import ModelError
 from neuro.kernels.jit import compiled, kernel
 from neuro.model.synapses import loihi2_learning

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.loihi import KIND
+from neuro.chips.loihi_registers import KIND
 from neuro.kernels.jit import subkernel
 from neuro.program.program import Ints
 from neuro_chip import tables as t

@@ -11,7 +11,7 @@ import numpy as np
 from neuro.kernels.draws import poisson_by_sum, step_word, uniform
 from neuro.kernels.jit import kernel, subkernel
 from neuro_chip import tables as t
-from neuro_chip.build import NUMBERS, STEPS
+from neuro_chip.build import update
 from neuro_chip.deliver import may_gather, send, send_grids
 from neuro_chip.tables import net_of
 
@@ -459,25 +459,3 @@ def counted(net, pop):
     for column in range(net.native.shape[1]):
         total += net.native[pop, column]
     return total
-
-
-def _chosen(numbered):
-    """A function (net, pop, row, step) that runs the step whose number a row has; the last one else."""
-    (number, own), *others = numbered
-    if not others:
-        return own
-    # A chain of comparisons, since a kernel holds no table of functions: there are few kinds, and a population asks
-    # once a step.
-    rest = _chosen(others)
-
-    @subkernel
-    def chosen(net, pop, row, step):
-        if row[t.KIND] == number:
-            own(net, pop, row, step)
-        else:
-            rest(net, pop, row, step)
-
-    return chosen
-
-
-update = _chosen([(NUMBERS[kind], step) for kind, step in STEPS.items()])

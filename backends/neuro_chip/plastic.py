@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.loihi import bounds, grain_of
 from neuro.chips.loihi2 import SIGN_MODES
+from neuro.chips.loihi_registers import bounds, grain_of
 from neuro.core.keyed_random import key
 from neuro.model.synapses import loihi2_learning
 from neuro.model.synapses.loihi_rule import (

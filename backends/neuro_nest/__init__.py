@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from neuro.core.errors import ModelError, nearest
 from neuro.program.backend import Problem
-from neuro.program.program import Program
-from neuro.program.share import Share
+from neuro.program.program import Program, Share
 from neuro_nest.problems import UNSUPPORTED, problems
 from neuro_nest.tables import UNREADABLE
 

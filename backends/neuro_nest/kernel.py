@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
 from neuro.core.system import leads, processes, share as work_together
-from neuro.program.share import WHOLE, Share
+from neuro.program.program import WHOLE, Share
 
 T = TypeVar("T")
 

@@ -13,8 +13,7 @@ from neuro.core.errors import ModelError
 from neuro.model.synapses.base import common
 from neuro.program.backend import Spikes
 from neuro.program.currents import Currents
-from neuro.program.program import Floats, Ints, Population, Program, Projection
-from neuro.program.share import Share
+from neuro.program.program import Floats, Ints, Population, Program, Projection, Share
 from neuro_nest.kernel import nest_errors, set_nodes, sign
 from neuro_nest.projections import NestProjection, Nodes, RuleProjection, dealt_out
 from neuro_nest.sources import NONE, InjectedTrain, Noise, TrainSource, is_noise, nodes_of, train

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from neuro.chips.fixed_program import FixedProgram as FixedProgram, filled as filled
     from neuro.chips.inputs import longest_lag as longest_lag
     from neuro.chips.known import arithmetic_of as arithmetic_of, chip as chip, chips as chips
-    from neuro.chips.loihi import bounds as bounds
+    from neuro.chips.loihi_registers import bounds as bounds
     from neuro.chips.neurobench_report import neurobench as neurobench
     from neuro.chips.placing import Placement as Placement, place as place
     from neuro.chips.pricing import bill as bill, price as price

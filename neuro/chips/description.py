@@ -132,3 +132,15 @@ class Chip:
     def limit(self, name: str) -> int | None:
         """A limit as a whole number, None where the chip has none of that name."""
         return int(self.limits[name].value) if name in self.limits else None
+
+
+def mesh_of(chip: Chip, cores: int) -> Mesh:
+    """The mesh of a chip; where none is known its cores share one tile."""
+    return chip.mesh or Mesh(1, 1, chip.limit("cores_per_chip") or max(cores, 1))
+
+
+def capacity(chip: Chip, cores: int) -> int:
+    """Cores of one chip that can be used."""
+    mesh = mesh_of(chip, cores)
+    tiles = mesh.columns * mesh.rows * mesh.cores_per_tile
+    return min(chip.limit("cores_per_chip") or tiles, tiles)

@@ -335,3 +335,8 @@ def longest_lag(program: Program, index: int) -> NDArray[np.int32]:
 def register(lag: NDArray[np.int32], of_one: int) -> NDArray[np.int32]:
     """What a delay register holds for some lags; `of_one` is what it holds for a lag of one step."""
     return lag + np.int32(of_one - 1)
+
+
+def has_two_inputs(model: Model) -> bool:
+    """Whether the synapses onto a neuron name one of two inputs."""
+    return isinstance(model, Neuron) and model.receptors == 2 and not model.signed

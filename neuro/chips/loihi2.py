@@ -37,10 +37,12 @@ from neuro.chips.inputs import (
     approximated,
     falls,
     has_lowest,
+    has_two_inputs,
     refused,
     value_at,
 )
-from neuro.chips.loihi import LOSSLESS, SCALING, WEIGHT_BITS, WEIGHT_EXPONENTS, Loihi, filled_current
+from neuro.chips.loihi import SCALING, Loihi, filled_current
+from neuro.chips.loihi_registers import LOSSLESS, WEIGHT_BITS, WEIGHT_EXPONENTS
 from neuro.model.neurons import (
     delta_encoder,
     graded_product,
@@ -50,7 +52,6 @@ from neuro.model.neurons import (
     sigma_decoder,
     sigma_delta,
 )
-from neuro.model.neurons.base import Model, Neuron
 from neuro.model.synapses import loihi2_convolution, loihi2_learning, loihi2_static
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints, Population, Program, Projection
@@ -72,11 +73,6 @@ def dropped(mantissas: Words, bits: int, mode: str) -> Words:
     # Inhibitory mantissas are magnitudes, so rounding down is towards 0 there.
     words: Words = -(-kept >> lost << lost) if mode == "inhibitory" else kept >> lost << lost
     return words.astype(np.int32)
-
-
-def has_two_inputs(model: Model) -> bool:
-    """Whether the synapses onto a neuron name one of two inputs."""
-    return isinstance(model, Neuron) and model.receptors == 2 and not model.signed
 
 
 def _not_whole(part: Projection) -> Iterator[Problem]:

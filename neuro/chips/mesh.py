@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from neuro.chips.description import Chip, Mesh
-from neuro.chips.incoming import SHARED, Incoming, block_bits
-from neuro.kernels.jit import kernel, subkernel
+from neuro.chips.description import Chip, Mesh, capacity, mesh_of
+from neuro.chips.fitting import LARGEST
+from neuro.chips.incoming import Incoming, cores_of_source, is_new, reached
+from neuro.kernels.jit import kernel
 from neuro.program.program import Floats, Ints, Program
-
-LARGEST = 2000
-"""Most cores (or tiles) that are ordered and exchanged; more are laid out as they come."""
 
 _EFFORT = 10_000_000
 """Exchanges x pairs that are looked at: keeps placing of 1 M synapses below half a second."""
@@ -53,18 +50,6 @@ class MeshPlaces:
         return MeshPlaces(self.mesh, self.chip[order], self.slot[order], self.column[order], self.row[order])
 
 
-def mesh_of(chip: Chip, cores: int) -> Mesh:
-    """The mesh of a chip; where none is known its cores share one tile."""
-    return chip.mesh or Mesh(1, 1, chip.limit("cores_per_chip") or max(cores, 1))
-
-
-def capacity(chip: Chip, cores: int) -> int:
-    """Cores of one chip that can be used."""
-    mesh = mesh_of(chip, cores)
-    tiles = mesh.columns * mesh.rows * mesh.cores_per_tile
-    return min(chip.limit("cores_per_chip") or tiles, tiles)
-
-
 def lay_out(chip: Chip, memory: Ints, snake: bool) -> MeshPlaces:
     """Fill chip after chip and tile after tile with cores as they come.
 
@@ -94,27 +79,6 @@ def lay_out(chip: Chip, memory: Ints, snake: bool) -> MeshPlaces:
     else:
         row, column = np.divmod(tile, mesh.columns)
     return MeshPlaces(mesh, number, slot, chip_column * mesh.columns + column, chip_row * mesh.rows + row)
-
-
-def chain(traffic: Floats, pull: Floats) -> Ints:
-    """An order in which each comes after those to which it is tied most.
-
-    Args:
-        traffic: spikes between each two, symmetric, shape (n, n).
-        pull: spikes from the host to each.
-    """
-    n = len(pull)
-    if n == 0 or n > LARGEST:
-        return np.arange(n)
-    left, tied = np.ones(n, dtype=bool), pull.astype(np.float64)
-    order = np.zeros(n, dtype=np.int64)
-    at = int(np.lexsort((np.arange(n), traffic.sum(axis=1), -pull))[0])
-    for i in range(n):
-        if i:
-            at = int(np.argmax(np.where(left, tied, -1.0)))
-        order[i], left[at] = at, False
-        tied += traffic[at]
-    return order
 
 
 def exchange(traffic: Floats, pull: Floats, column: Ints, row: Ints) -> Ints:
@@ -176,75 +140,15 @@ def draw_close(chip: Chip, places: MeshPlaces, memory: Ints, traffic: Floats, pu
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 
 
-bits_of_block = subkernel(block_bits)
-
-
-@subkernel
-def _count(i, rows, core_of, count, cores):
-    """The cores that source i reaches, each once; returns how many there are."""
-    begin, end, targets = rows
-    n = 0
-    for e in range(begin[i], end[i]):
-        core = core_of[targets[e]]
-        cores[n] = core
-        n += count[core] == 0
-        count[core] += 1
-    return n
-
-
-@subkernel
-def _new(i, core, sent):
-    """Whether this is the first projection of source i that sends a spike to a core."""
-    if sent.size == 0:
-        return True
-    bit = 1 << (core & 7)
-    if sent[i, core >> 3] & bit:
-        return False
-    sent[i, core >> 3] |= bit
-    return True
-
-
-@kernel
-def weigh(rows, core_of, room, bits, index, sends, axons_in, blocks, longest):
-    """Count what a projection brings to each core.
-
-    Args:
-        rows: see above.
-        core_of: likewise.
-        room: likewise.
-        bits: of one synapse, without the index of its neuron.
-        index: bits that tell the neurons of each core apart, none where synapses lie in rows.
-        sends: cores that each source reaches, grows.
-        axons_in: sources that reach each core, grows.
-        blocks: bits of each core where synapses lie in blocks, grows.
-        longest: is raised, else, to the most synapses that a source has onto each core.
-    """
-    count, cores, sent = room
-    for i in range(rows[0].size):
-        for k in range(_count(i, rows, core_of, count, cores)):
-            core = cores[k]
-            n = count[core]
-            count[core] = 0
-            if bits == SHARED:
-                pass  # the core keeps a kernel once, which is counted apart
-            elif index.size:
-                blocks[core] += bits_of_block(n, bits + index[core])
-            else:
-                longest[core] = max(longest[core], n)
-            if _new(i, core, sent):
-                sends[i] += 1
-                axons_in[core] += 1
-
-
 @kernel
 def between_cores(rows, core_of, room, own, traffic, pull):
     """Add one spike of each source: from its core (`own`) to each that it reaches; -1 is the host."""
     count, cores, sent = room
     for i in range(rows[0].size):
-        for k in range(_count(i, rows, core_of, count, cores)):
+        for k in range(cores_of_source(i, rows, core_of, count, cores)):
             core = cores[k]
             count[core] = 0
-            if not _new(i, core, sent):
+            if not is_new(i, core, sent):
                 continue
             if own[i] < 0:
                 pull[core] += 1
@@ -261,10 +165,10 @@ def travel(rows, core_of, room, begins, places, found):
     """
     count, cores, sent = room
     for i in range(rows[0].size):
-        for k in range(_count(i, rows, core_of, count, cores)):
+        for k in range(cores_of_source(i, rows, core_of, count, cores)):
             core = cores[k]
             count[core] = 0
-            if not _new(i, core, sent):
+            if not is_new(i, core, sent):
                 continue
             east = abs(places[0][core] - begins[0][i])
             south = abs(places[1][core] - begins[1][i])
@@ -285,10 +189,10 @@ def spread(rows, core_of, room, begin, places, reached, local, along, across):
     """
     count, cores, sent = room
     for s in range(rows[0].size):
-        for k in range(_count(s, rows, core_of, count, cores)):
+        for k in range(cores_of_source(s, rows, core_of, count, cores)):
             core = cores[k]
             count[core] = 0
-            if not _new(s, core, sent):
+            if not is_new(s, core, sent):
                 continue
             column = places[0][core]
             east, south = column - begin[0][s], places[1][core] - begin[1][s]
@@ -298,37 +202,6 @@ def spread(rows, core_of, room, begin, places, reached, local, along, across):
             along[1, s] = max(along[1, s], -east)
             across[0, s, column] = max(across[0, s, column], south)
             across[1, s, column] = max(across[1, s, column], -south)
-
-
-def reached(into: Incoming, core_of: Ints, cores: int) -> Iterator[tuple[int, tuple[Any, ...]]]:
-    """Every projection with spikes, those of a source in order, and what the kernels of `reach` take of it.
-
-    Args:
-        into: all synapses.
-        core_of: the core of every neuron, -1 for generators.
-        cores: how many there are.
-
-    Yields:
-        the projection; its rows, the core of each of its targets, and room to count in.
-    """
-    held = [core_of[a:b].astype(np.int32) for a, b in zip(into.start[:-1], into.start[1:], strict=True)]
-    count, listed = np.zeros((2, cores), dtype=np.int32)
-    listed = np.append(listed, np.int32(0))
-    on = np.zeros((len(held), cores), dtype=np.int64)
-    for population, own in enumerate(held):
-        on[population, own[own >= 0]] = 1
-    of_each: dict[int, list[int]] = {}
-    for index, rows in enumerate(into.rows):
-        if rows is not None and rows.size:
-            of_each.setdefault(into.begins_at[index], []).append(index)
-    for source, projections in of_each.items():
-        size = int(into.start[source + 1] - into.start[source])
-        apart = bool(np.all(np.sum([on[into.ends_at[index]] for index in projections], axis=0) <= 1))
-        sent = np.zeros((0, 0) if apart else (size, cores // 8 + 1), dtype=np.uint8)
-        for index in projections:
-            rows = into.rows[index]
-            assert rows is not None
-            yield index, ((rows.begin, rows.end, rows.targets), held[into.ends_at[index]], (count, listed, sent))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,30 +26,17 @@ arithmetic here is taken to count as Loihi 1.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from neuro.chips.description import Chip
-from neuro.chips.incoming import Incoming, incoming, memory_limit, spiking
-from neuro.chips.inputs import longest_lag, register
+from neuro.chips.fitting import LARGEST, Cut, chain, cut, exceeded
+from neuro.chips.incoming import Incoming, reached
 from neuro.chips.known import placed_as
-from neuro.chips.mesh import (
-    LARGEST,
-    Hops,
-    MeshPlaces,
-    between_cores,
-    capacity,
-    chain,
-    draw_close,
-    lay_out,
-    reached,
-    routes,
-)
-from neuro.chips.splitting import Split, fewest_cores, neurons_of, split
-from neuro.core.errors import ModelError, unknown
+from neuro.chips.mesh import Hops, MeshPlaces, between_cores, draw_close, lay_out, routes
+from neuro.chips.splitting import Split
 from neuro.core.tables import aligned
 from neuro.program.backend import Problem
 from neuro.program.program import Ints, Program
@@ -208,7 +195,6 @@ def _several(count: int, what: str) -> str:
     return f"{count:,} {what}" + "s" * (count != 1)
 
 
-ORDERS = ("connected", "declared")
 _LIMITS = ("neurons_per_core", "synapse_bytes_per_core", "axons_in_per_core", "axons_out_per_core")
 
 
@@ -228,65 +214,39 @@ def place(program: Program, chip: Chip, *, order: str = "connected", neurons_per
     Raises:
         ModelError: an argument cannot be.
     """
-    if order not in ORDERS:
-        raise unknown("order", order, ORDERS)
-    if neurons_per_core is not None:
-        if type(neurons_per_core) is not int or neurons_per_core < 1:
-            raise ModelError(f"neurons_per_core = {neurons_per_core!r}: expected a whole number >= 1")
-        limit = chip.limit("neurons_per_core")
-        if limit is not None and neurons_per_core > limit:
-            raise ModelError(
-                f"neurons_per_core = {neurons_per_core}: expected at most {limit}, the limit of {chip.name}"
-            )
-    multicast = placed_as(chip).multicast
-    into = incoming(program, placed_as(chip).keeps_kernels)
-    declared = neurons_of(program)
+    return placed(program, chip, cut(program, chip, order=order, neurons_per_core=neurons_per_core))
+
+
+def placed(program: Program, chip: Chip, found: Cut) -> Placement:
+    """Place cores that have been filled."""
+    multicast, into = placed_as(chip).multicast, found.into
     drafts: list[tuple[Split, MeshPlaces]] = []
-    is_large = order == "connected" and fewest_cores(program, chip, into) > LARGEST
-    if not is_large:
-        plain = split(program, chip, into, declared, neurons_per_core)
-        drafts.append((plain, lay_out(chip, plain.memory, snake=False)))
-    if order == "connected":
-        tied = _tied(program, into, declared)
-        if is_large or tied != declared or any(part.grid is not None for part in program.projections):
-            plain = split(program, chip, into, tied, neurons_per_core, by_place=True)
-        drafts.insert(0, _close(chip, into, plain))
+    if found.tied is not None:
+        drafts.append(_close(chip, into, found.tied))
+    if found.declared is not None:
+        drafts.append((found.declared, lay_out(chip, found.declared.memory, snake=False)))
     numbered: list[tuple[int, int, Split, MeshPlaces, tuple[Hops, ...]]] = []
-    for cut, places in drafts:
+    for cores, places in drafts:
         # Cores are numbered by their places.
         by_place = np.lexsort((places.slot, places.column, places.row, places.chip))
-        cut, places = cut.taken(by_place), places.taken(by_place)
-        ways = routes(program, into, cut.core_of, places, multicast)
-        numbered.append((len(np.unique(places.chip)), sum(part.total for part in ways), cut, places, ways))
-    chips, _, cut, places, ways = min(numbered, key=lambda draft: draft[:2])
+        cores, places = cores.taken(by_place), places.taken(by_place)
+        ways = routes(program, into, cores.core_of, places, multicast)
+        numbered.append((len(np.unique(places.chip)), sum(part.total for part in ways), cores, places, ways))
+    chips, _, cores, places, ways = min(numbered, key=lambda draft: draft[:2])
     return Placement(
         network=program.name,
         target=chip.name,
-        order=order,
+        order=found.order,
         multicast=multicast,
-        cores=tuple(_core(chip, cut, places, i) for i in range(len(cut.cores))),
+        cores=tuple(_core(chip, cores, places, i) for i in range(len(cores.cores))),
         chips_used=chips,
         tiles_used=len(np.unique(np.stack((places.column, places.row)), axis=1).T),
-        core_of=tuple(cut.core_of[a:b] for a, b in zip(into.start[:-1], into.start[1:], strict=True)),
+        core_of=tuple(cores.core_of[a:b] for a, b in zip(into.start[:-1], into.start[1:], strict=True)),
         populations=tuple(part.name for part in program.populations),
         projections=tuple(part.name for part in program.projections),
         ways=ways,
-        problems=exceeded(program, chip, into, cut, chips),
+        problems=exceeded(program, chip, into, cores, chips),
     )
-
-
-def _tied(program: Program, into: Incoming, populations: list[int]) -> list[int]:
-    """Populations in an order that follows their synapses."""
-    n = len(program.populations)
-    synapses, pull = np.zeros((n, n)), np.zeros(n)
-    for part, count in zip(program.projections, into.synapses, strict=True):
-        if part.source in populations:
-            synapses[[part.source, part.target], [part.target, part.source]] += count
-        else:
-            pull[part.target] += count
-    np.fill_diagonal(synapses, 0.0)
-    order = chain(synapses[np.ix_(populations, populations)], pull[populations])
-    return [populations[i] for i in order]
 
 
 def _close(chip: Chip, into: Incoming, cut: Split) -> tuple[Split, MeshPlaces]:
@@ -321,94 +281,4 @@ def _core(chip: Chip, cut: Split, places: MeshPlaces, i: int) -> Core:
         axons_in=used[2],
         axons_out=used[3],
         load={name: n / most for name, n in zip(_LIMITS, used, strict=True) if (most := chip.limit(name))},
-    )
-
-
-def exceeded(program: Program, chip: Chip, into: Incoming, split: Split, chips: int) -> tuple[Problem, ...]:
-    """All that does not fit, at once; delays only where the arithmetic is not emulated, as quantising tells them else.
-
-    Args:
-        program: has the names and places in the description.
-        chip: has the limits; `chips` among them is the size of the largest machine.
-        into: all synapses.
-        split: the cores; a neuron that fits on none has one of its own.
-        chips: how many are needed.
-    """
-    return (
-        *_too_much(program, chip, split, "memory", split.memory, memory_limit(chip), into),
-        *_too_much(program, chip, split, "in", split.axons_in, chip.limit("axons_in_per_core"), into),
-        *_too_much(program, chip, split, "out", split.axons_out, chip.limit("axons_out_per_core"), into),
-        *_too_large(program, chip, split, chips),
-        *(() if chip.arithmetic else too_late(program, chip)),
-    )
-
-
-def too_late(program: Program, chip: Chip) -> Iterator[Problem]:
-    """Projections with a delay that the chip's register does not hold, in the words of `neuro.chips.quantise`."""
-    most, h = chip.limit("delay_max"), program.resolution
-    if most is None:
-        return
-    of_one = placed_as(chip).register_of_one
-    for index in spiking(program):
-        part = program.projections[index]
-        steps = part.delay_range(h)[1] if part.size else 0
-        need = int(register(longest_lag(program, index), of_one).max(initial=0))
-        if need > most:
-            yield Problem(
-                True,
-                f"projection '{part.name}': a delay of {steps * h:g} ms",
-                f"{need} steps in the delay register, which holds at most {most} on {chip.name}",
-                f"use at most {(most - need + steps) * h:g} ms, a coarser resolution, or a chain of parrots",
-                part.origin,
-            )
-
-
-def _too_much(
-    program: Program, chip: Chip, split: Split, kind: str, need: Ints, limit: int | None, into: Incoming
-) -> Iterator[Problem]:
-    """Neurons that are beyond a limit although they are alone on their core, reported once for a population."""
-    if limit is None:
-        return
-    alone: dict[int, list[tuple[int, int]]] = {}
-    for core in np.flatnonzero(need > limit):
-        population, neuron, _ = split.cores[core][0]
-        alone.setdefault(population, []).append((neuron, int(need[core])))
-    for population, found in sorted(alone.items()):
-        neuron, count = min(found)
-        part = program.populations[population]
-        more = f" and {len(found) - 1:,} more" if len(found) > 1 else ""
-        synapses = int(np.diff(into.ends)[into.start[population] + neuron])
-        if kind == "memory":
-            whose = "core" if chip.limit("synapse_bytes_per_core") is not None else "chip"
-            why = f"its {synapses:,} synapses take {count:,} bytes, a {whose} of {chip.name} has {limit:,} for synapses"
-            way_out = f"about {synapses * limit // count:,} synapses onto one neuron would fit"
-        elif kind == "in":
-            why = f"the spikes of {count:,} neurons reach it, a core of {chip.name} has {limit:,} input axons"
-            way_out = f"at most {limit:,} sources of one neuron would fit: let neurons between gather them"
-        else:
-            why = f"its spikes go to {count:,} cores, a core of {chip.name} has {limit:,} output axons"
-            way_out = f"targets on at most {limit:,} cores would fit: let neurons between pass its spikes on"
-        yield Problem(True, f"population '{part.name}': neuron {neuron}{more}", why, way_out, part.origin)
-
-
-def _too_large(program: Program, chip: Chip, split: Split, chips: int) -> Iterator[Problem]:
-    """More chips than the largest machine has, reported for the population that takes most cores."""
-    most = chip.limit("chips")
-    if most is None or chips <= most:
-        return
-    held = np.bincount([index for parts in split.cores for index in {population for population, _, _ in parts}])
-    largest, cores = int(np.argmax(held)), len(split.cores)
-    part, own = program.populations[largest], int(held.max())
-    surplus = cores - most * capacity(chip, cores)
-    alone = np.sort([split.neurons[i] for i, parts in enumerate(split.cores) if {p for p, _, _ in parts} == {largest}])
-    fit = part.size - int(alone[:surplus].sum())
-    machine = f"{most:,} chip{'s' if most > 1 else ''} of {capacity(chip, cores):,} cores"
-    yield Problem(
-        True,
-        f"population '{part.name}': {own:,} of {cores:,} cores",
-        f"the network needs {chips:,} chips, the largest machine of {chip.name} has {machine}",
-        f"about {fit:,} of its {part.size:,} neurons would fit, or more with fewer synapses"
-        if 0 < surplus <= len(alone) and surplus < own
-        else "the network must be smaller: fewer neurons, or fewer synapses onto each",
-        part.origin,
     )

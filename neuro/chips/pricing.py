@@ -34,9 +34,10 @@ from neuro.chips.energy import (
     quantity,
     sourced,
 )
+from neuro.chips.fitting import too_late
 from neuro.chips.incoming import dense_size, spiking
 from neuro.chips.known import ARITHMETICS, arithmetic_of, chip
-from neuro.chips.placing import place, too_late
+from neuro.chips.placing import place
 from neuro.chips.quantising import refusals
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts

@@ -10,9 +10,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from neuro.chips.description import Chip
-from neuro.chips.incoming import ROW_WORDS, SHARED, WORD_BITS, Incoming, block_bits, index_bits, memory_limit
+from neuro.chips.incoming import (
+    ROW_WORDS,
+    SHARED,
+    WORD_BITS,
+    Incoming,
+    block_bits,
+    index_bits,
+    memory_limit,
+    reached,
+    weigh,
+)
 from neuro.chips.known import placed_as
-from neuro.chips.mesh import reached, weigh
 from neuro.kernels.jit import kernel, subkernel
 from neuro.program.program import Ints, Program
 

@@ -7,11 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from neuro.chips.description import Chip, Mesh
+from neuro.chips.description import Chip, Mesh, mesh_of
 from neuro.chips.energy import FASTEST
 from neuro.chips.fixed_program import FixedProgram
 from neuro.chips.known import chip
-from neuro.chips.mesh import mesh_of
 from neuro.chips.placing import Core, Placement
 from neuro.compare import cells
 from neuro.compare.result import Comparison, Run

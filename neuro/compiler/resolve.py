@@ -44,8 +44,7 @@ from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, MoveRule, Synapse
 from neuro.program import program as resolved
 from neuro.program.compact import CompactProjection, SharedProjection
-from neuro.program.program import Floats, Ints, Stream
-from neuro.program.share import WHOLE, Share
+from neuro.program.program import WHOLE, Floats, Ints, Share, Stream
 
 NO_INTS: Ints = np.zeros(0, dtype=np.int64)
 

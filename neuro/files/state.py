@@ -23,8 +23,7 @@ from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.hdf5 import is_whole, put, reading, take, writing
 from neuro.model.synapses import Synapse
-from neuro.program.program import Program, Projection
-from neuro.program.share import WHOLE
+from neuro.program.program import WHOLE, Program, Projection
 
 if TYPE_CHECKING:
     pass

@@ -6,7 +6,7 @@ import os
 import warnings
 from collections.abc import Iterable
 from os import PathLike
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -19,10 +19,11 @@ from neuro.core.values import shown
 from neuro.model.network import Network
 from neuro.model.neurons import Neuron
 from neuro.program.backend import Backend, Distributed, Draws, Problem, find_backend
-from neuro.program.program import Program
-from neuro.program.share import WHOLE
-from neuro.run.copies import Copies
+from neuro.program.program import WHOLE, Program
 from neuro.run.simulation import Simulation
+
+if TYPE_CHECKING:
+    from neuro.run.copies import Copies
 
 _COPIES = Quantity(kind="integer", at_least=1, at_most=100_000)
 _THREADS = Quantity(kind="integer", at_least=1, at_most=max(64, os.cpu_count() or 1))
@@ -96,6 +97,8 @@ def compile(
     else:
         chosen = backend
     if copies is not None:
+        from neuro.run.copies import Copies
+
         copies = check(_COPIES, copies, "copies")
         parts = {"backend": chosen, "threads": threads, **options}
         return Copies([compile(net, seed=int(seed) + k, **parts) for k in range(copies)])

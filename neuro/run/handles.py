@@ -18,6 +18,9 @@ from neuro.program import program as resolved
 from neuro.program.backend import Engine
 from neuro.program.program import Ints, Program
 
+_SMALL = 1_000_000
+"""Synapses of a projection up to which their ends are kept."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Neurons:
@@ -71,6 +74,7 @@ class Handles:
             part.name: Neurons(index, part, End(part.shape, None, part.size))
             for index, part in enumerate(program.populations)
         }
+        self._ends: dict[int, tuple[Ints, Ints]] = {}
 
     def neurons_or_projection(self, of: Population | View | Projection | str) -> Neurons | int:
         """The neurons, or the index of the projection.
@@ -152,6 +156,17 @@ class Handles:
     def recording(self, name: str) -> resolved.Probe:
         """The probe of a population that records a trace."""
         return next(probe for probe in self._program.probes if probe.name == name)
+
+    def ends(self, index: int) -> tuple[Ints, Ints]:
+        """Source and target of every synapse of a projection, in the order of the weights."""
+        if index in self._ends:
+            return self._ends[index]
+        ends: tuple[Ints, Ints] = self._program.connections(index)
+        for ids in ends:
+            ids.flags.writeable = False
+        if len(ends[0]) <= _SMALL:
+            self._ends[index] = ends
+        return ends
 
     def _find(
         self, word: str, kind: type[Part], of: object, known: Mapping[str, int], parts: Mapping[str, Laid | Part]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,13 +20,12 @@ from neuro.model.parts import Probe
 from neuro.program.program import Floats, Ints
 from neuro.program.spikes import one_by_one
 from neuro.run.handles import Neurons, Run
-from neuro.run.ports import Turn, held
-from neuro.run.recorder import Recorder
-from neuro.run.values import SynapseValues
+from neuro.run.turn import Turn, held
 
 if TYPE_CHECKING:
     from neuro.files.results import Results
     from neuro.run.collect import ResultsWriter
+    from neuro.run.recorder import Recorder
 
 UNGRADED = "'neuro models' says which neurons are graded; sim.spikes gives times and neurons of all"
 
@@ -35,20 +35,26 @@ class Records:
 
     Args:
         run: the network in execution.
-        synapses: knows the ends of those that are recorded at pre spikes.
 
     Attributes:
-        recorder: keeps what probes record.
         recording: the file to which all goes now, None where it stays in memory.
         held: the step after which spikes and traces are held; those up to it were forgotten, or are in `file`.
     """
 
-    def __init__(self, run: Run, synapses: SynapseValues) -> None:
+    def __init__(self, run: Run) -> None:
         self._net, self._engine, self._clock, self._handles = run.net, run.engine, run.clock, run.handles
-        self._synapses, self.recorder = synapses, Recorder(run.program, run.engine)
+        self._program = run.program
+        self._probed = bool(run.program.synapse_probes) or any(p.record != "spikes" for p in run.program.probes)
         self.recording: ResultsWriter | None = None
         self.held = 0
         self._left: tuple[int, Path] | None = None
+
+    @cached_property
+    def recorder(self) -> Recorder:
+        """Keeps what probes record; made when there is something to keep."""
+        from neuro.run.recorder import Recorder
+
+        return Recorder(self._program, self._engine)
 
     @property
     def held_ms(self) -> float:
@@ -58,12 +64,17 @@ class Records:
 
     def check_room(self, steps: int) -> None:
         """Refuse a run that records more than memory, or the disk of the file that takes it, has room for."""
-        if steps > self.recorder.few_steps:
+        if self._probed and steps > self.recorder.few_steps:
             self.recorder.check_room(steps, None if self.recording is None else self.recording.path)
 
     def run(self, steps: int) -> None:
         """Advance the engine, recording on the way."""
-        (self.recorder if self.recording is None else self.recording).run(steps)
+        if self.recording is not None:
+            self.recording.run(steps)
+        elif self._probed:
+            self.recorder.run(steps)
+        else:
+            self._engine.run(steps)
 
     @contextmanager
     def to_file(
@@ -206,7 +217,7 @@ class Records:
             return self._clock.array_ms(steps), values
         if name in at_pre:
             recorded = at_pre[name]
-            sent, (pre, post) = recorded.read(), self._synapses.ends(recorded.probe.projection)
+            sent, (pre, post) = recorded.read(), self._handles.ends(recorded.probe.projection)
             ends = {"pre": pre[sent.synapses], "post": post[sent.synapses]}
             return self._clock.array_ms(sent.steps), {**ends, recorded.probe.record: sent.values}
         return self.spikes(self._handles.recorded(self._handles.recording(name)), None, None)

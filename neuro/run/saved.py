@@ -24,8 +24,8 @@ from neuro.program.program import (
 )
 from neuro.run import settable
 from neuro.run.handles import Run
-from neuro.run.inputs import StreamFeeder
 from neuro.run.records import Records
+from neuro.run.streams import StreamFeeder
 from neuro.run.trials import TrialLoop
 
 
@@ -111,10 +111,10 @@ class Saved:
     Args:
         run: the network in execution.
         records: what it has recorded.
-        inflow: what it plays.
+        inflow: what it plays, if it plays streams.
     """
 
-    def __init__(self, run: Run, records: Records, inflow: StreamFeeder) -> None:
+    def __init__(self, run: Run, records: Records, inflow: StreamFeeder | None) -> None:
         self._identity = Identity(run.program.name, run.backend, run.program.seed, fingerprint(run.program))
         self._engine, self._rules, self._records, self._inflow = run.engine, run.rules, records, inflow
 
@@ -140,7 +140,8 @@ class Saved:
         arrays = {f"engine/{name}": values for name, values in self._engine.snapshot().items()}
         arrays |= {f"probes/{name}": values for name, values in self._records.recorder.snapshot().items()}
         arrays |= {f"rules/{index}": rule.vector() for index, rule in self._rules.items()}
-        arrays |= {f"streams/{name}": step for name, step in self._inflow.state().items()}
+        if self._inflow is not None:
+            arrays |= {f"streams/{name}": step for name, step in self._inflow.state().items()}
         arrays["held"] = np.array(self._records.held)
         if trials is not None:
             arrays["trials"] = trials.state()
@@ -157,7 +158,8 @@ class Saved:
         self._records.restore(_below("probes/", arrays), int(arrays.get("held", 0)))
         for index, rule in self._rules.items():
             self._rules[index] = settable.rule_of(rule, arrays[f"rules/{index}"])
-        self._inflow.put(_below("streams/", arrays))
+        if self._inflow is not None:
+            self._inflow.put(_below("streams/", arrays))
         if trials is not None:
             trials.put(arrays["trials"])
 

@@ -1,9 +1,8 @@
-"""The class that users hold: it translates names and milliseconds, checks, records and reports."""
+"""The class that users hold: what can be set, read, told and saved of a network that runs."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any, NoReturn, SupportsIndex
@@ -11,29 +10,15 @@ from typing import TYPE_CHECKING, Any, NoReturn, SupportsIndex
 from numpy.typing import ArrayLike
 
 from neuro.core.checks import check
-from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
 from neuro.core.inputs import file_path
-from neuro.core.progress import Bar, advance
-from neuro.core.quantities import Quantity, word_of
+from neuro.core.quantities import Quantity
 from neuro.core.tables import Table, as_html, as_text
-from neuro.core.values import shown
-from neuro.files.parts import synapse_said
-from neuro.files.results import projection_table, run_table
 from neuro.model.network import Network
-from neuro.model.parts import Part, Population, Probe, Projection, Side, Signal
+from neuro.model.parts import Population, Projection, Side, Signal
 from neuro.model.views import View
-from neuro.program.backend import Engine, Registers
-from neuro.program.counts import Counts, Tally
-from neuro.program.program import Floats, Ints
-from neuro.run.handles import Neurons, Run
-from neuro.run.inputs import InputFeeder, StreamFeeder, driver, outgoing, streams_of
-from neuro.run.ports import Port, Ports, Turn, alone
-from neuro.run.records import Records
-from neuro.run.saved import Saved, learnt_network
-from neuro.run.stepper import Joined, Stepper
-from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
-from neuro.run.values import NeuronValues, SynapseValues, Watch
+from neuro.run.running import RunningNetwork
+from neuro.run.turn import alone
 
 if TYPE_CHECKING:
     import neo
@@ -43,13 +28,19 @@ if TYPE_CHECKING:
     from neuro.files.parts import Trace
     from neuro.files.recorded import DataFrames
     from neuro.files.results import Results
-    from neuro.run.collect import ResultsWriter
+    from neuro.program.counts import Counts, Tally
+    from neuro.run.inputs import InputFeeder
+    from neuro.run.ports import Port
+    from neuro.run.saved import Saved
+    from neuro.run.stepper import Stepper
+    from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
+    from neuro.run.values import Values
     from neuro_doctor.diagnosis import Diagnosis
 
 _FLAG = Quantity(kind="boolean")
 
 
-class Simulation:
+class Simulation(RunningNetwork):
     """A network in execution; made by `neuro.compile`.
 
     Times are in ms, neurons are counted from 0 in C order of their population's shape, values are in the units
@@ -68,22 +59,23 @@ class Simulation:
         steered: the calls by which it was changed since it was compiled, in the order of the first of each.
     """
 
-    def __init__(self, net: Network, backend: str, program: Any, engine: Engine) -> None:
-        self.backend, self.program = backend, program
-        self._run = run = Run(net, backend, program, engine)
-        self._net, self._engine, self._latest = net, engine, net.latest
-        self._clock, self.handles, self._rules = run.clock, run.handles, run.rules
-        self._synapses, self._cells, self._inputs = SynapseValues(run), NeuronValues(run), InputFeeder(run)
-        self._records, self._tally = Records(run, self._synapses), Tally(program)
-        self._inflow, self._fed = StreamFeeder(program, engine, streams_of(program)), StreamFeeder(program, engine, {})
-        self._watch = Watch(run)
-        self.steered: dict[str, None] = {}
-        turn: Turn = {}
-        self._ports = Ports(run, turn)
-        self._turn: Turn | None = None
-        inner = object.__new__(type(self))
-        inner.__dict__ |= self.__dict__
-        self._inner, self._turn = inner, turn
+    @cached_property
+    def _values(self) -> Values:
+        from neuro.run.values import Values
+
+        return Values(self._run)
+
+    @cached_property
+    def _inputs(self) -> InputFeeder:
+        from neuro.run.inputs import InputFeeder
+
+        return InputFeeder(self._run)
+
+    @cached_property
+    def _tally(self) -> Tally:
+        from neuro.program.counts import Tally
+
+        return Tally(self.program)
 
     def __repr__(self) -> str:
         return f"Simulation({self.program.name!r}, backend={self.backend!r}, time={self.time:g} ms)"
@@ -101,6 +93,9 @@ class Simulation:
 
     def _tables(self) -> list[Table]:
         """A row for each population and projection."""
+        from neuro.files.parts import synapse_said
+        from neuro.files.results import projection_table, run_table
+
         populations, counts = self.program.populations, self.counts().populations
         spikes = {p.name: None if p.kind == "current" else counts[p.name].spikes for p in populations}
         return [
@@ -117,113 +112,21 @@ class Simulation:
             ),
         ]
 
-    # time
-
-    @property
-    def time(self) -> float:
-        """The end of the last finished step in ms."""
-        return self._clock.ms(self._engine.step)
-
-    @alone
-    def run(self, ms: float, progress: bool = False, out: str | PathLike[str] | None = None) -> None:
-        """Advance by a multiple of the resolution; running in parts gives the same bits.
-
-        Args:
-            ms: how long.
-            progress: whether to report progress on stderr: by a bar on a terminal, elsewhere a line every 10 s.
-            out: a file to which what is recorded goes, as of `record_to`.
-
-        Raises:
-            ModelError: the network got a part since it was compiled, the time is no such multiple, a recording that is
-                played is damaged, before which the run stops, or a state is NaN or infinite at the end: a numerical
-                instability. Of models that cannot run away by themselves that is looked for when the time has doubled,
-                and every 10,000 steps.
-        """
-        if self._net.latest is not self._latest:
-            self._refuse_changed()
-        steps = self._clock.step(ms, "run")
-        if not 0 <= steps < NEVER:
-            raise ModelError(f"run = {ms:g} ms: expected a finite time >= 0 ms")
-        if out is not None:
-            with self.record_to(out):
-                self.run(ms, progress)
-            return
-        if progress is not False and check(_FLAG, progress, "run: progress"):
-            with Bar() as bar:
-                advance(self, steps, bar)
-            return
-        self._records.check_room(steps)
-        for stretch in self._inflow.stretches(steps):
-            for part in self._fed.stretches(stretch):
-                self._records.run(part)
-        self._watch.look()
-
-    def check_room(self, steps: int) -> None:
-        """Refuse a run whose probes record more than memory, or the disk of the file that takes it, has room for.
-
-        Args:
-            steps: of the whole run; `run` may then be called for parts of it.
-
-        Raises:
-            ModelError: the bytes needed and those that are free, and the probe that needs most.
-        """
-        self._records.check_room(steps)
-
-    def _refuse_changed(self) -> NoReturn:
-        """Say which part the network got since it was compiled: a file would hold a network that did not run."""
-        added = self._net.latest
-        what = f"{added.word} '{added.name}' was" if isinstance(added, Part) else "trials were"
-        where = getattr(added, "origin", self._net.trials_origin)
-        message = f"network '{self._net.name}': {what} added after it was compiled, and has no effect here"
-        raise ModelError(f"{message}: expected the network as it was", where=where, hint="compile the network again")
-
-    @contextmanager
-    def record_to(
-        self,
-        path: str | PathLike[str],
-        *,
-        threads: int = 1,
-        record: Collection[str] = (),
-        all_weights: bool = False,
-        live: bool = False,
-    ) -> Iterator[ResultsWriter]:
-        """Write what is recorded to a file of results while the network runs, and keep none of it in memory.
-
-        What memory holds of the time before goes there, too. `spikes` and `trace` read it from the file until the
-        network runs on after the block, and then have what came since; `neuro.results.read` reads it at any time. The
-        file is called PATH.part until the block ends well. If it does not, or the process is killed, that has all but
-        the last two seconds (of the clock on the wall).
-
-        Args:
-            path: of the file.
-            threads: that the network runs on, to be written there.
-            record: names of the populations whose spikes to keep; all that are recorded if empty.
-            all_weights: keep also the weights of static projections above a million synapses, which follow from
-                network and seed.
-            live: let another process write the file, so that the run waits for no disk. Nothing is packed, and what was
-                recorded goes there at the calls of `drain` and `commit` of what the block is given.
-
-        Raises:
-            ModelError: the file cannot be written, now or later, or the simulation records to a file already.
-        """
-        inner = self if self._turn is None else self._inner
-        words = (path, threads, record, all_weights, live)
-        with self._records.to_file(inner, *words, self._turn) as recording:
-            yield recording
-
     @alone
     def reset(self, weights: bool = False) -> None:
         """Back to time 0 and the initial states; weights only if asked. Parameters that were set stay."""
         self._records.refuse_while_recording("reset")
         weights = check(_FLAG, weights, "reset: weights")
-        self._inflow.check_again("reset")
+        if self._inflow is not None:
+            self._inflow.own.check_again("reset")
         self.steered["reset"] = None
         self._engine.reset(weights)
         self._watch.begin()
-        self._inflow.rewind()
-        self._fed.rewind()
+        if self._inflow is not None:
+            self._inflow.rewind()
         self._records.clear()
-        self._ports.begin()
+        if self._ports is not None:
+            self._ports.begin()
         if self.program.trials is not None:
             self._trials.start_anew()
 
@@ -258,18 +161,7 @@ class Simulation:
         Raises:
             ModelError: a name is unknown, a value is out of bounds, or no synapse is chosen.
         """
-        given = {} if values is None else values
-        if not isinstance(given, Mapping) or not all(isinstance(word, str) for word in given):
-            raise ModelError(f"set: found {shown(values)}: expected values by name", hint="sim.set(cells, V_m=-60.0)")
-        new = {word_of(word): value for word, value in {**given, **named}.items()}
-        neurons = self.handles.neurons_or_projection(part)
-        if not new:
-            raise ModelError("set: found no value: expected one by name", hint="sim.set(cells, V_m=-60.0)")
-        if isinstance(neurons, int):
-            self._synapses.set(neurons, new, self._synapses.chosen(neurons, of, pre, post, some=True))
-        else:
-            _refuse_ends(neurons, of, pre, post)
-            self._cells.set(neurons, new)
+        self._values.set(part, values, named, of, pre, post)
         self.steered["set"] = None
 
     @alone
@@ -298,29 +190,11 @@ class Simulation:
             pre: only those from these neurons; `weights` says which they are.
             post: likewise those onto these neurons.
         """
-        second: object = raw
-        if isinstance(second, str) and second.isidentifier():
-            hint = f"sim.get(part, [{what!r}, {second!r}]) gives both"
-            raise ModelError(f"get: found {shown(what)} and {shown(second)}: expected one name, or a list", hint=hint)
-        if isinstance(what, list):
-            return {word: self.get(part, word, raw, of=of, pre=pre, post=post) for word in what}
-        registers = self._engine if check(_FLAG, raw, "raw") else None
-        if registers is not None and not isinstance(registers, Registers):
-            raise ModelError(f"raw = True: expected False, as backend '{self.backend}' has no registers")
-        neurons = self.handles.neurons_or_projection(part)
-        if isinstance(neurons, int):
-            chosen = self._synapses.chosen(neurons, of, pre, post)
-            values = registers.synapse_registers(neurons, what) if registers else self._synapses.read(neurons, what)
-            return values if chosen is None else values[chosen]
-        _refuse_ends(neurons, of, pre, post)
-        if registers is None:
-            return self._cells.get(neurons, what)
-        every = registers.registers(neurons.index, word_of(what))
-        return every if neurons.ids is None else every[neurons.ids]
+        return self._values.get(part, what, raw, of, pre, post)
 
     def states(self, of: Population | View | str) -> list[str]:
         """The states of a population's neurons that this backend shows, in the order of its model."""
-        return self._cells.states(self.handles.neurons(of))
+        return self._values.cells.states(self.handles.neurons(of))
 
     @alone
     def weights(
@@ -350,14 +224,12 @@ class Simulation:
         Raises:
             ModelError: there is no such projection, or a weight is NaN or infinite: its rule is unstable.
         """
-        index = self.handles.projection(part)
-        chosen = self._synapses.chosen(index, of, pre, post)
-        return self._synapses.rows(index, chosen, check(_FLAG, delays, "delays"))
+        return self._values.weights(self.handles.projection(part), of, pre, post, delays)
 
     @alone
     def set_weights(self, of: Projection | str, weights: ArrayLike) -> None:
         """Replace the weights of a projection: one for all, or an array in the form that `weights` gives."""
-        self._synapses.set_weights(self.handles.projection(of), weights, None)
+        self._values.synapses.set_weights(self.handles.projection(of), weights, None)
         self.steered["set_weights"] = None
 
     # input and output
@@ -414,11 +286,13 @@ class Simulation:
             ModelError: the network has no such camera.
         """
         for name, fed in run.fed.items():
-            self._fed.play(self.handles.neurons(name).index, fed)
+            index = self.handles.neurons(name).index
+            self._inflow = self._inflow or self._new_inflow()
+            self._inflow.fed.play(index, fed)
             self.steered["replay"] = None
 
     def _refuse_replaying(self, what: str) -> None:
-        if self._fed.plays:
+        if self._inflow is not None and self._inflow.fed.plays:
             raise ModelError(f"{what}: a run is replayed, which no state keeps: expected a simulation without 'replay'")
 
     @alone
@@ -433,10 +307,7 @@ class Simulation:
         Raises:
             ModelError: weights from them learn, or they are some of the neurons that share a kernel.
         """
-        neurons = self.handles.neurons(of)
-        pre = None if neurons.among().all() else of
-        for index in outgoing(self.program, neurons):
-            self._synapses.set_weights(index, 0.0, self._synapses.chosen(index, None, pre, None))
+        self._values.silence(of)
         self.steered["silence"] = None
 
     @alone
@@ -454,8 +325,7 @@ class Simulation:
         Raises:
             ModelError: no such generator drives them, or several do, or a rate is below 0.
         """
-        neurons = self.handles.neurons(of)
-        self._cells.set(driver(self.program, neurons), {"rate": rate})
+        self._values.activate(self.handles.neurons(of), rate)
         self.steered["activate"] = None
 
     @alone
@@ -463,75 +333,6 @@ class Simulation:
         """Set a signal: one value for all neurons of its population or one for each; acts from the next step on."""
         self._inputs.signal(self.handles.signal(of), values)
         self.steered["signal"] = None
-
-    @alone
-    def spikes(
-        self, of: Population | View | str, since: float | None = None, until: float | None = None
-    ) -> tuple[Floats, Ints]:
-        """Recorded spikes of a population or of some of its neurons.
-
-        Args:
-            of: the population, or a view of it.
-            since: only those after this time in ms; all that are held if not given.
-            until: only those up to this time in ms, so that `until` of one call is `since` of the next.
-
-        Returns:
-            times in ms and neurons, sorted by time, then neuron; several spikes of one neuron in one step are
-            listed as often. Neurons are ids of the population, also of a view.
-
-        Raises:
-            ModelError: they are not recorded, or a time is asked of which they were forgotten, or are in a file only.
-        """
-        return self._records.spikes(self.handles.neurons(of), since, until)
-
-    @alone
-    def train(self, of: Population | View | str) -> tuple[Ints, Ints, Ints]:
-        """Recorded spikes as `spikes` gives them, but several of one neuron in one step as one entry.
-
-        Returns:
-            steps, neurons, and how many spikes each entry has, sorted by step, then neuron.
-
-        Raises:
-            ModelError: as `spikes`.
-        """
-        return self._records.train(self.handles.neurons(of))[:3]
-
-    @alone
-    def payloads(
-        self, of: Population | View | str, since: float | None = None, until: float | None = None
-    ) -> tuple[Floats, Ints, Ints]:
-        """Recorded spikes of a graded population, as `spikes` gives them, and the payload of each.
-
-        Raises:
-            ModelError: as `spikes`, or its spikes carry no payloads.
-        """
-        return self._records.payloads(self.handles.neurons(of), since, until)
-
-    @alone
-    def trace(self, of: Probe | str) -> tuple[Floats, Any]:
-        """What a probe has recorded.
-
-        Returns:
-            times in ms, shape (times,), and what was recorded at them: of one quantity, a rate or a mean, shape
-            (times,); of neurons or synapses (times, n), also of a single one, columns of a view or of chosen synapses
-            in their order; of spikes the neurons, (times,). A list of states gives a dictionary of these by state. At
-            pre spikes `pre`, `post` and the state by name, each (times,): an entry for each synapse and spike, by time,
-            then synapse.
-        """
-        return self._records.trace(self.handles.probe(of))
-
-    @property
-    def held(self) -> float:
-        """The time in ms after which spikes and traces are held: 0, or that up to which they were forgotten."""
-        return self._records.held_ms
-
-    @alone
-    def forget(self, before: float) -> None:
-        """Free the memory of spikes and traces recorded up to a time in ms.
-
-        From then on `spikes` and `trace` give what came later; `spikes` refuses a `since` before it.
-        """
-        self._records.forget(before)
 
     @alone
     def port(self, of: Population | View | Projection | Signal | str, what: str | None = None) -> Port:
@@ -548,6 +349,10 @@ class Simulation:
         Raises:
             ModelError: there is no such part, it has nothing of that name, or its spikes are not recorded.
         """
+        if self._ports is None:
+            from neuro.run.ports import Ports
+
+            self._ports = Ports(self._run, self._calls)
         return self._ports.port(self, of, what)
 
     def stepper(
@@ -563,6 +368,8 @@ class Simulation:
         Raises:
             ModelError: there is no such population, one of `emit` is another model, or the network has probes.
         """
+        from neuro.run.stepper import Joined, Stepper
+
         return Stepper(Joined(self.program, self.handles, [self._engine], [self._watch]), ms, emit, count)
 
     @property
@@ -602,6 +409,8 @@ class Simulation:
 
     @cached_property
     def _trials(self) -> TrialLoop:
+        from neuro.run.trials import TrialLoop
+
         return TrialLoop(self._run, self._tally)
 
     @alone
@@ -647,6 +456,8 @@ class Simulation:
     @alone
     def taken(self) -> TrialCounts:
         """What has happened since the start or the last reset, to be added up over several runs for one bill."""
+        from neuro.run.trials import TrialCounts
+
         return TrialCounts(0, self._engine.counts(), self._tally)
 
     @alone
@@ -692,7 +503,9 @@ class Simulation:
     @alone
     def network(self) -> Network:
         """The network with what it has learnt: save it, or compile it for another backend."""
-        self._synapses.check()
+        self._values.synapses.check()
+        from neuro.run.saved import learnt_network
+
         return learnt_network(self._run)
 
     @alone
@@ -736,7 +549,7 @@ class Simulation:
             steered="signal" in self.steered,
         )
         try:
-            self._synapses.check()
+            self._values.synapses.check()
         except ModelError as error:
             diagnosis: Diagnosis = doctor.refused(self.program.name, [error])
         else:
@@ -747,7 +560,9 @@ class Simulation:
 
     @cached_property
     def _saved(self) -> Saved:
-        return Saved(self._run, self._records, self._inflow)
+        from neuro.run.saved import Saved
+
+        return Saved(self._run, self._records, None if self._inflow is None else self._inflow.own)
 
     @alone
     def save(self, path: str | PathLike[str]) -> None:
@@ -756,7 +571,7 @@ class Simulation:
         Raises:
             ModelError: the file cannot be written, or a weight is NaN or infinite: its rule is unstable.
         """
-        self._synapses.check()
+        self._values.synapses.check()
         self._refuse_replaying("save")
         from neuro.run.collect import files_of, record_of
 
@@ -775,13 +590,9 @@ class Simulation:
         self._records.refuse_while_recording("restore")
         self._refuse_replaying("restore")
         self.steered["restore"] = None
-        self._inflow.check_again("restore")
+        if self._inflow is not None:
+            self._inflow.own.check_again("restore")
         self._saved.read(file_path(path, "path"), None if self.program.trials is None else self._trials)
         self._watch.begin()
-        self._ports.begin()
-
-
-def _refuse_ends(neurons: Neurons, of: object, pre: object, post: object) -> None:
-    if of is not None or pre is not None or post is not None:
-        hint = f"sim.set({of!r}, ...)" if isinstance(of, View) else ""
-        raise ModelError(f"of, pre and post of {neurons.text}: they choose synapses: expected a projection", hint=hint)
+        if self._ports is not None:
+            self._ports.begin()

@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike
 
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError, a
-from neuro.program.backend import Engine, together
+from neuro.program.backend import Engine
 from neuro.program.program import Ints, Program
+from neuro.program.together import together
 from neuro.run.handles import Handles
 from neuro.run.ports import within
-from neuro.run.values import Watch
+from neuro.run.watch import Watch
 
 Listed = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
 

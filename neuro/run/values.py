@@ -1,7 +1,4 @@
-"""Parameters, states and weights, read and changed while a network runs, and watched for NaN and infinity.
-
-A numerical instability is reported, where it would go on silently.
-"""
+"""Parameters, states and weights, read and changed while a network runs."""
 
 from __future__ import annotations
 
@@ -9,20 +6,23 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from neuro.core.checks import check
 from neuro.core.errors import ModelError, unknown
-from neuro.core.quantities import word_of
-from neuro.model.neurons import Neuron
-from neuro.model.parts import Side
+from neuro.core.quantities import Quantity, word_of
+from neuro.core.values import shown
+from neuro.model.parts import Population, Projection as Described, Side
 from neuro.model.synapses import Synapse
-from neuro.program.backend import SettableSynapses, are_finite, unreadable
-from neuro.program.program import Floats, Ints, Projection, synapse_states
+from neuro.model.views import View
+from neuro.program.backend import Registers, SettableSynapses, unreadable
+from neuro.program.program import Floats, Projection, synapse_states
 from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
 from neuro.run import settable
 from neuro.run.handles import Neurons, Run
+from neuro.run.inputs import driver, outgoing
 from neuro.run.settable import Chosen
+from neuro.run.watch import check_weights
 
 
 class NeuronValues:
@@ -68,9 +68,6 @@ class NeuronValues:
         return [word for word in settable.states(neurons.part) if word not in hidden]
 
 
-_SMALL = 1_000_000
-
-
 class SynapseValues:
     """Reads and sets synapses; projections are indices.
 
@@ -81,18 +78,6 @@ class SynapseValues:
     def __init__(self, run: Run) -> None:
         self._program, self._engine, self._clock, self._rules = run.program, run.engine, run.clock, run.rules
         self._handles = run.handles
-        self._ends: dict[int, tuple[Ints, Ints]] = {}
-
-    def ends(self, index: int) -> tuple[Ints, Ints]:
-        """Source and target of every synapse, in the order of the weights."""
-        if index in self._ends:
-            return self._ends[index]
-        ends: tuple[Ints, Ints] = self._program.connections(index)
-        for ids in ends:
-            ids.flags.writeable = False
-        if len(ends[0]) <= _SMALL:
-            self._ends[index] = ends
-        return ends
 
     def chosen(self, index: int, of: Any, pre: Side, post: Side, *, some: bool = False) -> Chosen | None:
         """Which synapses are of some pairs of neurons, or go from some neurons to some neurons; None for all.
@@ -122,14 +107,14 @@ class SynapseValues:
         if len(said) > 1:
             raise ModelError(f"found both 'of' and '{[*said][1]}': expected pairs, or the neurons at either end")
         source, target = (self._program.populations[end] for end in (part.source, part.target))
-        ends = Ends(part.name, (source.name, target.name), (source.size, target.size), *self.ends(index))
+        ends = Ends(part.name, (source.name, target.name), (source.size, target.size), *self._handles.ends(index))
         return places_of_pairs(ends, of)
 
     def _between(self, part: Projection, index: int, pre: Side, post: Side, some: bool) -> NDArray[np.bool_] | None:
         kept: NDArray[np.bool_] | None = None
         ways = []
         sides = (("pre", "from", pre, part.source), ("post", "to", post, part.target))
-        for (word, way, side, population), ids in zip(sides, self.ends(index), strict=True):
+        for (word, way, side, population), ids in zip(sides, self._handles.ends(index), strict=True):
             if side is None:
                 continue
             neurons = self._handles.neurons_or_ids(side, population, word)
@@ -257,7 +242,7 @@ class SynapseValues:
         late = (self.read(index, "delay"),) if delays else ()
         if grid is not None:
             return (weight.reshape(grid.kernels), float(late[0][0])) if late else weight.reshape(grid.kernels)
-        rows = (*self.ends(index), weight, *late)
+        rows = (*self._handles.ends(index), weight, *late)
         return rows if chosen is None else tuple(row[chosen] for row in rows)
 
     def check(self) -> None:
@@ -267,88 +252,88 @@ class SynapseValues:
                 self.weights(index)
 
 
-_STATES = "take smaller steps, weaker input or currents, and states nearer to where they rest"
-_LONGEST = 10_000
-"""Steps after which every state is checked again."""
-_WEIGHTS = "bound what the rule adds to the weight, e.g. min(w + ..., Wmax), and divide by nothing that can be 0"
+_FLAG = Quantity(kind="boolean")
 
 
-class Watch:
-    """Looks at states at the end of runs, whatever backend runs them.
-
-    States that can run away by themselves are checked each time: those of models that are not linear, and where a
-    third-party rule sends its weights. Of all others only input without bounds makes NaN, which then stays: they are
-    checked when the time has doubled since, and after 10,000 steps at the latest. So runs of one step cost nothing.
+class Values:
+    """Reads and sets what a user names: neurons of a population or a view, or synapses of a projection.
 
     Args:
         run: the network in execution.
+
+    Attributes:
+        cells: reads and sets neurons.
+        synapses: reads and sets synapses.
     """
 
     def __init__(self, run: Run) -> None:
-        self.program, self.engine, self.clock = run.program, run.engine, run.clock
-        hidden, parts = unreadable(run.engine), run.program.projections
-        foreign = [p for p in parts if not type(p.synapse).__module__.startswith("neuro.model.synapses.")]
-        taught = {part.target for part in foreign if part.synapse.learns}
-        self.steady: list[tuple[int, list[str]]] = []
-        self.watched: list[tuple[int, list[str]]] = []
-        for index, part in enumerate(self.program.populations):
-            if isinstance(part.model, Neuron) and part.size:
-                # A state that is infinite at step 0 means something by it.
-                states = [
-                    s.name for s in part.model.states if not s.hidden and not np.isinf(part.initial[s.name]).any()
-                ]
-                names = [name for name in states if name not in hidden]
-                (self.watched if index in taught or not part.model.linear else self.steady).append((index, names))
-        self.due = 0
+        self._run = run
+        self.cells, self.synapses = NeuronValues(run), SynapseValues(run)
 
-    def look(self) -> None:
-        """Refuse to go on with a state that is NaN or infinite.
+    def set(
+        self,
+        part: Population | View | Described | str,
+        values: Any,
+        named: Mapping[str, Any],
+        of: Any,
+        pre: Side,
+        post: Side,
+    ) -> None:
+        """Change values by name; see `Simulation.set`."""
+        given = {} if values is None else values
+        if not isinstance(given, Mapping) or not all(isinstance(word, str) for word in given):
+            raise ModelError(f"set: found {shown(values)}: expected values by name", hint="sim.set(cells, V_m=-60.0)")
+        new = {word_of(word): value for word, value in {**given, **named}.items()}
+        neurons = self._run.handles.neurons_or_projection(part)
+        if not new:
+            raise ModelError("set: found no value: expected one by name", hint="sim.set(cells, V_m=-60.0)")
+        if isinstance(neurons, int):
+            self.synapses.set(neurons, new, self.synapses.chosen(neurons, of, pre, post, some=True))
+        else:
+            _refuse_ends(neurons, of, pre, post)
+            self.cells.set(neurons, new)
 
-        Raises:
-            ModelError: one is; it names the projection whose weights brought it, or the neuron.
-        """
-        for index, names in self.watched:
-            self._look_at(index, names)
-        step = self.engine.step
-        if step >= self.due:
-            self.due = step + min(step, _LONGEST)
-            for index, names in self.steady:
-                if not are_finite(self.engine, index, names):
-                    self._look_at(index, names)
+    def get(
+        self, part: Population | View | Described | str, what: Any, raw: Any, of: Any, pre: Side, post: Side
+    ) -> Any:
+        """A state or parameter, or several by name; see `Simulation.get`."""
+        if isinstance(raw, str) and raw.isidentifier():
+            hint = f"sim.get(part, [{what!r}, {raw!r}]) gives both"
+            raise ModelError(f"get: found {shown(what)} and {shown(raw)}: expected one name, or a list", hint=hint)
+        if isinstance(what, list):
+            return {word: self.get(part, word, raw, of, pre, post) for word in what}
+        registers = self._run.engine if check(_FLAG, raw, "raw") else None
+        if registers is not None and not isinstance(registers, Registers):
+            raise ModelError(f"raw = True: expected False, as backend '{self._run.backend}' has no registers")
+        neurons = self._run.handles.neurons_or_projection(part)
+        if isinstance(neurons, int):
+            chosen = self.synapses.chosen(neurons, of, pre, post)
+            values = registers.synapse_registers(neurons, what) if registers else self.synapses.read(neurons, what)
+            return values if chosen is None else values[chosen]
+        _refuse_ends(neurons, of, pre, post)
+        if registers is None:
+            return self.cells.get(neurons, what)
+        every = registers.registers(neurons.index, word_of(what))
+        return every if neurons.ids is None else every[neurons.ids]
 
-    def begin(self) -> None:
-        """Begin anew, as after a reset."""
-        self.due = 0
+    def weights(self, index: int, of: Any, pre: Side, post: Side, delays: Any) -> Any:
+        """Weights of a projection; see `Simulation.weights`."""
+        chosen = self.synapses.chosen(index, of, pre, post)
+        return self.synapses.rows(index, chosen, check(_FLAG, delays, "delays"))
 
-    def _look_at(self, index: int, names: list[str]) -> None:
-        for name in names:
-            values = self.engine.get(index, name)
-            if np.isfinite(values).all():
-                continue
-            for projection, into in enumerate(self.program.projections):
-                if into.target == index and into.synapse.learns:
-                    check_weights(into.name, into.synapse.name, self.engine.get_synapses(projection, "weight"))
-            part = self.program.populations[index]
-            neuron = int(np.argmin(np.isfinite(values)))
-            message = (
-                f"population '{part.name}': {name} of neuron {neuron} is {values[neuron]:g} "
-                f"at {self.clock.ms(self.engine.step):g} ms: a numerical instability of {part.model.name}"
-            )
-            raise ModelError(message, hint=_STATES, kind="instability")
+    def silence(self, of: Population | View | str) -> None:
+        """Let the weights of all synapses from some neurons be 0; see `Simulation.silence`."""
+        neurons = self._run.handles.neurons(of)
+        pre = None if neurons.among().all() else of
+        for index in outgoing(self._run.program, neurons):
+            self.synapses.set_weights(index, 0.0, self.synapses.chosen(index, None, pre, None))
+
+    def activate(self, neurons: Neurons, rate: ArrayLike) -> None:
+        """Set the rate of the generators that drive some neurons; see `Simulation.activate`."""
+        self.cells.set(driver(self._run.program, neurons), {"rate": rate})
 
 
-def check_weights(projection: str, rule: str, weights: Floats) -> Floats:
-    """The weights of a projection, all of which are numbers.
-
-    Raises:
-        ModelError: one is none.
-    """
-    good = np.isfinite(weights)
-    if not good.all():
-        synapse = int(np.argmin(good))
-        message = (
-            f"projection '{projection}': weight of synapse {synapse} is {weights[synapse]:g}: "
-            f"a numerical instability of {rule}"
-        )
-        raise ModelError(message, hint=_WEIGHTS, kind="instability")
-    return weights
+def _refuse_ends(neurons: Neurons, of: object, pre: object, post: object) -> None:
+    if of is not None or pre is not None or post is not None:
+        hint = f"sim.set({of!r}, ...)" if isinstance(of, View) else ""
+        raise ModelError(f"of, pre and post of {neurons.text}: they choose synapses: expected a projection", hint=hint)

@@ -10,11 +10,11 @@ import pytest
 import neuro
 from neuro.chips import chip, chips, place
 from neuro.chips.description import COSTS, LIMITS, Chip, Figure
+from neuro.chips.fitting import too_late
 from neuro.chips.incoming import synapse_bits
 from neuro.chips.inputs import lag
 from neuro.chips.known import ARITHMETICS, CHIPS
 from neuro.chips.loihi import Loihi
-from neuro.chips.placing import too_late
 from neuro.core import registry
 from neuro.core.errors import ModelError
 from neuro.program.backend import find_backend

@@ -10,8 +10,8 @@ import neuro
 import neuro_models
 from neuro.chips import chip, place, quantise
 from neuro.chips.description import Chip, Mesh
+from neuro.chips.fitting import too_late
 from neuro.chips.incoming import block_bits, synapse_bits
-from neuro.chips.placing import too_late
 from neuro.compiler import compile_network
 from to_place import LOIHI, SPINNAKER, limited, network, sources
 

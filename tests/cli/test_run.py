@@ -195,7 +195,7 @@ def test_independent_runs_under_mpirun(neuro, network, monkeypatch, words):
 @pytest.mark.parametrize(("rank", "told"), [("0", "error: --record: unknown population 'ecx'"), ("1", "")])
 def test_of_a_shared_run_one_tells(neuro, network, monkeypatch, rank, told):
     from neuro.core import system
-    from neuro.program.share import WHOLE
+    from neuro.program.program import WHOLE
     from neuro_reference import ReferenceBackend
 
     monkeypatch.setattr(ReferenceBackend, "share", lambda self: WHOLE, raising=False)

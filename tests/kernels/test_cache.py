@@ -204,4 +204,4 @@ def test_all_kernels_compile_by_this_cache():
         for path in sorted((REPOSITORY / folder).rglob("*.py"))
         if re.search(r"\bnjit\b|numba\.jit\b|cache=True", path.read_text())
     ]
-    assert found == ["neuro/kernels/jit.py", "neuro/kernels/key.py"]
+    assert found == ["neuro/kernels/jit.py", "neuro/kernels/kept.py"]

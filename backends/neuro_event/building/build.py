@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -12,17 +12,15 @@ from numpy.typing import NDArray
 
 from neuro.core import keyed_random
 from neuro.core.system import mapped
-from neuro.kernels.address import Declared
-from neuro.kernels.beside import addresses
+from neuro.kernels.address import Declared, Entry
 from neuro.kernels.draws import GUIDE_BITS, guide_to
 from neuro.kernels.instructions import LANES
 from neuro.model.neurons import Neuron
 from neuro.model.neurons.base import PAYLOAD
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Floats, Ints, Program, drawn_for
-from neuro_event.building import joined_rows, layout, thread_partition
+from neuro_event.building import joined_rows, layout, learning as pair_rules, move_rules, thread_partition
 from neuro_event.building.layout import EventArrays, aligned_zeros, zeros
-from neuro_event.building.learning import add_learning, add_moves, round_delays
 from neuro_event.building.projections import add_projections, lay_out, list_incoming, own_weights, set_buffer
 from neuro_event.loop import tables as t
 from neuro_event.loop.arrivals import QUEUE
@@ -43,29 +41,41 @@ def build(
 ) -> EventArrays:
     """Lay out a program for a number of threads, or cut at given edges, with given projections in joined rows."""
     where = layout.places(program)
-    joined = joined_rows.choose(program) if joined is None else joined
+    if joined is None:
+        joined = joined_rows.choose(program) if any(map(layout.is_timed, program.projections)) else frozenset()
     every = range(len(program.projections))
     arranged = list(mapped(lambda q: layout.synapses(program, q, where, joined), every, threads))
     learning = [q for q, p in enumerate(program.projections) if layout.learns_pairs(p)]
     delays = [p.delay_range(program.resolution)[1] for p in program.projections]
     longest = max([1, *delays, *(p.dopamine_delay for p in program.projections if p.dopamine >= 0)])
-    if edges is None:
+    if edges is None and threads == 1:
+        edges = np.array([(p.begin // t.BLOCK, -(-p.end // t.BLOCK)) for p in where], dtype=np.int64).reshape(-1, 2)
+    elif edges is None:
         edges = thread_partition.thread_edges(program, where, thread_partition.parts(program, threads))
     slice_ = max(1, program.min_delay)
     reach = max(longest + slice_ + 1, 0 if program.trials is None else program.trials.duration + 1)
     net = {**zeros(t.NET_ARRAYS, _sizes(program, edges, longest, slice_, reach)), "edges": edges}
     plastic_of = {q: k for k, q in enumerate(learning)}
-    arrays = EventArrays(
-        program, where, arranged, plastic_of, net, zeros(t.PLASTIC_ARRAYS, {}), slice_, reach, eager, joined
-    )
+    plastic = _nothing_learns(edges.shape[1] - 1)
+    arrays = EventArrays(program, where, arranged, plastic_of, net, plastic, slice_, reach, eager, joined)
     _neurons(arrays)
     _populations(arrays)
     add_projections(arrays)
     add_generators(arrays)
     _groups(arrays)
-    add_learning(arrays, learning)
-    add_moves(arrays)
+    if learning:
+        pair_rules.add_learning(arrays, learning)
+    if any(p.synapse.learns == "moves" for p in program.projections):
+        move_rules.add_moves(arrays)
     return arrays
+
+
+def _nothing_learns(threads: int) -> dict[str, Any]:
+    """The arrays of what learns in a network where nothing does."""
+    none = dict.fromkeys(("sources", "targets", "room", "moves", "move_sources", "move_marks", "move_targets"), 0)
+    sizes = {**none, "threads": threads, "states": 1, "move_width": 1, "move_traces": t.MOVE_TRACES}
+    table, moves = (np.zeros((0, columns), dtype=np.int64) for columns in (t.PLASTIC_COLUMNS, t.MOVE_COLUMNS))
+    return {**zeros(t.PLASTIC_ARRAYS, sizes), "table": table, "move_table": moves}
 
 
 def _sizes(program: Program, edges: Ints, longest: int, slice_: int, reach: int) -> dict[str, int]:
@@ -245,7 +255,7 @@ def restore(a: EventArrays, arrays: Mapping[str, NDArray[Any]]) -> None:
     tabulate(a)
     for q, p in enumerate(a.program.projections):
         if p.synapse.delays and p.synapse.learns == "trials":
-            round_delays(a, q)
+            pair_rules.round_delays(a, q)
 
 
 def link(a: EventArrays) -> None:
@@ -261,8 +271,14 @@ def link(a: EventArrays) -> None:
         else:
             running = ("run",) if a.net["edges"].shape[1] == 2 else ("run", "share", "finish")
         runs = [partial(stage_entry, name) for name in running]
-        found = addresses([*runs, *(each for _, _, each in a.asked)])[len(runs) :]
-        for (row, column, _), address in zip(a.asked, found, strict=True):
+        asked: list[Callable[[], Entry]] = [*runs, *(each for _, _, each in a.asked)]
+        if all(each().kept for each in asked):
+            found = [each().address() for each in asked]
+        else:
+            from neuro.kernels.beside import addresses  # only what is compiled needs another process
+
+            found = addresses(asked)
+        for (row, column, _), address in zip(a.asked, found[len(runs) :], strict=True):
             row[column] = address
         a.asked.clear()
 

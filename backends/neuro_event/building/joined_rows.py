@@ -34,11 +34,6 @@ MOST = 2**32 - 1
 _RECEPTORS = 2
 """The most receptors of a target: the place of an input tells its block."""
 
-NAMES = ("joined_runs", "joined_steps", "joined_weights", "joined_singles", "joined_bases")
-"""The arrays of joined rows."""
-
-TABLES = ("joined", "joined_reach")
-
 MEAN_INTERVAL = 200.0
 """ms between two spikes of a neuron, by which rows and rings are compared."""
 
@@ -143,7 +138,7 @@ def join(a: EventArrays) -> None:
 
     Of very many synapses the rows are the only copy: the program's arrays are freed row by row.
     """
-    part(a)
+    layout.part_joined_rows(a)
     stretches = []
     for pop in a.net["pops"]:
         arriving = a.net["incoming"][pop[t.ARRIVALS] : pop[t.ARRIVALS_END]].tolist()
@@ -191,16 +186,8 @@ def join(a: EventArrays) -> None:
         _lay(a, columns, row)
     _leave(a, rows)
     if unchanged and any(isinstance(p, CompactProjection) for p in a.program.projections):
-        _IN_PLACE[a.program] = LaidRows(rows, a.net["edges"], {name: a.net[name] for name in (*NAMES, *TABLES)})
-
-
-def part(a: EventArrays) -> None:
-    """Let there be no joined rows until they are laid out anew, as they must be before the next step."""
-    a.parted = bool(a.joined)
-    pops = a.net["pops"]
-    pops[:, t.JOINED] = pops[:, t.JOINED_END] = pops[:, t.ARRIVALS]
-    empty = [each for each in t.NET_ARRAYS if each.name in (*NAMES, *TABLES)]
-    a.net |= layout.zeros(empty, {"threads": _threads(a), "populations": len(a.program.populations)})
+        names = (*layout.JOINED_ARRAYS, *layout.JOINED_TABLES)
+        _IN_PLACE[a.program] = LaidRows(rows, a.net["edges"], {name: a.net[name] for name in names})
 
 
 def as_described(a: EventArrays) -> frozenset[int]:
@@ -263,7 +250,7 @@ def _lay(a: EventArrays, columns: Ints, row: Row) -> None:
             if p.has_arrays:
                 p.release(partial(_refuse, p.name))
         raise
-    net = {name: a.net[name] for name in NAMES}
+    net = {name: a.net[name] for name in layout.JOINED_ARRAYS}
     for q, p in taken.items():
         n, negated = a.program.populations[p.target].size, p.receptor is not None and p.receptor.negated
         p.release(partial(_made_anew, p.row_ends, p.kinds, net, columns, _begin(a, q), n, negated))

@@ -263,6 +263,10 @@ def edges_of(a: EventArrays, projection: int) -> Ints:
     return edges
 
 
+JOINED_ARRAYS = ("joined_runs", "joined_steps", "joined_weights", "joined_singles", "joined_bases")
+JOINED_TABLES = ("joined", "joined_reach")
+"""The arrays of joined rows, see `joined_rows`."""
+
 LINE = 64
 PAGE = 4096
 
@@ -292,3 +296,12 @@ def zeros(arrays: Iterable[Declared], sizes: Mapping[str, int]) -> dict[str, Any
             flat = np.zeros(n, each.kind) if each.line is None else aligned_zeros(n, each.kind, each.line)
             made[each.name] = flat.reshape(shape)
     return made
+
+
+def part_joined_rows(a: EventArrays) -> None:
+    """Let there be no joined rows until they are laid out anew, as they must be before the next step."""
+    a.parted = bool(a.joined)
+    pops = a.net["pops"]
+    pops[:, t.JOINED] = pops[:, t.JOINED_END] = pops[:, t.ARRIVALS]
+    empty = [each for each in t.NET_ARRAYS if each.name in (*JOINED_ARRAYS, *JOINED_TABLES)]
+    a.net |= zeros(empty, {"threads": a.net["edges"].shape[1] - 1, "populations": len(a.program.populations)})

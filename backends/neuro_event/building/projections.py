@@ -197,4 +197,4 @@ def list_incoming(a: EventArrays) -> None:
         if every and isinstance(model, Neuron) and type(model) in NEURONS and model.collects:
             pops[k, t.COLLECTS] = [state.name for state in type(model).states].index(model.collects[0])
     a.net["incoming"] = np.array(incoming, dtype=np.int64)
-    joined_rows.part(a)
+    layout.part_joined_rows(a)

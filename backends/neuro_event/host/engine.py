@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
 from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped
-from neuro.program.backend import EngineCounts, Engines, Outcome, Sent, Trial, Wins
+from neuro.program.backend import EngineCounts, Outcome, Sent, Trial, Wins
 from neuro.program.program import Floats, Ints, Trials
-from neuro_event.building import build, joined_rows, layout, learning, thread_partition
+from neuro.program.together import Engines
+from neuro_event.building import build, joined_rows, layout, learning, move_rules, thread_partition
 from neuro_event.host.settable import Settable
 from neuro_event.loop import steps, tables as t, trial_rules
 from neuro_event.loop.together import follow_peaks
@@ -63,7 +64,9 @@ class EventEngine(Settable):
         step, last = self._step + 1, self._step + 1 + spec.duration
         groups, closed = self._a.net["groups"], self._a.net["closed"]
         while step < last and not (spec.stop_at_decision and closed[spec.group]):
-            end = min(last if peaks is None else step + 1, self._prepare(step - 1) + 1)
+            end = last if peaks is None else step + 1
+            if self._changing is not None:
+                end = min(end, self._prepare(self._changing, step - 1) + 1)
             reached = steps.run_trial(
                 self._view, spec.group, step, end, spec.stop_at_decision, self._a.reach, self._program.resolution
             )
@@ -130,6 +133,7 @@ class EventEngine(Settable):
 
     def noted(self, probe: int) -> Sent:
         """What pre spikes have left since this was last asked."""
+        assert self._notes is not None
         return self._notes.take(probe)
 
     @property
@@ -209,8 +213,8 @@ class EventEngine(Settable):
             "engine.joined": np.array(sorted(self._a.joined), dtype=np.int64),
             **{f"{part}.{key}": values.copy() for part, each in held for key, values in each.items()},
             **self._record.snapshot(),
-            **self._currents.snapshot(),
-            **self._listed.snapshot(),
+            **({} if self._changing is None else self._changing.currents.snapshot()),
+            **({} if self._lists is None else self._lists.snapshot()),
         }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -237,9 +241,11 @@ class EventEngine(Settable):
                 (self._rules if part == "rule" else self._kept)[int(key)] = value.copy()
         learning.lay_constants(self._a, self._rules)
         for q in self._a.moves_of:
-            learning.set_move_rule(self._a, q, self._rules[q])
+            move_rules.set_move_rule(self._a, q, self._rules[q])
         self._record.restore(arrays)
-        self._currents.restore(arrays)
-        self._drives.changed()
-        self._listed.restore(arrays, self._step)
+        if self._changing is not None:
+            self._changing.currents.restore(arrays)
+            self._changing.drives.changed()
+        if self._lists is not None:
+            self._lists.restore(arrays, self._step)
         self._pack()

@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from neuro.core.errors import ModelError, a
 from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped, torn
 from neuro.program.backend import Spikes
-from neuro.program.currents import Currents, Rates
 from neuro.program.program import Floats, Ints, Program
-from neuro.program.spikes import ListedSpikes, RecordedSpikes, carrying, too_many
+from neuro.program.spikes import RecordedSpikes, carrying, nothing_listed, too_many
 from neuro_event.building import build, joined_rows, layout
-from neuro_event.host.reading import NeuronReader, PreSpikeRecords, SynapseReader, state_probes
-from neuro_event.host.threads import Threads
-from neuro_event.host.varying_currents import VaryingCurrents, apply
 from neuro_event.loop import steps, tables as t
+
+if TYPE_CHECKING:
+    from neuro.program.listed import ListedSpikes
+    from neuro_event.host.changing import Changing
+    from neuro_event.host.probes import PreSpikeRecords, StateProbe
+    from neuro_event.host.reading import NeuronReader, SynapseReader
+    from neuro_event.host.threads import Threads
 
 
 class Running:
-    """A program on the compiled loop, which can be advanced."""
+    """A program on the compiled loop, which can be advanced.
+
+    What only some networks need, or only a read, is imported where it is made.
+    """
 
     def __init__(self, program: Program, threads: int) -> None:
         self._program = program
@@ -41,14 +49,31 @@ class Running:
         self._rules = {q: p.synapse.vector() for q, p in enumerate(self._program.projections)}
         self._kept: dict[int, Floats] = {}
         self._record = RecordedSpikes()
-        self._currents = Currents(self._program)
-        self._drives = VaryingCurrents(self._program, self._currents, self._a)
-        self._rates = Rates(self._program)
-        self._steady = not any(p.kind == "current" or p.schedule is not None for p in self._program.populations)
+        self._changing: Changing | None = None
+        if any(p.kind == "current" or p.schedule is not None for p in self._program.populations):
+            from neuro_event.host.changing import Changing
+
+            self._changing = Changing(self._program, self._a)
         n_threads = self._a.net["edges"].shape[1] - 1
-        self._threads = Threads(n_threads)
-        self._listed = ListedSpikes(self._program, self._a.net, [place.begin for place in self._a.places], n_threads)
-        self._samples, self._notes = state_probes(self._a), PreSpikeRecords(self._a)
+        self._threads: Threads | None = None
+        if n_threads > 1:
+            from neuro_event.host.threads import Threads
+
+            self._threads = Threads(n_threads)
+        self._lists: ListedSpikes | None = None
+        if any(p.kind == "listed" for p in self._program.populations):
+            from neuro.program.listed import ListedSpikes
+
+            begins = [place.begin for place in self._a.places]
+            self._lists = ListedSpikes(self._program, self._a.net, begins, n_threads)
+        else:
+            self._a.net |= nothing_listed(self._program, n_threads)
+        self._samples: dict[int, StateProbe] = {}
+        self._notes: PreSpikeRecords | None = None
+        if self._program.probes or self._program.synapse_probes:
+            from neuro_event.host.probes import PreSpikeRecords, state_probes
+
+            self._samples, self._notes = state_probes(self._a), PreSpikeRecords(self._a)
         self._stops = bool(self._samples or self._notes)
         self._trial_start = 0
         self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
@@ -68,7 +93,20 @@ class Running:
         self._view = self._table.ctypes.data
         self._flags = net["clock"][:, t.OVERRUN : t.UNCOUNTED + 1]
         self._no_flags = np.zeros_like(self._flags).tolist()
-        self._copy, self._cells = SynapseReader(self._a, self._table), NeuronReader(self._a)
+        for reader in ("_copy", "_cells"):  # of arrays that may be others now
+            vars(self).pop(reader, None)
+
+    @cached_property
+    def _copy(self) -> SynapseReader:
+        from neuro_event.host.reading import SynapseReader
+
+        return SynapseReader(self._a, self._table)
+
+    @cached_property
+    def _cells(self) -> NeuronReader:
+        from neuro_event.host.reading import NeuronReader
+
+        return NeuronReader(self._a)
 
     @property
     def step(self) -> int:
@@ -82,7 +120,7 @@ class Running:
         self.join_rows()
         with self._interruptible:
             while self._step < end:
-                self._run_to(end if self._steady else min(end, self._prepare(self._step)))
+                self._run_to(end if self._changing is None else min(end, self._prepare(self._changing, self._step)))
 
     def share_stop(self, engines: Sequence[Running]) -> Ints:
         """Let several engines end together; return the number that stops all, see `neuro.core.interrupts`."""
@@ -104,15 +142,12 @@ class Running:
         if self._torn:
             raise torn()
 
-    def _prepare(self, step: int) -> int:
+    def _prepare(self, changing: Changing, step: int) -> int:
         """Write what generators are to send after a step; return the last step for which it is so."""
-        apply(self._currents, self._program, self._a, self._view, step)
-        for k, rate in self._rates.new(step):
-            build.set_rate(self._a, k, self._a.places[k].by_place(rate) if rate.size > 1 else rate, step)
-        until, replaced = self._drives.prepare(step, self._parameter)
+        until, replaced = changing.prepare(self._view, step, self._parameter)
         if replaced:
             self._pack()
-        return min(until, self._currents.next_change(step), self._rates.next_change(step))
+        return until
 
     def _parameter(self, population: int, name: str) -> Floats:
         """A parameter of every neuron, or a rate or current as it is now."""
@@ -123,7 +158,10 @@ class Running:
         if layout.computes(p):
             column = build.parameters(self._a, population)[:, list(p.parameters).index(name)]
             return np.broadcast_to(place.by_id(column) if column.size > 1 else column, p.size).copy()
-        value = self._currents.parameter(population, name) if p.kind == "current" else p.parameters[name]
+        if p.kind == "current" and self._changing is not None:
+            value = self._changing.currents.parameter(population, name)
+        else:
+            value = p.parameters[name]
         return np.broadcast_to(value, p.size).astype(np.float64)
 
     def _run_to(self, end: int) -> None:
@@ -138,13 +176,12 @@ class Running:
                 last = min([last, *(-(-first // probe.every) * probe.every for probe in self._samples.values())])
             self._torn = True
             try:
-                reached = self._threads.run(
-                    self._view, first, last + 1, self._a.longest_slice, self._a.reach, self._program.resolution, stop
-                )
+                where = self._view, first, last + 1, self._a.longest_slice, self._a.reach, self._program.resolution
+                reached = steps.run(*where) if self._threads is None else self._threads.run(*where, stop)
                 if stop.item():
                     end_if_stopped(stop)
             except BaseException:  # Ctrl-C is heard as soon as a kernel returns
-                self._torn = self._threads.several or int(stop[0]) == AT_ONCE
+                self._torn = self._threads is not None or int(stop[0]) == AT_ONCE
                 self._step = int(self._a.net["reached"][0]) - 1
                 raise
             self._torn, self._step = False, int(reached) - 1
@@ -190,6 +227,18 @@ class Running:
                 bigger[thread, places & (2 * old - 1)] = net[name][thread, places & (old - 1)]
             net[name] = bigger
         self._pack()
+
+    def are_finite(self, population: int, states: Sequence[str]) -> bool:
+        """As `neuro.program.backend.are_finite`: looks at sleeping neurons as they fell asleep."""
+        place, model = self._a.places[population], type(self._program.populations[population].model)
+        names = [s.name for s in model.states]
+        rows = self._a.net["state"]
+        return all(bool(np.isfinite(rows[names.index(name), place.begin : place.end]).all()) for name in states)
+
+    @property
+    def _listed(self) -> ListedSpikes:
+        assert self._lists is not None
+        return self._lists
 
     def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
         """Add spikes of a listed population, at steps after the present one."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.program.program import Floats, Ints
-from neuro_event.building import build, joined_rows, layout, learning, projections
+from neuro_event.building import build, layout, learning, move_rules, projections
 from neuro_event.host import reading
 from neuro_event.host.running import Running
 from neuro_event.loop import arrivals, histories, moves, steps, tables as t
@@ -27,13 +27,6 @@ class Settable(Running):
         every = self._parameter(population, name)
         return every if ids is None else every[ids]
 
-    def are_finite(self, population: int, states: Sequence[str]) -> bool:
-        """As `neuro.program.backend.are_finite`: looks at sleeping neurons as they fell asleep."""
-        place, model = self._a.places[population], type(self._program.populations[population].model)
-        names = [s.name for s in model.states]
-        rows = self._a.net["state"]
-        return all(bool(np.isfinite(rows[names.index(name), place.begin : place.end]).all()) for name in states)
-
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters; acts from the next step on."""
         for name, each in values.items():
@@ -47,13 +40,14 @@ class Settable(Running):
             build.set_rate(self._a, population, values, self._step)
             return
         if not layout.computes(p):
-            self._currents.set(population, name, values, self._step)
-            self._drives.changed()
+            assert self._changing is not None
+            self._changing.currents.set(population, name, values, self._step)
+            self._changing.drives.changed()
             return
         if p.kind == "neuron":
             steps.wake_population(self._view, population, self._step, self._program.resolution)
-            if any(name == tau for _, tau in getattr(p.model, "filters", {}).values()):
-                self._drives.changed()
+            if self._changing is not None and any(name == tau for _, tau in getattr(p.model, "filters", {}).values()):
+                self._changing.drives.changed()
         inner = place.by_place(values) if values.size > 1 else values
         states = [s.name for s in type(p.model).states]
         if name in states:
@@ -121,7 +115,7 @@ class Settable(Running):
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model."""
         if projection in self._a.moves_of:
-            learning.set_move_rule(self._a, projection, parameters)
+            move_rules.set_move_rule(self._a, projection, parameters)
         if projection in self._a.plastic_of:
             self._copy.drop()
             reading.bring_all(self._a, self._view, self._a.plastic_of[projection], self._step)
@@ -161,9 +155,9 @@ class Settable(Running):
         p, row = self._program.projections[projection], self._a.net["projections"][projection]
         if p.size == 0:
             return
-        if p.source in self._currents:
-            self._currents.set_weights(projection, weights, self._step)
-            self._drives.changed()
+        if self._changing is not None and p.source in self._changing.currents:
+            self._changing.currents.set_weights(projection, weights, self._step)
+            self._changing.drives.changed()
         order = self._a.synapses[projection].order
         inner = weights[order] if order is not None and weights.size > 1 else weights
         if projection in self._a.plastic_of:
@@ -194,5 +188,5 @@ class Settable(Running):
         if projection not in self._a.moves_of:
             row[t.SIGN] = layout.sign(inner)
         if projection in self._a.joined and row[t.LAG] > 0 and not self._a.parted:
-            joined_rows.part(self._a)
+            layout.part_joined_rows(self._a)
             self._pack()

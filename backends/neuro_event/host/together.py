@@ -15,7 +15,7 @@ from neuro_event.loop import tables as t, together
 
 
 class EventEngines:
-    """Engines of one network that differ in their seeds; see `neuro.program.backend.Engines`.
+    """Engines of one network that differ in their seeds; see `neuro.program.together.Engines`.
 
     What a kernel cannot do for all at once is done one by one: several threads, currents that change, probes that are
     read on the way.
@@ -26,7 +26,7 @@ class EventEngines:
         first = self._engines[0]
         self._program, self._at = first._program, first._a
         self._reached: Ints = np.zeros(len(engines), dtype=np.int64)
-        self._plain = all(len(e._a.net["edges"][0]) == 2 and e._steady and not e._stops for e in engines)
+        self._plain = all(len(e._a.net["edges"][0]) == 2 and e._changing is None and not e._stops for e in engines)
         self._run = t.stage_entry("run").address()
         self._stop = first.share_stop(self._engines)
 

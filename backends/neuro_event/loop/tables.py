@@ -351,7 +351,7 @@ incoming       i8 0                 program synapses by target: ends
 in_synapse     i4 0                 program the synapses, from the first of their projection on
 in_source      i4 0                 program their sources
 """
-"""Likewise of what learns, in sizes of `building.learning`."""
+"""Likewise of what learns, in sizes of `building.learning` and `building.move_rules`."""
 
 CHANGING = {
     "pops": [CONSTANT, CONSTANT_STRIDE, COUNTS],

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 import neuro
 from event_tests import refusal
 from neuro.events import Events
-from neuro.program.spikes import _with_multiplicity
+from neuro.program.listed import _with_multiplicity
 from seen import network, same_run
 
 PARTS = {

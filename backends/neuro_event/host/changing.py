@@ -1,4 +1,7 @@
-"""The tables of currents that change at every step, filled for a stretch of steps at a time."""
+"""What generators of currents, and listed rates, change between steps.
+
+Currents that change at every step are in tables, which are filled for a stretch of steps at a time.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program.currents import NEVER, CurrentLine, Currents, Emission, driven, filtered_current, lines_of
+from neuro.program.currents import NEVER, CurrentLine, Currents, Emission, Rates, driven, filtered_current, lines_of
 from neuro.program.program import Floats, Ints, Program
+from neuro_event.building import build
 from neuro_event.building.layout import EventArrays
 from neuro_event.loop import steps, tables as t
 
@@ -149,3 +153,29 @@ def apply(currents: Currents, program: Program, arrays: EventArrays, view: int, 
         if not np.array_equal(current, now):
             steps.wake_population(view, target, step, program.resolution)
             now[:] = current
+
+
+class Changing:
+    """All that is sent to a network whose currents or rates change while it runs.
+
+    Args:
+        program: the whole network.
+        arrays: where the loop finds its tables.
+
+    Attributes:
+        currents: what generators of currents are set to.
+        drives: the currents that change at every step.
+    """
+
+    def __init__(self, program: Program, arrays: EventArrays) -> None:
+        self._program, self._a, self._rates = program, arrays, Rates(program)
+        self.currents = Currents(program)
+        self.drives = VaryingCurrents(program, self.currents, arrays)
+
+    def prepare(self, view: int, step: int, parameter: Parameter) -> tuple[int, bool]:
+        """Write what generators are to send after a step; the arguments and the result are those of the drives."""
+        apply(self.currents, self._program, self._a, view, step)
+        for k, rate in self._rates.new(step):
+            build.set_rate(self._a, k, self._a.places[k].by_place(rate) if rate.size > 1 else rate, step)
+        until, replaced = self.drives.prepare(step, parameter)
+        return min(until, self.currents.next_change(step), self._rates.next_change(step)), replaced

@@ -1,0 +1,168 @@
+"""The populations of a quantised program while it runs: their registers and parameters, read and set."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.chips.fixed import FixedPopulation, FixedProjection
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.known import arithmetic_of
+from neuro.chips.quantising import names_of, requantise, shares
+from neuro.core.errors import ModelError, unknown
+from neuro.model.equations import EquationNeuron
+from neuro.program.backend import Problem
+from neuro.program.program import Floats, Ints
+
+_KEPT = "a running chip keeps its scale: describe the network with these values, or lower them"
+
+
+class ChipRegisters:
+    """The populations of a quantised program while it runs.
+
+    Attributes:
+        fixed: each population's present registers.
+        parameters: each population's present parameters, as described.
+    """
+
+    def __init__(self, fixed: FixedProgram) -> None:
+        self._program, self._arithmetic = fixed, arithmetic_of(fixed.chip)
+        self.fixed = list(fixed.populations)
+        self.parameters = [dict(p.parameters) for p in fixed.program.populations]
+        self._names = [names_of(part) for part in fixed.program.populations]
+        self._good = [dict(parameters) for parameters in self.parameters]
+
+    def names(self, population: int, name: str) -> tuple[str, ...]:
+        """The states of the chip's model that a state is, or the sum of which it is."""
+        return self._names[population].get(name, (name,))
+
+    def counted_from(self, population: int, parameters: Container[str]) -> list[str]:
+        """The potential, if its register counts from a rest that may follow from one of some parameters."""
+        model = self._program.program.populations[population].model
+        if "E_L" not in parameters and not isinstance(model, EquationNeuron):
+            return []
+        return [name for name, names in self._names[population].items() if names == ("V_m",)]
+
+    def state(self, population: int, name: str, arrays: Mapping[str, NDArray[np.int32]]) -> Floats:
+        """A state in the unit of its model, from the state registers."""
+        first, *more = (self._state(population, each, arrays) for each in self.names(population, name))
+        return sum(more, start=first)
+
+    def _state(self, population: int, name: str, arrays: Mapping[str, NDArray[np.int32]]) -> Floats:
+        part = self.fixed[population]
+        if name in self._arithmetic.states.get(part.kind, ()):
+            return arrays[name].astype(np.float64)
+        if name == "V_m":
+            values: Floats = arrays["v"] / part.volt + part.rest
+            return values
+        return self._arithmetic.current(part, name, arrays)
+
+    def units(self, population: int, name: str, values: Floats) -> dict[str, NDArray[np.int32]]:
+        """The state registers of a state, and values in their units.
+
+        Raises:
+            ModelError: a value does not fit.
+        """
+        names, found = self.names(population, name), dict[str, NDArray[np.int32]]()
+        for each, share in zip(names, shares(values, names), strict=True):
+            register, units = self._units(population, each, share)
+            found[register] = found[register] + units if register in found else units
+        return found
+
+    def _units(self, population: int, name: str, values: Floats) -> tuple[str, NDArray[np.int32]]:
+        part = self.fixed[population]
+        register = self.register_of(population, name)
+        exact = values
+        if name == "V_m":
+            exact = (values - part.rest) * part.volt
+        elif name in ("I_syn_ex", "I_syn_in"):
+            exact = self._arithmetic.units(part, name, values)
+        elif (broken := values[values != np.rint(values)]).size:
+            raise ModelError(f"population '{part.name}': {name} = {broken[0]:g}: register '{name}' holds whole numbers")
+        limit = self._arithmetic.state_limit
+        bad = np.flatnonzero(np.abs(exact) > limit)
+        if bad.size:
+            raise ModelError(
+                f"population '{part.name}': {name} = {values[min(bad[0], values.size - 1)]:g}: "
+                f"its register '{register}' holds at most {limit} units"
+            )
+        return register, np.rint(exact).astype(np.int32)
+
+    def bias(self, population: int, current: Floats) -> NDArray[np.int32]:
+        """What is added in each step, with a current in pA beside the constant one."""
+        return self._arithmetic.bias(self.fixed[population], current)
+
+    def register_of(self, population: int, name: str) -> str:
+        """The register of that name, or the one that holds a state or parameter of that name.
+
+        Raises:
+            ModelError: the population has no such register.
+        """
+        part, name = self.fixed[population], self.names(population, name)[0]
+        own = [*self._arithmetic.states.get(part.kind, ()), *part.registers]
+        stands = self._arithmetic.stands_for
+        if stands.get(name) in own:
+            return stands[name]
+        if name not in own:
+            raise unknown("register", name, own).at(None, f"population '{part.name}'")
+        return name
+
+    def again(
+        self, population: int, weights: Mapping[int, Floats], learning: Container[int]
+    ) -> tuple[FixedPopulation, dict[int, FixedProjection]]:
+        """Registers of a population for its present parameters, at the scale that it has.
+
+        Args:
+            population: which.
+            weights: the weights that all projections should have.
+            learning: projections that learn on the chip; their rules hold for one scale.
+
+        Returns:
+            the population, and the projections onto it.
+
+        Raises:
+            ModelError: a register would overflow, or a rule would not hold any more; nothing is changed.
+        """
+        part = self._program.program.populations[population]
+        if part.kind != "neuron":
+            return self.fixed[population], {}
+        found, wires, problems = requantise(self._program, population, self.parameters[population], weights)
+        refused = [replace(problem, way_out=_KEPT) for problem in problems if problem.refused]
+        for k, new in wires.items():
+            before = self._program.projections[k]
+            if k in learning and (before is None or not np.array_equal(before.step, new.step)):
+                name = self._program.program.projections[k].name
+                why = "the change gives its weights another scale, and the rule in the chip's microcode holds for one"
+                way_out = "change the network and compile again"
+                refused.append(Problem(True, f"projection '{name}' learns", why, way_out))
+        if refused:
+            self.parameters[population] = dict(self._good[population])
+            raise ModelError(f"{refused[0].what}: {refused[0].why}", hint=refused[0].way_out)
+        self.fixed[population] = found
+        self._good[population] = dict(self.parameters[population])
+        return found, wires
+
+    def snapshot(self) -> dict[str, Ints | Floats]:
+        """The parameters by population."""
+        return {
+            f"parameter.{k}.{name}": values.copy()
+            for k, parameters in enumerate(self.parameters)
+            for name, values in parameters.items()
+        }
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> dict[int, FixedProjection]:
+        """Take over a snapshot; return the projections onto all populations at the scales that they have then."""
+        found: dict[int, FixedProjection] = {}
+        for k, parameters in enumerate(self.parameters):
+            for name in parameters:
+                parameters[name] = arrays[f"parameter.{k}.{name}"].copy()
+            part = self._program.program.populations[k]
+            if part.kind == "neuron":
+                self.fixed[k], wires, _ = requantise(self._program, k, parameters, {})
+                found |= wires
+            self._good[k] = dict(parameters)
+        return found

@@ -1,0 +1,215 @@
+"""The running machine: a program's arrays, the compiled loop over them, and what the host writes between its steps."""
+
+from __future__ import annotations
+
+import warnings
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from neuro.chips.fixed_program import FixedProgram
+from neuro.chips.known import arithmetic_of
+from neuro.core.errors import ModelError
+from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped, torn
+from neuro.program.backend import OverflowWarning
+from neuro.program.program import Floats
+from neuro.program.spikes import RecordedSpikes, nothing_listed
+from neuro_chip import tables as t
+from neuro_chip.build import arrays_of, write_states
+from neuro_chip.loop import advance, send_ahead
+from neuro_chip.tables import Bound
+
+if TYPE_CHECKING:
+    from neuro.program.currents import Currents, Rates
+    from neuro.program.listed import ListedSpikes
+    from neuro_chip.learners import Delays, Learners
+    from neuro_chip.registers import ChipRegisters
+    from neuro_chip.weights import ChipWeights
+
+
+class RunningMachine:
+    """A quantised program that advances.
+
+    Args:
+        fixed: registers and words.
+        strict: whether an overflow during a run is an error instead of a warning.
+
+    Attributes:
+        fixed, program: what it runs.
+        arrays: what the loop reads and writes, by the names of `net`; call `bind` after one is replaced.
+        bound: these arrays as kernels take them.
+        record: spikes that are kept.
+    """
+
+    def __init__(self, fixed: FixedProgram, strict: bool) -> None:
+        self.fixed, self.program, self._strict = fixed, fixed.program, strict
+        self.arrays = arrays_of(fixed)
+        self._learns = any(wires is not None and wires.rule is not None for wires in fixed.projections)
+        self._by_step = self._learns or any(part.synapse.delays for part in self.program.projections)
+        if self._by_step:
+            self._by_step = bool(self.learners or self.delays)
+        self._steady = not any(part.kind == "current" or part.schedule is not None for part in self.program.populations)
+        self.record = RecordedSpikes()
+        self._warned: set[str] = set()
+        self._torn = False
+        for k, part in enumerate(self.program.populations):
+            write_states(self.arrays, k, fixed.populations[k])
+            if part.kind == "poisson":
+                self.set_rate(k, part.rate(1))
+        self._list_spikes()
+        self.bound = Bound(self.arrays)
+
+    @cached_property
+    def cells(self) -> ChipRegisters:
+        """Present registers of the populations. It, and what follows, is made when it is read or set, or changes."""
+        from neuro_chip.registers import ChipRegisters
+
+        return ChipRegisters(self.fixed)
+
+    @cached_property
+    def weights(self) -> ChipWeights:
+        """The weight memory."""
+        from neuro_chip.weights import ChipWeights
+
+        return ChipWeights(self.fixed, self.arrays)
+
+    @cached_property
+    def learners(self) -> Learners:
+        """The projections that learn on the chip."""
+        from neuro_chip.learners import Learners
+
+        return Learners(self.fixed, self.weights, self.arrays)
+
+    @cached_property
+    def delays(self) -> Delays:
+        """The delays that learn."""
+        from neuro_chip.learners import Delays
+
+        return Delays(self.fixed, self.arrays)
+
+    @cached_property
+    def currents(self) -> Currents:
+        """What generators of currents are set to."""
+        from neuro.program.currents import Currents
+
+        return Currents(self.program)
+
+    @cached_property
+    def rates(self) -> Rates:
+        """The rates that are listed."""
+        from neuro.program.currents import Rates
+
+        return Rates(self.program)
+
+    def _list_spikes(self) -> None:
+        """Let the loop have the spikes that are described."""
+        self._lists: ListedSpikes | None = None
+        if any(part.kind == "listed" for part in self.program.populations):
+            from neuro.program.listed import ListedSpikes
+
+            self._lists = ListedSpikes(self.program, self.arrays, self.arrays["pops"][:, t.BEGIN].tolist())
+        else:
+            self.arrays |= nothing_listed(self.program)
+
+    @property
+    def listed(self) -> ListedSpikes:
+        """Spikes that the host sends."""
+        assert self._lists is not None
+        return self._lists
+
+    def bind(self) -> None:
+        """Hand the arrays that there are now to the loop."""
+        self.bound.take(self.arrays)
+
+    @property
+    def step(self) -> int:
+        """The last finished step."""
+        return int(self.arrays["clock"][t.STEP])
+
+    def slice(self, population: int) -> slice:
+        """Where a population lies among all neurons."""
+        row = self.arrays["pops"][population]
+        return slice(int(row[t.BEGIN]), int(row[t.END]))
+
+    def advance_to(self, end: int, group: int = t.NONE) -> None:
+        """Run to a step, or until a group has decided."""
+        if self._torn:
+            raise torn()
+        self.arrays["clock"][t.STOP_GROUP] = group
+        stop = self.arrays["stop"]
+        with Interruptible(stop):
+            try:
+                self._advance_to(end, group)
+            except BaseException:
+                self._torn |= int(stop[0]) == AT_ONCE
+                raise
+        self.arrays["clock"][t.STOP_GROUP] = t.NONE
+
+    def _advance_to(self, end: int, group: int) -> None:
+        clock, by_step = self.arrays["clock"], self._by_step
+        while clock[t.STEP] < end:
+            before = int(clock[t.STEP])
+            steady = end if self._steady else min(end, self._prepare(before))
+            stop = before + 1 if by_step else steady
+            self._torn = by_step  # what a step teaches is part of it
+            advance(self.bound.view, self.bound.words, stop)
+            end_if_stopped(self.arrays["stop"])
+            if by_step and clock[t.STEP] > before:
+                self.learners.after(before + 1)
+                self.delays.after(before + 1)
+            self._torn = False
+            if clock[t.RECORDED]:
+                steps, ids, counts = (self.arrays[name] for name in ("rec_steps", "rec_ids", "rec_counts"))
+                n = int(clock[t.RECORDED])
+                self.record.take([(steps[:n], ids[:n], counts[:n])])
+                clock[t.RECORDED] = 0
+            if group >= 0 and self.arrays["groups"][group, t.CLOSED]:
+                break
+
+    def _prepare(self, step: int) -> int:
+        """Write what generators are to send after a step; return the last step for which it is so."""
+        for target in self.currents.targets:  # the host writes the bias that holds from the next step on
+            current = self.currents.into(target, step + 1)
+            self.arrays["bias"][self.slice(target)] = self.cells.bias(target, current)
+        for k, rate in self.rates.new(step):
+            self.set_rate(k, rate)
+        return min(self.currents.next_change(step), self.rates.next_change(step))
+
+    def send_ahead(self, projection: int) -> None:
+        """What a generator emitted in the last step is sent with the words of now, before these change."""
+        part = self.program.projections[projection]
+        if self.program.sends_at_once(part):
+            send_ahead(self.bound.view, self.bound.words, part.source, projection)
+
+    def set_rate(self, population: int, rate: Floats) -> None:
+        """Change the rate of a poisson_generator."""
+        here = self.slice(population)
+        self.arrays["mean"][here] = rate * (self.program.resolution * 1e-3)
+        self.arrays["nothing"][here] = np.exp(-self.arrays["mean"][here])
+
+    def native(self, columns: int) -> dict[str, int]:
+        """Return what only chips count, by name, of the first columns."""
+        counts = self.arrays["native"][:, :columns]
+        return {
+            f"{t.NATIVE[column]} of {self.program.populations[k].name}": int(counts[k, column])
+            for k, column in zip(*np.nonzero(counts), strict=True)
+        }
+
+    def check_overflows(self) -> None:
+        """Tell of each kind of overflow once, or refuse to go on."""
+        found = self.native(t.MERGED) | (self.learners.overflows() if self._learns else {})
+        arithmetic = arithmetic_of(self.fixed.chip)
+        for what in [what for what in found if what not in self._warned]:
+            self._warned.add(what)
+            text = f"backend '{self.fixed.chip.name}': {found[what]} {what} up to step {self.step}"
+            # What would keep the register from overflowing.
+            hint = "lower its weights or its input"
+            for part, cells in zip(self.program.populations, self.cells.fixed, strict=True):
+                if what.endswith(f" of {part.name}") and not part.model.chip and cells.kind in arithmetic.states:
+                    hint = arithmetic.way_out(cells)
+                    break
+            if self._strict:
+                raise ModelError(text, hint=f"{hint}, or run without strict=True")
+            message = f"{text}; counts().native has their number\n  hint: {hint}"
+            warnings.warn(OverflowWarning(message, what, hint), stacklevel=4)
