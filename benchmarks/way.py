@@ -2,9 +2,9 @@
 
     python benchmarks/way.py [--backend event] [--files] [--functions FILE]
 
-A file counts with all its code lines if one of its functions is called after `import neuro`. A file above 400 code lines counts
-twice, so that joined files gain nothing. With `--files` the page lists each file with the lines of its functions that were
-called and that were not. With `--functions` it lists the functions of one file.
+A file counts with all its code lines if one of its functions is called after `import neuro`. A file above 400 code
+lines counts twice, so that joined files gain nothing. `--files` lists each file with the lines of its functions that
+were called and that were not; `--functions` lists the functions of one file.
 """
 
 import argparse
@@ -71,7 +71,7 @@ def called_functions(backend: str) -> tuple[dict[Path, set[int]], int]:
 
 
 def defined(path: Path) -> Iterator[tuple[str, int, int, int]]:
-    """The functions of a file that lie in no other function: name, first line with decorators, `def` line, last line."""
+    """The functions of a file that lie in no other one: name, first line with decorators, line of `def`, last line."""
 
     def inside(node: ast.AST, name: str) -> Iterator[tuple[str, int, int, int]]:
         for child in ast.iter_child_nodes(node):
@@ -106,7 +106,9 @@ def main() -> None:
         path = options.functions.resolve()
         for name, first, _, last in defined(path):
             entered = any(first <= line <= last for line in functions.get(path, ()))
-            print(f"{len(numbered_code_lines(path) & set(range(first, last + 1))):4} {'called' if entered else '      '} {name}")
+            print(
+                f"{len(numbered_code_lines(path) & set(range(first, last + 1))):4} {'called' if entered else '      '} {name}"
+            )
 
 
 if __name__ == "__main__":

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from neuro.core.checks import check_returned
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
+from neuro.core.own_parts import check_method
 from neuro.core.quantities import Quantity, quantity
-from neuro.core.registry import Registry, has_method
+from neuro.core.registry import Registry
 from neuro.core.values import shown
 
 Floats = NDArray[np.float64]
@@ -116,7 +117,7 @@ PROFILES: Registry[type[Profile]] = Registry(
     (linear, exponential, gaussian, box),
     takes=lambda part: isinstance(part, type) and issubclass(part, Profile),
     group="neuro.profiles",
-    complete=has_method(Profile, "at", "says its values"),
+    complete=lambda part: check_method(part, Profile, "at", "says its values"),
 )
 """All functions of distance by name."""
 
