@@ -106,9 +106,8 @@ def main() -> None:
         path = options.functions.resolve()
         for name, first, _, last in defined(path):
             entered = any(first <= line <= last for line in functions.get(path, ()))
-            print(
-                f"{len(numbered_code_lines(path) & set(range(first, last + 1))):4} {'called' if entered else '      '} {name}"
-            )
+            size = len(numbered_code_lines(path) & set(range(first, last + 1)))
+            print(f"{size:4} {'called' if entered else '':6} {name}")
 
 
 if __name__ == "__main__":

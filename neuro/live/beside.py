@@ -26,8 +26,8 @@ from neuro.core.processes import Done, Lost, Processes, Raised, Work
 from neuro.model.language import load, save
 from neuro.model.network import Network
 from neuro.model.neurons import Neuron
-from neuro.model.neurons.camera import event_camera
 from neuro.model.neurons.current_generators import dc_generator
+from neuro.model.neurons.event_cameras import event_camera
 from neuro.model.rules import one_to_one
 from neuro.program.backend import EngineCounts
 from neuro.program.counts import difference

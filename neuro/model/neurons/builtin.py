@@ -4,13 +4,13 @@ The registry reads these lines and imports the file of a model when the model is
 order of the lines: generators, neurons, neurons in the registers of a chip.
 """
 
-from neuro.model.neurons.camera import event_camera as event_camera
 from neuro.model.neurons.current_generators import (
     ac_generator as ac_generator,
     dc_generator as dc_generator,
     noise_generator as noise_generator,
     step_current_generator as step_current_generator,
 )
+from neuro.model.neurons.event_cameras import event_camera as event_camera
 from neuro.model.neurons.generators import (
     encode as encode,
     gamma_sup_generator as gamma_sup_generator,
