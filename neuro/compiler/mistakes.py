@@ -19,7 +19,7 @@ from neuro.compiler.sections import ALONE
 from neuro.core.errors import ModelError, Where
 from neuro.core.inputs import file_path
 from neuro.core.memory import uncollected
-from neuro.model.language.files import GATHERED, SECTIONS, gather
+from neuro.model.language.including import GATHERED, SECTIONS, gather
 from neuro.model.language.loader import TABLES, build
 from neuro.model.language.parameters import resolve
 from neuro.model.language.reader import Node, read

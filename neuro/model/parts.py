@@ -356,7 +356,11 @@ class lateral_reset(Competition):
         return f"a spike resets all along axis {self.axis}"
 
 
-GROUPS: dict[str, type[Competition]] = {part.__name__: part for part in (winner_take_all, local_winners, lateral_reset)}
+GROUPS: dict[str, type[Competition]] = {
+    "winner_take_all": winner_take_all,
+    "local_winners": local_winners,
+    "lateral_reset": lateral_reset,
+}
 """How the neurons of a group may compete, by name."""
 
 

@@ -211,5 +211,5 @@ class rectangular(Mask):
         return "" if found == axes else f"rectangular has corners of {found} coordinates: expected {axes}"
 
 
-MASKS: dict[str, type[Mask]] = {mask.__name__: mask for mask in (circular, rectangular)}
+MASKS: dict[str, type[Mask]] = {"circular": circular, "rectangular": rectangular}
 """All masks by name."""

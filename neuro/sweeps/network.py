@@ -19,7 +19,7 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, Where, a, nearest, unknown
 from neuro.core.inputs import digest_of, gathering
 from neuro.core.quantities import Quantity, in_ms, word_of
-from neuro.model.language.files import gather
+from neuro.model.language.including import gather
 from neuro.model.language.loader import build
 from neuro.model.language.parameters import resolve
 from neuro.model.language.reader import Node
