@@ -236,7 +236,7 @@ def sources(
     sim: Simulation, streams: Mapping[str, Source], texts: list[str], format: str | None, stack: ExitStack
 ) -> dict[str, Source]:
     """The streams and the sources of NAME=FROM, by the names of cameras; the stack closes those that are open."""
-    from neuro.compiler.inputs import CameraInput
+    from neuro.compiler.cameras import CameraInput
     from neuro.events import listen
     from neuro.realtime import Player
 

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from neuro.compiler.memory import NO_ROOM
+from neuro.compiler.probes import ALONE
 from neuro.compiler.resolve import compile_network
-from neuro.compiler.sections import ALONE
 from neuro.core.errors import ModelError, Where
 from neuro.core.inputs import file_path
 from neuro.core.memory import uncollected

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any, NoReturn
 
 import numpy as np
@@ -36,16 +35,6 @@ _FAR = 9.0
 """Standard deviations from the mean beyond which no normal number made of 53 random bits lies."""
 
 _WAY_OUT = "draw: neuro, or leave it out"
-
-
-def is_left(part: Projection) -> bool:
-    """Whether the description leaves its synapses to backends with rules of their own."""
-    return isinstance(part.rule, NamedRule) and part.rule.draw == BACKEND
-
-
-def drawn_here(parts: Mapping[str, Projection], backend_draws: bool) -> dict[str, Projection]:
-    """The projections whose synapses the compiler draws, by name."""
-    return {name: part for name, part in parts.items() if not (backend_draws and is_left(part))}
 
 
 def undrawn(part: Projection, n_pre: int, n_post: int, clock: Clock) -> tuple[Undrawn, Synapses]:

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.inputs import CameraInput
+from neuro.compiler.cameras import CameraInput
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError
 from neuro.events import Events, stream

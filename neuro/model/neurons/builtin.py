@@ -29,6 +29,8 @@ from neuro.model.neurons.currents import (
     cuba_lif as cuba_lif,
     iaf_psc_alpha as iaf_psc_alpha,
     iaf_psc_exp as iaf_psc_exp,
+)
+from neuro.model.neurons.exponential_thresholds import (
     iaf_psc_exp_adaptive_threshold as iaf_psc_exp_adaptive_threshold,
     mat2_psc_exp as mat2_psc_exp,
 )
