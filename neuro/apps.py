@@ -44,9 +44,9 @@ if TYPE_CHECKING:
         make_folder as make_folder,
         output as output,
         sealed as sealed,
-        write_picture as write_picture,
         write_text as write_text,
     )
+    from neuro.core.pictures import write_picture as write_picture
     from neuro.core.processes import cores as cores, side_by_side as side_by_side
     from neuro.core.progress import Bar as Bar
     from neuro.core.provenance import provenance as provenance

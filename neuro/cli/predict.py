@@ -57,7 +57,7 @@ def predict(
     it prints accuracy and confusion instead of a row for each recording.
     """
     from neuro.core.errors import ModelError
-    from neuro.core.outputs import check_picture, write_picture
+    from neuro.core.pictures import check_picture, write_picture
     from neuro.model.language import load
     from neuro.program.backend import find_backend
     from neuro.readout import tables

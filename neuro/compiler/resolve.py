@@ -12,7 +12,8 @@ import numpy as np
 from neuro.coding.codes import CODES, RATE_CODES
 from neuro.compiler.cameras import cameras_of
 from neuro.compiler.check import check_conductance, check_network, check_values, receptor_of, receptor_of_current
-from neuro.compiler.connect import Blocks, Connections
+from neuro.compiler.connect import Blocks
+from neuro.compiler.connections import Connections
 from neuro.compiler.inputs import check_trains, schedule_of, with_generators
 from neuro.compiler.memory import SynapseRoom, check_memory, many_synapses, packed, rooms
 from neuro.compiler.pairs import MANY, Between, between

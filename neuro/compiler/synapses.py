@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.connect import Apart, Block, Blocks, Connections, listed_one_by_one
+from neuro.compiler.connect import Apart, Block, Blocks
+from neuro.compiler.connections import Connections, listed_one_by_one
 from neuro.compiler.memory import SynapseRoom, has_each, weight_room
 from neuro.compiler.shapes import End, size
 from neuro.compiler.values import Room, Steps, delay_steps, per_synapse

@@ -8,7 +8,9 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.connect import Blocks, Connections, check_degree, expected_synapses, listed
+from neuro.compiler.connect import Blocks, expected_synapses
+from neuro.compiler.connections import Connections
+from neuro.compiler.draws import check_degree, listed
 from neuro.compiler.pairs import check_number
 from neuro.compiler.shapes import End
 from neuro.compiler.synapses import Synapses

@@ -10,7 +10,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.connect import Apart, Connections
+from neuro.compiler.connect import Apart
+from neuro.compiler.connections import Connections
 from neuro.compiler.pairs import BLOCK, blocks
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, words_of
