@@ -18,7 +18,7 @@ from neuro.compiler.probes import ALONE
 from neuro.compiler.resolve import compile_network
 from neuro.core.errors import ModelError, Where
 from neuro.core.inputs import file_path
-from neuro.core.memory import uncollected
+from neuro.core.system import uncollected
 from neuro.model.language.including import GATHERED, SECTIONS, gather
 from neuro.model.language.loader import TABLES, build
 from neuro.model.language.parameters import resolve

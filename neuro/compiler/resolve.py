@@ -26,8 +26,7 @@ from neuro.compiler.values import LONGEST_DELAY, Steps, one_delay, per_neuron, t
 from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
-from neuro.core.memory import uncollected
-from neuro.core.system import mapped
+from neuro.core.system import mapped, uncollected
 from neuro.model.distributions import DISTRIBUTIONS, Distribution
 from neuro.model.network import Network
 from neuro.model.neurons import (

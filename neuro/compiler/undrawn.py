@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from neuro.compiler.connect import Blocks, expected_synapses
 from neuro.compiler.connections import Connections
+from neuro.compiler.drawn_values import LONGEST_DELAY, check_distribution, too_late
 from neuro.compiler.draws import check_degree, listed
 from neuro.compiler.pairs import check_number
 from neuro.compiler.shapes import End
 from neuro.compiler.synapses import Synapses
-from neuro.compiler.values import LONGEST_DELAY, check_distribution, one_delay, too_late
+from neuro.compiler.values import one_delay
 from neuro.core.clock import Clock
 from neuro.core.keyed_random import generator
 from neuro.core.values import plain

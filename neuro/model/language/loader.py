@@ -19,8 +19,8 @@ from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, Where, unknown
 from neuro.core.hints import ELSEWHERE
 from neuro.core.inputs import file_path, gathering
-from neuro.core.memory import uncollected
 from neuro.core.quantities import KINDS, Quantity
+from neuro.core.system import uncollected
 from neuro.core.values import FromFile, shown
 from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.language.files import array, of_program, recording, train
