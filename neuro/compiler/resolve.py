@@ -14,12 +14,13 @@ from neuro.compiler.cameras import cameras_of
 from neuro.compiler.check import check_conductance, check_network, check_values, receptor_of, receptor_of_current
 from neuro.compiler.connect import Blocks
 from neuro.compiler.connections import Connections
+from neuro.compiler.divided import Divided, together
 from neuro.compiler.inputs import check_trains, schedule_of, with_generators
 from neuro.compiler.memory import SynapseRoom, check_memory, many_synapses, packed, rooms
 from neuro.compiler.pairs import MANY, Between, between
 from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.shapes import Shape, end_of, grid_of, own_places, resolve_shapes, size
-from neuro.compiler.synapses import Drawing, together
+from neuro.compiler.synapses import Drawing
 from neuro.compiler.trials import resolve_trials
 from neuro.compiler.undrawn import undrawn, wired
 from neuro.compiler.values import LONGEST_DELAY, Steps, one_delay, per_neuron, too_late
@@ -288,8 +289,8 @@ class _Resolver:
             blocks = Blocks(part.rule, source.shape, target.shape, own, sizes, (self.seed, "connect", part.name), seen)
             ends, ordered = (source, target), many and not part.synapse.learns
             listed = partial(wired, part, part.rule, (pre, post), ends) if isinstance(part.rule, from_file) else None
-            drawing = Drawing(part, blocks, listed, ends, clock, self.seed, apart, ordered, onto, threads)
-            drawn = drawing.synapses(room)
+            drawing = Divided if listed is None and len(blocks.all) > 1 else Drawing
+            drawn = drawing(part, blocks, listed, ends, clock, self.seed, apart, ordered, onto, threads).synapses(room)
         found, delay, weight, rule = drawn.found, drawn.delay, drawn.weight, drawn.rule
         # A shared kernel learns weight by weight, so it has an entry for each from the start.
         if sizes is not None and weight.size == 1:
