@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from neuro.coding.encoders import check_pixels as check_pixels, pixel_spikes as pixel_spikes
     from neuro.compare.runs import chip_of as chip_of
     from neuro.compiler import compile_network as compile_network
-    from neuro.compiler.inputs import CameraInput as CameraInput
+    from neuro.compiler.cameras import CameraInput as CameraInput
     from neuro.compiler.mistakes import mistakes as mistakes
     from neuro.core import (
         hdf5 as hdf5,
@@ -98,15 +98,14 @@ if TYPE_CHECKING:
         Kind as Kind,
         Unwritable as Unwritable,
         check_output as check_output,
-        check_picture as check_picture,
         kept_json as kept_json,
         make_folder as make_folder,
         marked as marked,
         output as output,
         sealed as sealed,
-        write_picture as write_picture,
         write_text as write_text,
     )
+    from neuro.core.pictures import write_picture as write_picture
     from neuro.core.processes import (
         Done as Done,
         Lost as Lost,
@@ -147,7 +146,7 @@ if TYPE_CHECKING:
         save as save,
         words as words,
     )
-    from neuro.model.language.files import gather as gather
+    from neuro.model.language.including import gather as gather
     from neuro.model.language.loader import build as build
     from neuro.model.language.parameters import resolve as resolve
     from neuro.model.language.writer import NETWORK as NETWORK

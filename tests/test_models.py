@@ -10,8 +10,9 @@ import pytest
 
 import neuro
 from neuro.core.quantities import Value, quantity
-from neuro.model.neurons import MODELS, State, base as neurons, iaf_psc_exp
-from neuro.model.synapses import SYNAPSES, complete, stdp, stdp_dopa
+from neuro.model.neurons import MODELS, State, iaf_psc_exp, own as neurons
+from neuro.model.synapses import SYNAPSES, stdp, stdp_dopa
+from neuro.model.synapses.own import complete
 from refusals import refusal, refusals
 
 V_M, NOTE = State("V_m", "mV", "membrane potential"), State("note", "", "something else")

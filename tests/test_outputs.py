@@ -18,7 +18,8 @@ import neuro
 from neuro import ModelError, events
 from neuro.core import outputs
 from neuro.core.hdf5 import writing
-from neuro.core.outputs import Unwritable, check_output, make_folder, marked, output, sealed, write_picture, write_text
+from neuro.core.outputs import Unwritable, check_output, make_folder, marked, output, sealed, write_text
+from neuro.core.pictures import write_picture
 from neuro.events.pictures import gif, view
 
 OURS = marked("a text of ours", "# ours")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import neuro
 from neuro.cli.catalogue import body, bounds, catalogue, shown
-from neuro.model.language.files import SECTIONS
+from neuro.model.language.including import SECTIONS
 from neuro.model.parts import Trials
 
 REFERENCE = Path(__file__).parents[1] / "docs" / "reference"

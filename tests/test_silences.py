@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import neuro
+from built_in import NEURONS
 from neuro.extend import Neuron, State, leak, quantity
-from neuro.model.neurons import NEURONS
-from neuro.model.neurons.base import check_sleep
+from neuro.model.neurons.own import check_sleep
 from neuro.testing import observe
 from neuro.testing.case import differences
 from neuro.testing.parts import check_silences

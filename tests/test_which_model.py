@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 import neuro
+from built_in import NATIVE, NEURONS
 from neuro.compiler import compile_network
-from neuro.model.neurons import NATIVE, NEURONS
 from neuro.model.parts import GROUPS
 from neuro.model.synapses import SYNAPSES
 from neuro.program.backend import find_backend

@@ -164,6 +164,6 @@ def backends() -> None:
 
 def schema() -> None:
     """Print the JSON Schema of network files, for editors that complete YAML."""
-    from neuro.model.language.schema import schema as build
+    from neuro.model.language.json_schema import schema as build
 
     typer.echo(json.dumps(build(), indent=2))

@@ -208,7 +208,7 @@ def number(value: Any) -> Any:
 def network(text: str) -> Path:
     """A file, or that of a published network by its name; a file of that name comes first."""
     from neuro.core.hints import near
-    from neuro.model.language.files import published
+    from neuro.model.language.including import published
 
     path = Path(text)
     if path.suffix or path.exists():

@@ -291,7 +291,8 @@ def plot(
 
 def write_pictures(pictures: Iterable[tuple[str, Figure]], folder: Path, format: PictureFormat) -> None:
     """Write pictures by their names into a folder, which is made if it is not there, and report each."""
-    from neuro.core.outputs import make_folder, write_picture
+    from neuro.core.outputs import make_folder
+    from neuro.core.pictures import write_picture
 
     make_folder(folder)
     for name, picture in pictures:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.compiler.learning import check_dopamine, check_moves
 from neuro.compiler.shapes import Shape, end_of, size
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, a, unknown, words_of
@@ -257,9 +258,9 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
         )
     _check_weight(part)
     if isinstance(synapse, Modulated):
-        _check_dopamine(net, part, synapse, shapes)
+        check_dopamine(net, part, synapse, shapes)
     if isinstance(synapse, MoveRule):
-        _check_moves(net, part, synapse)
+        check_moves(net, part, synapse)
 
 
 def _check_weight(part: Projection) -> None:
@@ -276,88 +277,6 @@ def _check_weight(part: Projection) -> None:
             "weight",
             about=(part.synapse.name, "Wmax"),
         )
-
-
-def _check_signal(net: Network, part: Projection, word: str, signal: str) -> None:
-    """A signal that a rule names is there, and goes to the target."""
-    name = part.synapse.name
-    if signal not in net.signals:
-        error = unknown("signal", signal, net.signals, path=(name, word))
-        raise error.at(part.origin, f"projection '{part.name}': {name}.{word}")
-    to = net.signals[signal].to
-    if to != part.target:
-        message = f"{name}.{word} '{signal}' goes to '{to}': expected one to '{part.target}', the target"
-        refuse(part, message, word=f"{name}.{word}")
-
-
-def _check_moves(net: Network, part: Projection, synapse: MoveRule) -> None:
-    """A signal teaches, and the target has the state that the rule sees."""
-    if synapse.signal is None:
-        message = f"{synapse.name} without 'signal': its weights never change: expected the signal that teaches"
-        refuse(part, message, f"name a signal to '{part.target}'; static has weights that stay", synapse.name)
-    for word, signal in (("signal", synapse.signal), ("gate", synapse.gate)):
-        if signal is not None:
-            _check_signal(net, part, word, signal)
-    model = net.populations[part.target].model
-    if synapse.sees and synapse.sees not in [state.name for state in model.states]:
-        message = (
-            f"{synapse.name} onto '{part.target}', {a(model.name)}: expected neurons with a state '{synapse.sees}'"
-        )
-        refuse(part, message, "soft_wta and pp_psc_delta have the probability p" * (synapse.sees == "p"), synapse.name)
-    if isinstance(model, Neuron) and model.relay:
-        message = f"{synapse.name} onto '{part.target}', {a(model.name)}: expected neurons that heed weights"
-        refuse(part, message, word=synapse.name)
-
-
-def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: Mapping[str, Shape]) -> None:
-    if synapse.signal is not None:
-        _check_signal(net, part, "signal", synapse.signal)
-    if synapse.dopamine is None:
-        if synapse.signal is None and _stays(synapse):
-            fades = "tau_n" in synapse.numbers()
-            sources = "'signal' and 'dopamine'" if fades else "'signal'"
-            message = f"{synapse.name} without {sources}: n stays 0, at which its weights never change"
-            way_out = f"name a signal to '{part.target}'" + ", or the population that releases dopamine" * fades
-            refuse(part, f"{message}: expected a source of n", f"{way_out}; static has weights that stay", synapse.name)
-        return
-    if synapse.dopamine not in net.populations:
-        error = unknown("population", synapse.dopamine, net.populations, path=(synapse.name, "dopamine"))
-        raise error.at(part.origin, f"projection '{part.name}': {synapse.name}.dopamine")
-    if isinstance(model := net.populations[synapse.dopamine].model, CurrentGenerator):
-        message = f"{synapse.name}.dopamine '{synapse.dopamine}' is {a(model.name)}"
-        refuse(part, f"{message}: expected a population that spikes", word=f"{synapse.name}.dopamine")
-    n, m = size(shapes[synapse.dopamine]), size(shapes[part.target])
-    if synapse.dopamine_rule == "one_to_one" and n != m:
-        text = (
-            f"{synapse.name}.dopamine_rule one_to_one from '{synapse.dopamine}' of {n} neurons "
-            f"to '{part.target}' of {m}: expected as many"
-        )
-        refuse(part, text, word=f"{synapse.name}.dopamine_rule")
-
-
-def _stays(rule: Modulated) -> bool:
-    """Whether neither spikes nor time change a weight while n is 0: its own arithmetic is tried.
-
-    The states are such as spikes of either order may leave, and the weight is within its bounds. A rule whose states
-    decide what is sent does something without n, too.
-    """
-    kernels: Any = rule.arithmetic
-    if hasattr(kernels, "sent"):
-        return False
-    constants = rule.constants_of(rule.vector(), 0.1)
-    low, high = (min(max(float(end), -1e6), 1e6) for end in rule.bounds())
-    traces = [np.full(max(1, len(side)), 0.5) for side in (rule.pre, rule.post)]
-    for sign in (1.0, -1.0):
-        y = np.full((1 + len(rule.states), 1), sign)
-        y[0] = before = 0.25 * low + 0.75 * high
-        for steps in (1, 1000):
-            kernels.on_pre(y, 0, constants, *traces, *([0.5] if rule.draws else []))
-            kernels.advance(y, 0, constants, 0, steps, 0.0, 1)
-            kernels.on_post(y, 0, constants, *traces)
-            kernels.advance(y, 0, constants, steps, 2 * steps, 0.0, 1)
-        if y[0, 0] != before:
-            return False
-    return True
 
 
 def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:

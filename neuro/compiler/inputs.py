@@ -1,36 +1,27 @@
-"""Inputs of a network: codes, generators that change at listed times, and event cameras."""
+"""Inputs of a network: generators that change at listed times, trains of their own, and what stands for codes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
-from fractions import Fraction
-from os import PathLike
-from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from neuro.compiler.check import check_rate
-from neuro.compiler.shapes import Shape, size
-from neuro.core.clock import NEVER, Clock
+from neuro.compiler.codes import generator_of
+from neuro.compiler.shapes import Shape
+from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
-from neuro.core.extras import app
-from neuro.core.keyed_random import key
-from neuro.kernels.jit import kernel
 from neuro.model.network import Network
 from neuro.model.neurons import (
     Generator,
     Model,
     encode,
     event_camera,
-    poisson_generator,
     sinusoidal_poisson_generator,
-    spike_generator,
 )
-from neuro.model.parts import AUTO, Population, naming_the_part
-from neuro.program.program import Floats, Ints, Program, Schedule, Stretch
+from neuro.program.program import Program, Schedule
 
 
 def schedule_of(model: Model, size: int, clock: Clock) -> Schedule | None:
@@ -102,317 +93,9 @@ def with_generators(net: Network, shapes: Mapping[str, Shape], clock: Clock, see
     """
     made = copy(net)
     made.populations = {
-        name: replace(part, model=_generator(part, part.model, shapes[name], clock, seed))
+        name: replace(part, model=generator_of(part, part.model, shapes[name], clock, seed))
         if isinstance(part.model, encode | event_camera)
         else part
         for name, part in net.populations.items()
     }
     return made
-
-
-def _generator(part: Population, model: encode | event_camera, shape: Shape, clock: Clock, seed: int) -> Generator:
-    if isinstance(model, event_camera):
-        return spike_generator()
-    with naming_the_part(part):
-        found = model.spikes(key(seed, "encode", part.name))
-        neurons = found.shape if model.gives_rates else found.shape[:-1]
-        if neurons not in (shape, (size(shape),)):
-            message = f"encode makes the spikes of neurons of shape {list(neurons)}: expected {list(shape)}"
-            raise ModelError(message, hint=f"give the population the shape {list(neurons)}")
-        if model.gives_rates:
-            return poisson_generator(rate=found, start=model.start, stop=model.stop)
-        return spike_generator(spike_times=_times(model, found.reshape(size(shape), -1), clock))
-
-
-def _times(model: encode, after: Floats, clock: Clock) -> list[Floats]:
-    """The end of the step of each spike that is emitted, a list for each neuron."""
-    start, stop = clock.step(model.start, "encode.start"), clock.step(model.stop, "encode.stop")
-    neurons, spikes = np.nonzero(~np.isnan(after))
-    steps = start + clock.floors(after[neurons, spikes], "encode: spike") + 1
-    emitted = steps <= stop
-    neurons, steps = neurons[emitted], steps[emitted]
-    order = np.lexsort((steps, neurons))
-    ends = np.cumsum(np.bincount(neurons, minlength=len(after)))[:-1]
-    return np.split(clock.array_ms(steps[order]), ends)
-
-
-MOST = 1 << 17
-"""Events that become spikes at once."""
-_FINEST = 10**6
-"""A resolution is taken for the nearest ratio of ms with no larger denominator, so that steps are exact."""
-_NONE = np.zeros(0, dtype=np.int64)
-
-
-def cameras_of(net: Network, clock: Clock) -> dict[str, CameraInput]:
-    """The event cameras of a network by population, with their recordings opened.
-
-    Raises:
-        ModelError: a recording cannot be played, or the population has another shape than it gives.
-    """
-    made = {}
-    for part in net.populations.values():
-        if isinstance(part.model, event_camera):
-            with naming_the_part(part):
-                made[part.name] = CameraInput(part, part.model, clock)
-                made[part.name].check_events()
-                if net.trials_section is not None:
-                    message = "an event_camera in a network with trials, which show what they are given"
-                    raise ModelError(f"{message}: expected a spike_generator", hint="sim.trials(times, ids, offsets)")
-    return made
-
-
-class CameraInput:
-    """A population of pixels: what its recording makes it emit.
-
-    Args:
-        part: the population.
-        model: its model.
-        clock: of the network.
-
-    Attributes:
-        shape: of the population.
-        model: of the population.
-        sensor_size: width and height, px, of its recording; without one those of the smallest sensor of which all is
-            seen.
-        again: whether the recording can be played several times.
-        identity: of model and recording.
-    """
-
-    def __init__(self, part: Population, model: event_camera, clock: Clock) -> None:
-        self._part, self.model = part, model
-        self._played = model.played()
-        self._eyes: dict[tuple[int, int, int], Eye] = {}
-        self._sensor = None if self._played is None else self._played.sensor_size
-        self.again = self._played is None or self._played.again
-        ratio = Fraction(clock.resolution).limit_denominator(_FINEST) * 1000
-        self._step_us = ratio.numerator, ratio.denominator
-        self._offset = round(model.offset * 1000.0)
-        self._start, self._stop = (clock.step(getattr(model, w), f"{model.name}.{w}") for w in ("start", "stop"))
-        self.shape = self._shape_of(part.shape)
-        self.sensor_size = self._sensor or self._shown_size()
-        self._origin = 0 if self._played is None else self._played.first()
-        if model.origin is not None:
-            self._origin = int(model.origin)
-
-    @property
-    def identity(self) -> str:
-        """What decides its spikes; where the file lies does not."""
-        said = {word: value for word, value in self.model.parameters().items() if word not in ("file", "events")}
-        return f"{said} {'' if self._played is None else self._played.identity}"
-
-    def check_events(self) -> None:
-        """Refuse a recording that can be read already and has no events from its beginning on."""
-        model = self.model
-        word = "offset" if model.offset else "origin"
-        if self._played is None or self._origin is None or self._played.first() is None or not getattr(model, word):
-            return
-        begin = self._origin + self._offset
-        if not any(len(part) and int(part.t[-1]) >= begin for part in self._played.parts(begin, self.sensor_size)):
-            unit = model.quantities()[word].unit
-            message = f"{model.name}.{word} = {getattr(model, word):.7g} {unit}"
-            raise ModelError(f"{message}: the recording has no event after that", path=(model.name, word))
-
-    def _shape_of(self, said: tuple[int | str, ...]) -> Shape:
-        """The shape that the sensor gives, which a shape that is said must agree with."""
-        if self._sensor is None:
-            if AUTO in said:
-                hint = "write the numbers: [2, height, width], or [height, width] unless the polarities are split"
-                if self._played is not None and isinstance(self._played, app("neuro_events.playing", "").OfEvents):
-                    hint = f"neuro.events.Events(t, x, y, p, (width, height)) tells it; or {hint}"
-                message = "no sensor is known before it is played" if self._played is None else self._played.no_sensor
-                raise ModelError(f"shape {_written(said)}: {message}", hint=hint, path=("shape",))
-            found = tuple(int(n) for n in said)
-            if len(found) != 2 + self._split or (self._split and found[0] != 2):
-                wanted = "[2, height, width]" if self._split else "[height, width]"
-                message = f"shape {list(found)}: expected {wanted} with polarity: {self.model.polarity}"
-                raise ModelError(message, path=("shape",), about=("polarity",))
-            return found
-        shape = self.model.seen(self._sensor)
-        fits = len(said) == len(shape) and all(word in (AUTO, n) for word, n in zip(said, shape, strict=True))
-        if not fits and said != (AUTO,):
-            width, height = self._sensor
-            message = f"shape {_written(said)}: expected {list(shape)}, as the sensor is {width}x{height} px"
-            raise ModelError(message, hint="'shape: auto' takes it from the recording", path=("shape",))
-        return shape
-
-    def _shown_size(self) -> tuple[int, int]:
-        """Width and height in px of what the shape says is seen, where the sensor is unknown."""
-        rows, columns = (n * self.model.scale for n in self.shape[-2:])
-        crop = self.model.crop
-        ends = (None, None) if crop is None else (crop.x, crop.y)
-        width, height = (n if side is None else side[1] for n, side in zip((columns, rows), ends, strict=True))
-        return width, height
-
-    @property
-    def _split(self) -> bool:
-        return self.model.polarity == "split"
-
-    def after(self, step: int) -> Iterator[Stretch]:
-        """All spikes of later steps. The last step of what has been read is held back: more may come in it."""
-        with naming_the_part(self._part):
-            steps = ids = _NONE
-            for events in self._read(step):
-                found = self._spikes(events, step)
-                steps, ids = np.concatenate((steps, found[0])), np.concatenate((ids, found[1]))
-                last = self._step(int(events.t[-1]))
-                done = int(np.searchsorted(steps, last))
-                yield Stretch(last - 1, steps[:done], ids[:done])
-                steps, ids = steps[done:], ids[done:]
-            yield Stretch(NEVER, steps, ids)
-
-    def _read(self, step: int) -> Iterator[Any]:
-        """The events of later steps, up to the first part that reaches beyond the end."""
-        if self._played is None or step >= self._stop:
-            return
-        for events in self._played.parts(self._begin(step), self.sensor_size):
-            for k in range(0, len(events), MOST):
-                yield events[k : k + MOST]
-            if len(events) and self._step(int(events.t[-1])) > self._stop:
-                return
-
-    def given(self, events: Any) -> tuple[Ints, Ints]:
-        """Steps and neurons of Events, a structured array, or an iterable of them."""
-        if isinstance(events, (str, PathLike)):
-            raise ModelError(f"events: found {str(events)!r}: expected Events", hint="neuro.events.load reads a file")
-        if self._origin is None:
-            raise ModelError("its recording has not begun to play: expected 'origin'", hint="or run first")
-        begin = self._origin + self._offset
-        parts = []
-        playing = app("neuro_events.playing", "the type of events")
-        whole = [events] if isinstance(events, playing.Events) else playing.played(events).parts(None, self.sensor_size)
-        for part in whole:
-            if len(part) and part.t[0] < begin:
-                raise ModelError(f"an event at {part.t[0]} us: expected from {begin} us on, the beginning")
-            parts.append(self._spikes(part, -NEVER))
-        if len(parts) == 1:
-            return parts[0]
-        steps, ids = (np.concatenate([_NONE, *(part[k] for part in parts)]) for k in (0, 1))
-        return steps, ids
-
-    def first_us(self, step: int) -> int:
-        """The first time of an event, us, that is emitted later than in this step."""
-        numerator, denominator = self._step_us
-        since = max(0, step - self._start) * numerator
-        return (self._origin or 0) + self._offset - (-since // denominator)
-
-    def _begin(self, step: int) -> int | None:
-        """The first time of the recording, us, that falls in a step after this one; None where all has to be read."""
-        if self._origin is None or (step <= self._start and not self._offset and self.model.origin is None):
-            return None
-        return self.first_us(step)
-
-    def _step(self, t: int) -> int:
-        """The step in which an event at a time of the recording, us, is emitted."""
-        numerator, denominator = self._step_us
-        return self._start + (t - (self._origin or 0) - self._offset) * denominator // numerator + 1
-
-    def _spikes(self, events: Any, after: int) -> tuple[Ints, Ints]:
-        """Steps and neurons of the events that are seen, in steps after this one."""
-        width, height = self._sensor or events.sensor_size
-        if events.sensor_size != (width, height):
-            size = "{}x{}".format(*events.sensor_size)
-            raise ModelError(f"events of a {size} sensor: expected {width}x{height}, the recording's")
-        if self._origin is None and len(events):
-            self._origin = int(events.t[0])
-        steps, ids = np.empty(len(events), np.int64), np.empty(len(events), np.int64)
-        n = see(events.t, events.x, events.y, events.p, self._eye(width, height), after, steps, ids)
-        if n < 0:
-            t, x, y = (column[-1 - n] for column in (events.t, events.x, events.y))
-            raise ModelError(f"event at x = {x}, y = {y}, {t} us: expected within its shape {list(self.shape)}")
-        return steps[:n], ids[:n]
-
-    def _eye(self, width: int, height: int) -> Eye:
-        """What is seen of a sensor of this width and height."""
-        begin = (self._origin or 0) + self._offset
-        if (width, height, begin) not in self._eyes:
-            model, (rows, columns) = self.model, self.shape[-2:]
-            with naming_the_part(self._part):
-                (left, right), (top, bottom) = model.sides(width, height)
-            polarity = {"on": 1, "off": 0}.get(model.polarity, -1)
-            apart = rows * columns if self._split else 0
-            when = (begin, *self._step_us, self._start, min(self._stop, NEVER))
-            eye = Eye(*when, left, right, top, bottom, model.scale, rows, columns, polarity, apart)
-            self._eyes = {(width, height, begin): eye}
-        return self._eyes[width, height, begin]
-
-
-def _written(shape: tuple[int | str, ...]) -> str:
-    """A shape as the language writes it."""
-    return str(shape[0]) if len(shape) == 1 else f"[{', '.join(map(str, shape))}]"
-
-
-class Eye(NamedTuple):
-    """What a camera sees of its sensor, and when.
-
-    Attributes:
-        begin: the time of the recording that is its beginning, us.
-        numerator, denominator: us in a step, as a ratio.
-        start: the step after which the recording begins.
-        stop: the last step.
-        left, right, top, bottom: columns and rows that are seen, each the first and the one after the last.
-        scale: side of the squares of pixels that share a neuron.
-        rows, columns: of the population.
-        polarity: that which is seen, 0 or 1; -1: both.
-        apart: neurons between the two polarities, 0 where they share them.
-    """
-
-    begin: int
-    numerator: int
-    denominator: int
-    start: int
-    stop: int
-    left: int
-    right: int
-    top: int
-    bottom: int
-    scale: int
-    rows: int
-    columns: int
-    polarity: int
-    apart: int
-
-
-@kernel
-def see(
-    t: Ints,
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    p: NDArray[np.uint8],
-    eye: Any,
-    after: int,
-    steps: Ints,
-    ids: Ints,
-) -> int:
-    """Write steps and neurons of the events that are seen in steps after one; return how many they are.
-
-    Where the population is smaller than the sensor: -1 less the index of the first event beyond it.
-    """
-    n = 0
-    step, begin, end = 0, 1, 0  # the step of the event before, and the times in it: most divisions are spared
-    for k in range(t.shape[0]):
-        since = t[k] - eye.begin
-        if since < 0:
-            continue
-        if not begin <= since < end:
-            whole = since * eye.denominator // eye.numerator
-            step = whole + eye.start + 1
-            begin = -(-whole * eye.numerator // eye.denominator)
-            end = -(-(whole + 1) * eye.numerator // eye.denominator)
-        if step <= after or step > eye.stop:
-            continue
-        column, row = np.int64(x[k]), np.int64(y[k])
-        if column < eye.left or column >= eye.right or row < eye.top or row >= eye.bottom:
-            continue
-        if eye.polarity >= 0 and p[k] != eye.polarity:
-            continue
-        column -= eye.left
-        row -= eye.top
-        if eye.scale > 1:
-            column //= eye.scale
-            row //= eye.scale
-        if column >= eye.columns or row >= eye.rows:
-            return -1 - k
-        steps[n] = step
-        ids[n] = row * eye.columns + column + p[k] * eye.apart
-        n += 1
-    return n

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from neuro.compiler.memory import NO_ROOM
+from neuro.compiler.probes import ALONE
 from neuro.compiler.resolve import compile_network
-from neuro.compiler.sections import ALONE
 from neuro.core.errors import ModelError, Where
 from neuro.core.inputs import file_path
-from neuro.core.memory import uncollected
-from neuro.model.language.files import GATHERED, SECTIONS, gather
+from neuro.core.system import uncollected
+from neuro.model.language.including import GATHERED, SECTIONS, gather
 from neuro.model.language.loader import TABLES, build
 from neuro.model.language.parameters import resolve
 from neuro.model.language.reader import Node, read

@@ -10,21 +10,24 @@ from typing import Any
 import numpy as np
 
 from neuro.coding.codes import CODES, RATE_CODES
+from neuro.compiler.cameras import cameras_of
 from neuro.compiler.check import check_conductance, check_network, check_values, receptor_of, receptor_of_current
-from neuro.compiler.connect import Blocks, Connections
-from neuro.compiler.inputs import cameras_of, check_trains, schedule_of, with_generators
+from neuro.compiler.connect import Blocks
+from neuro.compiler.connections import Connections
+from neuro.compiler.divided import Divided, together
+from neuro.compiler.inputs import check_trains, schedule_of, with_generators
 from neuro.compiler.memory import SynapseRoom, check_memory, many_synapses, packed, rooms
 from neuro.compiler.pairs import MANY, Between, between
-from neuro.compiler.sections import check_probes, resolve_probes, resolve_synapse_probes, resolve_trials
+from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.shapes import Shape, end_of, grid_of, own_places, resolve_shapes, size
-from neuro.compiler.synapses import Drawing, together
-from neuro.compiler.undrawn import drawn_here, is_left, undrawn, wired
+from neuro.compiler.synapses import Drawing
+from neuro.compiler.trials import resolve_trials
+from neuro.compiler.undrawn import undrawn, wired
 from neuro.compiler.values import LONGEST_DELAY, Steps, one_delay, per_neuron, too_late
 from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
-from neuro.core.memory import uncollected
-from neuro.core.system import mapped
+from neuro.core.system import mapped, uncollected
 from neuro.model.distributions import DISTRIBUTIONS, Distribution
 from neuro.model.network import Network
 from neuro.model.neurons import (
@@ -33,13 +36,14 @@ from neuro.model.neurons import (
     Generator,
     Model,
     Neuron,
+    event_camera,
     graded_spike_train,
     poisson_generator,
     spike_generator,
     spike_train,
 )
 from neuro.model.parts import Population, Projection, naming_the_part, refuse
-from neuro.model.rules import RULES, from_file, grid
+from neuro.model.rules import BACKEND, RULES, NamedRule, from_file, grid
 from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, MoveRule, Synapse
 from neuro.program import program as resolved
@@ -71,20 +75,23 @@ def compile_network(
         registry.close("a network was compiled")
     clock = Clock(net.resolution)
     # Recordings first: a camera's sensor decides the shape of its population, and shapes of grids follow from it.
-    cameras = cameras_of(net, clock)
+    filmed = [part for part in net.populations.values() if isinstance(part.model, event_camera)]
+    cameras = cameras_of(net, filmed, clock) if filmed else {}
     shapes = resolve_shapes(net, {name: camera.shape for name, camera in cameras.items()})
     check_network(net, shapes)
     # Before anything is made: a network that does not fit is refused in microseconds, not when memory is full.
-    here = drawn_here(net.projections, backend_draws)
+    here = {name: part for name, part in net.projections.items() if not (backend_draws and _is_left(part))}
     share.agree(lambda: check_memory(net, shapes, share.number, here))
-    check_probes(net, shapes, clock)
+    if net.probes:
+        check_probes(net, shapes, clock)
     declared = {name: part.model.name for name, part in net.populations.items()}
     sources = {p.of: net.projections[p.of].source for p in net.probes.values() if p.at and p.of in net.projections}
     heard = {sources.get(p.of, p.of) for p in net.probes.values() if p.of in sources or p.record == "spikes"}
     # Codes become spikes here, so no later step and no backend knows of them; `declared` keeps the name that people
     # wrote.
     net = with_generators(net, shapes, clock, seed)
-    trials = resolve_trials(net, shapes, clock)
+    section = net.trials_section
+    trials = None if section is None else resolve_trials(net, section, shapes, clock)
     resolver = _Resolver(net, shapes, clock, seed)
     populations = tuple(
         resolver.population(part, cameras.get(name), declared[name], name in heard)
@@ -100,7 +107,7 @@ def compile_network(
     def projection(part: Projection) -> resolved.Projection:
         room = None if made is None else made.get(part.name)
         with naming_the_part(part):
-            return resolver.projection(part, many, room, share, threads_of_each, backend_draws and is_left(part))
+            return resolver.projection(part, many, room, share, threads_of_each, backend_draws and _is_left(part))
 
     drawn = mapped(projection, list(net.projections.values()), threads)
     if share.number == 1:
@@ -117,13 +124,19 @@ def compile_network(
         projections=projections,
         signals=tuple(resolved.Signal(s.name, names[s.to], s.origin) for s in net.signals.values()),
         groups=tuple(resolved.Group(g.name, names[g.choice.of], g.choice, g.origin) for g in net.groups.values()),
-        probes=resolve_probes(net, shapes, clock),
+        probes=resolve_probes(net, shapes, clock) if net.probes else (),
         trials=trials,
         share=share,
     )
-    program = replace(program, synapse_probes=resolve_synapse_probes(net, program, shapes, clock))
+    if net.probes:
+        program = replace(program, synapse_probes=resolve_synapse_probes(net, program, shapes, clock))
     check_trains(program)
     return program
+
+
+def _is_left(part: Projection) -> bool:
+    """Whether the description leaves its synapses to backends with rules of their own."""
+    return isinstance(part.rule, NamedRule) and part.rule.draw == BACKEND
 
 
 def _joined(projections: Sequence[resolved.Projection], share: Share) -> tuple[resolved.Projection, ...]:
@@ -275,8 +288,8 @@ class _Resolver:
             blocks = Blocks(part.rule, source.shape, target.shape, own, sizes, (self.seed, "connect", part.name), seen)
             ends, ordered = (source, target), many and not part.synapse.learns
             listed = partial(wired, part, part.rule, (pre, post), ends) if isinstance(part.rule, from_file) else None
-            drawing = Drawing(part, blocks, listed, ends, clock, self.seed, apart, ordered, onto, threads)
-            drawn = drawing.synapses(room)
+            drawing = Divided if listed is None and len(blocks.all) > 1 else Drawing
+            drawn = drawing(part, blocks, listed, ends, clock, self.seed, apart, ordered, onto, threads).synapses(room)
         found, delay, weight, rule = drawn.found, drawn.delay, drawn.weight, drawn.rule
         # A shared kernel learns weight by weight, so it has an entry for each from the start.
         if sizes is not None and weight.size == 1:

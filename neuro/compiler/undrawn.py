@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.connect import Blocks, Connections, check_degree, expected_synapses, listed
+from neuro.compiler.connect import Blocks, expected_synapses
+from neuro.compiler.connections import Connections
+from neuro.compiler.drawn_values import LONGEST_DELAY, check_distribution, too_late
+from neuro.compiler.draws import check_degree, listed
 from neuro.compiler.pairs import check_number
 from neuro.compiler.shapes import End
 from neuro.compiler.synapses import Synapses
-from neuro.compiler.values import LONGEST_DELAY, check_distribution, one_delay, too_late
+from neuro.compiler.values import one_delay
 from neuro.core.clock import Clock
 from neuro.core.keyed_random import generator
 from neuro.core.values import plain
@@ -36,16 +38,6 @@ _FAR = 9.0
 """Standard deviations from the mean beyond which no normal number made of 53 random bits lies."""
 
 _WAY_OUT = "draw: neuro, or leave it out"
-
-
-def is_left(part: Projection) -> bool:
-    """Whether the description leaves its synapses to backends with rules of their own."""
-    return isinstance(part.rule, NamedRule) and part.rule.draw == BACKEND
-
-
-def drawn_here(parts: Mapping[str, Projection], backend_draws: bool) -> dict[str, Projection]:
-    """The projections whose synapses the compiler draws, by name."""
-    return {name: part for name, part in parts.items() if not (backend_draws and is_left(part))}
 
 
 def undrawn(part: Projection, n_pre: int, n_post: int, clock: Clock) -> tuple[Undrawn, Synapses]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterable, Sequence
 
@@ -160,8 +159,11 @@ _WITHOUT = {
     "weight and delay are words of a projection, beside its synapse": "weight delay",
     "write synapse: {static: {receptor: ex}}": "receptor receptor_type",
 }
-INSTEAD = {word: hint for hint, words in _WITHOUT.items() for word in words.split()}
+INSTEAD: dict[str, str] = {}
 """A hint by a word of others; it is given where none of `ELSEWHERE` is known."""
+for _hint, _words in _WITHOUT.items():
+    for _word in _words.split():
+        INSTEAD[_word] = _hint
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _MAX_LISTED = 12
@@ -196,6 +198,8 @@ def alike(name: str, names: Sequence[str]) -> list[str]:
 
 def _similar(name: str, names: list[str]) -> list[str]:
     """The names that look most alike, whatever their case; else those that begin or end alike."""
+    import difflib
+
     lower = name.lower()
     folded: dict[str, list[str]] = {}
     for word in names:

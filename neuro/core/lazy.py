@@ -28,7 +28,7 @@ def public_names(
         file: its source.
         more: finds names that are registered while the program runs; None where there is no such name.
     """
-    homes = _homes(file, "if TYPE_CHECKING:\n")
+    homes = homes_in(file, "if TYPE_CHECKING:\n")
 
     def getattribute(name: str) -> object:
         if name not in homes:
@@ -99,8 +99,8 @@ class PublicModules:
             module.__spec__ = spec.loader_state[1]
 
 
-def _homes(file: str, block: str = "") -> dict[str, str]:
-    """By name the modules from which a file imports names as themselves, in the block under a line or everywhere."""
+def homes_in(file: str, block: str = "") -> dict[str, str]:
+    """The module from which a file imports each name as itself, in the block under a line or everywhere."""
     homes: dict[str, str] = {}
     home, inside = "", not block
     # Read by words: importing `ast`, `re` or `pathlib` for it would take half as long as the rest of `import neuro`.
@@ -113,7 +113,7 @@ def _homes(file: str, block: str = "") -> dict[str, str]:
                 if words[:1] == ["from"]:
                     home, words = words[1], words[3:]
                 if words[:1] == ["*"]:
-                    homes |= _homes(f"{dirname(dirname(__file__))}/{home.partition('.')[2].replace('.', '/')}.py")
+                    homes |= homes_in(f"{dirname(dirname(__file__))}/{home.partition('.')[2].replace('.', '/')}.py")
                 names = zip(words[::3], words[2::3], strict=False)  # `name as name`, three words each
                 homes |= {name: home for name, alias in names if name == alias}
     return homes

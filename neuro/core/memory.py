@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-import gc
 import mmap
 import resource
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -101,17 +98,3 @@ def give_back() -> None:
 def _library() -> ctypes.CDLL:
     """The C library of this process."""
     return ctypes.CDLL(None)
-
-
-@contextmanager
-def uncollected() -> Iterator[None]:
-    """Let the collector of cycles rest while millions of small things are made, at which it would look many times."""
-    working = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if working:
-            gc.freeze()
-            gc.unfreeze()  # among the old ones, which are looked at least often
-            gc.enable()

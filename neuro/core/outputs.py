@@ -31,19 +31,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 from neuro.core.errors import ModelError
 from neuro.core.inputs import file_path
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = [
     "Kind",
     "Unwritable",
     "check_output",
-    "check_picture",
     "free_part",
     "kept_json",
     "kept_parts",
@@ -51,7 +47,6 @@ __all__ = [
     "marked",
     "output",
     "sealed",
-    "write_picture",
     "write_text",
 ]
 
@@ -67,7 +62,6 @@ _DESCRIPTOR = re.compile(
 )
 _NUMBERS = {"stdin": 0, "stdout": 1, "stderr": 2}
 _DIGITS = 32
-_PICTURE = "a picture of neuro"
 _number = itertools.count()
 _swept: set[Path] = set()
 _pipes: dict[tuple[int, int], int] = {}
@@ -146,14 +140,6 @@ def sealed(what: str, mark: str, digest: str, ask: str = "") -> Kind:
 
 def _digest(*parts: bytes) -> str:
     return hashlib.sha256(b"".join(parts)).hexdigest()[:_DIGITS]
-
-
-# Of a PNG the whole chunk of text: of the length 14, then its kind, keyword and text.
-_PICTURES: dict[str, tuple[Kind, dict[str, str | None]]] = {
-    ".png": (marked(_PICTURE, "\0\0\0\x0etEXtSoftware\0neuro"), {"Software": "neuro"}),
-    ".pdf": (marked(_PICTURE, "/Creator (neuro)", anywhere=True), {"Creator": "neuro"}),
-    ".svg": (marked(_PICTURE, "<dc:title>neuro</dc:title>"), {"Creator": "neuro", "Date": None}),
-}
 
 
 @contextmanager
@@ -311,21 +297,6 @@ def make_folder(path: Path) -> None:
         raise Unwritable(path, "is no folder: expected the name of a folder, or a new name") from None
     except OSError as error:
         raise Unwritable(path, f"cannot be made: {error.strerror}") from None
-
-
-def write_picture(path: Path, figure: Figure) -> None:
-    """Write a figure as PNG, or as PDF or SVG where its name ends so; errors as of `output`."""
-    ending = path.suffix if path.suffix in _PICTURES else ".png"
-    kind, metadata = _PICTURES[ending]
-    with output(path, kind) as part:
-        figure.savefig(part, format=ending[1:], metadata=metadata)
-
-
-def check_picture(path: Path) -> None:
-    """See whether a picture may be written, before long work; errors as of `check_output`, and for another ending."""
-    if path.suffix not in _PICTURES:
-        raise ModelError(f"{path}: expected a name ending in {', '.join(_PICTURES)}")
-    check_output(path, _PICTURES[path.suffix][0])
 
 
 @contextmanager

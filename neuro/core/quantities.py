@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field, replace
 from operator import ge, gt, le, lt
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from neuro.core.errors import ModelError, words_of
 
@@ -36,7 +36,19 @@ class Kind(NamedTuple):
 
 
 KINDS: dict[str, Kind] = {}
-"""The kinds by name; `neuro.core.checks` defines them."""
+"""The kinds by name; `neuro.core.checks` and `neuro.core.lists` define them."""
+
+_Check = TypeVar("_Check", bound=Callable[..., Any])
+
+
+def kind(name: str, noun: str, listed: bool = False) -> Callable[[_Check], _Check]:
+    """Decorate the function that checks values of a kind; see `Kind`."""
+
+    def define(check: _Check) -> _Check:
+        KINDS[name] = Kind(noun, check, listed)
+        return check
+
+    return define
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,7 +46,7 @@ class Registry(Mapping[str, T], Generic[T]):
 
     Args:
         kind: what one is, for messages, e.g. "synapse model".
-        own: those of this package.
+        own: those of this package, or by name the module of each, which is imported when the part is asked for.
         takes: whether a thing is of this kind; a kind of plain functions is said to `register`.
         group: the entry points of installed packages.
         name: how a part is called.
@@ -57,7 +57,7 @@ class Registry(Mapping[str, T], Generic[T]):
     def __init__(
         self,
         kind: str,
-        own: Iterable[T],
+        own: Iterable[T] | Mapping[str, str],
         *,
         takes: Callable[[object], bool] | None = None,
         group: str = "",
@@ -67,11 +67,12 @@ class Registry(Mapping[str, T], Generic[T]):
         complete: Callable[[Any], Any] = lambda part: part,
     ) -> None:
         self.kind, self.takes, self._group, self._name, self._complete = kind, takes, group, name, complete
-        self._parts: dict[str, T] = {name(part): part for part in own}
+        self._homes: Mapping[str, str] = own if isinstance(own, Mapping) else {}
+        self._parts: dict[str, T] = {} if isinstance(own, Mapping) else {name(part): part for part in own}
         self._registered: dict[str, T] = {}
         self._whole: dict[int, T] = {id(part): part for part in self._parts.values()}
         self._closed_by = ""
-        self._own, self._told = frozenset(self._parts), set[str]()
+        self._own, self._told = frozenset((*self._homes, *self._parts)), set[str]()
         _REGISTRIES.append(self)
 
     def add(self, part: T) -> None:
@@ -85,7 +86,7 @@ class Registry(Mapping[str, T], Generic[T]):
             message = f"{self.kind} '{name}' is registered too late: {self._closed_by}"
             hint = "register it first; an instance of it works in Python without being registered"
             raise ModelError(message, where=here(), hint=hint)
-        if name in self._parts or name in self._registered or name in self._entries():
+        if name in self:
             raise ModelError(f"{self.kind} '{name}' is registered twice", where=here(), hint="give it another name")
         self._registered[name] = part
 
@@ -95,7 +96,8 @@ class Registry(Mapping[str, T], Generic[T]):
         Raises:
             ModelError: it says what.
         """
-        if id(part) not in self._whole:
+        ours = id(part) in self._whole or self._homes.get(self._name(part)) == part.__module__
+        if not ours:
             self._completed(part)
 
     def close(self, reason: str) -> None:
@@ -104,7 +106,9 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def __getitem__(self, name: str) -> T:
         if name not in self._parts:
-            if name in self._registered:
+            if name in self._homes:
+                self._parts[name] = getattr(import_module(self._homes[name]), name)
+            elif name in self._registered:
                 self._parts[name] = self._completed(self._registered[name])
             elif name in self._entries():
                 entry = installed(self._group)[name]
@@ -123,7 +127,7 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def __iter__(self) -> Iterator[str]:
         """Names, those of installed packages last: a part that is found before them needs no look at them."""
-        here = dict.fromkeys((*self._parts, *self._registered))
+        here = dict.fromkeys((*self._homes, *self._parts, *self._registered))
         yield from here
         yield from (name for name in sorted(self._entries()) if name not in here)
 
@@ -131,7 +135,8 @@ class Registry(Mapping[str, T], Generic[T]):
         return len(list(iter(self)))
 
     def __contains__(self, name: object) -> bool:
-        return name in self._parts or name in self._registered or name in self._entries()
+        ours = name in self._own or name in self._parts
+        return ours or name in self._registered or name in self._entries()
 
     def values(self) -> ValuesView[T]:
         """All parts; of installed packages those that can be loaded."""
@@ -280,63 +285,3 @@ class OfModule:
             if module is not None and any(hasattr(module, name) for name in self._functions):
                 return module
         return sys.modules[kind.__module__]
-
-
-def check_functions(label: str, model: type[Any], functions: Mapping[str, int]) -> None:
-    """Refuse a model whose arithmetic lacks a function, or has one with other arguments.
-
-    Args:
-        label: what messages call the model.
-        model: the class.
-        functions: how many arguments each takes.
-
-    Raises:
-        TypeError: it says which.
-    """
-    arithmetic = model.arithmetic
-    for name, count in functions.items():
-        code = getattr(getattr(arithmetic, name, None), "__code__", None)
-        if code is None:
-            raise TypeError(f"{label}: '{arithmetic.__name__}' has no function '{name}'")
-        if code.co_argcount != count:
-            raise TypeError(f"{label}: '{name}' takes {code.co_argcount} arguments: expected {count}")
-
-
-def fill(label: str, model: type[Any], p: Any, c: Any) -> None:
-    """Compute the constants of a model for a step of 0.1 ms.
-
-    Raises:
-        TypeError: it has more of them than `c` holds.
-    """
-    try:
-        model.arithmetic.constants(p, 0.1, c)
-    except (IndexError, ValueError) as error:
-        raise TypeError(
-            f"{label}: 'constants' fails for its defaults ({error}): "
-            f"expected at most {len(c)} constants, its width, from {len(p)} parameters"
-        ) from None
-
-
-def has_method(base: type[Any], name: str, does: str) -> Callable[[type[T]], type[T]]:
-    """A function that returns a third-party class if it has a method of its own in place of that of a base.
-
-    Args:
-        base: of the kind of parts; its method has the right arguments.
-        name: of the method.
-        does: what the method does, for the message.
-    """
-    own = getattr(base, name)
-    expected = own.__code__.co_varnames[: own.__code__.co_argcount]
-
-    def complete(part: type[T]) -> type[T]:
-        """Raise `TypeError` where the method is missing, or has other arguments."""
-        method, message = getattr(part, name), f"{base.kind} '{part.__name__}'"
-        if method is own:
-            raise TypeError(f"{message} has no method '{name}', which {does}")
-        taken = method.__code__.co_argcount
-        if taken != len(expected):
-            text = f"'{name}' takes {taken} arguments: expected {len(expected)}, ({', '.join(expected)})"
-            raise TypeError(f"{message}: {text}")
-        return part
-
-    return complete

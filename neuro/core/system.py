@@ -1,10 +1,12 @@
-"""The machine and the processes on it: cores, parts of Linux alone, processes of mpirun, threads."""
+"""The machine and the processes on it: cores, parts of Linux alone, processes of mpirun, threads, the collector."""
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TypeVar
 
 from neuro.core.errors import ModelError
@@ -88,3 +90,17 @@ def mapped(function: Callable[[T], R], items: Sequence[T], threads: int) -> Iter
 
     with ThreadPoolExecutor(threads) as pool:
         yield from pool.map(function, items)
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Let the collector of cycles rest while millions of small things are made, at which it would look many times."""
+    working = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if working:
+            gc.freeze()
+            gc.unfreeze()  # among the old ones, which are looked at least often
+            gc.enable()

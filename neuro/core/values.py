@@ -1,9 +1,10 @@
-"""Values of parameters: how they are kept, compared and shown."""
+"""Values of parameters: what is a number, and how values are kept, compared and shown."""
 
 from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+_HUGE = int(sys.float_info.max)
 _LONGEST = 60
 _BIG = 10**_LONGEST
 _STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
@@ -27,6 +29,13 @@ class FromFile:
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, FromFile) and same(self.values, other.values)
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a single number that a double can hold; true and false are none."""
+    if isinstance(value, int):
+        return not isinstance(value, bool) and abs(value) <= _HUGE
+    return isinstance(value, (float, np.integer, np.floating))
 
 
 def plain(value: Any) -> Any:

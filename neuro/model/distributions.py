@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from neuro.core.checks import check_returned
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
+from neuro.core.own_parts import check_method
 from neuro.core.quantities import quantity
-from neuro.core.registry import Registry, has_method
+from neuro.core.registry import Registry
 
 _BLOCK = 1 << 16
 """Values that are drawn at a time: they stay in the cache while they are compared with the bounds."""
@@ -184,6 +185,6 @@ DISTRIBUTIONS: Registry[type[Distribution]] = Registry(
     (uniform, normal, lognormal),
     takes=lambda part: isinstance(part, type) and issubclass(part, Distribution),
     group="neuro.distributions",
-    complete=has_method(Distribution, "sample", "draws values"),
+    complete=lambda part: check_method(part, Distribution, "sample", "draws values"),
 )
 """All distributions by name."""

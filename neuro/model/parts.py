@@ -10,12 +10,27 @@ from typing import Any, ClassVar, NoReturn, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, Where, words_of
-from neuro.core.quantities import Quantity, Value, quantity, word_of
-from neuro.core.values import same, shown
+from neuro.core.quantities import Quantity, Value, word_of
+from neuro.core.values import same
+from neuro.model.groups import (
+    GROUPS as GROUPS,
+    Competition as Competition,
+    lateral_reset as lateral_reset,
+    local_winners as local_winners,
+    winner_take_all as winner_take_all,
+)
 from neuro.model.neurons import Model
 from neuro.model.rules import Rule
+from neuro.model.sections import (
+    CENTRED as CENTRED,
+    DECIDED_BY as DECIDED_BY,
+    Readout as Readout,
+    Trials as Trials,
+    dropout as dropout,
+    labels as labels,
+    reward as reward,
+)
 from neuro.model.synapses import Synapse
 from neuro.model.views import View, count, view
 from neuro.model.wiring.neurons import neuron_table
@@ -259,107 +274,6 @@ class Signal(Part):
     origin: Where | None = None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Competition(Choice):
-    """How neurons of a population act together; base of what a group may be.
-
-    Class attributes:
-        noun: what a chip or a simulator that cannot do it lacks.
-        decides: whether the winner decides a trial.
-        several: whether several may win in one trial.
-    """
-
-    kind: ClassVar[str] = "group"
-    noun: ClassVar[str]
-    decides: ClassVar[bool] = True
-    several: ClassVar[bool] = False
-    of: str = quantity(doc="the population", kind="name")
-
-    def misfit(self, shape: tuple[int, ...]) -> str:
-        """Why neurons of this shape cannot compete so, as the text of an error; "" if they can."""
-        return ""
-
-    def told(self) -> str:
-        """Which neurons fire, in a few words."""
-        raise NotImplementedError
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class winner_take_all(Competition):
-    """One neuron of a population decides.
-
-    With `first_to_fire` the first spike silences all others until the next trial or reset; without, only
-    the best of each step fires and the others that reached the threshold are reset. The largest V_m - V_th
-    wins; a tie is drawn.
-    """
-
-    noun: ClassVar[str] = "winner-take-all"
-    first_to_fire: bool = quantity(True, "", "decide once instead of at each step", kind="boolean")
-
-    def told(self) -> str:
-        """Which neurons fire, in a few words."""
-        return "the first to fire" if self.first_to_fire else "the best of each step"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class local_winners(Competition):
-    """Several neurons of a population of shape (maps, rows, columns) decide, each for what is near it.
-
-    Who fires wins, and silences until the next trial or reset all neurons of all maps whose row and column are both at
-    most `radius` from its own, itself with them, and its whole map once that has won `per_map` times. Of those that
-    reach the threshold in one step the largest V_m - V_th wins first; a tie is drawn. Who is silenced goes on to add
-    up its input.
-
-    Source: Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007, with `per_map` 1. Any number finds several objects,
-    each by a neuron in whose field it is (Mosca, MSc thesis, 2020, section 6.2.7).
-    """
-
-    noun: ClassVar[str] = "competition"
-    several: ClassVar[bool] = True
-    radius: int = quantity(doc="rows and columns around a winner that are silenced", kind="integer", at_least=0)
-    per_map: int | None = quantity(None, "", "wins of each map; any number if not given", kind="integer", at_least=1)
-
-    def misfit(self, shape: tuple[int, ...]) -> str:
-        """Why neurons of this shape cannot compete so."""
-        if len(shape) == 3:
-            return ""
-        return f"{self.name} of '{self.of}' of shape {list(shape)}: expected (maps, rows, columns)"
-
-    def told(self) -> str:
-        """Which neurons fire, in a few words."""
-        return f"radius {self.radius}" + (f", {self.per_map} a map" if self.per_map else "")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class lateral_reset(Competition):
-    """A spike resets all neurons along an axis: the first of them to fire silences the others for its time.
-
-    Neurons that differ in no coordinate but the one of `axis` are rivals. When some of them reach the threshold in a
-    step, the one with the largest V_m - V_th fires (a tie is drawn) and all others, wherever they stand, are reset as
-    if they had fired: to V_reset, refractory for their t_ref. They emit nothing.
-    Source: temporal winner-take-all of HFirst, Orchard et al., IEEE TPAMI 37:2028, 2015
-    """
-
-    noun: ClassVar[str] = "lateral reset"
-    decides: ClassVar[bool] = False
-    axis: int = quantity(0, "", "axis of its shape along which neurons are rivals", kind="integer", at_least=0)
-
-    def misfit(self, shape: tuple[int, ...]) -> str:
-        """Why neurons of this shape cannot compete so."""
-        if self.axis < len(shape):
-            return ""
-        message = f"{self.name}.axis = {self.axis} of '{self.of}', whose shape is {list(shape)}"
-        return f"{message}: expected at most {len(shape) - 1}"
-
-    def told(self) -> str:
-        """Which neurons fire, in a few words."""
-        return f"a spike resets all along axis {self.axis}"
-
-
-GROUPS: dict[str, type[Competition]] = {part.__name__: part for part in (winner_take_all, local_winners, lateral_reset)}
-"""How the neurons of a group may compete, by name."""
-
-
 @dataclass(frozen=True, eq=False)
 class Group(Part):
     """Neurons that act together."""
@@ -423,106 +337,6 @@ class Probe(Part):
 
 
 AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class labels(Choice):
-    """Which label a map stands for: map m has the label m // maps_per_label."""
-
-    kind: ClassVar[str] = "labels"
-    of: str = quantity(doc="the population whose first axis is the map", kind="name")
-    maps_per_label: int = quantity(1, "", "maps of each label", kind="integer", at_least=1)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class reward(Choice):
-    """The reward of a trial by its outcome; > 0 rewards, < 0 punishes, 0 teaches nothing."""
-
-    kind: ClassVar[str] = "reward"
-    correct: float = quantity(1.0, "", "the decision is the label")
-    wrong: float = quantity(-1.0, "", "it is another one")
-    silent: float = quantity(0.0, "", "there was no decision")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class dropout(Choice):
-    """Leave maps out while learning: a dropped map integrates but cannot fire.
-
-    The share in epoch e is p decay^e. Source: Mosca 2020, section 6.2.6 and table 3.
-    """
-
-    kind: ClassVar[str] = "dropout"
-    of: str = quantity(doc="the population", kind="name")
-    axis: str = quantity("map", "", "what is dropped as one", kind="word", words=("map",))
-    p: float = quantity(0.25, "", "share dropped in the first epoch", at_least=0, below=1)
-    every: str = quantity("sample", "", "how long a draw holds", kind="word", words=("sample", "trial"))
-    decay: float = quantity(1.0, "", "factor on p from epoch to epoch", at_least=0, at_most=1)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Trials(Choice):
-    """Short presentations, each with a decision and, when labelled, a reward.
-
-    A tick is one step of a trial; an input at time t is emitted in tick t / resolution, 0 <= t < duration.
-    At the start of a trial no spike is under way and the states named in `reset` are as at time 0.
-    """
-
-    kind: ClassVar[str] = "trials"
-    word: ClassVar[str] = "trials"
-    input: str = quantity(doc="the spike_generator that receives the trials' spikes", kind="name")
-    duration: float = quantity(doc="length of a trial", unit="ms", above=0)
-    stop: str = quantity(
-        "at_decision",
-        "",
-        "as soon as no neuron can decide any more, or after the full duration",
-        kind="word",
-        words=("at_decision", "full"),
-    )
-    labels: Any = quantity(None, "", "what the maps stand for", kind="part", part=labels)
-    reward: Any = quantity(None, "", "the reward by outcome", kind="part", part=reward)
-    dropout: Any = quantity(None, "", "maps left out while learning", kind="part", part=dropout)
-    reset: Any = quantity(("V_m",), "", "states that start anew", kind="names")
-
-
-DECIDED_BY = ("counts", "potential", "first")
-"""How an output decides: most spikes, the highest mean potential, or the first spike."""
-CENTRED = "centred"
-"""Asks for a window round what each recording shows."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Readout(Choice):
-    """How recordings of event cameras are shown to a network, and how its output decides on their class."""
-
-    kind: ClassVar[str] = "readout"
-    word: ClassVar[str] = "readout"
-    input: str = quantity(doc="the spike_generator of the pixels", kind="name")
-    output: str = quantity(doc="the population of which each neuron stands for a class", kind="name")
-    decide: Any = quantity(
-        None,
-        doc="by most spikes, the highest mean potential or the first spike; by spikes where there are some",
-        kind="word",
-        words=DECIDED_BY,
-    )
-    classes: Any = quantity(None, doc="names of the output's neurons, in their order", kind="names")
-    duration: Any = quantity(None, "ms", "how long it runs for a recording; until each has come through", above=0)
-    start: float = quantity(0.0, "ms", "from a recording's first event to its first step", at_least=0)
-    scale: int = quantity(1, "px", "in a row and in a column that are one neuron", kind="integer", at_least=1)
-    window: Any = quantity(
-        None,
-        "px",
-        "of a larger sensor: column and row from which it is seen, or round what each recording shows",
-        kind="shape",
-        at_least=0,
-        words=(CENTRED,),
-    )
-    merge: bool = quantity(False, doc="whether events of a pixel in one step are one spike", kind="boolean")
-
-    def __post_init__(self) -> None:
-        Choice.__post_init__(self)
-        if self.window not in (None, (CENTRED,)) and (len(self.window) != 2 or CENTRED in self.window):
-            message = f"readout.window = {shown(list(self.window))}: expected {CENTRED}, or [column, row]"
-            raise ModelError(message, path=("window",))
 
 
 class Description:

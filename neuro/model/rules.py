@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
+from neuro.core.own_parts import check_method
 from neuro.core.quantities import quantity
-from neuro.core.registry import Registry, has_method
+from neuro.core.registry import Registry
 from neuro.model.space import Mask, Profile
 
 HERE, BACKEND = "neuro", "backend"
@@ -285,7 +286,7 @@ RULES: Registry[type[Rule]] = Registry(
     ),
     takes=lambda part: isinstance(part, type) and issubclass(part, Rule),
     group="neuro.rules",
-    complete=has_method(Rule, "connect", "says its pairs"),
+    complete=lambda part: check_method(part, Rule, "connect", "says its pairs"),
 )
 """All connection rules by name."""
 

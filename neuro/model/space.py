@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from neuro.core.checks import check_returned
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
+from neuro.core.own_parts import check_method
 from neuro.core.quantities import Quantity, quantity
-from neuro.core.registry import Registry, has_method
+from neuro.core.registry import Registry
 from neuro.core.values import shown
 
 Floats = NDArray[np.float64]
@@ -116,7 +117,7 @@ PROFILES: Registry[type[Profile]] = Registry(
     (linear, exponential, gaussian, box),
     takes=lambda part: isinstance(part, type) and issubclass(part, Profile),
     group="neuro.profiles",
-    complete=has_method(Profile, "at", "says its values"),
+    complete=lambda part: check_method(part, Profile, "at", "says its values"),
 )
 """All functions of distance by name."""
 
@@ -210,5 +211,5 @@ class rectangular(Mask):
         return "" if found == axes else f"rectangular has corners of {found} coordinates: expected {axes}"
 
 
-MASKS: dict[str, type[Mask]] = {mask.__name__: mask for mask in (circular, rectangular)}
+MASKS: dict[str, type[Mask]] = {"circular": circular, "rectangular": rectangular}
 """All masks by name."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.inputs import CameraInput
+from neuro.compiler.cameras import CameraInput
 from neuro.core.errors import ModelError
 from neuro.core.extras import app
 from neuro.run.simulation import Simulation

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from neuro.chips.loihi_registers import bounds, grain_of
 from neuro.core import keyed_random
-from neuro.model.synapses.loihi_learning import SIGN_MODES, parse
+from neuro.model.synapses.loihi_registers import SIGN_MODES, parse
 from neuro.model.synapses.loihi_rule import FACTORS, MODULATORY, POST, PRE, WIDTHS, Factor, LearningRule, Term, Trace
 from neuro_chip.plastic import Plastic
 

@@ -10,7 +10,7 @@ import neuro
 from neuro.chips.loihi_learning import COARSE_UPDATE, SMALLEST_UPDATE, fading, nearest_fit, rule_of
 from neuro.core.errors import ModelError
 from neuro.model.synapses import r_stdp, stdp, stdp_dopa
-from neuro.model.synapses.loihi_learning import loihi_learning, parse
+from neuro.model.synapses.loihi_registers import loihi_learning, parse
 from neuro.model.synapses.loihi_rule import FACTORS, WIDTHS, Factor, Term, Trace, text
 from neuro_chip.plastic import Plastic
 

@@ -133,7 +133,7 @@ def picture(path, seed):
     """Write a picture."""
     from matplotlib.figure import Figure
 
-    from neuro.core.outputs import write_picture
+    from neuro.core.pictures import write_picture
 
     figure = Figure()
     figure.subplots().plot(np.random.default_rng(seed).random(200))

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
+from built_in import INTEGRATED, NEURONS
 from neuro.model.distributions import Distribution, lognormal, normal, uniform
 from neuro.model.network import Network
 from neuro.model.neurons import (
-    INTEGRATED,
-    NEURONS,
     Model,
     Neuron,
     dc_generator,

@@ -7,7 +7,7 @@ import pytest
 
 import neuro
 from neuro import ModelError
-from neuro.model.language.schema import schema
+from neuro.model.language.json_schema import schema
 
 NETWORK = """neuro: 1
 populations:

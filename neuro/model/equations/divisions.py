@@ -20,7 +20,8 @@ from neuro.model.equations.parameters import Parameter
 Words = tuple[str, ...]
 
 _FUNCTIONS: Mapping[str, Callable[..., Any]] = {
-    **{name: getattr(np, name) for name in ("exp", "expm1", "log", "sqrt", "tanh", "sin", "cos", "abs")},
+    **{"exp": np.exp, "expm1": np.expm1, "log": np.log, "sqrt": np.sqrt},
+    **{"tanh": np.tanh, "sin": np.sin, "cos": np.cos, "abs": np.abs},
     "exprel": lambda x: np.where(np.abs(x) < 1e-8, 1.0 + 0.5 * x, np.expm1(x) / x),
     "min": np.minimum,
     "max": np.maximum,

@@ -24,7 +24,14 @@ ARGUMENTS = {
 }
 """The functions of the language and how many arguments each takes."""
 PUBLIC = (
-    *(f"of_{name}" for name in ARGUMENTS if name not in ("abs", "min", "max", "where")),
+    "of_exp",
+    "of_expm1",
+    "of_exprel",
+    "of_log",
+    "of_sqrt",
+    "of_tanh",
+    "of_sin",
+    "of_cos",
     "where",
     "power",
     "divided",

@@ -4,9 +4,22 @@ Apps read their own files in the same grammar: `read` gives nodes that know thei
 mapping, `plain` a value, and `mistake` and `about` put errors where they belong.
 """
 
-from neuro.model.language.loader import load
-from neuro.model.language.reader import Node, about, mistake, plain, read, words
-from neuro.model.language.schema import schema
-from neuro.model.language.writer import save
+from typing import TYPE_CHECKING
 
-__all__ = ["Node", "about", "load", "mistake", "plain", "read", "save", "schema", "words"]
+from neuro.core.lazy import public_names
+
+if TYPE_CHECKING:
+    from neuro.model.language.json_schema import schema as schema
+    from neuro.model.language.loader import load as load
+    from neuro.model.language.reader import (
+        Node as Node,
+        about as about,
+        mistake as mistake,
+        plain as plain,
+        read as read,
+        words as words,
+    )
+    from neuro.model.language.writer import save as save
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__, __all__ = public_names(__name__, __file__)

@@ -19,12 +19,12 @@ from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, Where, unknown
 from neuro.core.hints import ELSEWHERE
 from neuro.core.inputs import file_path, gathering
-from neuro.core.memory import uncollected
 from neuro.core.quantities import KINDS, Quantity
+from neuro.core.system import uncollected
 from neuro.core.values import FromFile, shown
 from neuro.model.distributions import DISTRIBUTIONS
-from neuro.model.equations import made
-from neuro.model.language.files import array, gather, of_program, recording, refuse_name, train
+from neuro.model.language.files import array, of_program, recording, train
+from neuro.model.language.including import gather, refuse_name
 from neuro.model.language.parameters import resolve
 from neuro.model.language.reader import Node, about, follow, found, mistake, plain, put_at, within, words
 from neuro.model.network import Network, check_name
@@ -311,6 +311,8 @@ class _Builder:
             raise wrong[0]
 
     def model(self, name: str, node: Node) -> None:
+        from neuro.model.equations import made
+
         with about(node):
             model = made(name, plain(node))
             of = self.models if issubclass(model, Model) else self.synapses

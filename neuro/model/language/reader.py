@@ -15,7 +15,7 @@ import yaml
 from neuro.core.errors import ModelError, Where, nearest, unknown
 from neuro.core.hdf5 import is_hdf5
 from neuro.core.inputs import record_input
-from neuro.core.memory import uncollected
+from neuro.core.system import uncollected
 from neuro.core.values import shown
 
 MAX_BYTES = 32 * 2**20
@@ -129,7 +129,9 @@ class _Reader:
         try:
             return self.one_document(expected, begin)
         except yaml.MarkedYAMLError as error:
-            raise self.syntax(error) from None
+            from neuro.model.language.syntax import syntax_error
+
+            raise syntax_error(error, self.lines, self.file) from None
         except yaml.YAMLError as error:
             raise ModelError(f"not YAML: {error}", where=Where(self.file)) from None
         finally:
@@ -200,40 +202,6 @@ class _Reader:
         else:
             found, hint = f"the tag '{event.tag.replace('tag:yaml.org,2002:', '!!')}': expected a value without one", ""
         raise ModelError(f"found {found}", where=where, hint=hint)
-
-    def syntax(self, error: yaml.MarkedYAMLError) -> ModelError:
-        """The parser's error in plainer words."""
-        mark = error.problem_mark or error.context_mark
-        if mark is None:
-            return ModelError(f"not YAML: {error.problem}", where=Where(self.file))
-        where = self.place(mark)
-        line = self.lines[mark.line] if mark.line < len(self.lines) else ""
-        found = (re.match(r"\w+|.?", line[mark.column :]) or "")[0]
-        problem = str(error.problem)
-        if found == "\t" or "tab character" in problem:
-            return ModelError("found a tab: expected spaces", where=where, hint="YAML is indented by spaces only")
-        if "cannot start any token" in problem:
-            return ModelError(f"found '{found}': expected a value", where=where, hint="text with it needs quotes")
-        if "mapping values are not allowed" in problem:
-            message = "found ':' where no word can stand before it"
-            hint = "is a ':' missing on the line above, or the indentation different?"
-            return ModelError(message, where=where, hint=hint)
-        if "could not find expected ':'" in problem:
-            return ModelError("expected ':' after the word on the line above", where=where)
-        if "expected ',' or" in problem:
-            closing = "]" if "']'" in problem else "}"
-            start = self.place(error.context_mark) if error.context_mark else where
-            return ModelError(f"expected ',' or '{closing}' in what begins at {start}", where=where)
-        if "expected key" in problem or "<block end>" in problem or "'-' indicator" in problem:
-            return ModelError(
-                f"found '{found}' where a word or the end of the part should be" if found else "unfinished",
-                where=where,
-                hint="do the words of a part begin in the same column, and do brackets match?",
-            )
-        if "end of stream" in problem:
-            begin = self.place(error.context_mark) if error.context_mark else where
-            return ModelError("found the end of the file inside quotes", where=begin)
-        return ModelError(f"not YAML: {problem}", where=where)
 
 
 def _letters(event: Any, where: Where) -> Where | None:

@@ -21,7 +21,7 @@ from neuro.core.outputs import Kind, Unwritable, output, sealed
 from neuro.core.quantities import word_of
 from neuro.core.values import FromFile
 from neuro.model.equations import EquationNeuron, EquationSynapse
-from neuro.model.language.files import VERSION
+from neuro.model.language.including import VERSION
 from neuro.model.language.reader import scalar
 from neuro.model.parts import Description, Group, Part, Population, Projection, refuse
 from neuro.model.space import of_distance

@@ -259,6 +259,9 @@ class sinusoidal_poisson_generator(Timed):
 
 LARGEST_SHAPE = 10
 CHANCE, STAGES = range(2)
+_STAGES: list[State] = []
+for _k in range(LARGEST_SHAPE):
+    _STAGES.append(State(f"in_stage_{_k}", "", "processes in a stage", hidden=True))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -275,9 +278,7 @@ class gamma_sup_generator(Timed):
     )
     source: ClassVar[str] = "NEST 3.10 gamma_sup_generator; Deger, Helias, Boucsein & Rotter 2012"
     fixed: ClassVar[tuple[str, ...]] = ("gamma_shape", "n_proc")
-    states: ClassVar[tuple[State, ...]] = tuple(
-        State(f"in_stage_{k}", "", "processes in a stage", hidden=True) for k in range(LARGEST_SHAPE)
-    )
+    states: ClassVar[tuple[State, ...]] = tuple(_STAGES)
 
     rate: Value = quantity(0.0, "Hz", "mean rate of each process", at_least=0, arrays=True)
     gamma_shape: int = quantity(1, "", "stages of a process", kind="integer", at_least=1, at_most=LARGEST_SHAPE)

@@ -1,7 +1,7 @@
 """The built-in models of synapses: one line registers a model and makes it a name of `neuro`."""
 
 from neuro.model.synapses.base import static as static
-from neuro.model.synapses.loihi_learning import (
+from neuro.model.synapses.loihi_registers import (
     loihi2_convolution as loihi2_convolution,
     loihi2_learning as loihi2_learning,
     loihi2_static as loihi2_static,

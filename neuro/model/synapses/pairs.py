@@ -18,11 +18,13 @@ LIMIT, A_PLUS, A_PLUS_TRIPLET, A_MINUS, A_MINUS_TRIPLET = range(5)
 ETA = 1
 """Constants; those of the later lines belong to rules that are not `WeightDependent`."""
 
-
-def largest_weight(default: float) -> Any:
-    """Return the parameter Wmax, with a value for all synapses or for each."""
-    doc = "largest weight, in the unit of the weight; below 0 it inhibits"
-    return quantity(default, "", doc, nonzero=True, of_value=True, **OF_EACH)
+LARGEST_WEIGHT: Mapping[str, Any] = {
+    "doc": "largest weight, in the unit of the weight; below 0 it inhibits",
+    "nonzero": True,
+    "of_value": True,
+    **OF_EACH,
+}
+"""What the parameter Wmax accepts, with a value for all synapses or for each."""
 
 
 def power(share, mu):
@@ -61,7 +63,7 @@ class WeightDependent(Synapse):
     alpha: Value = quantity(1.0, "", "depression relative to potentiation", at_least=0, **OF_EACH)
     mu_plus: Value = quantity(1.0, "", "weight dependence of potentiation", at_least=0, **OF_EACH)
     mu_minus: Value = quantity(1.0, "", "weight dependence of depression", at_least=0, **OF_EACH)
-    Wmax: Value = largest_weight(100.0)
+    Wmax: Value = quantity(100.0, **LARGEST_WEIGHT)
 
     def constants(p, h, c):
         """The constants are the parameters."""
@@ -272,7 +274,7 @@ class stdp_triplet(Synapse):
     Aminus_triplet: Value = quantity(
         2.3e-4, "", "depression by a triplet, likewise", at_least=0, of_value=True, **OF_EACH
     )
-    Wmax: Value = largest_weight(100.0)
+    Wmax: Value = quantity(100.0, **LARGEST_WEIGHT)
 
     def constants(p, h, c):
         """Step sizes of the sign of Wmax, and Wmax."""
@@ -309,7 +311,7 @@ class vogels_sprekeler(Synapse):
     alpha: Value = quantity(
         0.12, "", "depression by a pre spike, in steps: 2 tau times the rate to hold", at_least=0, **OF_EACH
     )
-    Wmax: Value = largest_weight(-100.0)
+    Wmax: Value = quantity(-100.0, **LARGEST_WEIGHT)
 
     def constants(p, h, c):
         """Step sizes of the sign of Wmax, and Wmax."""

@@ -15,7 +15,7 @@ from neuro.core.quantities import KINDS, Quantity
 from neuro.core.units import UNITS, dimension_of
 from neuro.model.equations.definition import WORDS
 from neuro.model.equations.rule import WORDS as RULE_WORDS
-from neuro.model.language.files import VERSION
+from neuro.model.language.including import VERSION
 from neuro.model.language.loader import TABLES
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS

@@ -1,29 +1,22 @@
-"""Probes and trials of a network: checked, and resolved to those of a program."""
+"""Probes of a network: checked, and resolved to those of a program."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NoReturn
 
 import numpy as np
 
 from neuro.compiler.check import recordable
 from neuro.compiler.shapes import Shape, end_of
 from neuro.core.clock import Clock
-from neuro.core.errors import ModelError, a, nearest, unknown, words_of
+from neuro.core.errors import a, unknown
 from neuro.model.network import Network
-from neuro.model.neurons import CurrentGenerator, spike_generator
+from neuro.model.neurons import CurrentGenerator
 from neuro.model.parts import (
-    Group,
     Population,
     Probe,
-    Trials,
-    dropout as Dropout,
-    labels as Labels,
     naming_the_part,
     refuse,
-    reward as Reward,
-    winner_take_all,
 )
 from neuro.program import program as resolved
 from neuro.program.program import Ints, Projection, synapse_states
@@ -183,124 +176,3 @@ def _chosen(part: Probe, program: resolved.Program, index: int, shapes: Mapping[
 
 def _every(part: Probe, clock: Clock) -> int:
     return 1 if part.every is None else clock.step(part.every, "every")
-
-
-def resolve_trials(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> resolved.Trials | None:
-    """The trials of a network in ticks and indices, or None.
-
-    Raises:
-        ModelError: a part they need is missing or does not fit.
-    """
-    section = net.trials_section
-    if section is None:
-        return None
-    names = list(net.populations)
-    output = _output(net, section)
-    group = _group(net, output)
-    shape = shapes[output]
-    labels: Labels | None = section.labels
-    maps_per_label = 0 if labels is None else labels.maps_per_label
-    if maps_per_label and shape[0] % maps_per_label:
-        message = f"labels.maps_per_label = {maps_per_label}: expected a divisor of {shape[0]}, the maps of '{output}'"
-        _refuse(net, "labels.maps_per_label", message)
-    reward: Reward = section.reward or Reward()
-    if reward.silent != 0.0:
-        message = f"reward.silent = {reward.silent:g}: expected 0, as no neuron decided that could be rewarded"
-        _refuse(net, "reward.silent", message, "r_stdp.epsilon and r_stdp.rescue say what silence teaches")
-    dropout: Dropout | None = section.dropout
-    known = recordable(net.populations[output])
-    for state in section.reset:
-        if state not in known:
-            _refuse(net, "reset", f"reset: '{output}' has no state '{state}'", nearest(state, known))
-    _check_learners(net, output, labels, list(net.groups.values())[group])
-    return resolved.Trials(
-        input=names.index(_input(net, section)),
-        output=names.index(output),
-        group=group,
-        duration=_duration(net, section, clock),
-        stop_at_decision=section.stop == "at_decision",
-        maps=shape[0],
-        maps_per_label=maps_per_label,
-        reward=(reward.correct, reward.wrong, reward.silent),
-        dropout=0.0 if dropout is None else dropout.p,
-        dropout_decay=1.0 if dropout is None else dropout.decay,
-        dropout_per_trial=dropout is not None and dropout.every == "trial",
-        reset=section.reset,
-        origin=net.trials_origin,
-    )
-
-
-def _refuse(net: Network, word: str, message: str, hint: str = "", missing: str = "") -> NoReturn:
-    text = f"trials: {message}"
-    raise ModelError(text, where=net.trials_origin, hint=hint, path=words_of(word), missing=missing)
-
-
-def _known(net: Network, name: str, word: str) -> str:
-    if name not in net.populations:
-        raise unknown("population", name, net.populations, path=words_of(word)).at(net.trials_origin, f"trials: {word}")
-    return name
-
-
-def _input(net: Network, section: Trials) -> str:
-    name = _known(net, section.input, "input")
-    model = net.populations[name].model
-    if not isinstance(model, spike_generator):
-        _refuse(net, "input", f"input '{name}' is {a(model.name)}: expected a spike_generator")
-    if any(len(times) for times in model.spike_times):
-        _refuse(net, "input", f"input '{name}' has spike_times: expected none, as trials bring their own")
-    return name
-
-
-def _output(net: Network, section: Trials) -> str:
-    """The population that decides: the one with labels, else with dropout, else the one with a group."""
-    said = {word: part.of for word, part in (("labels", section.labels), ("dropout", section.dropout)) if part}
-    for word, name in said.items():
-        _known(net, name, f"{word}.of")
-    if len(set(said.values())) > 1:
-        _refuse(
-            net, "labels", f"labels of '{said['labels']}' but dropout of '{said['dropout']}': expected one population"
-        )
-    if said:
-        return str(next(iter(said.values())))
-    members = [group.choice.of for group in net.groups.values() if group.choice.decides]
-    if len(members) != 1:
-        _refuse(net, "", f"{len(members)} groups and no labels: expected labels that name the output")
-    return members[0]
-
-
-def _group(net: Network, output: str) -> int:
-    for index, group in enumerate(net.groups.values()):
-        if group.choice.of == output and group.choice.decides:
-            if isinstance(group.choice, winner_take_all) and not group.choice.first_to_fire:
-                _refuse(net, "", f"group '{group.name}' decides at each step: expected first_to_fire: true")
-            return index
-    _refuse(net, "", f"no group decides in '{output}'", f"add a group winner_take_all of '{output}'")
-
-
-def _duration(net: Network, section: Trials, clock: Clock) -> int:
-    try:
-        ticks = clock.step(section.duration, "duration")
-    except ModelError as error:
-        raise error.at(net.trials_origin, "trials") from None
-    if ticks < 1:
-        message = f"duration = {section.duration:g} ms: expected at least the resolution, {clock.resolution:g} ms"
-        _refuse(net, "duration", message)
-    return ticks
-
-
-def _check_learners(net: Network, output: str, labels: Labels | None, group: Group) -> None:
-    for part in net.projections.values():
-        if part.synapse.learns != "trials":
-            continue
-        what = f"projection '{part.name}': {part.synapse.name}"
-        if part.target != output:
-            text = f"{what} onto '{part.target}': expected '{output}', which decides"
-            raise ModelError(text, where=part.origin, path=words_of(part.synapse.name))
-        if part.synapse.peaks and group.choice.several:
-            message = f"{what} teaches by the largest V_m up to the one decision, and group '{group.name}' has several"
-            raise ModelError(
-                f"{message}: expected winner_take_all", where=part.origin, path=words_of(part.synapse.name)
-            )
-        if labels is None and part.synapse.supervised:
-            text = f"{part.synapse.name} of '{part.name}' needs 'labels', as rewards depend on them"
-            _refuse(net, "", text, missing="labels")

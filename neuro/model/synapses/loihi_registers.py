@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -35,6 +36,8 @@ SHAPES = ("first_order", "exponential")
 ROUNDINGS = ("stochastic", "away")
 GRADED_TRACES = ("impulse", "overwrite", "add_with_saturation", "add_without_saturation")
 _RECEPTOR = "the receptor of the target, of those that have two"
+_IMPULSE: Mapping[str, Any] = {"kind": "integer", "at_least": 0, "at_most": TRACE_MAX}
+_TAU: Mapping[str, Any] = {"kind": "integer", "at_least": 0, "at_most": KEEP}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,14 +97,6 @@ class loihi2_convolution(Synapse):
     receptor: str | None = quantity(None, "", _RECEPTOR, kind="receptor")
 
 
-def _impulse(trace: str) -> Any:
-    return quantity(0, "", f"what a spike adds to {trace}", kind="integer", at_least=0, at_most=TRACE_MAX)
-
-
-def _tau(trace: str) -> Any:
-    return quantity(0, "steps", f"time constant of {trace}", kind="integer", at_least=0, at_most=KEEP)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RegisterLearning(Synapse):
     """Base of the rules in registers: weights, traces and sums of products, applied at the end of each epoch."""
@@ -113,16 +108,16 @@ class RegisterLearning(Synapse):
     sign_mode: str = quantity("mixed", "", "which signs the weights have", kind="word", words=SIGN_MODES)
     dw: str = quantity("", "", "change of the mantissa, a sum of products", kind="names")
     dt: str = quantity("", "", "change of the tag, a sum of products", kind="names")
-    x1_impulse: int = _impulse("x1")
-    x1_tau: int = _tau("x1")
-    x2_impulse: int = _impulse("x2")
-    x2_tau: int = _tau("x2")
-    y1_impulse: int = _impulse("y1")
-    y1_tau: int = _tau("y1")
-    y2_impulse: int = _impulse("y2")
-    y2_tau: int = _tau("y2")
-    y3_impulse: int = _impulse("y3")
-    y3_tau: int = _tau("y3")
+    x1_impulse: int = quantity(0, "", "what a spike adds to x1", **_IMPULSE)
+    x1_tau: int = quantity(0, "steps", "time constant of x1", **_TAU)
+    x2_impulse: int = quantity(0, "", "what a spike adds to x2", **_IMPULSE)
+    x2_tau: int = quantity(0, "steps", "time constant of x2", **_TAU)
+    y1_impulse: int = quantity(0, "", "what a spike adds to y1", **_IMPULSE)
+    y1_tau: int = quantity(0, "steps", "time constant of y1", **_TAU)
+    y2_impulse: int = quantity(0, "", "what a spike adds to y2", **_IMPULSE)
+    y2_tau: int = quantity(0, "steps", "time constant of y2", **_TAU)
+    y3_impulse: int = quantity(0, "", "what a spike adds to y3", **_IMPULSE)
+    y3_tau: int = quantity(0, "steps", "time constant of y3", **_TAU)
     epoch: int = quantity(1, "steps", "length of an epoch", kind="integer", at_least=1, at_most=LONGEST_EPOCH)
 
     def __post_init__(self) -> None:
@@ -206,7 +201,11 @@ class loihi2_learning(RegisterLearning):
     takes_graded: ClassVar[bool] = True
     states: ClassVar[tuple[State, ...]] = (
         State("t", "", "tag"),
-        *(State(name, "", f"trace {name} of its neuron") for name in (*PRE, *POST)),
+        State("x1", "", "trace x1 of its neuron"),
+        State("x2", "", "trace x2 of its neuron"),
+        State("y1", "", "trace y1 of its neuron"),
+        State("y2", "", "trace y2 of its neuron"),
+        State("y3", "", "trace y3 of its neuron"),
     )
 
     graded: str = quantity("impulse", "", "how payloads raise x1", kind="word", words=GRADED_TRACES)

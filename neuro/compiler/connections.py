@@ -1,0 +1,72 @@
+"""The synapses of a projection without their values: which there are, by source, then target."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.compiler.pairs import BLOCK, blocks
+from neuro.program.program import Floats, Ints
+
+NO_ROWS: Ints = np.zeros(0, dtype=np.int64)
+NO_TARGETS: NDArray[np.int32] = np.zeros(0, dtype=np.int32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Connections:
+    """Synapses of one projection.
+
+    Attributes:
+        layout, row_ends, targets, size: as in `neuro.program.program.Projection`.
+        order: for listed pairs that were not sorted: which listed pair each synapse is, else None.
+        listed: the shapes that an array of weights may have; empty where synapses are drawn at random.
+        shared: for synapses of which some share a drawn weight or delay: which draw each takes, else None.
+        factors: of "weight" or "delay", one for each synapse in the program's order; 1 for all where it is not there.
+    """
+
+    layout: str
+    size: int
+    row_ends: Ints = field(default_factory=lambda: NO_ROWS)
+    targets: NDArray[np.int32] = field(default_factory=lambda: NO_TARGETS)
+    order: Ints | None = None
+    listed: tuple[tuple[int, ...], ...] = ()
+    shared: Ints | None = None
+    factors: Mapping[str, Floats] = field(default_factory=dict)
+
+    def ends(self, synapse: int) -> tuple[int, int]:
+        """Source and target of one synapse."""
+        match self.layout:
+            case "one_to_one":
+                return synapse, synapse
+            case "dense":
+                pre, post = divmod(synapse, self.listed[0][1])
+                return pre, post
+        return int(np.searchsorted(self.row_ends, synapse, side="right")) - 1, int(self.targets[synapse])
+
+    def pairs(self, n_post: int) -> Iterator[tuple[Ints, NDArray[np.integer]]]:
+        """Source and target of all synapses but those of a grid, in order, a piece at a time."""
+        for first, last in blocks(0, self.size, BLOCK):
+            synapses = np.arange(first, last)
+            match self.layout:
+                case "one_to_one":
+                    yield synapses, synapses
+                case "dense":
+                    yield synapses // n_post, synapses % n_post
+                case _:
+                    pre = np.searchsorted(self.row_ends, synapses, side="right") - 1
+                    yield pre, self.targets[first:last]
+
+
+def listed_one_by_one(found: Connections, n_pre: int, n_post: int) -> Connections:
+    """The same synapses with a target each."""
+    match found.layout:
+        case "one_to_one":
+            row_ends, targets = np.arange(n_pre + 1), np.arange(n_pre, dtype=np.int32)
+        case "dense":
+            row_ends, targets = np.arange(n_pre + 1) * n_post, np.tile(np.arange(n_post, dtype=np.int32), n_pre)
+        case _:
+            return found
+    return replace(found, layout="csr", row_ends=row_ends, targets=targets)

@@ -1,0 +1,123 @@
+"""Kinds of quantities that are lists: ids, spike times, moments, series of values."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.arrays import array_of, check_each
+from neuro.core.errors import ModelError
+from neuro.core.quantities import KINDS, LARGEST, Quantity, kind
+from neuro.core.values import FromFile, is_number, shown
+from neuro.core.wrong import wrong
+
+
+@kind("array", "a number", listed=True)
+def _undrawn(q: Quantity, value: Any, what: str) -> Any:
+    if is_number(value) or getattr(value, "kind", "") == "distribution":
+        raise ModelError(f"{what} = {shown(value)}: expected a list or a file")
+    return KINDS["number"].check(q, value, what)
+
+
+@kind("ids", "whole numbers", listed=True)
+def _ids(q: Quantity, value: Any, what: str) -> NDArray[np.int64]:
+    array = value.values if isinstance(value, FromFile) else array_of(q, value, what)
+    if array.ndim != 1:
+        raise wrong(q, value, what)
+    bad = np.flatnonzero(~((array >= 0) & (array <= LARGEST) & (array == np.floor(array))))
+    if bad.size:
+        raise wrong(q, float(array[bad[0]]), what, int(bad[0]))
+    ids = array.astype(np.int64)
+    ids.flags.writeable = False
+    return ids
+
+
+@kind("times", "a list of spike times in ms for each neuron", listed=True)
+def _times(q: Quantity, value: Any, what: str) -> tuple[NDArray[np.float64], ...]:
+    """One list for each neuron; rows of a file end in NaN where they are shorter than the longest."""
+    if isinstance(value, FromFile):
+        table = np.atleast_2d(value.values)
+        return tuple(
+            _train(q, row[: row.size - int(np.isnan(row[::-1]).cumprod().sum())], what, [n])
+            for n, row in enumerate(table)
+        )
+    if not isinstance(value, (list, tuple, np.ndarray)):
+        raise wrong(q, value, what)
+    if len(value) and all(map(is_number, value)):
+        return (_train(q, value, what, []),)
+    return tuple(_train(q, row, what, [n]) for n, row in enumerate(value))
+
+
+def _train(q: Quantity, row: Any, what: str, index: list[int]) -> NDArray[np.float64]:
+    if not isinstance(row, (list, tuple, np.ndarray)):
+        raise wrong(q, row, what, *index)
+    times = array_of(q, row, what)
+    if times.ndim != 1:
+        raise wrong(q, row, what, *index)
+    bad = np.flatnonzero(~(np.isfinite(times) & (times > 0) & (np.diff(times, prepend=0.0) >= 0)))
+    if bad.size:
+        k = int(bad[0])
+        place = ", ".join(map(str, [*index, k]))
+        message = f"{what}[{place}] = {shown(float(times[k]))}: expected spike times > 0 ms in ascending order"
+        raise ModelError(message, path=tuple(map(str, [*index, k])))
+    return times
+
+
+@kind("moments", "times > 0 ms, each later than the one before", listed=True)
+def _moments(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
+    times = value.values if isinstance(value, FromFile) else _listed(q, value, what)
+    if times.ndim != 1:
+        raise wrong(q, value, what)
+    bad = np.flatnonzero(~(np.isfinite(times) & (np.diff(times, prepend=0.0) > 0)))
+    if bad.size:
+        raise wrong(q, float(times[bad[0]]), what, int(bad[0]))
+    return times
+
+
+@kind("series", "a list of numbers", listed=True)
+def _series(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
+    array = value.values if isinstance(value, FromFile) else _listed(q, value, what)
+    if array.ndim not in (1, 2):
+        raise wrong(q, value, what)
+    check_each(q, array, what)
+    return array
+
+
+@kind("train", "a row for each spike: a time > 0 ms, not before the last one, and a neuron", listed=True)
+@kind(
+    "graded_train",
+    "a row for each spike: a time > 0 ms, not before the last one, a neuron and a whole payload of 32 bits",
+    listed=True,
+)
+def _spikes(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
+    rows = value.values if isinstance(value, FromFile) else _listed(q, value, what)
+    columns = 2 if q.kind == "train" else 3
+    rows = rows.reshape(0, columns) if rows.size == 0 else rows
+    if rows.ndim != 2 or rows.shape[1] != columns:
+        raise wrong(q, value, what)
+    times, ids, payloads = rows[:, 0], rows[:, 1], rows[:, 2:]
+    bad = ~(np.isfinite(times) & (times > 0) & (np.diff(times, prepend=0.0) >= 0))
+    bad |= ~((ids >= 0) & (ids <= LARGEST) & (ids == np.floor(ids)))
+    bad |= ~((np.abs(payloads) < 2**31) & (payloads == np.floor(payloads))).all(axis=1)
+    if bad.any():
+        k = int(np.flatnonzero(bad)[0])
+        before = f" after {shown(float(times[k - 1]))} ms" if k and times[k] < times[k - 1] else ""
+        carried = "".join(f" with payload {_or_beyond(payload)}" for payload in payloads[k])
+        found = f"{shown(float(times[k]))} ms of neuron {_or_beyond(ids[k])}{carried}{before}"
+        raise ModelError(f"{what}[{k}] = {found}: expected {q.expected()}", path=(str(k),))
+    return rows
+
+
+def _or_beyond(value: float) -> str:
+    """A number, with the bound of whole numbers where it is beyond that."""
+    beyond = f", above {LARGEST}" if value > LARGEST else f", below -{LARGEST}" if value < -LARGEST else ""
+    return shown(float(value)) + beyond
+
+
+def _listed(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
+    """A list or an array; a distribution is none."""
+    if not isinstance(value, (list, tuple, np.ndarray)):
+        raise wrong(q, value, what)
+    return array_of(q, value, what)

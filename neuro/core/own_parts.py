@@ -1,0 +1,66 @@
+"""Checks of third-party classes: whether they have the functions and methods that backends and the compiler call."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+def check_functions(label: str, model: type[Any], functions: Mapping[str, int]) -> None:
+    """Refuse a model whose arithmetic lacks a function, or has one with other arguments.
+
+    Args:
+        label: what messages call the model.
+        model: the class.
+        functions: how many arguments each takes.
+
+    Raises:
+        TypeError: it says which.
+    """
+    arithmetic = model.arithmetic
+    for name, count in functions.items():
+        code = getattr(getattr(arithmetic, name, None), "__code__", None)
+        if code is None:
+            raise TypeError(f"{label}: '{arithmetic.__name__}' has no function '{name}'")
+        if code.co_argcount != count:
+            raise TypeError(f"{label}: '{name}' takes {code.co_argcount} arguments: expected {count}")
+
+
+def fill(label: str, model: type[Any], p: Any, c: Any) -> None:
+    """Compute the constants of a model for a step of 0.1 ms.
+
+    Raises:
+        TypeError: it has more of them than `c` holds.
+    """
+    try:
+        model.arithmetic.constants(p, 0.1, c)
+    except (IndexError, ValueError) as error:
+        raise TypeError(
+            f"{label}: 'constants' fails for its defaults ({error}): "
+            f"expected at most {len(c)} constants, its width, from {len(p)} parameters"
+        ) from None
+
+
+def check_method(part: type[T], base: type[Any], name: str, does: str) -> type[T]:
+    """Return a third-party class if it has a method of its own in place of that of a base.
+
+    Args:
+        part: the class.
+        base: of the kind of parts; its method has the right arguments.
+        name: of the method.
+        does: what the method does, for the message.
+
+    Raises:
+        TypeError: the method is missing, or has other arguments.
+    """
+    own, method, message = getattr(base, name), getattr(part, name), f"{base.kind} '{part.__name__}'"
+    expected = own.__code__.co_varnames[: own.__code__.co_argcount]
+    if method is own:
+        raise TypeError(f"{message} has no method '{name}', which {does}")
+    taken = method.__code__.co_argcount
+    if taken != len(expected):
+        text = f"'{name}' takes {taken} arguments: expected {len(expected)}, ({', '.join(expected)})"
+        raise TypeError(f"{message}: {text}")
+    return part

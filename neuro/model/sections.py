@@ -1,0 +1,110 @@
+"""The sections of a network that say how it is used: its trials, and how recordings are shown to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from neuro.core.choice import Choice
+from neuro.core.errors import ModelError
+from neuro.core.quantities import quantity
+from neuro.core.values import shown
+
+DECIDED_BY = ("counts", "potential", "first")
+"""How an output decides: most spikes, the highest mean potential, or the first spike."""
+CENTRED = "centred"
+"""Asks for a window round what each recording shows."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class labels(Choice):
+    """Which label a map stands for: map m has the label m // maps_per_label."""
+
+    kind: ClassVar[str] = "labels"
+    of: str = quantity(doc="the population whose first axis is the map", kind="name")
+    maps_per_label: int = quantity(1, "", "maps of each label", kind="integer", at_least=1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class reward(Choice):
+    """The reward of a trial by its outcome; > 0 rewards, < 0 punishes, 0 teaches nothing."""
+
+    kind: ClassVar[str] = "reward"
+    correct: float = quantity(1.0, "", "the decision is the label")
+    wrong: float = quantity(-1.0, "", "it is another one")
+    silent: float = quantity(0.0, "", "there was no decision")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class dropout(Choice):
+    """Leave maps out while learning: a dropped map integrates but cannot fire.
+
+    The share in epoch e is p decay^e. Source: Mosca 2020, section 6.2.6 and table 3.
+    """
+
+    kind: ClassVar[str] = "dropout"
+    of: str = quantity(doc="the population", kind="name")
+    axis: str = quantity("map", "", "what is dropped as one", kind="word", words=("map",))
+    p: float = quantity(0.25, "", "share dropped in the first epoch", at_least=0, below=1)
+    every: str = quantity("sample", "", "how long a draw holds", kind="word", words=("sample", "trial"))
+    decay: float = quantity(1.0, "", "factor on p from epoch to epoch", at_least=0, at_most=1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trials(Choice):
+    """Short presentations, each with a decision and, when labelled, a reward.
+
+    A tick is one step of a trial; an input at time t is emitted in tick t / resolution, 0 <= t < duration.
+    At the start of a trial no spike is under way and the states named in `reset` are as at time 0.
+    """
+
+    kind: ClassVar[str] = "trials"
+    word: ClassVar[str] = "trials"
+    input: str = quantity(doc="the spike_generator that receives the trials' spikes", kind="name")
+    duration: float = quantity(doc="length of a trial", unit="ms", above=0)
+    stop: str = quantity(
+        "at_decision",
+        "",
+        "as soon as no neuron can decide any more, or after the full duration",
+        kind="word",
+        words=("at_decision", "full"),
+    )
+    labels: Any = quantity(None, "", "what the maps stand for", kind="part", part=labels)
+    reward: Any = quantity(None, "", "the reward by outcome", kind="part", part=reward)
+    dropout: Any = quantity(None, "", "maps left out while learning", kind="part", part=dropout)
+    reset: Any = quantity(("V_m",), "", "states that start anew", kind="names")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Readout(Choice):
+    """How recordings of event cameras are shown to a network, and how its output decides on their class."""
+
+    kind: ClassVar[str] = "readout"
+    word: ClassVar[str] = "readout"
+    input: str = quantity(doc="the spike_generator of the pixels", kind="name")
+    output: str = quantity(doc="the population of which each neuron stands for a class", kind="name")
+    decide: Any = quantity(
+        None,
+        doc="by most spikes, the highest mean potential or the first spike; by spikes where there are some",
+        kind="word",
+        words=DECIDED_BY,
+    )
+    classes: Any = quantity(None, doc="names of the output's neurons, in their order", kind="names")
+    duration: Any = quantity(None, "ms", "how long it runs for a recording; until each has come through", above=0)
+    start: float = quantity(0.0, "ms", "from a recording's first event to its first step", at_least=0)
+    scale: int = quantity(1, "px", "in a row and in a column that are one neuron", kind="integer", at_least=1)
+    window: Any = quantity(
+        None,
+        "px",
+        "of a larger sensor: column and row from which it is seen, or round what each recording shows",
+        kind="shape",
+        at_least=0,
+        words=(CENTRED,),
+    )
+    merge: bool = quantity(False, doc="whether events of a pixel in one step are one spike", kind="boolean")
+
+    def __post_init__(self) -> None:
+        Choice.__post_init__(self)
+        if self.window not in (None, (CENTRED,)) and (len(self.window) != 2 or CENTRED in self.window):
+            message = f"readout.window = {shown(list(self.window))}: expected {CENTRED}, or [column, row]"
+            raise ModelError(message, path=("window",))
