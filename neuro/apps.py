@@ -105,7 +105,7 @@ if TYPE_CHECKING:
         sealed as sealed,
         write_text as write_text,
     )
-    from neuro.core.pictures import write_picture as write_picture
+    from neuro.core.pictures import check_picture as check_picture, write_picture as write_picture
     from neuro.core.processes import (
         Done as Done,
         Lost as Lost,
