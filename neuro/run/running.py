@@ -39,7 +39,7 @@ class RunningNetwork:
         self.backend, self.program = backend, program
         self._run = run = Run(net, backend, program, engine)
         self._net, self._engine, self._latest = net, engine, net.latest
-        self._clock, self.handles = run.clock, run.handles
+        self._clock, self.handles, self._rules = run.clock, run.handles, run.rules
         self._records, self._watch = Records(run), Watch(run)
         self._inflow: Inflow | None = None
         if any(part.stream is not None for part in program.populations):

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from neuro.run.saved import Saved
     from neuro.run.stepper import Stepper
     from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
-    from neuro.run.values import Values
+    from neuro.run.values import NeuronValues, SynapseValues, Values
     from neuro_doctor.diagnosis import Diagnosis
 
 _FLAG = Quantity(kind="boolean")
@@ -64,6 +64,14 @@ class Simulation(RunningNetwork):
         from neuro.run.values import Values
 
         return Values(self._run)
+
+    @property
+    def _synapses(self) -> SynapseValues:
+        return self._values.synapses
+
+    @property
+    def _cells(self) -> NeuronValues:
+        return self._values.cells
 
     @cached_property
     def _inputs(self) -> InputFeeder:
@@ -194,7 +202,7 @@ class Simulation(RunningNetwork):
 
     def states(self, of: Population | View | str) -> list[str]:
         """The states of a population's neurons that this backend shows, in the order of its model."""
-        return self._values.cells.states(self.handles.neurons(of))
+        return self._cells.states(self.handles.neurons(of))
 
     @alone
     def weights(
@@ -229,7 +237,7 @@ class Simulation(RunningNetwork):
     @alone
     def set_weights(self, of: Projection | str, weights: ArrayLike) -> None:
         """Replace the weights of a projection: one for all, or an array in the form that `weights` gives."""
-        self._values.synapses.set_weights(self.handles.projection(of), weights, None)
+        self._synapses.set_weights(self.handles.projection(of), weights, None)
         self.steered["set_weights"] = None
 
     # input and output
@@ -503,7 +511,7 @@ class Simulation(RunningNetwork):
     @alone
     def network(self) -> Network:
         """The network with what it has learnt: save it, or compile it for another backend."""
-        self._values.synapses.check()
+        self._synapses.check()
         from neuro.run.saved import learnt_network
 
         return learnt_network(self._run)
@@ -549,7 +557,7 @@ class Simulation(RunningNetwork):
             steered="signal" in self.steered,
         )
         try:
-            self._values.synapses.check()
+            self._synapses.check()
         except ModelError as error:
             diagnosis: Diagnosis = doctor.refused(self.program.name, [error])
         else:
@@ -571,7 +579,7 @@ class Simulation(RunningNetwork):
         Raises:
             ModelError: the file cannot be written, or a weight is NaN or infinite: its rule is unstable.
         """
-        self._values.synapses.check()
+        self._synapses.check()
         self._refuse_replaying("save")
         from neuro.run.collect import files_of, record_of
 

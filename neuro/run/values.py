@@ -16,7 +16,7 @@ from neuro.model.parts import Population, Projection as Described, Side
 from neuro.model.synapses import Synapse
 from neuro.model.views import View
 from neuro.program.backend import Registers, SettableSynapses, unreadable
-from neuro.program.program import Floats, Projection, synapse_states
+from neuro.program.program import Floats, Ints, Projection, synapse_states
 from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
 from neuro.run import settable
 from neuro.run.handles import Neurons, Run
@@ -79,6 +79,10 @@ class SynapseValues:
         self._program, self._engine, self._clock, self._rules = run.program, run.engine, run.clock, run.rules
         self._handles = run.handles
 
+    def ends(self, index: int) -> tuple[Ints, Ints]:
+        """Source and target of every synapse, in the order of the weights."""
+        return self._handles.ends(index)
+
     def chosen(self, index: int, of: Any, pre: Side, post: Side, *, some: bool = False) -> Chosen | None:
         """Which synapses are of some pairs of neurons, or go from some neurons to some neurons; None for all.
 
@@ -107,14 +111,14 @@ class SynapseValues:
         if len(said) > 1:
             raise ModelError(f"found both 'of' and '{[*said][1]}': expected pairs, or the neurons at either end")
         source, target = (self._program.populations[end] for end in (part.source, part.target))
-        ends = Ends(part.name, (source.name, target.name), (source.size, target.size), *self._handles.ends(index))
+        ends = Ends(part.name, (source.name, target.name), (source.size, target.size), *self.ends(index))
         return places_of_pairs(ends, of)
 
     def _between(self, part: Projection, index: int, pre: Side, post: Side, some: bool) -> NDArray[np.bool_] | None:
         kept: NDArray[np.bool_] | None = None
         ways = []
         sides = (("pre", "from", pre, part.source), ("post", "to", post, part.target))
-        for (word, way, side, population), ids in zip(sides, self._handles.ends(index), strict=True):
+        for (word, way, side, population), ids in zip(sides, self.ends(index), strict=True):
             if side is None:
                 continue
             neurons = self._handles.neurons_or_ids(side, population, word)
@@ -242,7 +246,7 @@ class SynapseValues:
         late = (self.read(index, "delay"),) if delays else ()
         if grid is not None:
             return (weight.reshape(grid.kernels), float(late[0][0])) if late else weight.reshape(grid.kernels)
-        rows = (*self._handles.ends(index), weight, *late)
+        rows = (*self.ends(index), weight, *late)
         return rows if chosen is None else tuple(row[chosen] for row in rows)
 
     def check(self) -> None:

@@ -10,7 +10,7 @@ import neuro
 import neuro_models
 from neuro.chips import chip, place, quantise
 from neuro.chips.description import Chip, Mesh
-from neuro.chips.fitting import too_late
+from neuro.chips.fitting import cut, fits_one_chip, too_late
 from neuro.chips.incoming import block_bits, synapse_bits
 from neuro.compiler import compile_network
 from to_place import LOIHI, SPINNAKER, limited, network, sources
@@ -215,6 +215,26 @@ def test_as_many_neurons_as_are_told_would_fit(sizes, limit, chips):
         assert place(network(*zip(names, other, strict=True)), machine).problems == ()
         if len(sizes) == 1:
             assert place(network(("a", told + 1)), machine).problems != ()
+
+
+@given(
+    sizes=st.lists(st.integers(1, 40), min_size=1, max_size=4),
+    neurons=st.integers(4, 12),
+    axons=st.integers(1, 60),
+    memory=st.integers(100, 4000),
+    order=st.sampled_from(["connected", "declared"]),
+)
+def test_what_fits_one_chip_has_no_problem_wherever_it_lies(sizes, neurons, axons, memory, order):
+    limits = {"axons_in_per_core": axons, "synapse_bytes_per_chip": memory, "chips": 1}
+    machine = limited(mesh=Mesh(1, 1, 8), cores_per_chip=8, neurons_per_core=neurons, **limits)
+    names = "abcd"[: len(sizes)]
+    ring = [(names[k - 1], name, neuro.all_to_all()) for k, name in enumerate(names)]
+    program = network(*zip(names, sizes, strict=True), connect=ring)
+    if fits_one_chip(program, machine, cut(program, machine, order=order)):
+        placed = place(program, machine, order=order)
+        assert (placed.problems, placed.chips_used) == ((), 1)
+    alone = network(("a", 1))
+    assert fits_one_chip(alone, machine, cut(alone, machine, order=order))
 
 
 @pytest.mark.parametrize(
