@@ -42,7 +42,8 @@ import neuro
 import neuro_models
 from neuro import ModelError
 from neuro.core.hdf5 import put, reading, take, writing
-from neuro.core.outputs import Kind, make_folder, write_picture, write_text
+from neuro.core.outputs import Kind, make_folder, write_text
+from neuro.core.pictures import write_picture
 
 NEST = version("nest-simulator") if find_spec("nest") else "not installed"
 SPIKES = "neuro benchmark spikes 1"
