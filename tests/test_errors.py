@@ -60,7 +60,7 @@ INSIDE = {
     ("NotImplementedError", "apps/neuro_exchange/"): "of a method that subclasses have",
     ("TypeError", "apps/neuro_bench/"): "of what is no task or method; a registry tells it as ModelError",
     ("TypeError", "neuro/model/"): "of a class that is no model; a registry tells it as ModelError",
-    ("TypeError", "neuro/core/registry.py"): "likewise",
+    ("TypeError", "neuro/core/own_parts.py"): "likewise",
     ("TypeError", "neuro/coding/"): "of a function that is no code; a registry tells it as ModelError",
     ("TypeError", "apps/neuro_events/f"): "of what is no format or filter; a registry tells it as ModelError",
     ("TypeError", "neuro/kernels/kept.py"): "to the author of a kernel",

@@ -376,7 +376,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "apps/neuro_live/page.py",  # a file for the browser, in a folder of its own
     }
     journal = {"apps/neuro_sweeps/journal.py"}  # many add lines to it, so it is rewritten under its own lock
-    assert found == {"neuro/core/outputs.py"} | formats | temporary | given | journal
+    assert found == {"neuro/core/outputs.py", "neuro/core/pictures.py"} | formats | temporary | given | journal
 
 
 FORMATS = ("_reading", "aedat4", "npz", "table")  # _reading writes the formats of plain words

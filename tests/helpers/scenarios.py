@@ -19,12 +19,12 @@ from typing import Any, TypeVar
 import numpy as np
 from hypothesis import strategies as st
 
+from built_in import INTEGRATED
 from neuro.core.choice import Choice
 from neuro.core.quantities import word_of
 from neuro.model.distributions import uniform
 from neuro.model.network import Network
 from neuro.model.neurons import (
-    INTEGRATED,
     Model,
     ac_generator,
     aeif_cond_exp,

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 import neuro
 from event_tests import refusal
 from neuro import ModelError
-from neuro.compiler import inputs
+from neuro.compiler import cameras
 from neuro.core.clock import Clock
 from neuro.events import Events, load, save
 from seen import STEP, network, same_run
@@ -93,7 +93,7 @@ def test_the_step_of_an_event_is_exact(case, after):
     exact = Fraction(1, 3) if resolution == 1 / 3 else Fraction(str(resolution))
     rows, shape = by_hand(events, **words, resolution=exact)
     part = neuro.Network("n", resolution=resolution).population("c", "auto", neuro.event_camera(events=events, **words))
-    camera = inputs.CameraInput(part, part.model, Clock(resolution))
+    camera = cameras.CameraInput(part, part.model, Clock(resolution))
     assert camera.shape == shape
     stretches = list(camera.after(after))
     found = [row for s in stretches for row in zip(s.steps.tolist(), s.ids.tolist(), strict=True)]
