@@ -14,7 +14,6 @@ from neuro.compiler.pairs import Between, space_of
 from neuro.model.parts import Population
 from neuro.model.space import PROFILES, Profile
 from neuro.program.program import Projection
-from refusals import refusal, refusals
 
 LINE = {"shape": 200, "extent": [2.0]}
 SHEET = {"shape": [12, 15], "extent": [1.2, 1.5]}
@@ -248,9 +247,8 @@ PLACED = {"shape": 2, "positions": [[0.0, 1.0], [2.0, 0.5]]}
 ANY = neuro.distance_dependent(p=0.5)
 
 
-@refusals("distance")
-def test_mistakes(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_mistakes(messages):
+    messages.calls(globals())
 
 
 TWO = """\
@@ -271,10 +269,9 @@ def load(word: str, text: str) -> None:
     neuro.load("net.yaml")
 
 
-@refusals("distance in YAML")
-def test_mistakes_in_yaml(tmp_path, monkeypatch, call: str, message: str):
+def test_mistakes_in_yaml(tmp_path, monkeypatch, messages):
     monkeypatch.chdir(tmp_path)
-    assert refusal(call, globals()) == message
+    messages.calls(globals())
 
 
 def test_a_kernel_has_no_distance():

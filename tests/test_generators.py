@@ -10,7 +10,6 @@ from neuro.core.errors import ModelError
 from neuro.program.currents import Emission
 from neuro.testing.connections import steered
 from neuro.testing.trials import chooser
-from refusals import refusal, refusals
 
 NOISE = {"mean": 50.0, "std": 120.0, "dt": 0.5}
 
@@ -213,9 +212,8 @@ def onto_two(model: Any, shape: int = 2) -> None:
     neuro.compile(net, "reference")
 
 
-@refusals("generators")
-def test_mistakes_are_told(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_mistakes_are_told(messages):
+    messages.calls(globals())
 
 
 def test_what_is_fixed_is_told():

@@ -12,7 +12,6 @@ import neuro
 from neuro.core.quantities import Value, quantity
 from neuro.model.neurons import MODELS, State, base as neurons, iaf_psc_exp
 from neuro.model.synapses import SYNAPSES, complete, stdp, stdp_dopa
-from refusals import refusal, refusals
 
 V_M, NOTE = State("V_m", "mV", "membrane potential"), State("note", "", "something else")
 
@@ -51,9 +50,8 @@ def another_first(p, h, c):
     c[0] = 1.0
 
 
-@refusals("incomplete neurons")
-def test_an_incomplete_neuron_is_refused(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_an_incomplete_neuron_is_refused(messages):
+    messages.calls(globals())
 
 
 def test_a_neuron_has_at_most_twenty_numeric_parameters():
@@ -70,9 +68,8 @@ def test_a_neuron_has_at_most_twenty_numeric_parameters():
         neurons.complete(worded)
 
 
-@refusals("incomplete rules")
-def test_an_incomplete_rule_is_refused(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_an_incomplete_rule_is_refused(messages):
+    messages.calls(globals())
 
 
 @pytest.mark.parametrize("model", [stdp, stdp_dopa])

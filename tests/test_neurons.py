@@ -11,7 +11,6 @@ from neuro.model.neurons import Neuron
 from neuro.testing import check_part
 from neuro.testing.golden import Result
 from neuro.testing.verify import verify
-from refusals import refusal, refusals
 
 NEURONS = [
     neuro.iaf_cond_exp(E_L=-65.0, tau_syn_ex=5.0, I_e=100.0, V_th=neuro.uniform(low=-56.0, high=-50.0)),
@@ -151,6 +150,5 @@ def on(backend: str, model: Neuron) -> None:
     neuro.compile(net, backend)
 
 
-@refusals("neurons of other backends")
-def test_others_refuse_it(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_others_refuse_it(messages):
+    messages.calls(globals())

@@ -6,7 +6,7 @@ import pytest
 
 import neuro
 from neuro.extend import Neuron
-from refusals import message_of
+from refused import without_place
 
 
 def cells(model: Neuron, resolution: float = 0.1, **initial: object) -> neuro.Network:
@@ -20,7 +20,7 @@ def cells(model: Neuron, resolution: float = 0.1, **initial: object) -> neuro.Ne
 )
 def test_rk4_steps_too_long_for_the_axon_are_refused(resolution: float, substeps: int, length: str, expected: int):
     net = cells(neuro.hh_psc_alpha(rk4_substeps=substeps), resolution)
-    assert message_of(neuro.compile, net) == (
+    assert without_place(neuro.compile, net) == (
         f"population 'cells': hh_psc_alpha.rk4_substeps = {substeps}: steps of {length} ms run away: "
         f"expected at most 0.05 ms\n  hint: write rk4_substeps={expected}, or 0 for RKF45"
     )
@@ -29,7 +29,7 @@ def test_rk4_steps_too_long_for_the_axon_are_refused(resolution: float, substeps
 
 def test_rk4_steps_too_long_cannot_be_set_either():
     sim = neuro.compile(cells(neuro.hh_psc_alpha()), "reference")
-    assert message_of(sim.set, "cells", rk4_substeps=1).startswith(
+    assert without_place(sim.set, "cells", rk4_substeps=1).startswith(
         "population 'cells': hh_psc_alpha.rk4_substeps = 1: steps"
     )
     sim.set("cells", rk4_substeps=2)
@@ -47,11 +47,11 @@ BOUNDED = [
 @pytest.mark.parametrize(("model", "state", "value", "expected"), BOUNDED)
 def test_states_have_bounds(model: type[Neuron], state: str, value: float, expected: str):
     message = f"{state} = {value:g}: expected a number {expected}"
-    assert message_of(cells, model(), **{state: value}) == f"population 'cells': initial.{message}"
+    assert without_place(cells, model(), **{state: value}) == f"population 'cells': initial.{message}"
     sim = neuro.compile(cells(model(), **{state: 0.5}), "reference")
-    assert message_of(sim.set, "cells", **{state: value}) == f"cells.{message}"
+    assert without_place(sim.set, "cells", **{state: value}) == f"cells.{message}"
     assert (
-        message_of(sim.set, "cells", **{state: [0.5, value]})
+        without_place(sim.set, "cells", **{state: [0.5, value]})
         == f"cells.{state}[1] = {value:g}: expected a number {expected}"
     )
     sim.set("cells", **{state: 1.0})
@@ -59,7 +59,7 @@ def test_states_have_bounds(model: type[Neuron], state: str, value: float, expec
 
 def test_drawn_states_have_bounds():
     net = cells(neuro.iaf_cond_exp(), g_ex=neuro.uniform(low=-2.0, high=-1.0))
-    assert message_of(neuro.compile, net) == (
+    assert without_place(neuro.compile, net) == (
         "population 'cells': initial.g_ex[0] = -1.8787842103688903: expected a number >= 0 nS"
     )
 
@@ -76,8 +76,8 @@ OPENING = neuro.equations(
 
 
 def test_conductances_of_equations_have_bounds():
-    assert message_of(cells, OPENING(), g=-1.0) == "population 'cells': initial.g = -1: expected a number >= 0 nS"
-    assert message_of(neuro.compile, cells(OPENING(g_0=-3.0))) == (
+    assert without_place(cells, OPENING(), g=-1.0) == "population 'cells': initial.g = -1: expected a number >= 0 nS"
+    assert without_place(neuro.compile, cells(OPENING(g_0=-3.0))) == (
         "population 'cells': initial.g = -3: expected a number >= 0 nS"
     )
 
@@ -96,14 +96,14 @@ STEPS = "take smaller steps, weaker input or currents, and states nearer to wher
 def test_a_state_that_is_no_number_is_told(backend: str, model: Neuron):
     sim = neuro.compile(cells(model), backend)
     sim.set("cells", V_m=1e4)
-    message = message_of(sim.run, 1.0)
+    message = without_place(sim.run, 1.0)
     assert message.startswith("population 'cells': V_m of neuron 0 is ")
     assert message.endswith(f" at 1 ms: a numerical instability of {model.name}\n  hint: {STEPS}")
 
 
 def test_the_neuron_and_the_state_are_named():
     sim = neuro.compile(cells(RUNAWAY(), V_m=[-170.0, -20.0]), "reference")
-    assert message_of(sim.run, 0.5) == (
+    assert without_place(sim.run, 0.5) == (
         f"population 'cells': V_m of neuron 1 is nan at 0.5 ms: a numerical instability of runaway\n  hint: {STEPS}"
     )
 
@@ -135,7 +135,7 @@ def test_a_weight_that_is_no_number_is_told(backend: str, on_pre: str, shown: tu
     sim = neuro.compile(learnt(on_pre), backend)
     sim.run(3.0)
     told_by = {
-        message_of(call)
+        without_place(call)
         for call in (
             lambda: sim.weights("plastic"),
             lambda: sim.get("plastic", "weight"),
@@ -162,13 +162,13 @@ def test_input_without_bounds_is_told_of_a_linear_neuron(backend: str):
     net.connect("spikes", "cells[1:]", neuro.all_to_all(), weight=-1e308, delay=1.0)
     sim = neuro.compile(net, backend)
     sim.run(1.0)
-    assert message_of(sim.run, 2.0) == (
+    assert without_place(sim.run, 2.0) == (
         "population 'cells': V_m of neuron 1 is -inf at 3 ms: a numerical instability of iaf_psc_delta\n"
         f"  hint: {STEPS}"
     )
     sim.reset()
     sim.run(1.0)
-    assert "V_m of neuron 1 is -inf" in message_of(sim.run, 1.5)
+    assert "V_m of neuron 1 is -inf" in without_place(sim.run, 1.5)
 
 
 @pytest.mark.parametrize("backend", ["reference", "event", "torch"])
@@ -177,7 +177,7 @@ def test_linear_equations_that_grow_by_themselves_are_told_even_in_runs_of_one_s
         pytest.importorskip(backend)
     growing = neuro.equations("growing", equations={"V_m": "V_m/tau"}, parameters={"tau": "1 ms"})
     sim = neuro.compile(cells(growing(), 100.0, V_m=[0.0, 1.0]), backend)
-    message = message_of(lambda: [sim.run(100.0) for _ in range(30)])
+    message = without_place(lambda: [sim.run(100.0) for _ in range(30)])
     assert message.startswith(
         "population 'cells': V_m of neuron 1 is inf at 800 ms: a numerical instability of growing"
     )
@@ -198,7 +198,7 @@ DIVISORS = {
 def test_constants_that_are_not_finite_are_refused(text: str):
     column, found, hint = DIVISORS[text]
     parameters = {"E_L": "-70 mV", "tau_m": "0 ms", "b": "10 ms"}
-    message = message_of(neuro.equations, "m", equations={"V_m": text}, parameters=parameters)
+    message = without_place(neuro.equations, "m", equations={"V_m": text}, parameters=parameters)
     first, _, _, *rest = message.split("\n")
     assert first == f"model 'm': equations.V_m, column {column}: {found}"
     assert rest == [f"  hint: {hint}"] * bool(hint)
@@ -208,7 +208,7 @@ def test_values_that_make_a_divisor_0_are_refused():
     parameters = {"E_L": "-70 mV", "a": "10 ms", "b": "5 ms"}
     words = {"let": {"tau": "a - b"}, "equations": {"V_m": "where(b > 7 ms, E_L - V_m, 2*E_L - 2*V_m)/tau"}}
     model = neuro.equations("own", **words, parameters=parameters, integrator="euler")
-    assert message_of(neuro.compile, cells(model(b=[1.0, 10.0]))) == (
+    assert without_place(neuro.compile, cells(model(b=[1.0, 10.0]))) == (
         "population 'cells': own: equations.V_m, column 42: 'tau' is 0: expected a divisor other than 0\n"
         f"    where(b > 7 ms, E_L - V_m, 2*E_L - 2*V_m)/tau\n    {' ' * 41}^\n  hint: a = 10 ms, b[1] = 10 ms"
     )
@@ -227,8 +227,8 @@ def test_what_is_never_chosen_may_divide_by_0():
 def test_time_constants_of_0_are_refused_in_rules():
     words = {"on_pre": {"w": "w + a/b"}, "traces": {"K": {"of": "pre", "tau": "tau"}}, "on_post": {"w": "w + K"}}
     rule = neuro.equations("own", **words, parameters={"a": 1, "b": 1, "tau": "5 ms"})
-    assert message_of(rule, b=0.0).startswith("own: on_pre.w, column 6: 'b' is 0: expected a divisor other than 0")
-    message = message_of(neuro.equations, "none", **words, parameters={"a": 1, "b": 1, "tau": "0 ms"})
+    assert without_place(rule, b=0.0).startswith("own: on_pre.w, column 6: 'b' is 0: expected a divisor other than 0")
+    message = without_place(neuro.equations, "none", **words, parameters={"a": 1, "b": 1, "tau": "0 ms"})
     assert message.startswith("model 'none': parameters.tau, column 1: 'tau' is not above 0: expected a time constant")
 
 

@@ -13,7 +13,6 @@ import pytest
 import neuro
 from neuro.extend import Distribution, Neuron, Rule, State, Synapse, Trace, quantity
 from neuro.testing.case import differences, observe
-from refusals import refusal, refusals
 
 
 def network(**words):
@@ -142,9 +141,8 @@ class absent(Distribution):
     """Does not say how it is drawn."""
 
 
-@refusals("own parts")
-def test_what_is_not_as_it_should_be_is_told(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_what_is_not_as_it_should_be_is_told(messages):
+    messages.calls(globals())
 
 
 def test_a_state_of_other_states_is_refused(tmp_path):

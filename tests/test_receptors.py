@@ -8,7 +8,6 @@ from neuro import ModelError, static
 from neuro.compiler.show import program_text, tables
 from neuro.testing import check_part, observe
 from neuro.testing.case import differences
-from refusals import refusal, refusals
 
 BACKENDS = ("reference", "event")
 RATES = {"C_m": 200.0, "tau_syn_ex": 2.0, "tau_syn_in": 9.0}
@@ -150,9 +149,8 @@ def onto(cell, synapse, weight=1.0, source=None) -> neuro.Simulation:
     return neuro.compile(net)
 
 
-@refusals("receptors")
-def test_messages_of_refused_receptors(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_messages_of_refused_receptors(messages):
+    messages.calls(globals())
 
 
 def test_a_current_needs_no_receptor():

@@ -20,7 +20,6 @@ from neuro.program.program import Program
 from neuro.run.compiled import ApproximationWarning
 from neuro.run.simulation import Simulation
 from neuro_reference import ReferenceBackend
-from refusals import refusal, refusals
 
 
 def small() -> Network:
@@ -158,9 +157,8 @@ def test_memory_is_told():
     assert start().memory()["synapses"] > 0
 
 
-@refusals("simulation")
-def test_misuse(call: str, message: str):
-    assert refusal(call, globals() | {"s": start()}) == message
+def test_misuse(messages):
+    messages.calls(lambda: globals() | {"s": start()})
 
 
 def test_spikes_that_are_not_recorded():

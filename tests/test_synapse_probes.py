@@ -5,7 +5,6 @@ import pytest
 
 import neuro
 from neuro import ModelError
-from refusals import refusal, refusals
 
 
 def network():
@@ -26,9 +25,8 @@ def probed(of="learning", **words):
     return neuro.compile(net, "reference")
 
 
-@refusals("probes of synapses")
-def test_what_is_refused(call, message):
-    assert refusal(call, globals()) == f"probe 'w': {message}"
+def test_what_is_refused(messages):
+    messages.calls(globals())
 
 
 def test_synapses_are_chosen_by_their_ends(tmp_path):

@@ -9,7 +9,6 @@ import yaml
 import neuro
 from neuro import ModelError
 from neuro.chips import chip, quantise
-from refusals import refusal, refusals
 
 MODELS = yaml.safe_load(Path(__file__).with_name("models.yaml").read_text())["models"]
 CHIPS = pytest.mark.parametrize("target", ["loihi", "spinnaker"])
@@ -143,9 +142,8 @@ def on_loihi(**words):
         raise only from None
 
 
-@refusals("equations on chips")
-def test_of_other_equations_it_says_why_not(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_of_other_equations_it_says_why_not(messages):
+    messages.calls(globals())
 
 
 def test_a_membrane_that_grows_is_refused():

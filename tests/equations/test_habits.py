@@ -4,7 +4,6 @@ import pytest
 
 import neuro
 from neuro import ModelError
-from refusals import refusal, refusals
 
 PARAMETERS = {"E_L": "-70 mV", "tau": "10 ms", "V_th": "-50 mV", "sigma": "2 mV"}
 LEAK = {"V_m": "(E_L - V_m)/tau"}
@@ -67,9 +66,8 @@ def model(**words):
     neuro.equations("m", **{"parameters": PARAMETERS, **words})
 
 
-@refusals("habits")
-def test_words_and_values(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_words_and_values(messages):
+    messages.calls(globals())
 
 
 def test_none_is_as_left_out():

@@ -9,7 +9,6 @@ import pytest
 import neuro
 from neuro import ModelError
 from neuro.compiler.mistakes import mistakes
-from refusals import refusal, refusals
 
 HERE = Path(__file__).parent
 
@@ -22,10 +21,9 @@ def changed(right: str, wrong: str) -> None:
     neuro.load("net.yaml")
 
 
-@refusals("equations in a file")
-def test_a_mistake_in_a_file(tmp_path, monkeypatch, call: str, message: str):
+def test_a_mistake_in_a_file(tmp_path, monkeypatch, messages):
     monkeypatch.chdir(tmp_path)
-    assert refusal(call, globals()) == message
+    messages.calls(globals())
 
 
 UNITLESS = {

@@ -5,7 +5,6 @@ import pytest
 
 import neuro
 from neuro.testing import check_part
-from refusals import refusal, refusals
 
 TRACES = {"K_plus": {"of": "pre", "tau": "tau_plus"}, "K_minus": {"of": "post", "tau": "tau_minus"}}
 MSTDPET = {
@@ -146,6 +145,5 @@ def rule(**words):
     neuro.equations("m", **{**MSTDPET, **words})
 
 
-@refusals("modulated equations")
-def test_mistakes(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_mistakes(messages):
+    messages.calls(globals())

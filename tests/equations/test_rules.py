@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import neuro
-from refusals import refusal, refusals
 
 STDP = {
     "traces": {"K_plus": {"of": "pre", "tau": "tau_plus"}, "K_minus": {"of": "post", "tau": "tau_minus"}},
@@ -78,6 +77,5 @@ def rule(**words):
     neuro.equations("m", **{**STDP, **words})
 
 
-@refusals("rules in equations")
-def test_mistakes(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_mistakes(messages):
+    messages.calls(globals())

@@ -2,13 +2,19 @@
 
 A test gives the messages that it collected (`refused.refused`) to the fixture `messages`; all other tests look at the
 kind of an error, its place and its suggestion. A renewed file is read in the diff before it is committed.
+
+The cases of a test may also stand in the file alone, as expressions of Python or as texts that the test reads
+(`messages.calls`, `messages.of`): a new case is a line `"expression": ""` there, whose message a renewal adds.
 """
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+
+from refused import without_place
 
 FILE = Path(__file__).parents[1] / "messages.yaml"
 HEAD = "# What is said, by test and case. `pytest --renew-messages` writes the cases of the tests that it runs anew.\n"
@@ -60,6 +66,16 @@ class Messages:
         ]
         if wrong:
             pytest.fail(f"{len(wrong)} messages differ from tests/messages.yaml:\n" + "\n".join(wrong), pytrace=False)
+
+    def of(self, message: Callable[[str], str]) -> None:
+        """Compare the messages that a function gives for each case of the file."""
+        cases = read().get(self._test, {})
+        assert cases, f"tests/messages.yaml has no case of {self._test}"
+        self({case: message(case) for case in cases})
+
+    def calls(self, scope: Mapping[str, Any] | Callable[[], Mapping[str, Any]]) -> None:
+        """Compare the errors of the cases of the file, expressions by names of a scope, or of a new one for each."""
+        self.of(lambda case: without_place(eval, case, dict(scope() if callable(scope) else scope)))
 
 
 def messages_of(request: Any) -> Messages:

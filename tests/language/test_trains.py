@@ -11,7 +11,6 @@ import neuro
 from neuro.core.errors import ModelError
 from neuro.files.results import write
 from neuro.run.collect import collect
-from refusals import refusal, refusals
 
 TIMES, IDS = np.array([0.5, 0.5, 2.0, 7.25]), np.array([1, 0, 1, 2])
 
@@ -79,10 +78,9 @@ def test_a_program_names_files_too(folder, words):
     assert neuro.load("saved.yaml") == net
 
 
-@refusals("spike trains")
-def test_mistakes_of_programs_are_told(folder, call, message):
+def test_mistakes_of_programs_are_told(folder, messages):
     written()
-    assert refusal(call, globals()) == message
+    messages.calls(globals())
 
 
 def test_spikes_of_a_run_are_emitted_again(folder):

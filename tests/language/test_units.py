@@ -10,7 +10,6 @@ from hypothesis import given, strategies as st
 import neuro
 from neuro.cli.options import milliseconds
 from neuro.core.units import TENS, converted, is_measure
-from refusals import refusal, refusals
 
 
 @pytest.mark.parametrize(
@@ -110,9 +109,8 @@ def onto(target: str, **words):
     net.connect("psc", target, neuro.all_to_all(), name="p", **words)
 
 
-@refusals("units")
-def test_mistakes(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_mistakes(messages):
+    messages.calls(globals())
 
 
 def test_a_mistake_in_a_file_has_its_place(message):
