@@ -6,6 +6,7 @@ import pytest
 import neuro
 from neuro.compiler.resolve import compile_network
 from neuro.model.distributions import Distribution
+from refused import without_place
 
 
 def compiled(delay, resolution: float = 0.1, rule=None):

@@ -22,7 +22,6 @@ from neuro import (
     winner_take_all,
 )
 from neuro.extend import Growth, Lesson, Synapse, TrialEnd
-from neuro.model.synapses import SYNAPSES
 from neuro.testing import check_part
 from refused import refused
 
@@ -56,7 +55,7 @@ HITS = mozafari(**RATES, misses=0.5, hits=0.25)
 PEAK = tempotron(lambda_=0.1, tau_m=20.0, tau_s=0.0)
 EARLY = 0.1 * np.exp(-5.0 / 20.0)
 """What a lesson of 0.1 at the second arrival leaves for the first."""
-SILENT = [0.3, 0.2, 0.3, 0.2]
+SILENT, SILENT_PAIR = [0.3, 0.2, 0.3, 0.2], [[0.3, 0.3], [0.3, 0.3]]
 GROWN, SHRUNK = 0.9 + 0.1 * 0.1, 0.4 - 0.05 * 0.4
 
 
@@ -225,16 +224,13 @@ class careless(r_stdp):
         return [self.told if self.told is not None else Lesson(end.winner, end.tick, 1.0)]
 
 
-def test_lessons_for_nobody_are_refused(monkeypatch):
-    def said(rule):
-        return refused(lambda: taught(pair(rule, [[0.3, 0.3], [0.3, 0.3]]), [0]))
-
-    assert "careless: a lesson for neuron -1: expected one of the output, 0 to 1" in said(careless())
-    monkeypatch.setattr(careless, "told", Growth(np.array([1, 2])))
-    assert "careless: growth of maps [1, 2]: expected maps from 0 to 1" in said(careless())
+def test_lessons_for_nobody_are_refused(monkeypatch, messages):
+    told = {}
+    for case, wrong in (("a neuron", None), ("growth", Growth(np.array([1, 2])))):
+        monkeypatch.setattr(careless, "told", wrong)
+        told[case] = refused(taught, pair(careless(), SILENT_PAIR), [0])
     monkeypatch.setattr(mozafari, "lessons", lambda self, end: [Growth(end.maps)])
-    expected = "mozafari: its lessons let maps grow: expected a function 'encourage(w, c)' in its file"
-    assert expected in said(mozafari())
+    messages(told | {"no encouragement": refused(taught, pair(mozafari(), SILENT_PAIR), [0])})
 
 
 # labels
@@ -248,27 +244,8 @@ def test_neurons_are_assigned_what_they_answer_most():
     assert neuro.assign_labels([], [], 2).tolist() == [-1, -1]
 
 
-WEIGHTS = [[0.3, 0.3], [0.3, 0.3]]
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: neuro.assign_labels([0], [0, 1], 2), "1 decided and 2 labels: expected as many of each"),
-        (lambda: neuro.assign_labels([0, 2], [0, 1], 2), "assign_labels: decided[1] = 2: expected -1 to 1"),
-        (lambda: neuro.assign_labels([0], [-1], 2), "assign_labels: labels has -1: expected labels from 0"),
-        (lambda: neuro.assign_labels([0.5], [1], 2), "decided: float64 of shape [1]: expected a row of whole numbers"),
-        (lambda: neuro.read_labels([5], [0, 1]), "read_labels: decided[0] = 5: expected -1 to 1"),
-        (lambda: tempotron(tau_s=15.0), "tempotron.tau_s = 15 ms: expected less than tau_m = 15 ms"),
-        (lambda: first_spike_stdp(Wmin=1.0), "first_spike_stdp.Wmin = 1: expected less than Wmax = 1"),
-        *((lambda name=name: pair(SYNAPSES[name](), WEIGHTS, labels=None), f"trials: {name} of 'w' needs 'labels'")
-          for name in ("r_stdp", "mozafari", "tempotron")),
-        (lambda: task(tempotron(), 3, 1, 6.0, 0, "loihi"),
-         "projection 'w': tempotron without a finite Wmin and Wmax: a weight's word holds no more"),
-    ],
-)  # fmt: skip
-def test_mistakes(call, message):
-    assert message in refused(call)
+def test_mistakes(messages):
+    messages.calls(globals())
 
 
 # learning
@@ -412,26 +389,10 @@ def test_dropout_decays():
 
 
 ONE = ([1.0], [1], [0, 1])
-MISUSE: list[tuple[tuple[Any, ...], dict[str, Any], str]] = [
-    (([0.3], [0], [0, 1]), {}, "times = 0.3 ms: expected a multiple of the resolution, 0.5 ms"),
-    (([10.0], [0], [0, 1]), {}, "times[0] = 10 ms: expected 0 <= t < 10 ms, the duration"),
-    (([1.0], [2], [0, 1]), {}, "ids[0] = 2: expected a neuron from 0 to 1"),
-    (([1.0], [0.5], [0, 1]), {}, "ids: found float64: expected whole numbers"),
-    (([1.0, 2.0], [1], [0, 2]), {}, "2 times and 1 ids: expected as many of each"),
-    (([1.0], [1], [0, 2]), {}, "offsets from 0 to 2: expected ascending numbers from 0 to 1, the number of times"),
-    (ONE, {"learn": True}, "learn=True without labels: expected one label for each"),
-    (([1.0], [1], [0, 1, 1]), {"labels": [0]}, "labels of shape [1]: expected 2 whole numbers, one a trial"),
-    (ONE, {"labels": [2]}, "labels[0] = 2: expected a label from 0 to 1"),
-    (ONE, {"labels": [1], "learn": True, "samples": [1, 2]}, "samples of shape [2]: expected 1 whole numbers, one a "),
-    (ONE, {"labels": [1], "learn": True, "epoch": -1}, "epoch = -1: expected a whole number >= 0"),
-    (([1.0, 1.0, 2.0], [1, 1, 1], [0, 1, 3]), {"labels": [1, 1], "learn": True},
-     "input 1 spikes twice in trial 1: expected at most once while learning"),
-]  # fmt: skip
 
 
-@pytest.mark.parametrize(("arguments", "words", "message"), MISUSE)
-def test_misuse(arguments, words, message):
-    assert refused(lambda: pair(r_stdp(), GOOD).trials(*arguments, **words)).startswith(f"trials: {message}")
+def test_misuse(messages):
+    messages.calls(lambda: {"sim": pair(r_stdp(), GOOD), "ONE": ONE})
 
 
 def test_an_empty_batch_and_an_unsorted_one():
