@@ -9,6 +9,7 @@ from hypothesis import given, settings, strategies as st
 from scipy.stats import chi2
 
 import neuro
+from beside import beside
 from neuro.compiler import compile_network
 from neuro.compiler.pairs import Between, space_of
 from neuro.model.parts import Population
@@ -207,26 +208,7 @@ def test_a_profile_of_ones_own(registries):
     assert np.array_equal(np.stack(pairs_of(part), axis=1), np.argwhere(np.abs(far - np.rint(far)) < 1e-9))
 
 
-YAML = """\
-neuro: 1
-name: near
-resolution: 0.1
-populations:
-  a:
-    model: iaf_psc_exp
-    shape: [4, 5]
-    extent: [4.0, 5.0]
-    periodic: true
-  b: {model: iaf_psc_exp, shape: 2, positions: [[0.0, 1.0], [2.0, 0.5]]}
-projections:
-  a_a:
-    from: a
-    to: a
-    rule: {distance_dependent: {p: {gaussian: {std: 0.5}}, mask: {circular: {radius: 2.0}}, autapses: false}}
-    weight: {of_distance: {linear: {a: -2.0}}}
-    delay: {of_distance: {exponential: {beta: 3.0}}}
-    synapse: static
-"""
+YAML, TWO = beside(__file__, "YAML", "TWO")
 
 
 def test_what_is_said_is_saved(tmp_path):
@@ -249,15 +231,6 @@ ANY = neuro.distance_dependent(p=0.5)
 
 def test_mistakes(messages):
     messages.calls(globals())
-
-
-TWO = """\
-neuro: 1
-populations:
-  a: {model: iaf_psc_exp, shape: [2, 2]WORDS}
-projections:
-  p: {from: a, to: a, rule: RULE, weight: WEIGHT}
-"""
 
 
 def load(word: str, text: str) -> None:

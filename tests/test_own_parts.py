@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro.extend import Distribution, Neuron, Rule, State, Synapse, Trace, quantity
 from neuro.testing.case import differences, observe
 
@@ -161,29 +162,7 @@ def test_a_state_of_other_states_is_refused(tmp_path):
         made(("V_m", "I_syn_in", "I_syn_ex")).restore(tmp_path / "state.h5")
 
 
-UNCOMPILABLE = """
-import neuro
-from dataclasses import dataclass
-from neuro.extend import Neuron
-
-@neuro.register
-@dataclass(frozen=True, kw_only=True, eq=False)
-class odd(neuro.iaf_psc_delta):
-    "Its step cannot be compiled."
-
-def constants(p, h, c):
-    c[0] = p[6]
-
-def step(s, c, x, i_0, lo, hi, fired):
-    for i in range(lo, hi):
-        fired[i] = nobody_knows
-
-def fire(s, c, i):
-    s[0, i] = c[0]
-
-def quiet(s, c, i_0, lo, hi):
-    return False
-"""
+(UNCOMPILABLE,) = beside(__file__, "UNCOMPILABLE")
 
 
 def test_what_numba_cannot_compile_is_told_in_one_error(tmp_path, registries, monkeypatch, answer):

@@ -11,64 +11,14 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro.model.equations import EquationNeuron, EquationSynapse
 from neuro.model.equations.functions import ARGUMENTS, PUBLIC
 from neuro.model.equations.rule import _Between
 
 PYTHON = (*keyword.kwlist, *keyword.softkwlist, "self", "cls", "object", "MISSING", "field", "print", "float", "exec")
 ATTRIBUTES = sorted({*dir(EquationNeuron), *dir(_Between), *EquationSynapse.__annotations__, "divisions"})
-WORDS_HERE = (
-    "name",
-    "equation",
-    "timed",
-    "schedule",
-    "receptor",
-    "file",
-    "key",
-    "origin",
-    "model",
-    "values",
-    "default",
-)
-CODE = (
-    *("p", "h", "c", "s", "x", "i_0", "lo", "hi", "fired", "i", "k", "y", "e", "pre", "post", "begin", "end", "n"),
-    *("grid", "passed", "held", "size", "part", "now", "t", "last", "trying", "worst", "math", "change", "SYSTEM"),
-    *("next_V_m", "new_V_m", "k1_V_m", "next_v", "dg", "dv", "z", "q", "u", "free_0_0", "c3"),
-)
-READ = (
-    "spikes",
-    "rate",
-    "counts",
-    "weight",
-    "delay",
-    "w",
-    "K_plus",
-    "tau_minus",
-    "tau_n",
-    "V_m",
-    "V_th",
-    "E_L",
-    "t_ref",
-)
-ODD = (
-    "mV",
-    "ms",
-    "s",
-    "pA",
-    "nS",
-    "I",
-    "refractory",
-    "_",
-    "a_",
-    "a__b",
-    "__class__",
-    "__init__",
-    "3a",
-    "",
-    "a b",
-    "a-b",
-)
-UNICODE = ("\u00b5", "\u03bc", "\u03c4_m", "\ufb01", "\u00e9", "\u4e2d", "a\u200b", "\U0001d465", "\u0301a")
+WORDS_HERE, CODE, READ, ODD, UNICODE = beside(__file__, "WORDS_HERE", "CODE", "READ", "ODD", "UNICODE")
 LONG = ("a" * 300, "b" * 1999, "c" * 5000)
 NAMES = tuple(
     dict.fromkeys((*PYTHON, *ATTRIBUTES, *WORDS_HERE, *CODE, *READ, *ODD, *UNICODE, *LONG, *ARGUMENTS, *PUBLIC))

@@ -10,37 +10,10 @@ import yaml
 from hypothesis import HealthCheck, example, given, settings, strategies as st
 
 import neuro
+from beside import beside
 from neuro.cli.chips import check
 
-TEXT = """\
-neuro: 1
-name: follower
-resolution: 1.0
-parameters: {w: 1500.0, n: [8, 8]}
-populations:
-  cells:  {model: poisson_generator, shape: $n}
-  motors: {model: {iaf_psc_exp: {tau_m: 10.0, t_ref: .inf}}, shape: [2, auto], initial: {V_m: -60.0}}
-projections:
-  cells_motors:
-    from: cells
-    to: motors
-    rule: {grid: {kernel: [3, 3], stride: 1}}
-    weight: {normal: {mean: $w, std: 1e-3}}
-    delay: [1.0, 2.0]
-    synapse: {stdp_dopa: {tau_c: 1000.0, signal: reward}}
-  loop: {from: motors, to: motors, rule: {pairs: {pre: [0], post: [1]}}, weight: {file: w.h5, key: w}}
-signals:
-  reward: {to: motors}
-groups:
-  choice: {winner_take_all: {of: motors, first_to_fire: true}}
-trials:
-  input: cells
-  duration: 64.0
-  dropout: {of: motors, p: 0.25}
-  reset: [V_m]
-probes:
-  steering: {of: motors, record: 'spikes'}
-"""
+(TEXT,) = beside(__file__, "TEXT")
 PIECES = [
     *"{}[]:,-#&*!|>'\"%@`$?~\\ \t\n\r\x00\ufeff\u2028é0",
     "null",

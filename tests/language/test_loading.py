@@ -6,50 +6,10 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro.model.distributions import normal, uniform
 
-FOLLOWER = """\
-neuro: 1
-name: follower
-resolution: 1.0                                   # ms
-parameters: {w_init: 1500.0, w_max: 3000.0}
-populations:
-  cells:  {model: poisson_generator, shape: [8, 8]}
-  motors: {model: {iaf_psc_exp: {tau_m: 10.0, t_ref: 2.0}}, shape: [2, 2]}
-projections:
-  cells_motors:
-    from: cells
-    to: motors
-    rule: all_to_all
-    weight: $w_init
-    delay: 1.0
-    synapse: {stdp_dopa: {tau_c: 1000.0, tau_n: 200.0, Wmax: $w_max, signal: reward}}
-signals:
-  reward: {to: motors}
-probes:
-  steering: {of: motors, record: spikes}
-"""
-
-GRIDS = """\
-neuro: 1
-parameters: {classes: 10, per_class: 2, maps: 20}
-populations:
-  c1: {model: spike_generator, shape: [4, 17, 17]}
-  s2: {model: {iaf_psc_delta: {tau_m: .inf, E_L: 0.0, V_reset: 0.0, V_th: 30.0}}, shape: [$maps, auto, auto]}
-projections:
-  c1_s2: {from: c1, to: s2, rule: {grid: {kernel: [11, 11], stride: 1}}, weight: {normal: {mean: 0.8, std: 0.05}}, delay: 1.0,
-          synapse: {r_stdp: {Ar_plus: 0.075, Ar_minus: -0.025, Ap_plus: 0.005, Ap_minus: -0.04, epsilon: 0.0002}}}
-groups:
-  choice: {winner_take_all: {of: s2, first_to_fire: true}}
-trials:
-  input: c1
-  duration: 64.0
-  stop: at_decision
-  labels: {of: s2, maps_per_label: $per_class}
-  reward: {correct: 1, wrong: -1, silent: 0}
-  dropout: {of: s2, axis: map, p: 0.25, every: sample, decay: 0.7}
-  reset: [V_m]
-"""  # noqa: E501
+FOLLOWER, GRIDS, NEURONS, WHOLE = beside(__file__, "FOLLOWER", "GRIDS", "NEURONS", "WHOLE")
 
 
 @pytest.fixture
@@ -187,15 +147,6 @@ def test_messages_about_overrides(message):
     assert message(GRIDS, {"classes": 9}) == (
         "net.yaml:2:14: the override of 'classes' has no effect: nothing uses $classes"
     )
-
-
-NEURONS = "populations: {b: {model: parrot_neuron, shape: $n}}\nparameters: {n: 2}\n"
-WHOLE = """\
-neuro: 1
-include: [part.yaml]
-populations: {a: {model: parrot_neuron, shape: $n}}
-projections: {p: {from: a, to: b, rule: one_to_one}}
-"""
 
 
 def test_includes(load):
