@@ -7,30 +7,14 @@ import pytest
 import yaml
 
 import neuro
+from beside import beside
 from neuro import ModelError
 from neuro.chips import chip, quantise
 
 MODELS = yaml.safe_load(Path(__file__).with_name("models.yaml").read_text())["models"]
 CHIPS = pytest.mark.parametrize("target", ["loihi", "spinnaker"])
 
-RESISTANCE = {
-    "equations": {"v": "(v_rest - v + R*(s + I + I_0))/tau"},
-    "receptors": {"s": {"kernel": "exp", "tau": "tau_s"}},
-    "threshold": "v >= v_rest + rise",
-    "reset": {"v": "v_rest"},
-    "refractory": {"time": "t_ref", "hold": ["v"]},
-    "initial": {"v": "v_rest", "s": "s_0"},
-    "parameters": {
-        "v_rest": "-0.07 V",
-        "rise": "15 mV",
-        "tau": "10 ms",
-        "R": "40 MOhm",
-        "I_0": "0.1 nA",
-        "s_0": "0 pA",
-        "tau_s": "2 ms",
-        "t_ref": "2 ms",
-    },
-}
+RESISTANCE, LINEAR = beside(__file__, "RESISTANCE", "LINEAR")
 """iaf_psc_exp in other words: a resistance, one receptor, units of its own."""
 
 
@@ -111,25 +95,6 @@ def test_its_states_and_parameters_are_read_and_set_by_their_own_names(target):
     assert sim.get("cells", "v")[2] > sim.get("cells", "v")[1] > sim.get("cells", "v")[0]
     assert sim.get("cells", "v")[1] == sim.get("twins", "V_m")[1]
     assert np.array_equal(sim.get("cells", "v", raw=True), sim.get("cells", "V_m", raw=True))
-
-
-LINEAR = {
-    "equations": {"V_m": "(E_L - V_m)/tau_m + (I_syn + I)/C_m"},
-    "receptors": {"I_syn": {"kernel": "exp", "tau": "tau_syn"}},
-    "threshold": "V_m >= V_th",
-    "reset": {"V_m": "E_L"},
-    "refractory": {"time": "t_ref", "hold": ["V_m"]},
-    "parameters": {
-        "tau_m": "10 ms",
-        "C_m": "250 pF",
-        "E_L": "-70 mV",
-        "V_th": "-55 mV",
-        "tau_syn": "2 ms",
-        "tau_w": "100 ms",
-        "a": "1 nS",
-        "t_ref": "2 ms",
-    },
-}
 
 
 def on_loihi(**words):

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import neuro
+from beside import beside
 from neuro import ModelError
 from neuro.compiler.mistakes import mistakes
 
@@ -26,30 +27,7 @@ def test_a_mistake_in_a_file(tmp_path, monkeypatch, messages):
     messages.calls(globals())
 
 
-UNITLESS = {
-    "izhikevich": {
-        "equations": {"V_m": "0.04*V_m^2 + 5*V_m + 140 - u + I", "u": "a*(b*V_m - u)"},
-        "threshold": "V_m >= 30",
-        "reset": {"V_m": "c", "u": "u + d"},
-        "parameters": {"a": 0.02, "b": 0.2, "c": -65, "d": 8},
-        "integrator": "euler",
-    },
-    "inner sums": {
-        "let": {"x": "3*(V_m - 4)", "y": "max(5 pA, V_m)"},
-        "equations": {"V_m": "(x + r*y)/tau + exp(V_m)", "z": "1 - z/tau", "q": "where(z > tau, q, x)/(2*z) - q"},
-        "threshold": "V_m > y",
-        "initial": {"z": "-1", "q": "tau + z_0"},
-        "reset": {"q": "q + 5"},
-        "parameters": {"tau": "10 ms", "z_0": "2 pF", "r": "1 GOhm"},
-        "integrator": "euler",
-    },
-    "rule": {
-        "states": {"e": {"tau": "tau"}},
-        "on_pre": {"w": "w + e*step", "e": "e + log(tau)"},
-        "on_post": {"w": "w*step + e", "e": "e - tau - 1"},
-        "parameters": {"step": "3 pA", "tau": "10 ms"},
-    },
-}
+(UNITLESS,) = beside(__file__, "UNITLESS")
 
 
 @pytest.mark.parametrize(("name", "count"), [("izhikevich", 9), ("inner sums", 10), ("rule", 4)])

@@ -4,42 +4,10 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro.testing import check_part
 
-TRACES = {"K_plus": {"of": "pre", "tau": "tau_plus"}, "K_minus": {"of": "post", "tau": "tau_minus"}}
-MSTDPET = {
-    "traces": TRACES,
-    "states": {"z": {"tau": "tau_z"}},
-    "on_post": {"z": "z + A_plus*K_plus/tau_z"},
-    "on_pre": {"z": "z - A_minus*K_minus/tau_z"},
-    "on_signal": {"w": "gamma*(n - b)*z"},
-    "parameters": {
-        "tau_plus": "20 ms",
-        "A_plus": 1,
-        "A_minus": 1,
-        "tau_z": "25 ms",
-        "gamma": 0.1,
-        "b": 0,
-        "Wmax": {"default": 100, "doc": "largest weight"},
-    },
-}
-DOPAMINE = {
-    "traces": TRACES,
-    "states": {"c": {"tau": "tau_c"}},
-    "on_post": {"c": "c + A_plus*K_plus"},
-    "on_pre": {"c": "c - A_minus*K_minus"},
-    "on_signal": {"w": "c*(n - b)"},
-    "parameters": {
-        "tau_plus": "20 ms",
-        "A_plus": 1,
-        "A_minus": 1.5,
-        "tau_c": "1000 ms",
-        "tau_n": "200 ms",
-        "b": "0 1/ms",
-        "Wmin": 0,
-        "Wmax": 200,
-    },
-}
+TRACES, MSTDPET, DOPAMINE = beside(__file__, "TRACES", "MSTDPET", "DOPAMINE")
 
 
 def network(rule):

@@ -23,18 +23,7 @@ LONG = ("a" * 300, "b" * 1999, "c" * 5000)
 NAMES = tuple(
     dict.fromkeys((*PYTHON, *ATTRIBUTES, *WORDS_HERE, *CODE, *READ, *ODD, *UNICODE, *LONG, *ARGUMENTS, *PUBLIC))
 )
-CELL: dict[str, Any] = {
-    "equations": {"V_m": "(E_L - V_m)*leak + I/C_m"},
-    "threshold": "V_m >= V_th",
-    "reset": {"V_m": "E_L"},
-    "parameters": {"E_L": "-70 mV", "V_th": "-60 mV", "C_m": "250 pF", "leak": "0.1 1/ms"},
-}
-SPIKES_ONLY: dict[str, Any] = {
-    "traces": {"trace": {"of": "pre", "tau": "tau_plus"}},
-    "on_post": {"w": "min(Wmax, w + Wmax*step*trace)"},
-    "on_pre": {"w": "w"},
-    "parameters": {"Wmax": 100.0, "step": 0.02, "tau_plus": "20 ms"},
-}
+CELL, SPIKES_ONLY = beside(__file__, "CELL", "SPIKES_ONLY")
 
 
 def cell(**more: Any) -> dict[str, Any]:

@@ -11,13 +11,18 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
+import neuro
 from refused import without_place
 
 FILE = Path(__file__).parents[1] / "messages.yaml"
 HEAD = "# What is said, by test and case. `pytest --renew-messages` writes the cases of the tests that it runs anew.\n"
+
+COMMON = {"neuro": neuro, "np": np}
+"""Names that the cases of every test know."""
 
 
 class _Dumper(yaml.SafeDumper):
@@ -67,15 +72,19 @@ class Messages:
         if wrong:
             pytest.fail(f"{len(wrong)} messages differ from tests/messages.yaml:\n" + "\n".join(wrong), pytrace=False)
 
+    def cases(self) -> list[str]:
+        """The cases of the file."""
+        cases = list(read().get(self._test, {}))
+        assert cases, f"tests/messages.yaml has no case of {self._test}"
+        return cases
+
     def of(self, message: Callable[[str], str]) -> None:
         """Compare the messages that a function gives for each case of the file."""
-        cases = read().get(self._test, {})
-        assert cases, f"tests/messages.yaml has no case of {self._test}"
-        self({case: message(case) for case in cases})
+        self({case: message(case) for case in self.cases()})
 
     def calls(self, scope: Mapping[str, Any] | Callable[[], Mapping[str, Any]]) -> None:
         """Compare the errors of the cases of the file, expressions by names of a scope, or of a new one for each."""
-        self.of(lambda case: without_place(eval, case, dict(scope() if callable(scope) else scope)))
+        self.of(lambda case: without_place(eval, case, COMMON | dict(scope() if callable(scope) else scope)))
 
 
 def messages_of(request: Any) -> Messages:

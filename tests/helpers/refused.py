@@ -21,7 +21,7 @@ def refused(call: Callable[..., object], *args: object, **words: object) -> str:
 
 def without_place(call: Callable[..., object], *args: object, **words: object) -> str:
     """The message of the error of a call, without the place in a test."""
-    with pytest.raises((ModelError, TypeError)) as error:
+    with pytest.raises((ModelError, TypeError, AttributeError)) as error:
         call(*args, **words)
     place = str(getattr(error.value, "where", ""))
     return str(error.value).removeprefix(f"{place}: ") if ".py" in place else str(error.value)
