@@ -14,12 +14,6 @@ from neuro.compiler.mistakes import mistakes
 RIGHT, PLANTED = beside(__file__, "RIGHT", "PLANTED")
 
 
-def all_of(text: str) -> str:
-    """All mistakes of a text."""
-    Path("net.yaml").write_text(text)
-    return "\n".join(str(error) for error in mistakes("net.yaml", None, 0).mistakes)
-
-
 def told(folder: Path, names: tuple[str, ...]) -> list[str]:
     text = RIGHT
     for name in names:
@@ -94,12 +88,12 @@ def test_of_any_text_the_first_is_among_them(folder, changes):
 TWO = "neuro: 1\npopulations:\n  a: {model: poisson_generator, shape: 3}\n  b: {model: iaf_psc_exp, shape: 2}\n"
 
 
-def test_what_only_follows_is_not_told(folder, messages):
-    messages.of(lambda text: all_of(eval(text, globals())))
+def test_what_only_follows_is_not_told(all_mistakes, messages):
+    messages.of(lambda text: all_mistakes(eval(text, globals())))
 
 
-def test_a_section_or_a_part_of_another_kind(folder, messages):
-    messages.of(lambda text: all_of(eval(text)))
+def test_a_section_or_a_part_of_another_kind(all_mistakes, messages):
+    messages.of(lambda text: all_mistakes(eval(text)))
 
 
 def test_a_long_description_with_many_mistakes_is_checked_in_seconds(folder):
