@@ -10,6 +10,7 @@ import time
 import pytest
 
 import neuro
+from beside import beside
 from neuro.core.errors import ModelError
 
 SOON_S = 5.0
@@ -96,27 +97,7 @@ def test_a_handler_of_the_program_may_let_a_run_go_on():
     assert sims[0].counts() == sims[1].counts()
 
 
-COMMANDS = {
-    "compile": "neuro.compile(big(), 'event')",
-    "rates": "sim = neuro.compile(rates(), 'event'); sim.run(0.1); print('ready', flush=True); sim.run(1e9)",
-}
-SCRIPT = """
-import neuro
-
-def big():
-    net = neuro.Network("big")
-    net.population("a", 100_000, neuro.iaf_psc_exp())
-    net.connect("a", "a", neuro.fixed_indegree(n=300), weight=neuro.uniform(low=1.0, high=2.0), delay=1.0)
-    return net
-
-def rates():
-    net = neuro.Network("rates")
-    net.population("a", 10_000, neuro.poisson_generator(rate=neuro.uniform(low=1e5, high=5e6)))
-    net.population("b", 10_000, neuro.iaf_psc_exp())
-    net.connect("a", "b", neuro.fixed_indegree(n=1000), weight=1.0, delay=1.0)
-    return net
-
-"""
+COMMANDS, SCRIPT = beside(__file__, "COMMANDS", "SCRIPT")
 
 
 @pytest.mark.slow

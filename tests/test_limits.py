@@ -6,6 +6,7 @@ import sys
 import pytest
 
 import neuro
+from beside import beside
 
 
 def pair(**words):
@@ -25,16 +26,7 @@ def test_values_beyond_what_a_simulator_can_hold(messages):
     messages.calls(globals())
 
 
-VAST = """
-import resource, neuro
-resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
-net = neuro.Network("vast")
-net.population("a", 1_500_000_000, neuro.iaf_psc_exp())
-try:
-    neuro.compile(net, "event")
-except neuro.ModelError as error:
-    print(error)
-"""
+(VAST,) = beside(__file__, "VAST")
 
 
 def test_memory():

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro import events  # noqa: F401
 from neuro.core.checks import argument
 from refused import refused
 

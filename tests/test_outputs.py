@@ -15,6 +15,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import neuro
+from beside import beside
 from neuro import ModelError, events
 from neuro.core import outputs
 from neuro.core.hdf5 import writing
@@ -228,13 +229,7 @@ def test_a_recording_into_a_device(device):
     assert stat.S_ISCHR(full.stat().st_mode)
 
 
-INTO = """
-import os, sys, pathlib
-from neuro.core.outputs import marked, write_text
-print("before")
-write_text(pathlib.Path(sys.argv[1]), "content\\n", marked("ours", "# ours"))
-print("after")
-"""
+(INTO,) = beside(__file__, "INTO")
 
 
 @pytest.mark.parametrize("name", ["/proc/self/fd/1", "link", "/dev/fd/2"])

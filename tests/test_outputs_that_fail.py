@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro import events
 from neuro.core import outputs
 from neuro.core.hdf5 import new_file, writing
@@ -156,14 +157,7 @@ def test_a_protected_file_stays(tmp_path):
         write_text(path, "# ours", OURS)
 
 
-KILLED = """
-import pathlib, sys, time
-from neuro.core.outputs import marked, output
-with output(pathlib.Path(sys.argv[1]), marked("ours", "# ours")) as part:
-    part.write_text("# ours: half")
-    print(part.name, flush=True)
-    time.sleep(60)
-"""
+(KILLED,) = beside(__file__, "KILLED")
 
 
 def test_what_a_killed_process_left_is_removed(tmp_path, monkeypatch):

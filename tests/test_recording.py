@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from event_tests import refusal
 from neuro import ModelError
 from neuro.core import growing
@@ -110,19 +111,7 @@ def test_spikes_of_a_time_are_read_alone(path):
     assert isinstance(results.populations["cells"].times_ms, np.ndarray)
 
 
-CHILD = """
-import sys
-import neuro
-import neuro.run.collect as recording
-sys.path[:0] = sys.argv[1:]
-from test_recording import network
-recording.COMMIT_S = 0.0
-sim = neuro.compile(network(), "reference")
-with sim.record_to("run.h5"):
-    while True:
-        sim.run(5.0)
-        print(sim.time, flush=True)
-"""
+(CHILD,) = beside(__file__, "CHILD")
 
 
 def test_a_killed_run_leaves_what_it_has_committed(path, monkeypatch):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro import Network, all_to_all, grid, iaf_psc_delta, iaf_psc_exp, one_to_one, poisson_generator, stdp
 from neuro.core.errors import ModelError, Where
 from neuro.core.hdf5 import writing
@@ -275,15 +276,7 @@ def test_a_state_replaces_the_old_file_at_once(tmp_path: Path):
         sim.save(tmp_path / "missing" / "state.h5")
 
 
-HALF = """
-import sys
-
-import neuro
-
-sim = neuro.compile(neuro.load(sys.argv[1]))
-sim.run(50.0)
-sim.save(sys.argv[2])
-"""
+(HALF,) = beside(__file__, "HALF")
 
 
 def test_a_state_of_another_process_continues(tmp_path: Path):

@@ -6,15 +6,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 import neuro
+from beside import beside
 
-NET = """\
-neuro: 1
-parameters: {g: 5.0, w_ex: 20 pA, tau: 10 ms, n: 8, many: [1, 2], word: ring}
-populations:
-  a: {model: iaf_psc_exp, shape: 2}
-projections:
-  a_a: {from: a, to: a, rule: all_to_all, weight: WEIGHT}
-"""
+(NET,) = beside(__file__, "NET")
 COLUMN = NET.splitlines()[5].index("WEIGHT") + 1
 
 

@@ -7,17 +7,10 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro.model.language.schema import schema
 
-NETWORK = """neuro: 1
-populations:
-  exc: {{model: iaf_psc_exp, shape: 10}}
-  grid: {{model: iaf_psc_exp, shape: [4, 3]}}
-projections:
-  wires: {{from: {source}, to: {target}, rule: all_to_all}}
-probes:
-  v: {{of: {of}, record: V_m}}
-"""
+(NETWORK,) = beside(__file__, "NETWORK")
 
 
 def load(folder, source="exc", target="grid", of="exc"):
