@@ -120,21 +120,11 @@ def shown() -> tuple[Network, Program]:
     return net, compile_network(net, 1)
 
 
-def test_the_text_of_a_program_is_stable():
+def test_the_text_of_a_program_is_stable(messages):
     _, program = shown()
     text = program_text(program)
     assert text == program_text(shown()[1])
-    assert text.splitlines()[:6] == [
-        "program shown",
-        "  resolution 0.1 ms, seed 1, smallest delay 10 steps",
-        "population 0 noise: poisson_generator, shape [4], 4 neurons, spikes not kept",
-        "  rate = [1, 2, 3, 4]",
-        "  emits in steps 10 < k <= never",
-        "population 1 cells: iaf_psc_exp, shape [2, 2], 4 neurons, spikes kept",
-    ]
-    assert "projection 1 cells_cells: 1 -> 1, one_to_one, 4 synapses\n  weight = [1, 2, 3, 4]\n" in text
-    assert "  dopamine from signal 0\n" in text
-    assert text.endswith("probe 0 v: population 1, V_m, every 5 steps\n")
+    messages({"shown": text})
 
 
 def test_tables_for_people():

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import neuro
+from alike import alike
 from neuro.extend import Neuron, State, leak, quantity
 from neuro.model.neurons import NEURONS
 from neuro.model.neurons.base import check_sleep
-from neuro.testing import observe
-from neuro.testing.case import differences
 from neuro.testing.parts import check_silences
 
 
@@ -107,12 +106,7 @@ def test_cuba_lif_is_right_after_quiet_time():
         net.population("c", 1, neuro.cuba_lif(tau_m=100.0, tau_syn_ex=60.0))
         net.connect("g", "c", neuro.all_to_all(), weight=weight)
         net.probe("v", "c", "V_m", every=1.0)
-        found = []
-        for backend in ("reference", "event"):
-            sim = neuro.compile(net, backend, seed=1)
-            sim.run(300.0)
-            found.append(observe(sim))
-        assert differences(*found, exact=False) == []
+        alike(net, 300.0)
 
 
 LEAKY = neuro.equations(

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from refused import refused
 
 HEAD = "neuro: 1\npopulations: {a: {model: parrot_neuron, shape: 3}}\n"
@@ -78,19 +79,10 @@ def loaded(data):
     neuro.load("net.yaml")
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
-        "!!python/object/apply:os.system ['touch ran']",
-        "!!python/object/new:os.system ['touch ran']",
-        "!!python/name:os.system",
-        "!!python/module:os",
-        "!!binary aGVsbG8=",
-        "!!set {a, b}",
-        "!mine 3",
-        "! 3",
-    ],
-)
+(TAGS,) = beside(__file__, "TAGS")
+
+
+@pytest.mark.parametrize("value", TAGS)
 def test_tags_are_refused(message, folder, value):
     assert "found the tag" in message(f"neuro: 1\nname: {value}\n")
     assert not (folder / "ran").exists()

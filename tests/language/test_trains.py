@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro.files.results import write
 from neuro.run.collect import collect
 from refused import refused
@@ -48,17 +49,10 @@ def written() -> None:
     Path("damaged.h5").write_bytes(b"no HDF5")
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "{file: spikes.h5, key: run/exc}",
-        "{file: spikes.h5, key: table}",
-        "{spikes: {file: table.npy}}",
-        "{file: fields.npy}",
-        "{file: spikes.csv}",
-        "{file: marked.csv}",
-    ],
-)
+(FILES,) = beside(__file__, "FILES")
+
+
+@pytest.mark.parametrize("words", FILES)
 def test_all_files_give_the_same(folder, words):
     written()
     assert emitted(loaded(words)) == ([0.5, 0.5, 2.0, 7.25], [0, 1, 1, 2])
