@@ -3,6 +3,7 @@
 import copy
 import os
 import pickle
+import re
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -16,6 +17,7 @@ import pytest
 
 import neuro
 from neuro_event.host import threads as shared
+from refused import refused
 
 FROM_THREAD = r"^{}: found another thread within '{}' of the same simulation: expected one call at a time\n  hint: "
 FROM_WITHIN = r"{}: found a call from within '{}' of the same simulation: expected one call at a time\n  hint: "
@@ -123,11 +125,9 @@ def test_every_call_of_another_thread_is_refused_while_one_is_under_way(
     port = waits.sim.port("eye", "counts")
     with waits as sim:
         for name, call in CALLS.items():
-            with pytest.raises(neuro.ModelError, match=FROM_THREAD.format(name, "run")):
-                call(sim)
+            assert re.search(FROM_THREAD.format(name, "run"), refused(call, sim))
         for use in (port.get, lambda: port.set(1.0)):
-            with pytest.raises(neuro.ModelError, match=FROM_THREAD.format("port: counts of 'eye'", "run")):
-                use()
+            assert re.search(FROM_THREAD.format("port: counts of 'eye'", "run"), refused(use))
         assert 0.0 <= sim.time < 20.0
         assert not list(tmp_path.iterdir())
     assert sim.time == 20.0
@@ -154,8 +154,7 @@ def test_a_callback_may_not_call_the_simulation_that_called_it(name: str):
         yield event(1000, 0)
 
     sim = neuro.compile(camera(events))
-    with pytest.raises(neuro.ModelError, match=FROM_WITHIN.format(name, "run")):
-        sim.run(5.0)
+    assert re.search(FROM_WITHIN.format(name, "run"), refused(sim.run, 5.0))
     assert sim.time == 0.0
 
 

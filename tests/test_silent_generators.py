@@ -1,11 +1,11 @@
 """Generators that could never emit: a beginning after the end, and a recording that is over before it begins."""
 
-import pytest
+import re
 
 import neuro
-from neuro import ModelError
 from neuro.compiler.resolve import compile_network
 from neuro.events import Events
+from refused import refused
 
 RECORDING = Events([1000, 3000], [0, 1], [0, 1], [0, 1], (2, 2))
 
@@ -26,8 +26,7 @@ def test_in_yaml(tmp_path):
         "neuro: 1\npopulations:\n"
         "  noise: {model: {poisson_generator: {rate: 100, start: 10 ms, stop: 5 ms}}, shape: 3}\n"
     )
-    with pytest.raises(ModelError, match=r"net.yaml:3:\d+: population 'noise': poisson_generator.stop = 5 ms"):
-        neuro.load(file)
+    assert re.search(r"net.yaml:3:\d+: population 'noise': poisson_generator.stop = 5 ms", refused(neuro.load, file))
 
 
 def camera(**words) -> None:
