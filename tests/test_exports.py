@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.core.extras import install
 from neuro.run.collect import collect
 from refused import refused
 
@@ -89,7 +88,4 @@ def test_pandas(run):
 @pytest.mark.parametrize("package", ["neo", "pandas"])
 def test_a_package_that_is_missing(run, package, monkeypatch):
     monkeypatch.setitem(sys.modules, package, None)
-    assert (
-        refused(getattr(run, f"to_{package}"))
-        == f"to_{package}: the package {package} is not installed\n  hint: {install(package)}"
-    )
+    assert f"the package {package} is not installed\n  hint: " in refused(getattr(run, f"to_{package}"))

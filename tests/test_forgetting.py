@@ -14,16 +14,14 @@ def simulated():
     return neuro.compile(net, "reference")
 
 
-def test_spikes_that_were_forgotten_are_not_left_out_in_silence(tmp_path):
+def test_spikes_that_were_forgotten_are_not_left_out_in_silence(tmp_path, messages):
     sim = simulated()
     sim.run(10.0)
     sim.forget(5.0)
     hint = "\n  hint: sim.spikes('a') gives all that are held"
     begin = "spikes of 'a': since = 2 ms: those up to 5 ms were forgotten: expected since >= 5 ms" + hint
     assert without_place(sim.spikes, "a", since=2.0) == begin
-    assert without_place(sim.spikes, "a", until=5.0) == (
-        "spikes of 'a': until = 5 ms: those up to 5 ms were forgotten: expected until > 5 ms" + hint
-    )
+    messages({"told": without_place(sim.spikes, "a", until=5.0).replace(f"{tmp_path}/", "")})
     for words in ({}, {"since": 5.0}, {"until": 9.0}):
         assert sim.spikes("a", **words)[0].tolist() == [8.0]
     assert sim.trace("v")[0].tolist() == [6.0, 7.0, 8.0, 9.0, 10.0]
@@ -45,15 +43,12 @@ def test_what_is_to_come_is_not_forgotten():
     assert sim.spikes("a", since=4.0)[0].tolist() == [5.0, 8.0]
 
 
-def test_spikes_that_are_in_a_file(tmp_path):
+def test_spikes_that_are_in_a_file(tmp_path, messages):
     sim, path = simulated(), tmp_path / "run.h5"
     sim.run(6.0, out=path)
     assert sim.spikes("a", since=0.0)[0].tolist() == [2.0, 5.0]
     sim.run(6.0)
-    assert without_place(sim.spikes, "a", since=3.0) == (
-        f"spikes of 'a': since = 3 ms: those up to 6 ms are in {path}: expected since >= 6 ms\n"
-        f"  hint: neuro.results.read('{path}').spikes('a') reads them"
-    )
+    messages({"told": without_place(sim.spikes, "a", since=3.0).replace(f"{tmp_path}/", "")})
     assert sim.spikes("a", since=6.0)[0].tolist() == [8.0, 11.0]
     assert neuro.results.read(path).spikes("a")[0].tolist() == [2.0, 5.0]
 

@@ -101,7 +101,7 @@ def test_a_weight_that_is_no_number_is_told(backend: str, on_pre: str, shown: tu
 
 
 @pytest.mark.parametrize("backend", ["reference", "event", "torch", "nest"])
-def test_input_without_bounds_is_told_of_a_linear_neuron(backend: str):
+def test_input_without_bounds_is_told_of_a_linear_neuron(backend: str, messages):
     if backend in ("torch", "nest"):
         pytest.importorskip(backend)
     net = neuro.Network("flooded", resolution=0.1)
@@ -110,10 +110,7 @@ def test_input_without_bounds_is_told_of_a_linear_neuron(backend: str):
     net.connect("spikes", "cells[1:]", neuro.all_to_all(), weight=-1e308, delay=1.0)
     sim = neuro.compile(net, backend)
     sim.run(1.0)
-    assert without_place(sim.run, 2.0) == (
-        "population 'cells': V_m of neuron 1 is -inf at 3 ms: a numerical instability of iaf_psc_delta\n"
-        f"  hint: {STEPS}"
-    )
+    messages({"told": without_place(sim.run, 2.0)})
     sim.reset()
     sim.run(1.0)
     assert "V_m of neuron 1 is -inf" in without_place(sim.run, 1.5)
@@ -136,14 +133,11 @@ def test_constants_that_are_not_finite_are_refused(messages):
     messages.of(lambda text: without_place(neuro.equations, "m", equations={"V_m": text}, parameters=parameters))
 
 
-def test_values_that_make_a_divisor_0_are_refused():
+def test_values_that_make_a_divisor_0_are_refused(messages):
     parameters = {"E_L": "-70 mV", "a": "10 ms", "b": "5 ms"}
     words = {"let": {"tau": "a - b"}, "equations": {"V_m": "where(b > 7 ms, E_L - V_m, 2*E_L - 2*V_m)/tau"}}
     model = neuro.equations("own", **words, parameters=parameters, integrator="euler")
-    assert without_place(neuro.compile, cells(model(b=[1.0, 10.0]))) == (
-        "population 'cells': own: equations.V_m, column 42: 'tau' is 0: expected a divisor other than 0\n"
-        f"    where(b > 7 ms, E_L - V_m, 2*E_L - 2*V_m)/tau\n    {' ' * 41}^\n  hint: a = 10 ms, b[1] = 10 ms"
-    )
+    messages({"told": without_place(neuro.compile, cells(model(b=[1.0, 10.0])))})
 
 
 def test_what_is_never_chosen_may_divide_by_0():

@@ -77,14 +77,11 @@ def test_what_is_not_ours_stays(kind, there, tmp_path):
     assert os.listdir(tmp_path) == [name]
 
 
-def test_a_network_written_by_hand_stays(tmp_path):
+def test_a_network_written_by_hand_stays(tmp_path, messages):
     """Its author's comments and order would be lost."""
     path = tmp_path / "net.yaml"
     path.write_text("neuro: 1\nname: n  # mine\npopulations: {a: {model: iaf_psc_delta, shape: 1}}\n")
-    assert (
-        refused(neuro.load(path).save, path)
-        == f"{path}: exists and is not a network that was saved: expected a new name"
-    )
+    messages({"told": refused(neuro.load(path).save, path).replace(f"{tmp_path}/", "")})
 
 
 FORMAT = sealed("a JSON file", '"format": "f 1"', ', "digest": "{}"')
@@ -126,14 +123,11 @@ def test_a_text_that_was_edited_stays(kind, where, tmp_path):
     write(path)
 
 
-def test_a_saved_network_with_a_comment_stays(tmp_path):
+def test_a_saved_network_with_a_comment_stays(tmp_path, messages):
     path = tmp_path / "net.yaml"
     _net().save(path)
     path.write_text(path.read_text().replace("resolution:", "# mine\nresolution:"))
-    assert (
-        refused(neuro.load(path).save, path)
-        == f"{path}: exists and is not a network that was saved: expected a new name"
-    )
+    messages({"told": refused(neuro.load(path).save, path).replace(f"{tmp_path}/", "")})
 
 
 def test_a_picture_of_a_like_name_stays(tmp_path):
@@ -143,14 +137,11 @@ def test_a_picture_of_a_like_name_stays(tmp_path):
     assert "exists and is not a picture of neuro" in refused(write_picture, path, Figure())
 
 
-def test_no_recording_is_replaced_unless_asked(tmp_path):
+def test_no_recording_is_replaced_unless_asked(tmp_path, messages):
     path = tmp_path / "net.csv"
     events.save(_recording(), path)
     before = path.read_bytes()
-    assert (
-        refused(events.save, _recording()[:1], path)
-        == f"{path}: exists: expected a new name, or replace=True to replace it"
-    )
+    messages({"told": refused(events.save, _recording()[:1], path).replace(f"{tmp_path}/", "")})
     assert path.read_bytes() == before
     events.save(_recording()[:1], path, replace=True)
     assert len(events.load(path)) == 1
@@ -259,20 +250,17 @@ def test_descriptors_that_cannot_be_written_to(tmp_path):
         check_output(Path("/dev/fd/999"), OURS)
 
 
-def test_a_link_into_a_missing_folder_names_it(tmp_path):
+def test_a_link_into_a_missing_folder_names_it(tmp_path, messages):
     link = tmp_path / "a"
     link.symlink_to(tmp_path / "no" / "b")
-    assert refused(check_output, link, OURS) == (
-        f"{link}: leads to {tmp_path}/no/b: expected a link into a folder that is there"
-    )
+    messages({"told": refused(check_output, link, OURS).replace(f"{tmp_path}/", "")})
 
 
 @pytest.mark.parametrize("path", ["thesis.txt", "thesis.txt/below", "/dev/null"])
 def test_what_is_no_folder(path, tmp_path):
     (tmp_path / "thesis.txt").touch()
-    assert (
-        refused(make_folder, tmp_path / path)
-        == f"{tmp_path / path}: is no folder: expected the name of a folder, or a new name"
+    assert refused(make_folder, tmp_path / path).endswith(
+        ": is no folder: expected the name of a folder, or a new name"
     )
 
 

@@ -115,7 +115,7 @@ def test_spikes_of_a_time_are_read_alone(path):
 (CHILD,) = beside(__file__, "CHILD")
 
 
-def test_a_killed_run_leaves_what_it_has_committed(path, monkeypatch):
+def test_a_killed_run_leaves_what_it_has_committed(path, monkeypatch, messages):
     monkeypatch.chdir(path.parent)
     folder = Path(__file__).parent
     words = [sys.executable, "-c", textwrap.dedent(CHILD), str(folder), str(folder / "helpers")]
@@ -138,10 +138,7 @@ def test_a_killed_run_leaves_what_it_has_committed(path, monkeypatch):
     for name in PROBES:
         assert equal(sim.trace(name)[1], results.trace(name)[1])
     assert results.counts() == sim.counts()
-    assert (
-        refused(results.weights, "learning")
-        == "the weights of 'learning' were not kept\n  hint: weights are written when a run ends"
-    )
+    messages({"told": refused(results.weights, "learning").replace(f"{path.parent}/", "")})
 
 
 def test_a_kill_within_a_commit_leaves_one_state(tmp_path, monkeypatch):
@@ -186,7 +183,7 @@ def _record(sim, path, after=lambda: None):
         sim.run(20.0)
 
 
-def test_a_full_disk(path, monkeypatch):
+def test_a_full_disk(path, monkeypatch, messages):
     sim = neuro.compile(network(), "reference")
     write = growing._write
 
@@ -196,10 +193,7 @@ def test_a_full_disk(path, monkeypatch):
         write(disk, at, data)
 
     monkeypatch.setattr(growing, "_write", full)
-    assert refused(_record, sim, path) == (
-        f"{path}.part: cannot be written: No space left on device\n"
-        f"  hint: {path}.part has what was recorded up to 20 ms"
-    )
+    messages({"told": refused(_record, sim, path).replace(f"{path.parent}/", "")})
     assert neuro.results.read(f"{path}.part").time == 20.0
 
 
@@ -221,14 +215,11 @@ def test_a_run_leaves_what_earlier_ones_kept(path):
     assert "run.2.h5.part has what a run recorded" in refused(neuro.results.read, path)
 
 
-def test_a_folder_that_is_removed(tmp_path):
+def test_a_folder_that_is_removed(tmp_path, messages):
     (tmp_path / "gone").mkdir()
     path = tmp_path / "gone" / "run.h5"
     sim = neuro.compile(network(), "reference")
-    assert (
-        refused(_record, sim, path, lambda: shutil.rmtree(path.parent))
-        == f"{path}.part: cannot be written: it was removed"
-    )
+    messages({"told": refused(_record, sim, path, lambda: shutil.rmtree(path.parent)).replace(f"{tmp_path}/", "")})
 
 
 def test_what_cannot_be_recorded_to(path):
