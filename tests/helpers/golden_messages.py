@@ -7,6 +7,7 @@ The cases of a test may also stand in the file alone, as expressions of Python o
 (`messages.calls`, `messages.of`): a new case is a line `"expression": ""` there, whose message a renewal adds.
 """
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ from refused import without_place
 FILE = Path(__file__).parents[1] / "messages.yaml"
 HEAD = "# What is said, by test and case. `pytest --renew-messages` writes the cases of the tests that it runs anew.\n"
 
+IN_A_TEST = re.compile(r"\btest_\w+\.py:\d+: ")
+"""A place in a test, which moves with it and is left out."""
 COMMON = {"neuro": neuro, "np": np}
 """Names that the cases of every test know."""
 
@@ -58,7 +61,9 @@ class Messages:
         self._test, self._renew = test, renew
 
     def __call__(self, messages: dict[str, str]) -> None:
-        texts = {case: "\n".join(line.rstrip() for line in text.splitlines()) for case, text in messages.items()}
+        texts = {
+            case: "\n".join(map(str.rstrip, IN_A_TEST.sub("", text).splitlines())) for case, text in messages.items()
+        }
         golden = read()
         if self._renew:
             FILE.write_text(dump(golden | {self._test: golden.get(self._test, {}) | texts}), "utf-8")
