@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
-from beside import beside
+from beside import beside, evaluated
 from neuro.compiler import compile_network, connect
 from neuro.files.state import fingerprint
 from neuro.model.distributions import Distribution
@@ -20,22 +20,7 @@ from neuro.program.program import Program, Projection
 from neuro.program.share import Share
 
 PLACES = np.random.default_rng(0).random((60, 2))
-RULES: dict[str, Rule] = {
-    "one_to_one": neuro.one_to_one(),
-    "all_to_all": neuro.all_to_all(),
-    "all_but_self": neuro.all_to_all(autapses=False),
-    "fixed_indegree": neuro.fixed_indegree(n=7),
-    "indegree_once": neuro.fixed_indegree(n=7, autapses=False, multapses=False),
-    "fixed_outdegree": neuro.fixed_outdegree(n=7),
-    "outdegree_once": neuro.fixed_outdegree(n=7, autapses=False, multapses=False),
-    "pairwise_bernoulli": neuro.pairwise_bernoulli(p=0.2),
-    "bernoulli_others": neuro.pairwise_bernoulli(p=0.2, autapses=False),
-    "fixed_total_number": neuro.fixed_total_number(n=300),
-    "total_once": neuro.fixed_total_number(n=300, autapses=False, multapses=False),
-    "symmetric": neuro.symmetric_pairwise_bernoulli(p=0.1),
-    "distance": neuro.distance_dependent(p=neuro.gaussian(std=0.3), autapses=False),
-    "pairs": neuro.pairs(pre=[3, 1, 2, 3], post=[0, 5, 5, 0]),
-}
+RULES: dict[str, Rule] = evaluated(__file__, "RULES", globals())
 VALUES: dict[str, tuple[Distribution, Distribution]] = {
     "normal": (neuro.normal(mean=2.0, std=0.5), neuro.normal(mean=1.5, std=0.75)),
     "lognormal": (neuro.lognormal(mean=0.1, std=0.4), neuro.lognormal(mean=0.1, std=0.4)),

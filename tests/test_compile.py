@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import evaluated
 from neuro import Network, fixed_indegree, fixed_outdegree, iaf_psc_exp, pairs, pairwise_bernoulli, poisson_generator
 from neuro.compiler import compile_network
 from neuro.compiler.show import program_text, tables
@@ -25,17 +26,7 @@ def sources(part: Projection) -> np.ndarray:
     return np.repeat(np.arange(len(part.row_ends) - 1), np.diff(part.row_ends))
 
 
-RULES = {
-    "fixed_indegree": fixed_indegree(n=7),
-    "fixed_indegree once": fixed_indegree(n=7, multapses=False, autapses=False),
-    "fixed_outdegree": fixed_outdegree(n=7),
-    "fixed_outdegree once": fixed_outdegree(n=7, multapses=False, autapses=False),
-    "pairwise_bernoulli": pairwise_bernoulli(p=0.3),
-    "pairwise_bernoulli others": pairwise_bernoulli(p=0.3, autapses=False),
-    "fixed_total_number": neuro.fixed_total_number(n=300),
-    "fixed_total_number once": neuro.fixed_total_number(n=900, multapses=False, autapses=False),
-    "all but itself": neuro.all_to_all(autapses=False),
-}
+RULES = evaluated(__file__, "RULES", globals())
 
 
 @pytest.mark.parametrize("same", [False, True])

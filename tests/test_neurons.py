@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import neuro
+from beside import evaluated
 from closed_forms import held_rate, settled
 from neuro.model.neurons import Neuron
 from neuro.testing import check_part
@@ -13,24 +14,7 @@ from neuro.testing.golden import Result
 from neuro.testing.verify import verify
 from refused import refused, without_place
 
-NEURONS = [
-    neuro.iaf_cond_exp(E_L=-65.0, tau_syn_ex=5.0, I_e=100.0, V_th=neuro.uniform(low=-56.0, high=-50.0)),
-    neuro.iaf_cond_exp(E_L=-65.0, tau_syn_ex=5.0, I_e=100.0, t_ref=0.0, rk4_substeps=3),
-    neuro.iaf_cond_alpha(E_L=-65.0, tau_syn_ex=2.0, I_e=100.0),
-    neuro.aeif_cond_exp(I_e=900.0, E_L=-60.0, tau_syn_ex=2.0, b=neuro.uniform(low=0.0, high=80.0)),
-    neuro.aeif_cond_exp(I_e=900.0, E_L=-60.0, t_ref=1.0, rk4_substeps=2),
-    neuro.aeif_psc_exp(I_e=900.0, E_L=-60.0, t_ref=0.5),
-    neuro.aeif_psc_exp(I_e=900.0, E_L=-60.0, Delta_T=0.0),
-    neuro.mat2_psc_exp(I_e=500.0, alpha_1=neuro.uniform(low=5.0, high=40.0)),
-    neuro.iaf_psc_exp_adaptive_threshold(I_e=500.0, theta_plus=1.0, tau_theta=50.0),
-    neuro.hh_psc_alpha(I_e=700.0),
-    neuro.hh_psc_alpha(I_e=700.0, rk4_substeps=4),
-    neuro.iaf_linear_leak(),
-    neuro.iaf_linear_leak(t_ref=0.0, leak=neuro.uniform(low=0.0, high=3.0), I_e=300.0),
-    neuro.srm0(I_e=200.0),
-    neuro.srm0(eta_sum=True, eta_0=neuro.uniform(low=2.0, high=20.0), tau_syn_ex=4.0, t_ref=0.0),
-    neuro.srm0(lambda_0=80.0, E_L=-60.0, I_e=neuro.uniform(low=0.0, high=60.0)),
-]
+NEURONS = evaluated(__file__, "NEURONS", globals())
 
 
 @pytest.mark.parametrize("model", NEURONS, ids=lambda model: f"{model.name}-{getattr(model, 'rk4_substeps', '')}")

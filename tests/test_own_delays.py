@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
 from alike import alike, same
+from beside import evaluated
 from neuro.chips.inputs import lag
 from neuro.compiler import compile_network, pairs, resolve
 from neuro.compiler.rows import by_delay, draw_rows
@@ -24,16 +25,7 @@ from neuro_event.loop import tables as t
 from refused import refused
 
 SETTINGS = settings(max_examples=8, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-RULES = (
-    neuro.all_to_all(),
-    neuro.all_to_all(autapses=False),
-    neuro.fixed_indegree(n=7),
-    neuro.fixed_total_number(n=500),
-    neuro.fixed_total_number(n=60, multapses=False),
-    neuro.pairwise_bernoulli(p=0.3),
-    neuro.symmetric_pairwise_bernoulli(p=0.2),
-    neuro.one_to_one(),
-)
+RULES = evaluated(__file__, "RULES", globals())
 NORMAL = neuro.normal(mean=120.0, std=200.0)
 LATE = neuro.uniform(low=1.0, high=15.0)
 

@@ -47,25 +47,7 @@ from neuro.cli.start import shipped
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-NEEDS = {
-    "the folder of this project": None,
-    "the package index": None,
-    "a backend of yours": None,
-    "a terminal": None,
-    "minutes": None,
-    "BindsNET": None,
-    "Lava": None,
-    "N-MNIST": None,
-    "POKER-DVS": None,
-    "MPI": None,
-    "NEST": "nest",
-    "NIR": "nir",
-    "Norse": "norse",
-    "PyNN": "pyNN",
-    "scikit-learn": "sklearn",
-    "torch": "torch",
-    "websockets": "websockets",
-}
+(NEEDS,) = beside(__file__, "NEEDS")
 """What blocks may need, and the module that shows that it is there; None: never asked for by a test."""
 
 EDITS, KINDS = beside(__file__, "EDITS", "KINDS")

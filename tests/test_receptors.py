@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import evaluated
 from neuro import ModelError, static
 from neuro.compiler.show import program_text, tables
 from neuro.testing import check_part, observe
@@ -28,16 +29,7 @@ THREE = {
 }
 three = neuro.equations("three_receptors", **THREE)
 
-WAYS = {
-    "one_to_one": (neuro.one_to_one(), 4.0, 1.0),
-    "counts of a generator": (neuro.one_to_one(), 4.0, 1.0),
-    "all pairs, one weight": (neuro.all_to_all(), 1.0, 1.0),
-    "all pairs": (neuro.all_to_all(), neuro.uniform(low=0.0, high=2.0), 1.0),
-    "some pairs, one weight": (neuro.pairwise_bernoulli(p=0.2), 4.0, 0.7),
-    "some pairs": (neuro.pairwise_bernoulli(p=0.2), neuro.uniform(low=0.0, high=8.0), 0.7),
-    "delays": (neuro.pairwise_bernoulli(p=0.2), neuro.uniform(low=0.0, high=8.0), neuro.uniform(low=0.1, high=4.0)),
-    "a shared kernel": (neuro.grid(kernel=(3, 3), padding=1), np.linspace(0.0, 3.0, 9).reshape(1, 3, 3), 1.0),
-}
+WAYS = evaluated(__file__, "WAYS", globals())
 """Rule, weight and delay of projections that take different ways through a backend; a weight of 0 is heard, too."""
 
 

@@ -1,6 +1,5 @@
 """Neurons that sleep: after a silence of any length they are where steps one by one bring them."""
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -9,6 +8,7 @@ import pytest
 
 import neuro
 from alike import alike
+from beside import evaluated
 from neuro.extend import Neuron, State, leak, quantity
 from neuro.model.neurons import NEURONS
 from neuro.model.neurons.base import check_sleep
@@ -117,18 +117,7 @@ LEAKY = neuro.equations(
     threshold="V_m >= V_th",
     reset={"V_m": "0 mV"},
 )
-SLEEPERS = [
-    neuro.cuba_lif(tau_m=100.0, tau_syn_ex=60.0),
-    neuro.cuba_lif(tau_m=math.inf, tau_syn_ex=neuro.uniform(low=0.3, high=30.0), reset_by_subtraction=True),
-    neuro.iaf_psc_exp(tau_syn_in=10.0),
-    neuro.iaf_psc_alpha(tau_syn_ex=10.0, V_min=-72.0),
-    neuro.iaf_psc_delta(refractory_input=True, V_min=-75.0),
-    neuro.mat2_psc_exp(),
-    neuro.srm0(eta_sum=True),
-    neuro.soft_wta(),
-    neuro.iaf_psc_exp_adaptive_threshold(theta_plus=1.0),
-    LEAKY(),
-]
+SLEEPERS = evaluated(__file__, "SLEEPERS", globals())
 
 
 @pytest.mark.parametrize("model", SLEEPERS, ids=lambda model: model.name)

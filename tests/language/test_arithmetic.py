@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 import neuro
-from beside import beside
+from beside import beside, evaluated
 
 (NET,) = beside(__file__, "NET")
 COLUMN = NET.splitlines()[5].index("WEIGHT") + 1
@@ -17,26 +17,7 @@ def weight(folder, text: str, params=None) -> object:
     return neuro.load(folder / "net.yaml", params).projections["a_a"].weight
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("$(-g * w_ex)", -100.0),
-        ("$(2 + 3 * 4)", 14.0),
-        ("$(2 ** 3 ** 2)", 512.0),
-        ("$(-2 ** 2)", -4.0),
-        ("$((1 + 2) / 4)", 0.75),
-        ("$(sqrt(16))", 4.0),
-        ("$(round(2.7) + round(2.2))", 5.0),
-        ("$(exp(0) + log(1))", 1.0),
-        ('"$(min(g, 3, 7))"', 3.0),
-        ('"$(max(w_ex, 0.1 nA))"', 100.0),
-        ("$(sqrt(w_ex * w_ex))", 20.0),
-        ("$(w_ex * tau / 5 ms)", 40.0),
-        ("'$(g)'", 5.0),
-        ("[[$(g), $(n / 2)], [1 nA, $(-w_ex)]]", [[5.0, 4.0], [1000.0, -20.0]]),
-        ("{normal: {mean: $(w_ex / 2), std: $(g / 10)}}", neuro.normal(mean=10.0, std=0.5)),
-    ],
-)
+@pytest.mark.parametrize(("text", "expected"), evaluated(__file__, "VALUES", globals()))
 def test_values(folder, text: str, expected: object):
     found = weight(folder, text)
     assert (found.tolist() if hasattr(found, "tolist") else found) == expected

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import neuro
-from beside import beside
+from beside import beside, evaluated
 from neuro.model.distributions import normal, uniform
 
 FOLLOWER, GRIDS, NEURONS, WHOLE = beside(__file__, "FOLLOWER", "GRIDS", "NEURONS", "WHOLE")
@@ -58,23 +58,7 @@ def test_parts_know_their_place(load):
     assert str(load(GRIDS).trials_origin) == "net.yaml:11:1"
 
 
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("1", 1.0),
-        ("-1.5", -1.5),
-        ("1e-3", 0.001),
-        ("1E3", 1000.0),
-        (".5", 0.5),
-        ("+2.", 2.0),
-        ("007", 7.0),
-        ("123456789012345678901234567890", 123456789012345678901234567890.0),
-        ("[1, 2.5]", [1.0, 2.5]),
-        ("[[1], [2]]", [[1.0], [2.0]]),
-        ("uniform", uniform()),
-        ("{normal: {mean: 1, low: -.inf}}", normal(mean=1.0)),
-    ],
-)
+@pytest.mark.parametrize(("text", "value"), evaluated(__file__, "WEIGHTS", globals()))
 def test_weights(load, text, value):
     head = "neuro: 1\npopulations: {a: {model: parrot_neuron, shape: 1}}\n"
     weight = (

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import neuro
-from beside import beside
+from beside import beside, evaluated
 from neuro.model.language.schema import schema
 
 (NETWORK,) = beside(__file__, "NETWORK")
@@ -20,20 +20,7 @@ def load(folder, source="exc", target="grid", of="exc"):
     return neuro.load(file)
 
 
-@pytest.mark.parametrize(
-    ("written", "index"),
-    [
-        ('{exc: "0:5"}', slice(0, 5)),
-        ("{exc: 0:5}", slice(0, 5)),
-        ('{exc: "::2"}', slice(None, None, 2)),
-        ('{exc: "-3:"}', slice(-3, None)),
-        ('{exc: "::-1"}', slice(None, None, -1)),
-        ("{exc: 7}", 7),
-        ("{exc: -1}", -1),
-        ("{exc: [5, 0, 7]}", [5, 0, 7]),
-        ("{exc: {file: ids.npy}}", [4, 1, 7]),
-    ],
-)
+@pytest.mark.parametrize(("written", "index"), evaluated(__file__, "INDICES", globals()))
 def test_neurons_in_yaml(tmp_path, written, index):
     net = load(tmp_path, source=written, of=written)
     expected = net.populations["exc"][index]
