@@ -137,57 +137,22 @@ def sim():
     return sim
 
 
-ROWS = [
-    ["name", "model", "neurons", "spikes", "rate (Hz)"],
-    ["in", "spike_generator", "4", "8", "40.00"],
-    ["out", "iaf_psc_exp", "6", "0", "0.00"],
-    ["name", "from", "to", "synapse", "synapses"],
-    ["in_out", "in", "out", "stdp", "24"],
-]
+def lines(shown):
+    """A head and rows of cells, as one text."""
+    head, rows = tables(shown._repr_html_())
+    return "\n".join([head, *(" | ".join(row) for row in rows)])
 
 
-def test_a_simulation(sim):
-    assert tables(sim._repr_html_()) == ("Simulation('two', backend='reference', time=50 ms)", ROWS)
+def test_runs_and_recordings_as_pages(sim, messages):
+    results = collect(sim, sim.network())
+    compared = neuro.compare.compare(sim.network(), ["reference", "event"], 20.0)
+    events = neuro.events.Events([0, 5, 500_000], [1, 2, 3], [0, 0, 1], [1, 1, 0], (4, 3), {"camera": "<script>"})
+    shown = {"a simulation": sim, "results": results, "a comparison": compared, "events": events, "none": events[:0]}
+    messages({name: lines(one) for name, one in shown.items()})
+    assert [tables(one._repr_html_())[0] for one in (sim, results, compared)] == [*map(repr, (sim, results, compared))]
     assert str(sim).startswith(f"{sim!r}\n\npopulations\n  name  model")
     sim.reset()
     assert tables(sim._repr_html_())[1][1] == ["in", "spike_generator", "4", "0", "-"]
-
-
-def test_results(sim):
-    results = collect(sim, sim.network())
-    head, rows = tables(results._repr_html_())
-    assert head == repr(results) == "Results('two', backend='reference', duration=50 ms)"
-    assert rows == [
-        *ROWS,
-        ["name", "of", "state", "columns", "times"],
-        ["v", "out", "V_m", "6", "50"],
-    ]
-
-
-def test_a_comparison(sim):
-    found = neuro.compare.compare(sim.network(), ["reference", "event", "loihi"], 20.0)
-    head, rows = tables(found._repr_html_())
-    assert head == repr(found) == "Comparison('two', 20 ms on reference, event, loihi)"
-    assert rows[0] == ["backend", "spikes", "synaptic ops", "first difference"]
-    assert rows[1] == ["reference", "8", "48", "-"]
-    assert rows[2] == ["event", "8", "48", "none"]
-
-
-def test_events():
-    events = neuro.events.Events([0, 5, 500_000], [1, 2, 3], [0, 0, 1], [1, 1, 0], (4, 3), {"camera": "<script>"})
-    assert tables(events._repr_html_()) == (
-        "Events",
-        [
-            ["", ""],
-            ["events", "3"],
-            ["sensor", "4 x 3 px"],
-            ["from", "0 us"],
-            ["to", "500,000 us"],
-            ["mean rate", "6 events/s"],
-            ["ON", "66.7%"],
-        ],
-    )
-    assert tables(events[:0]._repr_html_())[1][3:] == [["from", "-"], ["to", "-"], ["mean rate", "-"], ["ON", "-"]]
 
 
 def test_what_is_played_and_what_is_of_distance():
