@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from scipy.stats import chi2
 
 import neuro
-from beside import beside
+from beside import beside, evaluated
 from neuro.compiler import compile_network
 from neuro.compiler.pairs import Between, space_of
 from neuro.model.parts import Population
@@ -102,17 +102,7 @@ def test_neither_autapses_nor_pairs_twice_nor_beyond_the_mask(seed, radius, peri
 
 
 @pytest.mark.parametrize("periodic", [False, True])
-@pytest.mark.parametrize(
-    "profile",
-    [
-        neuro.gaussian(std=0.3, a=0.8),
-        neuro.gaussian(std=0.1, mean=0.5, a=0.6, c=0.1),
-        neuro.exponential(beta=0.25, a=0.9),
-        neuro.linear(c=0.7, a=-0.3),
-        neuro.box(radius=0.6, a=0.4, c=0.05),
-    ],
-    ids=repr,
-)
+@pytest.mark.parametrize("profile", evaluated(__file__, "PROFILED", globals()), ids=repr)
 def test_the_share_at_each_distance_is_the_profile(profile: Profile, periodic: bool):
     words = {**SHEET, "periodic": periodic}
     far, drawn = all_distances(words, words), np.zeros((180, 180))
@@ -133,19 +123,7 @@ def test_a_draw_belongs_to_its_pair():
     assert np.array_equal(np.stack(pairs_of(masked)), np.stack((pre[near], post[near])))
 
 
-@pytest.mark.parametrize(
-    "rule",
-    [
-        neuro.fixed_indegree(n=7),
-        neuro.all_to_all(),
-        neuro.all_to_all(autapses=False),
-        neuro.one_to_one(),
-        neuro.pairs(pre=[3, 1, 3], post=[5, 100, 2]),
-        neuro.symmetric_pairwise_bernoulli(p=0.1),
-        neuro.distance_dependent(p=0.3, mask=neuro.circular(radius=0.4)),
-    ],
-    ids=lambda rule: rule.name,
-)
+@pytest.mark.parametrize("rule", evaluated(__file__, "RULED", globals()), ids=lambda rule: rule.name)
 def test_weights_and_delays_of_distance(rule):
     delay = neuro.of_distance(neuro.linear(c=0.62, a=3.0))
     part = compiled(rule, SHEET, weight=neuro.of_distance(neuro.gaussian(std=0.5, a=-40.0)), delay=delay)

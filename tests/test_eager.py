@@ -155,11 +155,7 @@ def balanced(delay: Any, tau_minus: Any = 20.0) -> neuro.Network:
 
 @pytest.mark.parametrize(
     ("net", "eager"),
-    [
-        (balanced(1.5), [1, 1]),
-        (balanced(neuro.uniform(low=0.5, high=2.0)), [0, 0]),
-        (balanced(1.5, np.linspace(10.0, 30.0, 40)), [1, 0]),
-    ],
+    evaluated(__file__, "CASES", globals()),
     ids=["one delay", "delays of their own", "traces of their own"],
 )
 def test_which_projections_learn_at_once(net: neuro.Network, eager: list[int]):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import evaluated
 from closed_forms import expected_lesson, lessons
 from neuro.extend import Modulated, State, quantity
 from neuro.testing import check_part
@@ -58,17 +59,7 @@ def advance(y, e, c, begin, end, n, grid):
     y[1, e] = n * math.exp(-(end - begin) * c[4])
 
 
-@pytest.mark.parametrize(
-    "rule",
-    [
-        neuro.mstdpet(gamma=20.0, b=0.3, Wmax=300.0),
-        neuro.mstdpet(gamma=8.0, A_minus=-0.5, Wmax=-300.0),
-        neuro.stdp_dopa(tau_n=30.0, b=0.1),
-        neuro.hedonistic(Delta_z=0.8, eta=0.3, b=0.1, tau_r=4.0),
-        fading(),
-    ],
-    ids=lambda rule: rule.name,
-)
+@pytest.mark.parametrize("rule", evaluated(__file__, "RULES", globals()), ids=lambda rule: rule.name)
 def test_a_rule_on_event_and_reference(rule):
     check_part(rule, ms=10.0)
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import evaluated
 from neuro_event.host import threads as shared
 from refused import refused
 
@@ -99,22 +100,7 @@ def test_the_time_is_the_sum_of_the_calls_that_took_effect(backend: str):
     assert all(np.array_equal(a, b) for a, b in zip(sim.spikes("cells"), alone.spikes("cells"), strict=True))
 
 
-CALLS: dict[str, Callable[[neuro.Simulation], Any]] = {
-    "run": lambda sim: sim.run(1.0),
-    "reset": lambda sim: sim.reset(),
-    "spikes": lambda sim: sim.spikes("eye"),
-    "feed": lambda sim: sim.feed("eye", event(90_000, 0)),
-    "forget": lambda sim: sim.forget(1.0),
-    "counts": lambda sim: sim.counts(),
-    "taken": lambda sim: sim.taken(),
-    "energy": lambda sim: sim.energy("loihi"),
-    "memory": lambda sim: sim.memory(),
-    "network": lambda sim: sim.network(),
-    "port": lambda sim: sim.port("eye", "counts"),
-    "save": lambda sim: sim.save("state.h5"),
-    "restore": lambda sim: sim.restore("state.h5"),
-    "record_to": lambda sim: sim.record_to("results.h5").__enter__(),
-}
+CALLS: dict[str, Callable[[neuro.Simulation], Any]] = evaluated(__file__, "CALLS", globals())
 
 
 def test_every_call_of_another_thread_is_refused_while_one_is_under_way(

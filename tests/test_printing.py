@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import evaluated
 from neuro.run.collect import collect
 
 
@@ -76,18 +77,7 @@ def test_a_current_is_no_silent_spiker():
         assert rows[3] == ["cells", "iaf_psc_exp", "2", "0", "0.00"]
 
 
-@pytest.mark.parametrize(
-    "rule",
-    [
-        neuro.all_to_all(),
-        neuro.all_to_all(autapses=False),
-        neuro.one_to_one(),
-        neuro.fixed_indegree(n=2),
-        neuro.fixed_outdegree(n=3),
-        neuro.pairs([0, 1, 1], [2, 3, 3]),
-    ],
-    ids=repr,
-)
+@pytest.mark.parametrize("rule", evaluated(__file__, "RULES", globals()), ids=repr)
 def test_as_many_synapses_as_are_made(rule):
     net = neuro.Network()
     net.population("a", 5, neuro.iaf_psc_exp())

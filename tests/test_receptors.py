@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import neuro
-from beside import evaluated
+from beside import beside, evaluated
 from neuro import ModelError, static
 from neuro.compiler.show import program_text, tables
 from neuro.testing import check_part, observe
@@ -15,18 +15,7 @@ from refused import refused
 
 BACKENDS = ("reference", "event")
 RATES = {"C_m": 200.0, "tau_syn_ex": 2.0, "tau_syn_in": 9.0}
-POTENTIAL = "(g_L*(E_L - V_m) + g_a*(E_a - V_m) + g_b*(E_b - V_m) + J + I)/C_m"
-THREE = {
-    "equations": {"V_m": POTENTIAL},
-    "receptors": {name: {"kernel": "exp", "tau": f"tau_{name[-1]}"} for name in ("g_a", "g_b", "J")},
-    "threshold": "V_m >= V_th",
-    "reset": {"V_m": "E_L"},
-    "parameters": {
-        **{"g_L": "10 nS", "E_L": "-70 mV", "E_a": "0 mV", "E_b": "-80 mV", "V_th": "-55 mV", "C_m": "200 pF"},
-        **{"tau_a": "3 ms", "tau_b": "8 ms", "tau_J": "2 ms"},
-    },
-    "integrator": {"rk4": {"substeps": 1}},
-}
+(THREE,) = beside(__file__, "THREE")
 three = neuro.equations("three_receptors", **THREE)
 
 WAYS = evaluated(__file__, "WAYS", globals())

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 import neuro
-from beside import beside
+from beside import beside, evaluated
 from neuro import ModelError
 from neuro.chips import chip, quantise
 
@@ -50,12 +50,7 @@ SPREAD = np.linspace(6.0, 15.0, 12)
 @pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
 @pytest.mark.parametrize(
     ("built_in", "own", "weight"),
-    [
-        (neuro.iaf_psc_exp(I_e=100.0), neuro.equations("a", **MODELS["own_iaf_psc_exp"])(I_e=100.0), 400.0),
-        (neuro.iaf_psc_exp(tau_m=SPREAD), neuro.equations("a", **MODELS["own_iaf_psc_exp"])(tau_m=SPREAD), 900.0),
-        (neuro.iaf_psc_delta(I_e=100.0), neuro.equations("b", **MODELS["own_iaf_psc_delta"])(I_e=100.0), 4.0),
-        (neuro.iaf_psc_exp(I_e=100.0), neuro.equations("c", **RESISTANCE)(), 400.0),
-    ],
+    evaluated(__file__, "TWINS", globals()),
     ids=["exp", "exp, one each", "delta", "resistance"],
 )
 def test_its_registers_and_spikes_are_those_of_the_built_in(target, built_in, own, weight):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import neuro
-from beside import beside
+from beside import beside, evaluated
 from neuro.testing import check_part
 
 TRACES, MSTDPET, DOPAMINE = beside(__file__, "TRACES", "MSTDPET", "DOPAMINE")
@@ -32,11 +32,7 @@ def found(rule, backend, rewards=(2.0, -1.0, 0.3)):
 @pytest.mark.parametrize("backend", ["reference", "event"])
 @pytest.mark.parametrize(
     ("built_in", "words", "numbers"),
-    [
-        (neuro.mstdpet, MSTDPET, {"gamma": 0.5, "b": 0.1}),
-        (neuro.mstdpet, MSTDPET, {"gamma": 5.0, "Wmax": 70.0}),
-        (neuro.stdp_dopa, DOPAMINE, {"A_plus": 0.02, "A_minus": 0.03, "b": 1e-3}),
-    ],
+    evaluated(__file__, "TWINS", globals()),
     ids=["mstdpet", "mstdpet at its bounds", "stdp_dopa"],
 )
 def test_a_rule_written_as_equations_gives_its_twins_weights(built_in, words, numbers, backend):

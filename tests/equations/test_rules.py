@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import neuro
-from beside import beside
+from beside import beside, evaluated
 
 STDP, TRIPLET = beside(__file__, "STDP", "TRIPLET")
 
@@ -19,12 +19,7 @@ def network(rule):
 
 @pytest.mark.parametrize("backend", ["reference", "event"])
 @pytest.mark.parametrize(
-    ("built_in", "words", "numbers"),
-    [
-        (neuro.stdp, STDP, {}),
-        (neuro.stdp_triplet, TRIPLET, {"Aplus": 0.5, "Aplus_triplet": 6.2, "Aminus": 2.0, "Aminus_triplet": 0.23}),
-    ],
-    ids=["stdp", "stdp_triplet"],
+    ("built_in", "words", "numbers"), evaluated(__file__, "TWINS", globals()), ids=["stdp", "stdp_triplet"]
 )
 def test_a_rule_written_as_equations_gives_its_twins_weights(built_in, words, numbers, backend):
     found = []
