@@ -7,7 +7,6 @@ import neuro
 from neuro.testing import observe
 from neuro.testing.case import differences
 from neuro_models import areas
-from refused import refused
 
 WHOLE = {"areas": 32, "scale": 0.02}
 
@@ -97,21 +96,5 @@ def test_three_simulators_give_the_same_spikes():
         assert differences(found[0], other, exact=False) == []
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ({"areas": 1}, "areas: areas = 1: expected a whole number from 2 to 99"),
-        ({"areas": 2.0}, "areas: areas = 2.0: expected a whole number from 2 to 99"),
-        ({"density": 1.5}, "areas: density = 1.5: expected a number from 0 to 1"),
-        ({"between": "half"}, "areas: between = 'half': expected a number from 0 to 1"),
-        ({"speed": 0.0}, "areas: speed = 0.0: expected a number > 0, in mm/ms"),
-        ({"radius": np.nan}, "areas: radius = nan: expected a number > 0 and at most 1000, in mm"),
-        ({"radius": 1e9}, "areas: radius = 1000000000.0: expected a number > 0 and at most 1000, in mm"),
-        ({"scale": 0}, "areas: scale = 0: expected a number > 0"),
-        ({"scale": np.nan}, "areas: scale = nan: expected a number > 0"),
-        ({"indegree": 0.0}, "areas: indegree = 0.0: expected a number > 0"),
-        ({"seed": -1}, "areas: seed = -1: expected a whole number >= 0"),
-    ],
-)
-def test_a_number_that_cannot_be_used_is_refused(words, message):
-    assert refused(lambda: areas.network(**words)) == message
+def test_a_number_that_cannot_be_used_is_refused(messages):
+    messages.calls(globals())

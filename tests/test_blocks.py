@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
+from beside import beside, evaluated
 from neuro.compiler import compile_network, connect
 from neuro.files.state import fingerprint
 from neuro.model.distributions import Distribution
@@ -18,43 +19,13 @@ from neuro.program.counts import Tally
 from neuro.program.program import Program, Projection, Share
 
 PLACES = np.random.default_rng(0).random((60, 2))
-RULES: dict[str, Rule] = {
-    "one_to_one": neuro.one_to_one(),
-    "all_to_all": neuro.all_to_all(),
-    "all_but_self": neuro.all_to_all(autapses=False),
-    "fixed_indegree": neuro.fixed_indegree(n=7),
-    "indegree_once": neuro.fixed_indegree(n=7, autapses=False, multapses=False),
-    "fixed_outdegree": neuro.fixed_outdegree(n=7),
-    "outdegree_once": neuro.fixed_outdegree(n=7, autapses=False, multapses=False),
-    "pairwise_bernoulli": neuro.pairwise_bernoulli(p=0.2),
-    "bernoulli_others": neuro.pairwise_bernoulli(p=0.2, autapses=False),
-    "fixed_total_number": neuro.fixed_total_number(n=300),
-    "total_once": neuro.fixed_total_number(n=300, autapses=False, multapses=False),
-    "symmetric": neuro.symmetric_pairwise_bernoulli(p=0.1),
-    "distance": neuro.distance_dependent(p=neuro.gaussian(std=0.3), autapses=False),
-    "pairs": neuro.pairs(pre=[3, 1, 2, 3], post=[0, 5, 5, 0]),
-}
+RULES: dict[str, Rule] = evaluated(__file__, "RULES", globals())
 VALUES: dict[str, tuple[Distribution, Distribution]] = {
     "normal": (neuro.normal(mean=2.0, std=0.5), neuro.normal(mean=1.5, std=0.75)),
     "lognormal": (neuro.lognormal(mean=0.1, std=0.4), neuro.lognormal(mean=0.1, std=0.4)),
     "uniform": (neuro.uniform(low=1.0, high=2.0), neuro.uniform(low=0.5, high=3.0)),
 }
-BEFORE = """
-one_to_one 8aeb8a598383ea88 ba74a319a4934a2c 48d56acc86451903
-all_to_all c49158c6f51f252e e0179e5a69bc5275 b7788f3953b7791c
-all_but_self d5f2d1c97434eedb 0cfc40ad79274a5f b20d22359762a666
-fixed_indegree 1df1d87d1ff7bee3 95bd1261479f10ac 6b835892b24666e0
-indegree_once 18dd74b596b1bacf 354a8cdf1ce4dc68 a8f4c19e388d37f3
-fixed_outdegree dfe03705ec89074e 5254b2d2fdac2fe7 ec7878353c7e1596
-outdegree_once f4bc75cc4c889250 0b50562945e9e204 e3740a680ab0409e
-pairwise_bernoulli 1c488057c732c9c4 a59aa773581fa70e 424e627685b41573
-bernoulli_others 6997ff7786d5057b 33687937fa4e5067 167d8746fda48cb2
-fixed_total_number 5f8796574c9424bd f17f37425bc5aacd c964d3ce607bfb25
-total_once 79cf45dd13eef41c 17f5bcf0ac659e55 e3a08f11faed98a0
-symmetric 19f8bfe220a52003 7da754cef792d874 69ebb85c9efee773
-distance 8eecdf91f751c94d 5c212ad51b876478 c0e59a7938039039
-pairs b00792cc55393d93 6a4f545bf98b7cbe 7c4f87766a9c5055
-"""
+(BEFORE,) = beside(__file__, "BEFORE")
 """Digests of projections as they were drawn before there were blocks: by rule, those of normal, lognormal, uniform."""
 
 

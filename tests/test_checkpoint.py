@@ -1,6 +1,7 @@
 """A training under way: kept, gone on with, and not mixed with another."""
 
 import json
+import re
 
 import h5py
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 import neuro
 from neuro.apps import Checkpoint
+from refused import refused
 
 TOLD = {"seed": 3, "settings": {"epochs": 2, "order": "frames"}}
 
@@ -37,9 +39,7 @@ def test_another_training_is_refused(kept, tmp_path):
         ({**TOLD, "seed": 4}, "seed = 3: found 4 now"),
         ({"seed": 3, "settings": {"epochs": 2}}, "settings.order = frames: found its default now"),
     ):
-        with pytest.raises(neuro.ModelError) as caught:
-            Checkpoint(tmp_path / "model.h5", "my training 1", told).resume()
-        assert str(caught.value) == (
+        assert refused(Checkpoint(tmp_path / "model.h5", "my training 1", told).resume) == (
             f"{kept.path}: an unfinished training with {expected}\n"
             "  hint: give the same options to continue it, or delete the file"
         )
@@ -49,10 +49,8 @@ def test_another_file_is_neither_read_nor_replaced(kept):
     kept.path.unlink()
     with h5py.File(kept.path, "w") as file:
         file.attrs["format"] = "another 1"
-    with pytest.raises(neuro.ModelError, match=r"not a my training 1\n  hint: it has no digest"):
-        kept.resume()
-    with pytest.raises(neuro.ModelError, match="expected a new name"):
-        kept.keep(history=np.zeros(1))
+    assert "not a my training 1\n  hint: it has no digest" in refused(kept.resume)
+    assert "expected a new name" in refused(kept.keep, history=np.zeros(1))
 
 
 def test_a_byte_that_flipped_is_found(tmp_path):
@@ -64,8 +62,7 @@ def test_a_byte_that_flipped_is_found(tmp_path):
     at = whole.index(weights.tobytes()) + 100
     made.path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
     told = r"model.h5.training: damaged my training 1: it is not what was written\n  hint: delete the file"
-    with pytest.raises(neuro.ModelError, match=told):
-        made.resume()
+    assert re.search(told, refused(made.resume))
 
 
 @pytest.mark.parametrize("error", [RuntimeError, ValueError, KeyError, TypeError, AttributeError])
@@ -86,11 +83,9 @@ def test_whatever_h5py_says_of_a_damaged_file_is_told(kept, monkeypatch, error):
 def test_what_it_was_told_cannot_be_mended_by_hand(kept):
     with h5py.File(kept.path, "r+") as file:
         file.attrs["told"] = json.dumps({**TOLD, "seed": 4})
-    with pytest.raises(neuro.ModelError, match=r"it is not what was written\n  hint: delete the file to begin anew"):
-        kept.resume()
+    assert "it is not what was written\n  hint: delete the file to begin anew" in refused(kept.resume)
 
 
 def test_a_way_out_of_its_own(kept, tmp_path):
     other = Checkpoint(tmp_path / "model.h5", "my training 1", {**TOLD, "seed": 4}, {"seed": "sow the same"})
-    with pytest.raises(neuro.ModelError, match=r"found 4 now\n  hint: sow the same, or delete the file$"):
-        other.resume()
+    assert re.search(r"found 4 now\n  hint: sow the same, or delete the file$", refused(other.resume))

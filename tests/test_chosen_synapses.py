@@ -5,7 +5,7 @@ import pytest
 
 import neuro
 from neuro import Network
-from refusals import message_of, refusal, refusals
+from refused import without_place
 
 FLOATS = ("reference", "event")
 
@@ -77,15 +77,14 @@ def test_a_weight_may_have_its_unit():
     assert sim.get("all", "weight", pre=0).tolist() == [2.5] * 6
     sim.set("currents", weight="0.02 nA")
     assert sim.get("currents", "weight").tolist() == [20.0] * 12
-    assert message_of(sim.set, "currents", weight="2 mV") == "weights of 'currents' = 2 mV: expected a current in pA"
+    assert without_place(sim.set, "currents", weight="2 mV") == "weights of 'currents' = 2 mV: expected a current in pA"
 
 
-@refusals("chosen synapses")
-def test_what_chooses_nothing_is_refused(call, message):
+def test_what_chooses_nothing_is_refused(messages):
     net = network()
     sim = neuro.compile(net, "reference")
     before = sim.get("some", "weight")
-    assert refusal(call, {"s": sim, "n": net}) == message
+    messages.calls({"s": sim, "n": net})
     assert np.array_equal(sim.get("some", "weight"), before)
 
 
@@ -103,6 +102,5 @@ def connected(rule, weight=1.0):
     return neuro.compile(net, "reference")
 
 
-@refusals("words of synapses")
-def test_what_cannot_be_set_is_told_by_what_it_is(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_what_cannot_be_set_is_told_by_what_it_is(messages):
+    messages.calls(globals())

@@ -11,7 +11,6 @@ from neuro.compiler.pairs import BLOCK, total_number
 from neuro.core.keyed_random import uniform_pairs, uniform_table
 from neuro.model.rules import Rule
 from neuro.program.program import Projection
-from refusals import refusal, refusals
 
 
 def compiled(rule: Rule, n_pre: int, n_post: int | None = None, seed: int = 1, **words: object) -> Projection:
@@ -110,9 +109,8 @@ def test_degrees_of_symmetric_pairs_are_binomial():
     assert kstest(degrees, share_below).pvalue > 1e-3
 
 
-@refusals("drawn rules")
-def test_mistakes(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_mistakes(messages):
+    messages.calls(globals())
 
 
 def test_views_are_connected_by_their_neurons():

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 import neuro
+from beside import evaluated
 from neuro.core import keyed_random
 from neuro.core.keyed_random import LARGEST_MEAN, poisson_table, uniform
 from neuro.kernels.draws import GUIDE_BITS, UNSURE, guide_to, poisson_by_table, words_of
@@ -190,15 +191,7 @@ def test_drawn_values_lie_between_their_bounds(distribution: Any, n: int):
 
 
 @pytest.mark.parametrize("many", [100, 1 << 20])
-@pytest.mark.parametrize(
-    "distribution",
-    [
-        neuro.normal(mean=0.1, std=5.0, low=0.1, high=0.3),
-        neuro.normal(mean=-1.0, std=0.1, high=0.0),
-        neuro.lognormal(std=2.0),
-        neuro.uniform(low=-0.3, high=0.1),
-    ],
-)
+@pytest.mark.parametrize("distribution", evaluated(__file__, "CUT", globals()))
 def test_single_values_are_the_nearest_within_their_bounds(
     distribution: Any, many: int, monkeypatch: pytest.MonkeyPatch
 ):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
+from beside import evaluated
 from neuro.model.synapses import Synapse
 from neuro.run.simulation import Simulation
 from neuro_event.building import build
@@ -25,14 +25,7 @@ SETTINGS = settings(
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
-RULES: dict[str, Any] = {
-    "stdp": partial(neuro.stdp, Wmax=8.0, lambda_=0.2),
-    "additive stdp": partial(neuro.stdp, Wmax=8.0, lambda_=0.2, mu_plus=0.0, mu_minus=0.0),
-    "inhibitory stdp": partial(neuro.stdp, Wmax=-8.0, lambda_=0.2, mu_plus=0.3, mu_minus=0.7),
-    "triplets": partial(neuro.stdp_triplet, Wmax=8.0, Aplus=0.1, Aplus_triplet=0.3, Aminus=0.2, Aminus_triplet=0.1),
-    "nearest": partial(neuro.stdp_nn_symm, Wmax=8.0, lambda_=0.2),
-    "times": partial(neuro.stdp_nn_restr, Wmax=8.0, lambda_=0.2),
-}
+RULES: dict[str, Any] = evaluated(__file__, "RULES", globals())
 STEPS = 120
 BUILD = build.build
 
@@ -162,11 +155,7 @@ def balanced(delay: Any, tau_minus: Any = 20.0) -> neuro.Network:
 
 @pytest.mark.parametrize(
     ("net", "eager"),
-    [
-        (balanced(1.5), [1, 1]),
-        (balanced(neuro.uniform(low=0.5, high=2.0)), [0, 0]),
-        (balanced(1.5, np.linspace(10.0, 30.0, 40)), [1, 0]),
-    ],
+    evaluated(__file__, "CASES", globals()),
     ids=["one delay", "delays of their own", "traces of their own"],
 )
 def test_which_projections_learn_at_once(net: neuro.Network, eager: list[int]):

@@ -6,7 +6,7 @@ import pytest
 import neuro
 from neuro.compiler.resolve import compile_network
 from neuro.model.distributions import Distribution
-from refusals import refusal, refusals
+from refused import without_place
 
 
 def compiled(delay, resolution: float = 0.1, rule=None):
@@ -23,9 +23,8 @@ def test_tails_are_cut_to_one_step():
         assert compiled(delay, rule=neuro.fixed_total_number(n=200)).delay.min() == 1
 
 
-@refusals("early delays")
-def test_delays_that_are_refused(call: str, message: str):
-    assert refusal(call, globals()) == f"projection 'x': {message}"
+def test_delays_that_are_refused(messages):
+    messages.calls(globals())
 
 
 def test_a_distribution_of_ones_own(registries):
@@ -36,7 +35,7 @@ def test_a_distribution_of_ones_own(registries):
         def sample(self, rng, n):
             return rng.random(n) - 2.0
 
-    told = refusal("compiled(delay)", globals() | {"delay": shifted()})
+    told = without_place(compiled, shifted())
     assert "delay of synapse 0 -> 0 = -1." in told
     assert "hint: 'sample' must give at least 0" in told
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.core.extras import install
 from neuro.run.collect import collect
+from refused import refused
 
 
 @pytest.fixture(params=["live", "left"])
@@ -88,6 +88,4 @@ def test_pandas(run):
 @pytest.mark.parametrize("package", ["neo", "pandas"])
 def test_a_package_that_is_missing(run, package, monkeypatch):
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(neuro.ModelError) as told:
-        getattr(run, f"to_{package}")()
-    assert str(told.value) == f"to_{package}: the package {package} is not installed\n  hint: {install(package)}"
+    assert f"the package {package} is not installed\n  hint: " in refused(getattr(run, f"to_{package}"))

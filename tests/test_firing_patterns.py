@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beside import beside
+
 EXAMPLE = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "firing_patterns.py"))
 LETTERS = {name[0]: pattern for name, pattern in EXAMPLE["PATTERNS"].items()}
 GAP = 9.4  # ms, longer than any within a burst
@@ -22,31 +24,10 @@ def bursts(times):
     return [part.size for part in np.split(times, np.flatnonzero(np.diff(times) > GAP) + 1)]
 
 
-@pytest.mark.parametrize(
-    ("letter", "sizes", "begin", "end"),
-    [
-        ("A", [2, 1, 1, 1], 10, 100),
-        ("B", [1], 20, 60),
-        ("C", [11, 6, 6, 6], 22, 220),
-        ("D", [7], 20, 80),  # one burst at the beginning, though the current goes on
-        ("E", [3, 1, 1, 1], 16, 160),
-        ("F", [4, 1, 1], 8, 85),
-        ("G", [1] * 10, 60, 300),
-        ("H", [1] * 16, 90, 300),
-        ("I", [1], 20, 30),  # the pulse ended at 13 ms
-        ("J", [1], 20, 30),
-        ("K", [1], 324, 350),  # after two pulses a period apart, not after two that are near
-        ("L", [1], 16, 30),  # after two pulses that are near, not after two that are apart
-        ("M", [1], 25, 80),  # after the inhibition
-        ("N", [11], 25, 120),
-        ("O", [1], 80, 100),  # the same pulse alone, at 10 ms, is too weak
-        ("P", [1] * 5, 37, 216),  # from one pulse to the next
-        ("Q", [1], 9, 12),
-        ("R", [1], 300, 313),  # in the fast ramp, not in the slow one to twice its height
-        ("S", [1] * 3, 50, 250),  # while it is inhibited
-        ("T", [7, 5], 50, 250),
-    ],
-)
+(SPIKES,) = beside(__file__, "SPIKES")
+
+
+@pytest.mark.parametrize(("letter", "sizes", "begin", "end"), SPIKES)
 def test_each_pattern_has_its_spikes(letter, sizes, begin, end):
     spikes = response(letter)[3]
     assert bursts(spikes) == sizes

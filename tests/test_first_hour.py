@@ -7,33 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from beside import beside
 from neuro import results
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "first_hour.py"
-NEST = """\
-nest.SetKernelStatus({"resolution": 0.1, "rng_seed": 1, "print_time": False})
-lif = {"tau_m": 20.0, "E_L": -65.0, "V_reset": -65.0, "V_th": -50.0, "V_m": nest.random.uniform(-65.0, -50.0)}
-exc = nest.Create("iaf_psc_exp", positions=nest.spatial.grid([40, 20], extent=[2.0, 1.0]), params=lif)
-inh = nest.Create("iaf_psc_exp", positions=nest.spatial.grid([20, 10], extent=[2.0, 1.0]), params=lif)
-noise = nest.Create("noise_generator", params={"mean": 200.0, "std": 300.0})
-nest.Connect(noise, exc)
-nest.Connect(noise, inh)
-recorder = nest.Create("weight_recorder")
-nest.CopyModel("stdp_synapse", "plastic", {"Wmax": 60.0, "weight_recorder": recorder})
-p = 0.3 * nest.spatial_distributions.gaussian(nest.spatial.distance, std=0.3)
-near = {"rule": "pairwise_bernoulli", "p": p, "allow_autapses": False}
-nest.Connect(exc, exc, near, {"synapse_model": "plastic", "weight": 30.0, "delay": 0.5 + 2.0 * nest.spatial.distance})
-nest.Connect(exc, inh, near, {"weight": 30.0, "delay": 1.0})
-nest.Connect(inh, exc, near, {"weight": -150.0, "delay": 1.0})
-nest.Connect(inh, inh, near, {"weight": -150.0, "delay": 1.0})
-multimeter = nest.Create("multimeter", params={"record_from": ["V_m", "I_syn_ex"], "interval": 1.0})
-nest.Connect(multimeter, exc[:10])
-spikes = nest.Create("spike_recorder")
-nest.Connect(exc, spikes)
-nest.Simulate(500.0)
-times, ids = (spikes.get("events")[word] for word in ("times", "senders"))
-sent = recorder.get("events")
-"""
+(NEST,) = beside(__file__, "NEST")
 
 
 def ours():

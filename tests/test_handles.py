@@ -5,7 +5,7 @@ import pytest
 
 import neuro
 from neuro.model.network import Network
-from refusals import message_of, refusal, refusals
+from refused import without_place
 
 BACKENDS = ("reference", "event", "loihi")
 FLOATS = BACKENDS[:2]
@@ -147,7 +147,7 @@ def test_spikes_are_injected_into_a_view(backend):
     sim.run(6.0)
     times, ids = sim.spikes(source)
     assert list(zip(times.tolist(), ids.tolist(), strict=True)) == [(1, 2), (1, 3), (2, 4), (3, 2), (3, 3), (5, 0)]
-    assert message_of(sim.inject, source[2:4], [9.0], [1]) == "ids[0] = 1: expected a neuron of source[2:4]"
+    assert without_place(sim.inject, source[2:4], [9.0], [1]) == "ids[0] = 1: expected a neuron of source[2:4]"
 
 
 @pytest.mark.parametrize("backend", FLOATS)
@@ -227,7 +227,7 @@ def test_registers_of_a_view_and_of_single_synapses():
     assert np.array_equal(sim.get(wires, "weight", raw=True, post=cells[3]), sim.get(wires, "weight", raw=True)[1:2])
 
 
-def test_the_kernels_of_a_grid_stay_whole():
+def test_the_kernels_of_a_grid_stay_whole(messages):
     net = Network()
     sheet = net.population("sheet", (4, 4), neuro.iaf_psc_exp())
     net.population("maps", (2, "auto", "auto"), neuro.iaf_psc_exp())
@@ -239,10 +239,7 @@ def test_the_kernels_of_a_grid_stay_whole():
     sim.set(wires, weight=2.0 * kernels)
     assert np.array_equal(sim.weights(wires), 2.0 * kernels)
     for call in (sim.weights, lambda of, **ends: sim.set(of, weight=1.0, **ends)):
-        assert message_of(call, wires, pre=sheet[0]) == (
-            "pre of 'sheet_maps', a grid, whose synapses share weights: expected all of them\n"
-            "  hint: its kernels are set as a whole, by map"
-        )
+        messages({"told": without_place(call, wires, pre=sheet[0])})
 
 
 def test_weights_are_normalised_by_the_part():
@@ -255,7 +252,6 @@ def test_weights_are_normalised_by_the_part():
 # refused
 
 
-@refusals("handles")
-def test_what_names_nothing_here_is_refused(call: str, message: str):
+def test_what_names_nothing_here_is_refused(messages):
     net = network()
-    assert refusal(call, globals() | {"n": net, "s": neuro.compile(net, "reference")}) == message
+    messages.calls(globals() | {"n": net, "s": neuro.compile(net, "reference")})

@@ -3,10 +3,9 @@
 import subprocess
 import sys
 
-import pytest
-
 import neuro
-from refusals import refusal, refusals
+from beside import beside
+from refused import refused
 
 
 def pair(**words):
@@ -22,21 +21,11 @@ def alone(model):
     return net
 
 
-@refusals("limits")
-def test_values_beyond_what_a_simulator_can_hold(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_values_beyond_what_a_simulator_can_hold(messages):
+    messages.calls(globals())
 
 
-VAST = """
-import resource, neuro
-resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
-net = neuro.Network("vast")
-net.population("a", 1_500_000_000, neuro.iaf_psc_exp())
-try:
-    neuro.compile(net, "event")
-except neuro.ModelError as error:
-    print(error)
-"""
+(VAST,) = beside(__file__, "VAST")
 
 
 def test_memory():
@@ -46,11 +35,9 @@ def test_memory():
     )
 
 
-def test_weights_of_a_dopamine_rule_stay_within_its_bounds():
+def test_weights_of_a_dopamine_rule_stay_within_its_bounds(messages):
     net = neuro.Network("bounds")
     a, b = net.population("a", 1, neuro.parrot_neuron()), net.population("b", 2, neuro.iaf_psc_exp())
     net.connect(a, b, neuro.all_to_all(), neuro.stdp_dopa(Wmax=100.0, b=0.1), weight=5.0, name="ab")
     sim = neuro.compile(net, "reference")
-    with pytest.raises(neuro.ModelError) as error:
-        sim.set_weights("ab", [5.0, 500.0])
-    assert str(error.value) == "projection 'ab': weight[1] = 500: expected 0 to 100, the bounds of stdp_dopa"
+    messages({"told": refused(sim.set_weights, "ab", [5.0, 500.0])})

@@ -12,7 +12,6 @@ from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences
 from neuro.testing.trials import sheets, trial_results
-from refused import error_of
 
 BACKENDS = ("reference", "event", "loihi", "spinnaker")
 INF = float("inf")
@@ -237,28 +236,6 @@ def test_it_is_written_and_read(tmp_path):
     assert "choice: {local_winners: {of: s2, radius: 3, per_map: 1}}" in (tmp_path / "net.yaml").read_text()
 
 
-MISTAKES: dict[str, tuple[Any, str]] = {
-    "no rows": (
-        lambda: _flat(local_winners(of="maps", radius=1)),
-        "group 'choice': local_winners of 'maps' of shape [2, 4]: expected (maps, rows, columns)",
-    ),
-    "peaks": (
-        lambda: sheet(local_winners(of="s2", radius=1), neuro.tempotron(), labels={"of": "s2"}),
-        "projection 'w': tempotron teaches by the largest V_m up to the one decision, and group 'choice' has several: "
-        "expected winner_take_all",
-    ),
-    "each step": (
-        lambda: sheet(neuro.winner_take_all(of="s2", first_to_fire=False)),
-        "trials: group 'choice' decides at each step: expected first_to_fire: true",
-    ),
-    "negative": (lambda: local_winners(of="s2", radius=-1), "local_winners.radius = -1: expected a whole number >= 0"),
-    "never": (
-        lambda: local_winners(of="s2", radius=1, per_map=0),
-        "local_winners.per_map = 0: expected a whole number >= 1",
-    ),
-}
-
-
 def _flat(group: local_winners) -> Network:
     net = Network("flat", resolution=1.0)
     net.population("maps", (2, 4), iaf_psc_delta())
@@ -266,7 +243,5 @@ def _flat(group: local_winners) -> Network:
     return net
 
 
-@pytest.mark.parametrize("mistake", MISTAKES)
-def test_mistakes(mistake: str):
-    make, message = MISTAKES[mistake]
-    assert error_of(lambda: neuro.compile(make(), "reference")).message == message
+def test_mistakes(messages):
+    messages.calls(globals())

@@ -13,7 +13,6 @@ from neuro.core.quantities import Value, quantity
 from neuro.model.neurons import MODELS, State, iaf_psc_exp, own as neurons
 from neuro.model.synapses import SYNAPSES, stdp, stdp_dopa
 from neuro.model.synapses.own import complete
-from refusals import refusal, refusals
 
 V_M, NOTE = State("V_m", "mV", "membrane potential"), State("note", "", "something else")
 
@@ -52,9 +51,8 @@ def another_first(p, h, c):
     c[0] = 1.0
 
 
-@refusals("incomplete neurons")
-def test_an_incomplete_neuron_is_refused(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_an_incomplete_neuron_is_refused(messages):
+    messages.calls(globals())
 
 
 def test_a_neuron_has_at_most_twenty_numeric_parameters():
@@ -71,9 +69,8 @@ def test_a_neuron_has_at_most_twenty_numeric_parameters():
         neurons.complete(worded)
 
 
-@refusals("incomplete rules")
-def test_an_incomplete_rule_is_refused(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_an_incomplete_rule_is_refused(messages):
+    messages.calls(globals())
 
 
 @pytest.mark.parametrize("model", [stdp, stdp_dopa])

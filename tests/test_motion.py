@@ -6,7 +6,6 @@ import pytest
 import neuro
 from neuro.events import DVS, frames_of
 from neuro_models import motion
-from refused import refused
 
 ROW, TAU = 8, 5.0
 
@@ -91,16 +90,8 @@ def test_the_reference_has_the_same_peaks():
     assert np.array_equal(motion.peaks(on_event, times, ids), motion.peaks(on_reference, times, ids))
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        ({"speeds": [0.1, 0.0]}, "motion: speeds = [0.1, 0.0] px/ms: expected numbers > 0"),
-        ({"longest": 0.5}, "motion: longest = 0.5 ms: expected at least the resolution, 1 ms"),
-        ({"leak": -1.0}, "iaf_linear_leak.leak = -1: expected a number >= 0 mV/ms"),
-    ],
-)
-def test_numbers_that_cannot_be(words, told):
-    assert told in refused(lambda: neuro.compile(motion.network(**words)))
+def test_numbers_that_cannot_be(messages):
+    messages.calls(globals())
 
 
 def test_events_find_their_patch():

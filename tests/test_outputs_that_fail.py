@@ -1,6 +1,7 @@
 """What is left of a file that could not be written: nothing of ours, and nothing of others is gone."""
 
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -12,10 +13,12 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro import events
 from neuro.core import outputs
 from neuro.core.hdf5 import new_file, writing
 from neuro.core.outputs import Unwritable, check_output, marked, output, write_text
+from refused import refused
 
 OURS = marked("a text of ours", "# ours")
 
@@ -106,8 +109,7 @@ def test_a_run_without_room_ends_with_one_error(tmp_path, most):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
     try:
-        with pytest.raises(Unwritable, match=r"a\.h5\.part: cannot be written: File too large"):
-            sim.run(20.0, out=tmp_path / "a.h5")
+        assert "a.h5.part: cannot be written: File too large" in refused(sim.run, 20.0, out=tmp_path / "a.h5")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     kept = {left: neuro.results.read(left).time for left in tmp_path.iterdir()}
@@ -152,18 +154,10 @@ def test_a_protected_file_stays(tmp_path):
     path = tmp_path / "a"
     path.write_text("# ours")
     path.chmod(0o400)
-    with pytest.raises(Unwritable, match=r"a: cannot be written: Permission denied$"):
-        write_text(path, "# ours", OURS)
+    assert re.search(r"a: cannot be written: Permission denied$", refused(write_text, path, "# ours", OURS))
 
 
-KILLED = """
-import pathlib, sys, time
-from neuro.core.outputs import marked, output
-with output(pathlib.Path(sys.argv[1]), marked("ours", "# ours")) as part:
-    part.write_text("# ours: half")
-    print(part.name, flush=True)
-    time.sleep(60)
-"""
+(KILLED,) = beside(__file__, "KILLED")
 
 
 def test_what_a_killed_process_left_is_removed(tmp_path, monkeypatch):

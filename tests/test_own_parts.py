@@ -3,7 +3,6 @@
 import math
 import subprocess
 import sys
-import textwrap
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,18 +10,18 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro.extend import Distribution, Neuron, Rule, State, Synapse, Trace, quantity
 from neuro.testing.case import differences, observe
-from refusals import refusal, refusals
+from refused import refused
 
 
 def network(**words):
     net = neuro.Network("own")
     net.population("in", 3, neuro.poisson_generator(rate=200.0))
     net.population("out", 2, words.pop("model", neuro.iaf_psc_exp()))
-    net.connect(
-        "in", "out", words.pop("rule", neuro.all_to_all()), **{"weight": 10.0, "delay": 1.0, "name": "w", **words}
-    )
+    words = {"weight": 10.0, "delay": 1.0, "name": "w", "rule": neuro.all_to_all(), **words}
+    net.connect("in", "out", **words)
     return net
 
 
@@ -67,12 +66,9 @@ def test_times_of_pre_spikes_are_alike():
 
 
 @pytest.mark.parametrize("backend", ["reference", "event"])
-def test_a_trace_of_post_spikes_keeps_its_time_constant(backend):
+def test_a_trace_of_post_spikes_keeps_its_time_constant(backend, messages):
     sim = neuro.compile(network(synapse=since_pre()), backend)
-    with pytest.raises(neuro.ModelError) as told:
-        sim.set("w", tau_y=5.0)
-    assert told.value.message == "since_pre.tau_y of 'w': a trace of post spikes decays with it, so it is fixed"
-    assert told.value.hint == "change the network and compile again"
+    messages({"fixed": refused(sim.set, "w", tau_y=5.0)})
 
 
 class bare(Neuron):
@@ -142,9 +138,8 @@ class absent(Distribution):
     """Does not say how it is drawn."""
 
 
-@refusals("own parts")
-def test_what_is_not_as_it_should_be_is_told(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_what_is_not_as_it_should_be_is_told(messages):
+    messages.calls(globals())
 
 
 def test_a_state_of_other_states_is_refused(tmp_path):
@@ -163,99 +158,35 @@ def test_a_state_of_other_states_is_refused(tmp_path):
         made(("V_m", "I_syn_in", "I_syn_ex")).restore(tmp_path / "state.h5")
 
 
-UNCOMPILABLE = """
-import neuro
-from dataclasses import dataclass
-from neuro.extend import Neuron
-
-@neuro.register
-@dataclass(frozen=True, kw_only=True, eq=False)
-class odd(neuro.iaf_psc_delta):
-    "Its step cannot be compiled."
-
-def constants(p, h, c):
-    c[0] = p[6]
-
-def step(s, c, x, i_0, lo, hi, fired):
-    for i in range(lo, hi):
-        fired[i] = nobody_knows
-
-def fire(s, c, i):
-    s[0, i] = c[0]
-
-def quiet(s, c, i_0, lo, hi):
-    return False
-"""
+UNCOMPILABLE, HELPED, RUN, BROKEN = beside(__file__, "UNCOMPILABLE", "HELPED", "RUN", "BROKEN")
 
 
-def test_what_numba_cannot_compile_is_told_in_one_error(tmp_path, registries, monkeypatch, answer):
+def test_what_numba_cannot_compile_is_told_in_one_error(tmp_path, registries, monkeypatch, answer, messages):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my_odd.py").write_text(UNCOMPILABLE)
     (tmp_path / "net.yaml").write_text("neuro: 1\nname: one\npopulations:\n  cells: {model: odd, shape: 2}\n")
     done = answer("run", "net.yaml", "--with", "my_odd.py", "--for", "1")
     assert done.status == 2
-    assert done.err.splitlines()[-2:] == [
-        f"error: {tmp_path / 'my_odd.py'}: model 'odd' cannot be compiled: step: "
-        "NameError: name 'nobody_knows' is not defined",
-        "  hint: its functions have arithmetic on floats and math, and call plain functions of their module's names",
-    ]
+    messages({"told": "\n".join(done.err.splitlines()[-2:]).replace(f"{tmp_path}/", "")})
 
 
 def test_what_lies_beside_a_file_is_found(tmp_path):
     (tmp_path / "beside_it.py").write_text("RATE = 5.0\n")
-    (tmp_path / "mine_with_help.py").write_text(
-        textwrap.dedent("""
-            from dataclasses import dataclass
-            import neuro
-            from beside_it import RATE
-
-            @neuro.register
-            @dataclass(frozen=True, kw_only=True, eq=False)
-            class helped(neuro.poisson_generator):
-                "Like its base."
-        """)
-    )
-    code = (
-        "import neuro; from neuro.core.extension import run_extension; run_extension('mine_with_help.py');"
-        "import sys; print(sys.path[-1])"
-    )
+    (tmp_path / "mine_with_help.py").write_text(HELPED)
     folder = tmp_path / "elsewhere"
     folder.mkdir()
-    done = subprocess.run(
-        [sys.executable, "-c", code.replace("'mine", f"'{tmp_path}/mine")], cwd=folder, capture_output=True, text=True
-    )
+    words = [sys.executable, "-c", RUN.format(tmp_path)]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True)
     assert (done.stdout.strip(), done.stderr) == (str(tmp_path), "")
 
 
-def test_an_installed_package_that_is_broken_troubles_only_who_names_it(tmp_path):
+def test_an_installed_package_that_is_broken_troubles_only_who_names_it(tmp_path, messages):
     info = tmp_path / "broken-1.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1\n")
     (info / "entry_points.txt").write_text("[neuro.models]\nlost = nowhere:lost\nizhikevich = nowhere:other\n")
-    code = textwrap.dedent("""
-        import sys, warnings
-        sys.path.append(sys.argv[1])
-        import neuro
-        from neuro.model.neurons import MODELS
-        with warnings.catch_warnings(record=True) as told:
-            warnings.simplefilter("always")
-            print(len(list(MODELS.values())) == len(list(MODELS)) - 1)
-            list(MODELS.values())
-        print(*(each.message for each in told), sep="\\n")
-        try:
-            MODELS["lost"]
-        except neuro.ModelError as error:
-            print(error.message)
-    """)
-    done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True)
-    missing = "model 'lost' cannot be loaded from nowhere:lost: ModuleNotFoundError: No module named 'nowhere'"
-    assert done.stdout.splitlines() == [
-        "True",
-        missing,
-        "  hint: install again the package that brings it",
-        "model 'izhikevich' of nowhere:other is not used: there is one of that name",
-        missing,
-    ]
+    done = subprocess.run([sys.executable, "-c", BROKEN, str(tmp_path)], capture_output=True, text=True, check=True)
+    messages({"told": done.stdout})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -41,33 +41,16 @@ import pytest
 import yaml
 
 import neuro
+from beside import beside
 from neuro.cli import main
 from neuro.cli.start import shipped
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-NEEDS = {
-    "the folder of this project": None,
-    "the package index": None,
-    "a backend of yours": None,
-    "a terminal": None,
-    "minutes": None,
-    "BindsNET": None,
-    "Lava": None,
-    "N-MNIST": None,
-    "POKER-DVS": None,
-    "MPI": None,
-    "NEST": "nest",
-    "NIR": "nir",
-    "Norse": "norse",
-    "PyNN": "pyNN",
-    "scikit-learn": "sklearn",
-    "torch": "torch",
-    "websockets": "websockets",
-}
+(NEEDS,) = beside(__file__, "NEEDS")
 """What blocks may need, and the module that shows that it is there; None: never asked for by a test."""
 
-KINDS = ("console", "sh", "python", "text", "pycon", "yaml", "diff", "toml", "c")
+EDITS, KINDS = beside(__file__, "EDITS", "KINDS")
 
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
 _FILE = re.compile(r"# ([\w./-]+\.(?:py|yaml))\n")
@@ -309,13 +292,6 @@ def change(block: Block) -> None:
     path.write_text("\n".join(text) + "\n")
 
 
-EDITS = {
-    "add-a-neuron-model": ("lif_cond.py", "- x[1, i]", "- 3.0 * x[1, i]"),
-    "add-a-synapse-rule": ("triplets.py", "c[A2_PLUS] + c", "7.0 * c[A2_PLUS] + c"),
-    "add-a-trial-rule": ("early.py", "quantity(20.0", "quantity(25.0"),
-    "add-a-generator": ("sine_generator.py", "out[i] = 1.0", "out[i] = 2.0"),
-    "add-a-connection-rule": ("near.py", "self.p * np.exp", "0.5 * self.p * np.exp"),
-}
 """A change of a third-party file after which the page's first command prints something else."""
 
 
@@ -332,26 +308,16 @@ def test_page(page, reader):
         pytest.fail(wrong, pytrace=False)
 
 
-@pytest.mark.parametrize(
-    ("text", "wrong"),
-    [
-        ("```sh\nneuro backends\nneuro run gone.yaml  # no\n```\n", "page.md:3: `neuro run gone.yaml` ended with 2"),
-        ("```console\n$ neuro example net.yaml\nno.yaml\n```\n", "page.md:2: `neuro example net.yaml` prints\n"),
-        ("\n```sh\nmake test\n```\n", "page.md:3: `make test`: the reader of a page has 'neuro' and 'python'"),
-        ("```sh\n# needs luck\nneuro\n```\n", "page.md:2: 'luck' is nothing that a page may need: expected one of the"),
-        ("```python\na = 1\nb = a / 0\n```\n", "page.md:3: ZeroDivisionError: division by zero"),
-        ("```python\nprint(1)\n```\n```text\n2\n```\n", "page.md:5: the block above prints\n1\n"),
-        ("```pycon\n>>> 1 + 1\n3\n```\n", "Expected:\n    3\nGot:\n    2\n"),
-        ("```yaml\nneuro: 1\npopulatons: {}\n```\n", "page.md:2: block.yaml:2:1: unknown word of a network"),
-        ("```bash\nneuro\n```\n", "page.md:2: a block of 'bash' is not run: expected one of console, sh"),
-    ],
-)  # fmt: skip
-def test_a_wrong_page_is_told_with_its_place(text, wrong, reader, monkeypatch):
+def test_a_wrong_page_is_told_with_its_place(reader, monkeypatch, messages):
     monkeypatch.setitem(globals(), "ROOT", reader)
-    (reader / "page.md").write_text(text)
-    with pytest.raises(Fault) as fault:
-        followed(reader / "page.md")
-    assert wrong in str(fault.value)
+
+    def of(text):
+        (reader / "page.md").write_text(text)
+        with pytest.raises(Fault) as fault:
+            followed(reader / "page.md")
+        return str(fault.value).replace(f"{reader}/", "")
+
+    messages.of(of)
 
 
 def check_edited(page: Path, folder: Path, printed: dict[str, str]) -> None:

@@ -1,19 +1,17 @@
 """Pictures of simulations and results: what they show, what they leave out and say so; nothing stays behind."""
 
-from pathlib import Path
-
 import matplotlib
 import numpy as np
 import pytest
-import yaml
 from matplotlib.figure import Figure
 
 import neuro
-from neuro import ModelError, plots
+from neuro import plots
 from neuro.files.parts import Trace, Train, Weights
 from neuro.files.recorded import SpikeTrain as Spikes, intervals, recorded, trains, variation
 from neuro.files.results import Results
 from neuro.plots import _spikes, _traces
+from refused import refused
 
 
 def results(size=10, spikes=100, traced=1, recorded=True, duration=1000.0):
@@ -272,14 +270,10 @@ MISTAKES = {
     "an unknown projection": lambda sim: plots.weights(sim, "in_uot"),
     "an unknown kind": lambda sim: plots.weights(sim, "in_out", "matirx"),
 }
-MESSAGES = yaml.safe_load(Path(__file__).with_name("plot_messages.yaml").read_text("utf-8"))
 
 
-@pytest.mark.parametrize("what", MISTAKES)
-def test_mistakes(what, sim):
-    with pytest.raises(ModelError) as told:
-        MISTAKES[what](sim)
-    assert str(told.value) == MESSAGES[what]
+def test_mistakes(sim, messages):
+    messages({what: refused(draw, sim) for what, draw in MISTAKES.items()})
 
 
 FORMULA = "$\\x_{^%$"

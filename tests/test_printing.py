@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import evaluated
 from neuro.run.collect import collect
 
 
@@ -31,44 +32,20 @@ def net():
     return net
 
 
-PRINTED = """\
-brunel: 10,100 neurons in 3 populations, resolution 0.1 ms
-
-populations
-  name   model              shape     parameters
-  -----  -----------------  --------  -------------------------------------------------------------------------------------------
-  noise  poisson_generator  100       rate = 8000 Hz
-  exc    iaf_psc_exp        80 x 100  tau_m = 20 ms, I_e = 0 .. 10 (8,000 values) pA, V_m at 0 ms = uniform(low=-70, high=-55) mV
-  inh    iaf_psc_exp        2,000
-
-projections
-  name       from   to   rule                            synapses  synapse            weight  delay (ms)
-  ---------  -----  ---  ------------------------------  --------  -----------------  ------  ----------
-  noise_exc  noise  exc  all_to_all                       800,000  static                 20           1
-  exc_inh    exc    inh  fixed_indegree(n=100)            200,000  stdp(lambda=0.02)      20         1.5
-  inh_exc    inh    exc  pairwise_bernoulli(p=0.1)              -  static               -100         1.5
-  listed     exc    exc  pairs(pre=[0, 1], post=[2, 3])         2  static             [3, 4]           1
-
-signals
-  name    to
-  ------  ---
-  reward  exc
-
-groups
-  name  what
-  ----  -----------------------
-  wta   winner_take_all(of=inh)
-
-probes
-  name  of     record  every (ms)
-  ----  -----  ------  ----------
-  v     exc    V_m              1
-  s     noise  spikes"""  # noqa: E501
-
-
-def test_a_network(net):
-    assert str(net) == PRINTED
-    assert repr(net) == "Network('brunel', 3 populations, 4 projections, resolution=0.1)"
+def test_networks_and_parts_as_text(net, messages):
+    exc, inh = net.populations["exc"], net.populations["inh"]
+    weight = neuro.normal(mean=20.0, std=2.0)
+    told = {"the network": str(net), "in short": repr(net)}
+    parts = (exc, net.projections["exc_inh"], net.signals["reward"], net.groups["wta"], net.probes["s"])
+    told |= {f"{part.name} in short": repr(part) for part in parts}
+    told |= {part.name: str(part) for part in (exc, inh, net.projections["exc_inh"], net.projections["noise_exc"])}
+    some = net.connect(exc[:2, ::25], inh[::4], neuro.all_to_all(), weight=weight, name="some")
+    messages(told | {"some": str(some)})
+    head, rows = tables(some._repr_html_())
+    assert head == "projection 'some'"
+    assert rows[1:3] == [["from", "exc[:2, ::25], shape [2, 4]", ""], ["to", "inh[::4], shape [500]", ""]]
+    head, rows = tables(exc._repr_html_())
+    assert (head, rows[1]) == ("population 'exc'", ["shape", "[80, 100]", ""])
 
 
 def test_sizes_that_a_grid_decides():
@@ -82,75 +59,6 @@ def test_sizes_that_a_grid_decides():
     assert "  out   iaf_psc_delta    2 x auto x auto" in lines
     assert "0 .. 0 (18 values)" in lines[11]
     assert lines[-1] == "  input=in, duration=20"
-
-
-def test_parts_in_one_line(net):
-    assert repr(net.populations["exc"]) == (
-        "Population('exc', shape=[80, 100], model=iaf_psc_exp(tau_m=20, I_e=array of shape (8000,)), "
-        "initial={V_m: uniform(low=-70, high=-55)})"
-    )
-    assert repr(net.projections["exc_inh"]) == (
-        "Projection('exc_inh', source='exc', target='inh', rule=fixed_indegree(n=100), "
-        "synapse=stdp(lambda_=0.02), weight=20, delay=1.5)"
-    )
-    assert repr(net.signals["reward"]) == "Signal('reward', to='exc')"
-    assert repr(net.groups["wta"]) == "Group('wta', choice=winner_take_all(of='inh'))"
-    assert repr([net.probes["s"]]) == "[Probe('s', of='noise', record='spikes')]"
-
-
-def test_a_part_in_full(net):
-    assert str(net.projections["exc_inh"]).splitlines()[-9:] == [
-        "stdp",
-        "  parameter  value  unit  default",
-        "  ---------  -----  ----  -------",
-        "  tau_plus      20  ms",
-        "  lambda      0.02           0.01",
-        "  alpha          1",
-        "  mu_plus        1",
-        "  mu_minus       1",
-        "  Wmax         100",
-    ]
-    assert str(net.populations["inh"]).splitlines()[:8] == [
-        "population 'inh'",
-        "",
-        "  word   value        unit",
-        "  -----  -----------  ----",
-        "  shape  [2000]",
-        "  model  iaf_psc_exp",
-        "",
-        "iaf_psc_exp",
-    ]
-
-
-def test_a_projection_tells_its_ends_weights_and_delay(net):
-    exc, inh = net.populations["exc"], net.populations["inh"]
-    some = net.connect(
-        exc[:2, ::25], inh[::4], neuro.all_to_all(), weight=neuro.normal(mean=20.0, std=2.0), name="some"
-    )
-    assert str(some).splitlines()[:11] == [
-        "projection 'some'",
-        "",
-        "  word      value                        unit",
-        "  --------  ---------------------------  ----",
-        "  from      exc[:2, ::25], shape [2, 4]",
-        "  to        inh[::4], shape [500]",
-        "  rule      all_to_all",
-        "  synapses  4,000",
-        "  synapse   static",
-        "  weight    normal(mean=20, std=2)       pA",
-        "  delay     1                            ms",
-    ]
-    assert "  from      noise, shape [100]" in str(net.projections["noise_exc"])
-    head, rows = tables(some._repr_html_())
-    assert head == "projection 'some'"
-    assert rows[1:3] == [["from", "exc[:2, ::25], shape [2, 4]", ""], ["to", "inh[::4], shape [500]", ""]]
-
-
-def test_a_population_tells_where_it_begins(net):
-    text = str(net.populations["exc"])
-    assert "  V_m at 0 ms  uniform(low=-70, high=-55)                         mV" in text
-    head, rows = tables(net.populations["exc"]._repr_html_())
-    assert (head, rows[1]) == ("population 'exc'", ["shape", "[80, 100]", ""])
 
 
 def test_a_current_is_no_silent_spiker():
@@ -169,18 +77,7 @@ def test_a_current_is_no_silent_spiker():
         assert rows[3] == ["cells", "iaf_psc_exp", "2", "0", "0.00"]
 
 
-@pytest.mark.parametrize(
-    "rule",
-    [
-        neuro.all_to_all(),
-        neuro.all_to_all(autapses=False),
-        neuro.one_to_one(),
-        neuro.fixed_indegree(n=2),
-        neuro.fixed_outdegree(n=3),
-        neuro.pairs([0, 1, 1], [2, 3, 3]),
-    ],
-    ids=repr,
-)
+@pytest.mark.parametrize("rule", evaluated(__file__, "RULES", globals()), ids=repr)
 def test_as_many_synapses_as_are_made(rule):
     net = neuro.Network()
     net.population("a", 5, neuro.iaf_psc_exp())
@@ -230,57 +127,22 @@ def sim():
     return sim
 
 
-ROWS = [
-    ["name", "model", "neurons", "spikes", "rate (Hz)"],
-    ["in", "spike_generator", "4", "8", "40.00"],
-    ["out", "iaf_psc_exp", "6", "0", "0.00"],
-    ["name", "from", "to", "synapse", "synapses"],
-    ["in_out", "in", "out", "stdp", "24"],
-]
+def lines(shown):
+    """A head and rows of cells, as one text."""
+    head, rows = tables(shown._repr_html_())
+    return "\n".join([head, *(" | ".join(row) for row in rows)])
 
 
-def test_a_simulation(sim):
-    assert tables(sim._repr_html_()) == ("Simulation('two', backend='reference', time=50 ms)", ROWS)
+def test_runs_and_recordings_as_pages(sim, messages):
+    results = collect(sim, sim.network())
+    compared = neuro.compare.compare(sim.network(), ["reference", "event"], 20.0)
+    events = neuro.events.Events([0, 5, 500_000], [1, 2, 3], [0, 0, 1], [1, 1, 0], (4, 3), {"camera": "<script>"})
+    shown = {"a simulation": sim, "results": results, "a comparison": compared, "events": events, "none": events[:0]}
+    messages({name: lines(one) for name, one in shown.items()})
+    assert [tables(one._repr_html_())[0] for one in (sim, results, compared)] == [*map(repr, (sim, results, compared))]
     assert str(sim).startswith(f"{sim!r}\n\npopulations\n  name  model")
     sim.reset()
     assert tables(sim._repr_html_())[1][1] == ["in", "spike_generator", "4", "0", "-"]
-
-
-def test_results(sim):
-    results = collect(sim, sim.network())
-    head, rows = tables(results._repr_html_())
-    assert head == repr(results) == "Results('two', backend='reference', duration=50 ms)"
-    assert rows == [
-        *ROWS,
-        ["name", "of", "state", "columns", "times"],
-        ["v", "out", "V_m", "6", "50"],
-    ]
-
-
-def test_a_comparison(sim):
-    found = neuro.compare.compare(sim.network(), ["reference", "event", "loihi"], 20.0)
-    head, rows = tables(found._repr_html_())
-    assert head == repr(found) == "Comparison('two', 20 ms on reference, event, loihi)"
-    assert rows[0] == ["backend", "spikes", "synaptic ops", "first difference"]
-    assert rows[1] == ["reference", "8", "48", "-"]
-    assert rows[2] == ["event", "8", "48", "none"]
-
-
-def test_events():
-    events = neuro.events.Events([0, 5, 500_000], [1, 2, 3], [0, 0, 1], [1, 1, 0], (4, 3), {"camera": "<script>"})
-    assert tables(events._repr_html_()) == (
-        "Events",
-        [
-            ["", ""],
-            ["events", "3"],
-            ["sensor", "4 x 3 px"],
-            ["from", "0 us"],
-            ["to", "500,000 us"],
-            ["mean rate", "6 events/s"],
-            ["ON", "66.7%"],
-        ],
-    )
-    assert tables(events[:0]._repr_html_())[1][3:] == [["from", "-"], ["to", "-"], ["mean rate", "-"], ["ON", "-"]]
 
 
 def test_what_is_played_and_what_is_of_distance():

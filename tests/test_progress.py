@@ -7,20 +7,12 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro.core import progress
 from neuro.core.progress import advance
+from refused import refused
 
-NET = """\
-neuro: 1
-name: small
-populations:
-  noise: {model: {poisson_generator: {rate: 900.0}}, shape: 20}
-  exc: {model: {iaf_psc_exp: {tau_m: 15.0}}, shape: 8}
-projections:
-  noise_exc: {from: noise, to: exc, rule: all_to_all, weight: 300.0, delay: 1.0, synapse: {stdp: {Wmax: 600.0}}}
-probes:
-  v: {of: exc, record: V_m, every: 0.7}
-"""
+(NET,) = beside(__file__, "NET")
 
 
 @pytest.fixture
@@ -98,5 +90,4 @@ def test_a_bar_on_a_terminal(sim, monkeypatch, capsys):
 
 
 def test_progress_is_true_or_false(sim):
-    with pytest.raises(neuro.ModelError, match=re.escape("run: progress = 3: expected true or false")):
-        sim().run(1.0, progress=3)
+    assert re.search(re.escape("run: progress = 3: expected true or false"), refused(sim().run, 1.0, progress=3))

@@ -6,21 +6,13 @@ import textwrap
 from pathlib import Path
 
 import neuro
+from beside import beside
 from neuro.cli.catalogue import body, bounds, catalogue, shown
 from neuro.model.language.including import SECTIONS
 from neuro.model.parts import Trials
 
 REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
-HEAD = """\
-# Models, synapses, rules and distributions
-
-Each is named in YAML as `name` or `{name: {parameter: value}}`, in Python as `neuro.name(parameter=value)`;
-codes are functions `neuro.coding.name(values, parameter=value)`.
-*Array*: a list of one value per neuron or synapse, a file or a distribution is accepted, too,
-of synapses also `of_distance`. `neuro models NAME` prints the same.
-
-This page is written by `python tests/test_reference.py`.
-"""
+(HEAD,) = beside(__file__, "HEAD")
 
 
 def page() -> str:

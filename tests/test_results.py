@@ -10,6 +10,7 @@ from neuro import ModelError
 from neuro.core.hdf5 import FRONT, seal
 from neuro.files.parts import Trace, Train, Weights
 from neuro.files.results import YAML, Results, read, write
+from refused import refused
 
 
 @pytest.fixture
@@ -54,8 +55,7 @@ def test_round_trip(results, tmp_path):
 @pytest.mark.parametrize("content", [b"", b"text", b"\x89HDF\r\n\x1a\n and no more"])
 def test_other_files_are_refused(tmp_path, content):
     (tmp_path / "a.h5").write_bytes(content)
-    with pytest.raises(ModelError, match=r"a\.h5: not a file of results, as 'neuro run' writes it"):
-        read(tmp_path / "a.h5")
+    assert "a.h5: not a file of results, as 'neuro run' writes it" in refused(read, tmp_path / "a.h5")
 
 
 def test_a_damaged_file_is_refused(results, tmp_path):
@@ -64,11 +64,9 @@ def test_a_damaged_file_is_refused(results, tmp_path):
     write(results, tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "a") as file:
         del file["populations/z/steps"]
-    with pytest.raises(ModelError, match=r"a\.h5: damaged neuro results 3: it is not what was written\n"):
-        read(tmp_path / "a.h5")
+    assert "a.h5: damaged neuro results 3: it is not what was written\n" in refused(read, tmp_path / "a.h5")
     seal(tmp_path / "a.h5")
-    with pytest.raises(ModelError, match=r"a\.h5: damaged: "):
-        read(tmp_path / "a.h5")
+    assert "a.h5: damaged: " in refused(read, tmp_path / "a.h5")
 
 
 def test_without_a_digest_it_is_refused(results, tmp_path):

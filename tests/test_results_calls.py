@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro import ModelError
 
 
 @pytest.fixture(scope="module")
@@ -61,16 +60,9 @@ def test_weights_of_views_and_pairs(both):
         assert np.array_equal(live.get("w", what, post=cells[0]), left.get("w", what, post=cells[0]))
 
 
-def test_wrong_ends(both):
+def test_wrong_ends(both, messages):
     for run in both[1:]:
-        with pytest.raises(ModelError, match=r"pre = 'cells': expected neurons of 'drive', as 'w' has there"):
-            run.weights("w", pre="cells")
-        with pytest.raises(ModelError, match="found 9: expected -8 to 7"):
-            run.weights("w", pre=[9])
-        with pytest.raises(ModelError, match="found both 'of' and 'pre'"):
-            run.weights("w", of=[(0, 1)], pre=[0])
-        with pytest.raises(ModelError, match=r"of: pair 0: found source 8: expected a neuron of 'drive', 0 to 7"):
-            run.weights("w", of=[(8, 0)])
+        messages.calls({"run": run})
 
 
 @pytest.mark.parametrize("name", ["all_spikes", "some_spikes", "v"])
@@ -82,23 +74,8 @@ def test_traces(both, name):
         assert np.array_equal(a, c)
 
 
-def test_no_such_probe(both):
-    for run in both[1:]:
-        with pytest.raises(ModelError, match="unknown probe 'spikes'"):
-            run.trace("spikes")
-
-
-def test_a_file_has_no_states(both):
-    left = both[2]
-    with pytest.raises(ModelError, match="states of 'cells': a file of results has none") as error:
-        left.states("cells")
-    assert "run.traces" in error.value.hint
-    with pytest.raises(ModelError, match="population 'cells': a file of results has no 'V_m'") as error:
-        left.get("cells", "V_m")
-    assert "run.trace('v')" in error.value.hint
-    with pytest.raises(ModelError, match="projection 'w': a file of results has no 'K_plus'") as error:
-        left.get("w", "K_plus")
-    assert "net.probe('name', 'w', 'K_plus')" in error.value.hint
+def test_a_file_has_no_states(both, messages):
+    messages.calls({"left": both[2]})
 
 
 def test_a_bill(both):

@@ -6,12 +6,10 @@ import json
 from dataclasses import dataclass, field
 from typing import Any
 
-import pytest
 import typer
 from typer.testing import CliRunner
 
 from neuro.apps import Part, Registry, Settings, part, setting, with_settings
-from refused import refused
 
 
 @dataclass(frozen=True)
@@ -58,22 +56,8 @@ def test_values_are_checked_and_have_one_form():
     assert [row.name for row in one.rows()][:3] == ["front", "front.radius", "front.spokes"]
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"load": -1}, "bicycle: load = -1: expected a number >= 0 kg"),
-        ({"gears": 12}, "bicycle: gears = 12: expected a list, each of it a whole number >= 9"),
-        ({"gears": [12, 3]}, "bicycle: gears[1] = 3: expected a whole number >= 9"),
-        ({"color": "blue"}, "unknown setting of bicycle 'color'\n  hint: did you mean 'colour'?"),
-        ({"number": 3}, "unknown setting of bicycle 'number'"),
-        ({"spokes": 20}, "'spokes' could mean front.spokes or back.spokes: expected one of these"),
-        ({"front": "square"}, "unknown wheel 'square'"),
-        ({"front.spokes": 2}, "wheel 'spoked': spokes = 2: expected a whole number >= 3"),
-        ({"front": "solid", "front.spokes": 20}, "unknown setting of wheel 'solid' 'spokes'"),
-    ],
-)
-def test_what_cannot_be_is_refused(values, message):
-    assert refused(Bicycle().changed, values).startswith(message)
+def test_what_cannot_be_is_refused(messages):
+    messages.calls(globals())
 
 
 def test_plain_data_gives_the_same_settings():

@@ -1,6 +1,5 @@
 """Neurons that sleep: after a silence of any length they are where steps one by one bring them."""
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -8,11 +7,11 @@ import numpy as np
 import pytest
 
 import neuro
+from alike import alike
+from beside import evaluated
 from built_in import NEURONS
 from neuro.extend import Neuron, State, leak, quantity
 from neuro.model.neurons.own import check_sleep
-from neuro.testing import observe
-from neuro.testing.case import differences
 from neuro.testing.parts import check_silences
 
 
@@ -107,12 +106,7 @@ def test_cuba_lif_is_right_after_quiet_time():
         net.population("c", 1, neuro.cuba_lif(tau_m=100.0, tau_syn_ex=60.0))
         net.connect("g", "c", neuro.all_to_all(), weight=weight)
         net.probe("v", "c", "V_m", every=1.0)
-        found = []
-        for backend in ("reference", "event"):
-            sim = neuro.compile(net, backend, seed=1)
-            sim.run(300.0)
-            found.append(observe(sim))
-        assert differences(*found, exact=False) == []
+        alike(net, 300.0)
 
 
 LEAKY = neuro.equations(
@@ -123,18 +117,7 @@ LEAKY = neuro.equations(
     threshold="V_m >= V_th",
     reset={"V_m": "0 mV"},
 )
-SLEEPERS = [
-    neuro.cuba_lif(tau_m=100.0, tau_syn_ex=60.0),
-    neuro.cuba_lif(tau_m=math.inf, tau_syn_ex=neuro.uniform(low=0.3, high=30.0), reset_by_subtraction=True),
-    neuro.iaf_psc_exp(tau_syn_in=10.0),
-    neuro.iaf_psc_alpha(tau_syn_ex=10.0, V_min=-72.0),
-    neuro.iaf_psc_delta(refractory_input=True, V_min=-75.0),
-    neuro.mat2_psc_exp(),
-    neuro.srm0(eta_sum=True),
-    neuro.soft_wta(),
-    neuro.iaf_psc_exp_adaptive_threshold(theta_plus=1.0),
-    LEAKY(),
-]
+SLEEPERS = evaluated(__file__, "SLEEPERS", globals())
 
 
 @pytest.mark.parametrize("model", SLEEPERS, ids=lambda model: model.name)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from closed_forms import NOISY, escapes
 
 DRIVEN = {"tau_m": 20.0, "C_m": 200.0, "E_L": 0.0, "V_th": 15.0, "eta_0": 15.0, "I_e": 250.0, "t_ref": 0.0}
@@ -36,29 +37,13 @@ def test_the_period_of_the_sum_of_after_potentials(h):
     assert np.all(np.abs(periods - 20.0 * np.log(2.5)) < h)
 
 
-def subtracting():
-    """A LIF of equations whose spikes subtract eta_0 from V_m."""
-    return neuro.equations(
-        "subtracting",
-        equations={"V_m": "(E_L - V_m)/tau_m + (I_ex + I_in + I_e + I)/C_m"},
-        receptors={"I_ex": {"kernel": "exp", "tau": "tau_syn"}, "I_in": {"kernel": "exp", "tau": "tau_syn"}},
-        threshold="V_m >= V_th",
-        reset={"V_m": "V_m - eta_0"},
-        parameters={
-            "tau_m": "10 ms",
-            "C_m": "250 pF",
-            "E_L": "-70 mV",
-            "V_th": "-55 mV",
-            "eta_0": "15 mV",
-            "I_e": "300 pA",
-            "tau_syn": "2 ms",
-        },
-    )()
+(SUBTRACTING,) = beside(__file__, "SUBTRACTING")
+"""A LIF of equations whose spikes subtract eta_0 from V_m."""
 
 
 def test_the_sum_of_after_potentials_is_a_lif_whose_spikes_subtract():
     found = []
-    for model in (subtracting(), neuro.srm0(eta_sum=True, t_ref=0.0, I_e=300.0)):
+    for model in (neuro.equations("subtracting", **SUBTRACTING)(), neuro.srm0(eta_sum=True, t_ref=0.0, I_e=300.0)):
         net = neuro.Network("twins")
         net.population("noise", 50, neuro.poisson_generator(rate=100.0))
         net.population("cells", 10, model)

@@ -5,7 +5,7 @@ import pytest
 
 import neuro
 from neuro import ModelError
-from refusals import refusal, refusals
+from refused import refused
 
 
 def network():
@@ -26,9 +26,8 @@ def probed(of="learning", **words):
     return neuro.compile(net, "reference")
 
 
-@refusals("probes of synapses")
-def test_what_is_refused(call, message):
-    assert refusal(call, globals()) == f"probe 'w': {message}"
+def test_what_is_refused(messages):
+    messages.calls(globals())
 
 
 def test_synapses_are_chosen_by_their_ends(tmp_path):
@@ -58,7 +57,7 @@ def test_synapses_are_chosen_by_their_ends(tmp_path):
     assert "learning to cells[1:]" in str(net)
 
 
-def test_ends_of_neurons_and_of_a_grid():
+def test_ends_of_neurons_and_of_a_grid(messages):
     net = network()
     with pytest.raises(ModelError, match="probe 'v': pre is for projections: 'cells' is a population"):
         net.probe("v", "cells", "V_m", pre=[0])
@@ -66,11 +65,7 @@ def test_ends_of_neurons_and_of_a_grid():
     net.population("maps", (2, "auto", "auto"), neuro.iaf_psc_exp())
     net.connect("sheet", "maps", neuro.grid(kernel=(3, 3)), name="grid")
     net.probe("k", "grid", "weight", pre=[0])
-    with pytest.raises(ModelError) as error:
-        neuro.compile(net, "reference")
-    assert str(error.value).partition(": probe 'k': ")[2] == (
-        "pre and post: the synapses of a grid share their weights\n  hint: synapses: [0, 1] records some of these"
-    )
+    messages({"told": refused(neuro.compile, net, "reference").partition(": probe 'k': ")[2]})
 
 
 def test_a_backend_that_does_not_note_pre_spikes():

@@ -3,10 +3,8 @@
 import subprocess
 import sys
 
-import pytest
-
-from neuro import ModelError
 from neuro.core.system import only_on_linux, usable_cores
+from refused import refused
 
 
 def test_other_systems_use_all_cores(monkeypatch):
@@ -19,8 +17,7 @@ def test_other_systems_use_all_cores(monkeypatch):
 def test_parts_that_need_linux_say_so(monkeypatch):
     only_on_linux("a sweep")
     monkeypatch.setattr(sys, "platform", "darwin")
-    with pytest.raises(ModelError, match="a sweep needs Linux: found the system 'darwin'"):
-        only_on_linux("a sweep")
+    assert "a sweep needs Linux: found the system 'darwin'" in refused(only_on_linux, "a sweep")
 
 
 def test_windows_is_refused_with_the_way_out():

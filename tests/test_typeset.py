@@ -54,41 +54,8 @@ def test_parameters_and_states_are_not_taken_for_english():
         assert names & {word.strip("(,:)") for word in english} == set(), name
 
 
-@pytest.mark.parametrize(
-    ("equation", "mathml"),
-    [
-        ("V_m'", "<msubsup><mi>V</mi><mrow><mtext>m</mtext></mrow><mrow><mo>′</mo></mrow></msubsup>"),
-        (
-            "-(V_m - E)/tau_syn_ex",
-            '<mo form="prefix">−</mo><mfrac><mrow><msub><mi>V</mi><mrow><mtext>m</mtext></mrow></msub>'
-            '<mo form="infix">−</mo><mi>E</mi></mrow>'
-            "<mrow><msub><mi>τ</mi><mrow><mtext>syn,ex</mtext></mrow></msub></mrow></mfrac>",
-        ),
-        (
-            "rate h / 1000",
-            '<mfrac><mrow><mi class="long">rate</mi><mspace width="0.22em"></mspace><mi>h</mi></mrow>'
-            "<mrow><mn>1000</mn></mrow></mfrac>",
-        ),
-        (
-            "2^(i phase)",
-            '<msup><mn>2</mn><mrow><mi>i</mi><mspace width="0.22em"></mspace><mi class="long">phase</mi></mrow></msup>',
-        ),
-        ("a[k + 1]", '<msub><mi>a</mi><mrow><mi>k</mi><mo form="infix">+</mo><mn>1</mn></mrow></msub>'),
-        ("K-3", '<msubsup><mi>K</mi><mrow><mn>3</mn></mrow><mrow><mo form="prefix">−</mo></mrow></msubsup>'),
-        ("sqrt(x)", "<msqrt><mi>x</mi></msqrt>"),
-    ],
-)
-def test_a_term(equation, mathml):
-    assert site.typeset(equation) == f'<span class="equation"><math displaystyle="true">{mathml}</math></span>'
-
-
-def test_lines_break_between_clauses_and_before_operators_and_words_stand_outside_of_formulas():
-    assert re.sub(r"<math.*?>", "<math>", site.typeset("x = y + 1, t since a spike; spike at |x| >= 2 (pre)")) == (
-        '<span class="equation"><math><mi>x</mi></math><wbr><math><mo form="infix">=</mo><mi>y</mi></math><wbr>'
-        '<math><mo form="infix">+</mo><mn>1</mn><mo>,</mo></math> <math><mi>t</mi></math> since a spike</span>'
-        '<span class="equation">spike at <math><mrow><mo form="prefix">|</mo><mi>x</mi><mo form="postfix">|</mo></mrow>'
-        '</math><wbr><math><mo form="infix">≥</mo><mn>2</mn></math> (pre)</span>'
-    )
+def test_terms_and_lines(messages):
+    messages.of(site.typeset)
 
 
 @pytest.mark.parametrize("equation", ["x = (y", "x = y)", "x ^", "x = ", "x = y & z", "x[k", "x / / y"])

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 import neuro
 from neuro.extend import Synapse, Trace, quantity
-from refusals import message_of, refusal, refusals
+from refused import without_place
 
 PRE, POST = [2, 0, 1, 0, 2], [1, 3, 0, 0, 2]
 N = len(PRE)
@@ -133,7 +133,7 @@ def test_values_are_set_read_saved_and_kept_by_a_network(backend, tmp_path: Path
 def test_a_state_is_not_that_of_other_values(tmp_path: Path):
     first, other = (neuro.compile(network(neuro.stdp(lambda_=np.full(N, k))), seed=1) for k in (0.1, 0.2))
     first.save(tmp_path / "state.h5")
-    assert "a state of another network 'n'" in message_of(other.restore, tmp_path / "state.h5")
+    assert "a state of another network 'n'" in without_place(other.restore, tmp_path / "state.h5")
 
 
 def test_values_in_yaml(tmp_path: Path):
@@ -142,14 +142,13 @@ def test_values_in_yaml(tmp_path: Path):
     assert neuro.load(tmp_path / "net.yaml") == net
     text = (tmp_path / "net.yaml").read_text().replace("0.5", "-0.5")
     (tmp_path / "net.yaml").write_text(text)
-    assert "stdp.lambda[4] = -0.5: expected a number >= 0" in message_of(neuro.load, tmp_path / "net.yaml")
+    assert "stdp.lambda[4] = -0.5: expected a number >= 0" in without_place(neuro.load, tmp_path / "net.yaml")
 
 
-@refusals("values of synapses")
-def test_values_that_do_not_fit_are_refused(call: str, message: str):
+def test_values_that_do_not_fit_are_refused(messages):
     net = network(neuro.stdp())
     scope = globals() | {"s": neuro.compile(net, "reference"), "first": net.populations["source"][0]}
-    assert refusal(call, scope) == message
+    messages.calls(scope)
 
 
 def test_chips_have_one_rule_for_a_projection():
@@ -158,13 +157,13 @@ def test_chips_have_one_rule_for_a_projection():
     net.population("b", 2, neuro.iaf_psc_exp())
     rule = neuro.stdp(lambda_=[0.1, 0.2], Wmax=[90.0, 80.0])
     net.connect("a", "b", neuro.one_to_one(), rule, weight=40.0, name="w")
-    message = message_of(neuro.compile, net, "loihi")
+    message = without_place(neuro.compile, net, "loihi")
     assert (
         "projection 'w': stdp: lambda, Wmax of each synapse: a rule of the chip is one for the whole projection"
         in message
     )
     assert "hint: give all synapses one number, split the projection, or run on event" in message
-    assert "pairwise learning is not emulated" in message_of(neuro.compile, net, "spinnaker")
+    assert "pairwise learning is not emulated" in without_place(neuro.compile, net, "spinnaker")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,31 +7,14 @@ import pytest
 import yaml
 
 import neuro
+from beside import beside, evaluated
 from neuro import ModelError
 from neuro.chips import chip, quantise
-from refusals import refusal, refusals
 
 MODELS = yaml.safe_load(Path(__file__).with_name("models.yaml").read_text())["models"]
 CHIPS = pytest.mark.parametrize("target", ["loihi", "spinnaker"])
 
-RESISTANCE = {
-    "equations": {"v": "(v_rest - v + R*(s + I + I_0))/tau"},
-    "receptors": {"s": {"kernel": "exp", "tau": "tau_s"}},
-    "threshold": "v >= v_rest + rise",
-    "reset": {"v": "v_rest"},
-    "refractory": {"time": "t_ref", "hold": ["v"]},
-    "initial": {"v": "v_rest", "s": "s_0"},
-    "parameters": {
-        "v_rest": "-0.07 V",
-        "rise": "15 mV",
-        "tau": "10 ms",
-        "R": "40 MOhm",
-        "I_0": "0.1 nA",
-        "s_0": "0 pA",
-        "tau_s": "2 ms",
-        "t_ref": "2 ms",
-    },
-}
+RESISTANCE, LINEAR = beside(__file__, "RESISTANCE", "LINEAR")
 """iaf_psc_exp in other words: a resistance, one receptor, units of its own."""
 
 
@@ -67,12 +50,7 @@ SPREAD = np.linspace(6.0, 15.0, 12)
 @pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
 @pytest.mark.parametrize(
     ("built_in", "own", "weight"),
-    [
-        (neuro.iaf_psc_exp(I_e=100.0), neuro.equations("a", **MODELS["own_iaf_psc_exp"])(I_e=100.0), 400.0),
-        (neuro.iaf_psc_exp(tau_m=SPREAD), neuro.equations("a", **MODELS["own_iaf_psc_exp"])(tau_m=SPREAD), 900.0),
-        (neuro.iaf_psc_delta(I_e=100.0), neuro.equations("b", **MODELS["own_iaf_psc_delta"])(I_e=100.0), 4.0),
-        (neuro.iaf_psc_exp(I_e=100.0), neuro.equations("c", **RESISTANCE)(), 400.0),
-    ],
+    evaluated(__file__, "TWINS", globals()),
     ids=["exp", "exp, one each", "delta", "resistance"],
 )
 def test_its_registers_and_spikes_are_those_of_the_built_in(target, built_in, own, weight):
@@ -114,25 +92,6 @@ def test_its_states_and_parameters_are_read_and_set_by_their_own_names(target):
     assert np.array_equal(sim.get("cells", "v", raw=True), sim.get("cells", "V_m", raw=True))
 
 
-LINEAR = {
-    "equations": {"V_m": "(E_L - V_m)/tau_m + (I_syn + I)/C_m"},
-    "receptors": {"I_syn": {"kernel": "exp", "tau": "tau_syn"}},
-    "threshold": "V_m >= V_th",
-    "reset": {"V_m": "E_L"},
-    "refractory": {"time": "t_ref", "hold": ["V_m"]},
-    "parameters": {
-        "tau_m": "10 ms",
-        "C_m": "250 pF",
-        "E_L": "-70 mV",
-        "V_th": "-55 mV",
-        "tau_syn": "2 ms",
-        "tau_w": "100 ms",
-        "a": "1 nS",
-        "t_ref": "2 ms",
-    },
-}
-
-
 def on_loihi(**words):
     net = neuro.Network("other")
     net.population("cells", 2, neuro.equations("other", **words)())
@@ -143,9 +102,8 @@ def on_loihi(**words):
         raise only from None
 
 
-@refusals("equations on chips")
-def test_of_other_equations_it_says_why_not(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_of_other_equations_it_says_why_not(messages):
+    messages.calls(globals())
 
 
 def test_a_membrane_that_grows_is_refused():

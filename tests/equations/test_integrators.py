@@ -8,14 +8,11 @@ import pytest
 import yaml
 
 import neuro
+from beside import beside
 from neuro.testing import check_part
 
 MODELS = yaml.safe_load(Path(__file__).with_name("models.yaml").read_text())["models"]
-RELAXING = {
-    "equations": {"V_m": "(E_L - V_m)/tau_m + (g*(E - V_m) + I)/C_m"},
-    "receptors": {"g": {"kernel": "exp", "tau": "tau_syn"}},
-    "parameters": {"E_L": "-70 mV", "E": "0 mV", "tau_m": "10 ms", "tau_syn": "2 ms", "C_m": "250 pF"},
-}
+(RELAXING,) = beside(__file__, "RELAXING")
 
 
 def like_nest(shared, golden, integrator, backend):

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 import neuro
+from beside import beside
 from neuro import ModelError
 from neuro.compiler.mistakes import mistakes
-from refusals import refusal, refusals
+from refused import refused
 
 HERE = Path(__file__).parent
 
@@ -22,36 +23,12 @@ def changed(right: str, wrong: str) -> None:
     neuro.load("net.yaml")
 
 
-@refusals("equations in a file")
-def test_a_mistake_in_a_file(tmp_path, monkeypatch, call: str, message: str):
+def test_a_mistake_in_a_file(tmp_path, monkeypatch, messages):
     monkeypatch.chdir(tmp_path)
-    assert refusal(call, globals()) == message
+    messages.calls(globals())
 
 
-UNITLESS = {
-    "izhikevich": {
-        "equations": {"V_m": "0.04*V_m^2 + 5*V_m + 140 - u + I", "u": "a*(b*V_m - u)"},
-        "threshold": "V_m >= 30",
-        "reset": {"V_m": "c", "u": "u + d"},
-        "parameters": {"a": 0.02, "b": 0.2, "c": -65, "d": 8},
-        "integrator": "euler",
-    },
-    "inner sums": {
-        "let": {"x": "3*(V_m - 4)", "y": "max(5 pA, V_m)"},
-        "equations": {"V_m": "(x + r*y)/tau + exp(V_m)", "z": "1 - z/tau", "q": "where(z > tau, q, x)/(2*z) - q"},
-        "threshold": "V_m > y",
-        "initial": {"z": "-1", "q": "tau + z_0"},
-        "reset": {"q": "q + 5"},
-        "parameters": {"tau": "10 ms", "z_0": "2 pF", "r": "1 GOhm"},
-        "integrator": "euler",
-    },
-    "rule": {
-        "states": {"e": {"tau": "tau"}},
-        "on_pre": {"w": "w + e*step", "e": "e + log(tau)"},
-        "on_post": {"w": "w*step + e", "e": "e - tau - 1"},
-        "parameters": {"step": "3 pA", "tau": "10 ms"},
-    },
-}
+(UNITLESS,) = beside(__file__, "UNITLESS")
 
 
 @pytest.mark.parametrize(("name", "count"), [("izhikevich", 9), ("inner sums", 10), ("rule", 4)])
@@ -134,8 +111,7 @@ def test_bounds_and_units_of_parameters():
     assert model.quantities()["r"].expected() == "a number >= 1 and <= 5 Hz"
     assert model.quantities()["tau"].above == 0
     assert [(state.name, state.unit) for state in model.states] == [("V_m", "mV"), ("x", "")]
-    with pytest.raises(ModelError, match=r"m.r = 7: expected a number >= 1 and <= 5 Hz"):
-        model(r=7.0)
+    assert "m.r = 7: expected a number >= 1 and <= 5 Hz" in refused(model, r=7.0)
 
 
 def test_a_current_needs_a_place_in_the_equations():

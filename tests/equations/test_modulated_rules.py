@@ -4,43 +4,10 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside, evaluated
 from neuro.testing import check_part
-from refusals import refusal, refusals
 
-TRACES = {"K_plus": {"of": "pre", "tau": "tau_plus"}, "K_minus": {"of": "post", "tau": "tau_minus"}}
-MSTDPET = {
-    "traces": TRACES,
-    "states": {"z": {"tau": "tau_z"}},
-    "on_post": {"z": "z + A_plus*K_plus/tau_z"},
-    "on_pre": {"z": "z - A_minus*K_minus/tau_z"},
-    "on_signal": {"w": "gamma*(n - b)*z"},
-    "parameters": {
-        "tau_plus": "20 ms",
-        "A_plus": 1,
-        "A_minus": 1,
-        "tau_z": "25 ms",
-        "gamma": 0.1,
-        "b": 0,
-        "Wmax": {"default": 100, "doc": "largest weight"},
-    },
-}
-DOPAMINE = {
-    "traces": TRACES,
-    "states": {"c": {"tau": "tau_c"}},
-    "on_post": {"c": "c + A_plus*K_plus"},
-    "on_pre": {"c": "c - A_minus*K_minus"},
-    "on_signal": {"w": "c*(n - b)"},
-    "parameters": {
-        "tau_plus": "20 ms",
-        "A_plus": 1,
-        "A_minus": 1.5,
-        "tau_c": "1000 ms",
-        "tau_n": "200 ms",
-        "b": "0 1/ms",
-        "Wmin": 0,
-        "Wmax": 200,
-    },
-}
+TRACES, MSTDPET, DOPAMINE = beside(__file__, "TRACES", "MSTDPET", "DOPAMINE")
 
 
 def network(rule):
@@ -65,11 +32,7 @@ def found(rule, backend, rewards=(2.0, -1.0, 0.3)):
 @pytest.mark.parametrize("backend", ["reference", "event"])
 @pytest.mark.parametrize(
     ("built_in", "words", "numbers"),
-    [
-        (neuro.mstdpet, MSTDPET, {"gamma": 0.5, "b": 0.1}),
-        (neuro.mstdpet, MSTDPET, {"gamma": 5.0, "Wmax": 70.0}),
-        (neuro.stdp_dopa, DOPAMINE, {"A_plus": 0.02, "A_minus": 0.03, "b": 1e-3}),
-    ],
+    evaluated(__file__, "TWINS", globals()),
     ids=["mstdpet", "mstdpet at its bounds", "stdp_dopa"],
 )
 def test_a_rule_written_as_equations_gives_its_twins_weights(built_in, words, numbers, backend):
@@ -146,6 +109,5 @@ def rule(**words):
     neuro.equations("m", **{**MSTDPET, **words})
 
 
-@refusals("modulated equations")
-def test_mistakes(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_mistakes(messages):
+    messages.calls(globals())

@@ -11,176 +11,28 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro.model.equations import EquationNeuron, EquationSynapse
 from neuro.model.equations.functions import ARGUMENTS, PUBLIC
 from neuro.model.equations.rule import _Between
 
 PYTHON = (*keyword.kwlist, *keyword.softkwlist, "self", "cls", "object", "MISSING", "field", "print", "float", "exec")
 ATTRIBUTES = sorted({*dir(EquationNeuron), *dir(_Between), *EquationSynapse.__annotations__, "divisions"})
-WORDS_HERE = (
-    "name",
-    "equation",
-    "timed",
-    "schedule",
-    "receptor",
-    "file",
-    "key",
-    "origin",
-    "model",
-    "values",
-    "default",
-)
-CODE = (
-    *("p", "h", "c", "s", "x", "i_0", "lo", "hi", "fired", "i", "k", "y", "e", "pre", "post", "begin", "end", "n"),
-    *("grid", "passed", "held", "size", "part", "now", "t", "last", "trying", "worst", "math", "change", "SYSTEM"),
-    *("next_V_m", "new_V_m", "k1_V_m", "next_v", "dg", "dv", "z", "q", "u", "free_0_0", "c3"),
-)
-READ = (
-    "spikes",
-    "rate",
-    "counts",
-    "weight",
-    "delay",
-    "w",
-    "K_plus",
-    "tau_minus",
-    "tau_n",
-    "V_m",
-    "V_th",
-    "E_L",
-    "t_ref",
-)
-ODD = (
-    "mV",
-    "ms",
-    "s",
-    "pA",
-    "nS",
-    "I",
-    "refractory",
-    "_",
-    "a_",
-    "a__b",
-    "__class__",
-    "__init__",
-    "3a",
-    "",
-    "a b",
-    "a-b",
-)
-UNICODE = ("\u00b5", "\u03bc", "\u03c4_m", "\ufb01", "\u00e9", "\u4e2d", "a\u200b", "\U0001d465", "\u0301a")
+WORDS_HERE, CODE, READ, ODD, UNICODE = beside(__file__, "WORDS_HERE", "CODE", "READ", "ODD", "UNICODE")
 LONG = ("a" * 300, "b" * 1999, "c" * 5000)
 NAMES = tuple(
     dict.fromkeys((*PYTHON, *ATTRIBUTES, *WORDS_HERE, *CODE, *READ, *ODD, *UNICODE, *LONG, *ARGUMENTS, *PUBLIC))
 )
-CELL: dict[str, Any] = {
-    "equations": {"V_m": "(E_L - V_m)*leak + I/C_m"},
-    "threshold": "V_m >= V_th",
-    "reset": {"V_m": "E_L"},
-    "parameters": {"E_L": "-70 mV", "V_th": "-60 mV", "C_m": "250 pF", "leak": "0.1 1/ms"},
-}
-SPIKES_ONLY: dict[str, Any] = {
-    "traces": {"trace": {"of": "pre", "tau": "tau_plus"}},
-    "on_post": {"w": "min(Wmax, w + Wmax*step*trace)"},
-    "on_pre": {"w": "w"},
-    "parameters": {"Wmax": 100.0, "step": 0.02, "tau_plus": "20 ms"},
-}
+CELL, PLACES = beside(__file__, "CELL", "PLACES")
 
 
 def cell(**more: Any) -> dict[str, Any]:
     return {**CELL, **more}
 
 
-def parameter(name: str) -> dict[str, Any]:
-    return {
-        "models": {
-            "m": cell(
-                equations={"V_m": f"(E_L - V_m)*{name} + I/C_m"},
-                parameters={**{k: v for k, v in CELL["parameters"].items() if k != "leak"}, name: "0.1 1/ms"},
-            )
-        }
-    }
-
-
-def state(name: str, integrator: str = "") -> dict[str, Any]:
-    words = cell(
-        equations={"V_m": f"(E_L - V_m)*leak + I/C_m + {name}*leak", name: f"(gap - {name})*leak"},
-        reset={"V_m": "E_L", name: f"0.5*{name}"},
-        initial={name: "0.5*gap"},
-        parameters={**CELL["parameters"], "gap": "2 mV"},
-    )
-    return {"models": {"m": words | ({"integrator": integrator} if integrator else {})}}
-
-
-def gate(name: str) -> dict[str, Any]:
-    return state(name, "exponential_euler")
-
-
-def adaptive(name: str) -> dict[str, Any]:
-    return state(name, "rkf45")
-
-
-def receptor(name: str) -> dict[str, Any]:
-    equations = {"V_m": f"(E_L - V_m)*leak + (I + {name})/C_m"}
-    return {"models": {"m": cell(equations=equations, receptors={name: {"kernel": "alpha", "tau": "3 ms"}})}}
-
-
-def abbreviation(name: str) -> dict[str, Any]:
-    return {"models": {"m": cell(equations={"V_m": f"{name} + I/C_m"}, let={name: "(E_L - V_m)*leak"})}}
-
-
-def rule_parameter(name: str) -> dict[str, Any]:
-    parameters = {"Wmax": 100.0, name: 0.02, "tau_plus": "20 ms"}
-    return {"rule": {**SPIKES_ONLY, "on_post": {"w": f"min(Wmax, w + Wmax*{name}*trace)"}, "parameters": parameters}}
-
-
-def rule_state(name: str) -> dict[str, Any]:
-    changes = {"w": f"min(Wmax, w + Wmax*step*{name})"}
-    states = {name: {"tau": "tau_plus"}}
-    return {
-        "rule": {**SPIKES_ONLY, "traces": {}, "states": states, "on_pre": {name: f"{name} + 1"}, "on_post": changes}
-    }
-
-
-def signal_parameter(name: str) -> dict[str, Any]:
-    words = {**SPIKES_ONLY, "states": {"tag": {"tau": "tau_plus"}}, "on_post": {"tag": "tag + trace"}}
-    parameters = {"Wmax": 100.0, name: "0.02 1/ms", "tau_plus": "20 ms"}
-    return {"rule": {**words, "on_signal": {"w": f"n*Wmax*{name}*tag"}, "parameters": parameters}}
-
-
-def trace(name: str) -> dict[str, Any]:
-    words = {"traces": {name: {"of": "pre", "tau": "tau_plus"}}, "on_post": {"w": f"min(Wmax, w + Wmax*step*{name})"}}
-    return {"rule": {**SPIKES_ONLY, **words}}
-
-
-def model_name(name: str) -> dict[str, Any]:
-    return {"models": {name: CELL}, "cell": name}
-
-
-def rule_name(name: str) -> dict[str, Any]:
-    return {"rule": SPIKES_ONLY, "rule_name": name}
-
-
-def population(name: str) -> dict[str, Any]:
-    return {"c": name}
-
-
-def projection(name: str) -> dict[str, Any]:
-    return {"p": name}
-
-
-def signal(name: str) -> dict[str, Any]:
-    return {"signal": name}
-
-
-def probe(name: str) -> dict[str, Any]:
-    return {"probe": name}
-
-
-PLACES = (
-    *(parameter, state, gate, adaptive, receptor, abbreviation, rule_parameter, rule_state, signal_parameter, trace),
-    *(model_name, rule_name, population, projection, signal, probe),
-)
+def standing(place: str, name: str) -> dict[str, Any]:
+    """The part of a description in which the name stands."""
+    return json.loads(json.dumps(PLACES[place]).replace("@", json.dumps(name)[1:-1]))
 
 
 def description(words: dict[str, Any]) -> dict[str, Any]:
@@ -228,10 +80,10 @@ def outcome(net: neuro.Network) -> tuple[Any, ...]:
     return tuple(np.asarray(x).tolist() for x in (*sim.spikes(c), sim.trace(seen)[1], sim.weights(p)[2]))
 
 
-def used(place: Any, name: str, folder: Path) -> tuple[Any, ...]:
+def used(place: str, name: str, folder: Path) -> tuple[Any, ...]:
     """What a network with the name does, read from a file, saved and read again, copied."""
     file = folder / "net.yaml"
-    file.write_text(json.dumps(description(place(name))))  # every JSON is YAML
+    file.write_text(json.dumps(description(standing(place, name))))  # every JSON is YAML
     net = neuro.load(file)
     result = outcome(net)
     net.save(folder / "again.yaml")
@@ -245,26 +97,26 @@ def used(place: Any, name: str, folder: Path) -> tuple[Any, ...]:
     return result
 
 
-def check(place: Any, names: tuple[str, ...], folder: Path) -> set[str]:
+def check(place: str, names: tuple[str, ...], folder: Path) -> set[str]:
     """The names that are refused; all others do what a neutral one does."""
     neutral = used(place, "neutral", folder)
     assert len(neutral[0]) > 2
     refused = set()
     for name in names:
         try:
-            assert used(place, name, folder) == neutral, f"{place.__name__} '{name:.40}'"
+            assert used(place, name, folder) == neutral, f"{place} '{name:.40}'"
         except neuro.ModelError:
             refused.add(name)
     return refused
 
 
-@pytest.mark.parametrize("place", PLACES, ids=lambda place: place.__name__)
+@pytest.mark.parametrize("place", PLACES)
 def test_names_that_python_has_work(place, tmp_path):
     assert not check(place, ("lambda", "None", "class", "cls", "self", "next_V_m", "h", "c3"), tmp_path)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("place", PLACES, ids=lambda place: place.__name__)
+@pytest.mark.parametrize("place", PLACES)
 def test_every_name_works_or_is_refused(place, tmp_path):
     refused = check(place, NAMES, tmp_path)
     assert not refused & {*keyword.kwlist, *dir(builtins)} - {*ARGUMENTS, *ODD, *dir(object), *ATTRIBUTES}
@@ -279,25 +131,25 @@ def refusal(words: dict[str, Any]) -> str:
 @pytest.mark.parametrize("name", ["definition", "divisions", "name", "equation", "twin", "states", "tau_minus"])
 def test_attributes_of_the_class_are_no_parameters(name):
     expected = f"model 'm': parameters.{name}: '{name}' has a meaning in every model: expected another name"
-    assert refusal(parameter(name)["models"]["m"]) == expected
+    assert refusal(standing("parameter", name)["models"]["m"]) == expected
 
 
 def test_every_attribute_is_refused():
     """By the class itself: no list has to follow it."""
     for name in {name for name in dir(EquationNeuron) if not name.startswith("_")}:
-        assert "has a meaning in every model" in refusal(parameter(name)["models"]["m"])
+        assert "has a meaning in every model" in refusal(standing("parameter", name)["models"]["m"])
     for name in {name for name in dir(_Between) if not name.startswith("_")}:
-        assert "has a meaning in every model" in refusal(signal_parameter(name)["rule"])
+        assert "has a meaning in every model" in refusal(standing("signal_parameter", name)["rule"])
 
 
 @pytest.mark.parametrize("name", ["part", "tau_minus", "rate"])
 def test_names_of_other_states_are_no_states(name):
-    assert f"'{name}' is " in refusal(adaptive(name)["models"]["m"])
+    assert f"'{name}' is " in refusal(standing("adaptive", name)["models"]["m"])
 
 
 @pytest.mark.parametrize("section", ["parameters", "let", "equations"])
 def test_the_slope_of_a_kernel_has_its_name_alone(section):
-    words = receptor("g")["models"]["m"]
+    words = standing("receptor", "g")["models"]["m"]
     more = {"parameters": "1 mV", "let": "2*leak", "equations": "-dg*leak"}[section]
     words = {**words, "initial": {"dg": "1 mV"} if section == "equations" else {}}
     words[section] = {**words.get(section, {}), "dg": more}
@@ -305,7 +157,7 @@ def test_the_slope_of_a_kernel_has_its_name_alone(section):
 
 
 def test_a_keyword_has_an_underscore_in_python():
-    made = neuro.equations("m", **parameter("lambda")["models"]["m"])
+    made = neuro.equations("m", **standing("parameter", "lambda")["models"]["m"])
     assert made(lambda_=0.2).lambda_ == 0.2
     assert "lambda" in made.quantities()
     net = neuro.Network()

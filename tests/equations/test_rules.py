@@ -4,39 +4,9 @@ import numpy as np
 import pytest
 
 import neuro
-from refusals import refusal, refusals
+from beside import beside, evaluated
 
-STDP = {
-    "traces": {"K_plus": {"of": "pre", "tau": "tau_plus"}, "K_minus": {"of": "post", "tau": "tau_minus"}},
-    "on_post": {"w": "min(Wmax, w + Wmax*step*(1 - w/Wmax)*K_plus)"},
-    "on_pre": {"w": "max(0, w - Wmax*alpha*step*(w/Wmax)*K_minus)"},
-    "parameters": {
-        "tau_plus": "20 ms",
-        "step": {"default": 0.01, "at_least": 0},
-        "alpha": 1,
-        "Wmax": {"default": 100, "above": 0},
-    },
-}
-TRIPLET = {
-    "traces": {
-        "r1": {"of": "pre", "tau": "tau_plus"},
-        "r2": {"of": "pre", "tau": "tau_plus_triplet"},
-        "o1": {"of": "post", "tau": "tau_minus"},
-        "o2": {"of": "post", "tau": "tau_minus_triplet"},
-    },
-    "on_post": {"w": "min(Wmax, w + r1*(Aplus + Aplus_triplet*o2))"},
-    "on_pre": {"w": "max(0, w - o1*(Aminus + Aminus_triplet*r2))"},
-    "parameters": {
-        "tau_plus": "16.8 ms",
-        "tau_plus_triplet": "101 ms",
-        "tau_minus_triplet": "125 ms",
-        "Aplus": 5e-10,
-        "Aplus_triplet": 6.2e-3,
-        "Aminus": 7e-3,
-        "Aminus_triplet": 2.3e-4,
-        "Wmax": {"default": 100, "above": 0},
-    },
-}
+STDP, TRIPLET = beside(__file__, "STDP", "TRIPLET")
 
 
 def network(rule):
@@ -49,12 +19,7 @@ def network(rule):
 
 @pytest.mark.parametrize("backend", ["reference", "event"])
 @pytest.mark.parametrize(
-    ("built_in", "words", "numbers"),
-    [
-        (neuro.stdp, STDP, {}),
-        (neuro.stdp_triplet, TRIPLET, {"Aplus": 0.5, "Aplus_triplet": 6.2, "Aminus": 2.0, "Aminus_triplet": 0.23}),
-    ],
-    ids=["stdp", "stdp_triplet"],
+    ("built_in", "words", "numbers"), evaluated(__file__, "TWINS", globals()), ids=["stdp", "stdp_triplet"]
 )
 def test_a_rule_written_as_equations_gives_its_twins_weights(built_in, words, numbers, backend):
     found = []
@@ -78,6 +43,5 @@ def rule(**words):
     neuro.equations("m", **{**STDP, **words})
 
 
-@refusals("rules in equations")
-def test_mistakes(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_mistakes(messages):
+    messages.calls(globals())

@@ -2,16 +2,30 @@
 
 A test gives the messages that it collected (`refused.refused`) to the fixture `messages`; all other tests look at the
 kind of an error, its place and its suggestion. A renewed file is read in the diff before it is committed.
+
+The cases of a test may also stand in the file alone, as expressions of Python or as texts that the test reads
+(`messages.calls`, `messages.of`): a new case is a line `"expression": ""` there, whose message a renewal adds.
 """
 
+import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
+import neuro
+from refused import without_place
+
 FILE = Path(__file__).parents[1] / "messages.yaml"
 HEAD = "# What is said, by test and case. `pytest --renew-messages` writes the cases of the tests that it runs anew.\n"
+
+IN_A_TEST = re.compile(r"\btest_\w+\.py:\d+: ")
+"""A place in a test, which moves with it and is left out."""
+COMMON = {"neuro": neuro, "np": np}
+"""Names that the cases of every test know."""
 
 
 class _Dumper(yaml.SafeDumper):
@@ -47,7 +61,9 @@ class Messages:
         self._test, self._renew = test, renew
 
     def __call__(self, messages: dict[str, str]) -> None:
-        texts = {case: "\n".join(line.rstrip() for line in text.splitlines()) for case, text in messages.items()}
+        texts = {
+            case: "\n".join(map(str.rstrip, IN_A_TEST.sub("", text).splitlines())) for case, text in messages.items()
+        }
         golden = read()
         if self._renew:
             FILE.write_text(dump(golden | {self._test: golden.get(self._test, {}) | texts}), "utf-8")
@@ -60,6 +76,20 @@ class Messages:
         ]
         if wrong:
             pytest.fail(f"{len(wrong)} messages differ from tests/messages.yaml:\n" + "\n".join(wrong), pytrace=False)
+
+    def cases(self) -> list[str]:
+        """The cases of the file."""
+        cases = list(read().get(self._test, {}))
+        assert cases, f"tests/messages.yaml has no case of {self._test}"
+        return cases
+
+    def of(self, message: Callable[[str], str]) -> None:
+        """Compare the messages that a function gives for each case of the file."""
+        self({case: message(case) for case in self.cases()})
+
+    def calls(self, scope: Mapping[str, Any] | Callable[[], Mapping[str, Any]]) -> None:
+        """Compare the errors of the cases of the file, expressions by names of a scope, or of a new one for each."""
+        self.of(lambda case: without_place(eval, case, COMMON | dict(scope() if callable(scope) else scope)))
 
 
 def messages_of(request: Any) -> Messages:

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 import neuro
+from neuro.compiler.mistakes import mistakes
 
 
 @pytest.fixture
@@ -25,5 +26,16 @@ def message(folder: Path) -> Callable[..., str]:
         with pytest.raises(neuro.ModelError) as caught:
             neuro.load("net.yaml", params)
         return str(caught.value)
+
+    return of
+
+
+@pytest.fixture
+def all_mistakes(folder: Path) -> Callable[[str], str]:
+    """All that `neuro check` tells of a text."""
+
+    def of(text: str) -> str:
+        (folder / "net.yaml").write_text(text)
+        return "\n".join(str(error) for error in mistakes("net.yaml", None, 0).mistakes)
 
     return of

@@ -6,15 +6,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 import neuro
+from beside import beside, evaluated
 
-NET = """\
-neuro: 1
-parameters: {g: 5.0, w_ex: 20 pA, tau: 10 ms, n: 8, many: [1, 2], word: ring}
-populations:
-  a: {model: iaf_psc_exp, shape: 2}
-projections:
-  a_a: {from: a, to: a, rule: all_to_all, weight: WEIGHT}
-"""
+(NET,) = beside(__file__, "NET")
 COLUMN = NET.splitlines()[5].index("WEIGHT") + 1
 
 
@@ -23,26 +17,7 @@ def weight(folder, text: str, params=None) -> object:
     return neuro.load(folder / "net.yaml", params).projections["a_a"].weight
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("$(-g * w_ex)", -100.0),
-        ("$(2 + 3 * 4)", 14.0),
-        ("$(2 ** 3 ** 2)", 512.0),
-        ("$(-2 ** 2)", -4.0),
-        ("$((1 + 2) / 4)", 0.75),
-        ("$(sqrt(16))", 4.0),
-        ("$(round(2.7) + round(2.2))", 5.0),
-        ("$(exp(0) + log(1))", 1.0),
-        ('"$(min(g, 3, 7))"', 3.0),
-        ('"$(max(w_ex, 0.1 nA))"', 100.0),
-        ("$(sqrt(w_ex * w_ex))", 20.0),
-        ("$(w_ex * tau / 5 ms)", 40.0),
-        ("'$(g)'", 5.0),
-        ("[[$(g), $(n / 2)], [1 nA, $(-w_ex)]]", [[5.0, 4.0], [1000.0, -20.0]]),
-        ("{normal: {mean: $(w_ex / 2), std: $(g / 10)}}", neuro.normal(mean=10.0, std=0.5)),
-    ],
-)
+@pytest.mark.parametrize(("text", "expected"), evaluated(__file__, "VALUES", globals()))
 def test_values(folder, text: str, expected: object):
     found = weight(folder, text)
     assert (found.tolist() if hasattr(found, "tolist") else found) == expected
@@ -81,54 +56,8 @@ def test_it_gives_what_python_gives_or_a_mistake(tmp_path_factory, words: list[s
         assert found is None or "**" in words or "g (" in inner or expected is not None
 
 
-EXPECTED = "expected a number, a name or an operator"
-MISTAKES = [
-    ("$(2 * w_exx)", 6, "unknown parameter 'w_exx'\n  hint: did you mean 'w_ex'?"),
-    ("$(-$g)", 3, f"found '$': {EXPECTED}\n  hint: inside the brackets names stand without $"),
-    ("$(g / (n - 8))", 4, "a division by 0: expected another divisor"),
-    ("$(1e300 * 1e300)", 8, "the result is no finite number: expected one below 1.8e308"),
-    ("$(10 ** 400)", 5, "the result is no finite number: expected one below 1.8e308"),
-    ("$(exp(1000))", 2, "the result is no finite number: expected one below 1.8e308"),
-    ("$(log(0))", 2, "log(0) is no number: expected more than 0"),
-    ("$(sqrt(-g))", 2, "sqrt(-5) is no number: expected at least 0"),
-    ("$((-8) ** 0.5)", 7, "-8**0.5 is no number"),
-    ("$(w_ex + tau)", 7, "a value in pA and one in ms: expected the same unit"),
-    ("$(w_ex + 1)", 7, "a value in pA and one without unit: expected the same unit"),
-    ("$(exp(tau))", 2, "exp of a value in ms: expected a number without unit"),
-    ("$(2 ** tau)", 4, "an exponent in ms: expected a number without unit"),
-    ("$(many * 2)", 2, "'many': found [1, 2]: expected a number, with its unit or without"),
-    ("$(2 * word)", 6, "'word': found 'ring': expected a number, with its unit or without"),
-    ("$(sin(g))", 2, "unknown function 'sin'\n  hint: did you mean 'min'?"),
-    ("$(3 n)", 2, "found 'n' after a number: expected a unit or an operator\n  hint: write *n"),
-    ("$(3 msc)", 2, "found 'msc' after a number: expected a unit or an operator\n  hint: did you mean 'mS' or 'ms'?"),
-    ("$(g < 3)", 4, "found '<': expected + - * / or **"),
-    ("$(g^2)", 3, "found '^': expected + - * / or **\n  hint: a power is written **"),
-    ("$(g +)", 5, "found the end: expected a number, a name or '('"),
-    ("$()", 2, "found the end: expected a number, a name or '('"),
-    ("$(__import__)", 2, f"found '_': {EXPECTED}"),
-    ("$(g.real)", 3, f"found '.': {EXPECTED}"),
-    ('"$(max(g, tau))"', 3, "a value without unit and one in ms: expected the same unit"),
-]
-
-
-@pytest.mark.parametrize(("text", "at", "told"), MISTAKES, ids=[text for text, _, _ in MISTAKES])
-def test_mistakes(message, text: str, at: int, told: str):
-    assert message(NET.replace("WEIGHT", text)) == f"net.yaml:6:{COLUMN + at}: {text.strip(chr(34))!r}: {told}"
-
-
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        ("$(tau * 2)", "projection 'a_a': weight = 20.0 ms: expected a current in pA\n  hint: $(tau * 2) is 20.0 ms"),
-        ("$(1 + 2", "found '$(1 + 2': expected '$(' and ')' around all of it"),
-        (
-            "$(min(1, 2))",
-            "found '$(min(1': expected '$(' and ')' around all of it\n  hint: a text with ',' needs quotes",
-        ),
-    ],
-)
-def test_mistakes_of_the_whole(message, text: str, told: str):
-    assert message(NET.replace("WEIGHT", text)) == f"net.yaml:6:{COLUMN}: {told}"
+def test_mistakes(message, messages):
+    messages.of(lambda text: message(NET.replace("WEIGHT", text)))
 
 
 def test_limits(message):
@@ -138,8 +67,6 @@ def test_limits(message):
     assert long.endswith("expected fewer\n  hint: give parts of it a name in 'parameters'")
 
 
-def test_a_name_is_set_before_it_is_used(message):
+def test_a_name_is_set_before_it_is_used(message, messages):
     text = "neuro: 1\nparameters:\n  a: $(b + 1)\n  b: 2\npopulations: {}\n"
-    assert message(text) == (
-        "net.yaml:3:8: '$(b + 1)': b is used before it is set\n  hint: set it above, see net.yaml:4:3"
-    )
+    messages({"b": message(text)})

@@ -10,54 +10,13 @@ import yaml
 from hypothesis import HealthCheck, example, given, settings, strategies as st
 
 import neuro
+from beside import beside
 from neuro.cli.chips import check
 
-TEXT = """\
-neuro: 1
-name: follower
-resolution: 1.0
-parameters: {w: 1500.0, n: [8, 8]}
-populations:
-  cells:  {model: poisson_generator, shape: $n}
-  motors: {model: {iaf_psc_exp: {tau_m: 10.0, t_ref: .inf}}, shape: [2, auto], initial: {V_m: -60.0}}
-projections:
-  cells_motors:
-    from: cells
-    to: motors
-    rule: {grid: {kernel: [3, 3], stride: 1}}
-    weight: {normal: {mean: $w, std: 1e-3}}
-    delay: [1.0, 2.0]
-    synapse: {stdp_dopa: {tau_c: 1000.0, signal: reward}}
-  loop: {from: motors, to: motors, rule: {pairs: {pre: [0], post: [1]}}, weight: {file: w.h5, key: w}}
-signals:
-  reward: {to: motors}
-groups:
-  choice: {winner_take_all: {of: motors, first_to_fire: true}}
-trials:
-  input: cells
-  duration: 64.0
-  dropout: {of: motors, p: 0.25}
-  reset: [V_m]
-probes:
-  steering: {of: motors, record: 'spikes'}
-"""
+(TEXT,) = beside(__file__, "TEXT")
 PIECES = [
     *"{}[]:,-#&*!|>'\"%@`$?~\\ \t\n\r\x00\ufeff\u2028é0",
-    "null",
-    "true",
-    ".nan",
-    "1e999",
-    "-1",
-    "{}",
-    "[]",
-    "<<",
-    "---",
-    "...",
-    "auto",
-    "$n",
-    "!!int",
-    "&a",
-    "*a",
+    *("null", "true", ".nan", "1e999", "-1", "{}", "[]", "<<", "---", "...", "auto", "$n", "!!int", "&a", "*a"),
     "include: [net.yaml]\n",
 ]
 
@@ -104,31 +63,23 @@ def answer(path, data):
 
 @settings(max_examples=200, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=broken())
-@example(b"")
-@example(b"neuro: 1")
-@example(b"\xef\xbb\xbf")
-@example(b"neuro: 1\n? ")
-@example(b"neuro: 1\nname: $")
 def test_a_broken_text(path, data):
     answer(path, data)
 
 
 @settings(max_examples=100, deadline=None)
-@given(data=st.binary(max_size=60))
+@given(data=st.binary(max_size=60) | st.sampled_from([b"", b"neuro: 1", b"\xef\xbb\xbf", b"neuro: 1\n? "]))
+@example(b"neuro: 1\nname: $")
 def test_any_bytes(path, data):
     answer(path, data)
 
 
 ROOT = Path(__file__).parents[2]
-RICH = {
-    path: yaml.safe_load((ROOT / path).read_text())
-    for path in (
-        "neuro/cli/templates/closed-loop/network.yaml",
-        "models/neuro_models/dopamine_conditioning.yaml",
-        "models/neuro_models/mozafari.yaml",
-        "tests/equations/models.yaml",
-    )
-}
+FILES = (
+    *("neuro/cli/templates/closed-loop/network.yaml", "models/neuro_models/dopamine_conditioning.yaml"),
+    *("models/neuro_models/mozafari.yaml", "tests/equations/models.yaml"),
+)
+RICH = {path: yaml.safe_load((ROOT / path).read_text()) for path in FILES}
 KINDS = [
     *(None, True, -7, 0, 3, 0.5, -2.5e9, 10**30, float("inf"), float("nan")),
     *("", "word", "auto", "[1, 2]", "1 mV", "$x", "$(1/0)"),

@@ -6,50 +6,10 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside, evaluated
 from neuro.model.distributions import normal, uniform
 
-FOLLOWER = """\
-neuro: 1
-name: follower
-resolution: 1.0                                   # ms
-parameters: {w_init: 1500.0, w_max: 3000.0}
-populations:
-  cells:  {model: poisson_generator, shape: [8, 8]}
-  motors: {model: {iaf_psc_exp: {tau_m: 10.0, t_ref: 2.0}}, shape: [2, 2]}
-projections:
-  cells_motors:
-    from: cells
-    to: motors
-    rule: all_to_all
-    weight: $w_init
-    delay: 1.0
-    synapse: {stdp_dopa: {tau_c: 1000.0, tau_n: 200.0, Wmax: $w_max, signal: reward}}
-signals:
-  reward: {to: motors}
-probes:
-  steering: {of: motors, record: spikes}
-"""
-
-GRIDS = """\
-neuro: 1
-parameters: {classes: 10, per_class: 2, maps: 20}
-populations:
-  c1: {model: spike_generator, shape: [4, 17, 17]}
-  s2: {model: {iaf_psc_delta: {tau_m: .inf, E_L: 0.0, V_reset: 0.0, V_th: 30.0}}, shape: [$maps, auto, auto]}
-projections:
-  c1_s2: {from: c1, to: s2, rule: {grid: {kernel: [11, 11], stride: 1}}, weight: {normal: {mean: 0.8, std: 0.05}}, delay: 1.0,
-          synapse: {r_stdp: {Ar_plus: 0.075, Ar_minus: -0.025, Ap_plus: 0.005, Ap_minus: -0.04, epsilon: 0.0002}}}
-groups:
-  choice: {winner_take_all: {of: s2, first_to_fire: true}}
-trials:
-  input: c1
-  duration: 64.0
-  stop: at_decision
-  labels: {of: s2, maps_per_label: $per_class}
-  reward: {correct: 1, wrong: -1, silent: 0}
-  dropout: {of: s2, axis: map, p: 0.25, every: sample, decay: 0.7}
-  reset: [V_m]
-"""  # noqa: E501
+FOLLOWER, GRIDS, NEURONS, WHOLE = beside(__file__, "FOLLOWER", "GRIDS", "NEURONS", "WHOLE")
 
 
 @pytest.fixture
@@ -98,23 +58,7 @@ def test_parts_know_their_place(load):
     assert str(load(GRIDS).trials_origin) == "net.yaml:11:1"
 
 
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("1", 1.0),
-        ("-1.5", -1.5),
-        ("1e-3", 0.001),
-        ("1E3", 1000.0),
-        (".5", 0.5),
-        ("+2.", 2.0),
-        ("007", 7.0),
-        ("123456789012345678901234567890", 123456789012345678901234567890.0),
-        ("[1, 2.5]", [1.0, 2.5]),
-        ("[[1], [2]]", [[1.0], [2.0]]),
-        ("uniform", uniform()),
-        ("{normal: {mean: 1, low: -.inf}}", normal(mean=1.0)),
-    ],
-)
+@pytest.mark.parametrize(("text", "value"), evaluated(__file__, "WEIGHTS", globals()))
 def test_weights(load, text, value):
     head = "neuro: 1\npopulations: {a: {model: parrot_neuron, shape: 1}}\n"
     weight = (
@@ -178,24 +122,9 @@ def test_overrides_by_distributions(load, value):
     assert load(FOLLOWER, {"w_init": value}).projections["cells_motors"].weight == uniform(high=2.0)
 
 
-def test_messages_about_overrides(message):
-    assert message(FOLLOWER, {"wmax": 1.0}) == "net.yaml: unknown parameter 'wmax'\n  hint: did you mean 'w_max'?"
-    assert message(FOLLOWER, {"w_init": "high"}) == (
-        "net.yaml:13:13: projection 'cells_motors': weight = 'high': expected a number\n"
-        "  hint: $w_init is set by params"
-    )
-    assert message(GRIDS, {"classes": 9}) == (
-        "net.yaml:2:14: the override of 'classes' has no effect: nothing uses $classes"
-    )
-
-
-NEURONS = "populations: {b: {model: parrot_neuron, shape: $n}}\nparameters: {n: 2}\n"
-WHOLE = """\
-neuro: 1
-include: [part.yaml]
-populations: {a: {model: parrot_neuron, shape: $n}}
-projections: {p: {from: a, to: b, rule: one_to_one}}
-"""
+def test_messages_about_overrides(message, messages):
+    told = {"unknown": message(FOLLOWER, {"wmax": 1.0}), "kind": message(FOLLOWER, {"w_init": "high"})}
+    messages(told | {"no effect": message(GRIDS, {"classes": 9})})
 
 
 def test_includes(load):
@@ -217,41 +146,16 @@ def test_an_included_file_may_be_a_network_of_its_own(load):
     assert load(WHOLE, part="neuro: 1\nname: other\n" + NEURONS).name == "network"
 
 
-@pytest.mark.parametrize(
-    ("part", "expected"),
-    [
-        (
-            "include: [net.yaml]\n",
-            "part.yaml:1:11: include: 'net.yaml' includes itself: net.yaml -> part.yaml -> net.yaml",
-        ),
-        ("include: [part.yaml]\n", "part.yaml:1:11: include: 'part.yaml' includes itself: part.yaml -> part.yaml"),
-        (
-            "populations: {a: {model: parrot_neuron, shape: 1}}\n",
-            "net.yaml:3:15: populations: 'a' is defined twice\n  hint: first at part.yaml:1:15",
-        ),
-        ("populations: {a: {model: parrot, shape: 1}}\n", None),
-        ("- a\n", None),
-        ("neuro: 3\n", "part.yaml:1:8: neuro = 3: expected 1, the version of the language"),
-        ("populations: {b: {model: parot_neuron, shape: 1}}\n", None),
-    ],
-)
-def test_mistakes_in_included_files(message, folder, part, expected):
-    (folder / "part.yaml").write_text(part)
-    text = message(WHOLE.replace("$n", "1"))
-    assert text == expected if expected else text.startswith(("part.yaml:", "net.yaml:3:15: populations: 'a'"))
+def test_mistakes_in_included_files(message, folder, messages):
+    def of(part):
+        (folder / "part.yaml").write_text(part)
+        return message(WHOLE.replace("$n", "1"))
+
+    messages.of(of)
 
 
-def test_a_file_included_twice(message, folder):
+def test_what_two_files_say(message, folder, messages):
     (folder / "part.yaml").write_text(NEURONS)
-    assert message(WHOLE.replace("[part.yaml]", "[part.yaml, ./part.yaml]")) == (
-        "net.yaml:2:22: include: './part.yaml' is included twice\n"
-        "  hint: include it once; its parts are seen everywhere"
-    )
-
-
-def test_settings_given_by_two_files(message, folder):
+    twice = message(WHOLE.replace("[part.yaml]", "[part.yaml, ./part.yaml]"))
     (folder / "part.yaml").write_text("resolution: 1.0\n")
-    assert (
-        message(WHOLE + "resolution: 0.1\n")
-        == "net.yaml:5:1: 'resolution' is said twice\n  hint: first at part.yaml:1:1"
-    )
+    messages({"a file": twice, "a setting": message(WHOLE + "resolution: 0.1\n")})

@@ -1,6 +1,5 @@
 """Recorded spikes in files: HDF5, NPY and CSV give the same, and what is wrong in them is told."""
 
-# ruff: noqa: E501
 from pathlib import Path
 
 import h5py
@@ -8,10 +7,10 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.core.errors import ModelError
+from beside import beside
 from neuro.files.results import write
 from neuro.run.collect import collect
-from refusals import refusal, refusals
+from refused import refused
 
 TIMES, IDS = np.array([0.5, 0.5, 2.0, 7.25]), np.array([1, 0, 1, 2])
 
@@ -50,17 +49,10 @@ def written() -> None:
     Path("damaged.h5").write_bytes(b"no HDF5")
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "{file: spikes.h5, key: run/exc}",
-        "{file: spikes.h5, key: table}",
-        "{spikes: {file: table.npy}}",
-        "{file: fields.npy}",
-        "{file: spikes.csv}",
-        "{file: marked.csv}",
-    ],
-)
+(FILES,) = beside(__file__, "FILES")
+
+
+@pytest.mark.parametrize("words", FILES)
 def test_all_files_give_the_same(folder, words):
     written()
     assert emitted(loaded(words)) == ([0.5, 0.5, 2.0, 7.25], [0, 1, 1, 2])
@@ -79,10 +71,9 @@ def test_a_program_names_files_too(folder, words):
     assert neuro.load("saved.yaml") == net
 
 
-@refusals("spike trains")
-def test_mistakes_of_programs_are_told(folder, call, message):
+def test_mistakes_of_programs_are_told(folder, messages):
     written()
-    assert refusal(call, globals()) == message
+    messages.calls(globals())
 
 
 def test_spikes_of_a_run_are_emitted_again(folder):
@@ -103,26 +94,6 @@ def test_a_network_keeps_them(folder):
     assert neuro.load("kept.yaml") == net
 
 
-MISTAKES = {
-    "{file: spikes.txt}": "net.yaml:4:39: population 'input': file 'spikes.txt': expected a name ending in .h5, .hdf5, .npy, .csv",
-    "{file: spikes.csv, key: a}": "net.yaml:4:56: population 'input': a key for 'spikes.csv': expected none, a CSV file holds one table",
-    "{file: spikes.h5, key: uneven}": "net.yaml:4:55: population 'input': 'uneven' in 'spikes.h5' holds 4 times and 2 ids: expected as many of each, in lists",
-    "{file: spikes.h5, key: half}": "net.yaml:4:55: population 'input': no data set 'half/ids' in 'spikes.h5'",
-    "{file: flat.npy}": "net.yaml:4:39: population 'input': file 'flat.npy' holds an array of shape [4]: expected two columns, times and ids",
-    "{file: other.npy}": "net.yaml:4:39: population 'input': file 'other.npy' has no column 'times': found 't', 'ids': expected 'times' and 'ids'",
-    "{file: no.csv}": "net.yaml:4:39: population 'input': file 'no.csv' has no column 'times': found 'time', 'ids': expected 'times' and 'ids'",
-    "{file: empty.csv}": "net.yaml:4:39: population 'input': file 'empty.csv' has no column 'times': found nothing: expected 'times' and 'ids'",
-    "{file: bad.csv}": "net.yaml:4:39: population 'input': file 'bad.csv', line 3: found '0.75,one': expected a time and a neuron",
-    "{file: damaged.npy}": "net.yaml:4:39: population 'input': file 'damaged.npy': expected an NPY file with an array of numbers",
-    "{file: damaged.h5, key: a}": "net.yaml:4:39: population 'input': file 'damaged.h5': expected an HDF5 file that can be read",
-    "{file: spikes.h5, key: back}": "net.yaml:4:39: population 'input': spike_train.spikes[1] = 1 ms of neuron 0 after 2 ms: expected a row for each spike: a time > 0 ms, not before the last one, and a neuron",
-    "{file: spikes.h5, key: nan}": "net.yaml:4:39: population 'input': spike_train.spikes[1] = .nan ms of neuron 0: expected a row for each spike: a time > 0 ms, not before the last one, and a neuron",
-}
-
-
-@pytest.mark.parametrize("words", MISTAKES)
-def test_mistakes_are_told(folder, words):
+def test_mistakes_are_told(folder, messages):
     written()
-    with pytest.raises(ModelError) as told:
-        loaded(words)
-    assert str(told.value).partition("\n")[0] == MISTAKES[words]
+    messages.of(lambda words: refused(loaded, words))

@@ -8,30 +8,16 @@ import pytest
 from hypothesis import given, strategies as st
 
 import neuro
+from beside import beside
 from neuro.cli.options import milliseconds
 from neuro.core.units import TENS, converted, is_measure
-from refusals import refusal, refusals
+
+(EXACT,) = beside(__file__, "EXACT")
 
 
 @pytest.mark.parametrize(
     ("text", "unit", "expected"),
-    [
-        ("1 s", "ms", 1000.0),
-        ("10ms", "ms", 10.0),
-        ("0.1 nA", "pA", 100.0),
-        ("250 pF", "pF", 250.0),
-        ("8 Hz", "Hz", 8.0),
-        ("0.0081 kHz", "Hz", 8.1),
-        ("-65 mV", "mV", -65.0),
-        ("-.065e0 V", "mV", -65.0),
-        ("10 nS", "nS", 10.0),
-        ("3 1/ms", "1/ms", 3.0),
-        ("3/s", "1/ms", 0.003),
-        ("3/ms", "Hz", 3000.0),
-        ("0.04 1/(mV*ms)", "1/(mV*ms)", 0.04),
-        ("2 V/s", "mV/ms", 2.0),
-        ("0.1 us", "ms", 0.0001),
-    ],
+    EXACT,
 )
 def test_exact(text: str, unit: str, expected: float):
     assert converted(text, unit) == expected
@@ -110,9 +96,8 @@ def onto(target: str, **words):
     net.connect("psc", target, neuro.all_to_all(), name="p", **words)
 
 
-@refusals("units")
-def test_mistakes(call: str, message: str):
-    assert refusal(call, globals()) == message
+def test_mistakes(messages):
+    messages.calls(globals())
 
 
 def test_a_mistake_in_a_file_has_its_place(message):

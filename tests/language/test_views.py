@@ -1,23 +1,16 @@
 """Views in YAML: of, from and to."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import neuro
-from neuro import ModelError
+from beside import beside, evaluated
 from neuro.model.language.json_schema import schema
 
-NETWORK = """neuro: 1
-populations:
-  exc: {{model: iaf_psc_exp, shape: 10}}
-  grid: {{model: iaf_psc_exp, shape: [4, 3]}}
-projections:
-  wires: {{from: {source}, to: {target}, rule: all_to_all}}
-probes:
-  v: {{of: {of}, record: V_m}}
-"""
+(NETWORK,) = beside(__file__, "NETWORK")
 
 
 def load(folder, source="exc", target="grid", of="exc"):
@@ -27,20 +20,7 @@ def load(folder, source="exc", target="grid", of="exc"):
     return neuro.load(file)
 
 
-@pytest.mark.parametrize(
-    ("written", "index"),
-    [
-        ('{exc: "0:5"}', slice(0, 5)),
-        ("{exc: 0:5}", slice(0, 5)),
-        ('{exc: "::2"}', slice(None, None, 2)),
-        ('{exc: "-3:"}', slice(-3, None)),
-        ('{exc: "::-1"}', slice(None, None, -1)),
-        ("{exc: 7}", 7),
-        ("{exc: -1}", -1),
-        ("{exc: [5, 0, 7]}", [5, 0, 7]),
-        ("{exc: {file: ids.npy}}", [4, 1, 7]),
-    ],
-)
+@pytest.mark.parametrize(("written", "index"), evaluated(__file__, "INDICES", globals()))
 def test_neurons_in_yaml(tmp_path, written, index):
     net = load(tmp_path, source=written, of=written)
     expected = net.populations["exc"][index]
@@ -89,45 +69,8 @@ def test_an_index_may_be_a_parameter(tmp_path):
     assert len(neuro.load(file, {"seen": [1, 2]}).probes["v"].view) == 2
 
 
-MISTAKES = {
-    '{exc: "0:50"}': "8:17: probe 'v': of: exc[0:50]: found 50: expected -10 to 10",
-    '{exx: "0:5"}': "8:12: probe 'v': of: unknown population 'exx'\n  hint: did you mean 'exc'?",
-    '{exc: "0-5"}': (
-        "8:17: probe 'v': of: exc: found '0-5': expected a number or begin:end:step for each axis\n"
-        '  hint: write "0:100" or "2:4, :"'
-    ),
-    '{exc: "5:5"}': "8:17: probe 'v': of: exc[5:5] chooses no neuron: expected at least one",
-    '{exc: "1, 2"}': "8:17: probe 'v': of: exc[1, 2]: found 2 indices: expected at most 1, one for each axis",
-    "{exc: 12}": "8:17: probe 'v': of: exc[12]: found 12: expected -10 to 9",
-    "{exc: [1, 1]}": "8:17: probe 'v': of: exc[[1, 1]] chooses neuron 1 more than once: expected each once",
-    "{exc: [1, 20]}": "8:17: probe 'v': of: exc[[1, 20]]: found 20: expected -10 to 9",
-    "{exc: [-1]}": "8:17: probe 'v': of: exc[0] = -1: expected whole numbers >= 0",
-    "{exc: 1.5}": "8:17: probe 'v': of: exc: found 1.5: expected an index such as \"0:100\", or a list of ids",
-    "{exc: true}": "8:17: probe 'v': of: exc: found true: expected an index such as \"0:100\", or a list of ids",
-    "{exc: }": "8:12: probe 'v': of: exc: found nothing: expected an index such as \"0:100\", or a list of ids",
-    "{exc: {file: x.npy}}": (
-        "8:24: probe 'v': of: no file 'x.npy' beside the description\n  hint: did you mean 'ids.npy'?"
-    ),
-    '{grid: "2:5, :"}': "8:18: probe 'v': of: grid[2:5, :]: axis 0: found 5: expected -4 to 4",
-    "{exc: 1, grid: 1}": "8:11: probe 'v': of: found {exc: 1, grid: 1}: expected a name, or {name: index}",
-    "[exc]": "8:11: probe 'v': of = [exc]: expected a name",
-}
-
-
-@pytest.mark.parametrize("written", MISTAKES)
-def test_mistakes(tmp_path, written):
-    with pytest.raises(ModelError) as error:
-        load(tmp_path, of=written)
-    assert str(error.value) == f"{tmp_path / 'net.yaml'}:{MISTAKES[written]}"
-
-
-def test_mistakes_of_ends(tmp_path):
-    for word in ("source", "target"):
-        with pytest.raises(ModelError) as error:
-            load(tmp_path, **{word: '{exc: ":11"}'})
-        role, column = ("from", 23) if word == "source" else ("to", 32)
-        place = f"{tmp_path / 'net.yaml'}:6:{column}"
-        assert str(error.value) == f"{place}: projection 'wires': {role}: exc[:11]: found 11: expected -10 to 10"
+def test_mistakes(folder, messages):
+    messages.calls(globals() | {"HERE": Path()})
 
 
 def test_the_schema_takes_what_the_loader_takes():
