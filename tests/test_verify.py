@@ -18,8 +18,8 @@ BACKENDS = ("reference", "event")
 
 
 @pytest.fixture(scope="session")
-def traces(shared: Path) -> Path:
-    return shared / "reference" / "nest"
+def traces(golden: Path) -> Path:
+    return golden / "nest"
 
 
 @pytest.fixture
@@ -65,8 +65,8 @@ def test_a_missing_spike_is_found(one):
         ("a3_iaf_psc_alpha", "I_syn_in", 1, lambda i: i + 1e-8, "I_syn_in"),
         ("b1_stdp_multiplicative", "w_after", 1, lambda w: w + 1e-8, "w_after"),
         ("b2_stdp_additive", "final", 1, lambda w: w + 1e-8, "final"),
-        *(("c1_stdp_dopamine", "trace", (2999, k), lambda v: v + 1e-8, n) for k, n in enumerate(("w", "c", "n"), 1)),
-        ("c1_stdp_dopamine", "trace", (2999, 4), lambda v: v + 1e-8, "Kplus"),
+        *(("c1_stdp_dopamine", "trace", (-1, k), lambda v: v + 1e-8, n) for k, n in enumerate(("w", "c", "n"), 1)),
+        ("c1_stdp_dopamine", "trace", (-1, 4), lambda v: v + 1e-8, "Kplus"),
         ("d1_recurrent100", "V_sample", (0, 1), lambda v: v + 1e-8, "V_m"),
         ("d1_recurrent100", "spike_id", 10, lambda neuron: (neuron + 1) % 100, "spikes"),
     ],
