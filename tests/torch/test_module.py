@@ -9,10 +9,7 @@ import neuro
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro_torch  # noqa: E402
 
-MODELS = {
-    "iaf_psc_delta": (neuro.iaf_psc_delta, 1.5),
-    "iaf_psc_exp": (neuro.iaf_psc_exp, 90.0),
-}
+MODELS = {"iaf_psc_delta": (neuro.iaf_psc_delta, 1.5), "iaf_psc_exp": (neuro.iaf_psc_exp, 90.0)}
 
 
 def connect(net, rng, pre, post, name, unit, layout=None, most=3):
@@ -337,10 +334,7 @@ def test_a_module_is_refused(make, told):
         ({"a": torch.zeros(2, 3, 6)}, "batch: 'a': found the shape (2, 3, 6): expected (batch, steps, 7)"),
         (torch.zeros(2, 3, 7), "batch: found Tensor: expected neuro_torch.Events, or tensors by population"),
         ({}, "batch: found (batch, steps) of []: expected one of all inputs"),
-        (
-            {"a": torch.zeros(1).expand(10**9, 10**4, 7)},
-            "a batch of 1000000000 recordings of 10000 steps needs",
-        ),
+        ({"a": torch.zeros(1).expand(10**9, 10**4, 7)}, "a batch of 1000000000 recordings of 10000 steps needs"),
     ],
 )
 def test_a_batch_is_refused(batch, told):
