@@ -33,6 +33,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--bounds", action="store_true", help="compile kernels that look at every index; slow")
+    parser.addoption("--renew-golden", action="store_true", help="run ../shared/reference anew into tests/golden")
     parser.addoption("--renew-messages", action="store_true", help="write tests/messages.yaml anew; not with -n")
 
 
@@ -101,6 +102,12 @@ def shared() -> Path:
     if not SHARED.is_dir():
         pytest.skip("../shared is not here")
     return SHARED
+
+
+@pytest.fixture(scope="session")
+def golden() -> Path:
+    """Golden traces, which our own run wrote when it was equal to other simulators; see `golden_traces`."""
+    return Path(__file__).with_name("golden")
 
 
 @pytest.fixture

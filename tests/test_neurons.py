@@ -23,10 +23,10 @@ def test_event_does_what_the_reference_does(model: Neuron):
 
 
 @pytest.fixture(scope="session")
-def traces(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def traces(golden: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """NEST's traces of neurons."""
     folder = tmp_path_factory.mktemp("neurons")
-    for file in (shared / "reference" / "nest-models").glob("f[1234]_*"):
+    for file in (golden / "nest-models").glob("f[1234]_*"):
         (folder / file.name).symlink_to(file)
     return folder
 

@@ -53,10 +53,10 @@ def test_spikes_of_a_step_act_one_after_the_other(rule: Synapse):
 
 
 @pytest.mark.parametrize("backend", ["reference", "event"])
-def test_traces_of_nest_come_out(shared: Path, tmp_path: Path, backend: str):
+def test_traces_of_nest_come_out(golden: Path, tmp_path: Path, backend: str):
     for case in GOLDEN:
         for kind in ("json", "npz"):
-            shutil.copy(shared / "reference" / "nest-models" / f"{case}.{kind}", tmp_path)
+            shutil.copy(golden / "nest-models" / f"{case}.{kind}", tmp_path)
     results = verify(tmp_path, backend)
     assert {result.case for result in results} == {*GOLDEN}
     assert [f"{r.case} {r.quantity}: {r.message}" for r in results if not r.ok] == []

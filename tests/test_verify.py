@@ -1,6 +1,7 @@
 """`neuro.testing.verify`: NEST's traces come out on every float backend, and a wrong value is found."""
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -10,16 +11,16 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.core.errors import ModelError
 from neuro.testing.golden import Result
 from neuro.testing.verify import verify
+from refused import refused
 
 BACKENDS = ("reference", "event")
 
 
 @pytest.fixture(scope="session")
-def traces(shared: Path) -> Path:
-    return shared / "reference" / "nest"
+def traces(golden: Path) -> Path:
+    return golden / "nest"
 
 
 @pytest.fixture
@@ -65,8 +66,8 @@ def test_a_missing_spike_is_found(one):
         ("a3_iaf_psc_alpha", "I_syn_in", 1, lambda i: i + 1e-8, "I_syn_in"),
         ("b1_stdp_multiplicative", "w_after", 1, lambda w: w + 1e-8, "w_after"),
         ("b2_stdp_additive", "final", 1, lambda w: w + 1e-8, "final"),
-        *(("c1_stdp_dopamine", "trace", (2999, k), lambda v: v + 1e-8, n) for k, n in enumerate(("w", "c", "n"), 1)),
-        ("c1_stdp_dopamine", "trace", (2999, 4), lambda v: v + 1e-8, "Kplus"),
+        *(("c1_stdp_dopamine", "trace", (-1, k), lambda v: v + 1e-8, n) for k, n in enumerate(("w", "c", "n"), 1)),
+        ("c1_stdp_dopamine", "trace", (-1, 4), lambda v: v + 1e-8, "Kplus"),
         ("d1_recurrent100", "V_sample", (0, 1), lambda v: v + 1e-8, "V_m"),
         ("d1_recurrent100", "spike_id", 10, lambda neuron: (neuron + 1) % 100, "spikes"),
     ],
@@ -101,26 +102,22 @@ def test_files_that_are_no_cases_get_a_message(one, traces: Path):
     assert {r.case for r in results if r.ok} == {"a6_iaf_psc_exp_dc_generator"}
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda f: f["neuron"].update(model="aeif"), "a neuron of model 'aeif', which is not known"),
-        (lambda f: f["neuron"].pop("params"), "'params' is missing"),
-        (lambda f: f["inputs"]["exc"].update(delay_ms="soon"), "projection 'input_0_neurons': delay = 'soon'"),
-        (lambda f: f["inputs"].update(exc=3), "it is not of the expected form: "),
-    ],
-)
-def test_a_case_that_cannot_be_built_gets_a_message(one, change, message: str):
-    found = wrong(verify(one("a1_iaf_psc_exp", facts=change), "reference"))
-    assert list(found) == ["case"]
-    assert message in found["case"]
+def test_a_case_that_cannot_be_built_gets_a_message(one, tmp_path: Path, monkeypatch, messages):
+    def told(change: Callable[[dict], Any]) -> str:
+        found = wrong(verify(one("a1_iaf_psc_exp", facts=change), "reference"))
+        assert list(found) == ["case"]
+        return re.sub(r"\w+\.py:[0-9]+: ", "", found["case"])
 
-
-def test_a_folder_without_cases_is_an_error(tmp_path: Path):
-    with pytest.raises(ModelError, match="no case in it: expected files NAME"):
-        verify(tmp_path)
-    with pytest.raises(ModelError, match="no such folder: expected one with cases"):
-        verify(tmp_path / "nowhere")
+    changes = {
+        "model": lambda f: f["neuron"].update(model="aeif"),
+        "params": lambda f: f["neuron"].pop("params"),
+        "delay": lambda f: f["inputs"]["exc"].update(delay_ms="soon"),
+        "inputs": lambda f: f["inputs"].update(exc=3),
+    }
+    answers = {name: told(change) for name, change in changes.items()}
+    monkeypatch.chdir(tmp_path)
+    Path("empty").mkdir()
+    messages(answers | {name: refused(verify, name) for name in ("empty", "nowhere")})
 
 
 def test_a_case_of_izhikevich_neurons_is_understood(tmp_path: Path):

@@ -108,14 +108,14 @@ loihi2 = ChipBackend(
     LOIHI2,
     "Intel Loihi 2, emulated as lava does: graded spikes, sigma-delta and LIF neurons in integers",
     {
-        **dict.fromkeys(LEARNING_CASES, "pairwise learning is not emulated on Loihi 2"),
+        **dict.fromkeys(LEARNING_CASES, "pairwise learning is not emulated on loihi2"),
         **dict.fromkeys(REFRACTORY_CASES, "no fixed-point neuron of Loihi 2 has a refractory period"),
     },
 )
 spinnaker = ChipBackend(
     SPINNAKER,
     "SpiNNaker 1, emulated: s16.15 neurons, 16-bit saturating ring buffers",
-    dict.fromkeys(LEARNING_CASES, "pairwise learning is not emulated on SpiNNaker"),
+    dict.fromkeys(LEARNING_CASES, "pairwise learning is not emulated on spinnaker"),
 )
 FAMILIES = (loihi, loihi2, spinnaker)
 """One backend for each arithmetic."""

@@ -266,15 +266,13 @@ def _of_rules(program: Program) -> Iterator[Problem]:
         yield Problem(False, what, why, f"if they are to be equal, {HERE}", parts[0].origin)
 
 
-_NO_LEAK = "without leak NEST's propagator of a current is no number"
-_CURRENTS = "NEST neither shows nor sets synaptic currents between steps"
-_TRIALS = "NEST has no trials"
+_NO_LEAK = "a current without leak"
+_TRIALS = "trials: NEST cannot drop what is under way"
 _GROUP = "NEST has no winner-take-all"
 _RIVALS = "NEST has no lateral reset"
-_RULE = "NEST's stdp_synapse applies changed numbers and weights to post spikes from before, too"
-_STATE = "NEST cannot write or read its state"
+_RULE = "NEST's stdp_synapse would apply them to post spikes from before, too"
 _AT_PRE = "weights that learn are shown between steps only"
-_MOMENT = "NEST brings synapses under dopamine up to date at the moments of deliver_interval only"
+_MOMENT = "NEST brings synapses under dopamine up to date every 0.7 ms"
 
 _LAWS = (
     *("a_seed_repeats", "seeds_differ", "threads_do_not_matter", "a_reset_repeats", "a_reset_keeps_weights"),
@@ -286,21 +284,21 @@ UNSUPPORTED: dict[str, str] = {
     "exact_refractory_periods": _NO_LEAK,
     "exact_currents": _NO_LEAK,
     "alpha_neuron_equal_time_constants": _NO_LEAK,
-    "initial_states": _CURRENTS,
-    "states_and_parameters_change": _CURRENTS,
-    "currents_to_both_receptors": "NEST filters a current by the time constant of excitation only",
+    "initial_states": "initial I_syn_ex: NEST's starts at 0",
+    "states_and_parameters_change": "I_syn_ex of 'cells': NEST neither shows nor sets it between steps",
+    "currents_to_both_receptors": "a current to receptor 'in' of an iaf_psc_exp: NEST has none for it",
     **dict.fromkeys(("stdp_changes", "synapses_that_come_to_differ"), _RULE),
-    **dict.fromkeys(("several_states_means_and_rates", "sleeping_neurons_are_recorded"), _CURRENTS),
+    "several_states_means_and_rates": "I_syn_ex: NEST does not show it between steps",
     **dict.fromkeys(("weights_at_pre_spikes", "states_at_pre_spikes"), _AT_PRE),
     "single_plastic_weights_change": _RULE,
-    "ports_go_on_after_a_restore": _STATE,
+    "ports_go_on_after_a_restore": "NEST has no way to write or read its state",
     **dict.fromkeys(("first_to_fire", "exact_best_of_each_step"), _GROUP),
     "local_winners_without_trials": "NEST has no competition",
     **dict.fromkeys(("maps_that_reset_each_other", "exact_lateral_reset"), _RIVALS),
     **dict.fromkeys((f"{law}_of_fixed_weights" for law in (*_LAWS, *_SAVING)), _GROUP),
     **dict.fromkeys((f"{law}_of_fixed_weights" for law in ("cutting_does_not_matter", "probes_do_not_matter")), _GROUP),
     **dict.fromkeys((*_LAWS, *(f"{law}_of_learning" for law in _LAWS)), _RULE),
-    **dict.fromkeys((*_SAVING, *(f"{law}_of_learning" for law in _SAVING)), _STATE),
+    **dict.fromkeys((*_SAVING, *(f"{law}_of_learning" for law in _SAVING)), "a process has one NEST"),
     **dict.fromkeys(("cutting_does_not_matter", "probes_do_not_matter"), _MOMENT),
     **dict.fromkeys(
         (

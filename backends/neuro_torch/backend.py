@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
     from neuro_torch.engine import TorchEngine
 
-_TRIALS = "there are no trials"
+_TRIALS = "trials: there are none here"
 _GROUP = "there is no winner-take-all"
 _COMPETITION = "there is no competition"
 _RIVALS = "there is no lateral reset"
-_PAIRS = "only static synapses are stepped"
+_PAIRS = "only static synapses are here"
 
 _LAWS = (
     *("a_seed_repeats", "seeds_differ", "threads_do_not_matter", "a_reset_repeats", "a_reset_keeps_weights"),

@@ -5,11 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable
 from functools import cache
-from typing import Any
+from typing import Any, NoReturn
 
 from neuro.core.errors import ModelError
 from neuro.model.network import Network
 from neuro.program.backend import Backend, find_backend, unreadable
+from neuro.program.program import Program
 from neuro.run.compiled import ApproximationWarning, compile
 from neuro.run.simulation import Simulation
 from neuro.testing import (  # noqa: F401
@@ -21,7 +22,7 @@ from neuro.testing import (  # noqa: F401
     probes,
     trials,
 )
-from neuro.testing.case import CASES as CASES, Found, differences
+from neuro.testing.case import CASES as CASES, Found, Start, differences
 
 ARITHMETIC = ("float", "integer")
 NEEDS_FLOATS = "its values are exact in floats only, and this backend computes in integers"
@@ -59,8 +60,8 @@ def check_case(backend: str | Backend, name: str) -> str:
         name: of the case.
 
     Returns:
-        "" if it passes; the reason if it is declared unsupported and indeed does not pass, or if it needs floats
-        and the backend computes in integers.
+        "" if it passes; the reason if it is declared unsupported and indeed refused or failed, or if it needs floats
+        and the backend computes in integers. What `refusal` tells is not built.
 
     Raises:
         AssertionError: it fails, or passes although it is declared unsupported, or the declarations are wrong.
@@ -75,10 +76,11 @@ def check_case(backend: str | Backend, name: str) -> str:
         )
     if integer and CASES[name].floats:
         return NEEDS_FLOATS
-    found = deviations(chosen, name)
     if name in declared:
-        assert found, f"case '{name}' is declared unsupported but passes: take it off the list"
+        unlike = refusal(chosen, name) or deviations(chosen, name)
+        assert unlike, f"case '{name}' is declared unsupported but passes: take it off the list"
         return declared[name]
+    found = deviations(chosen, name)
     assert not found, f"case '{name}' ({CASES[name].about})\n  " + "\n  ".join(found)
     return ""
 
@@ -91,12 +93,33 @@ def _computes_in_integers(backend: Backend) -> bool:
     return bool(arithmetic == "integer")
 
 
-def deviations(backend: Backend, name: str) -> list[str]:
-    """What a backend does otherwise than the reference in one case.
+class _Accepted(Exception):
+    """The backend would build the network."""
 
-    A refusal counts as one deviation; what is approximated is judged by its outcome, not by its warning.
-    """
-    case, hidden = CASES[name], unreadable(backend)
+
+class _Checked:
+    """A backend that tells its problems and builds nothing."""
+
+    def __init__(self, backend: Backend) -> None:
+        self.name, self.problems, self.description = backend.name, backend.problems, backend.description
+
+    def build(self, program: Program, *, threads: int = 1, **options: Any) -> NoReturn:
+        raise _Accepted
+
+
+def refusal(backend: Backend, name: str) -> str:
+    """The message by which a backend refuses the first network of a case; "" if it would build it."""
+    try:
+        CASES[name].run(_starting(_Checked(backend), unreadable(backend)))
+    except ModelError as error:
+        return str(error)
+    except _Accepted:
+        pass
+    return ""
+
+
+def _starting(backend: Backend, hidden: frozenset[str]) -> Start:
+    """The `start` of a case on a backend, without probes of states that it does not show."""
 
     def start(net: Network, seed: int = 1, threads: int = 1, **options: Any) -> Simulation:
         net.probes = {name: probe for name, probe in net.probes.items() if probe.record not in hidden}
@@ -105,8 +128,17 @@ def deviations(backend: Backend, name: str) -> list[str]:
             sim: Simulation = compile(net, backend, seed=seed, threads=threads, **options)
             return sim
 
+    return start
+
+
+def deviations(backend: Backend, name: str) -> list[str]:
+    """What a backend does otherwise than the reference in one case.
+
+    A refusal counts as one deviation; what is approximated is judged by its outcome, not by its warning.
+    """
+    case, hidden = CASES[name], unreadable(backend)
     try:
-        found = case.run(start)
+        found = case.run(_starting(backend, hidden))
     except ModelError as error:
         return [f"it is refused: {error}"]
     if case.exact:

@@ -57,7 +57,7 @@ def sleeping_neurons_are_recorded(start: Start) -> Found:
     net.population("cells", 150, iaf_psc_exp())
     net.connect("noise", "cells", fixed_outdegree(n=2), weight=500.0, delay=0.5)
     net.probe("V_m", "cells", "V_m")
-    net.probe("currents", "cells", "I_syn_ex", every=1.7)
+    net.probe("I_syn_ex", "cells", "I_syn_ex", every=1.7)
     return _in_parts(start, net)
 
 

@@ -37,72 +37,14 @@ def test_what_is_not_known_is_null_in_json(run, tmp_path):
     assert [energy.cells()[-2:] for energy in (dense, free)] == [("-", "-"), ("10 ms of 10 ms", "1")]
 
 
-HEAD = """\
-SpiNNaker 2 (prototype) (spinnaker2), energy per half: 1 chip, 5 steps, 5 ms of chip time
-
-"""
-ROWS = """\
-item                      of  count     each      energy
-neuron_update_active *    a       6  2.19 nJ    13.14 nJ
-neuron_update_inactive *  a       9  2.19 nJ    19.71 nJ
-neuron_update_active *    b       6  2.19 nJ    13.14 nJ
-neuron_update_inactive *  b       9  2.19 nJ    19.71 nJ
-synaptic_op *             in      6   450 pJ      2.7 nJ
-synaptic_op *             ab      6   450 pJ      2.7 nJ
-learning_update           ab     12        -  not priced
-"""
-NOTES = """\
-- static power is not in the sums: no figure is published
-- generators are the host's: their spikes are priced, their updates are not
-- not priced, as no figure is published: learning_update
-- extrapolated (*): neuron_update_active, neuron_update_inactive, synaptic_op: a prototype of 4 cores in 28 nm, \
-not the chip of 22 nm
-"""
-SUMS = """
-              as fast as the chip can                in real time
-chip time                        5 ms                        5 ms
-dynamic                       71.1 nJ                     71.1 nJ
-static                     not priced                  not priced
-total      > 71.1 nJ (71.1 to 284 nJ)  > 71.1 nJ (71.1 to 284 nJ)
-"""
+def test_the_text(run, messages):
+    energy = price(*run, None, chip("spinnaker2")).per(2, "half")
+    messages({"plain": str(energy), "with sources": energy.told(sources=True)})
+    hand = price(*run, placed(), chip("loihi"))
+    messages({"times of loihi": "\n".join(hand.notes[:6])})
 
 
-def test_the_text(run):
-    assert str(price(*run, None, chip("spinnaker2")).per(2, "half")) == HEAD + ROWS + SUMS + "\n" + NOTES.rstrip()
-
-
-def test_the_text_with_sources(run):
-    text = price(*run, None, chip("spinnaker2")).per(2, "half").told(sources=True)
-    rows = ROWS.splitlines()
-    marks = ["  source", *4 * ["  [1]"], *2 * ["  [2]"], ""]
-    cited = "\n".join(row + mark for row, mark in zip(rows, marks, strict=True)) + "\n"
-    assert text.startswith(HEAD + cited + SUMS)
-    spread = "high: without that scaling the cores take four times as much: Höppner et al., abstract"
-    ranges = f"\n- range of neuron_update_active, neuron_update_inactive, synaptic_op: {spread}"
-    assert text.endswith(NOTES.rstrip() + ranges)
-    foot = text.removeprefix(HEAD + cited + SUMS + "\n").removesuffix(NOTES.rstrip() + ranges).splitlines()
-    assert foot[0].startswith("[1] Höppner et al., IEEE Trans. Circuits Syst. I 66:2973, 2019, as quoted by")
-    assert foot[0].endswith("(prototype, 28 nm; every neuron is stepped alike)")
-    assert foot[1].startswith("[2] Höppner")
-    assert foot[2:] == [
-        "",
-        "- chip time: a step of 1 ms takes 1 ms on the chip: "
-        "Höppner et al., IEEE Trans. Circuits Syst. I 66:2973, 2019 "
-        "(biological real time)",
-    ]
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (23.6e-12, "23.6 pJ"),
-        (0.0, "0 J"),
-        (1.0, "1 J"),
-        (0.0009999999, "1 mJ"),
-        (1.7e-17, "0.017 fJ"),
-        (12345.6, "1.235e+04 J"),
-        (999.94e-9, "999.9 nJ"),
-    ],
-)
-def test_prefixes(value, text):
-    assert quantity(value, "J") == text
+def test_prefixes():
+    values = {23.6e-12: "23.6 pJ", 0.0: "0 J", 1.0: "1 J", 0.0009999999: "1 mJ", 1.7e-17: "0.017 fJ"}
+    for value, text in (values | {12345.6: "1.235e+04 J", 999.94e-9: "999.9 nJ"}).items():
+        assert quantity(value, "J") == text

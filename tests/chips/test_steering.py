@@ -9,6 +9,7 @@ import pytest
 import neuro
 from neuro.run.compiled import ApproximationWarning
 from neuro.run.simulation import Simulation
+from refused import refused
 
 CHIPS = ("loihi", "spinnaker")
 
@@ -105,20 +106,15 @@ def test_reading_what_is_learnt_sends_nothing_earlier(raw: bool, tmp_path: Path)
         through.restore(tmp_path / f"{k}.h5")
 
 
-def test_a_projection_that_learns_keeps_its_scale():
+def test_a_projection_that_learns_keeps_its_scale(messages):
     sim = learner()
-    with pytest.raises(neuro.ModelError) as caught:
-        sim.set("cells", tau_m=20.0)
-    assert str(caught.value) == (
-        "projection 'in' learns: the change gives its weights another scale, and the rule in the chip's microcode "
-        "holds for one\n  hint: change the network and compile again"
-    )
+    messages({"in": refused(sim.set, "cells", tau_m=20.0)})
     assert sim.get("cells", "tau_m") == pytest.approx(10.0)
     sim.set("cells", V_th=-50.0)
 
 
 @pytest.mark.parametrize("chip", ["loihi", "spinnaker"])
-def test_words_are_set_together_or_not_at_all(chip):
+def test_words_are_set_together_or_not_at_all(chip, messages):
     net = neuro.Network("together", resolution=1.0)
     net.population("out", 2, neuro.iaf_psc_exp())
     sim = neuro.compile(net, backend=chip)
@@ -126,27 +122,23 @@ def test_words_are_set_together_or_not_at_all(chip):
     np.testing.assert_allclose(sim.get("out", "V_m"), -70.0, atol=1e-4)
     sim.set("out", E_L=-65.0, V_reset=-65.0, V_m=-62.0)
     np.testing.assert_allclose(sim.get("out", "V_m"), -62.0, atol=1e-4)
-    with pytest.raises(neuro.ModelError, match="V_th"):
-        sim.set("out", tau_m=20.0, V_th=1e6)
-    with pytest.raises(neuro.ModelError, match="its register 'v' holds at most"):
-        sim.set("out", tau_m=20.0, V_m=1e6)
+    messages({f"{chip} {word}": refused(sim.set, "out", tau_m=20.0, **{word: 1e6}) for word in ("V_th", "V_m")})
     assert (sim.get("out", "tau_m") == 10.0).all()
 
 
 @pytest.mark.parametrize("chip", ["loihi", "spinnaker"])
-def test_a_current_that_overflows_is_refused_and_changes_nothing(chip):
+def test_a_current_that_overflows_is_refused_and_changes_nothing(chip, messages):
     net = neuro.Network("current", resolution=1.0)
     net.population("dc", 1, neuro.dc_generator(amplitude=100.0))
     net.population("out", 2, neuro.iaf_psc_exp())
     net.connect("dc", "out", neuro.all_to_all(), weight=1.0, delay=1.0)
     sim = neuro.compile(net, backend=chip)
-    with pytest.raises(neuro.ModelError, match="a current of 1e\\+11 pA overflows the"):
-        sim.set("dc", amplitude=1e11)
+    messages({chip: refused(sim.set, "dc", amplitude=1e11)})
     assert sim.get("dc", "amplitude").tolist() == [100.0]
     sim.run(20.0)
 
 
-def test_mantissas_that_are_set_are_those_that_are_described():
+def test_mantissas_that_are_set_are_those_that_are_described(messages):
     for told in ([3.0, 101.0, -101.0], [2.0, 7.0, 254.0]):
         net = neuro.Network("native", resolution=1.0)
         net.population("in", 3, neuro.spike_generator(spike_times=[[1.0]] * 3))
@@ -162,18 +154,14 @@ def test_mantissas_that_are_set_are_those_that_are_described():
             sim.run(3.0)
         assert (described.get("out", "v") == other.get("out", "v")).all()
         assert (described.get("w", "weight", raw=True) == other.get("w", "weight", raw=True)).all()
-        with pytest.raises(
-            neuro.ModelError, match=r"weight\[0\] = 1.5: a mantissa in sign mode mixed is a whole number"
-        ):
-            other.set_weights("w", [1.5, 2.0, 3.0])
+        messages({"w": refused(other.set_weights, "w", [1.5, 2.0, 3.0])})
 
 
-def test_a_state_register_takes_whole_numbers_only():
+def test_a_state_register_takes_whole_numbers_only(messages):
     net = neuro.Network("registers", resolution=1.0)
     net.population("out", 2, neuro.loihi_lif(vth=100))
     sim = neuro.compile(net, backend="loihi")
-    with pytest.raises(neuro.ModelError, match=r"^population 'out': v = 0\.7: register 'v' holds whole numbers$"):
-        sim.set("out", v=[3.0, 0.7])
+    messages({"v": refused(sim.set, "out", v=[3.0, 0.7])})
     assert sim.get("out", "v").tolist() == [0.0, 0.0]
 
 
@@ -197,7 +185,6 @@ def test_a_state_of_learning_by_an_earlier_version_is_refused_and_changes_nothin
     sim.run(15.0)
     before = sim.get("cells", "V_m"), sim.get("in", "weight")
     del state["plastic.0.tx"]
-    with pytest.raises(neuro.ModelError, match=r"the state lacks 'plastic\.0\.tx': an earlier version has saved it"):
-        sim._engine.restore(state)
+    assert "the state lacks 'plastic.0.tx': an earlier version" in refused(sim._engine.restore, state)
     assert np.array_equal(sim.get("cells", "V_m"), before[0])
     assert np.array_equal(sim.get("in", "weight"), before[1])

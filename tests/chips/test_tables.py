@@ -8,7 +8,7 @@ import yaml
 
 from neuro.chips import chip, chips
 from neuro.chips.description import COSTS, LIMITS
-from neuro.core.errors import ModelError
+from refused import refused
 
 ROOT = Path(__file__).parents[2]
 FIGURE = "{value: 1.0e-12, source: here}"
@@ -24,12 +24,6 @@ def write(tmp_path, monkeypatch):
         return "my.yaml"
 
     return table
-
-
-def refusal(path):
-    with pytest.raises(ModelError) as caught:
-        chip(path)
-    return str(caught.value)
 
 
 def test_the_targets_that_there_are():
@@ -99,15 +93,13 @@ def test_a_table_is_read_anew_each_time(write):
 MISTAKES = yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text())
 
 
-@pytest.mark.parametrize(("text", "message"), MISTAKES.items(), ids=range(len(MISTAKES)))
-def test_mistakes(write, text, message):
-    assert refusal(write(text)).startswith(message)
+def test_mistakes(write, messages):
+    messages({text: refused(chip, write(text)) for text in MISTAKES})
 
 
-def test_targets_that_are_not_there(write):
-    assert refusal("loihii") == "unknown chip 'loihii'\n  hint: did you mean 'loihi'?"
+def test_targets_that_are_not_there(write, messages):
     write("name: x")
-    assert refusal("mine.yaml") == "mine.yaml: no such file\n  hint: did you mean 'my.yaml'?"
+    messages({name: refused(chip, name) for name in ("loihii", "mine.yaml")})
 
 
 def test_the_page_names_every_limit_and_cost():

@@ -274,8 +274,7 @@ USUAL = {
 WILD = {name: edge(-(2**31) + 1, 2**31 - 1) for name in ("v_rest", "v_reset", "v_thresh", "v_init", "i_offset")}
 DECAYS = {f"{word}_{name}": edge(0, FRACTION) for word in ("exc", "inh") for name in ("decay", "init")}
 NEURON = st.one_of(
-    st.fixed_dictionaries(USUAL | DECAYS),
-    st.fixed_dictionaries(USUAL | WILD | DECAYS | {"r_m": edge(0, 2**31 - 1)}),
+    st.fixed_dictionaries(USUAL | DECAYS), st.fixed_dictionaries(USUAL | WILD | DECAYS | {"r_m": edge(0, 2**31 - 1)})
 )
 
 

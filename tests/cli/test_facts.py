@@ -103,28 +103,28 @@ def test_backends(neuro):
 
 
 @pytest.fixture
-def golden(shared, tmp_path) -> Path:
-    for file in (shared / "reference" / "nest").glob("a1_*"):
+def one_case(golden, tmp_path) -> Path:
+    for file in (golden / "nest").glob("a1_*"):
         shutil.copy(file, tmp_path)
     return tmp_path
 
 
-def test_verify(neuro, golden):
-    answer = neuro("verify", golden)
+def test_verify(neuro, one_case):
+    answer = neuro("verify", one_case)
     assert (answer.status, answer.err) == (0, "")
     assert answer.out.endswith("1 of 1 cases agree\n")
 
 
-def test_verify_a_wrong_value(neuro, golden):
-    file = golden / "a1_iaf_psc_exp.npz"
+def test_verify_a_wrong_value(neuro, one_case):
+    file = one_case / "a1_iaf_psc_exp.npz"
     arrays = dict(np.load(file))
     arrays["V_m"][100] += 1e-6
     np.savez(file, **arrays)
-    answer = neuro("verify", golden)
+    answer = neuro("verify", one_case)
     assert answer.status == 1
     assert "WRONG" in answer.out
     assert answer.out.endswith("0 of 1 cases agree\n")
-    answer = neuro("verify", golden, "--json")
+    answer = neuro("verify", one_case, "--json")
     assert answer.status == 1
     wrong = [row for row in json.loads(answer.out) if not row["ok"]]
     assert [(row["case"], row["quantity"]) for row in wrong] == [("a1_iaf_psc_exp", "V_m")]

@@ -15,9 +15,9 @@ MODELS = yaml.safe_load(Path(__file__).with_name("models.yaml").read_text())["mo
 (RELAXING,) = beside(__file__, "RELAXING")
 
 
-def like_nest(shared, golden, integrator, backend):
+def like_nest(golden, case, integrator, backend):
     """A neuron with the parameters and inputs of a golden trace, NEST's spikes, and its states' errors."""
-    path = shared / "reference" / "nest-models" / golden
+    path = golden / "nest-models" / case
     facts = json.loads(path.with_suffix(".json").read_text())
     own = MODELS[f"own_{facts['neuron']['model']}"]
     model = neuro.equations("own", **{**own, "integrator": integrator})
@@ -39,9 +39,9 @@ def like_nest(shared, golden, integrator, backend):
 
 
 @pytest.mark.parametrize("backend", ["reference", "event"])
-def test_an_adaptive_exponential_neuron_has_nests_spikes(shared, backend):
+def test_an_adaptive_exponential_neuron_has_nests_spikes(golden, backend):
     integrator = {"rkf45": {"tolerance": 1e-6, "slope_tolerance": 1e-6}}
-    steps, expected, errors = like_nest(shared, "f3_aeif_cond_exp", integrator, backend)
+    steps, expected, errors = like_nest(golden, "f3_aeif_cond_exp", integrator, backend)
     assert np.array_equal(steps, expected)
     assert errors["V_m"] < 1e-6
     assert errors["w"] < 1e-6
@@ -63,8 +63,8 @@ def test_an_adaptive_exponential_neuron_is_its_built_in_twin():
     assert np.abs(found[0][1] - found[1][1]).max() < 1e-6
 
 
-def test_with_many_substeps_rk4_has_them_too(shared):
-    steps, expected, errors = like_nest(shared, "f3_aeif_cond_exp", {"rk4": {"substeps": 100}}, "event")
+def test_with_many_substeps_rk4_has_them_too(golden):
+    steps, expected, errors = like_nest(golden, "f3_aeif_cond_exp", {"rk4": {"substeps": 100}}, "event")
     assert np.array_equal(steps, expected)
     assert errors["V_m"] < 1.0
 
@@ -73,8 +73,8 @@ def test_with_many_substeps_rk4_has_them_too(shared):
 @pytest.mark.parametrize(
     ("integrator", "error"), [({"rkf45": {"tolerance": 1e-3}}, 1e-9), ("rk4", 2e-5)], ids=["rkf45", "rk4"]
 )
-def test_a_neuron_with_conductances_has_nests_spikes(shared, backend, integrator, error):
-    steps, expected, errors = like_nest(shared, "f2_iaf_cond_exp", integrator, backend)
+def test_a_neuron_with_conductances_has_nests_spikes(golden, backend, integrator, error):
+    steps, expected, errors = like_nest(golden, "f2_iaf_cond_exp", integrator, backend)
     assert np.array_equal(steps, expected)
     assert max(errors.values()) < error
 

@@ -18,6 +18,7 @@ import pytest
 from typer.testing import CliRunner
 
 import neuro
+from golden_traces import stored, unpacked
 from neuro.chips import chip as known_chip, quantise
 from neuro.cli.commands import app
 from neuro.program.backend import Trial
@@ -570,14 +571,6 @@ def test_more_synapses_than_16_bits_count(chip: str, tmp_path: Path):
     compiles(save(net, tmp_path, chip=chip, duration=9.0), *WARNINGS)
 
 
-@pytest.fixture(scope="module")
-def lava(request: pytest.FixtureRequest) -> Path:
-    folder = request.getfixturevalue("shared") / "reference" / "loihi2"
-    if not folder.is_dir():
-        pytest.skip("the networks of lava-dl are not here")
-    return folder
-
-
 def biased(net: neuro.Network, **bias: np.ndarray) -> neuro.Network:
     """A network of lava-dl with an input, which it takes as the bias of its first layer."""
     first = net.populations["input"]
@@ -585,29 +578,27 @@ def biased(net: neuro.Network, **bias: np.ndarray) -> neuro.Network:
     return net
 
 
-def test_pilotnet_sdnn_in_c_is_that_of_intels_test(lava: Path, tmp_path: Path):
+def test_pilotnet_sdnn_in_c_is_that_of_intels_test(tmp_path: Path):
     needs("gcc")
     if not WHOLE:
         pytest.skip("make test-c compiles its 9 MB")
-    image = np.load(lava / "gts_pilotnet_sdnn_input.npy")[..., 0].transpose(2, 1, 0).astype(float)
-    truth = np.load(lava / "gts_pilotnet_sdnn_output.npy").ravel()
-    net = biased(neuro.from_netx(lava / "gts_pilotnet_sdnn_network.net"), bias=image)
-    code = Loaded(save(net, tmp_path, chip="loihi2", duration=float(truth.size)))
-    assert [sum(payload for _, payload in code.step()) for _ in truth] == truth.tolist()
+    golden = stored("pilotnet_sdnn")
+    net = biased(unpacked(golden, tmp_path), bias=golden["image"].astype(float))
+    code = Loaded(save(net, tmp_path, chip="loihi2", duration=float(golden["s"].size)))
+    assert [sum(payload for _, payload in code.step()) for _ in golden["s"]] == golden["s"].tolist()
     assert run("make", "-s", "-C", str(tmp_path), "test").count("9 steps equal")
 
 
-def test_tinynet_in_c_is_that_of_intels_test(lava: Path, tmp_path: Path):
+def test_tinynet_in_c_is_that_of_intels_test(tmp_path: Path):
     needs("gcc")
-    bias = np.load(lava / "gts_tinynet_input_bias.npy").transpose(2, 1, 0).astype(float)
-    truth = np.load(lava / "gts_tinynet_output.npy")[0, :, 0, 0, 1:]
-    net = biased(neuro.from_netx(lava / "tiny.net", reset=17), bias_mant=bias)
+    golden = stored("tinynet")
+    net = biased(unpacked(golden, tmp_path), bias_mant=golden["bias"].astype(float))
     code, first = Loaded(save(net, tmp_path, chip="loihi2", duration=17.0)), 768 + 864
-    found = np.zeros((17, len(truth)), dtype=np.int64)
+    found = np.zeros((17, golden["s"].shape[1]), dtype=np.int64)
     for step in range(17):
         for neuron, payload in code.step():
             found[step, neuron - first] = payload
-    assert np.array_equal(found[2:].T, truth)
+    assert np.array_equal(found[2:], golden["s"])
 
 
 UART = """

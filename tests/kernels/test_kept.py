@@ -114,12 +114,7 @@ class Odd:
 
 @pytest.mark.parametrize(
     "content",
-    [
-        pickle.dumps((1, 2)),
-        pickle.dumps(Odd()),
-        b"cno_such_module\nname\n.",
-        b"",
-    ],
+    [pickle.dumps((1, 2)), pickle.dumps(Odd()), b"cno_such_module\nname\n.", b""],
     ids=["short", "raising", "module", "empty"],
 )
 def test_a_file_of_something_else_is_compiled_anew(content, places, tmp_path):

@@ -116,10 +116,10 @@ def test_a_closed_loop_with_a_signal_equals_event():
 
 
 @pytest.fixture
-def traces(shared: Path, tmp_path: Path) -> Path:
+def traces(golden: Path, tmp_path: Path) -> Path:
     for case in (*QUICK, "c4_stdp_dopamine"):
         for kind in ("json", "npz"):
-            shutil.copy(shared / "reference" / "nest" / f"{case}.{kind}", tmp_path)
+            shutil.copy(golden / "nest" / f"{case}.{kind}", tmp_path)
     return tmp_path
 
 

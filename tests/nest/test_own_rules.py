@@ -1,15 +1,18 @@
 """`draw: backend` on NEST: its own rules draw the same distributions, and what needs the synapses says so."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.stats import ks_2samp
 
 import neuro
-from neuro.core.errors import ModelError
+from neuro.core.errors import Where
 from neuro.files.results import read, write
 from neuro.model.distributions import Distribution
 from neuro.model.rules import BACKEND, HERE, Rule
 from neuro.run.collect import collect
+from refused import error_of, refused
 
 pytestmark = [
     pytest.mark.usefixtures("nest"),
@@ -170,88 +173,53 @@ def test_backends_without_rules_draw_as_the_language_does():
     assert all(map(np.array_equal, left, here))
 
 
-def test_what_is_said(tmp_path):
+def test_what_is_said(tmp_path, messages):
     net = brunel(BACKEND)
     with pytest.warns(neuro.ApproximationWarning) as told:
         sim = neuro.compile(net, "nest")
-    assert (
-        str(told[0].message)
-        .split(": ", 2)[2]
-        .startswith(
-            "the synapses of 6 projections ('exc_in_exc', 'inh_in_inh', 'exc_exc', ...): drawn by NEST: equal in "
-            "distribution, but not the synapses that neuro draws\n  hint: if they are to be equal, leave 'draw' out"
-        )
-    )
+    messages({"drawn": str(told[0].message).split(": ", 2)[2]})
     assert str(sim).count("static, drawn by nest") == 6
     sim.run(20.0)
     write(collect(sim, net, all_weights=True), tmp_path / "run.h5")
     results = read(tmp_path / "run.h5")
     assert str(results).count("static, drawn by nest") == 6
     assert results.projections["exc_exc"].synapses == 16_000
-    message = "the weights of 'exc_exc' were not kept: its synapses were drawn by nest, and are not known"
-    assert refusal(lambda: results.weights("exc_exc")) == message
+    messages({"not kept": refused(results.weights, "exc_exc")})
 
 
-def refusal(call) -> str:
-    with pytest.raises(ModelError) as told:
-        call()
-    return (
-        str(told.value).partition("\n")[0].partition(".py:")[2].partition(": ")[2] or str(told.value).partition("\n")[0]
-    )
-
-
-def whole(net: neuro.Network) -> str:
-    with pytest.raises(ModelError) as told:
-        neuro.compile(net, "nest")
-    return str(told.value)
-
-
-def test_what_needs_the_synapses_is_refused():
+def test_what_needs_the_synapses_is_refused(messages):
     net = one(neuro.fixed_indegree(n=3, draw=BACKEND), 1.0, 1.0)
     sim = neuro.compile(net, "nest")
-    for call in (
-        lambda: sim.get("wires", "weight"),
-        lambda: sim.get("wires", "delay"),
-        lambda: sim.set("wires", weight=2.0),
-        lambda: sim.set("wires", weight=2.0, pre=[1]),
-        lambda: sim.weights("wires"),
-        lambda: sim.silence("pre"),
-        lambda: sim.network(),
-        lambda: sim.energy("loihi"),
-        lambda: sim.doctor(),
-    ):
-        assert refusal(call) == ("projection 'wires': its synapses are drawn by the backend, which does not list them")
+    calls = [(sim.get, "wires", "weight"), (sim.get, "wires", "delay"), (sim.weights, "wires"), (sim.silence, "pre")]
+    calls += [(sim.network,), (sim.energy, "loihi"), (sim.doctor,)]
+    answers = [error_of(*call).message for call in calls]
+    answers += [error_of(sim.set, "wires", weight=2.0, **words).message for words in ({}, {"pre": [1]})]
+    assert len(set(answers)) == 1
+    messages({"calls": answers[0]})
     net.probe("w", "wires", "weight", every=1.0)
-    sim = None
-    assert "drawn by the backend" in refusal(lambda: neuro.compile(net, "nest").run(3.0))
+    del sim, calls
+    assert "drawn by the backend" in refused(lambda: neuro.compile(net, "nest").run(3.0))
     neuro.compile(net, "event").run(3.0)
 
 
-def test_what_no_rule_of_nest_has_is_refused():
-    def refused(rule: Rule = INDEGREE, **words: object) -> str:
+def test_what_no_rule_of_nest_has_is_refused(messages):
+    def net(rule: Rule = INDEGREE, other: Rule | None = None, source: str = "pre", **words: object) -> neuro.Network:
         net = one(rule)
-        net.connect("pre", "post", rule, name="other", **words)
-        return refusal(lambda: neuro.compile(net, "nest"))
+        net.place = Where("here")
+        if other or words:
+            net.connect(source, "post", other or rule, name="other", **words)
+        return net
 
-    begin = "projection 'other': draw = backend: found "
-    assert refused(synapse=neuro.stdp()) == begin + "stdp: expected static synapses"
-    each = begin + "a weight for each synapse: expected as weight a number, uniform, normal or lognormal"
-    assert refused(weight=np.ones(270)) == each
-    assert refused(delay=np.ones(270)).startswith(begin + "a delay for each synapse")
-    far = refused(delay=neuro.lognormal(mean=3.0, std=2.0))
-    assert far.startswith("projection 'other': the longest delay that may be drawn = ")
-    assert "one_to_one from 120 to 90 neurons" in refused(neuro.one_to_one(draw=BACKEND))
-    net = one(neuro.fixed_total_number(n=9, multapses=False, draw=BACKEND))
-    assert "NEST's rule draws pairs twice" in whole(net)
-    net = one(neuro.fixed_indegree(n=3, draw=BACKEND))
-    net.connect("pre[:9]", "post", neuro.fixed_indegree(n=3, draw=BACKEND), name="some")
-    assert refusal(lambda: neuro.compile(net, "nest")) == (
-        "projection 'some': draw = backend: found a view: expected whole populations"
-    )
-    net = one(neuro.fixed_indegree(n=3))
-    net.population("dc", 1, neuro.dc_generator(amplitude=1.0))
-    net.connect("dc", "pre", neuro.all_to_all(draw=BACKEND))
-    assert "each of its connections has a node" in whole(net)
+    nets = {"stdp": net(synapse=neuro.stdp()), "weight": net(weight=np.ones(270)), "delay": net(delay=np.ones(270))}
+    nets["far"] = net(delay=neuro.lognormal(mean=3.0, std=2.0))
+    nets["sizes"] = net(neuro.one_to_one(draw=BACKEND))
+    nets["pairs"] = net(neuro.fixed_total_number(n=9, multapses=False, draw=BACKEND))
+    nets["view"] = net(other=INDEGREE, source="pre[:9]")
+    nets["current"] = net(neuro.fixed_indegree(n=3))
+    nets["current"].population("dc", 1, neuro.dc_generator(amplitude=1.0))
+    nets["current"].connect("dc", "pre", neuro.all_to_all(draw=BACKEND))
+    told = {name: refused(neuro.compile, each, "nest") for name, each in nets.items()}
+    messages({name: re.sub(r"\w+\.py:[0-9]+: ", "", text) for name, text in told.items()})
 
 
 def test_named_receptors_follow_the_bounds_of_weights():
@@ -271,4 +239,4 @@ def test_named_receptors_follow_the_bounds_of_weights():
     assert weights.max() < -1.0, "NEST's conductances are chosen by sign"
     assert weights.min() > -2.0
     sim = None
-    assert "expected" in refusal(lambda: neuro.compile(net(neuro.normal(mean=1.0, std=1.0)), "nest"))
+    assert "expected" in refused(neuro.compile, net(neuro.normal(mean=1.0, std=1.0)), "nest")

@@ -10,12 +10,14 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
 from neuro import ModelError
+from neuro.core.errors import Where
 from neuro.core.extras import install
 from neuro.model.network import Network
 from neuro.testing import laws
 from neuro.testing.case import differences, observe
 from neuro.testing.laws import Subject, steer_wired, wired
 from neuro_torch import backend
+from refused import error_of, refused
 from strategies import networks
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
@@ -97,33 +99,20 @@ def test_threads_are_given_back():
     assert torch.get_num_threads() == before
 
 
-def test_what_it_is_told_is_shown():
-    with pytest.raises(ModelError, match="backend 'torch' has no option 'devise'\n  hint: did you mean 'device'"):
-        start(poisson(), devise="cpu")
-    with pytest.raises(ModelError, match="device = 'cuda:99': torch sees no such GPU\n  hint: here: cpu"):
-        start(poisson(), device="cuda:99")
-    with pytest.raises(ModelError, match="device = 'gpu': expected 'cpu' or 'cuda'\n  hint: here: cpu"):
-        start(poisson(), device="gpu")
-
-
-def test_refusals_name_the_way_out():
+def test_what_is_refused(messages):
+    wrong = ({"devise": "cpu"}, {"device": "cuda:99"}, {"device": "gpu"})
+    told = {str(words): refused(start, poisson(), **words).replace(", cuda:0", "") for words in wrong}
     net = wired()
+    net.place = Where("here")
     net.connect("relay", "delta", neuro.all_to_all(), neuro.stdp(Wmax=5.0), weight=1.0, name="learnt")
-    with pytest.raises(ModelError) as error:
-        start(net)
-    told = str(error.value)
-    assert "cannot run this network (2 problems)" in told
-    assert "group 'choice': there is no winner-take-all here\n  hint: backend 'event' runs it" in told
-    assert "projection 'learnt': stdp: only static synapses are here\n  hint: backend 'event' runs it; where" in told
+    messages(told | {"two problems": "\n".join(map(str, error_of(start, net).others)).partition(": ")[2]})
 
 
 def test_one_error_where_torch_is_missing(monkeypatch):
     for name in [name for name in sys.modules if name.startswith("neuro_torch.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "torch", None)
-    with pytest.raises(ModelError) as error:
-        start(poisson())
-    assert str(error.value) == f"backend 'torch': torch is not installed\n  hint: {install('torch')}"
+    assert refused(start, poisson()) == f"backend 'torch': torch is not installed\n  hint: {install('torch')}"
 
 
 def test_names_and_problems_need_no_torch():

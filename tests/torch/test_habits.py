@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import neuro
+from refused import refused
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro_torch  # noqa: E402
@@ -174,27 +175,13 @@ def test_weights_set_by_hand():
 
 
 @pytest.mark.parametrize("quantised", [False, True])
-@pytest.mark.parametrize(
-    ("value", "found"),
-    [
-        (torch.zeros(3), "(3,) of torch.float32"),
-        (torch.zeros(8, 12), "(8, 12) of torch.float32"),
-        (torch.zeros(1, 12, 8), "(1, 12, 8) of torch.float32"),
-        (torch.zeros(12, 8, dtype=torch.float64), "(12, 8) of torch.float64"),
-        (torch.zeros(12, 8, dtype=torch.complex64), "(12, 8) of torch.complex64"),
-        (torch.zeros(12, 8, dtype=torch.int64), "(12, 8) of torch.int64"),
-        (np.zeros((12, 8), np.float32), "ndarray"),
-        (0.5, "float"),
-    ],
-    ids=lambda each: each if isinstance(each, str) else "",
-)
-def test_weights_that_do_not_fit(value, found, quantised):
+def test_weights_that_do_not_fit(quantised, messages):
     module = neuro_torch.quantised(module_of(), 4) if quantised else module_of()
     before = module.weights["up"].clone()
-    with pytest.raises(neuro.ModelError) as error:
-        module.weights["up"] = value
-    expected = "expected a tensor of the shape (12, 8) of torch.float32"
-    assert str(error.value) == f"projection whose weights learn 'up': found {found}: {expected}"
+    shapes = [torch.zeros(shape) for shape in ((3,), (8, 12), (1, 12, 8))]
+    kinds = [torch.zeros(12, 8, dtype=kind) for kind in (torch.float64, torch.complex64, torch.int64)]
+    values = [*shapes, *kinds, np.zeros((12, 8), np.float32), 0.5]
+    messages({str(k): refused(module.weights.__setitem__, "up", value) for k, value in enumerate(values)})
     assert torch.equal(module.weights["up"], before)
 
 
@@ -214,27 +201,10 @@ def test_any_name_of_a_network(name):
     assert pruned.weights[name].shape == (48,)
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        ({"trainable": None}, "trainable = None: expected names of projections"),
-        ({"trainable": [1]}, "trainable = [1]: expected names of projections"),
-        ({"trainable": {"up": []}}, "trainable: 'up': found []: expected what of it learns"),
-        (
-            {"trainable": {"out": "weight"}},
-            "trainable: 'out' is a population, whose neurons have no weight: expected the name of a projection\n"
-            "  hint: known: up, down",
-        ),
-        ({"duration": 0.0}, "duration = 0.0: expected a time > 0 in ms"),
-        ({"duration": "long"}, "duration = 'long': expected a time > 0 in ms"),
-        ({"dtype": torch.int64}, "dtype = torch.int64: expected a floating type of torch"),
-        ({"outputs": "pixels"}, "unknown population of neurons 'pixels'"),
-    ],
-)
-def test_mistakes(words, told):
-    with pytest.raises(neuro.ModelError) as error:
-        module_of(**words)
-    assert told in str(error.value)
+def test_mistakes(messages):
+    wrong = [{"trainable": each} for each in (None, [1], {"up": []}, {"out": "weight"})]
+    wrong += [{"duration": 0.0}, {"duration": "long"}, {"dtype": torch.int64}, {"outputs": "pixels"}]
+    messages({str(words): refused(module_of, **words) for words in wrong})
 
 
 @pytest.mark.parametrize(
@@ -263,24 +233,11 @@ def holding(value):
     return given
 
 
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        (holding(float("nan")), "'pixels': found nan of recording 2, step 3, neuron 4: expected numbers"),
-        (holding(float("-inf")), "'pixels': found -inf of recording 2, step 3, neuron 4: expected numbers"),
-        (holding(float("nan")).to_sparse(), "'pixels': found nan of recording 2, step 3, neuron 4: expected numbers"),
-        (DENSE.to(torch.complex64), "'pixels': found torch.complex64: expected real numbers"),
-        (DENSE.numpy().astype(object), "'pixels': found an array of object: expected numbers"),
-        (DENSE[:, :, 0], "'pixels': found the shape (6, 20): expected (batch, steps, neurons)"),
-        (DENSE[0, 0], "'pixels': found the shape (12,): expected (batch, steps, neurons)"),
-        (DENSE.view(6, 20, 3, 4), "'pixels': found the shape (6, 20, 3, 4): expected (batch, steps, 12)"),
-        (DENSE[:0], "found 0 recordings of 20 steps: expected at least one of each"),
-    ],
-)
-def test_dense_input_that_does_not_fit(given, told):
-    with pytest.raises(neuro.ModelError) as error:
-        module_of()({"pixels": given})
-    assert str(error.value) == f"batch: {told}"
+def test_dense_input_that_does_not_fit(messages):
+    nan, infinite = holding(float("nan")), holding(float("-inf"))
+    wrong = [nan, infinite, nan.to_sparse(), DENSE.to(torch.complex64), DENSE.numpy().astype(object)]
+    wrong += [DENSE[:, :, 0], DENSE[0, 0], DENSE.view(6, 20, 3, 4), DENSE[:0]]
+    messages({str(k): refused(module_of(), {"pixels": given}) for k, given in enumerate(wrong)})
 
 
 @pytest.mark.parametrize("by", BY)
