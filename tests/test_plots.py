@@ -56,8 +56,7 @@ def test_titles_and_units():
     assert axis.get_title("left") == "cells: 10 neurons, 10 Hz"
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("time (ms)", "neuron")
     axis = plots.rate(results(size=1)).axes[0]
-    assert axis.get_title("left") == "cells: 1 neuron, 100 Hz"
-    assert axis.get_ylabel() == "rate (Hz)"
+    assert (axis.get_title("left"), axis.get_ylabel()) == ("cells: 1 neuron, 100 Hz", "rate (Hz)")
     assert plots.trace(results(traced=2)).axes[0].get_ylabel() == "V_m (mV)"
     assert plots.trace(results(traced=20)).axes[1].get_ylabel() == "V_m (mV)"
 
@@ -70,8 +69,7 @@ def test_rates_add_up():
 
 
 def test_a_spike_on_an_edge_belongs_to_the_step_before_it(sim):
-    figure = plots.rate(sim, "in", bin=20.0)
-    hz, edges, _ = figure.axes[0].patches[0].get_data()
+    hz, edges, _ = plots.rate(sim, "in", bin=20.0).axes[0].patches[0].get_data()
     assert edges.tolist() == [0.0, 20.0, 40.0, 50.0]
     assert (hz * 4 * np.diff(edges) / 1000.0).round(9).tolist() == [4.0, 3.0, 0.0]
     tenths = plots.rate(sim, "in", bin=0.1, window=(29.9, 30.1)).axes[0].patches[0].get_data()[0]
@@ -133,11 +131,9 @@ def test_bins_are_on_the_grid(resolution):
 
 def test_a_window_is_after_its_begin_up_to_its_end(sim):
     (train,) = trains(recorded(sim), "in", (10.0, 30.0))
-    assert train.times_ms.tolist() == [20.0, 20.0, 30.0, 30.0]
-    assert train.ids.tolist() == [0, 3, 1, 3]
+    assert (train.times_ms.tolist(), train.ids.tolist()) == ([20.0, 20.0, 30.0, 30.0], [0, 3, 1, 3])
     axis = plots.raster(sim, "in", window=(10.0, 30.0)).axes[0]
-    assert axis.get_xlim() == (10.0, 30.0)
-    assert axis.get_title("left") == "in: 4 neurons, 50 Hz"
+    assert (axis.get_xlim(), axis.get_title("left")) == ((10.0, 30.0), "in: 4 neurons, 50 Hz")
     shown = plots.trace(sim, "v", window=(10.0, 12.0)).axes[0]
     assert [line.get_xdata().tolist() for line in shown.lines] == [[10.0, 11.0, 12.0]] * 6
 
@@ -146,9 +142,7 @@ def test_populations_by_name_by_part_and_by_view(sim):
     part = sim.network().populations["in"]
     assert plots.raster(sim, part).axes[0].get_title("left") == "in: 4 neurons, 35 Hz"
     (train,) = trains(recorded(sim), part[[3, 1]])
-    assert train.neurons.tolist() == [1, 3]
-    assert train.ids.tolist() == [3, 3, 1, 3]
-    assert train.rate_hz == 40.0
+    assert (train.neurons.tolist(), train.ids.tolist(), train.rate_hz) == ([1, 3], [3, 3, 1, 3], 40.0)
     assert plots.raster(sim, [part[[3, 1]]]).axes[0].get_title("left") == "in: 2 neurons, 40 Hz"
 
 
@@ -183,8 +177,7 @@ def test_what_intervals_and_cv_say(sim):
 
 def test_weights_as_a_histogram_and_a_matrix(sim):
     figure = plots.weights(results(), "own")
-    heights = figure.axes[0].patches[0].get_data()[0]
-    assert heights.sum() == 100
+    assert figure.axes[0].patches[0].get_data()[0].sum() == 100
     assert figure.axes[0].get_title("left") == "own: 100 weights, 49.5 ± 28.9"
     image = plots.weights(results(), "own", "matrix").axes[0].images[0].get_array()
     assert np.array_equal(image, np.arange(100.0).reshape(10, 10))
@@ -198,20 +191,16 @@ def test_a_large_matrix_is_drawn_in_blocks(monkeypatch):
     axis = plots.weights(results(), "own", "matrix").axes[0]
     assert axis.get_title("left") == "own: 100 weights, means of blocks of 3 x 3"
     image, whole = axis.images[0].get_array(), np.arange(100.0).reshape(10, 10)
-    assert image.shape == (4, 4)
-    assert image[0, 0] == whole[:3, :3].mean()
-    assert image[3, 3] == whole[9, 9]
+    assert (image.shape, image[0, 0], image[3, 3]) == ((4, 4), whole[:3, :3].mean(), whole[9, 9])
 
 
 def test_kernels_side_by_side(monkeypatch):
     run = results()
     run.projections["grid"] = Weights("cells", "cells", "static", 30, {}, weight=np.arange(30.0).reshape(5, 1, 2, 3))
     sheet = plots.weights(run, "grid", "matrix").axes[0].images[0].get_array()
-    assert sheet.shape == (5, 11)
-    assert sheet[3:, 4:7].tolist() == np.arange(24.0, 30.0).reshape(2, 3).tolist()
+    assert (sheet.shape, sheet[3:, 4:7].tolist()) == ((5, 11), np.arange(24.0, 30.0).reshape(2, 3).tolist())
     monkeypatch.setattr(_traces, "MOST_KERNELS", 2)
-    axis = plots.weights(run, "grid", "matrix").axes[0]
-    assert axis.get_title("left") == "grid: kernels of 2 x 3, 2 of 5 drawn"
+    assert plots.weights(run, "grid", "matrix").axes[0].get_title("left") == "grid: kernels of 2 x 3, 2 of 5 drawn"
 
 
 def test_into_axes_that_are_given(sim):
@@ -229,8 +218,7 @@ def test_into_axes_that_are_given(sim):
 
 def test_at_a_glance(sim):
     figure = sim.plot()
-    assert figure.get_suptitle() == "two on reference: 50 ms, 10 neurons"
-    assert len(figure.axes) == 3
+    assert (figure.get_suptitle(), len(figure.axes)) == ("two on reference: 50 ms, 10 neurons", 3)
     assert len(sim.plot("in", window=(0.0, 20.0)).axes) == 2
 
 
@@ -244,8 +232,7 @@ def test_nothing_global_changes(sim):
     before, shown = dict(matplotlib.rcParams), dict(_pylab_helpers.Gcf.figs)
     plots.overview(sim)
     plots.weights(sim, "in_out", "matrix")
-    assert dict(matplotlib.rcParams) == before
-    assert _pylab_helpers.Gcf.figs == shown
+    assert (dict(matplotlib.rcParams), _pylab_helpers.Gcf.figs) == (before, shown)
 
 
 MISTAKES = {
@@ -298,6 +285,5 @@ def test_names_are_no_formulas(tmp_path):
     for draw in (plots.raster, plots.rate, plots.isi):
         axis = Figure().subplots()
         axis.set_title(r"$\alpha$")
-        whole = draw(run, ax=axis)
-        whole.savefig(tmp_path / "a.png", dpi=20)
+        draw(run, ax=axis).savefig(tmp_path / "a.png", dpi=20)
         assert axis.get_title() == r"$\alpha$"

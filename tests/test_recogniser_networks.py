@@ -51,8 +51,7 @@ def test_masquelier_and_thorpe_tell_bars_apart_by_v_at_the_end():
     c2 = [sim.trials(*bars(40, seed=seed)[:3]).potential for seed in (10, 11)]
     labels = np.arange(40) % 2
     means = np.stack([c2[0][labels == label].mean(axis=0) for label in (0, 1)])
-    found = ((c2[1][:, None] - means) ** 2).sum(axis=2).argmin(axis=1)
-    assert np.mean(found == labels) == 1.0
+    assert np.mean(((c2[1][:, None] - means) ** 2).sum(axis=2).argmin(axis=1) == labels) == 1.0
 
 
 def test_mozafari_learns_from_reward_alone():
@@ -79,8 +78,7 @@ def test_must_keeps_thresholds_from_trial_to_trial_and_the_sum_of_weights():
         theta[told.winner[0]] += 5.0 * np.exp(-(63.0 - told.step[0]) / 63968.0)
     assert sim.get("excited", "theta") == pytest.approx(theta, abs=1e-9)
     assert wins.max() < n / 4  # without homeostasis the first two take nearly all
-    sums = sim.weights("c1_excited")[2].reshape(-1, 20).sum(axis=0)
-    assert sums[wins > 0] == pytest.approx(300.0, abs=1e-9)
+    assert sim.weights("c1_excited")[2].reshape(-1, 20).sum(axis=0)[wins > 0] == pytest.approx(300.0, abs=1e-9)
     sim.set("excited", theta_plus=0.0, tau_theta=1e18)
     before = sim.get("excited", "theta").copy()
     sim.trials(*bars(4, seed=50, most=150)[:3])

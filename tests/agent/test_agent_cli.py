@@ -250,8 +250,7 @@ def test_actions_that_do_not_start_at_zero_are_those_of_the_space(walk, name):
     with Path("my_walk.py").open("a") as file:
         file.write(STARTS)
     found = compare.run(compare.Plan(f"my_walk:{name}", 2048, (1,), 2, {}, ("ppo",)))
-    assert found.failed == {}
-    assert found.mean("ppo") == 10.0
+    assert (found.failed, found.mean("ppo")) == ({}, 10.0)
 
 
 @pytest.mark.parametrize(
@@ -280,8 +279,7 @@ def test_a_baseline_that_fails_loses_no_other_training(walk, monkeypatch):
     monkeypatch.setattr(compare, "side_by_side", lambda run, jobs, report: [run(job, report) for job in jobs])
     monkeypatch.setattr(compare, "find_spec", lambda name: True)
     found = compare.run(compare.Plan("my_walk:Walk", 10, (1,), 2, {}, ("random", "ppo")), lambda text: None)
-    assert found.names == ["random"]
-    assert found.left_out["ppo"] == "PPO of stable-baselines3, defaults: no such space"
+    assert (found.names, found.left_out["ppo"]) == (["random"], "PPO of stable-baselines3, defaults: no such space")
 
 
 def test_who_wins():
@@ -316,10 +314,7 @@ def test_who_cannot_take_part(monkeypatch):
             ("train", "CartPole-v1", "--out", "a.h5", "--set", "feilds=3"),
             "unknown setting of an agent 'feilds'\n  hint: did you mean 'fields'?",
         ),
-        (
-            ("train", "my_walk:Wlak", "--out", "a.h5"),
-            "unknown environment 'Wlak'\n  hint: did you mean 'Walk'?",
-        ),
+        (("train", "my_walk:Wlak", "--out", "a.h5"), "unknown environment 'Wlak'\n  hint: did you mean 'Walk'?"),
         (
             ("train", "nowhere:Walk-v0", "--out", "a.h5"),
             "environment 'nowhere:Walk-v0': there is no module 'nowhere': "
@@ -354,8 +349,7 @@ def test_mistakes(neuro, walk, words, message):
     with Path("my_walk.py").open("a") as file:
         file.write(FAULTS)
     answer = neuro(*words)
-    assert (answer.status, answer.out) == (2, "")
-    assert answer.err == f"error: {message}\n"
+    assert (answer.status, answer.out, answer.err) == (2, "", f"error: {message}\n")
     assert not list(Path().glob("*.h5"))
 
 

@@ -394,8 +394,7 @@ def test_the_critic_counts_what_its_input_is_worth(value):
     one.begin(1)
     found = np.array([one.decide(np.array([[0.3, 0.6]])).values[0] for _ in range(300)])
     # A spike of a place is felt a step later, and the first steps of a network have had none.
-    assert found[5:].mean() == pytest.approx(value, abs=0.06)
-    assert found[5:].std() == pytest.approx(0.014, abs=0.005)
+    assert (found[5:].mean(), found[5:].std()) == (pytest.approx(value, abs=0.06), pytest.approx(0.014, abs=0.005))
 
 
 class Rewarded(Corridor):
@@ -443,8 +442,7 @@ def test_what_has_been_seen_is_less_novel():
 def test_normalised_errors_have_one_size():
     scale = ErrorScale(normalised=True)
     drawn = np.random.default_rng(1).normal(0.0, 7.0, (3000, 2))
-    found = np.array([scale.of(errors) for errors in drawn])[500:]
-    assert found.std() == pytest.approx(0.05, rel=0.05)
+    assert np.array([scale.of(errors) for errors in drawn])[500:].std() == pytest.approx(0.05, rel=0.05)
     np.testing.assert_array_equal(ErrorScale(normalised=False).of(drawn[0]), drawn[0])
 
 
@@ -507,8 +505,7 @@ def test_every_space_comes_back_from_a_file(space, tmp_path):
     for _ in range(5):
         vector = flat(space, space.sample())[0]
         assert len(one.places.cells(vector)) == one.places.active
-        frozen = one.frozen(seed=1)
-        assert actions.contains(one.actions.of(frozen.decide(vector[None]))[0])
+        assert actions.contains(one.actions.of(one.frozen(seed=1).decide(vector[None]))[0])
 
 
 def test_an_encoder_that_does_not_fit_is_refused():
@@ -592,8 +589,7 @@ def test_a_mean_of_whole_numbers_is_the_nearest_one():
 
 @pytest.mark.filterwarnings("error")
 def test_an_action_of_half_precision():
-    space = spaces.Box(-1.0, 1.0, (2,), np.float16)
-    action = actions_of(space, levels=3).of(np.array([[0, 2]]))
+    action = actions_of(spaces.Box(-1.0, 1.0, (2,), np.float16), levels=3).of(np.array([[0, 2]]))
     assert (action.dtype, action.tolist()) == (np.float16, [[-1.0, 1.0]])
 
 

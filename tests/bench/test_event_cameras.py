@@ -32,9 +32,7 @@ def gestures(tmp_path):
 
 def test_gestures_of_a_folder(gestures):
     both = DVSGesture(gestures).folds()[0].both
-    assert both.frames.shape[1:] == (10, 32, 32)
-    assert both.classes == ("clap", "wave")
-    assert both.spikes.shape == (2, 32, 32)
+    assert (both.frames.shape[1:], both.classes, both.spikes.shape) == ((10, 32, 32), ("clap", "wave"), (2, 32, 32))
     assert both.spikes.at.max() == 59
     left = both.frames[both.labels == 0]
     assert (left[..., 15:] == 0).all()  # 60 px are 15 neurons

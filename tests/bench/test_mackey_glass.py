@@ -22,8 +22,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_step():
 
 def test_folds_are_ten_lyapunov_times_and_ten_more():
     first, second, *rest = MackeyGlass().folds()
-    assert (len(first.both), len(first.test), len(rest)) == (750, 750, 3)
-    assert second.both[0] == first.both[37]
+    assert (len(first.both), len(first.test), len(rest), second.both[0]) == (750, 750, 3, first.both[37])
     assert len(MackeyGlass(split="all").splits) == 15
 
 

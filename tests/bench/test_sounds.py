@@ -41,8 +41,7 @@ def test_spikes_are_where_levels_cross():
     levels = np.zeros((2, 5, 3), dtype=np.float32)
     levels[1, 2:4, 1] = 0.5
     spikes = spikes_of(levels)
-    assert (spikes.shape, spikes.steps, spikes.step) == ((2, 4, 3), 5, 12.5)
-    assert spikes.example.tolist() == [1] * 4
+    assert (spikes.shape, spikes.steps, spikes.step, spikes.example.tolist()) == ((2, 4, 3), 5, 12.5, [1] * 4)
     assert spikes.at.tolist() == [2, 2, 4, 4]
     assert spikes.neuron.tolist() == [12 + 1, 12 + 3 + 1, 1, 3 + 1]  # up by two thresholds, down by them
 
@@ -65,8 +64,7 @@ def test_any_folder_of_sounds(tmp_path):
     for k in range(12):
         write(tmp_path, f"{'low' if k % 2 else 'high'}/{k}.wav", tone(300.0 if k % 2 else 2000.0))
     made = Sounds(tmp_path).folds()
-    assert made[0].test.classes == ("high", "low")
-    assert sum(len(fold.test) for fold in made) == 12
+    assert (made[0].test.classes, sum(len(fold.test) for fold in made)) == (("high", "low"), 12)
     write(tmp_path, "lost.wav", tone())
     with pytest.raises(neuro.ModelError, match=r"lost.wav is in no folder: expected CLASS/NAME.wav"):
         Sounds(tmp_path).folds()
@@ -82,8 +80,7 @@ def test_samples_of_every_type_are_heard_alike(tmp_path, kind):
         samples = np.rint(sound * largest + (128 if kind == np.uint8 else 0)).astype(kind)
     wavfile.write(tmp_path / "1_a_0.wav", 8000, np.stack((samples, samples), axis=1))
     (read,) = SpokenDigits(tmp_path).sounds()
-    assert read[:2] == ("1_a_0.wav", 8000.0)
-    assert read[2] == pytest.approx(sound, abs=0.005)
+    assert (read[:2], read[2]) == (("1_a_0.wav", 8000.0), pytest.approx(sound, abs=0.005))
 
 
 @pytest.fixture
@@ -100,8 +97,7 @@ def test_speech_commands_have_their_official_parts(commands):
     (fold,) = SpeechCommands(commands).folds()
     assert fold.test.classes == ("no", "yes")
     assert [len(part) for part in (fold.train, fold.validation, fold.both, fold.test)] == [3, 1, 4, 2]
-    assert fold.test.labels.tolist() == [0, 1]
-    assert fold.test.frames.shape == (2, 1, BANDS, 40)
+    assert (fold.test.labels.tolist(), fold.test.frames.shape) == ([0, 1], (2, 1, BANDS, 40))
 
 
 def test_speech_commands_without_lists(commands):
@@ -130,8 +126,7 @@ def heidelberg(folder, **changes):
 def test_heidelberg_digits(tmp_path):
     (fold,) = SHD(heidelberg(tmp_path)).folds()
     assert [len(part) for part in (fold.train, fold.validation, fold.both, fold.test)] == [11, 1, 12, 4]
-    assert fold.test.classes == ("null", "eins")
-    assert fold.test.frames.shape == (4, 1, 140, 50)
+    assert (fold.test.classes, fold.test.frames.shape) == (("null", "eins"), (4, 1, 140, 50))
     assert fold.test.spikes.shape == (1, 1, 140)
     lower = fold.test.spikes.neuron[np.isin(fold.test.spikes.example, (0, 2))]
     assert lower.max() < 70

@@ -37,8 +37,7 @@ def test_larger_values_spike_earlier(code, values, window):
     assert (np.diff(t) <= 0).all()
     assert (t >= 0).all()
     assert (t <= window * (1 + 1e-12)).all()
-    assert code(10.0, 0.1, 10.0, window) == 0.0
-    assert code(0.1, 0.1, 10.0, window) == pytest.approx(window)
+    assert (code(10.0, 0.1, 10.0, window), code(0.1, 0.1, 10.0, window)) == (0.0, pytest.approx(window))
 
 
 def test_known_latencies():
@@ -58,14 +57,12 @@ def test_shapes(shape):
         assert code(half, 0.5, 2.0, 10.0).shape == shape
     assert rank(half).shape == rate(half, 0.0, 1.0, 10.0).shape == shape
     assert population(half, 4, 0.0, 1.0, 10.0).shape == (*shape, 4)
-    assert phase(half, 0.0, 1.0, 8.0).shape == (*shape, 8)
-    assert burst(half, 0.0, 1.0).shape == (*shape, 5)
+    assert (phase(half, 0.0, 1.0, 8.0).shape, burst(half, 0.0, 1.0).shape) == ((*shape, 8), (*shape, 5))
 
 
 def test_ranks():
     r = [0.2, 0.9, 0.5, 0.9, 0.1]
-    assert rank(r).tolist() == [4, 1, 3, 2, 5]
-    assert rank(r, "dense").tolist() == [3, 1, 2, 1, 4]
+    assert (rank(r).tolist(), rank(r, "dense").tolist()) == ([4, 1, 3, 2, 5], [3, 1, 2, 1, 4])
     np.testing.assert_allclose(rank(r, window=100.0), [80, 20, 60, 40, 100])
     np.testing.assert_allclose(rank(r, "dense", 100.0), [60, 20, 40, 20, 80])
     assert rank([[7.0, 7.0], [7.0, 7.0]]).tolist() == [[1, 2], [3, 4]]
@@ -80,8 +77,7 @@ def test_rates_are_in_proportion():
 def test_gaussian_fields_lie_where_bohte_puts_them():
     """Centres (2i - 3)/2 (max - min)/(m - 2) for i from 1, width (max - min)/(1.5 (m - 2))."""
     low, high, n = -2.0, 4.0, 8
-    i = np.arange(1, n + 1)
-    centres = low + (2 * i - 3) / 2 * (high - low) / (n - 2)
+    centres = low + (2 * np.arange(1, n + 1) - 3) / 2 * (high - low) / (n - 2)
     width = (high - low) / (1.5 * (n - 2))
     r = np.array([[-2.0, 0.3], [1.5, 4.0]])
     expected = 80.0 * np.exp(-0.5 * ((r[..., None] - centres) / width) ** 2)
@@ -104,8 +100,7 @@ def test_a_poisson_train_keeps_rate_and_variance_in_any_bin():
     assert per_train.mean() == pytest.approx(25.0, abs=4 * np.sqrt(25 / 2000))
     assert per_train.var() == pytest.approx(25.0, rel=4 * np.sqrt(2 / 2000))
     bins = np.floor(times[np.isfinite(times)]).astype(int)
-    neurons = np.nonzero(np.isfinite(times))[0]
-    per_bin = np.bincount(neurons * 500 + bins, minlength=2000 * 500)
+    per_bin = np.bincount(np.nonzero(np.isfinite(times))[0] * 500 + bins, minlength=2000 * 500)
     assert per_bin.mean() == pytest.approx(0.05, abs=4 * np.sqrt(0.05 / 1e6))
     assert per_bin.var() / per_bin.mean() == pytest.approx(1.0, abs=0.01)
 
@@ -157,8 +152,7 @@ def test_the_higher_rate_and_the_first_spike_win_as_often_as_they_should():
 
 
 def test_ties_are_listed_and_silence_has_no_winner():
-    assert highest_rate([3, 5, 5, 0]).tolist() == [1, 2]
-    assert first_to_fire([4.0, NAN, 2.0, 2.0]).tolist() == [2, 3]
+    assert (highest_rate([3, 5, 5, 0]).tolist(), first_to_fire([4.0, NAN, 2.0, 2.0]).tolist()) == ([1, 2], [2, 3])
     assert first_to_fire([[4.0, 9.0], [NAN, 1.0], [NAN, NAN]]).tolist() == [1]
     for silent in (highest_rate([0.0, 0.0]), highest_rate([]), first_to_fire([NAN, NAN]), first_to_fire([])):
         assert silent.tolist() == []
@@ -178,8 +172,7 @@ def test_rank_order_is_largest_in_the_order_of_the_weights():
 def test_a_population_tells_the_angle():
     """Eight rectified cosines exactly, eight von Mises fields nearly; a silent population none."""
     angles = np.linspace(-np.pi, np.pi, 1001)[1:]
-    activity = population(angles, 8, -np.pi, np.pi, 1.0, "cosine")
-    told = population_vector(activity, -np.pi + np.arange(8) * np.pi / 4)
+    told = population_vector(population(angles, 8, -np.pi, np.pi, 1.0, "cosine"), -np.pi + np.arange(8) * np.pi / 4)
     assert abs(np.angle(np.exp(1j * (told - angles)))).max() < 1e-15
     angles, preferred = np.linspace(-3.0, 3.0, 1001), np.arange(8) * np.pi / 4
     told = population_vector(np.exp(2.0 * np.cos(angles[:, None] - preferred)), preferred)

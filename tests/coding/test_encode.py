@@ -92,8 +92,7 @@ def test_rates_drive_a_poisson_generator():
 def test_each_code_of_a_list_takes_what_the_one_before_gives():
     code = [{"population": {"n": 5, **BOUNDS, "max_rate": 200.0}}, {"poisson": {"window": 100.0}}]
     net = encoded([1.0, 8.0], code, shape=(2, 5))
-    rates = population([1.0, 8.0], 5, 1.0, 8.0, 200.0)
-    drawn = poisson(rates, 100.0, seed=key(1, "encode", "p")).reshape(10, -1)
+    drawn = poisson(population([1.0, 8.0], 5, 1.0, 8.0, 200.0), 100.0, seed=key(1, "encode", "p")).reshape(10, -1)
     expected = [(np.floor(train[np.isfinite(train)]) + 1.0).tolist() for train in drawn]
     assert trains(net) == trains(net, backend="event") == expected
     assert trains(net, seed=2) != expected
@@ -132,8 +131,7 @@ def test_mistakes_in_yaml(load, said, message):
 
 @pytest.mark.parametrize(("said", "shape", "message"), GOLDEN["compiler"])
 def test_mistakes_that_the_compiler_finds(load, said, shape, message):
-    net = load(said, shape)
-    assert refusal(neuro.compile, net, "reference") == f"net.yaml:4:3: population 'p': {message}"
+    assert refusal(neuro.compile, load(said, shape), "reference") == f"net.yaml:4:3: population 'p': {message}"
 
 
 @pytest.mark.parametrize(("words", "message"), GOLDEN["python"])

@@ -99,8 +99,7 @@ def test_json(three):
     loihi = told["backends"]["loihi"]
     assert list(loihi) == [*KEYS, "weight_rounding", "rounding", "placement"]
     counts = three.runs[1].counts
-    assert loihi["counts"]["synaptic_ops"] == counts.synaptic_ops
-    assert loihi["native_counts"] == counts.native
+    assert (loihi["counts"]["synaptic_ops"], loihi["native_counts"]) == (counts.synaptic_ops, counts.native)
     assert loihi["populations"]["exc"]["first"].keys() == {"ms", "neuron", "only_in_first"}
     assert [bill["target"] for bill in told["energy"]][:2] == ["loihi", "spinnaker"]
     assert told["energy"][0]["total_j"] == three.bills[0].energy.total_j
@@ -128,8 +127,7 @@ def unfit():
     """A network that SpiNNaker has no neurons for and Loihi too few delays."""
     net = neuro.Network("unfit", resolution=1.0)
     noise = net.population("noise", 4, neuro.poisson_generator(rate=100.0))
-    cells = net.population("cells", 4, neuro.izhikevich())
-    net.connect(noise, cells, neuro.all_to_all(), weight=5.0, delay=1.0)
+    net.connect(noise, net.population("cells", 4, neuro.izhikevich()), neuro.all_to_all(), weight=5.0, delay=1.0)
     return net
 
 
@@ -166,8 +164,7 @@ def test_where_the_first_refuses_others_are_compared_with_the_next():
     assert found.first.backend == "reference"
     assert found.runs[2].populations["cells"].same
     assert found.notes[0] == "'loihi' did not run: others are compared with 'reference'"
-    reasons = {bill.target: bill.reason for bill in found.bills}
-    assert set(reasons) == {"loihi", "spinnaker", "cpu", "gpu"}
+    assert set({bill.target: bill.reason for bill in found.bills}) == {"loihi", "spinnaker", "cpu", "gpu"}
 
 
 MISTAKES = {

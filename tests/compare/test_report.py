@@ -105,15 +105,13 @@ def test_a_refusal_is_told(net):
 def test_a_missing_bill_is_told(net):
     found = compare(net, ["event", "reference"], 20.0)
     bills = tuple(replace(bill, energy=None, reason="no room") for bill in found.first.bills)
-    first = replace(found.first, bills=bills)
-    told = Page(page(replace(found, runs=(first, found.runs[1])))).text
+    told = Page(page(replace(found, runs=(replace(found.first, bills=bills), found.runs[1])))).text
     assert "There is no bill." in told
     assert "no bill for loihi: no room" in told
 
 
 def test_map_of_several_chips(net):
-    program = neuro.compile(net, backend="reference").program
-    placement = place(program, chip("spinnaker"), neurons_per_core=1)
+    placement = place(neuro.compile(net, backend="reference").program, chip("spinnaker"), neurons_per_core=1)
     assert (len(placement.cores), placement.chips_used) == (30, 2)
     drawing = chip_map(placement, chip("spinnaker"))
     tree = Page(drawing)
@@ -128,8 +126,7 @@ def test_map_of_several_chips(net):
 
 
 def test_a_core_beyond_its_limit_stands_out(net):
-    program = neuro.compile(net, backend="reference").program
-    placement = place(program, chip("loihi"))
+    placement = place(neuro.compile(net, backend="reference").program, chip("loihi"))
     core = replace(placement.cores[0], load={"axons_in_per_core": 1.5})
     drawing = chip_map(replace(placement, cores=(core, *placement.cores[1:])), chip("loihi"))
     assert drawing.count('height="22" class="core over" fill-opacity="1">') == 1
@@ -153,8 +150,7 @@ def test_a_network_that_learns(tmp_path):
     cells = net.population("cells", 2, neuro.iaf_psc_exp())
     net.connect(noise, cells, neuro.all_to_all(), neuro.stdp(Wmax=900.0), weight=400.0, delay=1.0)
     found = compare(net, ["event", "loihi"], 300.0, 2)
-    lost = found.runs[1].weights["noise_cells"]
-    assert lost.largest > 0.0
+    assert found.runs[1].weights["noise_cells"].largest > 0.0
     assert not np.allclose(found.first.final["noise_cells"], 400.0)
     assert found.learnt[0].distinct["event"] > 1
     told = Page(page(found)).text

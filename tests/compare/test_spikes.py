@@ -64,18 +64,15 @@ BY_HAND = {
 def test_distance_by_hand(library, what):
     a, b, edits, count = BY_HAND[what]
     found = distance(train(a), train(b), 100.0)
-    assert found.edits == pytest.approx(edits, abs=1e-12)
-    assert found.spikes == count
-    assert found.per_spike == pytest.approx(edits / count)
-    assert (found.neurons, found.until_ms) == (4, 100.0)
+    assert (found.edits, found.spikes) == (pytest.approx(edits, abs=1e-12), count)
+    assert (found.per_spike, found.neurons, found.until_ms) == (pytest.approx(edits / count), 4, 100.0)
 
 
 @settings(max_examples=25)
 @given(spike_sets, spike_sets)
 def test_distance_is_symmetric_and_0_only_where_equal(library, a, b):
     there, back = distance(train(a), train(b), 40.0), distance(train(b), train(a), 40.0)
-    assert there.edits == pytest.approx(back.edits, abs=1e-9)
-    assert (there.edits == 0.0) == (a == b)
+    assert (there.edits, there.edits == 0.0) == (pytest.approx(back.edits, abs=1e-9), a == b)
     assert 0.0 <= there.per_spike <= 1.0 + 1e-12
 
 
@@ -89,8 +86,7 @@ def test_many_neurons_are_sampled_evenly(library):
     found = distance(*both, 10.0)
     assert found.neurons == differences.MOST_NEURONS
     assert found.edits == pytest.approx(0.05 * differences.MOST_NEURONS)
-    assert evenly(5, 100).tolist() == [0, 1, 2, 3, 4]
-    assert evenly(101, 3).tolist() == [0, 50, 100]
+    assert (evenly(5, 100).tolist(), evenly(101, 3).tolist()) == ([0, 1, 2, 3, 4], [0, 50, 100])
 
 
 def test_long_trains_are_measured_up_to_a_time(library, monkeypatch):

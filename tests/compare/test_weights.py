@@ -13,9 +13,7 @@ def program(driven):
 
 def test_difference_by_hand():
     found = difference(np.array([3.0, 4.0]), np.array([3.0, 4.5]))
-    assert found.largest == 0.5
-    assert found.rms == pytest.approx(np.sqrt(0.125))
-    assert found.relative == pytest.approx(0.1)
+    assert (found.largest, found.rms, found.relative) == (0.5, pytest.approx(np.sqrt(0.125)), pytest.approx(0.1))
 
 
 @pytest.mark.parametrize(("first", "other"), [([], []), ([0.0], [0.0]), ([0.1 + 0.2], [0.3])])
@@ -47,12 +45,10 @@ def test_histograms_count_every_synapse_on_every_chip(program):
     for name in ("noise_exc", "exc_out"):
         part = found[name]
         assert list(part.counts) == ["described", "loihi", "spinnaker"]
-        assert {int(counts.sum()) for counts in part.counts.values()} == {part.synapses}
-        assert part.unit == "pA"
+        assert ({int(counts.sum()) for counts in part.counts.values()}, part.unit) == ({part.synapses}, "pA")
         assert part.distinct["loihi"] < part.distinct["described"] == part.synapses
     one = found["list_out"]
-    assert (one.counts, one.distinct["described"]) == ({}, 1)
-    assert one.extent["described"] == (900.0, 900.0)
+    assert (one.counts, one.distinct["described"], one.extent["described"]) == ({}, 1, (900.0, 900.0))
     assert (found["bias_exc"].unit, list(found["bias_exc"].extent)) == ("", ["described"])
 
 
@@ -68,8 +64,7 @@ def test_each_bin_holds_as_many_values_of_the_coarse_chip(program):
 
 def test_histograms_without_a_chip(program):
     part = histograms(program, {})[0]
-    assert list(part.counts) == ["described"]
-    assert part.edges[0] == part.extent["described"][0]
+    assert (list(part.counts), part.edges[0]) == (["described"], part.extent["described"][0])
     assert part.edges[-1] == part.extent["described"][1]
 
 

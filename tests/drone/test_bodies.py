@@ -181,8 +181,7 @@ def test_an_environment_in_the_wind():
     for env in (calm, windy):
         env.reset(seed=1, options={"start": (0.0, 0.0)})
         seen.append([env.step((0.0, 0.0))[4]["error"] for _ in range(30)])
-    assert seen[0][:10] == seen[1][:10]
-    assert windy.weather.wind == pytest.approx((0.0, 5.0))
+    assert (seen[0][:10], windy.weather.wind) == (seen[1][:10], pytest.approx((0.0, 5.0)))
     assert seen[1][29][0] > seen[0][29][0] + 5.0  # blown to its left, so that the ball is on the right
 
 
@@ -268,8 +267,7 @@ def test_it_flies_where_the_kinematic_body_flies(rigid, load_kg, climbs):
             body.step(*command)
         a, b = rigid.pose, ideal.pose
         assert hypot(a.x - b.x, a.y - b.y) < 0.15
-        assert a.yaw == pytest.approx(b.yaw, abs=0.05)
-        assert a.z == pytest.approx(b.z, abs=0.06)
+        assert (a.yaw, a.z) == (pytest.approx(b.yaw, abs=0.05), pytest.approx(b.z, abs=0.06))
 
 
 def test_it_leans_to_accelerate_and_never_more_than_the_limit(rigid):
@@ -327,8 +325,7 @@ def test_several_at_once_do_the_same_as_one_alone_and_again(rigid):
 
     others = Bullet(Drone()), Bullet(Drone())
     alone = flown(rigid)
-    assert flown(rigid) == alone
-    assert flown(*others) == alone * 2
+    assert (flown(rigid), flown(*others)) == (alone, alone * 2)
     for body in others:
         body.close()
 

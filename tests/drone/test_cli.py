@@ -42,8 +42,7 @@ def test_train_and_test(drone, tmp_path):
     assert told(drone, *one, "--learning")["learning"]
     assert told(drone, *one, "--set", "camera.tilt=50")["error_px"] != four["error_px"]
     code, out, err = drone(*one, "--out", "pictures")
-    assert code == 0
-    assert err == ""
+    assert (code, err) == (0, "")
     assert out.split()[:3] == ["pictures/density.png", "pictures/training.png", "pictures/weights.png"]
     assert "snn in short, 1,000 steps, seed 0; weights frozen, no dopamine" in out
     for name in ("density", "training", "weights"):
@@ -91,8 +90,7 @@ def test_seeds_have_files_of_their_own(drone, tmp_path):
     words = ("train", "--scenario", "short.yaml", "--controller", "lms", "--steps", 200, "--seed", 3)
     assert drone(*words, "--out", "one.h5")[0] == 0
     code, out, _ = drone(*words, "--repeats", 2, "--out", "both.h5")
-    assert code == 0
-    assert [line.partition(":")[0] for line in out.splitlines()] == ["both-3.h5", "both-4.h5", "next"]
+    assert (code, [line.partition(":")[0] for line in out.splitlines()]) == (0, ["both-3.h5", "both-4.h5", "next"])
     one, both, other = (Model.load(tmp_path / f"{name}.h5").learnt["weights"] for name in ("one", "both-3", "both-4"))
     assert (one == both).all()
     assert (one != other).any()
@@ -135,8 +133,7 @@ def test_compare_is_kept_and_told(drone, tmp_path):
     table = (tmp_path / "kept" / "table.md").read_text().splitlines()
     assert re.fullmatch("<!-- neuro drone compare --><!-- digest [0-9a-f]{32} -->", table[0])
     assert table[1].startswith("| controller | steps | seeds | error, px | laps |")
-    assert len(table) == 9
-    assert table[-1] == about
+    assert (len(table), table[-1]) == (9, about)
     rows = told(drone, *words, "--test-seed", 1)["rows"]  # on other paths; nothing is trained again
     again = written("h5")
     assert all(again[name] == models[name] for name in models if "oracle" not in name)

@@ -293,8 +293,7 @@ def searched(reward, settings=SMALL, episodes=40, error=0.1):
     learner = make("random-search", BALL, 0, settings)
     for _ in range(episodes):
         learner.begin()
-        action = learner.act(EAST, {})
-        learner.learn({"counts": EAST, "reward": reward(action), "lost": False} | told(error, error))
+        learner.learn({"counts": EAST, "reward": reward(learner.act(EAST, {})), "lost": False} | told(error, error))
     return learner
 
 

@@ -113,8 +113,7 @@ def test_the_users_generators_are_left_alone(name):
     expected, threads = drawn(), torch.get_num_threads()
     seed()
     train_some(name, 80)
-    assert drawn() == expected
-    assert torch.get_num_threads() == threads
+    assert (drawn(), torch.get_num_threads()) == (expected, threads)
 
 
 @pytest.mark.slow

@@ -70,9 +70,7 @@ def test_the_same_seed_gives_the_same_episode(scenario):
         assert len(run) == len(first)
         for (seen, reward, info), (seen2, reward2, info2) in zip(first, run, strict=True):
             assert np.array_equal(seen, seen2)
-            assert reward == reward2
-            assert info["events"] == info2["events"]
-            assert info["error"] == info2["error"]
+            assert (reward, info["events"], info["error"]) == (reward2, info2["events"], info2["error"])
     assert first[0][2]["error"] != other[0][2]["error"]
 
 
@@ -156,11 +154,9 @@ def test_discrete_actions_are_those_of_the_list_and_those_beyond_one_are_one():
 
 
 def test_the_reward_falls_with_the_error_and_a_lost_target_ends():
-    env = DroneEnv("B60")
-    rows = episode(env, [np.array([-1.0, 0.0])] * 60, options={"start": (30.0, 0.0)})
+    rows = episode(DroneEnv("B60"), [np.array([-1.0, 0.0])] * 60, options={"start": (30.0, 0.0)})
     rewards = [reward for _, reward, _ in rows[1:]]
-    assert rewards == sorted(rewards, reverse=True)
-    assert rewards[-1] == 0.0
+    assert (rewards, rewards[-1]) == (sorted(rewards, reverse=True), 0.0)
     assert rows[-1][2]["lost"]
     assert not rows[-1][2]["lap"]
     for _, reward, info in rows[1:-1]:

@@ -112,8 +112,7 @@ def test_a_ball_that_moves_by_a_millimetre_and_a_half_changes_the_picture_a_litt
     pictures = [eye.draw(pose, WorldScene(ball=ball)).astype(float) for ball in balls]
     steps = np.diff(pictures, axis=0)
     middle = [eye.view.project(*ball[:3])[0] for ball in balls]
-    way = np.diff(middle).max()
-    assert np.abs(steps).max() < 1.2 * way
+    assert np.abs(steps).max() < 1.2 * np.diff(middle).max()
     assert (np.abs(steps) > 1e-3).sum((1, 2)).min() >= 12
     columns = np.arange(128)
     for step, u in zip(steps, middle, strict=False):
@@ -295,8 +294,7 @@ def test_a_sharp_turn_is_not_mitred():
 
 def test_a_segment_without_a_length_is_nothing():
     parts = strips(np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 1.0, 0.0]]), 0.2)
-    assert area(parts) == pytest.approx([0.2, 0.0])
-    assert strips(np.zeros((0, 4)), 0.2).shape == (0, 4, 2)
+    assert (area(parts), strips(np.zeros((0, 4)), 0.2).shape) == (pytest.approx([0.2, 0.0]), (0, 4, 2))
 
 
 # the pattern on the ground
@@ -314,8 +312,7 @@ def ground_of(view, fine):
 def sampled(view, levels, size, texel, fine=8):
     """Means of the pattern over pixels, by sampling its nearest texels."""
     i, j = np.moveaxis(np.floor(ground_of(view, fine) / texel).astype(int) % size, -1, 0)
-    light = levels[: size * size].reshape(size, size)[j, i]
-    return light.reshape(view.size, fine, view.size, fine).mean((1, 3))
+    return levels[: size * size].reshape(size, size)[j, i].reshape(view.size, fine, view.size, fine).mean((1, 3))
 
 
 def test_the_tile():
@@ -378,8 +375,7 @@ def test_the_pattern_does_not_flicker():
 
 def test_far_away_is_the_mean_and_the_sky_stays():
     eye = Eye(Scenario(camera=Camera(tilt=30.0), ground=Ground(texture=0.5)))
-    plain = Eye(Scenario(camera=Camera(tilt=30.0)))
-    one, other = (e.draw(Pose(0, 0, 2.4), WorldScene()) for e in (eye, plain))
+    one, other = (e.draw(Pose(0, 0, 2.4), WorldScene()) for e in (eye, Eye(Scenario(camera=Camera(tilt=30.0)))))
     assert np.array_equal(one[:7], other[:7])
     spread = one.reshape(16, 8, 128).std((1, 2))
     assert spread[2] < spread[8] < spread[15]
@@ -396,8 +392,7 @@ def test_heading_and_place_do_not_change_how_sharp_it_is():
 
 
 def test_a_view_from_below_the_ground_is_drawn():
-    eye = Eye(Scenario(ground=Ground(texture=0.5)))
-    assert np.isfinite(eye.draw(Pose(0, 0, -0.1), WorldScene())).all()
+    assert np.isfinite(Eye(Scenario(ground=Ground(texture=0.5))).draw(Pose(0, 0, -0.1), WorldScene())).all()
 
 
 # where points are in the picture, and where pixels look
@@ -421,8 +416,7 @@ def test_a_metre_at_the_middle_of_the_picture(tilt, right, down):
 def test_the_field_of_view_spans_the_picture():
     view = CameraView(fov=65.0)
     left, right = np.array(view.ray(-0.5, 63.5)), np.array(view.ray(127.5, 63.5))
-    cosine = left @ right / np.linalg.norm(left) / np.linalg.norm(right)
-    assert np.degrees(np.arccos(cosine)) == pytest.approx(65.0)
+    assert np.degrees(np.arccos(left @ right / np.linalg.norm(left) / np.linalg.norm(right))) == pytest.approx(65.0)
 
 
 @given(anywhere, st.floats(45, 90), columns, columns, st.booleans(), st.floats(0, 0.3))

@@ -59,8 +59,7 @@ def test_the_star_turns_without_corners_through_its_eight_points():
 def test_the_hexagon(side, direction):
     path = hexagon(side, direction)
     segments = path.segments()
-    assert path.length == pytest.approx(6 * side)
-    assert segments.shape == (6, 4)
+    assert (path.length, segments.shape) == (pytest.approx(6 * side), (6, 4))
     assert segments[:, 2:] == pytest.approx(np.roll(segments[:, :2], -1, 0))
     assert np.hypot(*(segments[:, 2:] - segments[:, :2]).T) == pytest.approx(np.full(6, side))
     assert np.sign(area(path.points)) == direction
@@ -135,8 +134,7 @@ def moved(scenario, place):
 @FEW
 def test_a_ball_begins_where_it_is_wished(name, du, dv):
     *_, judged = begin(load(name), (du, dv))
-    assert judged.error == pytest.approx((du, dv), abs=1e-9)
-    assert judged.error_px == pytest.approx(hypot(du, dv))
+    assert (judged.error, judged.error_px) == (pytest.approx((du, dv), abs=1e-9), pytest.approx(hypot(du, dv)))
     assert judged.target == pytest.approx((63 + du, 63 + dv))
     assert judged.reward == pytest.approx(1 - hypot(du, dv) / hypot(64.5, 64.5))
 
@@ -307,8 +305,7 @@ def test_what_is_lost_has_finite_errors():
         task, _, view, _ = begin(load(name), start, 1)
         view.look(pose)
         judged = task.judge(view, pose)
-        assert (judged.lost, judged.reward) == (True, 0.0)
-        assert judged.error == pytest.approx(error)
+        assert (judged.lost, judged.reward, judged.error) == (True, 0.0, pytest.approx(error))
     assert border((10.0, -5.0)) == (127.5, -1.5)
 
 
@@ -356,8 +353,7 @@ def test_a_ball_on_a_varied_path(scale, turn, speed, begin_at):
     fixed, angle = begin(scenario)[0].path, turn * pi / 180
     x, y = fixed.at(begin_at * 7.5)
     ball = scale * (x * cos(angle) - y * sin(angle)), scale * (x * sin(angle) + y * cos(angle))
-    assert task.scene().ball[:2] == pytest.approx(ball, abs=1e-9)
-    assert task.path.length == pytest.approx(7.5 * scale)
+    assert (task.scene().ball[:2], task.path.length) == (pytest.approx(ball, abs=1e-9), pytest.approx(7.5 * scale))
     task.advance(0.05)
     assert task.way == pytest.approx(0.075 * 0.05 * speed)
 
@@ -390,8 +386,7 @@ def test_the_path_does_not_stay_varied():
 def test_jumps_are_parabolas_of_gravity():
     ball, h = Ball(bounce=0.2), 1e-3
     up = np.array([hop(ball, t)[0] for t in np.arange(0.0, 1.0, h)]) - ball.radius
-    assert (up[0], up.min()) == (0.0, 0.0)
-    assert up.max() == pytest.approx(0.2, abs=1e-5)
+    assert (up[0], up.min(), up.max()) == (0.0, 0.0, pytest.approx(0.2, abs=1e-5))
     falls = np.diff(up, 2) / h**2
     assert np.median(falls) == pytest.approx(-GRAVITY, abs=1e-4)
     assert (np.abs(falls + GRAVITY) > 1e-3).sum() <= 2 * 3  # the ground, at two moments
@@ -425,8 +420,7 @@ def test_a_varied_path_leaves_rising_and_swelling_as_they_are():
     """The clock of a ball's height begins with the lap, whatever the speed and wherever the path is begun."""
     env, start = DroneEnv("B60-rise"), (20.0, -10.0, 6.0)
     for varied in (Variation(1.3, 70.0, 1.0, 1.4, 0.6), Variation(0.8, -20.0, 1.0, 0.8, 0.1)):
-        info = begin_lap(env, Start(start, path=varied))
-        assert info["error"] == pytest.approx(start, abs=1e-3)
+        assert begin_lap(env, Start(start, path=varied))["error"] == pytest.approx(start, abs=1e-3)
         for step in range(1, 20):
             env.step((0.0, 0.0, 0.0))
             place, ball = env.task.scene().ball, env.scenario.task
@@ -477,8 +471,7 @@ def test_depth_is_that_at_which_a_ball_is_so_tall(v, radius, tall):
     view = CameraView()
     view.look(Pose(1.0, 2.0, 2.4, 0.5))
     middle = view.matrix[3] + view.depth_of(v, radius, tall) * np.array(view.ray(20.0, v))
-    assert view.tall(*middle, radius) == pytest.approx(tall)
-    assert view.project(*middle)[1] == pytest.approx(v)
+    assert (view.tall(*middle, radius), view.project(*middle)[1]) == (pytest.approx(tall), pytest.approx(v))
     assert view.tall(1.0, 2.0, 2.4, 0.2) == np.inf  # round the camera
 
 

@@ -62,8 +62,7 @@ def test_the_line_has_an_angle():
 def test_training_shows_each_episode_and_the_error_of_frozen_weights(lms):
     above, below = training(lms).axes
     assert len(below.lines[0].get_xdata()) + len(below.lines[1].get_xdata()) == len(lms.history["steps"])
-    assert above.get_ylabel() == "steps"
-    assert below.lines[2].get_ydata()[0] == lms.history["error_px"][0]
+    assert (above.get_ylabel(), below.lines[2].get_ydata()[0]) == ("steps", lms.history["error_px"][0])
     [frozen] = [line for line in below.lines if line.get_label() == "weights frozen, short flights"]
     assert frozen.get_ydata() == pytest.approx(lms.curve["error_px"])
     ends = np.cumsum(lms.history["steps"])

@@ -12,11 +12,9 @@ from neuro_drone.scenario import NAMES, Scenario, load
 
 def test_the_scenarios_that_come_along():
     variants = [f"B60-{what}" for what in ("bounce", "height", "rise", "shake", "spin", "texture", "wind")]
-    assert ("A30", "A60", "B30", "B60", *variants, "C60", "line") == NAMES
-    assert load("B60") == Scenario()
+    assert (("A30", "A60", "B30", "B60", *variants, "C60", "line"), load("B60")) == (NAMES, Scenario())
     assert load("A30") == Scenario("A30", 20.0, Ball(lap=3.0, radius=0.27), Camera(tilt=30.0))
-    assert load("C60").task == Ball(lap=15.0, speed=0.375)
-    assert load("line").task == Line(width=0.05)
+    assert (load("C60").task, load("line").task) == (Ball(lap=15.0, speed=0.375), Line(width=0.05))
     for name in NAMES:
         scenario = load(name)
         assert scenario.name == name

@@ -94,8 +94,7 @@ def test_seeds_differ_and_side_by_side_changes_nothing(monkeypatch):
 def test_file(tmp_path, snn):
     snn.save(tmp_path / "model.h5")
     back = Model.load(tmp_path / "model.h5")
-    assert back.told() == snn.told()
-    assert back.steps == 1000
+    assert (back.told(), back.steps) == (snn.told(), 1000)
     assert same(back, snn)
     assert back.learner().network() == snn.learner().network()
 
@@ -110,8 +109,7 @@ def test_file_holds_the_network_of_a_user(tmp_path):
     net.save(tmp_path / "own.yaml")
     own = train("B60", steps=200, settings={"network": str(tmp_path / "own.yaml")}, out=tmp_path / "model.h5")
     (tmp_path / "own.yaml").unlink()
-    back = Model.load(tmp_path / "model.h5").frozen()
-    assert (back.learnt()["cells_motors"] == own.learnt["cells_motors"]).all()
+    assert (Model.load(tmp_path / "model.h5").frozen().learnt()["cells_motors"] == own.learnt["cells_motors"]).all()
     assert (own.learnt["cells_motors"] != 1400.0).any()
 
 
@@ -143,8 +141,7 @@ def test_grid():
     assert {start.direction for start in grid(load("line"))} == {1, -1}
     assert grid(SHORT, 1, course=FlightCourse("fixed")) == (Start((0.0, 0.0)),)
     assert {start.path for start in grid(SHORT, course=FlightCourse("fixed"))} == {FIXED}
-    assert len({start.path for start in starts} - {FIXED}) == 25
-    assert starts == grid(SHORT)
+    assert (len({start.path for start in starts} - {FIXED}), starts) == (25, grid(SHORT))
     assert not {start.path for start in starts} & {start.path for start in grid(SHORT, course=FlightCourse(seed=1))}
     assert [start.error for start in starts] == [start.error for start in grid(SHORT, course=FlightCourse("fixed"))]
 
@@ -153,8 +150,7 @@ def test_the_curve_touches_no_training(snn, monkeypatch):
     """With a test every 300 steps all that is learnt is the same."""
     monkeypatch.setattr(training, "TEST_EVERY", 300)
     tested = train("B60", steps=1000, seed=4)
-    assert snn.curve["steps"].tolist() == [1000]
-    assert tested.curve["steps"].tolist() == [300, 600, 900]
+    assert (snn.curve["steps"].tolist(), tested.curve["steps"].tolist()) == ([1000], [300, 600, 900])
     assert same(tested, snn)
 
 

@@ -32,8 +32,7 @@ def flight(model):
 
 def test_listening_changes_nothing(model, flight):
     tried = try_out(model, starts=[Start(START)])
-    assert flight.errors[1:].mean() == pytest.approx(tried.error_px)
-    assert flight.lap == bool(tried.laps)
+    assert (flight.errors[1:].mean(), flight.lap) == (pytest.approx(tried.error_px), bool(tried.laps))
 
 
 def test_all_is_in_step(flight):
@@ -62,8 +61,7 @@ def test_a_flight_in_the_wind_that_climbs():
     assert (winds[: 2 * 51] == 0.0).all()
     assert winds[2 * 51 + 1 :: 2] == pytest.approx(3.0)
     assert (loads[:101] == 0.0).all()
-    assert loads[101:] == pytest.approx(0.05)
-    assert talls[0] == pytest.approx(48.0)
+    assert (loads[101:], talls[0]) == (pytest.approx(0.05), pytest.approx(48.0))
     assert world["heights"] == pytest.approx(flight.heights, abs=1e-5)
     assert np.ptp(flight.heights) > 0.1
     assert flight.actions.shape == (201, 3)
@@ -97,8 +95,7 @@ def test_of_many_events_an_even_choice_is_shown_and_told(flight, monkeypatch):
     text = page(flight)
     camera = tracks_of(text)["camera"]
     assert np.array_equal(camera["place"] >> 1 & 127, flight.x[::4])
-    first = camera["first"]
-    assert first[-1] == len(flight.x[::4])
+    assert camera["first"][-1] == len(flight.x[::4])
     assert "one of every 4 events is shown" in text
 
 

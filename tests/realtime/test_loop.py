@@ -76,26 +76,22 @@ def test_what_was_live_can_be_run_again(tmp_path_factory, seed, n, tick, late, b
     assert results.counts().populations["camera"].spikes == counts["fed"] == len(results.spikes("camera")[0])
     assert len(run.latency) == counts["fed"]
     assert (results.live["ticks"], results.live["camera.fed"]) == (run.ticks, counts["fed"])
-    assert results.live["tick_to_action.p99_ms"] == run.response.ms(0.99)
-    assert rerun(out).difference == ""
+    assert (results.live["tick_to_action.p99_ms"], rerun(out).difference) == (run.response.ms(0.99), "")
 
 
 def test_events_keep_their_place_within_a_tick():
     sim = neuro.compile(network(origin=7000.0, offset=1.0))
-    t = np.array([0, 400, 900, 1600, 9000])
-    events = Events(t + 5_000_000, [1] * 5, [2] * 5, [1] * 5, SIZE)
+    events = Events(np.array([0, 400, 900, 1600, 9000]) + 5_000_000, [1] * 5, [2] * 5, [1] * 5, SIZE)
     inlet = Loop(sim, tick=10.0, inputs={"camera": Burst(events)})._inlets[0]
     sim.run(5.0)
     inlet.feed(events, np.full(5, 3_200_000), 0, 10, 20)
     inlet.feed(events[::4], np.full(2, 3_200_000), 0, 10, 20)
     sim.run(10.0)
-    assert (sim.spikes("camera")[0] - 5.0).tolist() == [3.5, 3.5, 4.0, 4.5, 5.0, 10.0, 10.0]
-    assert inlet.fed == 7
+    assert ((sim.spikes("camera")[0] - 5.0).tolist(), inlet.fed) == ([3.5, 3.5, 4.0, 4.5, 5.0, 10.0, 10.0], 7)
 
 
 def test_what_comes_after_the_moment_of_a_tick_waits_for_the_next():
-    sim = neuro.compile(network())
-    inlet = Loop(sim, tick=10.0, inputs={"camera": Player(noise(100, 5.0))})._inlets[0]
+    inlet = Loop(neuro.compile(network()), tick=10.0, inputs={"camera": Player(noise(100, 5.0))})._inlets[0]
     inlet.begin()
     time.sleep(0.006)
     begin = inlet._source._begin
@@ -140,8 +136,7 @@ def test_catching_up_runs_every_tick():
     run = Loop(sim, tick=5.0, inputs={"camera": Player(noise(300, 60.0))}, act=slow(20.0)).run(100.0)
     assert (run.ticks, run.skipped, run.drops, run.ended) == (19, 0, 0, "")
     assert run.misses >= 4
-    assert sim.time == 100.0
-    assert run.inputs["camera"]["fed"] == 300
+    assert (sim.time, run.inputs["camera"]["fed"]) == (100.0, 300)
     assert run.largest_tick[1]["act"] > 20.0
     assert "slowest\n" in str(run)
 
@@ -150,8 +145,7 @@ def test_skipping_drops_what_was_missed():
     sim = neuro.compile(network())
     run = Loop(sim, tick=5.0, inputs={"camera": Player(noise(300, 60.0))}, act=slow(20.0), late="skip").run(100.0)
     assert run.skipped >= 4
-    assert run.ticks + run.skipped == 19
-    assert sim.time == 100.0 - 5.0 * run.skipped
+    assert (run.ticks + run.skipped, sim.time) == (19, 100.0 - 5.0 * run.skipped)
     assert run.drops > 20
     assert run.inputs["camera"]["fed"] + run.drops <= 300
 
@@ -177,8 +171,7 @@ def test_what_comes_by_the_network_while_a_tick_is_late_keeps_its_tick():
 
 def test_stopping_ends_the_run():
     sim = neuro.compile(network())
-    run = Loop(sim, tick=5.0, act=slow(20.0), late="stop").run(1000.0)
-    assert run.ended.startswith("the action of tick ")
+    assert Loop(sim, tick=5.0, act=slow(20.0), late="stop").run(1000.0).ended.startswith("the action of tick ")
     assert sim.time <= 20.0
 
 
@@ -250,10 +243,8 @@ def test_a_killed_run_can_be_made_again_as_far_as_it_was_recorded(tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_and_a_kill_end_a_run_with_a_whole_file(tmp_path, number):
     before = signal.getsignal(number)
-    sim = neuro.compile(network())
-    loop = Loop(sim, tick=1.0, act=lambda ms: ms == 20.0 and os.kill(os.getpid(), number))
-    run = loop.run(1000.0, out=tmp_path / "day.h5")
-    assert run.ended == "interrupted"
+    loop = Loop(neuro.compile(network()), tick=1.0, act=lambda ms: ms == 20.0 and os.kill(os.getpid(), number))
+    assert loop.run(1000.0, out=tmp_path / "day.h5").ended == "interrupted"
     assert signal.getsignal(number) is before
     results = neuro.results.read(tmp_path / "day.h5")
     assert results.finished
@@ -371,8 +362,7 @@ def test_what_was_not_counted_is_a_dash():
 
 
 def test_percentiles_of_a_histogram():
-    rng = np.random.default_rng(1)
-    ns = np.sort(rng.lognormal(12.0, 2.0, 5000).astype(np.int64))
+    ns = np.sort(np.random.default_rng(1).lognormal(12.0, 2.0, 5000).astype(np.int64))
     one, together = Histogram(), Histogram()
     for each in ns.tolist():
         one.add(each)

@@ -55,12 +55,10 @@ def scene(strong=3000, faint=3000, noise=0, sensor=(80, 60)):
 @pytest.mark.parametrize("more", [{}, {"faint": 1500}, {"noise": 1500}], ids=["plain", "one is faint", "noise"])
 def test_every_object_is_found_where_it_is(recogniser, more):
     found = Detector(recogniser, way="dense").detect(scene(**more))
-    assert len(found.spans()) == 3
-    assert len(found) == 6
+    assert (len(found.spans()), len(found)) == (3, 6)
     for label, (x, y) in PLACES.items():
         of = found[found.label == label]
-        assert len(of) == 3
-        assert len(set(of.identity.tolist())) == 1
+        assert (len(of), len(set(of.identity.tolist()))) == (3, 1)
         across = (x - 6, x + 8) if label == UPRIGHT else (y - 6, y + 8)
         true = (across[0], y - 10, across[1], y + 11) if label == UPRIGHT else (x - 10, across[0], x + 11, across[1])
         assert iou(of.box, np.array([true], float)).min() > 0.8
@@ -74,8 +72,7 @@ def test_a_stream_gives_the_same_places(recogniser):
     assert len(Detector(recogniser, way="dense").detect(events[:30])) == 0
     stream = Detector(recogniser, way="dense")
     fed = [stream.feed(events[:4000]), stream.feed(events[4000:]), stream.finish()]
-    boxes = np.concatenate([part.box for part in fed])
-    np.testing.assert_array_equal(boxes, whole.box)
+    np.testing.assert_array_equal(np.concatenate([part.box for part in fed]), whole.box)
 
 
 def test_mistakes(recogniser):

@@ -113,8 +113,7 @@ def test_a_folder_of_scenes_is_made_in_several_goes(folder, tmp_path):
     assert refused(Scenes, tmp_path / "two").startswith(missing)
     (tmp_path / "two" / "0001.csv").unlink()  # as of a kill between the events and the boxes
     again = write_scenes(tmp_path / "two", data, Scenery(), 3, seed=4)
-    assert again.classes == ("cross", "ring")
-    assert again.scenery == Scenery()
+    assert (again.classes, again.scenery) == (("cross", "ring"), Scenery())
     for one, other in zip(whole, again, strict=True):
         assert one.events == other.events
         for name in ("box", "label"):
@@ -132,8 +131,7 @@ def test_a_folder_has_scenes_of_one_kind_from_enough_recordings(folder, tmp_path
     other = refused(write_scenes, there, data, Scenery(noise=2.0), 1)
     assert other.startswith(f"{there}: has scenes with another scenery\n")
     grown = write_scenes(there, data, Scenery(), 2)  # more are added to those that are there
-    assert len(grown) == 2
-    assert grown[0].events == scenes[0].events
+    assert (len(grown), grown[0].events) == (2, scenes[0].events)
     assert refused(write_scenes, there, data, Scenery(), 1).startswith(f"{there}: has scenes with another count\n")
     assert refused(Scenes, folder) == f"{folder}: no scenes, expected a folder that 'neuro recognise scenes' filled"
 
@@ -203,8 +201,7 @@ def test_a_broken_object_is_one():
     made = scene(0, n=1)
     left, _, right, _ = made.boxes.box[0]
     middle = (left + right) / 2
-    events = made.events[abs(made.events.x - middle) > 2.0]
-    broken = regions(replace(made, events=events), Proposals())
+    broken = regions(replace(made, events=made.events[abs(made.events.x - middle) > 2.0]), Proposals())
     assert len(broken) == 1
     assert iou(made.boxes.box[:1], broken[0].box[None])[0, 0] > 0.7
 
@@ -242,11 +239,9 @@ def test_a_track_expects_its_velocity():
 
 
 def test_a_crop_has_the_object_in_the_middle():
-    made = scene(3, n=1, noise=0.0)
-    (piece,) = pieces(made.events, Detecting())
+    (piece,) = pieces(scene(3, n=1, noise=0.0).events, Detecting())
     shown = crop(piece.regions, (35, 35))
-    assert shown.sensor_size == (35, 35)
-    assert shown.x.mean() == pytest.approx(17, abs=0.5)
+    assert (shown.sensor_size, shown.x.mean()) == ((35, 35), pytest.approx(17, abs=0.5))
     assert shown.y.mean() == pytest.approx(17, abs=0.5)
     half = crop(piece.regions, (35, 35), scale=2.0)
     assert len(half) == pytest.approx(len(shown) / 4, abs=1)
@@ -287,9 +282,7 @@ def test_a_stream_forgets_what_is_gone(recogniser):
     first, second = scene(0, n=1).events, scene(1, n=1).events
     stream.feed(first)
     later = Events(second.t + 2_000_000, second.x, second.y, second.p, second.sensor_size)
-    found = stream.feed(later)
-    assert len(np.unique(found.identity)) == 2
-    assert len(stream._known) == 1
+    assert (len(np.unique(stream.feed(later).identity)), len(stream._known)) == (2, 1)
 
 
 def test_a_stream_has_one_sensor(recogniser):
@@ -327,11 +320,8 @@ def test_crops_are_recordings_to_learn_from(folder, tmp_path):
     there = sum(len(np.unique(one.boxes.identity)) for one in scenes)
     assert write_crops(tmp_path / "crops", scenes, Detecting()) == there
     data = recordings(tmp_path / "crops")
-    assert data.classes == ("cross", "ring")
-    assert len(data) == there
-    assert data[0].load().sensor_size == (34, 34)
-    learnt = fit(data, "hats")
-    assert try_out(Detector(learnt), scenes).precision.mean == 1.0
+    assert (data.classes, len(data), data[0].load().sensor_size) == (("cross", "ring"), there, (34, 34))
+    assert try_out(Detector(fit(data, "hats")), scenes).precision.mean == 1.0
 
 
 def test_a_view_cuts_as_its_segmenter_does():

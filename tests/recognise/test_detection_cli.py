@@ -38,8 +38,7 @@ def neuro(answer, monkeypatch, made):
 def test_measured_on_scenes(neuro):
     code, out, _ = neuro("detect", "model.h5", "--data", "scenes", "--json")
     found = json.loads(out)
-    assert code == 0
-    assert set(found["ap"]) == {"cross", "ring"}
+    assert (code, set(found["ap"])) == (0, {"cross", "ring"})
     expected = {"format": "neuro recognise detection 1", "method": "hats", "scenes": 3, "map": 1.0, "box_ap": 1.0}
     assert found == found | expected | {"missed": 0, "switches": 0}
     code, out, _ = neuro("detect", "model.h5", "--data", "scenes")
@@ -97,8 +96,7 @@ def test_boxes_that_are_found_and_given_on_one_page(neuro, made):
     assert re.fullmatch(r"both.html: [23] objects in \d boxes found, [23] objects in \d boxes given\n", out)
     data, _ = page_of(made / "both.html")
     found, given = ([box for box in data["boxes"] if box["kind"] == kind] for kind in ("", "given"))
-    there = read_boxes(made / "scenes" / "0001.csv", ("cross", "ring"))
-    assert [box["box"] for box in given] == there.box.tolist()
+    assert [box["box"] for box in given] == read_boxes(made / "scenes" / "0001.csv", ("cross", "ring")).box.tolist()
     assert sorted(box["name"] for box in found) == sorted(box["name"] for box in given)
     code, out, _ = neuro(*words)
     assert code == 0

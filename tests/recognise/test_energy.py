@@ -49,9 +49,7 @@ def test_counts_of_a_recording(letters, model, tried):
     assert bill == bills(tried, ["loihi"]).bills["loihi"], "without what was shown before"
     ticks = results.ticks
     in_time = frames.codes < np.repeat(ticks, np.diff(frames.offsets))
-    assert told["frames"] * 26 == 72
-    assert told["steps"] * 26 == ticks.sum()
-    assert told["input_spikes"] * 26 == in_time.sum()
+    assert (told["frames"] * 26, told["steps"] * 26, told["input_spikes"] * 26) == (72, ticks.sum(), in_time.sum())
     assert told["neuron_updates"] * 26 == pytest.approx(NEURONS * ticks.sum())
 
 

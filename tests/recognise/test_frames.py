@@ -74,8 +74,7 @@ def test_responses_are_convolve_rectify_pool():
         for s in range(4):
             for o in range(4):
                 response = np.maximum(convolve2d(image, FRONT.bank.filters[s, o], mode="same"), 0)
-                pooled = response.reshape(17, 2, 17, 2).max((1, 3))
-                np.testing.assert_allclose(got[f, s, o], pooled, atol=1e-10)
+                np.testing.assert_allclose(got[f, s, o], response.reshape(17, 2, 17, 2).max((1, 3)), atol=1e-10)
 
 
 def test_spikes_are_the_code_of_the_strongest_scale():
@@ -91,8 +90,7 @@ def test_spikes_are_the_code_of_the_strongest_scale():
         part = slice(offsets[f], offsets[f + 1])
         assert dict(zip(ids[part].tolist(), times[part].tolist(), strict=True)) == expected
         order = list(zip(times[part], ids[part], strict=True))
-        assert order == sorted(order)
-        assert times[part][0] == 0.0
+        assert (order, times[part][0]) == (sorted(order), 0.0)
 
 
 @given(st.integers(0, 2**32), st.integers(0, 1500), st.sampled_from([0.5, 1.0, 3.0]))
@@ -155,10 +153,8 @@ def test_spikes_are_kept(folder, tmp_path, monkeypatch):
     data, cache = recordings(folder), tmp_path / "cache"
     shown = observe(FRONT, data, cache=cache)
     frames = Frames.of(shown)
-    assert len(shown) == 4
-    assert shown.labels.tolist() == [0, 0, 1, 1]
-    assert shown.names == ("0/0.bin", "0/2.bin", "1/1.bin", "1/3.bin")
-    assert len(frames.offsets) == len(frames) + 1
+    assert (len(shown), shown.labels.tolist()) == (4, [0, 0, 1, 1])
+    assert (shown.names, len(frames.offsets)) == (("0/0.bin", "0/2.bin", "1/1.bin", "1/3.bin"), len(frames) + 1)
     assert set(frames.recording.tolist()) == {1, 3}  # the others are too short for a frame
     assert [file.suffix for file in cache.rglob("*") if file.is_file()] == [".h5"]
     with monkeypatch.context() as m:
@@ -176,8 +172,7 @@ def test_take(folder, tmp_path):
     data = recordings(folder)
     shown = observe(FRONT, data, cache=tmp_path / "cache")
     part = shown.take([3, 1])
-    assert part.names == ("1/3.bin", "0/2.bin")
-    assert part.labels.tolist() == [1, 0]
+    assert (part.names, part.labels.tolist()) == (("1/3.bin", "0/2.bin"), [1, 0])
     frames = Frames.of(part)
     times, ids, offsets = spikes(data[3].load())
     n = len(offsets) - 1
@@ -211,8 +206,7 @@ def test_the_first_spikes_of_a_frame():
     assert (few["lengths"] == 20).all()
     assert (every["lengths"] > 20).all()
     for name in ("codes", "ids"):
-        kept = np.concatenate([every[name][a : a + 20] for a in starts])
-        assert np.array_equal(few[name], kept)
+        assert np.array_equal(few[name], np.concatenate([every[name][a : a + 20] for a in starts]))
 
 
 def test_features_name_the_recording(tmp_path):
@@ -307,8 +301,7 @@ def test_equals_are_told_apart_by_their_sums(classes):
 
 def test_evaluation():
     found = evaluate(np.array([0, 1, 1, -1]), np.array([0, 1, 0, 1]), ("a", "b"))
-    assert found.confusion.tolist() == [[1, 1, 0], [0, 1, 1]]
-    assert (found.n, found.correct, found.accuracy) == (4, 2, 0.5)
+    assert (found.confusion.tolist(), found.n, found.correct, found.accuracy) == ([[1, 1, 0], [0, 1, 1]], 4, 2, 0.5)
     assert found.as_words()["silent"] == 1
     assert evaluate(np.array([], int), np.array([], int), ("a",)).interval == (0.0, 1.0)
 

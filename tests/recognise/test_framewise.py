@@ -223,8 +223,7 @@ def test_model_file(letters, model, tmp_path):
     model.save(tmp_path / "model.h5")
     again = Recogniser.load(tmp_path / "model.h5")
     assert same(model, again)
-    assert again.method.inputs.shape == (4, 8, 8)
-    assert model.network() == again.network()
+    assert (again.method.inputs.shape, model.network()) == ((4, 8, 8), again.network())
     with h5py.File(tmp_path / "model.h5") as file:
         assert file.attrs["neuro"] == neuro.__version__
         assert "winner_take_all" in file["learnt/network"].asstr()[()]
@@ -262,8 +261,7 @@ def test_what_was_asked_before_changes_nothing(letters, model, backend):
         assert same_votes(told, alone)
         assert told.scores.shape == (len(part), 3)
         (sim, taken), (_, once) = told.run(), alone.run()
-        assert taken.counts == once.counts
-        assert sim.energy("loihi", of=taken) == sim.energy("loihi", of=once)
+        assert (taken.counts, sim.energy("loihi", of=taken)) == (once.counts, sim.energy("loihi", of=once))
 
 
 def test_batches_change_nothing(letters, monkeypatch):
@@ -377,8 +375,7 @@ def test_the_file_of_remus_is_the_preset_adapted():
     net = neuro.load(path("remus"))
     rule = net.projections["c1_s2"].synapse
     rates = rule.Ar_plus, rule.Ar_minus, rule.Ap_plus, rule.Ap_minus, rule.rescue
-    assert rates == (0.075, -0.025, 0.005, -0.04, False)
-    assert net.trials_section.labels.maps_per_label == 2
+    assert (rates, net.trials_section.labels.maps_per_label) == ((0.075, -0.025, 0.005, -0.04, False), 2)
     assert (net.trials_section.dropout.p, net.trials_section.dropout.decay) == (0.25, 0.7)
     assert net == Remus().preset("adapted").layer.network(Inputs((4, 17, 17), 64.0, 1.0), classes=10)
     assert refused(path, "resnet") == f"unknown network 'resnet': expected one of {', '.join(names())}"

@@ -163,8 +163,7 @@ def test_edges_are_told_apart_by_each_distance(name):
     layers.learn(recordings[:8])
     histograms = np.array([layers.features(one).ravel() for one in recordings])
     readout = Nearest(distance=name)
-    learnt = readout.fit(histograms[:8], labels[:8], 3, Course())
-    scores = readout.scores(learnt, histograms[8:])
+    scores = readout.scores(readout.fit(histograms[:8], labels[:8], 3, Course()), histograms[8:])
     assert scores.argmax(axis=1).tolist() == labels[8:].tolist()
     assert np.isneginf(scores[:, 2]).all()
 

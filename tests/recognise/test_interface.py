@@ -114,8 +114,7 @@ def test_a_larger_sensor_is_looked_at_where_it_was_learnt(trained, unseen):
 
 def test_two_recordings_suffice(learning, unseen, tmp_path):
     two = learning.take([0, len(learning) - 1])
-    made = fit(two, "hats")
-    assert set(made.predict(unseen).tolist()) <= {*two.labels.tolist(), -1}
+    assert set(fit(two, "hats").predict(unseen).tolist()) <= {*two.labels.tolist(), -1}
 
 
 def test_what_cannot_be_learnt_from(folder, learning, tmp_path):
@@ -155,8 +154,7 @@ def test_other_files_are_refused_and_kept(learning, tmp_path):
 def test_a_folder_that_cannot_be_written_is_no_fault(learning, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    made = fit(learning, "hats", cache=blocked)
-    assert len(made.classes) == 3
+    assert len(fit(learning, "hats", cache=blocked).classes) == 3
 
 
 def test_what_was_learnt_is_read_without_scikit_learn(learning, unseen, tmp_path, monkeypatch):
@@ -240,8 +238,7 @@ def test_the_network_is_the_file_with_what_was_learnt_by_gradients(trained_by, n
         assert type(part.rule) is type(before.projections[word].rule)
     if name == "learnt_delays":
         delays = net.projections["hidden_out"].delay
-        assert delays.shape == (12, 3)
-        assert set(np.unique(delays) % method.step) == {0.0}
+        assert (delays.shape, set(np.unique(delays) % method.step)) == ((12, 3), {0.0})
         assert len(np.unique(delays)) > 3
         other = fit(learning, method.changed({"rate": 0.5}), seed=3)
         assert not np.array_equal(other.learnt["delay.hidden_out"], made.learnt["delay.hidden_out"]), "delays learn"
@@ -269,8 +266,7 @@ def test_gradients_without_torch_or_with_a_duration_that_is_no_whole_step(learni
 
 def test_most_spikes_win_and_of_as_many_the_first():
     scores = _scores(np.array([10.0, 5.0, 15.0, 20.0, 25.0]), np.array([0, 1, 1, 0, 2]), 4, 100.0)
-    assert scores.argsort()[::-1].tolist() == [1, 0, 2, 3]
-    assert scores[3] == 0.0
+    assert (scores.argsort()[::-1].tolist(), scores[3]) == ([1, 0, 2, 3], 0.0)
     late = _scores(np.array([100.0, 5.0]), np.array([0, 1]), 3, 100.0)
     assert late[0] == 1.0
     assert 1.0 < late[1] < 1.5

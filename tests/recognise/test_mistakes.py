@@ -41,8 +41,7 @@ def test_an_unknown_backend_is_told_before_any_recording_is_read(neuro, folder, 
 
 def test_of_no_recordings_there_are_no_scores(learning, model):
     for made in (Recogniser.load(model), fit(learning, "boe")):
-        assert made.scores([]).shape == (0, 3)
-        assert made.predict([]).shape == (0,)
+        assert (made.scores([]).shape, made.predict([]).shape) == ((0, 3), (0,))
         assert made.predict(learning.take([])).shape == (0,)
         assert made.scores_at(learning[0].load(), []).shape == (0, 3)
 
@@ -70,10 +69,8 @@ def test_a_recogniser_of_another_training_stays(neuro, folder, model, tmp_path):
     ):
         code, out, err = neuro(*words)
         assert (code, out, err) == (2, "", f"error: m.h5: a recogniser that was trained with {told}{hint}")
-    assert neuro(*train)[0] == 0
-    assert (tmp_path / "m.h5").read_bytes() == before
-    assert neuro(*train, "--seed", "1", "--force")[0] == 0
-    assert neuro(*train, "--seed", "1")[0] == 0
+    assert (neuro(*train)[0], (tmp_path / "m.h5").read_bytes()) == (0, before)
+    assert (neuro(*train, "--seed", "1", "--force")[0], neuro(*train, "--seed", "1")[0]) == (0, 0)
 
 
 READ = [name for name, method in METHODS.items() if "readout" in method.__dataclass_fields__]
@@ -88,8 +85,7 @@ READ = [name for name, method in METHODS.items() if "readout" in method.__datacl
 def test_readouts_read_every_method_and_bags_of_events_at_any_scale(learning, unseen, name, values, tmp_path_factory):
     cache = tmp_path_factory.getbasetemp() / "read"
     values |= {"A_plus": 0.05} if name == "masquelier_thorpe" else {}
-    made = fit(learning, method_of(name, values=values), cache=cache)
-    scores = made.scores(unseen)
+    scores = fit(learning, method_of(name, values=values), cache=cache).scores(unseen)
     full = np.array([len(item.load()) > 0 for item in unseen])
     assert np.isfinite(scores[full]).all()
     assert np.isnan(scores[~full]).all()
@@ -165,12 +161,10 @@ def test_a_fold_is_kept_until_code_or_settings_change(learning, tmp_path, monkey
         return sorted(f.name for f in folder.glob("*.json") if before.get(f) != f.stat().st_mtime_ns)
 
     both = ["hats-0-0.json", "hats-0-1.json"]
-    assert written("hats") == both
-    assert written("hats") == []
+    assert (written("hats"), written("hats")) == (both, [])
     assert written("hats", targets=("loihi",), backend="reference") == [], "neither concerns it"
     monkeypatch.setattr("neuro_recognise.compare.code_of", lambda method: "other")
-    assert written("hats") == both
-    assert written("hats:poker") == ["hats-poker-0-0.json", "hats-poker-0-1.json"]
+    assert (written("hats"), written("hats:poker")) == (both, ["hats-poker-0-0.json", "hats-poker-0-1.json"])
 
 
 def test_another_target_runs_one_fold_again(letters, small, tmp_path, monkeypatch, learning):
@@ -183,8 +177,7 @@ def test_another_target_runs_one_fold_again(letters, small, tmp_path, monkeypatc
     (second,) = compared(learning, folder, "remus", targets=("loihi", "gpu"))
     again = {file.name: file.stat().st_mtime_ns for file in folder.glob("*.json")}
     assert [name for name in sorted(again) if again[name] != before[name]] == ["remus-0-0.json"]
-    assert list(second.bills) == ["loihi", "gpu"]
-    assert second.bills["gpu"] == first.bills["gpu"]
+    assert (list(second.bills), second.bills["gpu"]) == (["loihi", "gpu"], first.bills["gpu"])
 
 
 def test_an_empty_recording_is_silent(neuro, model, tmp_path):

@@ -49,9 +49,7 @@ def test_prototypes_of_each_layer(learning):
     first, second = (images_of(figure) for figure in drawn.values())
     centres = made.learnt["centres_0"]
     np.testing.assert_array_equal(first[2], centres[:, :, 1, 2] - centres[:, :, 0, 2])
-    assert len(first) == 4
-    assert len(second) == 8
-    assert second[0].shape == (9, 9)
+    assert (len(first), len(second), second[0].shape) == (4, 8, (9, 9))
 
 
 def test_templates_of_hfirst():

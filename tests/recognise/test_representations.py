@@ -46,8 +46,7 @@ def test_by_hand(seen, seed, cuts):
 @pytest.mark.parametrize("name", ["counts", "leaky", "surface"])
 def test_of_nothing(name):
     method = Remus().changed({"representation": name, "size": [34, 34]})
-    empty = method.representation.pixels(some(0)[:0], np.array([0]))
-    assert [len(part) for part in empty] == [0, 0, 0, 1]
+    assert [len(part) for part in method.representation.pixels(some(0)[:0], np.array([0]))] == [0, 0, 0, 1]
     assert len(method.observe(Events([], [], [], [], (34, 34)))["ends"]) == 0
 
 
@@ -83,8 +82,7 @@ def test_early_decisions_look_at_nothing_later(early, name):
         events, times = moving(label, 50), [3.0, 5.5, 20.0, 60.0, 1000.0]
         scores = recogniser.scores_at(events, times)
         for time, row in zip(times, scores, strict=True):
-            beginning = events[events.t <= events.t[0] + 1000 * time]
-            np.testing.assert_array_equal(recogniser.scores(beginning)[0], row)
+            np.testing.assert_array_equal(recogniser.scores(events[events.t <= events.t[0] + 1000 * time])[0], row)
         assert np.isnan(scores[0]).all()  # no segment is complete
         assert scores[1:].argmax(axis=1).tolist() == [label] * 4
         session = recogniser.session(every_ms=10.0, window_ms=100.0)

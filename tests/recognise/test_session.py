@@ -156,14 +156,12 @@ def test_moments_pass_without_events_where_the_clock_is_told(hats):
     first = int(events.t[0])
     assert [one.at_us - first for one in session.feed(events[:0], until_us=first + 6000)] == [4000, 6000]
     assert [one.at_us - first for one in session.feed(events[:0], until_us=10**9)] == [8000]
-    assert session.feed(events[:0], until_us=2 * 10**9) == []
-    assert session.end() == []
+    assert (session.feed(events[:0], until_us=2 * 10**9), session.end()) == ([], [])
 
 
 def test_no_decision_goes_back_behind_the_clock(hats):
     session, events = hats.session(every_ms=2.0), recording(0, 7, 3000, 50)
-    assert len(session.feed(events, until_us=int(events.t[0]) + 6000)) == 3
-    assert session.end() == []
+    assert (len(session.feed(events, until_us=int(events.t[0]) + 6000)), session.end()) == (3, [])
     session = hats.session(every_ms=2.0)
     session.feed(events[:1])
     assert [one.after_ms for one in session.end()] == [0.0]

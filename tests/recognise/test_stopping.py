@@ -73,18 +73,15 @@ def test_errors_fall_with_the_margin_and_are_those_of_each_decision(held):
     errors = held.errors(held.margins)
     for k, time in enumerate(held.times_us):
         order = np.argsort(held.margins[:, k])
-        own = [held.error(time, m) for m in held.margins[:, k]]
-        assert np.array_equal(own, errors[:, k], equal_nan=True)
-        there = errors[order, k][~np.isnan(held.margins[order, k])]
-        assert (np.diff(there) <= 0).all()
+        assert np.array_equal([held.error(time, m) for m in held.margins[:, k]], errors[:, k], equal_nan=True)
+        assert (np.diff(errors[order, k][~np.isnan(held.margins[order, k])]) <= 0).all()
 
 
 def test_no_decision_vouches_for_itself():
     rng = np.random.default_rng(3)
     held = Held(np.array([1000, 2000]), rng.random((37, 2)), rng.random((37, 2)) < 0.7)
     for k in range(37):
-        others = np.arange(37) % 10 != k % 10
-        assert np.array_equal(held.crossed[k], held.take(others).errors(held.margins[[k]])[0])
+        assert np.array_equal(held.crossed[k], held.take(np.arange(37) % 10 != k % 10).errors(held.margins[[k]])[0])
     assert sorted(np.concatenate([own for own, _ in held.parts])) == list(range(37))
 
 
@@ -100,8 +97,7 @@ def test_the_bound_is_that_of_clopper_and_pearson(wrong, n, assurance):
 def test_a_rule_has_the_last_level_before_the_first_that_is_not_assured(held, allowed, assurance):
     def assured(level):
         at = stopped(held.crossed, level)
-        wrong = int((~held.right[np.arange(len(at)), at]).sum())
-        return upper_bound(wrong, len(at), assurance) <= allowed
+        return upper_bound(int((~held.right[np.arange(len(at)), at]).sum()), len(at), assurance) <= allowed
 
     if not assured(-1.0):
         with pytest.raises(neuro.ModelError, match="even at their end"):
@@ -127,8 +123,7 @@ def test_an_outcome_is_of_recordings_that_had_no_say(held, allowed):
         at = stopped(others.errors(held.margins[own]), level)
         wrong += int((~held.right[own, at]).sum())
         ms += (held.times_us[at] / 1000).tolist()
-    assert found.error == wrong / len(held)
-    assert found.mean_ms == pytest.approx(np.mean(ms))
+    assert (found.error, found.mean_ms) == (wrong / len(held), pytest.approx(np.mean(ms)))
     exact = stats.binomtest(wrong, len(held)).proportion_ci(0.95, method="exact")
     assert found.interval == pytest.approx((exact.low, exact.high), abs=1e-12)
 
@@ -219,8 +214,7 @@ def test_held_out_means_learnt_from_the_others(early, data):
     if method.by_moment:
         until = [one[: np.searchsorted(one.t, one.t[0] + held.times_us[moment], "right")] for one in until]
     shown = replace(observed(method, until, data.classes), labels=data.labels)
-    learnt = method.fit(shown.take(others), Course(0))
-    scores = method.answer(learnt, shown.take([chosen])).scores
+    scores = method.answer(method.fit(shown.take(others), Course(0)), shown.take([chosen])).scores
     assert margins(scores)[0] == pytest.approx(held.margins[chosen, moment], rel=1e-9)
 
 
@@ -236,8 +230,7 @@ def test_the_file_has_it(early, tmp_path):
 
 def test_a_session_stops_where_the_rule_says(early, data):
     rule = stopping_rule(early.early.held, 0.2)
-    session = early.session(every_ms=2.0, allow=0.2)
-    said = session.feed(data[3].load())
+    said = early.session(every_ms=2.0, allow=0.2).feed(data[3].load())
     wrong = [early.early.held.error(one.at_us - said[0].at_us + 2000, one.margin) for one in said]
     met = np.cumsum([rule.met(one) for one in wrong]) > 0
     assert met.any()

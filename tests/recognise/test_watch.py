@@ -69,13 +69,10 @@ def test_the_page_holds_it(made, events, text):
     length = (events.t[-1] - events.t[0]) / 1000
     assert at == pytest.approx([5, 10, 15, 20, 25, 30, 35, length])
     expected = made.scores_at(events, at.astype(float))
-    above_mean = expected - expected.mean(axis=1, keepdims=True)
-    assert bars["values"].reshape(-1, 2) == pytest.approx(above_mean, rel=1e-5)
+    assert bars["values"].reshape(-1, 2) == pytest.approx(expected - expected.mean(axis=1, keepdims=True), rel=1e-5)
     assert bars["lit"].reshape(-1, 2).argmax(1).tolist() == expected.argmax(1).tolist()
-    said = decisions(made, events, 0.3, "event")
-    stop = next(one for one in said if one.settled)
-    assert curve["stop"]["at"] == stop.after_ms
-    assert bars["labels"] == list(made.classes)
+    stop = next(one for one in decisions(made, events, 0.3, "event") if one.settled)
+    assert (curve["stop"]["at"], bars["labels"]) == (stop.after_ms, list(made.classes))
     seen, spikes = data["view0"], data["view1"]
     assert seen["rows"] == seen["columns"] == 5 * 7
     assert seen["at"].tolist() == [10, 20, 30, 40]
@@ -169,8 +166,7 @@ def test_a_browser_draws_it_moves_in_time_and_plays(text, events, tmp_path, chro
     told = re.search("<title>(.*?)</title>", chromium("--dump-dom", f"file://{file}"))[1].split("|")
     end = f"{(events.t[-1] - events.t[0]) / 1000:.1f}"
     assert told[:4] == [f"22.0 of {end} ms", f"25.0 of {end} ms", f"20.0 of {end} ms", "1 of 2, from 10 ms · first"]
-    assert told[4:6] == [f"{end} of {end} ms", "2 of 2, from 30 ms · second"]
-    assert told[6:8] == ["Pause", "Play"]
+    assert (told[4:6], told[6:8]) == ([f"{end} of {end} ms", "2 of 2, from 30 ms · second"], ["Pause", "Play"])
     assert told[8:13] == [f"{name} drawn" for name in ("events", "view0", "view1", "bars", "curve")]
     assert told[13:] == [f"0.0 of {end} ms", "nothing decided yet"]
 

@@ -80,14 +80,12 @@ def test_epochs_are_a_line_each_where_there_is_no_terminal(monkeypatch, capsys):
 
 def test_train_test_show(neuro, folder, tmp_path):
     code, out, err = neuro("recognise", "train", "remus", "--data", folder, *SMALL)
-    assert (code, err.count("% right")) == (0, 3)
-    assert out == "model.h5: remus for 2 classes, learnt from 16 recordings\n"
+    assert (code, err.count("% right"), out) == (0, 3, "model.h5: remus for 2 classes, learnt from 16 recordings\n")
     code, out, _ = neuro("recognise", "test", "model.h5", "--data", folder, "--json", "--out", "pictures")
     figures = json.loads(out.partition("\n")[2])
     assert (code, figures["n"], figures["classes"], figures["method"]) == (0, 8, ["lying", "upright"], "remus")
     assert figures["accuracy"] == figures["votes"]["potentials"]["accuracy"] == 7 / 8
-    assert figures["silent"] == 1
-    assert figures["confusion"] == [[3, 0, 1], [0, 4, 0]]
+    assert (figures["silent"], figures["confusion"]) == (1, [[3, 0, 1], [0, 4, 0]])
     assert set(figures["votes"]) == {"majority", "potentials"}
     assert figures["interval"][0] < 7 / 8 < figures["interval"][1]
     code, out, _ = neuro("recognise", "test", "model.h5", "--data", folder)
@@ -109,8 +107,7 @@ def test_energy(neuro, folder, model):
     words = ("--chips", "truenorth,cpu", "--json")
     code, out, _ = neuro("recognise", "energy", "model.h5", "--data", folder, *words)
     told = json.loads(out)
-    assert code == 0
-    assert [bill["target"] for bill in told["bills"]] == ["truenorth", "cpu"]
+    assert (code, [bill["target"] for bill in told["bills"]]) == (0, ["truenorth", "cpu"])
     tested = json.loads(neuro("recognise", "test", "model.h5", "--data", folder, "--json")[1])
     assert (told["accuracy"], told["recordings"]) == (tested["accuracy"], 8)
 
@@ -171,16 +168,14 @@ def test_train_test_and_energy_on_other_backends(neuro, folder):
 )
 def test_mistakes(neuro, folder, words, message):
     code, out, err = neuro("recognise", *words.format(folder=folder).split())
-    assert (code, out) == (2, "")
-    assert err == f"error: {message.format(folder=folder)}\n"
+    assert (code, out, err) == (2, "", f"error: {message.format(folder=folder)}\n")
 
 
 def test_new_classes_are_refused(neuro, folder, model, tmp_path):
     (tmp_path / "other" / "round").mkdir(parents=True)
     (tmp_path / "other" / "round" / "1.bin").write_bytes((folder / "Train" / "lying" / "1.bin").read_bytes())
     code, _, err = neuro("recognise", "test", "model.h5", "--data", "other")
-    assert code == 2
-    assert err == "error: other: class 'round' is new, expected one of lying, upright\n"
+    assert (code, err) == (2, "error: other: class 'round' is new, expected one of lying, upright\n")
 
 
 def test_demo_of_given_recordings(neuro, folder, tmp_path):

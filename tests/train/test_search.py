@@ -61,10 +61,8 @@ def test_every_point_is_a_network_that_runs_and_the_front_is_tested_on_what_is_h
     assert all(any(float(best["accuracy"]) >= float(row["accuracy"]) for best in front) for row in rows)
     for row in rows:
         net = snn.load(f"trained/{row['network']}")
-        assert net.resolution == float(row["step"])
-        assert net.populations["hidden"].shape == (int(row["hidden"]),)
-        sim = snn.compile(net, backend="loihi")
-        sim.run(float(row["for"]))
+        assert (net.resolution, net.populations["hidden"].shape) == (float(row["step"]), (int(row["hidden"]),))
+        snn.compile(net, backend="loihi").run(float(row["for"]))
         kept = len(snn.compile(net).weights("in_hidden")[2]) / (288 * int(row["hidden"]))
         assert kept == 1.0 if row["prune"] == "0" else kept < 0.6
         assert row["network"].startswith("front/" if row["held_out"] else "points/")
@@ -111,8 +109,7 @@ def test_after_a_kill_a_search_goes_on_to_the_same_front(neuro, words, tmp_path)
     )
     assert done.returncode == -signal.SIGKILL
     assert not (tmp_path / "killed" / "front.csv").exists()
-    assert neuro(*words, "--out", "killed.yaml")[0] == 0
-    assert table("killed/front.csv") == table("whole/front.csv")
+    assert (neuro(*words, "--out", "killed.yaml")[0], table("killed/front.csv")) == (0, table("whole/front.csv"))
 
 
 def test_folds_are_means_and_what_is_held_out_is_in_none(neuro, words, folder):

@@ -78,8 +78,7 @@ def test_the_command_learns_and_tests_targets(neuro, files, interrupted):
 
 def test_r2_of_what_is_asked():
     wanted = np.array([[[0.0, 1.0], [2.0, np.nan], [4.0, 3.0]]])
-    assert r_squared(np.nan_to_num(wanted), wanted) == 1.0
-    assert r_squared(np.array([2.0, 2.0]), wanted) == 0.0
+    assert (r_squared(np.nan_to_num(wanted), wanted), r_squared(np.array([2.0, 2.0]), wanted)) == (1.0, 0.0)
 
 
 def test_constant_targets_have_no_r2(neuro, files):
@@ -105,8 +104,7 @@ def test_a_recording_that_asks_nothing_teaches_nothing(net, files):
     shown = read(files / "learn.npz", net, plan)
     trained = trainer.learn(net, shown, plan)
     assert np.isfinite([trained.curves["loss"], trained.curves["right"]]).all()
-    kept = shown.take(np.array([0, 1, 3, 4, 5]))
-    assert shown.variance == pytest.approx(kept.variance)
+    assert shown.variance == pytest.approx(shown.take(np.array([0, 1, 3, 4, 5])).variance)
     assert np.isfinite(r_squared(np.zeros(content["targets"].shape), content["targets"]))
 
 

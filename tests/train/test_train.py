@@ -56,8 +56,7 @@ def test_it_learns_and_every_backend_decides_alike(told, folder):
 def test_the_command_writes_a_network_and_a_page_and_tests_on_chips(neuro, folder, file):
     more = ("--test", folder, "--augment", "shift=1", "--cost", "loihi=0.1")
     status, out, err = neuro(file, "--data", folder, *QUICK, *more)
-    assert (status, err) == (0, "")
-    assert out.splitlines()[-2:] == ["trained.yaml: written", "trained.html: written"]
+    assert (status, err, out.splitlines()[-2:]) == (0, "", ["trained.yaml: written", "trained.html: written"])
     assert all(word in out for word in ("torch", "event", "loihi", "spinnaker", "9 recordings", "uJ"))
     net, before = snn.load("trained.yaml"), snn.load(file)
     assert net.populations == before.populations
@@ -121,8 +120,7 @@ def test_sigma_delta_neurons_learn_for_loihi_2(neuro, folder):
     assert sent[0] == sent[1]
     net, unseen = snn.load("trained.yaml"), snn.events.recordings(folder, part="Test")
     asked = [snn.predict(net, unseen, backend=backend) for backend in ("event", "loihi2")]
-    assert asked[0].agrees(asked[1]) == 1.0
-    assert f"{np.mean(asked[0].decided == unseen.labels):.1%}" == rows[0][1]
+    assert (asked[0].agrees(asked[1]), f"{np.mean(asked[0].decided == unseen.labels):.1%}") == (1.0, rows[0][1])
 
 
 @pytest.mark.slow
@@ -153,10 +151,7 @@ def test_a_loss_that_is_nan_stops_and_keeps_what_was_good(neuro, folder, file, m
 @pytest.mark.filterwarnings("default::neuro.ModelWarning")
 @pytest.mark.parametrize(
     ("option", "reason"),
-    [
-        ("V_th=1e5", "check the unit of `weight`"),
-        ("out_delay=500 ms", "a spike takes up to 500 ms"),
-    ],
+    [("V_th=1e5", "check the unit of `weight`"), ("out_delay=500 ms", "a spike takes up to 500 ms")],
 )
 def test_an_output_that_cannot_fire_is_reported_with_the_reason(neuro, folder, tmp_path, option, reason):
     net = snn.Network("mute", resolution=5.0)

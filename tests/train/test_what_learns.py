@@ -124,8 +124,7 @@ def test_neurons_learn_within_their_bounds(learn, words, rate, lowest):
 
 
 def test_delays_learn_within_their_bounds(learn):
-    trained = learn(trainable=("hidden_out=delay",), rate=8.0)
-    assert float(trained.module.delays["hidden_out"].detach().min()) == 5.0
+    assert float(learn(trainable=("hidden_out=delay",), rate=8.0).module.delays["hidden_out"].detach().min()) == 5.0
 
 
 def in_pa(times=1.0):
@@ -137,8 +136,7 @@ def in_pa(times=1.0):
     net.population("out", 3, cell)
     rng = np.random.default_rng(1)
     for a, b, n, std in (("pixels", "hidden", 2880, 150.0), ("hidden", "out", 30, 400.0)):
-        weight = times * rng.normal(0.0, std, n)
-        net.connect(a, b, snn.all_to_all(), weight=weight, delay=5.0, name=f"{a}_{b}")
+        net.connect(a, b, snn.all_to_all(), weight=times * rng.normal(0.0, std, n), delay=5.0, name=f"{a}_{b}")
     return net
 
 

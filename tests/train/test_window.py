@@ -78,8 +78,7 @@ def test_only_what_is_seen_says_where_the_window_lies(square):
     both = Events(np.r_[early.t, late.t + 50_000], np.r_[early.x, late.x], np.r_[early.y, late.y],
                   np.r_[early.p, late.p], SENSOR)  # fmt: skip
     for start in (0.0, 50.0):
-        found = windowed(both, (SIDE, SIDE), None, start, 40.0, "one")
-        np.testing.assert_array_equal(found.x, square.x)
+        np.testing.assert_array_equal(windowed(both, (SIDE, SIDE), None, start, 40.0, "one").x, square.x)
 
 
 def test_from_a_pixel_on(square):
@@ -92,8 +91,7 @@ def test_from_a_pixel_on(square):
 
 
 def test_a_recording_without_events_shows_nothing():
-    empty = Events([], [], [], [], SENSOR)
-    found = windowed(empty, (SIDE, SIDE), None, 0.0, 100.0, "one")
+    found = windowed(Events([], [], [], [], SENSOR), (SIDE, SIDE), None, 0.0, 100.0, "one")
     assert (len(found), found.sensor_size) == (0, (SIDE, SIDE))
 
 

@@ -129,8 +129,7 @@ def test_words(tmp_path: Path, words: dict[str, Any], expected: str) -> None:
         expected = refusal(tmp_path, ",10,20\n10,1,2\n20,x,1\n", **words)
         assert expected == "edges: row 3, column '10': found 'x': expected a finite number"
         return
-    found = refusal(tmp_path, **words)
-    assert found.split("\n")[0] == expected
+    assert refusal(tmp_path, **words).split("\n")[0] == expected
 
 
 def test_a_negative_delay(tmp_path: Path) -> None:
@@ -253,18 +252,12 @@ def sonata(**change: Any) -> Any:
         ({"target_node_id": [20, 31]}, "edges: row 2, column 'target_node_id': found 31: expected the id of a neuron"),
         ({"1/n": [1.0, 2.0]}, "edges: 'edges/e' has the groups 0, 1 and no 'edge_group_id'"),
         ({"1/n": [2.0], "edge_group_id": [0, 1]}, "edges: 'edges/e' has the groups 0, 1 and no 'edge_group_index'"),
-        (
-            {"1/m": [2.0], "edge_group_id": [0, 1], "edge_group_index": [0, 0]},
-            "edges: row 2: its group has no 'n'",
-        ),
+        ({"1/m": [2.0], "edge_group_id": [0, 1], "edge_group_index": [0, 0]}, "edges: row 2: its group has no 'n'"),
         (
             {"1/n": ["a"], "edge_group_id": [0, 1], "edge_group_index": [0, 0]},
             "edges: column 'n' holds text in some groups, and numbers in others",
         ),
-        (
-            {"edge_group_id": [0, 2]},
-            "edges: row 2, column 'edge_group_id': found 2: expected one of the groups 0",
-        ),
+        ({"edge_group_id": [0, 2]}, "edges: row 2, column 'edge_group_id': found 2: expected one of the groups 0"),
         (
             {"edge_group_index": [0, 7]},
             "edges: row 2, column 'edge_group_index': found 7: expected the place of one of the 2 values of",

@@ -107,10 +107,8 @@ def test_neurons_are_found_by_attributes_of_their_types(tmp_path: Path) -> None:
         group["0/layer"], group["1/layer"] = [4, 5], [6, 4]
     (tmp_path / "node_types.csv").write_text("node_type_id pop_name ei\n1 Pvalb i\n2 Scnn1a e\n")
     table = neuro.neuron_table(tmp_path / "nodes.h5", types=tmp_path / "node_types.csv")
-    net = neuro.Network()
-    brain = net.population("v1", "auto", neuro.iaf_psc_exp(), neurons=table)
-    assert brain.where(ei="e").ids.tolist() == [0, 2]
-    assert brain.where(pop_name="Pvalb", layer=4).ids.tolist() == [3]
+    brain = neuro.Network().population("v1", "auto", neuro.iaf_psc_exp(), neurons=table)
+    assert (brain.where(ei="e").ids.tolist(), brain.where(pop_name="Pvalb", layer=4).ids.tolist()) == ([0, 2], [3])
 
 
 def test_the_types_are_saved_by_name_and_are_inputs(tmp_path: Path) -> None:
@@ -121,8 +119,6 @@ def test_the_types_are_saved_by_name_and_are_inputs(tmp_path: Path) -> None:
         "    from: a\n    to: a\n    rule: {from_file: {file: edges.h5, types: edge_types.csv, weight: syn_weight, "
         "delay: delay}}\n"
     )
-    net = neuro.load(tmp_path / "net.yaml")
-    net.save(tmp_path / "again.yaml")
+    neuro.load(tmp_path / "net.yaml").save(tmp_path / "again.yaml")
     assert "types: edge_types.csv" in (tmp_path / "again.yaml").read_text()
-    sim = neuro.compile(neuro.load(tmp_path / "again.yaml"))
-    assert sim.weights("wires")[2].size == 6
+    assert neuro.compile(neuro.load(tmp_path / "again.yaml")).weights("wires")[2].size == 6

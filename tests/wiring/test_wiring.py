@@ -190,8 +190,7 @@ def test_results_hold_the_description_and_can_be_made_again(tmp_path: Path) -> N
     (tmp_path / "sub").mkdir()
     csv(tmp_path / "sub" / "edges.csv", EDGES)
     (tmp_path / "net.yaml").write_text(YAML)
-    sim = neuro.compile(neuro.load(tmp_path / "net.yaml"), seed=3)
-    sim.run(5.0, out=tmp_path / "run.h5")
+    neuro.compile(neuro.load(tmp_path / "net.yaml"), seed=3).run(5.0, out=tmp_path / "run.h5")
     again = read(tmp_path / "run.h5").network()
     assert synapses(again, "out") == synapses(neuro.load(tmp_path / "net.yaml"), "out")
     (tmp_path / "moved").mkdir()
@@ -246,8 +245,7 @@ def test_silenced_neurons_fire_and_reach_nobody(tmp_path: Path) -> None:
     sim.run(50.0)
     before = sim.counts().populations["brain"].spikes
     sim.run(500.0)
-    assert sim.counts().populations["brain"].spikes == before
-    assert sim.steered.keys() == {"activate", "silence"}
+    assert (sim.counts().populations["brain"].spikes, sim.steered.keys()) == (before, {"activate", "silence"})
     sim.reset(weights=True)
     assert sim.weights("brain_brain")[2].min() == 1000.0
 
@@ -373,8 +371,7 @@ def test_shuffled_weights_keep_signs_and_pairs(larger: neuro.Network) -> None:
 def test_a_shuffle_is_seeded_and_saved(larger: neuro.Network, tmp_path: Path) -> None:
     control = neuro.shuffled(larger, "edges", seed=5)
     control.save(tmp_path / "control.yaml")
-    again = neuro.load(tmp_path / "control.yaml")
-    assert np.array_equal(pairs_of(control)[1], pairs_of(again)[1])
+    assert np.array_equal(pairs_of(control)[1], pairs_of(neuro.load(tmp_path / "control.yaml"))[1])
     assert not np.array_equal(pairs_of(control)[1], pairs_of(neuro.shuffled(larger, "edges", seed=6))[1])
     assert larger.projections["brain_brain"].rule.shuffle is None
 
