@@ -66,8 +66,7 @@ def test_another_description_or_format_is_another_job(tmp_path):
 
 
 def test_a_refused_job_is_tried_again(tmp_path):
-    for _ in range(2):
-        assert (grid(RESULTS, [Job(tmp_path, 2)]), done(tmp_path)) == ([{"refused": "no"}], [2])
+    assert all((grid(RESULTS, [Job(tmp_path, 2)]), done(tmp_path)) == ([{"refused": "no"}], [2]) for _ in range(2))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -18,8 +18,7 @@ from neuro.plots import _spikes, _traces
 
 def results(size=10, spikes=100, traced=1, recorded=True, duration=1000.0):
     rng = np.random.default_rng(1)
-    steps = np.sort(rng.integers(1, 10 * duration, spikes))
-    ids = rng.integers(0, size, spikes)
+    steps, ids = np.sort(rng.integers(1, 10 * duration, spikes)), rng.integers(0, size, spikes)
     counts = np.bincount(ids, minlength=size)
     arrays = (steps, ids, np.ones(spikes, "i4"), counts, counts)
     train = Train("iaf_psc_exp", (size,), {"spikes": spikes}, recorded, 0.1, *arrays)
@@ -153,8 +152,7 @@ def test_intervals_and_their_variation():
     train = Spikes("cells", np.arange(14), times, ids, (0.0, 1000.0))
     trains_ = [times[ids == neuron] for neuron in range(12)]
     lengths, whose = intervals(train.times_ms, train.ids)
-    for neuron, one in enumerate(trains_):
-        assert np.array_equal(lengths[whose == neuron], elephant.isi(one))
+    assert all(np.array_equal(lengths[whose == neuron], elephant.isi(one)) for neuron, one in enumerate(trains_))
     expected = [elephant.cv(elephant.isi(one)) for one in trains_]
     assert variation(train.times_ms, train.ids) == pytest.approx(expected, rel=1e-12)
 

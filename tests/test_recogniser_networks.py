@@ -34,8 +34,7 @@ def bars(n: int, seed: int, most: int | None = None) -> tuple[Any, Any, Any, Any
 
 
 def test_masquelier_and_thorpe_tell_bars_apart_by_v_at_the_end():
-    sim = started("masquelier_thorpe", maps=8, theta=40.0)
-    rate = 2**-6
+    sim, rate = started("masquelier_thorpe", maps=8, theta=40.0), 2**-6
     for epoch in range(5):
         told = sim.trials(*bars(40, seed=epoch)[:3], learn=True)
         assert told.wins.offsets[-1] >= 40
@@ -66,8 +65,7 @@ def test_mozafari_learns_from_reward_alone():
 
 
 def test_must_keeps_thresholds_from_trial_to_trial_and_the_sum_of_weights():
-    sim = started("must", neurons=20)
-    wins, n = np.zeros(20), 30
+    sim, wins, n = started("must", neurons=20), np.zeros(20), 30
     theta = np.zeros(20)
     for i in range(n):
         *batch, _ = bars(1, seed=i, most=150)

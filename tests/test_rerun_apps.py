@@ -91,8 +91,7 @@ def test_a_drones_model_is_made_again(neuro, seeds):
 
 def test_an_own_world_is_an_input_of_each_seed_that_is_trained_beside_others(neuro, tmp_path):
     """It is read by the process that asks, not by those that train."""
-    world = Path(__file__).parents[1] / "apps" / "neuro_drone" / "scenarios"
-    own = tmp_path / "own.yaml"
+    world, own = Path(__file__).parents[1] / "apps" / "neuro_drone" / "scenarios", tmp_path / "own.yaml"
     own.write_text(sorted(world.glob("*.yaml"))[0].read_text())
     neuro("drone", "train", "--scenario", "own.yaml", "--steps", 100, "--repeats", 2, "--out", "fly.h5")
     assert [str(own) in record(f"fly-{seed}.h5")["inputs"] for seed in (0, 1)] == [True, True]

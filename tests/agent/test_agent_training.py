@@ -232,16 +232,14 @@ def test_random_moves_that_were_too_few_are_made_anew():
 
 
 def test_a_vector_of_environments_is_learnt_from_at_a_time():
-    envs = gymnasium.vector.SyncVectorEnv([Corridor] * 4)
-    one = agent(seed=3)
+    envs, one = gymnasium.vector.SyncVectorEnv([Corridor] * 4), agent(seed=3)
     log = one.train(envs, steps=4000)
     assert one.test(Corridor(), episodes=20).mean > 0.6
     assert len(log) > 100
 
 
 def test_a_second_training_has_episodes_of_its_own():
-    one, seeds = agent(), []
-    env = Corridor()
+    one, seeds, env = agent(), [], Corridor()
     reset = env.reset
 
     def noted(**words):
@@ -336,8 +334,7 @@ def test_the_order_of_a_dict_does_not_matter(tmp_path):
     names = [dimension.name for dimension in one.places.dimensions]
     loaded = neuro_agent.ActorCritic.load(tmp_path / "a.h5")
     assert [dimension.name for dimension in loaded.places.dimensions] == names
-    other = spaces.Dict(dict(ordered.spaces.items()))
-    seen = {"near": np.array([0.5], np.float32), "at": 3}
+    other, seen = spaces.Dict(dict(ordered.spaces.items())), {"near": np.array([0.5], np.float32), "at": 3}
     assert other == ordered
     np.testing.assert_array_equal(flat(other, seen), flat(ordered, seen))
 
@@ -440,8 +437,7 @@ def test_what_has_been_seen_is_less_novel():
 
 
 def test_normalised_errors_have_one_size():
-    scale = ErrorScale(normalised=True)
-    drawn = np.random.default_rng(1).normal(0.0, 7.0, (3000, 2))
+    scale, drawn = ErrorScale(normalised=True), np.random.default_rng(1).normal(0.0, 7.0, (3000, 2))
     assert np.array([scale.of(errors) for errors in drawn])[500:].std() == pytest.approx(0.05, rel=0.05)
     np.testing.assert_array_equal(ErrorScale(normalised=False).of(drawn[0]), drawn[0])
 
@@ -518,12 +514,10 @@ def test_an_encoder_that_does_not_fit_is_refused():
 
 
 def test_each_grid_has_one_active_place_and_neighbours_share_some():
-    places = Places(dimensions_of(spaces.Box(0.0, 1.0, (2,))), 2, 6, 24)
-    rng = np.random.default_rng(1)
+    places, rng = Places(dimensions_of(spaces.Box(0.0, 1.0, (2,))), 2, 6, 24), np.random.default_rng(1)
     for _ in range(50):
         x = rng.uniform(-0.2, 1.2, 2)
-        near, far = places.cells(x + 0.01), places.cells((x + 0.5) % 1.0)
-        here = places.cells(x)
+        near, far, here = places.cells(x + 0.01), places.cells((x + 0.5) % 1.0), places.cells(x)
         assert len(set(here)) == places.active == 24
         assert len(set(here) & set(near)) >= 18 > len(set(here) & set(far))
 

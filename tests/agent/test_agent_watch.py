@@ -69,8 +69,7 @@ def test_an_episode_is_the_first_that_a_test_of_its_seed_has(agent, lake, episod
 
 def test_frozen_weights_stay_and_the_agent_is_not_touched(agent, episode):
     assert list(episode.weights) == [0]
-    before = agent.weights
-    learnt = played(agent, Corridor(), seed=5, learning=True)
+    before, learnt = agent.weights, played(agent, Corridor(), seed=5, learning=True)
     assert not np.array_equal(learnt.weights[0], list(learnt.weights.values())[-1])
     assert all(np.array_equal(each, before[name]) for name, each in agent.weights.items())
 
@@ -85,8 +84,7 @@ def test_errors_are_those_of_temporal_differences(agent, episode):
 
 def test_the_page_holds_it(agent, episode):
     text = page(agent, episode, 5)
-    data = tracks_of(text)
-    n = episode.moves + 1
+    data, n = tracks_of(text), episode.moves + 1
     policy, (places, critics, _), weights = data["policy"], data["raster"]["strips"], data["weights"]
     assert policy["labels"] == ["-1", "-0.667", "-0.333", "0", "0.333", "0.667", "1"]
     assert data["state"]["labels"] == ["['at'][0]", "['open']"]
@@ -147,8 +145,7 @@ def test_an_environment_that_renders_nothing(agent):
 def test_many_places_share_columns(agent, monkeypatch):
     monkeypatch.setattr(watching, "COLUMNS", 40)
     weights = agent.weights["policy0"]
-    found = watching._columns(weights)
-    each = -(-len(weights) // 40)
+    found, each = watching._columns(weights), -(-len(weights) // 40)
     assert found.shape == (7, -(-len(weights) // each))
     assert np.abs(found).max(axis=1) == pytest.approx(np.abs(weights).max(axis=0))
 

@@ -22,8 +22,7 @@ pytest.importorskip("sklearn", reason="the extra bench is not installed")
 
 def examples(n=60, classes=3):
     """Bars at the row of their class, with noise."""
-    rng = np.random.default_rng(5)
-    labels = np.arange(n) % classes
+    rng, labels = np.random.default_rng(5), np.arange(n) % classes
     dense = rng.random((n, 12, 2, 4, 6)) < 0.02
     dense[np.arange(n), 2:8, 1, labels] = True
     return Examples(dense.sum(axis=1, dtype=np.float32), labels, tuple("abc"), Spikes.of_dense(dense, 5.0))
@@ -141,8 +140,7 @@ def test_members_say_together_what_normalised_networks_say():
 
 
 def test_surfaces_are_of_the_spikes():
-    shown = examples(4)
-    method = METHODS["hats"]()
+    shown, method = examples(4), METHODS["hats"]()
     made = method.fit(shown, {**method.settings, "cell": 3, "radius": 1}, 0)
     own = np.flatnonzero(shown.spikes.example == 2)
     polarity, y, x = np.unravel_index(shown.spikes.neuron[own], (2, 4, 6))
@@ -238,8 +236,7 @@ def test_an_unfinished_run_is_no_result_to_compare(bench, tmp_path, monkeypatch)
 def test_tasks_are_listed_with_all_splits_and_sources(bench):
     status, out, _ = bench("tasks")
     assert status == 0
-    for task in TASKS.values():
-        assert f"{task.called_by}: {task.source}; licence: {task.licence}\n" in out
+    assert all(f"{task.called_by}: {task.source}; licence: {task.licence}\n" in out for task in TASKS.values())
     assert "tau30, all" in out
     for address in ("garrickorchard.com/datasets/n-mnist", "/POKERDVS.html", "/dvsgesture/"):
         assert address in out

@@ -71,8 +71,7 @@ def test_spikes_velocities_parts_and_r2_are_those_of_neurobench(split, tmp_path,
     target = np.repeat(np.arange(8.0), [700, 2100, 300, 400, 500, 2001, 1999, 800])
     write_reaching(tmp_path / name, steps=len(target), target_pos=np.stack((target, target)))
     words = {"num_steps": 1, "train_ratio": 0.5, "bin_width": 0.004, "remove_segments_inactive": split == "active"}
-    theirs = Theirs(str(tmp_path), name, download=False, **words)
-    task = PrimateReaching(tmp_path, split)
+    theirs, task = Theirs(str(tmp_path), name, download=False, **words), PrimateReaching(tmp_path, split)
     fold = task.folds()[0]
     parts = (fold.train, theirs.ind_train), (fold.validation, theirs.ind_val), (fold.test, theirs.ind_test)
     for ours, steps in parts:

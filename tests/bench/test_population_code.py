@@ -31,8 +31,7 @@ def test_steps_tell_more_values_apart_than_neurons():
 
 
 def test_a_series_goes_on():
-    series = 1.0 + 0.3 * np.sin(np.arange(200.0) / 5.0)
-    method = METHODS["population-code"]()
+    series, method = 1.0 + 0.3 * np.sin(np.arange(200.0) / 5.0), METHODS["population-code"]()
     model = method.fit(series[:160], {**method.settings, **SMALL}, 0)
     assert np.abs(model.predict(20) - series[160:180]).max() < 0.1
     costs = model.costs(10)
@@ -71,8 +70,7 @@ def test_the_functions_without_spikes_are_what_many_neurons_say():
 
 
 def test_members_of_a_reservoir_are_averaged():
-    series = 1.0 + 0.3 * np.sin(np.arange(120.0) / 5.0)
-    method = METHODS["echo-state"]()
+    series, method = 1.0 + 0.3 * np.sin(np.arange(120.0) / 5.0), METHODS["echo-state"]()
     one, two = (method.fit(series, {**method.settings, "units": 30, "members": n}, 0) for n in (1, 2))
     parts = [model.predict(5) for model in two._models]
     assert np.allclose(two.predict(5), np.mean(parts, axis=0))

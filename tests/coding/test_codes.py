@@ -53,8 +53,7 @@ def test_known_latencies():
 @pytest.mark.parametrize("shape", [(), (0,), (2, 0), (3, 4)])
 def test_shapes(shape):
     half = np.full(shape, 0.5)
-    for code in LATENCIES:
-        assert code(half, 0.5, 2.0, 10.0).shape == shape
+    assert all(code(half, 0.5, 2.0, 10.0).shape == shape for code in LATENCIES)
     assert rank(half).shape == rate(half, 0.0, 1.0, 10.0).shape == shape
     assert population(half, 4, 0.0, 1.0, 10.0).shape == (*shape, 4)
     assert (phase(half, 0.0, 1.0, 8.0).shape, burst(half, 0.0, 1.0).shape) == ((*shape, 8), (*shape, 5))
@@ -78,8 +77,7 @@ def test_gaussian_fields_lie_where_bohte_puts_them():
     """Centres (2i - 3)/2 (max - min)/(m - 2) for i from 1, width (max - min)/(1.5 (m - 2))."""
     low, high, n = -2.0, 4.0, 8
     centres = low + (2 * np.arange(1, n + 1) - 3) / 2 * (high - low) / (n - 2)
-    width = (high - low) / (1.5 * (n - 2))
-    r = np.array([[-2.0, 0.3], [1.5, 4.0]])
+    width, r = (high - low) / (1.5 * (n - 2)), np.array([[-2.0, 0.3], [1.5, 4.0]])
     expected = 80.0 * np.exp(-0.5 * ((r[..., None] - centres) / width) ** 2)
     np.testing.assert_allclose(population(r, n, low, high, 80.0), expected, rtol=1e-12)
     np.testing.assert_allclose(population(centres[1:-1], n, low, high, 80.0).max(axis=1), 80.0)

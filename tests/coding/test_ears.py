@@ -63,13 +63,11 @@ def test_a_cell_fires_at_the_rate_of_its_equation():
 def test_a_tone_is_loudest_in_its_band():
     edges = np.linspace(2595 * np.log10(1 + 60 / 700), 2595 * np.log10(1 + 4000 / 700), 34)
     centres = 700 * (10 ** (edges[1:-1] / 2595) - 1)
-    for band in (5, 15, 28):
-        assert MelBands(RATE).hear(tone(centres[band]))[5:].mean(axis=0).argmax() == band
+    assert all(MelBands(RATE).hear(tone(centres[band]))[5:].mean(axis=0).argmax() == band for band in (5, 15, 28))
 
 
 def test_a_frame_needs_no_sample_of_the_future():
-    sound = np.random.default_rng(1).normal(size=1600)
-    ear = MelBands(RATE)
+    sound, ear = np.random.default_rng(1).normal(size=1600), MelBands(RATE)
     levels = ear.hear(sound)
     assert len(levels) == 20
     ear.reset()

@@ -142,8 +142,7 @@ def test_gusts_have_their_spread_and_time_however_time_is_cut(seconds):
     assert rows.std(axis=0) == pytest.approx(0.7, rel=0.08)
     lag = round(0.5 / seconds)
     x, y = (rows - rows.mean(axis=0)).T
-    for one in (x, y):
-        assert np.mean(one[lag:] * one[:-lag]) / one.var() == pytest.approx(exp(-1.0), abs=0.09)
+    assert all(np.mean(one[lag:] * one[:-lag]) / one.var() == pytest.approx(exp(-1.0), abs=0.09) for one in (x, y))
     assert abs(np.corrcoef(x, y)[0, 1]) < 0.09
     assert (blown(wind, 9, seconds, 3) == blown(wind, 9, seconds, 3)).all()
     assert (blown(wind, 9, seconds, 3) != blown(wind, 9, seconds, 4)).all()
@@ -176,8 +175,7 @@ def test_a_load_makes_it_slower_and_changes_no_drift():
 
 
 def test_an_environment_in_the_wind():
-    calm, windy = DroneEnv("B60"), DroneEnv("B60", wind={"speed": 5, "towards": 90, "since": 0.5})
-    seen = []
+    calm, windy, seen = DroneEnv("B60"), DroneEnv("B60", wind={"speed": 5, "towards": 90, "since": 0.5}), []
     for env in (calm, windy):
         env.reset(seed=1, options={"start": (0.0, 0.0)})
         seen.append([env.step((0.0, 0.0))[4]["error"] for _ in range(30)])
@@ -323,8 +321,7 @@ def test_several_at_once_do_the_same_as_one_alone_and_again(rigid):
                 body.step(*command, 0.05)
         return [(b.pose.x, b.pose.y, b.pose.z, b.pose.yaw, b.pose.pitch, b.velocity) for b in bodies]
 
-    others = Bullet(Drone()), Bullet(Drone())
-    alone = flown(rigid)
+    others, alone = (Bullet(Drone()), Bullet(Drone())), flown(rigid)
     assert (flown(rigid), flown(*others)) == (alone, alone * 2)
     for body in others:
         body.close()

@@ -128,8 +128,7 @@ def test_shares_say_how_events_are_spread(counts):
 
 
 def test_lms_learns_where_fields_are_and_goes_on_from_its_state():
-    lms = make("lms", BALL, 0, {"mu": 0.2, "gain": 1.0})
-    rng = np.random.default_rng(1)
+    lms, rng = make("lms", BALL, 0, {"mu": 0.2, "gain": 1.0}), np.random.default_rng(1)
     for _ in range(3000):
         row, column = rng.integers(0, 8, 2)
         lms.act(seen(row, column), {})
@@ -194,8 +193,7 @@ def test_static_weights_steer():
 
 def test_frozen_learns_nothing_and_begins_anew():
     controller = taught()
-    frozen = controller.frozen()
-    laps = []
+    frozen, laps = controller.frozen(), []
     for _ in range(2):
         frozen.begin()
         laps.append([frozen.act(counts, {}).tolist() for counts in SCENE])
@@ -230,8 +228,7 @@ def test_controls_fail_on_loihi_as_well():
 @CHIP
 @pytest.mark.parametrize("backend", ["loihi", "spinnaker", "reference"])
 def test_frozen_runs_on_every_backend(backend):
-    controller = taught(start="linear")
-    means = []
+    controller, means = taught(start="linear"), []
     for one in (controller.frozen(), controller.frozen(backend)):
         one.begin()
         means.append(np.mean([one.act(counts, {}) for counts in SCENE[:20]], axis=0))
@@ -328,8 +325,7 @@ def test_random_search_learns_what_pays_from_the_reward_alone():
 
 @pytest.mark.parametrize("scenario", ["B60", "B60-height", "line"])
 def test_a_training_goes_on_after_a_kill_to_the_same_bits(scenario, tmp_path, monkeypatch):
-    file, reports = tmp_path / "model.h5", []
-    words = {"steps": 300, "settings": SMALL, "episode": 20}
+    file, reports, words = tmp_path / "model.h5", [], {"steps": 300, "settings": SMALL, "episode": 20}
     whole = train(scenario, "random-search", **words)
     monkeypatch.setattr(training, "KEEP", 70)
     with pytest.raises(KeyboardInterrupt):

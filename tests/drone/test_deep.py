@@ -194,8 +194,7 @@ def ppo(settings=SMALL["ppo"], learner=None):
 def test_what_would_have_come_after_a_cut_is_guessed_and_after_a_loss_is_not():
     """Against returns by their definition; with a trace of 1 they are all rewards to come, and the critic's guess."""
     settings = {**SMALL["ppo"], "rollout": 32, "batch": 32, "trace": 1.0, "gamma": 0.8}
-    learner = make("ppo", BALL, 0, settings)
-    guess = make("ppo", BALL, 0, settings).critic
+    learner, guess = make("ppo", BALL, 0, settings), make("ppo", BALL, 0, settings).critic
     _, (found, *_) = ppo(learner=learner)
     rewards, after = np.random.default_rng(0).random(32), seen(49)[1:]
     expected, come = np.zeros(32), 0.0

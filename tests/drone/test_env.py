@@ -101,8 +101,7 @@ def test_observations_tell_the_same_events():
     for (seen, _, info), (some, _, _), (picture, _, _), (share, _, _) in zip(
         counts, binary, frame, normalised, strict=True
     ):
-        events = info["events"]
-        wanted = np.zeros((8, 8), np.int64)
+        events, wanted = info["events"], np.zeros((8, 8), np.int64)
         np.add.at(wanted, (events.y // 16, events.x // 16), 1)
         assert np.array_equal(seen, wanted)
         assert np.array_equal(info["counts"], wanted)
@@ -148,8 +147,7 @@ def test_discrete_actions_are_those_of_the_list_and_those_beyond_one_are_one():
     def last(actions, kind="continuous"):
         return episode(DroneEnv("B60", actions=kind), actions * 3, seed=1)[-1][2]["error"]
 
-    for number, pair in enumerate(ACTIONS):
-        assert last([number], "discrete") == last([np.array(pair)])
+    assert all(last([number], "discrete") == last([np.array(pair)]) for number, pair in enumerate(ACTIONS))
     assert last([np.array([9.0, -9.0])]) == last([[1.0, -1.0]])
 
 
@@ -197,8 +195,7 @@ def _flown(seconds, command, **changes):
 
 @pytest.mark.parametrize(("mirror", "angle", "gain"), [(True, 0.0, 1.0), (False, 90.0, 0.5), (True, -30.0, 0.7)])
 def test_motors_mirror_turn_and_scale_a_command(mirror, angle, gain):
-    command = np.array([0.3, 0.1])
-    c, s = gain * np.cos(np.radians(angle)), gain * np.sin(np.radians(angle))
+    command, c, s = np.array([0.3, 0.1]), gain * np.cos(np.radians(angle)), gain * np.sin(np.radians(angle))
     right = -command[0] if mirror else command[0]
     turned = [c * right + s * command[1], c * command[1] - s * right]
     motors = {"mirror": mirror, "angle": angle, "gain": gain}

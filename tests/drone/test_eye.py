@@ -110,8 +110,7 @@ def test_a_ball_that_moves_by_a_millimetre_and_a_half_changes_the_picture_a_litt
     x, y = eye.view.ground(63, 70, 0.17)
     balls = [(x, y - 0.0015 * k, 0.17, 0.17) for k in range(60)]  # to the right
     pictures = [eye.draw(pose, WorldScene(ball=ball)).astype(float) for ball in balls]
-    steps = np.diff(pictures, axis=0)
-    middle = [eye.view.project(*ball[:3])[0] for ball in balls]
+    steps, middle = np.diff(pictures, axis=0), [eye.view.project(*ball[:3])[0] for ball in balls]
     assert np.abs(steps).max() < 1.2 * np.diff(middle).max()
     assert (np.abs(steps) > 1e-3).sum((1, 2)).min() >= 12
     columns = np.arange(128)
@@ -163,8 +162,7 @@ def test_drawing_over_the_picture_before_is_as_drawing_anew(seed, ground, tilt, 
         if rng.random() < 0.5:
             ball = None if rng.random() < 0.3 else (*rng.normal(0, 2, 2), 0.17, 0.17)
             scene = WorldScene(ball=ball, line=LINE if rng.random() < 0.5 else None)
-        before = eye.image.copy()
-        image = eye.draw(pose, scene)
+        before, image = eye.image.copy(), eye.draw(pose, scene)
         fresh.reset(0)
         np.testing.assert_allclose(image, fresh.draw(pose, scene), atol=1e-4)  # the horizon's height
         x0, y0, x1, y1 = eye.box
@@ -190,8 +188,7 @@ def test_only_what_can_have_changed_is_drawn():
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_events_are_those_of_a_dvs_that_is_shown_the_pictures(noise, ground):
     camera = Camera(leak_rate_hz=noise, shot_noise_rate_hz=noise, sigma_thres=0.01, shake=0.1)
-    eye = Eye(Scenario(camera=camera, ground=ground), seed=3)
-    dvs = DVS((128, 128), pixels(camera), seed=3)
+    eye, dvs = Eye(Scenario(camera=camera, ground=ground), seed=3), DVS((128, 128), pixels(camera), seed=3)
     total = 0
     for k in range(20):
         pose, scene = Pose(0.02 * k, 0, 2.4), WorldScene(ball=(1.0, 0.01 * k, 0.17, 0.17))
@@ -225,9 +222,7 @@ def test_the_same_seed_is_the_same_episode():
 
 def test_shake_has_its_size():
     """Half of the turn to the right is seen where the camera looks down by 60 degrees."""
-    eye = Eye(Scenario(camera=Camera(shake=0.5)))
-    straight = CameraView()
-    pose = Pose(0, 0, 2.4)
+    eye, straight, pose = Eye(Scenario(camera=Camera(shake=0.5))), CameraView(), Pose(0, 0, 2.4)
     straight.look(pose)
     turns = []
     for _ in range(400):
@@ -273,8 +268,7 @@ def polygon(n, radius, direction=1):
 @given(st.integers(3, 12), st.floats(0.01, 0.3), st.sampled_from([1, -1]))
 def test_a_closed_line_is_a_ring(n, width, direction):
     """Its strips meet without gaps or overlaps: their areas are the outer polygon's without the inner one's."""
-    parts = strips(polygon(n, 2.0, direction), width)
-    apothem = 2.0 * np.cos(np.pi / n)
+    parts, apothem = strips(polygon(n, 2.0, direction), width), 2.0 * np.cos(np.pi / n)
     ring = n * np.tan(np.pi / n) * ((apothem + width / 2) ** 2 - (apothem - width / 2) ** 2)
     assert area(parts).sum() == pytest.approx(ring)
     for one, other in zip(parts, np.roll(parts, -1, axis=0), strict=True):
@@ -363,8 +357,7 @@ def test_pixels_are_means_of_what_they_see(tilt, grain, roll):
 def test_the_pattern_does_not_flicker():
     """A way of a tenth of a pixel changes pixels by no more than it truly does, near and far."""
     ground = Ground(texture=0.5, grain=0.1)
-    eye = Eye(Scenario(camera=Camera(tilt=30.0), ground=ground))
-    baked = pattern(ground, 1.0, 0)
+    eye, baked = Eye(Scenario(camera=Camera(tilt=30.0), ground=ground)), pattern(ground, 1.0, 0)
     images, true = [], []
     for k in range(3):
         images.append(eye.draw(Pose(0.003 * k, 0.001 * k, 2.4), WorldScene())[12:].astype(float))
@@ -508,8 +501,7 @@ def rendered(bullet, client, view, bodies):
     looking = bullet.computeViewMatrix(place.tolist(), (place + forward).tolist(), (-down).tolist())
     angle = 2 * np.degrees(np.arctan(0.5 * view.size / view.focal))
     lens = bullet.computeProjectionMatrixFOV(angle, 1.0, 0.05, 50.0)
-    flags = {"renderer": bullet.ER_TINY_RENDERER, "physicsClientId": client}
-    side = FINER * view.size
+    flags, side = {"renderer": bullet.ER_TINY_RENDERER, "physicsClientId": client}, FINER * view.size
     mask = bullet.getCameraImage(side, side, looking, lens, **flags)[4]
     return np.isin(mask, bodies).reshape(view.size, FINER, view.size, FINER).mean((1, 3))
 
@@ -552,8 +544,7 @@ def test_a_ball_is_as_pybullet_renders_it(world, tilt, radius, mount, pose):
     eye = Eye(Scenario(camera=camera, task=Ball(radius=radius, brightness=0.0), ground=Ground(brightness=1.0)))
     eye.view.look(pose)
     place = (*eye.view.ground(40, 80, radius), radius)
-    ball = put(*world, world[0].GEOM_MESH, place, **globe(radius))
-    empty = eye.draw(pose, WorldScene()).copy()
+    ball, empty = put(*world, world[0].GEOM_MESH, place, **globe(radius)), eye.draw(pose, WorldScene()).copy()
     same_silhouette(rendered(*world, eye.view, [ball]), 1.0 - eye.draw(pose, WorldScene(ball=(*place, radius))) / empty)
 
 
@@ -566,9 +557,7 @@ def test_a_line_is_as_pybullet_renders_it(world, tilt, mount):
     pose = Pose(2.2, -0.7, 2.4, 2.0, 0.1, -0.15)
     eye.view.look(pose)
     (x0, y0), (x1, y1) = eye.view.ground(40, 60), eye.view.ground(100, 200)
-    half = [0.5 * np.hypot(x1 - x0, y1 - y0), 0.1, 1e-4]
-    place = (0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0)
+    half, place = [0.5 * np.hypot(x1 - x0, y1 - y0), 0.1, 1e-4], (0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0)
     box = put(*world, world[0].GEOM_BOX, place, np.arctan2(y1 - y0, x1 - x0), halfExtents=half)
-    empty = eye.draw(pose, WorldScene()).copy()
-    line = np.array([[x0, y0, x1, y1]])
+    empty, line = eye.draw(pose, WorldScene()).copy(), np.array([[x0, y0, x1, y1]])
     same_silhouette(rendered(*world, eye.view, [box]), 1.0 - eye.draw(pose, WorldScene(line=line)) / empty)

@@ -76,11 +76,9 @@ def area(points):
 def begin(scenario, start=None, direction=0, seed=0, varied=FIXED):
     """A task, the drone's body at its start, and its camera."""
     camera = scenario.camera
-    view = CameraView(fov=camera.fov, tilt=camera.tilt)
-    kind = BallTask if scenario.kind == "ball" else LineTask
+    view, kind = CameraView(fov=camera.fov, tilt=camera.tilt), BallTask if scenario.kind == "ball" else LineTask
     task = kind(scenario.task, CameraView(fov=camera.fov, tilt=camera.tilt), scenario.drone.height)
-    body = Kinematic(scenario.drone)
-    pose = task.reset(np.random.default_rng(seed), start, direction, varied)
+    body, pose = Kinematic(scenario.drone), task.reset(np.random.default_rng(seed), start, direction, varied)
     body.reset(pose.x, pose.y, pose.yaw, forward=task.forward)
     view.look(body.pose)
     return task, body, view, task.judge(view, body.pose)
@@ -117,8 +115,7 @@ def moved(scenario, place):
     task, _, view, judged = begin(scenario, (0.0, 0.0))
     view.look(Pose(0.0, 0.0, scenario.drone.height))
     dx, dy = view.ground(63.0, 63.0, scenario.task.radius)
-    seconds = scenario.step / 1000.0
-    time = 0.0
+    seconds, time = scenario.step / 1000.0, 0.0
     while not (judged.lost or judged.done):
         time += seconds
         task.advance(seconds)
@@ -172,8 +169,7 @@ def test_the_line_is_where_a_search_along_it_finds_it(dx, dy, yaw, direction):
     task, body, view, _ = begin(load("line"), (0.0, 0.0), direction)
     pose = Pose(body.pose.x + dx, body.pose.y + dy, 2.4, body.pose.yaw + yaw)
     view.look(pose)
-    judged = task.judge(view, pose)
-    best, lean = inf, 0.0
+    judged, best, lean = task.judge(view, pose), inf, 0.0
     seen = [view.project(*task.path.at(s), 0.0) for s in np.linspace(0.0, 18.0, 4501)]
     for (u0, v0, d0), (u1, v1, d1) in pairwise(seen):
         if d0 > 0 and d1 > 0 and (v0 - 63.0) * (v1 - 63.0) <= 0.0 and v0 != v1:
@@ -457,8 +453,7 @@ def test_tall_is_the_span_of_the_balls_rows(x, y, radius, tilt):
     # the circle along which rays touch the ball
     a = np.cross(middle, (1.0, 0.2, 0.1))
     a /= np.linalg.norm(a)
-    b = np.cross(middle, a) / np.sqrt(far2)
-    angle = np.linspace(0, 2 * np.pi, 721)[:, None]
+    b, angle = np.cross(middle, a) / np.sqrt(far2), np.linspace(0, 2 * np.pi, 721)[:, None]
     wide = radius * np.sqrt(1 - radius**2 / far2)
     circle = ball - radius**2 / far2 * middle + wide * (np.cos(angle) * a + np.sin(angle) * b)
     rows = [view.project(*point)[1] for point in circle]

@@ -66,8 +66,7 @@ class Burst:
     backend=st.sampled_from(["event", "reference"]),
 )
 def test_what_was_live_can_be_run_again(tmp_path_factory, seed, n, tick, late, backend):
-    out = tmp_path_factory.mktemp("live") / "day.h5"
-    sim = neuro.compile(network(), backend, seed=seed)
+    out, sim = tmp_path_factory.mktemp("live") / "day.h5", neuro.compile(network(), backend, seed=seed)
     run = Loop(sim, tick=tick, inputs={"camera": Player(noise(n, 30.0, seed))}, late=late).run(50.0, out=out)
     counts = run.inputs["camera"]
     assert counts["fed"] + counts["dropped"] <= counts["taken"] <= n
@@ -103,8 +102,7 @@ def test_what_comes_after_the_moment_of_a_tick_waits_for_the_next():
 
 
 def test_events_that_come_by_the_network(tmp_path):
-    events, out = noise(3000, 100.0), tmp_path / "day.h5"
-    sim = neuro.compile(network())
+    events, out, sim = noise(3000, 100.0), tmp_path / "day.h5", neuro.compile(network())
     with listen("udp://127.0.0.1:0", format="faery8", sensor=SIZE) as stream:
         sender = Thread(target=send, args=(stream.url, events), kwargs={"format": "faery8"})
 
@@ -194,9 +192,7 @@ def test_a_source_that_fails_leaves_a_whole_file(tmp_path):
 
 def test_memory_does_not_grow():
     sim = neuro.compile(network())
-    counts = sim.port("cells", "counts")
-    room = np.zeros(6, dtype=np.int64)
-    held = []
+    counts, room, held = sim.port("cells", "counts"), np.zeros(6, dtype=np.int64), []
 
     def act(ms):
         counts.get(room)
@@ -223,8 +219,7 @@ def test_a_killed_run_can_be_made_again_as_far_as_it_was_recorded(tmp_path):
     network().save(tmp_path / "net.yaml")
     save(noise(2000, 200.0), tmp_path / "a.npz")
     process = subprocess.Popen([sys.executable, "-c", SCRIPT.format(path=sys.path)], cwd=tmp_path, stdout=-1, stderr=-1)
-    part = tmp_path / "day.h5.part"
-    deadline = time.monotonic() + 60.0
+    part, deadline = tmp_path / "day.h5.part", time.monotonic() + 60.0
     while time.monotonic() < deadline and process.poll() is None:
         with suppress(ModelError):
             if neuro.results.read(part).duration_ms > 300.0:
@@ -278,10 +273,8 @@ def _written_by_another(folder):
 
 
 def test_mistakes():
-    sim = neuro.compile(network())
-    played = neuro.compile(network(events=noise(10, 10.0)))
-    later = neuro.compile(network(start=5.0))
-    source = Player(noise(10, 1.0))
+    sim, played = neuro.compile(network()), neuro.compile(network(events=noise(10, 10.0)))
+    later, source = neuro.compile(network(start=5.0)), Player(noise(10, 1.0))
     other = Player(Events([0], [0], [0], [0], (9, 9)))
     for words, message in (
         ({"tick": 0.7}, "tick = 0.7 ms: expected a multiple of the resolution, 0.5 ms"),

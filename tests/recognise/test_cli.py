@@ -15,8 +15,7 @@ def test_list_names_all_methods_and_their_settings(neuro):
     assert all(name in out for name in METHODS)
     code, out, _ = neuro("list", "tar_hats")
     assert code == 0
-    assert "cleaner.theta" in out
-    assert "thesis figure 85" in out
+    assert all(word in out for word in ("cleaner.theta", "thesis figure 85"))
     assert "--preset poker: size=[35, 35], cell=12, tau=10.0" in out
     code, _, err = neuro("list", "hots1")
     assert (code, err.splitlines()[0]) == (2, "error: unknown method 'hots1'")

@@ -33,8 +33,7 @@ def recording(label, seed):
 
 @pytest.fixture(scope="module")
 def recogniser():
-    method = Remus().changed({"epochs": 2, "per_class": 2, "size": [34, 34]})
-    labels = np.arange(8) % 2
+    method, labels = Remus().changed({"epochs": 2, "per_class": 2, "size": [34, 34]}), np.arange(8) % 2
     evidence = [method.observe(recording(int(label), k)) for k, label in enumerate(labels)]
     shown = Features(evidence, labels, tuple(f"{k}.bin" for k in range(8)), ("upright", "lying"))
     return learn(method, shown, "bars")

@@ -259,8 +259,7 @@ def test_objects_are_found_named_and_followed(recogniser):
 @pytest.mark.parametrize("settings", [{}, {"segmenter": "counts", "count": 3000}, {"segmenter": "msd", "leak": 50.0,
                                        "threshold": 300.0, "fewest": 20}])  # fmt: skip
 def test_a_stream_gives_what_the_recording_gives(recogniser, settings):
-    made = scene(5, length=500.0)
-    chosen = Detecting().changed(settings)
+    made, chosen = scene(5, length=500.0), Detecting().changed(settings)
     whole = Detector(recogniser, chosen).detect(made.events)
     assert len(whole) >= 6
     stream = Detector(recogniser, chosen)
@@ -272,14 +271,12 @@ def test_a_stream_gives_what_the_recording_gives(recogniser, settings):
                        for who, label, score in zip(one.identity, one.label, one.score, strict=True)}
                       for of in (parts, [whole]))  # fmt: skip
     assert last.keys() == expected.keys()
-    for who, (label, score) in expected.items():
-        assert (last[who][0], last[who][1].expected) == (label, score)
+    assert all((last[who][0], last[who][1].expected) == (label, score) for who, (label, score) in expected.items())
     assert len(stream.finish()) == 0
 
 
 def test_a_stream_forgets_what_is_gone(recogniser):
-    stream = Detector(recogniser)
-    first, second = scene(0, n=1).events, scene(1, n=1).events
+    stream, first, second = Detector(recogniser), scene(0, n=1).events, scene(1, n=1).events
     stream.feed(first)
     later = Events(second.t + 2_000_000, second.x, second.y, second.p, second.sensor_size)
     assert (len(np.unique(stream.feed(later).identity)), len(stream._known)) == (2, 1)
@@ -300,15 +297,13 @@ def test_nothing_to_see(recogniser):
 
 
 def test_larger_objects_by_a_pyramid(recogniser):
-    made = scene(6, n=2, sensor=[70, 40], speed=0.0, noise=0.0)
-    rng = np.random.default_rng(0)
+    made, rng = scene(6, n=2, sensor=[70, 40], speed=0.0, noise=0.0), np.random.default_rng(0)
     four = np.repeat(np.arange(len(made.events)), 4)  # every pixel becomes 2x2, each with its own events
     x, y = (2 * values[four].astype(int) + rng.integers(2, size=len(four)) for values in (made.events.x, made.events.y))
     larger = Events(made.events.t[four], x, y, made.events.p[four], (140, 80))
     there = Boxes(*(getattr(made.boxes, n) for n in ("start", "stop", "identity", "label", "score")),
                   2 * made.boxes.box)  # fmt: skip
-    settings = Detecting().changed({"scales": [1.0, 2.0]})
-    twice = replace(made, events=larger, boxes=there)
+    settings, twice = Detecting().changed({"scales": [1.0, 2.0]}), replace(made, events=larger, boxes=there)
     for start, found in in_pictures(twice, Detector(recogniser, settings).detect(larger)):
         assert len(found) == 2
         assert (iou(start.box, found.box).max(axis=1) > 0.6).all()
@@ -325,8 +320,7 @@ def test_crops_are_recordings_to_learn_from(folder, tmp_path):
 
 
 def test_a_view_cuts_as_its_segmenter_does():
-    made = scene(7)
-    view = WindowView(Detecting(), (100, 80))
+    made, view = scene(7), WindowView(Detecting(), (100, 80))
     segments = [*view.segments(made.events[:5000]), *view.segments(made.events[5000:]), *view.rest()]
     bounds = Detecting().segmenter.bounds(made.events.t)
     assert [len(segment) for segment in segments[:-1]] == np.diff(bounds).tolist()

@@ -101,8 +101,7 @@ def test_identities():
 
 
 def test_who_fitted_before_stays_although_another_fits_better():
-    there = table((0, 0, 1.0, 0))
-    both = table((5, 0, 1.0, 3), (6, 0, 1.0, 0))
+    there, both = table((0, 0, 1.0, 0)), table((5, 0, 1.0, 3), (6, 0, 1.0, 0))
     assert identity_switches([(there, table((5, 0, 1.0, 0))), (there, both)]).switches == 0
 
 

@@ -41,8 +41,7 @@ def tried(letters, model):
 
 
 def test_counts_of_a_recording(letters, model, tried):
-    told = counted(bills(tried, ()))
-    sim = model.method.simulation(model.learnt)
+    told, sim = counted(bills(tried, ())), model.method.simulation(model.learnt)
     model.method.present(sim, model.learnt, letters.take([0, 1]))
     results, frames = model.method.present(sim, model.learnt, letters)
     bill = sim.energy("loihi", of=results).per(26, "recording")
@@ -84,8 +83,7 @@ def test_what_is_observed_says_how_long_a_recording_lasts(method):
 
 
 def test_a_bill_by_hand(tried):
-    told = counted(bills(tried, ()))
-    by_name = bills(tried, TARGETS).bills
+    told, by_name = counted(bills(tried, ())), bills(tried, TARGETS).bills
     active = told["neuron_updates_active"]
     sleeping = told["neuron_updates"] - active
     on_prototype = told["synaptic_ops"] * 0.45e-9 + told["neuron_updates"] * 2.19e-9
@@ -122,9 +120,7 @@ def test_words(model, tried):
 
 
 def test_dense_once_a_frame(tried):
-    gpu = bills(tried, ["gpu"])
-    joules = 72 / 26 * MACS * 0.3e-9
-    steps = tried.answer.run()[1].counts.steps / 72
+    gpu, joules, steps = bills(tried, ["gpu"]), 72 / 26 * MACS * 0.3e-9, tried.answer.run()[1].counts.steps / 72
     assert notes(gpu) == [
         FRONT_END,
         f"dense layers once a frame, not in each of its {steps:.4g} steps: gpu {joules * 1e6:.4g} uJ",
@@ -134,8 +130,7 @@ def test_dense_once_a_frame(tried):
 
 def test_table(model, tried, capsys):
     show(model, tried, bills(tried, TARGETS), sources=True)
-    text = capsys.readouterr().out
-    own = tried.own
+    text, own = capsys.readouterr().out, tried.own
     low, high = own.interval
     assert (
         f"energy per recording; {own.accuracy:.1%} of 26 right (95 % interval {low:.1%} - {high:.1%}) "

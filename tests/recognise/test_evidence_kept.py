@@ -104,8 +104,7 @@ def other_code(monkeypatch, tmp_path):
 def test_our_digest_is_of_all_that_computes():
     names = {folder.name for folder in observations._folders()}
     assert names == {"neuro", "neuro_event", "neuro_models", "neuro_recognise", "neuro_torch", "neuro_train"}
-    for one in observations._folders():
-        assert (one / "__init__.py").is_file()
+    assert all((one / "__init__.py").is_file() for one in observations._folders())
 
 
 def test_an_unknown_module_and_one_typed_in_are_told_by_what_they_do():
@@ -163,8 +162,7 @@ def test_random_order_opens_a_file_once(learning, tmp_path, monkeypatch):
 
 
 def test_recordings_are_fingerprinted_once(learning, tmp_path, monkeypatch):
-    asked = []
-    real = type(learning).fingerprint
+    asked, real = [], type(learning).fingerprint
     monkeypatch.setattr(type(learning), "fingerprint", lambda self: asked.append(1) or real(self))
     fit(learning, "hats", cache=tmp_path)
     assert len(asked) == 1

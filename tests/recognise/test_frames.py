@@ -65,8 +65,7 @@ def test_literal_gabor_is_the_equation():
 
 def test_responses_are_convolve_rectify_pool():
     events = random_events()
-    bounds = FRONT.segmenter.bounds(events.t)
-    got = responses(events)
+    bounds, got = FRONT.segmenter.bounds(events.t), responses(events)
     assert got.shape == (len(bounds) - 1, 4, 4, 17, 17)
     for f in range(len(got)):
         image = np.zeros((34, 34))
@@ -114,16 +113,14 @@ def test_orientations(orientation, angle):
 def test_polarity_does_not_matter():
     events = random_events()
     other = Events(events.t, events.x, events.y, 1 - events.p, events.sensor_size)
-    for a, b in zip(spikes(events), spikes(other), strict=True):
-        assert np.array_equal(a, b)
+    assert all(np.array_equal(a, b) for a, b in zip(spikes(events), spikes(other), strict=True))
 
 
 def test_a_few_events_outside_are_left_out():
     events = random_events(size=(35, 35))
     assert (events.x < 35).all()
     inside = events[(events.x < 34) & (events.y < 34)]
-    for a, b in zip(spikes(events), spikes(inside), strict=True):
-        assert np.array_equal(a, b)
+    assert all(np.array_equal(a, b) for a, b in zip(spikes(events), spikes(inside), strict=True))
     assert refused(FRONT.observe, random_events(10, size=(128, 128), low=40)) == (
         "10 of 10 events lie outside of the 34x34 field that is looked at, expected at most 5%\n"
         "  hint: crop the recording round the object first, train with a larger 'size', or find several objects: "
@@ -190,13 +187,11 @@ def test_take(folder, tmp_path):
 @pytest.mark.parametrize("segmenter", ["msd", "hes", "counts", "ses"])
 def test_what_has_been_shown_until_a_time(segmenter):
     """Frames that are cut off a whole recording are those of its beginning alone."""
-    front = FRONT.changed({"segmenter": segmenter})
-    events = random_events(4000, seed=3)
+    front, events = FRONT.changed({"segmenter": segmenter}), random_events(4000, seed=3)
     times = [0, 20_000, 50_000, 70_001, 10**6]
     for us, found in zip(times, front.observe_until(events, times), strict=True):
         alone = front.observe(events[: int(np.searchsorted(events.t, events.t[0] + us, "right"))])
-        for name in ("codes", "ids", "lengths", "ends"):
-            assert np.array_equal(found[name], alone[name])
+        assert all(np.array_equal(found[name], alone[name]) for name in ("codes", "ids", "lengths", "ends"))
     assert len(found["lengths"])
 
 
@@ -233,12 +228,10 @@ def test_responses_leak(signed, side):
     events, bounds = random_events(300, size=(14, 14)), np.array([0, 120, 120, 250])
     found = bank.responses(events, bounds, side)
     assert found.shape == (3, 2, 4, 14 // side, 14 // side)
-    maps, last = np.zeros((2, 4, 14 + 8, 14 + 8)), 0
-    at = {}
+    maps, last, at = np.zeros((2, 4, 14 + 8, 14 + 8)), 0, {}
     for k in range(250):
         maps = np.sign(maps) * np.maximum(np.abs(maps) - 2e-5 * (events.t[k] - last), 0.0)
-        last = events.t[k]
-        y, x = events.y[k] + 4, events.x[k] + 4
+        last, y, x = events.t[k], events.y[k] + 4, events.x[k] + 4
         maps[:, :, y - 2 : y + 3, x - 2 : x + 3] += (-1 if signed and not events.p[k] else 1) * bank.filters
         at[k + 1] = np.abs(maps[:, :, 4:-4, 4:-4])
     for frame, end in enumerate(bounds[1:]):
@@ -257,8 +250,7 @@ def test_round_and_smooth_filters():
 
 def test_local_maxima():
     pool, rng = LocalMaximum(least=0.3), np.random.default_rng(1)
-    responses = rng.random((2, 2, 3, 9, 8))
-    sizes = (3, 5)
+    responses, sizes = rng.random((2, 2, 3, 9, 8)), (3, 5)
     found = pool.passed(responses, sizes)
     for f, s, o, i, j in np.ndindex(responses.shape):
         reach = sizes[s] // 2
@@ -268,8 +260,7 @@ def test_local_maxima():
 
 
 def test_latencies():
-    encoder = Latency(first=3, window=10.0)
-    responses = np.zeros((2, 2, 1, 1, 3))
+    encoder, responses = Latency(first=3, window=10.0), np.zeros((2, 2, 1, 1, 3))
     responses[0] = np.array([0.5, 0.0, 2.0, 2.0, 0.1, 1.0]).reshape(2, 1, 1, 3)
     codes, ids, lengths = encoder.encode(responses)
     assert (codes.tolist(), ids.tolist(), lengths.tolist()) == ([2.0, 2.0, 1.0], [2, 3, 5], [3, 0])

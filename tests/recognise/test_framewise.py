@@ -142,8 +142,7 @@ def test_a_training_of_each_goes_on(made, letters, tmp_path):
 
 @pytest.fixture(scope="module")
 def bars():
-    rng = np.random.default_rng(0)
-    made = []
+    rng, made = np.random.default_rng(0), []
     for k in range(16):
         along, across = rng.integers(4, 13, 900), 6 + np.arange(900) // 180 + rng.integers(0, 2, 900)
         x, y = (along, across) if k % 2 else (across, along)
@@ -158,8 +157,7 @@ def bars():
 )  # fmt: skip
 def test_scores_on_the_way(name, front_end, bars):
     """At the end they are the scores; what comes later has no influence; before the first frame nobody speaks."""
-    method = with_small(name, **front_end)
-    labels = np.arange(len(bars)) % 2
+    method, labels = with_small(name, **front_end), np.arange(len(bars)) % 2
     shown = Features([method.observe(one) for one in bars], labels, tuple(map(str, labels)), ("upright", "lying"))
     made = learn(method, shown, "bars", seed=1)
     events, other = bars[:2]
@@ -280,8 +278,7 @@ def test_batches_change_nothing(letters, monkeypatch):
 
 
 def test_a_network_is_compiled_once_few_are_kept_and_copies_begin_anew(letters, model, monkeypatch):
-    compiled = []
-    compile_ = neuro.compile
+    compiled, compile_ = [], neuro.compile
     monkeypatch.setattr(neuro, "compile", lambda *args, **words: compiled.append(1) or compile_(*args, **words))
     ready = Ready()
     ask = [ready.asker(model.method, model.learnt, backend) for backend in ("event", "event", "reference", "event")]
@@ -308,8 +305,7 @@ def test_chips_decide_alike(letters, better, chip):
     same = (there.step == event.step) & (there.winner == event.winner)
     assert np.mean(same) >= 0.9
     np.testing.assert_allclose(there.potential[same], event.potential[same], rtol=0, atol=0.15)  # 34 x half a step
-    for vote, scores in one.votes.items():
-        assert np.mean(choose(scores) == choose(other.votes[vote])) >= 0.96
+    assert all(np.mean(choose(scores) == choose(other.votes[vote])) >= 0.96 for vote, scores in one.votes.items())
     assert np.count_nonzero(event.label >= 0) > 60
 
 
@@ -361,8 +357,7 @@ def test_remus_learns_the_kernels_that_it_always_did(settings, history, kernels)
         bars.append(Events(np.arange(900) * 100, x, y, rng.integers(0, 2, 900), (34, 34)))
     method = method_of("remus", settings, {"theta": 40, "per_class": 2, "epochs": 3}).fitting((34, 34))
     order = sorted(range(16), key=lambda k: (k % 2 == 0, k))  # as in a folder: by class, then by name
-    evidence = [method.observe(bars[k]) for k in order]
-    labels = np.array([0 if k % 2 else 1 for k in order])
+    evidence, labels = [method.observe(bars[k]) for k in order], np.array([0 if k % 2 else 1 for k in order])
     made = learn(method, Features(evidence, labels, tuple(map(str, order)), ("lying", "upright")), "bars", seed=3)
     rounded = np.round(made.learnt["c1_s2"], 9) + 0.0
     assert made.learnt["history"].tolist() == history
@@ -416,8 +411,7 @@ def test_mozafari_learns_less_from_what_it_knows():
     """Right in all of the last epoch, rewards have the smallest factor and punishments the largest; after silence both
     have the smallest."""
     layer = with_small("mozafari").layer
-    sim = neuro.compile(layer.network(Inputs((4, 8, 8), 10.0, 1.0), 3))
-    seen = []
+    sim, seen = neuro.compile(layer.network(Inputs((4, 8, 8), 10.0, 1.0), 3)), []
     for last in (None, Shares(right=1.0, wrong=0.0), Shares(right=0.25, wrong=0.5), Shares(right=0.0, wrong=0.0)):
         layer.begin(sim, 1, last)
         rule = sim.network().projections["c1_s2"].synapse

@@ -47,8 +47,7 @@ def bar(n=700, seed=4, settings=SMALL):
     rng = np.random.default_rng(seed)
     width, height = settings.size
     steps = np.cumsum(rng.integers(1, 4, n))
-    angle = 0.5 + steps / steps[-1] * 2.0
-    along, across = rng.uniform(-5.0, 5.0, n), rng.normal(0.0, 0.6, n)
+    angle, along, across = 0.5 + steps / steps[-1] * 2.0, rng.uniform(-5.0, 5.0, n), rng.normal(0.0, 0.6, n)
     x = np.clip(width / 2 + along * np.cos(angle) - across * np.sin(angle), 0, width - 1)
     y = np.clip(height / 2 + along * np.sin(angle) + across * np.cos(angle), 0, height - 1)
     t = np.rint(steps * settings.resolution * 1000.0).astype(np.int64)
@@ -64,8 +63,7 @@ class Sheet:
 
     def add(self, t, where, weights):
         """Add weights (neurons of a place, *places) at the places `where`; return the winners (neuron, *place)."""
-        free = t - self.fired[where] > self.t_ref + 1e-9
-        leaked = self.leak * (t - self.updated[where])
+        free, leaked = t - self.fired[where] > self.t_ref + 1e-9, self.leak * (t - self.updated[where])
         v = self.v[:, *where]
         v = np.where(free, np.sign(v) * np.maximum(np.abs(v) - leaked, 0.0) + weights, v)
         self.updated[where] = np.where(free, t, self.updated[where])
@@ -79,19 +77,16 @@ class Sheet:
 def c1_by_events(settings, events):
     """C1 spikes, event by event: times in ms since the first event, and neurons."""
     width, height = settings.size
-    half = settings.field // 2
-    shape = settings.shape
+    half, shape = settings.field // 2, settings.shape
     before = [max(0, n * settings.pool - length) // 2 for n, length in zip(shape[1:], (height, width), strict=True)]
     layers = {
         p: Sheet((shape[0], height, width), settings.s1_threshold, settings.s1_leak, settings.t_ref) for p in (0, 1)
     }
-    heard = np.full(shape, -np.inf)
-    times, ids = [], []
+    heard, times, ids = np.full(shape, -np.inf), [], []
     for event in events.records():
         t, x, y = (event["t"] - events.t[0]) / 1000.0, int(event["x"]), int(event["y"])
         rows = slice(max(0, y - half), min(height, y + half + 1))
-        columns = slice(max(0, x - half), min(width, x + half + 1))
-        i = half + y - np.arange(rows.start, rows.stop)
+        columns, i = slice(max(0, x - half), min(width, x + half + 1)), half + y - np.arange(rows.start, rows.stop)
         j = half + x - np.arange(columns.start, columns.stop)
         fired = layers[int(event["p"])].add(t, (rows, columns), settings.gabors[:, i[:, None], j])
         for orientation, r, c in sorted(fired):
@@ -222,8 +217,7 @@ def test_s2_alone_is_the_s2_of_the_network(learnt):
 
 def test_s2_does_what_the_rules_say(of_bars, learnt):
     heard = s2_heard(neuro.compile(s2_alone(SMALL, learnt)), SMALL, of_bars[1])
-    place = Sheet((3, 1), SMALL.s2_threshold, SMALL.s2_leak, SMALL.t_ref)
-    fired = []
+    place, fired = Sheet((3, 1), SMALL.s2_threshold, SMALL.s2_leak, SMALL.t_ref), []
     moments, moment_of = np.unique(np.rint(of_bars[1].times * 1e6), return_inverse=True)
     for k, moment in enumerate(moments):
         came = learnt[:, of_bars[1].ids[moment_of == k]].sum(axis=1)
@@ -237,8 +231,7 @@ def test_orientations_of_a_cell_may_reset_each_other(of_bars):
     fewer = whole(compiled(RESETS), RESETS, bar(seed=0))
     assert 0 < fewer.ids.size < of_bars[0].ids.size
     cells = fewer.ids % np.prod(RESETS.shape[1:])
-    for cell in np.unique(cells):
-        assert np.all(np.diff(fewer.times[cells == cell]) > RESETS.t_ref)
+    assert all(np.all(np.diff(fewer.times[cells == cell]) > RESETS.t_ref) for cell in np.unique(cells))
 
 
 def test_templates_are_counts_at_a_norm_of_100():
@@ -298,8 +291,7 @@ def test_pips_are_told_apart(shared):
     found = [r for r in recordings(shared / "data" / "poker_dvs" / "poker_dvs_shared_aedat2.zip") if "i." not in r.name]
     sim = neuro.compile(c1_alone(settings))
     c1 = [c1_spikes(sim, settings, s1_spikes(settings, shown(settings, one.load()))) for one in found]
-    labels = np.array([one.label for one in found])
-    train = np.arange(len(found)) % 3 != 0
+    labels, train = np.array([one.label for one in found]), np.arange(len(found)) % 3 != 0
     learnt = templates(settings, c1_counts(settings, c1)[train], labels[train], 4)
     s2 = neuro.compile(s2_alone(settings, learnt))
     right = [decide(s2_heard(s2, settings, c1[k]), "potentials") == labels[k] for k in np.flatnonzero(~train)]
@@ -330,8 +322,7 @@ def test_the_network_has_what_was_learnt():
 @pytest.fixture(scope="module")
 def bars():
     """What upright and lying bars show."""
-    method = method_of("hfirst", values={"size": [12, 12], "orientations": 4})
-    events = []
+    method, events = method_of("hfirst", values={"size": [12, 12], "orientations": 4}), []
     for k in range(8):
         rng = np.random.default_rng(k)
         along, across = rng.integers(2, 11, 300), 3 + np.arange(300) // 50 + rng.integers(0, 2, 300)

@@ -49,8 +49,7 @@ class Plain:
 
     def learn(self, recordings, orders):
         for layer, order in enumerate(orders):
-            n = self.s.centres_of(layer)
-            first = recordings[order[0]]
+            n, first = self.s.centres_of(layer), recordings[order[0]]
             made = self.surfaces(first, self.below(first, layer), layer)
             self.centres.append([next(made).copy() for _ in range(n)])
             self.wins.append([1] * n)
@@ -71,8 +70,7 @@ class Plain:
 def test_the_paper_read_plainly(polarity):
     s = Hierarchy(layers=2, radius=2, tau=3.0, centres=3, tau_factor=4.0, polarity=polarity)
     size = (3, 3)  # all see each other: lone events would make equal prototypes, between which rounding decides
-    recordings = [drawn(k, 100, size) for k in range(4)]
-    layers = Layers(s, size, seed=5)
+    recordings, layers = [drawn(k, 100, size) for k in range(4)], Layers(s, size, seed=5)
     layers.learn(recordings)
     plain = Plain(s, size)
     plain.learn(recordings, [np.random.default_rng([5, layer]).permutation(4) for layer in range(2)])
@@ -105,8 +103,7 @@ def test_prototypes_begin_as_surfaces_of_events_of_any_recording():
 
 
 def test_a_training_goes_on_to_the_same_bits():
-    recordings = [drawn(k) for k in range(3)]
-    whole, kept = Layers(SMALL, SIZE, seed=1), []
+    recordings, whole, kept = [drawn(k) for k in range(3)], Layers(SMALL, SIZE, seed=1), []
     whole.learn(recordings, lambda layers, done, total: kept.append((layers.state(), done, total)))
     assert [part[1:] for part in kept] == [(k, 6) for k in range(1, 7)]
     for state, _, _ in kept:
@@ -148,8 +145,7 @@ def test_cells_are_counted_each_by_itself(learnt):
 
 def edge(along, seed):
     """An edge that moves over the field, along x or y, with jitter."""
-    rng = np.random.default_rng(seed)
-    step, across = (np.repeat(np.arange(20), 20), np.tile(np.arange(20), 20))
+    rng, step, across = np.random.default_rng(seed), np.repeat(np.arange(20), 20), np.tile(np.arange(20), 20)
     t = np.sort(1000 * step + rng.integers(0, 900, 400))
     x, y = (step, across) if along == "x" else (across, step)
     return Events(t, x, y, np.ones(400, int), (20, 20))
@@ -157,12 +153,10 @@ def edge(along, seed):
 
 @pytest.mark.parametrize("name", DISTANCES)
 def test_edges_are_told_apart_by_each_distance(name):
-    recordings = [edge("xy"[k % 2], k) for k in range(12)]
-    labels = np.arange(12) % 2
+    recordings, labels = [edge("xy"[k % 2], k) for k in range(12)], np.arange(12) % 2
     layers = Layers(Hierarchy(layers=2, tau=3.0, tau_factor=3.0, centres=6, first="drawn"), (20, 20))
     layers.learn(recordings[:8])
-    histograms = np.array([layers.features(one).ravel() for one in recordings])
-    readout = Nearest(distance=name)
+    histograms, readout = np.array([layers.features(one).ravel() for one in recordings]), Nearest(distance=name)
     scores = readout.scores(readout.fit(histograms[:8], labels[:8], 3, Course()), histograms[8:])
     assert scores.argmax(axis=1).tolist() == labels[8:].tolist()
     assert np.isneginf(scores[:, 2]).all()

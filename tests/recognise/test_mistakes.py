@@ -57,8 +57,7 @@ def test_files_beside_a_damaged_one_are_predicted(neuro, folder, model, tmp_path
 
 
 def test_a_recogniser_of_another_training_stays(neuro, folder, model, tmp_path):
-    train = ("train", "hats", "--data", folder, "--out", "m.h5")
-    before = (tmp_path / "m.h5").read_bytes()
+    train, before = ("train", "hats", "--data", folder, "--out", "m.h5"), (tmp_path / "m.h5").read_bytes()
     hint = "\n  hint: give another name, or --force (in Python replace=True) to replace it\n"
     for words, told in (
         ((*train, "--seed", "1"), "seed = 0: found 1 now"),

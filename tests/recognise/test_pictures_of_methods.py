@@ -14,8 +14,7 @@ from neuro_recognise.telling.pictures import accuracies, boxes_on_frames, confus
 
 def test_a_weight_is_drawn_as_its_filter():
     """In the middle of its cell, as strong as it is, and nothing of a negative weight."""
-    filters = gabor_bank((5,), (2.0,), (2.5,), 0.3, (0.0, 45.0))[0]
-    kernels = np.zeros((2, 2, 6, 7))
+    filters, kernels = gabor_bank((5,), (2.0,), (2.5,), 0.3, (0.0, 45.0))[0], np.zeros((2, 2, 6, 7))
     kernels[0, 1, 2, 3], kernels[1, 0, 4, 4] = 0.5, -1.0
     found = reconstructed(kernels, filters, 2)
     assert found.shape == (2, 12, 14)
@@ -33,8 +32,7 @@ def images_of(figure):
 def test_averages_of_classes(name, learning):
     """Each picture is the sum over polarities of the mean of what recordings of a class show."""
     made = fit(learning, method_of(name, "", {"cell": 17, "radius": 2}))
-    figure = made.method.pictures(made.learnt, made.classes)["averages"]
-    shown = made.shown(learning)
+    figure, shown = made.method.pictures(made.learnt, made.classes)["averages"], made.shown(learning)
     assert [axis.get_title() for axis in figure.axes] == list(made.classes)
     for k, image in enumerate(images_of(figure)):
         vectors = shown.take(np.flatnonzero(shown.labels == k)).stacked("vector")
@@ -54,8 +52,7 @@ def test_prototypes_of_each_layer(learning):
 
 def test_templates_of_hfirst():
     """A template with one C1 neuron is drawn round the middle of its cell."""
-    method = method_of("hfirst", "", {"size": [16, 16], "orientations": 4})
-    templates = np.full((3, 4 * 16), -1.0)
+    method, templates = method_of("hfirst", "", {"size": [16, 16], "orientations": 4}), np.full((3, 4 * 16), -1.0)
     templates[1, 2 * 16 + 4 * 1 + 2] = 100.0
     figure = method.pictures({"templates": templates}, ("a", "b", "c"))["templates"]
     images = images_of(figure)

@@ -31,8 +31,7 @@ def some(seed, n=120, length=60_000):
 @pytest.mark.parametrize("seen", [Counts(), Leaky(tau=8.0), Surface(tau=8.0)])
 def test_by_hand(seen, seed, cuts):
     """Segments may be empty or end amid events of one time, which their places then tell apart."""
-    events, bounds = some(seed), np.array([0, *sorted(cuts)])
-    expected = np.zeros((len(cuts), 7, 9))
+    events, bounds, expected = some(seed), np.array([0, *sorted(cuts)]), np.zeros((len(cuts), 7, 9))
     for k, (begin, end) in enumerate(pairwise(bounds)):
         for i in range(begin if seen == Counts() else 0, end):
             share = 1.0 if seen == Counts() else np.exp((events.t[i] - events.t[end - 1]) / 8000.0)

@@ -105,14 +105,11 @@ def test_decisions_are_those_of_scores_at_for_the_events_of_their_stretch(name, 
 
 @pytest.mark.parametrize(("name", "size"), [*((name, (11, 12)) for name in sorted(METHODS)), ("tar_hats", SIZE)])
 def test_a_recording_that_grows_shows_what_it_shows_at_once(name, size):
-    method = replace(METHODS[name](), size=size).fitting(SIZE)
-    events = together(STREAM)[:700]
-    events = events[(events.x < 11) | (events.t % 50 == 0)]
-    observer = method.observer()
+    method, events = replace(METHODS[name](), size=size).fitting(SIZE), together(STREAM)[:700]
+    events, observer = events[(events.x < 11) | (events.t % 50 == 0)], method.observer()
     for begin, end in pairwise([0, 0, 1, 5, 300, 301, len(events)]):
         observer.add(events[begin:end])
-        expected = method.observe(events[:end])
-        found = observer.evidence()
+        expected, found = method.observe(events[:end]), observer.evidence()
         assert list(found) == list(expected)
         for part in expected:
             assert found[part].dtype == expected[part].dtype
@@ -150,8 +147,7 @@ def test_an_endless_stream_is_forgotten(boe):
 
 
 def test_moments_pass_without_events_where_the_clock_is_told(hats):
-    session = hats.session(every_ms=2.0, window_ms=9.0)
-    events = recording(0, 7, 3000, 50)
+    session, events = hats.session(every_ms=2.0, window_ms=9.0), recording(0, 7, 3000, 50)
     assert [one.after_ms for one in session.feed(events)] == [2.0]
     first = int(events.t[0])
     assert [one.at_us - first for one in session.feed(events[:0], until_us=first + 6000)] == [4000, 6000]

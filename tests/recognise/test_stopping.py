@@ -104,8 +104,7 @@ def test_a_rule_has_the_last_level_before_the_first_that_is_not_assured(held, al
             stopping_rule(held, allowed, assurance)
         assert least_allowed(held, assurance) > allowed
         return
-    rule = stopping_rule(held, allowed, assurance)
-    levels = [-1.0, *np.linspace(0, 3 * allowed, 61)]
+    rule, levels = stopping_rule(held, allowed, assurance), [-1.0, *np.linspace(0, 3 * allowed, 61)]
     place = levels.index(rule.level)
     assert all(assured(level) for level in levels[: place + 1])
     assert place + 1 == len(levels) or not assured(levels[place + 1])
@@ -192,8 +191,7 @@ METHODS = {"hats": {"readout": "ridge", "radius": 1}, "boe": {"threshold": 40.0}
 
 @pytest.fixture(scope="module", params=METHODS)
 def early(request, data, tmp_path_factory):
-    cache = tmp_path_factory.mktemp("cache")
-    method = method_of(request.param, values=METHODS[request.param])
+    cache, method = tmp_path_factory.mktemp("cache"), method_of(request.param, values=METHODS[request.param])
     return learn_early(fit(data, method, cache=cache), data, every_ms=2.0, folds=3, cache=cache)
 
 
@@ -206,11 +204,9 @@ def test_all_recordings_are_held_out_once(early, data):
 
 
 def test_held_out_means_learnt_from_the_others(early, data):
-    method, held = early.method, early.early.held
-    chosen = 5
+    method, held, chosen = early.method, early.early.held, 5
     others = next(train for train, test in data.folds(3, seed=0) if chosen in test)
-    moment = 4 if method.by_moment else 10
-    until = [item.load() for item in data]
+    moment, until = 4 if method.by_moment else 10, [item.load() for item in data]
     if method.by_moment:
         until = [one[: np.searchsorted(one.t, one.t[0] + held.times_us[moment], "right")] for one in until]
     shown = replace(observed(method, until, data.classes), labels=data.labels)
@@ -229,8 +225,7 @@ def test_the_file_has_it(early, tmp_path):
 
 
 def test_a_session_stops_where_the_rule_says(early, data):
-    rule = stopping_rule(early.early.held, 0.2)
-    said = early.session(every_ms=2.0, allow=0.2).feed(data[3].load())
+    rule, said = stopping_rule(early.early.held, 0.2), early.session(every_ms=2.0, allow=0.2).feed(data[3].load())
     wrong = [early.early.held.error(one.at_us - said[0].at_us + 2000, one.margin) for one in said]
     met = np.cumsum([rule.met(one) for one in wrong]) > 0
     assert met.any()
@@ -333,8 +328,7 @@ def test_commands(data, folder, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     model = tmp_path / "m.h5"
     fit(data, method_of("hats", values=METHODS["hats"]), out=model, cache=tmp_path / "c")
-    run = CliRunner()
-    file = str(folder / "lying" / "03.bin")
+    run, file = CliRunner(), str(folder / "lying" / "03.bin")
     refused = run.invoke(app, ["predict", str(model), file, "--allow", "0.2"])
     assert str(refused.exception).startswith("the recogniser has not learnt when it may stop")
     learnt = run.invoke(app, ["early", str(model), "--data", str(folder), "--every", "4", "--folds", "3"])
@@ -347,8 +341,7 @@ def test_commands(data, folder, tmp_path, monkeypatch):
     assert "with an assurance of 0.9 they support" in run.invoke(app, ["show", str(model)]).output
     assert sorted(one.name for one in tmp_path.iterdir() if one.is_file()) == ["m.h5"]
     told = run.invoke(app, ["predict", str(model), file, "--allow", "0.2", "--json"])
-    assert '"class": "lying"' in told.output
-    assert '"settled": true' in told.output
+    assert all(word in told.output for word in ('"class": "lying"', '"settled": true'))
     assert SAME not in told.output
     told = run.invoke(app, ["predict", str(model), file, "--allow", "0.2"])
     assert SAME in " ".join(told.output.split())

@@ -25,8 +25,7 @@ from refused import refused
 
 def bar(label, seed, n=400):
     rng = np.random.default_rng([seed, label])
-    t = np.sort(rng.integers(1000, 41_000, n))
-    along, across = rng.integers(0, 34, n), 15 + rng.integers(0, 4, n)
+    t, along, across = np.sort(rng.integers(1000, 41_000, n)), rng.integers(0, 34, n), 15 + rng.integers(0, 4, n)
     x, y = (across, along) if label else (along, across)
     return Events(t, x, y, t % 2, (34, 34))
 
@@ -39,8 +38,7 @@ def made(tmp_path_factory):
         (folder / name).mkdir()
         for seed in range(6):
             save(bar(label, seed), folder / name / f"{seed}.bin")
-    data = recordings(folder)
-    method = method_of("hats", values={"readout": "ridge", "penalty": 10.0})
+    data, method = recordings(folder), method_of("hats", values={"readout": "ridge", "penalty": 10.0})
     return learn_early(fit(data, method, cache=tmp_path_factory.mktemp("cache")), data, every_ms=5.0, folds=2)
 
 
@@ -65,8 +63,7 @@ def test_the_page_holds_it(made, events, text):
     seen, bars, curve = data["events"], data["bars"], data["curve"]
     assert np.array_equal(seen["place"], 2 * (34 * events.y.astype(int) + events.x) + events.p)
     assert np.array_equal(seen["t"], events.t - events.t[0])
-    at = curve["lanes"][0]["lines"][0]["x"]
-    length = (events.t[-1] - events.t[0]) / 1000
+    at, length = curve["lanes"][0]["lines"][0]["x"], (events.t[-1] - events.t[0]) / 1000
     assert at == pytest.approx([5, 10, 15, 20, 25, 30, 35, length])
     expected = made.scores_at(events, at.astype(float))
     assert bars["values"].reshape(-1, 2) == pytest.approx(expected - expected.mean(axis=1, keepdims=True), rel=1e-5)

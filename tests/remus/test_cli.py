@@ -20,8 +20,7 @@ from neuro_remus import demo
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Recordings of bars, upright and lying, moving over a small field; one of them is empty."""
-    folder = tmp_path_factory.mktemp("bars")
-    rng = np.random.default_rng(0)
+    folder, rng = tmp_path_factory.mktemp("bars"), np.random.default_rng(0)
     for k in range(24):
         along, across = rng.integers(8, 27, 900), 14 + np.arange(900) // 180 + rng.integers(0, 2, 900)
         x, y = (along, across) if k % 2 else (across, along)
@@ -102,8 +101,7 @@ def test_train_test_show(neuro, folder, tmp_path):
 def test_energy(neuro, folder, model):
     code, out, err = neuro("recognise", "energy", "model.h5", "--data", folder)
     assert (code, err, "of 8 right" in out) == (0, "", True)
-    for target in ("loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu"):
-        assert f"\n {target} " in out
+    assert all(f"\n {target} " in out for target in ("loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu"))
     words = ("--chips", "truenorth,cpu", "--json")
     code, out, _ = neuro("recognise", "energy", "model.h5", "--data", folder, *words)
     told = json.loads(out)

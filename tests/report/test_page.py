@@ -67,8 +67,7 @@ def test_its_numbers_are_those_of_the_run(run, ran):
     told, counts = shown(run), ran.counts()
     exc = counts.populations["exc"].spikes
     assert exc > 50
-    fired = len(set(ran.spikes("exc")[1].tolist()))
-    active = counts.populations["exc"].neuron_updates_active
+    fired, active = len(set(ran.spikes("exc")[1].tolist())), counts.populations["exc"].neuron_updates_active
     rest = ["20", f"{exc:,}", f"{exc / 20 / 0.25:.2f}", f"{fired}", f"{active:,}"]
     assert (told.row("exc", "iaf_psc_exp", "4 x 5"), told.row("noise", "poisson_generator", "30")[3]) == (rest, "-")
     weights = ran.weights("noise_exc")[2]
@@ -93,8 +92,7 @@ def test_its_raster_has_every_spike(run):
 
 def test_its_bill_is_that_of_the_simulation(run, ran, network):
     """Also where spikes were not kept: what each neuron emitted was counted."""
-    for target in ("loihi", "spinnaker", "cpu"):
-        assert energy(run, network, target) == ran.energy(target)
+    assert all(energy(run, network, target) == ran.energy(target) for target in ("loihi", "spinnaker", "cpu"))
     told = shown(run)
     _, *rows = ran.energy("loihi").sums()
     assert [(name, *told.row(name)) for name, *_ in rows] == rows
@@ -139,8 +137,7 @@ def test_what_probes_recorded_of_synapses_and_rates():
     net.probe("w", learns, "weight", every=5.0)
     net.probe("wp", learns, "weight", at="pre_spikes")
     text = shown(simulated(net, 300.0)).text
-    for name, what in {"v": "V_m of cells", "r": "rate of cells"}.items():
-        assert f" {name} {what} " in text
+    assert all(f" {name} {what} " in text for name, what in {"v": "V_m of cells", "r": "rate of cells"}.items())
     marks = "weight 400 450 0 to 0 400 450 6 to 2 400 450 13 to 0 400 450 19 to 3 0 100 200 300 ms"
     assert f" w weight of 4 of 80 synapses of noise_cells {marks}" in text
     assert f" wp weight of 4 of 80 synapses of noise_cells, as pre spikes leave it {marks}" in text
@@ -165,8 +162,7 @@ def test_a_run_in_which_nothing_is():
     net.population("cells", 3, neuro.iaf_psc_exp())
     told = shown(simulated(net, 0.1))
     assert told.data == []
-    assert "Silent: cells." in told.text
-    assert "Nothing is connected." in told.text
+    assert all(word in told.text for word in ("Silent: cells.", "Nothing is connected."))
     assert "of 3 neurons in 1 population" in told.text
 
 
@@ -250,8 +246,7 @@ def test_ticks_are_few_and_inside(a, b, most):
     assert "nan" not in picture
     low, high = min(a, b), max(a, b)
     if high - low > 1e-9 * max(abs(high), abs(low)) and high - low > 1e-290:
-        marks = ticks(low, high, most)
-        gap = (high - low) * 1e-6
+        marks, gap = ticks(low, high, most), (high - low) * 1e-6
         assert len(marks) <= most
         assert all(low - gap <= mark <= high + gap for mark in marks)
         assert len(marks) >= 2 or most == 2
@@ -284,8 +279,7 @@ def test_spikes_of_generators_are_not_those_of_neurons():
     inputs = net.population("in", 10, neuro.spike_generator(spike_times=[[5.0]] * 10))
     net.connect(inputs, net.population("cells", 2, neuro.iaf_psc_exp()), neuro.all_to_all(), weight=2000.0)
     results = simulated(net, 20.0)
-    spikes = results.populations["cells"].spikes
-    text = page(results, "run.h5")
+    spikes, text = results.populations["cells"].spikes, page(results, "run.h5")
     assert f'<p class="big">{spikes}</p><p>of 2 neurons in 1 population; generators emitted 10 more</p>' in text
     assert "2000 pA" in text
 

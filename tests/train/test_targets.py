@@ -20,8 +20,7 @@ STEPS, CHANNELS, ASKED = 60, 8, 20
 
 @pytest.fixture(scope="module")
 def net():
-    net = snn.Network("decoder", resolution=4.0)
-    cell = {"t_ref": 0.0, "E_L": 0.0, "V_reset": 0.0}
+    net, cell = snn.Network("decoder", resolution=4.0), {"t_ref": 0.0, "E_L": 0.0, "V_reset": 0.0}
     net.population("channels", CHANNELS, snn.spike_generator())
     net.population("hidden", 24, snn.iaf_psc_delta(tau_m=20.0, V_th=1.0, **cell))
     net.population("out", 2, snn.iaf_psc_delta(tau_m=30.0, V_th=100.0, **cell))
@@ -154,8 +153,7 @@ def test_what_cannot_be_learnt_is_refused(neuro, files, changes, options, messag
 
 
 def test_another_file_is_refused(neuro, files):
-    words = ("--loss", "mse", "--input", "channels", "--data")
-    whole = (files / "learn.npz").read_bytes()
+    words, whole = ("--loss", "mse", "--input", "channels", "--data"), (files / "learn.npz").read_bytes()
     (files / "cut.npz").write_bytes(whole[: len(whole) // 2])
     for name, message in (
         ("decoder.yaml", "decoder.yaml: is no .npz: expected one of spikes and targets"),

@@ -272,8 +272,7 @@ def test_the_file_says_how_it_is_asked_and_answers_as_it_was_tested(neuro, answe
     asked = answer(
         "predict", "trained.yaml", folder, "--part", "Test", "--labels", "--backends", "event,loihi", "--json"
     )
-    told = json.loads(asked.out)["backends"]
-    plan = TrainingPlan(**PLAN, start=5.0, window="0,0")
+    told, plan = json.loads(asked.out)["backends"], TrainingPlan(**PLAN, start=5.0, window="0,0")
     net, unseen = snn.load("trained.yaml"), recordings(folder, part="Test")
     shown = show(net, unseen, plan, lambda *told: None)
     for backend in ("event", "loihi"):

@@ -36,8 +36,7 @@ def square():
 @pytest.fixture(scope="module")
 def sparse(folder, tmp_path_factory):
     """The recordings of bars, each somewhere on a larger sensor."""
-    large = tmp_path_factory.mktemp("large")
-    rng = np.random.default_rng(4)
+    large, rng = tmp_path_factory.mktemp("large"), np.random.default_rng(4)
     for item in recordings(folder, part="Train"):
         path = large / Path(item.path).parent.name / Path(item.path).name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -96,8 +95,7 @@ def test_a_recording_without_events_shows_nothing():
 
 
 def test_a_network_sees_the_same_on_a_larger_sensor(folder, file, sparse):
-    words = {"input": "pixels", "output": "out", "duration": 60.0}
-    net = snn.load(file)
+    words, net = {"input": "pixels", "output": "out", "duration": 60.0}, snn.load(file)
     small = show(net, recordings(folder, part="Train"), TrainingPlan(**words), lambda *told: None)
     large = show(net, recordings(sparse), TrainingPlan(**words, window="centred"), lambda *told: None)
     np.testing.assert_array_equal(small.labels, large.labels)

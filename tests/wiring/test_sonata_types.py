@@ -40,8 +40,7 @@ def edges(path: Path, **more: Any) -> Path:
 
 
 def synapses(folder: Path, types: str | None = EDGE_TYPES, weight: str = "syn_weight", **more: Any) -> list[Any]:
-    file = edges(folder / "edges.h5", **more)
-    path = None
+    file, path = edges(folder / "edges.h5", **more), None
     if types is not None:
         path = folder / "edge_types.csv"
         path.write_text(types, encoding="utf-8")

@@ -66,8 +66,7 @@ WRITERS: dict[str, Callable[[Path, dict[str, list[Any]]], Path]] = {
 
 
 def diagram(folder: Path, edges: neuro.from_file, **more: Any) -> neuro.Network:
-    table = neuro.neuron_table(csv(folder / "neurons.csv", TABLE), id="id")
-    net = neuro.Network()
+    table, net = neuro.neuron_table(csv(folder / "neurons.csv", TABLE), id="id"), neuro.Network()
     net.wiring(neurons=table, edges=edges, model=neuro.iaf_psc_exp(), **more)
     return net
 
@@ -201,8 +200,7 @@ def test_results_hold_the_description_and_can_be_made_again(tmp_path: Path) -> N
 
 
 def test_edges_of_a_population_without_table_count_from_0(tmp_path: Path) -> None:
-    columns = {"pre": PRE, "post": POST, "synapses": SYNAPSES}
-    net = neuro.Network()
+    columns, net = {"pre": PRE, "post": POST, "synapses": SYNAPSES}, neuro.Network()
     net.population("a", 4, neuro.iaf_psc_exp())
     net.connect("a", "a", neuro.from_file(csv(tmp_path / "e.csv", columns), weight="synapses"))
     assert [edge[:2] for edge in synapses(net, "a_a")] == sorted(zip(PRE, POST, strict=True))
@@ -210,8 +208,7 @@ def test_edges_of_a_population_without_table_count_from_0(tmp_path: Path) -> Non
 
 def test_text_is_an_id_too(tmp_path: Path) -> None:
     table = neuro.neuron_table(csv(tmp_path / "n.csv", {"name": ["AVAL", "AVAR", "007"]}), id="name")
-    net = neuro.Network()
-    columns = {"pre": ["AVAR", "007"], "post": ["AVAL", "AVAR"], "n": [2, 3]}
+    net, columns = neuro.Network(), {"pre": ["AVAR", "007"], "post": ["AVAL", "AVAR"], "n": [2, 3]}
     net.wiring(
         neurons=table, edges=neuro.from_file(csv(tmp_path / "e.csv", columns), weight="n"), model=neuro.iaf_psc_exp()
     )
@@ -220,8 +217,7 @@ def test_text_is_an_id_too(tmp_path: Path) -> None:
 
 def test_ids_beyond_63_bits_stay_apart(tmp_path: Path) -> None:
     ids = [2**64 - 1, 2**64 - 2, 2**53 + 1, 2**53]
-    table = neuro.neuron_table(csv(tmp_path / "n.csv", {"id": ids}), id="id")
-    net = neuro.Network()
+    table, net = neuro.neuron_table(csv(tmp_path / "n.csv", {"id": ids}), id="id"), neuro.Network()
     columns = {"pre": [ids[1], ids[3]], "post": [ids[0], ids[2]]}
     net.wiring(neurons=table, edges=csv(tmp_path / "e.csv", columns), model=neuro.iaf_psc_exp())
     assert [edge[:2] for edge in synapses(net)] == [(1, 0), (3, 2)]
@@ -229,8 +225,7 @@ def test_ids_beyond_63_bits_stay_apart(tmp_path: Path) -> None:
 
 def test_silenced_neurons_fire_and_reach_nobody(tmp_path: Path) -> None:
     net = diagram(tmp_path, neuro.from_file(csv(tmp_path / "edges.csv", EDGES)), weight=1000.0, drive=1e5)
-    sim = neuro.compile(net, seed=1)
-    brain = net.populations["brain"]
+    sim, brain = neuro.compile(net, seed=1), net.populations["brain"]
     sim.activate(brain.where(type="MBON"), 100.0)
     sim.run(500.0)
     fired = sim.counts().populations["brain"].spikes
@@ -381,8 +376,7 @@ def test_what_cannot_be_shuffled_is_refused(tmp_path: Path) -> None:
         neuro.shuffled(neuro.Network(), "edges")
     with pytest.raises(neuro.ModelError, match=r"shuffled: found 'net\.yaml': expected a Network"):
         neuro.shuffled("net.yaml", "edges")
-    columns = {"pre": [0, 0, 1], "post": [1, 2, 2]}
-    net = neuro.Network()
+    columns, net = {"pre": [0, 0, 1], "post": [1, 2, 2]}, neuro.Network()
     net.population("a", 3, neuro.iaf_psc_exp())
     net.connect("a", "a", neuro.from_file(csv(tmp_path / "e.csv", columns)))
     with pytest.raises(neuro.ModelError, match="weights: found none in the file"):
