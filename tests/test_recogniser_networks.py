@@ -53,17 +53,6 @@ def test_masquelier_and_thorpe_tell_bars_apart_by_v_at_the_end():
     assert np.mean(((c2[1][:, None] - means) ** 2).sum(axis=2).argmin(axis=1) == labels) == 1.0
 
 
-def test_mozafari_learns_from_reward_alone():
-    sim = started("mozafari", maps=20)
-    for epoch in range(4):
-        *batch, labels = bars(60, seed=epoch)
-        told = sim.trials(*batch, labels, learn=True, epoch=epoch)
-        right, wrong = np.mean(told.label == labels), np.mean((told.label != labels) & (told.label >= 0))
-        sim.set("c1_s2", misses=0.2 + 0.8 * wrong, hits=0.2 + 0.8 * right)
-    *batch, labels = bars(60, seed=9)
-    assert np.mean(sim.trials(*batch).label == labels) > 0.9
-
-
 def test_must_keeps_thresholds_from_trial_to_trial_and_the_sum_of_weights():
     sim, wins, n = started("must", neurons=20), np.zeros(20), 30
     theta = np.zeros(20)

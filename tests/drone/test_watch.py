@@ -30,12 +30,9 @@ def flight(model):
     return fly(model, Start(START))
 
 
-def test_listening_changes_nothing(model, flight):
+def test_all_is_in_step(model, flight):
     tried = try_out(model, starts=[Start(START)])
     assert (flight.errors[1:].mean(), flight.lap) == (pytest.approx(tried.error_px), bool(tried.laps))
-
-
-def test_all_is_in_step(flight):
     n = len(flight.errors)
     assert n == 501
     assert {
@@ -48,6 +45,10 @@ def test_all_is_in_step(flight):
     first = motors.ids[motors.times <= 3 * 20]
     fired = np.bincount(first[motors.times[: len(first)] > 2 * 20], minlength=4)
     assert np.array_equal(np.sign(fired[0::2] - fired[1::2]), np.sign(flight.actions[3]))
+    low = fly(train(load(SHORT, **{"camera.tilt": 20, "task.ball.radius": 0.3}), "nothing"), Start((0.0, 0.0)))
+    corners = low.footprints[0] - low.poses[0, :2]
+    assert 5.0 < np.hypot(*corners[:2].mean(0)) <= 6.0
+    assert corners[0, 1] > 0 > corners[1, 1]  # far left, far right
 
 
 def test_a_flight_in_the_wind_that_climbs():
@@ -69,7 +70,7 @@ def test_a_flight_in_the_wind_that_climbs():
     assert [s["size"] for s in data["raster"]["strips"]] == [64, 6]
 
 
-def test_the_page_holds_it(flight):
+def test_the_page_holds_it(flight, monkeypatch, model, tmp_path):
     text = page(flight)
     data = tracks_of(text)
     events, first = data["camera"]["place"], data["camera"]["first"]
@@ -88,25 +89,21 @@ def test_the_page_holds_it(flight):
     assert "network on" not in text
     assert "network on loihi" in page(replace(flight, backend="loihi"))
     assert "http" not in text.replace("http-equiv", "")
-
-
-def test_of_many_events_an_even_choice_is_shown_and_told(flight, monkeypatch):
     monkeypatch.setattr("neuro_drone.watch.MOST", len(flight.x) // 4 + 1)
-    text = page(flight)
     camera = tracks_of(text)["camera"]
     assert np.array_equal(camera["place"] >> 1 & 127, flight.x[::4])
     assert camera["first"][-1] == len(flight.x[::4])
     assert "one of every 4 events is shown" in text
-
-
-def test_footprint_ends_before_the_horizon():
-    low = fly(train(load(SHORT, **{"camera.tilt": 20, "task.ball.radius": 0.3}), "nothing"), Start((0.0, 0.0)))
-    corners = low.footprints[0] - low.poses[0, :2]
-    assert 5.0 < np.hypot(*corners[:2].mean(0)) <= 6.0
-    assert corners[0, 1] > 0 > corners[1, 1]  # far left, far right
-
-
-def test_nothing_is_left_of_a_page_that_fails(model, tmp_path):
+    assert "training" not in tracks_of(page(flight))
+    taught = train(SHORT, "lms", steps=1100)
+    episodes, frozen, lost = tracks_of(page(replace(flight, model=taught)))["training"]["lanes"][0]["lines"]
+    assert np.array_equal(episodes["x"], np.cumsum(taught.history["steps"]))
+    assert episodes["y"] == pytest.approx(taught.history["error_px"])
+    assert np.array_equal(frozen["x"], taught.curve["steps"])
+    assert frozen["y"] == pytest.approx(taught.curve["error_px"])
+    assert np.array_equal(lost["x"], taught.curve["steps"][np.asarray(taught.curve["lost"]) > 0])
+    older = tracks_of(page(replace(flight, model=replace(taught, curve={}))))["training"]["lanes"][0]["lines"]
+    assert [line["style"] for line in older] == ["dots"]
     refused(lambda: watch(model, tmp_path / "lap.html", (100.0, 0.0)))
     assert list(tmp_path.iterdir()) == []
 
@@ -153,16 +150,3 @@ def test_a_controller_without_neurons_on_a_line(tmp_path, chromium):
     pixels = imread(tmp_path / "lap.png")[..., :3]
     blue = pixels[..., 2] - pixels[..., 0] > 0.4
     assert 500 < blue.sum() < 100_000
-
-
-def test_a_page_has_the_training_of_what_was_trained(flight):
-    assert "training" not in tracks_of(page(flight))
-    taught = train(SHORT, "lms", steps=1100)
-    episodes, frozen, lost = tracks_of(page(replace(flight, model=taught)))["training"]["lanes"][0]["lines"]
-    assert np.array_equal(episodes["x"], np.cumsum(taught.history["steps"]))
-    assert episodes["y"] == pytest.approx(taught.history["error_px"])
-    assert np.array_equal(frozen["x"], taught.curve["steps"])
-    assert frozen["y"] == pytest.approx(taught.curve["error_px"])
-    assert np.array_equal(lost["x"], taught.curve["steps"][np.asarray(taught.curve["lost"]) > 0])
-    older = tracks_of(page(replace(flight, model=replace(taught, curve={}))))["training"]["lanes"][0]["lines"]
-    assert [line["style"] for line in older] == ["dots"]

@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 
 from neuro.events import Events
-from neuro_recognise import Recogniser
 from neuro_recognise.detection import Detector
 from neuro_recognise.detection.boxes import iou
-from neuro_recognise.methods.descriptor import Hats
 from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.recogniser import learn
 from neuro_recognise.shown import Features
-from refused import refused
+from refused import refusals_of
 
 UPRIGHT, LYING = 0, 1
 PLACES = {UPRIGHT: (12, 10), LYING: (60, 44)}
@@ -43,9 +41,7 @@ def scene(strong=3000, faint=3000, noise=0, sensor=(80, 60)):
     """Both objects on a larger sensor."""
     rng = np.random.default_rng(7)
     parts = [bars(UPRIGHT, PLACES[UPRIGHT], strong, 50), bars(LYING, PLACES[LYING], faint, 51)]
-    parts.append(
-        (rng.integers(0, 300_000, noise), rng.integers(0, sensor[0], noise), rng.integers(0, sensor[1], noise))
-    )
+    parts.append(tuple(rng.integers(0, end, noise) for end in (300_000, *sensor)))
     t, x, y = (np.concatenate([part[k] for part in parts]) for k in range(3))
     order = np.argsort(t, kind="stable")
     return Events(t[order], x[order], y[order], np.ones(len(t), int), sensor)
@@ -74,11 +70,9 @@ def test_a_stream_gives_the_same_places(recogniser):
     np.testing.assert_array_equal(np.concatenate([part.box for part in fed]), whole.box)
 
 
-def test_mistakes(recogniser):
-    assert refused(Detector, recogniser, way="dens") == "way = 'dens': expected one of proposals, dense"
-    events = Events(np.arange(3), np.zeros(3, int), np.zeros(3, int), np.ones(3, int), (20, 60))
-    told = "a sensor of 20x60 px: expected at least 22 px each, a field"
-    assert refused(Detector(recogniser, way="dense").detect, events) == told
-    hats = Recogniser(Hats(size=(34, 34)), recogniser.classes, {})
-    told = "the dense way slides the layer of method 'remus', found 'hats'"
-    assert refused(Detector(hats, way="dense").detect, scene()) == told
+def test_mistakes(recogniser, messages):
+    calls = """
+        Detector(recogniser, way="dens")
+        Detector(recogniser, way="dense").detect(Events(*np.zeros((3, 3), int), np.ones(3, int), (20, 60)))
+        Detector(Recogniser(Hats(size=(34, 34)), recogniser.classes, {}), way="dense").detect(scene())"""
+    messages(refusals_of(calls, globals() | locals()))

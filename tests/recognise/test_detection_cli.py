@@ -11,6 +11,7 @@ from matplotlib.image import imread
 from neuro.events import Events, save
 from neuro_recognise.detection.boxes import read_boxes
 from players import tracks_of
+from refused import mistakes_of
 
 
 @pytest.fixture(scope="module")
@@ -18,12 +19,11 @@ def made(shapes_folder, status_of, tmp_path_factory):
     """A folder with scenes and a recogniser that learnt from crops out of others."""
     path, halves = tmp_path_factory.mktemp("made"), ["--data", str(shapes_folder), "--folds", "2", "--fold", "0"]
     for words in (
-        ["scenes", *halves, "--out", str(path / "learn"), "--count", "6", "--others"],
-        ["crops", str(path / "learn"), "--out", str(path / "crops")],
-        ["train", "hats", "--data", str(path / "crops"), "--out", str(path / "model.h5")],
-        ["scenes", *halves, "--out", str(path / "scenes"), "--count", "3", "--noise", "2", "--set", "speed=5"],
-    ):
-        assert status_of("recognise", *words) == 0
+        f"scenes {halves} --out {path}/learn --count 6 --others", f"crops {path}/learn --out {path}/crops",
+        f"train hats --data {path}/crops --out {path}/model.h5",
+        f"scenes {halves} --out {path}/scenes --count 3 --noise 2 --set speed=5",
+    ):  # fmt: skip
+        assert status_of("recognise", *words.split()) == 0
     return path
 
 
@@ -45,7 +45,7 @@ def test_measured_on_scenes(neuro):
     assert all(word in out for word in ("mAP at IoU 0.5", "1.000"))
 
 
-def test_boxes_of_a_recording(neuro, made):
+def test_boxes_of_a_recording_as_table_picture_and_page(neuro, made):
     code, out, _ = neuro("detect", "model.h5", "scenes/0000.npz", "--json", "--out", "boxes.csv")
     boxes = json.loads(out)["boxes"]
     assert code == 0
@@ -56,9 +56,6 @@ def test_boxes_of_a_recording(neuro, made):
     code, out, _ = neuro("detect", "model.h5", "scenes/0000.npz", "--out", "boxes.csv")  # a table is replaced
     assert code == 0
     assert "#0" in out
-
-
-def test_a_picture_and_a_page(neuro, made):
     assert neuro("detect", "model.h5", "scenes/0001.npz", "--out", "boxes.png")[0] == 0
     assert imread(made / "boxes.png").std() > 0.05
     assert neuro("detect", "model.h5", "scenes/0001.npz", "--out", "boxes.html")[0] == 0
@@ -71,9 +68,6 @@ def test_a_picture_and_a_page(neuro, made):
     code, _, err = neuro("detect", "model.h5", "scenes/0001.npz", "--out", "boxes.html")
     assert code == 2
     assert "boxes.html: exists and is not a page of 'neuro recognise': expected a new name" in err
-
-
-def test_an_empty_recording_has_no_objects(neuro, made):
     save(Events(*np.zeros((4, 0), int), (100, 80)), made / "empty.npz")
     code, out, _ = neuro("detect", "model.h5", "empty.npz", "--out", "empty.html")
     assert (code, out) == (0, "no objects found\n")
@@ -101,31 +95,18 @@ def test_boxes_that_are_found_and_given_on_one_page(neuro, made):
     assert "found" not in out
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["watch", "model.h5", "scenes/0000.npz", "--several", "--allow", "0.1"], "decides early on a single object"),
-        (["watch", "model.h5", "scenes/0000.npz", "--boxes", "scenes/scenes.json"],
-         "scenes/scenes.json: expected a table of boxes with the columns start_us, stop_us,"),
-        (["detect", "model.h5"], "expected either a RECORDING or --data SCENES"),
-        (["detect", "model.h5", "scenes/0000.npz", "--out", "x.txt"],
-         "x.txt: expected a name that ends in .html, .png, .csv"),
-        (["detect", "model.h5", "--data", "crops"],
-         "crops: no scenes, expected a folder that 'neuro recognise scenes' filled"),
-        (["detect", "model.h5", "--data", "scenes", "--out", "x.csv"], "boxes are written of a RECORDING"),
-        (["detect", "model.h5", "scenes/0000.npz", "--way", "dens"], "way = 'dens': expected one of proposals, dense"),
-        (["detect", "model.h5", "scenes/0000.npz", "--way", "dense"],
-         "the dense way slides the layer of method 'remus', found 'hats'"),
-        (["detect", "model.h5", "scenes/0000.npz", "--set", "sise=3"], "unknown setting of detecting 'sise'"),
-        (["scenes", "--data", "crops", "--out", "t", "--sensor", "100"],
-         "'100': expected width and height such as 100x80"),
-        (["scenes", "--data", "crops", "--out", "scenes", "--noise", "3"], "scenes: has scenes with another scenery"),
-        (["scenes", "--data", "crops", "--out", "t", "--folds", "3", "--fold", "3"],
-         "fold 3 of 3: expected 0 to 2"),
-    ],
-)  # fmt: skip
-def test_mistakes(neuro, words, message):
-    code, _, err = neuro(*words)
-    assert code == 2
-    assert message in err
-    assert "Traceback" not in err
+def test_mistakes(neuro, messages):
+    lines = """
+        watch model.h5 scenes/0000.npz --several --allow 0.1
+        watch model.h5 scenes/0000.npz --boxes scenes/scenes.json
+        detect model.h5
+        detect model.h5 scenes/0000.npz --out x.txt
+        detect model.h5 --data crops
+        detect model.h5 --data scenes --out x.csv
+        detect model.h5 scenes/0000.npz --way dens
+        detect model.h5 scenes/0000.npz --way dense
+        detect model.h5 scenes/0000.npz --set sise=3
+        scenes --data crops --out t --sensor 100
+        scenes --data crops --out scenes --noise 3
+        scenes --data crops --out t --folds 3 --fold 3"""
+    messages(mistakes_of(neuro, lines))

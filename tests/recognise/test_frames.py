@@ -45,7 +45,7 @@ def bar(angle, n=400):
     return Events(np.arange(n), np.rint(x).astype(int), np.rint(y).astype(int), np.ones(n, int), (34, 34))
 
 
-def test_bank_is_normal():
+def test_banks():
     bank = Gabors().filters
     assert bank.shape == (4, 4, 9, 9)
     np.testing.assert_allclose(bank.sum((2, 3)), 0, atol=1e-12)
@@ -53,14 +53,17 @@ def test_bank_is_normal():
     np.testing.assert_allclose(bank, bank[:, :, ::-1, ::-1])  # even, so turning it changes nothing
     np.testing.assert_allclose(bank[:, 0], bank[:, 2].transpose(0, 2, 1), atol=1e-12)
     assert (bank[0, :, :3] == 0).all()
-
-
-def test_literal_gabor_is_the_equation():
     bank = gabor_bank([5], [2.0], [2.5], 0.3, [45.0], literal=True)
     x, y, c = 1, -2, np.sqrt(0.5)
     across, along = c * x + c * y, -c * x + c * y
     g = np.exp(-(across**2 + 0.09 * along**2) / 8) * np.cos(2 * np.pi * across / 2.5)
     assert bank[0, 0, 2 + y, 2 + x] == pytest.approx(g)
+    plain = gabor_bank([5], [2.0], [2.5], 0.3, [0.0, 45.0], circular=True)
+    assert len(np.unique(plain[0, 1][[0, 0, 4, 4], [0, 4, 0, 4]])) == 1  # the corners have minus the mean alone
+    np.testing.assert_allclose(plain.sum((2, 3)), 0, atol=1e-12)
+    smooth = gabor_bank([5], [2.0], [2.5], 0.3, [0.0, 45.0], circular=True, smooth=True)
+    np.testing.assert_allclose(smooth[0, :, 2, 2], plain[0, :, 1:4, 1:4].mean((1, 2)))
+    np.testing.assert_allclose(smooth[0, :, 0, 0], plain[0, :, :2, :2].sum((1, 2)) / 9)
 
 
 def test_responses_are_convolve_rectify_pool():
@@ -110,13 +113,10 @@ def test_orientations(orientation, angle):
     assert found.max((0, 2, 3)).argmax() == orientation
 
 
-def test_polarity_does_not_matter():
+def test_polarity_does_not_matter_and_few_events_outside_are_left_out():
     events = random_events()
     other = Events(events.t, events.x, events.y, 1 - events.p, events.sensor_size)
     assert all(np.array_equal(a, b) for a, b in zip(spikes(events), spikes(other), strict=True))
-
-
-def test_a_few_events_outside_are_left_out():
     events = random_events(size=(35, 35))
     assert (events.x < 35).all()
     inside = events[(events.x < 34) & (events.y < 34)]
@@ -146,7 +146,7 @@ def same(a, b):
     return arrays and np.array_equal(a.labels, b.labels) and (a.names, a.classes) == (b.names, b.classes)
 
 
-def test_spikes_are_kept(folder, tmp_path, monkeypatch):
+def test_kept_spikes_and_a_part_of_them(folder, tmp_path, monkeypatch):
     data, cache = recordings(folder), tmp_path / "cache"
     shown = observe(FRONT, data, cache=cache)
     frames = Frames.of(shown)
@@ -163,9 +163,6 @@ def test_spikes_are_kept(folder, tmp_path, monkeypatch):
     assert same(observe(FRONT, data, cache=cache), shown)
     observe(FRONT.changed({"min_response": 0.2}), data, cache=cache)
     assert len(list(cache.rglob("*.h5"))) == 2
-
-
-def test_take(folder, tmp_path):
     data = recordings(folder)
     shown = observe(FRONT, data, cache=tmp_path / "cache")
     part = shown.take([3, 1])
@@ -211,17 +208,6 @@ def test_features_name_the_recording(tmp_path):
     assert message.startswith(f"{tmp_path}/set/a/1.bin: 10 of 10 events lie outside of the 34x34 field")
 
 
-def test_real_recordings(shared):
-    data = recordings(shared / "data" / "nmnist" / "nmnist_train1000_bin.zip")
-    frames, counts = [], []
-    for item in data[::40]:
-        lengths = FRONT.observe(item.load())["lengths"]
-        frames.append(len(lengths))
-        counts.append(lengths.mean())
-    assert 17 < np.mean(frames) < 22
-    assert 350 < np.mean(counts) < 480
-
-
 @pytest.mark.parametrize(("signed", "side"), [(False, 1), (True, 1), (False, 2)])
 def test_responses_leak(signed, side):
     bank = LeakyGabors(sizes=(3, 5), sigmas=(1.2, 2.0), wavelengths=(1.5, 2.5), leak=0.02, signed=signed)
@@ -237,15 +223,6 @@ def test_responses_leak(signed, side):
     for frame, end in enumerate(bounds[1:]):
         expected = at[end].reshape(2, 4, 14 // side, side, 14 // side, side).max((3, 5))
         np.testing.assert_allclose(found[frame], expected, atol=1e-9)
-
-
-def test_round_and_smooth_filters():
-    plain = gabor_bank([5], [2.0], [2.5], 0.3, [0.0, 45.0], circular=True)
-    assert len(np.unique(plain[0, 1][[0, 0, 4, 4], [0, 4, 0, 4]])) == 1  # the corners have minus the mean alone
-    np.testing.assert_allclose(plain.sum((2, 3)), 0, atol=1e-12)
-    smooth = gabor_bank([5], [2.0], [2.5], 0.3, [0.0, 45.0], circular=True, smooth=True)
-    np.testing.assert_allclose(smooth[0, :, 2, 2], plain[0, :, 1:4, 1:4].mean((1, 2)))
-    np.testing.assert_allclose(smooth[0, :, 0, 0], plain[0, :, :2, :2].sum((1, 2)) / 9)
 
 
 def test_local_maxima():
@@ -277,6 +254,10 @@ def test_votes():
     assert choose(majority(wins, sums)).tolist() == [0, 1, SILENT, SILENT, 0]
     assert choose(potentials(sums)).tolist() == [1, 2, 1, SILENT, 0]
     np.testing.assert_allclose(majority(wins, sums)[1], [2, 2 + 1 / 3, 2 / 3])  # the whole part are frames
+    found = evaluate(np.array([0, 1, 1, -1]), np.array([0, 1, 0, 1]), ("a", "b"))
+    assert (found.confusion.tolist(), found.n, found.correct, found.accuracy) == ([[1, 1, 0], [0, 1, 1]], 4, 2, 0.5)
+    assert found.as_words()["silent"] == 1
+    assert evaluate(np.array([], int), np.array([], int), ("a",)).interval == (0.0, 1.0)
 
 
 @given(st.lists(st.tuples(st.integers(0, 4), st.sampled_from([-1.0, 0.0, 0.5, 2.0])), min_size=2, max_size=5))
@@ -288,13 +269,6 @@ def test_equals_are_told_apart_by_their_sums(classes):
         return
     assert np.array_equal(np.floor(found), wins)
     assert choose(found)[0] == max(range(len(classes)), key=lambda k: (wins[0, k], sums[0, k], -k))
-
-
-def test_evaluation():
-    found = evaluate(np.array([0, 1, 1, -1]), np.array([0, 1, 0, 1]), ("a", "b"))
-    assert (found.confusion.tolist(), found.n, found.correct, found.accuracy) == ([[1, 1, 0], [0, 1, 1]], 4, 2, 0.5)
-    assert found.as_words()["silent"] == 1
-    assert evaluate(np.array([], int), np.array([], int), ("a",)).interval == (0.0, 1.0)
 
 
 @given(st.data(), st.integers(1, 5000))

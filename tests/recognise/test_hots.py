@@ -1,7 +1,5 @@
 """HOTS: kernels beside a plain reading of the paper, training that goes on, distances with known values."""
 
-import re
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -10,7 +8,7 @@ from neuro.events import Events
 from neuro_recognise.method import Course
 from neuro_recognise.methods.hots import Hierarchy, Layers
 from neuro_recognise.parts.readouts import DISTANCES, Nearest, bhattacharyya, normalised, standard
-from refused import refused
+from refused import refusals_of
 
 SIZE = (9, 7)
 SMALL = Hierarchy(layers=2, radius=1, tau=3.0, centres=3, tau_factor=4.0, first="drawn")
@@ -162,35 +160,28 @@ def test_edges_are_told_apart_by_each_distance(name):
     assert np.isneginf(scores[:, 2]).all()
 
 
-def test_distances_have_known_values():
+def test_known_values():
     one, means = np.array([[3, 1], [0, 4]]), np.array([[3.0, 1.0], [6.0, 2.0], [0.0, 8.0]])
     np.testing.assert_allclose(standard(one, means), [[0, 10**0.5, 58**0.5], [18**0.5, 40**0.5, 4]])
     half = 0.75 * 2**0.5
     np.testing.assert_allclose(normalised(one, means), [[0, 0, half], [half, half, 0]])
     np.testing.assert_allclose(bhattacharyya(one, means)[0], [0, 0, -np.log(0.5)], atol=1e-15)
     assert bhattacharyya(np.array([[1, 0]]), np.array([[0.0, 1.0]])).tolist() == [[np.inf]]
-
-
-def test_layers_grow_as_the_paper_says():
     s = Hierarchy()
     assert [(s.radius_of(k), s.tau_of(k), s.centres_of(k), s.channels_of(k)) for k in range(3)] == [
         (2, 10_000, 4, 2), (4, 100_000, 8, 4), (8, 1_000_000, 16, 8),
     ]  # fmt: skip
 
 
-def test_mistakes(learnt):
+def test_mistakes(learnt, messages):
     fresh = Layers(SMALL, SIZE)
-    for message, call in {
-        "hierarchy 'time_surfaces': tau = 0: expected a number > 0 ms": lambda: Hierarchy(tau=0),
-        "hierarchy 'time_surfaces': first = 'random': expected one of first, drawn\n  hint: known: drawn, first":
-            lambda: Hierarchy(first="random"),
-        "layer 1: 0 of 2 layers are learnt": lambda: fresh.features(drawn(0)),
-        "layer 2: 2 of 2 layers are learnt": lambda: learnt.assigned(drawn(0), 2),
-        "2 events for the 3 prototypes of layer 0, expected one for each": lambda: fresh.learn([drawn(0, 2)]),
-        "cell = -7: expected a whole number >= 0": lambda: learnt.features(drawn(0, 30, (20, 20)), cell=-7),
-        "prototypes of layer 0 are (3, 3, 2, 3), expected (5, 5, 2, 4)":
-            lambda: Layers.from_state(Hierarchy(layers=2, centres=4), SIZE, learnt.state()),
-    }.items():  # fmt: skip
-        assert refused(call) == message
-    off = refused(learnt.features, drawn(0, 30, (30, 20)))
-    assert re.match(r"<Events 30 of 30x20, .*>: an event is off the field of 20x20, expected all", off)
+    calls = """
+        Hierarchy(tau=0)
+        Hierarchy(first="random")
+        fresh.features(drawn(0))
+        fresh.learn([drawn(0, 2)])
+        learnt.assigned(drawn(0), 2)
+        learnt.features(drawn(0, 30, (20, 20)), cell=-7)
+        learnt.features(drawn(0, 30, (30, 20)))
+        Layers.from_state(Hierarchy(layers=2, centres=4), SIZE, learnt.state())"""
+    messages(refusals_of(calls, globals() | locals()))

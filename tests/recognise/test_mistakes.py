@@ -15,28 +15,15 @@ from neuro_recognise.method import METHODS
 from neuro_recognise.methods import method_of
 from neuro_recognise.methods.descriptor import Descriptor
 from neuro_recognise.parts.readouts import Readout
+from refused import mistakes_of
 
 
-def test_a_backend_for_nothing_is_refused_by_all_commands(neuro, folder, model):
-    file = next((folder / "Test" / "lying").glob("*.bin"))
-    commands = [("train", name, "--data", folder) for name, method in METHODS.items() if not method.spikes]
-    commands += [("test", "m.h5", "--data", folder), ("predict", "m.h5", file), ("watch", "m.h5", file)]
-    for words in commands:
-        code, out, err = neuro(*words, "--backend", "loihi")
-        assert (code, out) == (2, ""), words
-        name = words[1] if words[0] == "train" else "hats"
-        assert err == (
-            f"error: backend = 'loihi': method '{name}' has no network that could run on it\n"
-            "  hint: leave it out; methods with a network: remus, edhmax_tempotron, hfirst, masquelier_thorpe, "
-            "mozafari, must, dense, conv, recurrent, learnt_delays\n"
-        )
-
-
-def test_an_unknown_backend_is_told_before_any_recording_is_read(neuro, folder, learning, monkeypatch):
+def test_backends_are_looked_at_before_any_recording_is_read(neuro, folder, learning, monkeypatch, model, messages):
     monkeypatch.setattr(type(learning), "sensor_size", None)
-    for words in (("train", "must", "--data", folder), ("compare", "--data", folder, "--method", "hats")):
-        code, out, err = neuro(*words, "--backend", "evnt")
-        assert (code, out, err) == (2, "", "error: unknown backend 'evnt'\n  hint: did you mean 'event'?\n")
+    lines = [f"train {name} --data nowhere --backend loihi" for name, method in METHODS.items() if not method.spikes]
+    lines += [f"{words} --backend loihi" for words in ("test m.h5 --data nowhere", "predict m.h5 a", "watch m.h5 a")]
+    lines += [f"{words} --data {{folder}} --backend evnt" for words in ("train must", "compare --method hats")]
+    messages(mistakes_of(neuro, "\n".join(lines), folder=folder))
 
 
 def test_of_no_recordings_there_are_no_scores(learning, model):
@@ -46,7 +33,7 @@ def test_of_no_recordings_there_are_no_scores(learning, model):
         assert made.scores_at(learning[0].load(), []).shape == (0, 3)
 
 
-def test_files_beside_a_damaged_one_are_predicted(neuro, folder, model, tmp_path):
+def test_recordings_that_are_damaged_empty_or_none(neuro, folder, model, tmp_path):
     good = sorted((folder / "Test" / "lying").glob("*.bin"))[:2]
     (tmp_path / "bad.bin").write_bytes(good[0].read_bytes()[:-2])
     code, out, err = neuro("predict", "m.h5", good[0], "bad.bin", good[1], "nothing.bin", "--json")
@@ -54,6 +41,10 @@ def test_files_beside_a_damaged_one_are_predicted(neuro, folder, model, tmp_path
     assert re.fullmatch(r"error: bad\.bin: byte \d+: .*\nerror: nothing\.bin: no such file\n", err)
     code, out, err = neuro("predict", "m.h5", "bad.bin")
     assert (code, out, err.count("error: ")) == (2, "", 1)
+    save(Events([], [], [], [], (34, 34)), tmp_path / "empty.npz")
+    code, out, _ = neuro("predict", "m.h5", "empty.npz", "--json")
+    (said,) = json.loads(out)
+    assert (code, said["class"], said["decided_ms"], said["scores"]) == (0, None, None, None)
 
 
 def test_a_recogniser_of_another_training_stays(neuro, folder, model, tmp_path):
@@ -128,13 +119,10 @@ def compared(data, folder, *names, **more):
     return compare(data, plan, lambda progress: None)
 
 
-def test_a_method_that_recordings_do_not_fit_says_so_and_others_go_on(picky, learning, tmp_path):
+def test_what_a_method_or_chip_refuses_is_a_row_beside_others(picky, learning, tmp_path):
     one, other = compared(learning, tmp_path / "all", "picky", "hats")
     assert re.fullmatch(r".*/Train/lying/1\.bin: found 90 ms: expected at least 100 ms", one.refused)
     assert (one.of_seeds, other.refused, other.accuracy) == ((), "", 1.0)
-
-
-def test_a_chip_that_refuses_a_network_is_told_in_its_row(learning, tmp_path):
     (one,) = compared(learning, tmp_path / "all", "must", backend="loihi")
     assert one.refused.startswith("backend 'loihi' cannot run this network (1 problem): ")
     assert "must.yaml:40:3: population 'excited': adaptive" in one.refused
@@ -177,10 +165,3 @@ def test_another_target_runs_one_fold_again(letters, small, tmp_path, monkeypatc
     again = {file.name: file.stat().st_mtime_ns for file in folder.glob("*.json")}
     assert [name for name in sorted(again) if again[name] != before[name]] == ["remus-0-0.json"]
     assert (list(second.bills), second.bills["gpu"]) == (["loihi", "gpu"], first.bills["gpu"])
-
-
-def test_an_empty_recording_is_silent(neuro, model, tmp_path):
-    save(Events([], [], [], [], (34, 34)), tmp_path / "empty.npz")
-    code, out, _ = neuro("predict", "m.h5", "empty.npz", "--json")
-    (said,) = json.loads(out)
-    assert (code, said["class"], said["decided_ms"], said["scores"]) == (0, None, None, None)

@@ -12,7 +12,7 @@ from neuro_recognise.recogniser import fit, method_of
 from neuro_recognise.telling.pictures import accuracies, boxes_on_frames, confusion, images, prototypes, reconstructed
 
 
-def test_a_weight_is_drawn_as_its_filter():
+def test_pictures_of_templates_and_weights():
     """In the middle of its cell, as strong as it is, and nothing of a negative weight."""
     filters, kernels = gabor_bank((5,), (2.0,), (2.5,), 0.3, (0.0, 45.0))[0], np.zeros((2, 2, 6, 7))
     kernels[0, 1, 2, 3], kernels[1, 0, 4, 4] = 0.5, -1.0
@@ -22,6 +22,12 @@ def test_a_weight_is_drawn_as_its_filter():
     alone[5 - 2 : 5 + 3, 7 - 2 : 7 + 3] = 0.5 * filters[1]
     np.testing.assert_allclose(found[0], gaussian_filter(np.maximum(alone, 0.0), 1.0, mode="constant"), atol=1e-12)
     assert not found[1].any()
+    method, templates = method_of("hfirst", "", {"size": [16, 16], "orientations": 4}), np.full((3, 4 * 16), -1.0)
+    templates[1, 2 * 16 + 4 * 1 + 2] = 100.0
+    figure = method.pictures({"templates": templates}, ("a", "b", "c"))["templates"]
+    images = images_of(figure)
+    assert np.unravel_index(images[1].argmax(), (16, 16)) == (6, 10)
+    assert not images[0].any()
 
 
 def images_of(figure):
@@ -48,16 +54,6 @@ def test_prototypes_of_each_layer(learning):
     centres = made.learnt["centres_0"]
     np.testing.assert_array_equal(first[2], centres[:, :, 1, 2] - centres[:, :, 0, 2])
     assert (len(first), len(second), second[0].shape) == (4, 8, (9, 9))
-
-
-def test_templates_of_hfirst():
-    """A template with one C1 neuron is drawn round the middle of its cell."""
-    method, templates = method_of("hfirst", "", {"size": [16, 16], "orientations": 4}), np.full((3, 4 * 16), -1.0)
-    templates[1, 2 * 16 + 4 * 1 + 2] = 100.0
-    figure = method.pictures({"templates": templates}, ("a", "b", "c"))["templates"]
-    images = images_of(figure)
-    assert np.unravel_index(images[1].argmax(), (16, 16)) == (6, 10)
-    assert not images[0].any()
 
 
 def test_names_of_classes_are_no_formulas(tmp_path):

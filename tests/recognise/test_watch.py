@@ -81,23 +81,17 @@ def test_the_page_holds_it(made, events, text):
     assert "<standing>" not in text
 
 
-def test_without_a_rule_the_whole_decides(made, events):
+def test_a_page_without_a_rule_of_many_events_and_of_none(made, events, monkeypatch, tmp_path):
     plain = replace(made, early=None)
     said = decisions(plain, events, None, "event")
     assert len(said) in (60, 61)
     text = page(plain, "1.bin", events, said)
     assert "stop" not in tracks_of(text)["curve"]
     assert "&lt;standing&gt;, unchanged since" in text
-
-
-def test_of_many_events_an_even_choice_is_shown(made, events, monkeypatch):
     monkeypatch.setattr("neuro_recognise.telling.watch.MOST", 101)
     text = page(made, "1.bin", events, decisions(made, events, None, "event"))
     assert np.array_equal((tracks_of(text)["events"]["place"] >> 1) % 34, events.x[::4])
     assert "one of every 4 events is shown" in text
-
-
-def test_what_is_refused_leaves_nothing(made, tmp_path):
     empty = tmp_path / "none.bin"
     save(bar(0, 0)[:0], empty)
     for name, message in (
@@ -106,6 +100,13 @@ def test_what_is_refused_leaves_nothing(made, tmp_path):
     ):
         assert message in refused(watch, made, empty, tmp_path / name)
     assert [one.name for one in tmp_path.iterdir()] == ["none.bin"]
+    method = Hats(size=(34, 34), cell=17, radius=1)
+    (seen,) = method.views(events, {}, made.classes)
+    whole = method.describe(events).reshape(2, 2, 2, 3, 3).sum(axis=2)
+    assert seen.images[-1][3:, :3] == pytest.approx(whole[1, 0], rel=1e-6)
+    sizes, orientations = (3, 5), (0.0, 22.5)
+    assert LogLatency().bands(sizes, orientations) == ("0°", "22.5°")
+    assert Latency().bands(sizes, orientations) == ("3 px 0°", "3 px 22.5°", "5 px 0°", "5 px 22.5°")
 
 
 @pytest.mark.parametrize(
@@ -125,13 +126,6 @@ def test_what_other_methods_see(name, values, events, made):
         assert len(spikes.at_ms) == len(spikes.told) == len(spikes.offsets) - 1
         assert spikes.ids.max() < spikes.size
         assert spikes.times.max() < spikes.length_ms
-
-
-def test_hats_are_drawn_cell_by_cell(made, events):
-    method = Hats(size=(34, 34), cell=17, radius=1)
-    (seen,) = method.views(events, {}, made.classes)
-    whole = method.describe(events).reshape(2, 2, 2, 3, 3).sum(axis=2)
-    assert seen.images[-1][3:, :3] == pytest.approx(whole[1, 0], rel=1e-6)
 
 
 @pytest.fixture
@@ -195,12 +189,6 @@ def test_a_browser_draws_boxes(events, tmp_path, chromium):
         always,
         "0 0",
     ]
-
-
-def test_spikes_have_bands():
-    sizes, orientations = (3, 5), (0.0, 22.5)
-    assert LogLatency().bands(sizes, orientations) == ("0°", "22.5°")
-    assert Latency().bands(sizes, orientations) == ("3 px 0°", "3 px 22.5°", "5 px 0°", "5 px 22.5°")
 
 
 def test_a_command_writes_it(made, events, tmp_path, chromium):

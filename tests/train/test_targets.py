@@ -13,6 +13,7 @@ from neuro_train import trainer
 from neuro_train.data import BatchData, r_squared, read
 from neuro_train.plan import TrainingPlan
 from neuro_train.tested import by_module, on_backend
+from refused import mistakes_of
 
 pytestmark = pytest.mark.filterwarnings("ignore:backend '(loihi|spinnaker)'")
 STEPS, CHANNELS, ASKED = 60, 8, 20
@@ -107,62 +108,26 @@ def test_a_recording_that_asks_nothing_teaches_nothing(net, files):
     assert np.isfinite(r_squared(np.zeros(content["targets"].shape), content["targets"]))
 
 
-@pytest.mark.parametrize(
-    ("changes", "options", "message"),
-    [
-        (
-            {"targets": np.where(np.arange(40 * STEPS * 2).reshape(40, STEPS, 2) == 250, np.inf, 0.0)},
-            (),
-            "targets: recording 2, step 5: found inf: expected at most 1e+15 mV, or NaN where",
-        ),
-        (
-            {"targets": np.full((40, STEPS, 2), 1e300)},
-            (),
-            "targets: recording 0, step 0: found 1e+300: expected at most",
-        ),
-        (
-            {"spikes": np.zeros((0, STEPS, CHANNELS)), "targets": np.zeros((0, STEPS, 2))},
-            (),
-            "spikes: found no recording: expected at least one",
-        ),
-        ({"targets": np.full((40, STEPS, 2), np.nan)}, (), "targets: all are NaN, so nothing is asked"),
-        ({"spikes": np.zeros((40, STEPS, CHANNELS))}, (), "spikes: all are 0: expected a recording with an event"),
-        ({"targets": None}, (), "targets is not a file in the archive: expected spikes and targets"),
-        (
-            {"targets": np.zeros((40, STEPS, 3))},
-            (),
-            "targets: found the shape (40, 60, 3): expected (recordings, steps",
-        ),
-        (
-            {"targets": np.zeros((40, 50, 2))},
-            (),
-            "targets: found the shape (40, 50, 2): expected (recordings, steps, 2)",
-        ),
-        ({"spikes": np.full((40, STEPS, CHANNELS), 2)}, (), "'channels': found values other than 0 and 1"),
-        ({}, ("--folds", 3), "--folds: is for recordings of classes: expected none with --loss mse"),
-        ({}, ("--output", "outt"), "unknown population for --output 'outt'"),
-    ],
-)
-def test_what_cannot_be_learnt_is_refused(neuro, files, changes, options, message):
-    held = {name: value for name, value in (made(40, 0) | changes).items() if value is not None}
-    np.savez(files / "learn.npz", **held)
-    words = ("--data", files / "learn.npz", "--loss", "mse", "--input", "channels", "--epochs", 1, *options)
-    status, _, err = neuro(files / "decoder.yaml", *words)
-    assert status
-    assert message in err
+def test_what_cannot_be_learnt_is_refused(neuro, files, messages):
+    def targets(value, shape=(40, STEPS, 2)):
+        return {"targets": np.full(shape, value)}
 
-
-def test_another_file_is_refused(neuro, files):
-    words, whole = ("--loss", "mse", "--input", "channels", "--data"), (files / "learn.npz").read_bytes()
-    (files / "cut.npz").write_bytes(whole[: len(whole) // 2])
-    for name, message in (
-        ("decoder.yaml", "decoder.yaml: is no .npz: expected one of spikes and targets"),
-        ("cut.npz", "cut.npz: is no .npz: expected one of spikes and targets"),
-        ("none.npz", "none.npz: cannot be read: No such file or directory"),
-    ):
-        status, _, err = neuro(files / "decoder.yaml", *words, files / name)
-        assert status
-        assert message in err
+    good, infinite = (files / "learn.npz").read_bytes(), targets(0.0)
+    infinite["targets"].flat[250] = np.inf
+    (files / "cut.npz").write_bytes(good[: len(good) // 2])
+    wrong = {
+        "infinite": infinite, "large": targets(1e300), "all NaN": targets(np.nan), "three": targets(0.0, (40, STEPS, 3)),
+        "short": targets(0.0, (40, 50, 2)), "none": {"targets": None}, "silent": {"spikes": np.zeros((40, STEPS, CHANNELS))},
+        "empty": targets(0.0, (0, STEPS, 2)) | {"spikes": np.zeros((0, STEPS, CHANNELS))},
+        "twos": {"spikes": np.full((40, STEPS, CHANNELS), 2)},
+    }  # fmt: skip
+    for name, changes in wrong.items():
+        held = {word: value for word, value in (made(40, 0) | changes).items() if value is not None}
+        np.savez(files / f"{name.replace(' ', '_')}.npz", **held)
+    words = "{files}/decoder.yaml --loss mse --input channels --epochs 1 --data {files}/"
+    lines = [words + name for name in (*(f"{name.replace(' ', '_')}.npz" for name in wrong), "cut.npz", "decoder.yaml")]
+    lines += [words + name for name in ("nothing.npz", "learn.npz --folds 3", "learn.npz --output outt")]
+    messages(mistakes_of(neuro, "\n".join(lines), files=files))
 
 
 def test_losses_and_what_is_wanted_belong_together(net):

@@ -140,10 +140,13 @@ def in_pa(times=1.0):
     return net
 
 
-def test_weights_in_pa_learn_at_the_default_rate(learn):
+def test_weights_in_pa_and_of_networks_that_ship_learn_at_the_default_rate(learn, late):
     trained = learn(in_pa(), epochs=20)
     assert trained.curves["right"][-1] >= 0.9
     assert trained.rates == {"pixels_hidden": 10.0, "hidden_out": 10.0}
+    for name in ("dense", "conv", "recurrent", "learnt_delays"):
+        module = trainer.module_of(snn.load(neuro_models.path(name)), TrainingPlan(input="pixels", output="out"))
+        assert set(trainer.sizes(module).values()) == {1.0}
 
 
 @pytest.mark.parametrize("times", [1e3])
@@ -153,12 +156,6 @@ def test_another_unit_changes_nothing_that_is_learnt(learn, times):
     for name, weight in plain.module.weights.items():
         torch.testing.assert_close(other.module.weights[name], times * weight, rtol=1e-3, atol=1e-2 * times)
     np.testing.assert_allclose(other.curves["loss"], plain.curves["loss"], rtol=1e-3)
-
-
-def test_the_networks_that_ship_learn_at_the_rate_as_it_is_said(late):
-    for name in ("dense", "conv", "recurrent", "learnt_delays"):
-        module = trainer.module_of(snn.load(neuro_models.path(name)), TrainingPlan(input="pixels", output="out"))
-        assert set(trainer.sizes(module).values()) == {1.0}
 
 
 @pytest.mark.parametrize(

@@ -67,29 +67,20 @@ def test_round_what_is_shown_wherever_it_lies(square, place, noise):
         np.testing.assert_array_equal(getattr(found, name), getattr(square[kept], name), err_msg=name)
 
 
-def test_what_is_small_comes_to_the_middle(square):
+def test_windows(square):
     found = windowed(on_sensor(square, 0, 28), (20, 18), None, 0.0, 1000.0, "one")
     assert (found.x.min(), found.x.max(), found.y.min(), found.y.max()) == (4, 15, 3, 14)
-
-
-def test_only_what_is_seen_says_where_the_window_lies(square):
     early, late = on_sensor(square, 3, 3), on_sensor(square, 40, 20)
     both = Events(np.r_[early.t, late.t + 50_000], np.r_[early.x, late.x], np.r_[early.y, late.y],
                   np.r_[early.p, late.p], SENSOR)  # fmt: skip
     for start in (0.0, 50.0):
         np.testing.assert_array_equal(windowed(both, (SIDE, SIDE), None, start, 40.0, "one").x, square.x)
-
-
-def test_from_a_pixel_on(square):
     found = windowed(on_sensor(square, 20, 9), (15, 14), (18, 8), 0.0, 1000.0, "one")
     np.testing.assert_array_equal(found.x, square.x + 2)
     np.testing.assert_array_equal(found.y, square.y + 1)
     told = "one: 24 of 288 events lie outside of the window of 12x12 px at 21,9: expected at most 5%"
     with pytest.raises(ModelError, match=told):
         windowed(on_sensor(square, 20, 9), (SIDE, SIDE), (21, 9), 0.0, 1000.0, "one")
-
-
-def test_a_recording_without_events_shows_nothing():
     found = windowed(Events([], [], [], [], SENSOR), (SIDE, SIDE), None, 0.0, 100.0, "one")
     assert (len(found), found.sensor_size) == (0, (SIDE, SIDE))
 
