@@ -1,19 +1,17 @@
 """Pictures of simulations and results: what they show, what they leave out and say so; nothing stays behind."""
 
-from pathlib import Path
-
 import matplotlib
 import numpy as np
 import pytest
-import yaml
 from matplotlib.figure import Figure
 
 import neuro
-from neuro import ModelError, plots
+from neuro import plots
 from neuro.files.parts import Trace, Train, Weights
 from neuro.files.recorded import SpikeTrain as Spikes, intervals, recorded, trains, variation
 from neuro.files.results import Results
 from neuro.plots import _spikes, _traces
+from refused import refusals_of
 
 
 def results(size=10, spikes=100, traced=1, recorded=True, duration=1000.0):
@@ -233,38 +231,8 @@ def test_nothing_global_changes(sim):
     assert (dict(matplotlib.rcParams), _pylab_helpers.Gcf.figs) == (before, shown)
 
 
-MISTAKES = {
-    "no run": lambda sim: plots.raster("out.h5"),
-    "a network": lambda sim: plots.raster(neuro.Network("net")),
-    "an unknown population": lambda sim: plots.rate(sim, "uot"),
-    "no population": lambda sim: plots.raster(sim, []),
-    "not recorded": lambda sim: plots.raster(sim, "noise"),
-    "not kept": lambda sim: plots.raster(results(recorded=False), "cells"),
-    "no spikes": lambda sim: plots.raster(results(recorded=False)),
-    "no traces": lambda sim: plots.trace(results(traced=0)),
-    "an unknown probe": lambda sim: plots.trace(sim, "w"),
-    "a window that ends before it begins": lambda sim: plots.raster(sim, window=(5, 2)),
-    "a window that is none": lambda sim: plots.trace(sim, window=100.0),
-    "a window without a record": lambda sim: plots.trace(sim, "v", window=(40.1, 40.4)),
-    "a window beyond the end": lambda sim: plots.rate(sim, window=(0, 70.0)),
-    "a window beyond the end, with units": lambda sim: plots.trace(sim, "v", window=("10 ms", "0.07 s")),
-    "a window of voltages": lambda sim: plots.raster(sim, window=("1 mV", "2 mV")),
-    "a bin off the grid": lambda sim: plots.rate(sim, bin=0.25),
-    "a bin below a step": lambda sim: plots.rate(sim, bin=0.05),
-    "a bin that is no time": lambda sim: plots.rate(sim, bin=0),
-    "a bin that is too short": lambda sim: plots.rate(sim, bin=1e-6),
-    "no axes": lambda sim: plots.raster(sim, ax=3),
-    "an unknown projection": lambda sim: plots.weights(sim, "in_uot"),
-    "an unknown kind": lambda sim: plots.weights(sim, "in_out", "matirx"),
-}
-MESSAGES = yaml.safe_load(Path(__file__).with_name("plot_messages.yaml").read_text("utf-8"))
-
-
-@pytest.mark.parametrize("what", MISTAKES)
-def test_mistakes(what, sim):
-    with pytest.raises(ModelError) as told:
-        MISTAKES[what](sim)
-    assert str(told.value) == MESSAGES[what]
+def test_mistakes(sim, messages):
+    messages(refusals_of(messages.cases, globals() | locals()))
 
 
 FORMULA = "$\\x_{^%$"

@@ -295,23 +295,7 @@ def test_mistakes(neuro, walk, tmp_path, messages):
         file.write(FAULTS)
     (tmp_path / "my_fault.py").write_text("1 / 0")
     (tmp_path / "my_need.py").write_text("import not_there")
-    lines = """
-        train CartPol-v1 --out a.h5
-        train CartPole-v1 --out a.h5 --set feilds=3
-        train my_walk:Wlak --out a.h5
-        train nowhere:Walk-v0 --out a.h5
-        train my_walk.py:Walk --out a.h5
-        train my_walk:Bare --steps 9 --out a.h5
-        train my_walk:Walk --out a.h5
-        train my_walk:Fails --steps 100 --out a.h5
-        train my_fault:A --out a.h5
-        train my_need:A --out a.h5
-        compare CartPole-v1 --steps 9 --seeds 2,2
-        compare CartPole-v1 --steps 9 --method pop
-        compare my_walk:Raises --steps 10 --seeds 1 --episodes 2 --method random --out table.json
-        test none.h5
-        test my_walk.py"""
-    messages(mistakes_of(neuro, lines))
+    messages(mistakes_of(neuro, messages.cases))
     assert not list(Path().glob("*.h5"))
 
 

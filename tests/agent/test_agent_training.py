@@ -124,14 +124,7 @@ def test_what_a_twin_has_learnt_is_nothing_to_a_spiking_agent(learnt, tmp_path, 
     assert neuro_agent.LinearTwin.load(file).kind == "linear twin"
     learnt.save(tmp_path / "agent.h5")
     training.checkpoint(twin, tmp_path / "new.h5", Corridor()).keep()
-    calls = """
-        neuro_agent.ActorCritic.load(file)
-        neuro_agent.LinearTwin.load(tmp_path / "agent.h5")
-        neuro_agent.ActorCritic(*spaces_of, **few).train(Corridor(), steps=50, out=tmp_path / "new.h5")
-        twin.test(Corridor(), 1, backend="loihi")
-        twin.test(Corridor(), 1, backend="evnt")
-        twin.energy("loihi")"""
-    messages(refusals_of(calls, globals() | locals(), tmp_path=tmp_path))
+    messages(refusals_of(messages.cases, globals() | locals(), tmp_path=tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -428,46 +421,8 @@ def test_what_cannot_be(learnt, tmp_path, monkeypatch, messages):
     assert Environments(vector("NextStep")).n == 1  # of metadata that went through JSON
     two, number, box = spaces.Discrete(2), np.zeros((3, 2)), spaces.Box(-1.0, 1.0, (2,))
     number[2, 1] = np.inf
-    calls = """
-        Agent(spaces.Text(3), two)
-        Agent(spaces.Box(0, 255, (84, 84, 3)), two)
-        Agent(two, spaces.Discrete(65))
-        Agent(two, spaces.Box(-np.inf, np.inf, (1,)))
-        Agent(two, spaces.Box(0.0, 2e6, (1,)))
-        Agent(two, spaces.Box(-(2**63), 0, (1,), np.int64))
-        Agent(two, spaces.Text(3))
-        Agent(spaces.Dict({}), two)
-        Agent(spaces.Dict({1: two}), two)
-        Agent(box, box, active=10**9)
-        Agent(box, box, critics=10**7)
-        Agent(box, box, circuits=10**6)
-        Agent(box, two, backend="loihi")
-        agent(circuits=0)
-        agent(encoder="one_hot")
-        agent(encoder="place")
-        agent().energy("loihi")
-        agent().controls(Corridor(), steps=20, names=("frozen", "shufled"))
-        agent().train(returning(None), steps=50)
-        agent().train(returning(np.zeros(2)), steps=50)
-        agent().train(returning((np.zeros(2), {}, 3)), steps=50)
-        agent().train(Corridor(), steps=10, out=".")
-        agent().train(Corridor(), steps=10, out="..")
-        agent().train(Corridor(), steps=10, out="/")
-        learnt.act({"place": 7, "near": np.zeros(1, np.float32)})
-        learnt.act({"place": -1, "near": np.zeros(1, np.float32)})
-        learnt.act({"place": 1.5, "near": np.zeros(1, np.float32)})
-        learnt.energy("loihi", steps=0)
-        learnt.energy("loihi", steps=-3)
-        learnt.energy("loihi", steps=1.5)
-        flat(box, number, 3)
-        Environments(vector(gymnasium.vector.AutoresetMode.SAME_STEP))
-        Environments(vector("SameStep"))
-        Environments(vector(3))""".splitlines()
-    for seed in (-1, 1.5, "one", None, 2**63):
-        calls += [f"agent(seed={seed!r})", f"learnt.test(Corridor(), 1, seed={seed!r})"]
-        calls.append(f"learnt.watch(Corridor(), 'page.html', seed={seed!r})")
     names = globals() | locals() | {"Agent": neuro_agent.ActorCritic}
-    messages(refusals_of("\n".join(calls), names, tmp_path=tmp_path))
+    messages(refusals_of(messages.cases, names, tmp_path=tmp_path))
 
 
 @pytest.mark.parametrize(

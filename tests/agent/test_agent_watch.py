@@ -137,12 +137,7 @@ def test_only_pages_of_ours_are_replaced(agent, tmp_path, messages):
     watch(agent, Corridor(), file)
     file.write_text(file.read_text().replace("Weights of the policy", "My weights"))
     vector = gymnasium.vector.SyncVectorEnv([Corridor, Corridor])
-    calls = """
-        watch(agent, Corridor(), file)
-        watch(agent, Corridor(), tmp_path / "page.png")
-        watch(agent, gymnasium.make("CartPole-v1"), tmp_path / "other.html")
-        watch(agent, vector, tmp_path / "other.html")"""
-    messages(refusals_of(calls, globals() | locals(), tmp_path=tmp_path))
+    messages(refusals_of(messages.cases, globals() | locals(), tmp_path=tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 

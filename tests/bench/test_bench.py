@@ -16,6 +16,7 @@ from neuro_bench.features import surfaces
 from neuro_bench.running import interval
 from neuro_bench.sounds import SpokenDigits
 from neuro_bench.task import grouped_folds, random_folds, tries
+from refused import mistakes_of
 
 pytest.importorskip("sklearn", reason="the extra bench is not installed")
 
@@ -262,26 +263,8 @@ def test_commands(bench, sounds):
     assert found["asked"]["tries"] == 1
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("run", "bars", "--method", "cn"), "unknown method 'cn'"),
-        (("run", "bar", "--method", "cnn"), "unknown task 'bar'"),
-        (("run", "spoken-digits", "--method", "cnn"), "task 'spoken-digits' has no data: expected --data PATH"),
-        (("run", "bars", "--method", "echo-state"), "method 'echo-state' is for series, task 'bars' is of classes"),
-        (("run", "bars", "--method", "logistic", "--set", "D=1"), "unknown setting 'D'"),
-        (("run", "bars", "--method", "logistic", "--set", "C=much"), "method 'logistic': C = 'much': expected a num"),
-        (("run", "bars", "--method", "cnn", "--set", "maps=1.5"), "method 'cnn': maps = 1.5: expected a whole number"),
-        (("run", "bars", "--method", "cnn", "--set", "norm=1"), "method 'cnn': norm = 1: expected true or false"),
-        (("run", "bars", "--method", "logistic", "--split", "x"), "--split x: expected one of random"),
-        (("run", "spoken-digits", "--method", "logistic", "--data", "none"), "none: is not there"),
-        (("compare", "none.json"), "none.json: cannot be read: No such file or directory"),
-    ],
-)
-def test_what_cannot_be_is_refused(bench, words, message):
-    status, _, err = bench(*words)
-    assert status
-    assert message in err
+def test_what_cannot_be_is_refused(bench, messages):
+    messages(mistakes_of(bench, messages.cases))
 
 
 def test_a_single_score_has_no_interval_that_could_overlap():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import gammatone, sosfreqz
 
-import neuro
 from neuro.coding import Cochlea, HairCells, MelBands, crossings
 from neuro.coding.ears import _gammatone
+from refused import refusals_of
 
 RATE = 8000.0
 
@@ -86,22 +86,5 @@ def test_crossings_are_where_levels_pass_thresholds():
     assert np.argwhere(spikes[..., 0]).tolist() == [[1, 1, 0], [1, 1, 1], [2, 0, 1], [3, 0, 0]]
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: Cochlea(RATE, high=5000.0), "high = 5000: expected a number > 80 and <= 4000"),
-        (lambda: Cochlea(RATE).hear([[1.0]]), "sound: found the shape (1, 1): expected samples in a row"),
-        (lambda: HairCells(2, RATE).spikes([[1.0]]), "drive: found the shape (1, 1): expected (samples, 2)"),
-        (lambda: crossings([[1.0]], [2.0, 1.0]), "thresholds: expected ascending numbers in a row, at least one"),
-        (lambda: crossings([1.0], [2.0]), "levels: found the shape (1,): expected (frames, channels)"),
-        (lambda: crossings([[1.0]], [2.0], [1.0, 1.0]), "before: found the shape (2,): expected (1,)"),
-        (
-            lambda: MelBands(10.0, low=0.0),
-            "window = 25.0, hop = 10.0: expected at least 2 samples and 1 sample of 100 ms",
-        ),
-    ],
-)
-def test_what_cannot_be_is_refused(call, message):
-    with pytest.raises(neuro.ModelError) as error:
-        call()
-    assert str(error.value).split("\n")[0] == message
+def test_what_cannot_be_is_refused(messages):
+    messages(refusals_of(messages.cases, globals()))

@@ -1,12 +1,10 @@
 """Values that are encoded in a network, and third-party codes by name."""
 
-from pathlib import Path
 from typing import Literal
 
 import h5py
 import numpy as np
 import pytest
-import yaml
 
 import neuro
 from event_tests import refusal
@@ -14,6 +12,7 @@ from neuro.coding import CODES, RATE_CODES, log_intensity_to_latency, poisson, p
 from neuro.coding.codes import CHOICES
 from neuro.core.keyed_random import key
 from neuro.testing import check_part
+from refused import refusals_of
 
 BOUNDS = {"r_min": 1.0, "r_max": 8.0}
 NET = """\
@@ -120,25 +119,11 @@ def test_a_network_as_it_is_holds_the_spikes(load, tmp_path):
     assert sim.network().populations["p"].model == neuro.spike_generator(spike_times=[[11.0], [6.0]])
 
 
-GOLDEN = yaml.safe_load((Path(__file__).parent / "golden" / "messages.yaml").read_text())
-MISTAKES = {f"values: [1, 2]{', ' * bool(code)}{code}": message for code, message in GOLDEN["yaml"].items()}
+def test_mistakes(load, messages):
+    def encode(**words):
+        return neuro.encode(**{"values": [1.0, 2.0], **words})
 
-
-@pytest.mark.parametrize(("said", "message"), [*MISTAKES.items(), *GOLDEN["others"].items()])
-def test_mistakes_in_yaml(load, said, message):
-    assert refusal(load, said) == f"net.yaml:4:{message}"
-
-
-@pytest.mark.parametrize(("said", "shape", "message"), GOLDEN["compiler"])
-def test_mistakes_that_the_compiler_finds(load, said, shape, message):
-    assert refusal(neuro.compile, load(said, shape), "reference") == f"net.yaml:4:3: population 'p': {message}"
-
-
-@pytest.mark.parametrize(("words", "message"), GOLDEN["python"])
-def test_mistakes_in_python(words, message):
-    told = refusal(neuro.encode, **{"values": [1.0, 2.0], **words})
-    assert message in told
-    assert "event_tests.py" in told  # where it was called
+    messages(refusals_of(messages.cases, globals() | locals() | {"nan": np.nan, "inf": np.inf}))
 
 
 @pytest.fixture

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from event_tests import refusal
 from neuro import coding
 from neuro.coding import FIELDS, Dimension, OneHot, Places, Population, Tiles
+from refused import refusals_of
 
 UNIT = [Dimension(low=0.0, high=1.0)] * 3
 MIXED = [Dimension(low=-1.0, high=1.0), Dimension(), Dimension(states=4, first=2)]
@@ -96,19 +96,5 @@ def test_what_was_seen_gives_the_bounds():
     assert [encoder.cells(np.array([x]))[0] for x in (0.0, 100.5, 1e6)] == [0, 4, 7]
 
 
-@pytest.mark.parametrize(
-    ("made", "message"),
-    [
-        (lambda: Places([]), "dimensions = []: expected at least one"),
-        (lambda: Places(UNIT, fields=1), "fields = 1: expected a whole number >= 2"),
-        (lambda: Population(UNIT, fields=2), "fields = 2: expected a whole number >= 3"),
-        (lambda: Tiles(UNIT, group=0), "group = 0: expected a whole number >= 1"),
-        (lambda: Tiles(UNIT * 4), "places of 12 dimensions in groups of 12: expected at most 1048576 places"),
-        (
-            lambda: OneHot(UNIT),
-            "one_hot: dimension is continuous: expected a number of values, as of Discrete or a Box of integers",
-        ),
-    ],
-)
-def test_refusals(made, message):
-    assert refusal(made).partition("\n")[0] == message
+def test_refusals(messages):
+    messages(refusals_of(messages.cases, globals()))

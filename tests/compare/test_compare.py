@@ -9,8 +9,8 @@ from neuro.chips.pricing import RULES_APPLIED
 from neuro.compare import compare, differences
 from neuro.compare.cells import bills
 from neuro.compare.runs import _against, _gather, _recording
-from neuro.core.errors import ModelError
 from neuro.core.extras import install
+from refused import refusals_of
 
 CHIPS = ["event", "loihi", "spinnaker"]
 
@@ -167,36 +167,8 @@ def test_where_the_first_refuses_others_are_compared_with_the_next():
     assert set({bill.target: bill.reason for bill in found.bills}) == {"loihi", "spinnaker", "cpu", "gpu"}
 
 
-MISTAKES = {
-    "one": (["event"], "backends = event: expected two or more to compare"),
-    "none": ([], "backends = none: expected two or more to compare"),
-    "twice": (["event", "event"], "backends: 'event' is said twice"),
-    "unknown": (["event", "loihj"], "unknown backend 'loihj'\n  hint: did you mean 'loihi'?"),
-}
-
-
-@pytest.mark.parametrize("what", MISTAKES)
-def test_mistakes(net, what):
-    backends, message = MISTAKES[what]
-    with pytest.raises(ModelError) as told:
-        compare(net, backends, 10.0)
-    assert str(told.value) == message
-
-
-def test_off_the_grid(net):
-    with pytest.raises(ModelError, match=r"^ms = 0\.5 ms: expected a multiple of the resolution, 1 ms\n"):
-        compare(net, ["event", "reference"], 0.5)
-
-
-def test_too_few_run():
-    with pytest.raises(ModelError) as told:
-        compare(unfit(), ["event", "loihi", "spinnaker"], 10.0)
-    lines = str(told.value).splitlines()
-    assert lines[0] == "only 1 of the 3 backends runs this network: nothing to compare"
-    assert "backend 'loihi' cannot run this network (1 problem)" in lines
-    assert "backend 'spinnaker' cannot run this network (1 problem)" in lines
-    with pytest.raises(ModelError, match=r"^none of the 2 backends run this network: nothing to compare\nbackend"):
-        compare(unfit(), ["loihi", "spinnaker"], 10.0)
+def test_mistakes(net, messages):
+    messages(refusals_of(messages.cases, globals() | locals()))
 
 
 def test_notes(net, monkeypatch):

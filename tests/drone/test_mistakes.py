@@ -1,18 +1,23 @@
-"""What is said of mistakes: the message of each input in mistakes.yaml, and of those that YAML cannot hold."""
+"""What is said of mistakes: of calls and commands that tests/messages.yaml has, and of what is not installed."""
 
 import sys
-from pathlib import Path
 
+import numpy as np  # noqa: F401
 import pytest
-import yaml
 
 import neuro
+from drones import SHORT  # noqa: F401
 from neuro.core.extras import install
+from neuro_drone.controllers import make  # noqa: F401  (named in messages.yaml, as all of these)
+from neuro_drone.energy import priced  # noqa: F401
 from neuro_drone.env import DroneEnv
+from neuro_drone.evaluate import grid  # noqa: F401
+from neuro_drone.model import Model  # noqa: F401
+from neuro_drone.parts import Drone  # noqa: F401
+from neuro_drone.paths import FlightCourse  # noqa: F401
+from neuro_drone.scenario import load
 from neuro_drone.train import train
 from refused import mistakes_of, refusals_of, refused
-
-SAID = yaml.safe_load((Path(__file__).parent / "mistakes.yaml").read_text("utf-8"))
 
 
 def flown(words, step=None, **reset):
@@ -22,52 +27,31 @@ def flown(words, step=None, **reset):
     return env.step(step)
 
 
-def test_calls_and_files(tmp_path, messages):
-    calls, files = list(SAID["calls"]), [tmp_path / f"{k}.yaml" for k in range(len(SAID["files"]))]
-    for k, text in enumerate(SAID["files"]):
-        files[k].write_text(text)
-        calls.append(f"load(files[{k}])")
-    env, begun = DroneEnv("B60", render_mode="rgb_array"), DroneEnv("B60")
+def own(cells, motors):
+    """A network with some cells and motors, or without."""
+    net = neuro.Network("own", resolution=0.3)
+    if cells is not None:
+        model = neuro.parrot_neuron() if cells == "parrots" else neuro.poisson_generator()
+        net.population("cells", 64 if cells == "parrots" else cells, model)
+    if motors is not None:
+        net.population("motors", motors, neuro.iaf_psc_exp(t_ref=3.0))
+    return net
+
+
+def test_calls(tmp_path, messages):
+    def loaded(text):
+        (tmp_path / "text.yaml").write_text(text)
+        return load(tmp_path / "text.yaml")
+
+    env, begun, nan, inf = DroneEnv("B60", render_mode="rgb_array"), DroneEnv("B60"), float("nan"), float("inf")
     begun.reset()
-    calls += [f"FlightCourse(seed={seed!r})" for seed in (-1, 2**63, True, 1.0)]
-    calls += """env.render()
-        env.step(np.zeros(2))
-        begun.step(np.zeros(3))
-        load(tmp_path / "x.yaml")
-        load("B60", camera=30)
-        Drone(v_max=10**400)
-        make("snn", SHORT, 0, {"tau_d": 1.0})
-        FlightCourse("variable")
-        grid(SHORT, 0)
-        grid(SHORT, 5, -1.0)
-        Model.load(tmp_path / "model.h5")
-        train("B60", steps=100, out=tmp_path)
-        priced(train(SHORT, "centroid"), ("loihi",))
-        priced(train(SHORT, "static"), ("lohi",))""".splitlines()
-    names = globals() | locals() | {"nan": float("nan"), "inf": float("inf")}
-    messages(refusals_of("\n".join(calls), names, tmp_path=tmp_path))
+    messages(refusals_of(messages.cases, globals() | locals(), tmp_path=tmp_path))
 
 
 def test_commands(drone, tmp_path, messages):
     (tmp_path / "bad.yaml").write_text("task: ball\ncamera: {tlt: 60}\n")
     assert drone("train", "--controller", "oracle", "--scenario", "short.yaml", "--out", "oracle.h5")[0] == 0
-    messages(mistakes_of(drone, "\n".join(SAID["commands"])))
-
-
-def test_networks_that_do_not_fit(messages):
-    def own(cells, motors):
-        net = neuro.Network("own", resolution=0.3)
-        if cells is not None:
-            model = neuro.parrot_neuron() if cells == "parrots" else neuro.poisson_generator()
-            net.population("cells", 64 if cells == "parrots" else cells, model)
-        if motors is not None:
-            net.population("motors", motors, neuro.iaf_psc_exp(t_ref=3.0))
-        return net
-
-    nets = [(None, 4), ((4, 4), 4), (64, None), (64, 2), ("parrots", 4), (64, 4)]
-    calls = [f"make('snn', load('B60'), 0, {{'network': own{net}}})" for net in nets]
-    calls.append("make('static', load('B60'), 0, {'network': own(64, 4)})")
-    messages(refusals_of("\n".join(calls), globals() | locals()))
+    messages(mistakes_of(drone, messages.cases))
 
 
 @pytest.mark.parametrize("name", ["dqn", "ddpg", "ppo"])

@@ -46,6 +46,14 @@ class Messages:
     def __init__(self, test: str, renew: bool) -> None:
         self._test, self._renew = test, renew
 
+    @property
+    def cases(self) -> list[str]:
+        """The cases that the golden file has of this test, where these are calls or commands: new ones are written
+        there, with no text, and renewed."""
+        cases = list(read().get(self._test, {}))
+        assert cases, f"tests/messages.yaml has no cases of {self._test}"
+        return cases
+
     def __call__(self, messages: dict[str, str]) -> None:
         texts = {case: "\n".join(line.rstrip() for line in text.splitlines()) for case, text in messages.items()}
         golden = read()

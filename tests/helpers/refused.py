@@ -1,7 +1,8 @@
 """What is said of a call that is refused."""
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -21,16 +22,20 @@ def refused(call: Callable[..., object], *args: object, **words: object) -> str:
     return str(error_of(call, *args, **words))
 
 
-def refusals_of(calls: str, names: Mapping[str, Any], **places: object) -> dict[str, str]:
-    """What a user reads of each call that is refused, a line each, by the call; `places` are named, not written out."""
-    lines = [line.strip() for line in calls.strip().splitlines()]
-    return {line: _named(refused(eval, line, dict(names)), places) for line in lines}
+def refusals_of(calls: Iterable[str], names: Mapping[str, Any], **places: object) -> dict[str, str]:
+    """What a user reads of each call that is refused, by the call; `places` are named, not written out."""
+    said = {}
+    for call in calls:
+        error = error_of(eval, call, dict(names))
+        here = f"{error.where}: " if Path(__file__).name in f"{error.where}" else ""
+        said[call] = _named(str(error).removeprefix(here), places)
+    return said
 
 
-def mistakes_of(command: Callable[..., tuple[int, str, str]], lines: str, **places: object) -> dict[str, str]:
-    """What commands print that end with status 2 and nothing else, a line each, by the line."""
+def mistakes_of(command: Callable[..., tuple[int, str, str]], lines: Iterable[str], **places: object) -> dict[str, str]:
+    """What each command prints, by its line: status 2, an error, and nothing else."""
     printed = {}
-    for line in map(str.strip, lines.strip().splitlines()):
+    for line in lines:
         status, out, err = command(*shlex.split(line.format(**places)))
         assert (status, out, err.startswith("error: "), "Traceback" in err) == (2, "", True, False), (line, out, err)
         printed[line] = _named(err, places)

@@ -56,16 +56,7 @@ def test_files_of_any_format_are_predicted(neuro, folder, model, tmp_path):
 
 
 def test_mistakes_are_one_message(neuro, folder, messages):
-    lines = """
-        list hots1
-        train hats --data nowhere
-        train hat --data {folder}
-        train hats --data {folder} --preset x
-        test nothing.h5 --data {folder}
-        predict nothing.h5 one.bin
-        predict net.yaml 'a b.bin' c.bin
-        test net.yaml --data data"""
-    messages(mistakes_of(neuro, lines, folder=folder))
+    messages(mistakes_of(neuro, messages.cases, folder=folder))
 
 
 def test_compare_keeps_what_is_done(neuro, folder, tmp_path, monkeypatch):

@@ -86,18 +86,7 @@ def test_what_cannot_be(tmp_path, folder, messages):
         wrong.append(tmp_path / f"{k}.csv")
         wrong[k].write_text(text)
     empty, data = Events([5], [1], [1], [0], (FIELD, FIELD)), recordings(folder)
-    calls = """
-        scene(objects=[3, 2])
-        scene(sensor=[3])
-        scene(sensor=[30, 30])
-        compose("0001", [empty], [0], Scenery(), np.random.default_rng(0))
-        read_boxes(wrong[0], ("cross", "ring"))
-        read_boxes(wrong[1], ("cross", "ring"))
-        read_boxes(wrong[2], ("cross", "ring"))
-        write_scenes(tmp_path / "s", data, Scenery(), 1, chosen=np.array([0, 9]))
-        Scenes(folder)
-        fold_of(data, 5, 5)"""
-    messages(refusals_of(calls, globals() | locals(), tmp_path=tmp_path, folder=folder))
+    messages(refusals_of(messages.cases, globals() | locals(), tmp_path=tmp_path, folder=folder))
 
 
 def test_a_folder_of_scenes_is_made_in_several_goes(folder, tmp_path):

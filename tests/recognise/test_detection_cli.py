@@ -17,7 +17,7 @@ from refused import mistakes_of
 @pytest.fixture(scope="module")
 def made(shapes_folder, status_of, tmp_path_factory):
     """A folder with scenes and a recogniser that learnt from crops out of others."""
-    path, halves = tmp_path_factory.mktemp("made"), ["--data", str(shapes_folder), "--folds", "2", "--fold", "0"]
+    path, halves = tmp_path_factory.mktemp("made"), f"--data {shapes_folder} --folds 2 --fold 0"
     for words in (
         f"scenes {halves} --out {path}/learn --count 6 --others", f"crops {path}/learn --out {path}/crops",
         f"train hats --data {path}/crops --out {path}/model.h5",
@@ -96,17 +96,4 @@ def test_boxes_that_are_found_and_given_on_one_page(neuro, made):
 
 
 def test_mistakes(neuro, messages):
-    lines = """
-        watch model.h5 scenes/0000.npz --several --allow 0.1
-        watch model.h5 scenes/0000.npz --boxes scenes/scenes.json
-        detect model.h5
-        detect model.h5 scenes/0000.npz --out x.txt
-        detect model.h5 --data crops
-        detect model.h5 --data scenes --out x.csv
-        detect model.h5 scenes/0000.npz --way dens
-        detect model.h5 scenes/0000.npz --way dense
-        detect model.h5 scenes/0000.npz --set sise=3
-        scenes --data crops --out t --sensor 100
-        scenes --data crops --out scenes --noise 3
-        scenes --data crops --out t --folds 3 --fold 3"""
-    messages(mistakes_of(neuro, lines))
+    messages(mistakes_of(neuro, messages.cases))

@@ -175,13 +175,4 @@ def test_known_values():
 
 def test_mistakes(learnt, messages):
     fresh = Layers(SMALL, SIZE)
-    calls = """
-        Hierarchy(tau=0)
-        Hierarchy(first="random")
-        fresh.features(drawn(0))
-        fresh.learn([drawn(0, 2)])
-        learnt.assigned(drawn(0), 2)
-        learnt.features(drawn(0, 30, (20, 20)), cell=-7)
-        learnt.features(drawn(0, 30, (30, 20)))
-        Layers.from_state(Hierarchy(layers=2, centres=4), SIZE, learnt.state())"""
-    messages(refusals_of(calls, globals() | locals()))
+    messages(refusals_of(messages.cases, globals() | locals()))

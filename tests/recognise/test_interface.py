@@ -123,7 +123,7 @@ def test_what_cannot_be_learnt_from_or_written_to(learning, unseen, tmp_path, fo
 
 def test_times_run_forwards_from_the_first_event(of_hats, unseen, messages):
     made, events = Recogniser.load(of_hats), unseen[0].load()
-    messages(refusals_of("made.scores_at(events, [2.0, 1.0])\nmade.scores_at(events, [-5])", locals()))
+    messages(refusals_of(messages.cases, locals()))
 
 
 def test_what_was_learnt_is_read_without_scikit_learn(learning, unseen, tmp_path, monkeypatch):

@@ -20,10 +20,7 @@ from refused import mistakes_of
 
 def test_backends_are_looked_at_before_any_recording_is_read(neuro, folder, learning, monkeypatch, model, messages):
     monkeypatch.setattr(type(learning), "sensor_size", None)
-    lines = [f"train {name} --data nowhere --backend loihi" for name, method in METHODS.items() if not method.spikes]
-    lines += [f"{words} --backend loihi" for words in ("test m.h5 --data nowhere", "predict m.h5 a", "watch m.h5 a")]
-    lines += [f"{words} --data {{folder}} --backend evnt" for words in ("train must", "compare --method hats")]
-    messages(mistakes_of(neuro, "\n".join(lines), folder=folder))
+    messages(mistakes_of(neuro, messages.cases, folder=folder))
 
 
 def test_of_no_recordings_there_are_no_scores(learning, model):

@@ -189,6 +189,4 @@ def test_memory_stays_flat_however_long_a_stream_is(name, request):
 
 
 def test_what_a_session_refuses(hats, messages):
-    words = ("every_ms=0.0", "window_ms=float('nan')", "gap_ms=-1.0", "allow=0.05")
-    calls = "\n".join(["hats.session().feed([(1, 2, 3, 0)])", *(f"hats.session({word})" for word in words)])
-    messages(refusals_of(calls, locals()))
+    messages(refusals_of(messages.cases, locals()))

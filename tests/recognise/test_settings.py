@@ -31,31 +31,4 @@ def test_values_change_by_their_own_name_or_that_of_their_part():
 
 
 def test_wrong_values(messages):
-    calls = """
-        method_of("hots1")
-        method_of("boe", values={"C": 0})
-        method_of("boe", values={"treshold": 9})
-        method_of("boe", values={"segmenter": "msx"})
-        method_of("boe", values={"segmenter": "counts", "tau": 1})
-        method_of("boe", values={"cleaner": "tar", "tau": 0.1})
-        method_of("tar_hats", values={"cleaner.tau": -1})
-        method_of("hats", "pokre")
-        method_of("hats", values={"size": [34]})
-        method_of("hats", values={"cell": 2.5})
-        method_of("remus", values={"order": "days"})
-        method_of("remus", values={"vote": "loudest"})
-        method_of("remus", values={"epochs": 0})
-        method_of("remus", values={"rate_decay": 2})
-        method_of("remus", values={"maps": 9})
-        method_of("remus", values={"tau": "long"})
-        method_of("remus", values={"orientations": ["up"]})
-        method_of("remus", values={"size": 34})
-        method_of("remus", values={"size": [34.5, 34]})
-        method_of("remus", values={"sizes": [3, 5]})
-        method_of("remus", values={"sizes": [3, 5, 6, 9]})
-        method_of("remus", values={"min_response": 1})
-        method_of("remus", values={"literal": 1})
-        method_of("remus", values={"thet": 3})
-        method_of("remus").fitting((1, 34))
-        method_of("edhmax_tempotron", values={"representation": "leaky"})"""
-    messages(refusals_of(calls, globals()))
+    messages(refusals_of(messages.cases, globals()))

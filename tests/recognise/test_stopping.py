@@ -145,8 +145,7 @@ def test_rules_of_few_recordings_are_wrong_no_more_often_than_is_assured(assuran
 def test_what_a_rule_refuses(messages):
     held = held_of([[(1, k > 2)] for k in range(30)])
     assert stopping_rule(held, 0.21).level >= -1
-    calls = "stopping_rule(held, 0.2)\nstopping_rule(held, 1)\nstopping_rule(held, 0.3, 1)"
-    messages(refusals_of(calls, globals() | locals()))
+    messages(refusals_of(messages.cases, globals() | locals()))
 
 
 def bar(label, seed):
@@ -210,10 +209,7 @@ def test_what_learning_holds_out_keeps_and_refuses(early, data, tmp_path, folder
     assert met.any()
     assert [one.settled for one in said] == met.tolist()
     assert [one.confidence for one in said] == pytest.approx([1 - one for one in wrong], nan_ok=True)
-    calls = "\n".join(
-        f"learn_early(early, data, {words})" for words in ("every_ms=0.01", "folds=13", "backend='loihi'")
-    )
-    messages(refusals_of(calls, globals() | locals(), method=early.method.called()))
+    messages(refusals_of(messages.cases, globals() | locals(), method=early.method.called()))
     assert len(moments(data, 0.2)) <= 200
     files = sorted(folder.glob("*/*.bin"))
     (wholes, wrong), (soon, _) = predict_files(early, files), predict_files(early, files, allow=0.2)

@@ -135,18 +135,7 @@ def test_mistakes(neuro, folder, model, tmp_path, messages):
     (tmp_path / "other" / "round").mkdir(parents=True)
     (tmp_path / "other" / "round" / "1.bin").write_bytes((folder / "Train" / "lying" / "1.bin").read_bytes())
     (tmp_path / "bare.yaml").write_text("limits:\n  cores_per_chip: {value: 128, source: me}\n")
-    lines = """
-        recognise train remus --data {folder}/Train/lying/1.bin
-        recognise train remus --data {folder} --preset good
-        recognise train remus --data {folder} --set maps=3
-        recognise train remus --data {folder} --out no/model.h5 --set epochs=1
-        recognise energy none.h5 --data {folder}
-        recognise energy model.h5 --data nowhere --chips loihi,lohi
-        recognise energy model.h5 --data {folder} --chips bare.yaml
-        recognise show {folder}/Train/lying/1.bin
-        recognise test model.h5 --data other
-        remus demo --out bare.yaml"""
-    messages(mistakes_of(neuro, lines, folder=folder))
+    messages(mistakes_of(neuro, messages.cases, folder=folder))
 
 
 def test_demo_of_given_recordings(neuro, folder, tmp_path):

@@ -16,6 +16,7 @@ from neuro.pages.raster import packed
 from neuro.pages.report import page
 from neuro.run.collect import collect
 from rasters import Page, unpacked
+from refused import mistakes_of
 
 NETWORK = """\
 neuro: 1
@@ -284,17 +285,11 @@ def test_spikes_of_generators_are_not_those_of_neurons():
     assert "2000 pA" in text
 
 
-def test_the_command(tmp_path, answer, monkeypatch, run):
+def test_the_command(tmp_path, answer, monkeypatch, run, messages):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "net.yaml").write_text(NETWORK)
     results.write(run, "run.h5")
     assert answer("report", "run.h5") == (0, "run.html: written\n", "")
     assert answer("report", "run.h5", "--out", "other.html", "--chip", "cpu") == (0, "other.html: written\n", "")
     assert "energy on cpu" in (tmp_path / "other.html").read_text()
-    for words, told in {
-        ("net.yaml",): "net.yaml: not a file of results, as 'neuro run' writes it\n",
-        ("run.h5", "--chip", "lohi"): "unknown chip 'lohi'\n  hint: did you mean 'loihi'?\n",
-        ("run.h5", "--out", "net.yaml"): "net.yaml: exists and is not a page of 'neuro report'",
-    }.items():
-        found = answer("report", *words)
-        assert (found.status, found.err.startswith(f"error: {told}")) == (2, True)
+    messages(mistakes_of(answer, messages.cases))

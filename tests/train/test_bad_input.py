@@ -38,50 +38,13 @@ def test_networks_that_cannot_learn(neuro, folder, tmp_path, messages):
         "no V_reset": network(snn.hh_psc_alpha(t_ref=5.0)), "at random": network(snn.srm0(t_ref=5.0)),
     }.items():  # fmt: skip
         net.save("net.yaml")
-        said |= {
-            name: text
-            for text in mistakes_of(neuro, " ".join(map(str, ["net.yaml", "--data", folder, *QUICK]))).values()
-        }
+        (said[name],) = mistakes_of(neuro, [f"net.yaml --data {folder} --for 60 --epochs 8 --batch 6"]).values()
     messages(said)
     assert not (tmp_path / "trained.yaml").exists()
 
 
 def test_options_that_cannot_be(neuro, folder, file, tmp_path, messages):
-    options = """
-        --input pixls
-        --output ot
-        --input hidden
-        --output hidden
-        --scale 2
-        --augment shft=2
-        --augment shift=two
-        --augment shift=-1
-        --augment warp=a
-        --augment mirror=1
-        --cost loihi
-        --cost lohi=1
-        --loss counts
-        --surrogate sigmoid
-        --epochs -1
-        --prune 1
-        --prune 0.999
-        --window middle
-        --window -1,0
-        --window 9,9
-        --bits 9
-        --learn in_hiden
-        --learn hidden_out=weigt
-        --device cuda:7
-        --device meta
-        --without *
-        --for 61
-        --folds 2 --test Test
-        --folds 2 --backends event,lohi
-        --start 5000 --epochs 1
-        --search hidden --test Test"""
-    before = f"{file} --data {folder} " + " ".join(map(str, QUICK))
-    messages({line.strip(): text for line in options.strip().splitlines()
-              for text in mistakes_of(neuro, f"{before} {line}", folder=folder, file=file).values()})  # fmt: skip
+    messages(mistakes_of(neuro, messages.cases, folder=folder, file=file))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -137,9 +137,7 @@ def test_what_varies_if_no_values_are_given():
 
 def test_mistakes_in_what_varies(messages):
     net, given = snn.load(neuro_models.path("dense")), {"hidden": 8, "tau": 20.0}
-    texts = ("hiden", "duration=30", "hidden=", "hidden=4:many", "tau", "step=7")
-    calls = [f"space({text!r}, net, PLAN, given | STEP)" for text in texts] + ["space('step', net, PLAN, given)"]
-    messages(refusals_of("\n".join(calls), globals() | locals()))
+    messages(refusals_of(messages.cases, globals() | locals()))
 
 
 def test_without_optuna_one_error_says_how_to_get_it(neuro, dense, monkeypatch, tmp_path):

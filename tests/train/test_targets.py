@@ -112,22 +112,17 @@ def test_what_cannot_be_learnt_is_refused(neuro, files, messages):
     def targets(value, shape=(40, STEPS, 2)):
         return {"targets": np.full(shape, value)}
 
-    good, infinite = (files / "learn.npz").read_bytes(), targets(0.0)
+    good, infinite, silent = (files / "learn.npz").read_bytes(), targets(0.0), np.zeros((40, STEPS, CHANNELS))
     infinite["targets"].flat[250] = np.inf
     (files / "cut.npz").write_bytes(good[: len(good) // 2])
-    wrong = {
-        "infinite": infinite, "large": targets(1e300), "all NaN": targets(np.nan), "three": targets(0.0, (40, STEPS, 3)),
-        "short": targets(0.0, (40, 50, 2)), "none": {"targets": None}, "silent": {"spikes": np.zeros((40, STEPS, CHANNELS))},
-        "empty": targets(0.0, (0, STEPS, 2)) | {"spikes": np.zeros((0, STEPS, CHANNELS))},
-        "twos": {"spikes": np.full((40, STEPS, CHANNELS), 2)},
-    }  # fmt: skip
-    for name, changes in wrong.items():
+    for name, changes in {
+        "infinite": infinite, "large": targets(1e300), "all_NaN": targets(np.nan), "short": targets(0.0, (40, 50, 2)),
+        "three": targets(0.0, (40, STEPS, 3)), "none": {"targets": None}, "silent": {"spikes": silent},
+        "empty": {"spikes": silent[:0], **targets(0.0, (0, STEPS, 2))}, "twos": {"spikes": silent + 2},
+    }.items():  # fmt: skip
         held = {word: value for word, value in (made(40, 0) | changes).items() if value is not None}
-        np.savez(files / f"{name.replace(' ', '_')}.npz", **held)
-    words = "{files}/decoder.yaml --loss mse --input channels --epochs 1 --data {files}/"
-    lines = [words + name for name in (*(f"{name.replace(' ', '_')}.npz" for name in wrong), "cut.npz", "decoder.yaml")]
-    lines += [words + name for name in ("nothing.npz", "learn.npz --folds 3", "learn.npz --output outt")]
-    messages(mistakes_of(neuro, "\n".join(lines), files=files))
+        np.savez(files / f"{name}.npz", **held)
+    messages(mistakes_of(neuro, messages.cases, files=files))
 
 
 def test_losses_and_what_is_wanted_belong_together(net):

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import neuro
+from golden_messages import Messages
+from refused import refusals_of
 
 PRE, POST = [0, 1, 2, 3, 0, 2], [1, 2, 3, 0, 2, 1]
 EDGE_TYPES = (
@@ -64,28 +66,8 @@ def test_all_attributes_of_types(tmp_path: Path) -> None:
     assert [edge[2:] for edge in found] == [(2.5, 1.0), (9.0, 3.0), (-4.0, 2.0), (2.5, 1.0), (2.5, 1.0), (-4.0, 2.0)]
 
 
-@pytest.mark.parametrize(
-    ("types", "message"),
-    [
-        (EDGE_TYPES.replace("7 ", "8 "), "edges.h5: row 2, column 'edge_type_id': found 7: expected a type of "),
-        (EDGE_TYPES.replace("7 -4.0", "7 NULL"), "edges.h5: row 2: type 7 of edge_types.csv has no 'syn_weight'"),
-        (EDGE_TYPES.replace("-4.0", "four"), "edges.h5: column 'syn_weight' holds text in some groups, and numbers in"),
-        (EDGE_TYPES.replace("-4.0", "nan"), "edges.h5: row 2, column 'syn_weight': found .nan: expected a finite"),
-        (EDGE_TYPES.replace("7 ", "x "), "edge_types.csv: row 3, column 'edge_type_id': found 'x': expected a whole"),
-        (EDGE_TYPES.replace("7 ", "100 "), "edge_types.csv: row 3, column 'edge_type_id': found '100': expected an"),
-        (EDGE_TYPES.replace("7 ", "-1 "), "edge_types.csv: row 3, column 'edge_type_id': found '-1': expected a"),
-        (EDGE_TYPES.replace(" ", ","), "edge_types.csv: row 1: found ['edge_type_id,syn_weight,delay,model_template,"),
-        (EDGE_TYPES + "9\n", "edge_types.csv: row 5: found 1 words: expected 5, as in row 1"),
-        (EDGE_TYPES.replace("model_template", "delay"), "edge_types.csv: row 1: column 'delay' stands there twice"),
-        ("\n", "edge_types.csv: found no header"),
-        ("edge_type_id syn_weight delay\n", "edges.h5: row 2, column 'edge_type_id': found 7: expected a type of"),
-        (None, "edges.h5: row 2: its group has no 'syn_weight'"),
-    ],
-)
-def test_what_types_lack(tmp_path: Path, types: str | None, message: str) -> None:
-    with pytest.raises(neuro.ModelError) as caught:
-        synapses(tmp_path, types)
-    assert caught.value.message.replace(f"{tmp_path}/", "").startswith(f"projection 'wires': {message}")
+def test_what_types_lack(tmp_path: Path, messages: Messages) -> None:
+    messages(refusals_of(messages.cases, globals() | locals(), folder=tmp_path))
 
 
 def test_types_are_those_of_a_file_of_sonata(tmp_path: Path) -> None:
