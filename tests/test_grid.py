@@ -52,8 +52,7 @@ def test_a_job_is_done_once(tmp_path, processes):
     assert (done(tmp_path), sorted(told)) == ([0, 1, 4], ["job 0", "job 1", "job 4"])
     (tmp_path / "1.json").unlink()
     told.clear()
-    assert grid(RESULTS, jobs, processes, told.append) == first
-    assert (done(tmp_path), told) == ([1], [None, None, "job 1"])
+    assert (grid(RESULTS, jobs, processes, told.append), done(tmp_path), told) == (first, [1], [None, None, "job 1"])
 
 
 def test_another_description_or_format_is_another_job(tmp_path):

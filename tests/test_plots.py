@@ -48,7 +48,7 @@ def test_any_size(size, spikes, tmp_path):
         draw(run).savefig(tmp_path / "a.png", dpi=20)
 
 
-def test_titles_and_units():
+def test_titles_units_and_rates():
     axis = plots.raster(results()).axes[0]
     assert axis.get_title("left") == "cells: 10 neurons, 10 Hz"
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("time (ms)", "neuron")
@@ -56,45 +56,66 @@ def test_titles_and_units():
     assert (axis.get_title("left"), axis.get_ylabel()) == ("cells: 1 neuron, 100 Hz", "rate (Hz)")
     assert plots.trace(results(traced=2)).axes[0].get_ylabel() == "V_m (mV)"
     assert plots.trace(results(traced=20)).axes[1].get_ylabel() == "V_m (mV)"
-
-
-def test_rates_add_up():
     figure = plots.rate(results(size=10, spikes=500))
     hz, edges, _ = figure.axes[0].patches[0].get_data()
     assert (hz * np.diff(edges)).sum() * 10 / 1000.0 == pytest.approx(500)
     assert figure.get_suptitle() == "test: mean rates in bins of 5 ms"
+    plots.rate(results(duration=1.0, spikes=3))
 
 
-def test_a_spike_on_an_edge_belongs_to_the_step_before_it(sim):
+def test_edges_bins_and_windows(sim):
     hz, edges, _ = plots.rate(sim, "in", bin=20.0).axes[0].patches[0].get_data()
     assert edges.tolist() == [0.0, 20.0, 40.0, 50.0]
     assert (hz * 4 * np.diff(edges) / 1000.0).round(9).tolist() == [4.0, 3.0, 0.0]
     tenths = plots.rate(sim, "in", bin=0.1, window=(29.9, 30.1)).axes[0].patches[0].get_data()[0]
     assert (tenths * 4 * 0.1 / 1000.0).round(9).tolist() == [2.0, 0.0]
+    told = plots.rate(sim, "in", bin="5 ms", window=("0.01 s", "30 ms")).axes[0].patches[0].get_data()
+    assert told[1].tolist() == [10.0, 15.0, 20.0, 25.0, 30.0]
+    assert sim.plot(window=("10 ms", 30.0)).axes[0].get_xlim() == (10.0, 30.0)
+    (train,) = trains(recorded(sim), "in", (10.0, 30.0))
+    assert (train.times_ms.tolist(), train.ids.tolist()) == ([20.0, 20.0, 30.0, 30.0], [0, 3, 1, 3])
+    axis = plots.raster(sim, "in", window=(10.0, 30.0)).axes[0]
+    assert (axis.get_xlim(), axis.get_title("left")) == ((10.0, 30.0), "in: 4 neurons, 50 Hz")
+    shown = plots.trace(sim, "v", window=(10.0, 12.0)).axes[0]
+    assert [line.get_xdata().tolist() for line in shown.lines] == [[10.0, 11.0, 12.0]] * 6
 
 
-def test_few_of_many_spikes_are_drawn_and_said(monkeypatch):
+def test_few_of_many_are_drawn_and_said(monkeypatch):
     monkeypatch.setattr(_spikes, "MOST_DOTS", 50)
     axis = plots.raster(results(spikes=100)).axes[0]
     assert axis.get_title("left") == "cells: 10 neurons, 10 Hz, 50 of 100 spikes drawn"
     assert axis.lines[0].get_xdata().size == 50
-
-
-def test_few_of_many_traces_are_drawn_and_said(monkeypatch):
     monkeypatch.setattr(_traces, "MOST_ROWS", 5)
     axis = plots.trace(results(traced=20)).axes[0]
     assert axis.get_title("left") == "v: V_m of cells, 5 of 20 neurons drawn"
     assert axis.images[0].get_array().shape == (5, 1000)
+    monkeypatch.setattr(_traces, "MOST_CELLS", 4)
+    axis = plots.weights(results(), "own", "matrix").axes[0]
+    assert axis.get_title("left") == "own: 100 weights, means of blocks of 3 x 3"
+    image, whole = axis.images[0].get_array(), np.arange(100.0).reshape(10, 10)
+    assert (image.shape, image[0, 0], image[3, 3]) == ((4, 4), whole[:3, :3].mean(), whole[9, 9])
+    run = results()
+    run.projections["grid"] = Weights("cells", "cells", "static", 30, {}, weight=np.arange(30.0).reshape(5, 1, 2, 3))
+    sheet = plots.weights(run, "grid", "matrix").axes[0].images[0].get_array()
+    assert (sheet.shape, sheet[3:, 4:7].tolist()) == ((5, 11), np.arange(24.0, 30.0).reshape(2, 3).tolist())
+    monkeypatch.setattr(_traces, "MOST_KERNELS", 2)
+    assert plots.weights(run, "grid", "matrix").axes[0].get_title("left") == "grid: kernels of 2 x 3, 2 of 5 drawn"
 
 
-def test_a_run_shorter_than_a_bin():
-    plots.rate(results(duration=1.0, spikes=3))
-
-
-def test_a_simulation_that_has_not_run(sim):
+def test_whole_pictures(sim):
     sim = neuro.compile(sim.network(), backend="reference")
     for draw in (plots.raster, plots.rate, plots.isi, plots.cv, plots.overview):
         assert isinstance(draw(sim), Figure)
+    figure = sim.plot()
+    assert (figure.get_suptitle(), len(figure.axes)) == ("two on reference: 50 ms, 10 neurons", 3)
+    assert len(sim.plot("in", window=(0.0, 20.0)).axes) == 2
+    assert plots.raster(sim)._repr_png_()[:8] == b"\x89PNG\r\n\x1a\n"
+    from matplotlib import _pylab_helpers
+
+    before, shown = dict(matplotlib.rcParams), dict(_pylab_helpers.Gcf.figs)
+    plots.overview(sim)
+    plots.weights(sim, "in_out", "matrix")
+    assert (dict(matplotlib.rcParams), _pylab_helpers.Gcf.figs) == (before, shown)
 
 
 def test_a_simulation_is_drawn_as_its_results(sim):
@@ -111,12 +132,6 @@ def test_a_simulation_is_drawn_as_its_results(sim):
     assert np.array_equal(mine.values, theirs.values)
 
 
-def test_times_with_units(sim):
-    told = plots.rate(sim, "in", bin="5 ms", window=("0.01 s", "30 ms")).axes[0].patches[0].get_data()
-    assert told[1].tolist() == [10.0, 15.0, 20.0, 25.0, 30.0]
-    assert sim.plot(window=("10 ms", 30.0)).axes[0].get_xlim() == (10.0, 30.0)
-
-
 @pytest.mark.parametrize("resolution", [0.1, 0.125, 0.3, 1.0])
 def test_bins_are_on_the_grid(resolution):
     run = results()
@@ -124,15 +139,6 @@ def test_bins_are_on_the_grid(resolution):
     _, width = _spikes._edges(recorded(run), trains(recorded(run))[0], None)
     assert width >= 5.0
     assert width / resolution == pytest.approx(round(width / resolution), abs=1e-9)
-
-
-def test_a_window_is_after_its_begin_up_to_its_end(sim):
-    (train,) = trains(recorded(sim), "in", (10.0, 30.0))
-    assert (train.times_ms.tolist(), train.ids.tolist()) == ([20.0, 20.0, 30.0, 30.0], [0, 3, 1, 3])
-    axis = plots.raster(sim, "in", window=(10.0, 30.0)).axes[0]
-    assert (axis.get_xlim(), axis.get_title("left")) == ((10.0, 30.0), "in: 4 neurons, 50 Hz")
-    shown = plots.trace(sim, "v", window=(10.0, 12.0)).axes[0]
-    assert [line.get_xdata().tolist() for line in shown.lines] == [[10.0, 11.0, 12.0]] * 6
 
 
 def test_populations_by_name_by_part_and_by_view(sim):
@@ -155,13 +161,10 @@ def test_intervals_and_their_variation():
     assert variation(train.times_ms, train.ids) == pytest.approx(expected, rel=1e-12)
 
 
-def test_a_single_interval_has_no_variation():
+def test_intervals_and_what_they_say(sim):
     times, ids = np.array([1.0, 2.0, 3.0, 5.0, 9.0]), np.array([0, 0, 1, 1, 1])
     train = Spikes("cells", np.arange(2), times, ids, (0.0, 10.0))
     assert variation(train.times_ms, train.ids) == pytest.approx([1.0 / 3.0])
-
-
-def test_what_intervals_and_cv_say(sim):
     assert plots.isi(sim, "in").axes[0].get_title("left") == "in: 4 intervals, mean 12.5 ms"
     heights, edges, _ = plots.isi(sim, "in").axes[0].patches[0].get_data()
     assert heights.sum() == 4
@@ -182,23 +185,6 @@ def test_weights_as_a_histogram_and_a_matrix(sim):
     assert (shown.get_xlabel(), shown.get_ylabel()) == ("target neuron", "source neuron")
 
 
-def test_a_large_matrix_is_drawn_in_blocks(monkeypatch):
-    monkeypatch.setattr(_traces, "MOST_CELLS", 4)
-    axis = plots.weights(results(), "own", "matrix").axes[0]
-    assert axis.get_title("left") == "own: 100 weights, means of blocks of 3 x 3"
-    image, whole = axis.images[0].get_array(), np.arange(100.0).reshape(10, 10)
-    assert (image.shape, image[0, 0], image[3, 3]) == ((4, 4), whole[:3, :3].mean(), whole[9, 9])
-
-
-def test_kernels_side_by_side(monkeypatch):
-    run = results()
-    run.projections["grid"] = Weights("cells", "cells", "static", 30, {}, weight=np.arange(30.0).reshape(5, 1, 2, 3))
-    sheet = plots.weights(run, "grid", "matrix").axes[0].images[0].get_array()
-    assert (sheet.shape, sheet[3:, 4:7].tolist()) == ((5, 11), np.arange(24.0, 30.0).reshape(2, 3).tolist())
-    monkeypatch.setattr(_traces, "MOST_KERNELS", 2)
-    assert plots.weights(run, "grid", "matrix").axes[0].get_title("left") == "grid: kernels of 2 x 3, 2 of 5 drawn"
-
-
 def test_into_axes_that_are_given(sim):
     figure = Figure()
     axes = figure.subplots(5, 1)
@@ -210,25 +196,6 @@ def test_into_axes_that_are_given(sim):
     assert plots.isi(sim, "in", ax=axes[3]) is figure
     assert [text.get_text() for text in axes[3].get_legend().get_texts()] == ["in: 4 intervals, mean 12.5 ms"]
     assert plots.weights(sim, "in_out", ax=axes[4]) is figure
-
-
-def test_at_a_glance(sim):
-    figure = sim.plot()
-    assert (figure.get_suptitle(), len(figure.axes)) == ("two on reference: 50 ms, 10 neurons", 3)
-    assert len(sim.plot("in", window=(0.0, 20.0)).axes) == 2
-
-
-def test_a_notebook_shows_it(sim):
-    assert plots.raster(sim)._repr_png_()[:8] == b"\x89PNG\r\n\x1a\n"
-
-
-def test_nothing_global_changes(sim):
-    from matplotlib import _pylab_helpers
-
-    before, shown = dict(matplotlib.rcParams), dict(_pylab_helpers.Gcf.figs)
-    plots.overview(sim)
-    plots.weights(sim, "in_out", "matrix")
-    assert (dict(matplotlib.rcParams), _pylab_helpers.Gcf.figs) == (before, shown)
 
 
 def test_mistakes(sim, messages):

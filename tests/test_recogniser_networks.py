@@ -47,8 +47,7 @@ def test_masquelier_and_thorpe_tell_bars_apart_by_v_at_the_end():
         apart = np.maximum(abs(rows[:, None] - rows), abs(columns[:, None] - columns))
         assert np.all(apart[~np.eye(len(maps), dtype=bool)] > 5)
     sim.set("s2", V_th=1e6)
-    c2 = [sim.trials(*bars(40, seed=seed)[:3]).potential for seed in (10, 11)]
-    labels = np.arange(40) % 2
+    c2, labels = [sim.trials(*bars(40, seed=seed)[:3]).potential for seed in (10, 11)], np.arange(40) % 2
     means = np.stack([c2[0][labels == label].mean(axis=0) for label in (0, 1)])
     assert np.mean(((c2[1][:, None] - means) ** 2).sum(axis=2).argmin(axis=1) == labels) == 1.0
 

@@ -195,7 +195,7 @@ def test_what_was_stopped_goes_on_in_the_same_environment_only(tmp_path, monkeyp
     assert file.exists()
 
 
-def test_random_moves_that_were_too_few_are_made_anew():
+def test_random_moves_vectors_and_second_trainings():
     env, one = Drifting(False), neuro_agent.ActorCritic(Drifting.observation_space, Drifting.action_space, critics=5)
     one.train(env, steps=1)
     assert not one.explored
@@ -205,16 +205,10 @@ def test_random_moves_that_were_too_few_are_made_anew():
     none = neuro_agent.ActorCritic(Drifting.observation_space, Drifting.action_space, critics=5, explore=0)
     none.train(env, steps=10)
     assert (none.places.middle[0], none.places.spread[0]) == (0.0, 1.0)
-
-
-def test_a_vector_of_environments_is_learnt_from_at_a_time():
     envs, one = gymnasium.vector.SyncVectorEnv([Corridor] * 4), agent(seed=3)
     log = one.train(envs, steps=4000)
     assert one.test(Corridor(), episodes=20).mean > 0.6
     assert len(log) > 100
-
-
-def test_a_second_training_has_episodes_of_its_own():
     one, seeds, env = agent(), [], Corridor()
     reset = env.reset
 
@@ -226,6 +220,8 @@ def test_a_second_training_has_episodes_of_its_own():
     one.train(env, steps=300)
     one.train(env, steps=300)
     assert len(seeds) == len(set(seeds)) > 20
+    found = agent().controls(Corridor(), steps=400, episodes=5, names=("frozen", "random"))
+    assert all(test.mean < 0.5 for test in found.values())
 
 
 def test_what_an_environment_must_not_give(messages):
@@ -456,11 +452,6 @@ def test_each_grid_has_one_active_place_and_neighbours_share_some():
         near, far, here = places.cells(x + 0.01), places.cells((x + 0.5) % 1.0), places.cells(x)
         assert len(set(here)) == places.active == 24
         assert len(set(here) & set(near)) >= 18 > len(set(here) & set(far))
-
-
-def test_controls_that_learn_nothing():
-    found = agent().controls(Corridor(), steps=400, episodes=5, names=("frozen", "random"))
-    assert all(test.mean < 0.5 for test in found.values())
 
 
 class Balance(gymnasium.Env):

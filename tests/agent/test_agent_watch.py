@@ -4,6 +4,7 @@ import base64
 import io
 import re
 from functools import partial
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -89,8 +90,7 @@ def test_the_page_holds_it(agent, episode, monkeypatch):
     assert data["traces"]["lanes"][2]["lines"][0]["y"] == pytest.approx(np.cumsum(episode.rewards), abs=1e-5)
     pictured = weights["values"].reshape(7, weights["columns"]) * weights["largest"] / 127
     assert pictured == pytest.approx(agent.weights["policy0"].T, abs=weights["largest"] / 100)
-    assert f"{episode.moves} steps, return {sum(episode.rewards):g}" in text
-    assert "weights frozen" in text
+    assert all(word in text for word in (f"{episode.moves} steps, return {sum(episode.rewards):g}", "weights frozen"))
     assert "http" not in text.replace("http-equiv", "")
     monkeypatch.setattr(watching, "COLUMNS", 40)
     weights = agent.weights["policy0"]
@@ -112,8 +112,7 @@ def test_frames_are_small_pictures_at_most_so_many(agent, monkeypatch):
     never = Corridor()
     never.step = lambda action: (never._seen(), 0.0, False, False, {})
     found = played(slow, never)
-    assert (found.moves, found.end) == (50, "cut off after 50 steps")
-    assert list(found.frames) == [0, 8, 16, 24, 32, 40, 48]
+    assert (found.moves, found.end, list(found.frames)) == (50, "cut off after 50 steps", [0, 8, 16, 24, 32, 40, 48])
     kind, content = found.frames[8].removeprefix("data:image/").split(";base64,")
     image = Image.open(io.BytesIO(base64.b64decode(content)))
     assert (image.format.lower(), image.size) == (kind, (30, 20))
@@ -141,21 +140,7 @@ def test_only_pages_of_ours_are_replaced(agent, tmp_path, messages):
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
-STEPS = """
-<script>
-const seen = [String(!get("frame"))];
-get("time").value = 2; get("time").oninput(); draw();
-seen.push(get("now").textContent, get("return").textContent);
-get("traces").onclick({offsetX: get("traces").clientWidth}); draw(); seen.push(get("now").textContent);
-get("play").onclick(); seen.push(get("play").textContent, String(now));
-get("play").onclick(); seen.push(get("play").textContent);
-dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowRight"})); draw(); seen.push(get("now").textContent);
-for (const name of ["policy", "raster", "traces", "weights", !get("frame") ? "large" : "state"]) {
-  const c = get(name), image = c.getContext("2d").getImageData(0, 0, c.width, c.height);
-  seen.push(name + (new Set(new Uint32Array(image.data.buffer)).size > 3 ? " drawn" : " empty"));
-}
-document.title = seen.join("|");
-</script></body>"""
+STEPS = Path(__file__).with_name("steps.html").read_text("utf-8")
 
 
 @pytest.mark.parametrize("pictured", [True, False])

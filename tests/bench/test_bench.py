@@ -64,16 +64,13 @@ def newcomer(monkeypatch):
         neuro.register(part)
 
 
-def test_random_folds_test_each_example_once_and_keep_parts_apart():
+def test_folds_keep_parts_apart(sounds):
     made = random_folds(examples(), 3, 0)
     assert sum(len(fold.test) for fold in made) == 60
     for fold in made:
         parts = [{tuple(one.ravel()) for one in part.frames} for part in (fold.train, fold.validation, fold.test)]
         assert not parts[0] & parts[1] | parts[0] & parts[2] | parts[1] & parts[2]
         assert len(fold.both) == len(fold.train) + len(fold.validation)
-
-
-def test_no_speaker_is_in_two_parts(sounds):
     made = SpokenDigits(sounds, "speakers").folds()
     assert [fold.name for fold in made] == ["without a", "without b", "without c"]
     assert [part.recordings for part in (made[0].train, made[0].validation, made[0].test)] == [12, 12, 12]
@@ -81,15 +78,12 @@ def test_no_speaker_is_in_two_parts(sounds):
         grouped_folds(examples(4), "aabb")
 
 
-def test_spikes_are_taken_with_their_examples():
+def test_parts_of_examples():
     shown = examples()
     some = shown.take(np.array([7, 3]))
     assert some.labels.tolist() == [1, 0]
     own = shown.spikes.example == 3
     assert some.spikes.neuron[some.spikes.example == 1].tolist() == shown.spikes.neuron[own].tolist()
-
-
-def test_recordings_are_taken_in_all_their_versions():
     shown = examples()
     twice = Examples(shown.frames, shown.labels, shown.classes, shown.spikes, versions=2)
     some = twice.take(np.array([7, 3]))
@@ -163,8 +157,7 @@ def _nothing():
 def test_every_method_has_the_same_tries():
     method = METHODS["echo-state"]()
     drawn = tries(method, {}, 4, 0)
-    assert (drawn[0], len({json.dumps(one) for one in drawn})) == (method.settings, 4)
-    assert drawn == tries(method, {}, 4, 0)
+    assert (drawn[0], len({json.dumps(one) for one in drawn}), drawn) == (method.settings, 4, tries(method, {}, 4, 0))
     assert {one["units"] for one in tries(method, {"units": 300}, 4, 0)} == {300}
 
 
@@ -243,12 +236,6 @@ def test_tasks_are_listed_with_all_splits_and_sources(bench):
         assert address in out
 
 
-def test_interval():
-    mean, low, high = interval([1.0, 2.0, 3.0])
-    assert (mean, high - mean) == (2.0, pytest.approx(4.303 / 3**0.5, abs=1e-3))
-    assert low == pytest.approx(2 * mean - high)
-
-
 def test_commands(bench, sounds):
     words = ("--data", sounds, "--first-folds", 2)
     status, out, err = bench("run", "spoken-digits", "--method", "logistic", *words)
@@ -267,7 +254,7 @@ def test_what_cannot_be_is_refused(bench, messages):
     messages(mistakes_of(bench, messages.cases))
 
 
-def test_a_single_score_has_no_interval_that_could_overlap():
+def test_verdicts():
     kinds = ({"name": "one", "spiking": True}, 0.7), ({"name": "two", "spiking": False}, 0.69)
     task = {"metric": "R2, mean of x and y", "higher": True}
 
@@ -280,17 +267,26 @@ def test_a_single_score_has_no_interval_that_could_overlap():
     assert report.verdict(results(0.001)).endswith("two, 0.010 behind")
     single = report.verdict(results(float("nan")))
     assert single.endswith("0.700 (R2, mean of x and y); the best non-spiking is two, 0.010 behind")
+    assert break_even(10.0, 4.0, 14.0) == 2.0  # 6 whatever it says, and 8 for twice the spikes
+    assert break_even(10.0, 4.0, 5.0) == 0.0
+    costs = {"joules": {"a chip": 10.0}, "joules_of_spikes": {"a chip": 4.0}}
+    spiking = {"method": {"name": "one", "spiking": True}, "costs": costs}
+    other = {"method": {"name": "two", "spiking": False}, "costs": {"joules": {"a core": 14.0, "arithmetic": 1.0}}}
+    assert report.sensitivity([other, spiking]) == [
+        "one on a chip against two on a core: fewer joules up to 2 times its spikes",
+        "one on a chip against two on arithmetic: more joules, even if it were silent",
+    ]
+    assert report.sensitivity([spiking]) == []
+    mean, low, high = interval([1.0, 2.0, 3.0])
+    assert (mean, high - mean, low) == (2.0, pytest.approx(4.303 / 3**0.5, abs=1e-3), pytest.approx(2 * mean - high))
 
 
-def test_results_of_other_tries_are_not_compared(bench):
+def test_results_of_other_tries_or_data_are_not_compared(bench, sounds, tmp_path):
     bench("run", "bars", "--method", "majority", "--first-folds", 1)
     bench("run", "bars", "--method", "logistic", "--first-folds", 1, "--tries", 2)
     status, _, err = bench("compare", "bars-random-majority.json", "bars-random-logistic.json")
     assert status
     assert "results differ in tries: 1 and 2: expected the same in one table" in err
-
-
-def test_results_of_other_data_are_not_compared(bench, sounds, tmp_path):
     words = "run", "spoken-digits", "--method", "majority", "--first-folds", 1
     for name, left_out in (("same", 0), ("fewer", 1)):
         folder = tmp_path / name / sounds.name
@@ -305,11 +301,17 @@ def test_results_of_other_data_are_not_compared(bench, sounds, tmp_path):
     assert "results differ in data" in err
 
 
-def test_what_nobody_counted_is_not_printed_as_free(capsys):
+def test_tables(capsys):
     found = run(Request(task="bars", method="boosting", folds=1, changes={"trees": 2}))
     report.show([found])
     assert found["costs"]["parameters"] is found["costs"]["effective_macs"] is None
     assert [line.split()[3:9] for line in capsys.readouterr().out.splitlines() if " boosting" in line] == [["-"] * 6]
+    results = [run(Request(task="bars", method=name, folds=1)) for name in ("logistic", "majority")]
+    report.show(results)
+    printed = capsys.readouterr().out
+    bills = printed[printed.index("uJ of an example") :]
+    assert "CPU core, float32" in bills
+    assert [line.split()[-2:] for line in bills.splitlines() if "majority" in line] == [["-", "-"]]
 
 
 def test_a_chip_without_room_has_no_bill():
@@ -324,30 +326,8 @@ def test_a_chip_without_room_has_no_bill():
     assert "the spikes of 5,000 neurons reach it" in found["refused"]["Loihi"]
 
 
-def test_a_row_for_each_machine(capsys):
-    results = [run(Request(task="bars", method=name, folds=1)) for name in ("logistic", "majority")]
-    report.show(results)
-    printed = capsys.readouterr().out
-    bills = printed[printed.index("uJ of an example") :]
-    assert "CPU core, float32" in bills
-    assert [line.split()[-2:] for line in bills.splitlines() if "majority" in line] == [["-", "-"]]
-
-
 def test_a_fold_has_named_parts():
     assert Fold.__slots__ == ("name", "train", "validation", "both", "test")
-
-
-def test_a_spiking_network_stops_winning_at_a_rate():
-    assert break_even(10.0, 4.0, 14.0) == 2.0  # 6 whatever it says, and 8 for twice the spikes
-    assert break_even(10.0, 4.0, 5.0) == 0.0
-    costs = {"joules": {"a chip": 10.0}, "joules_of_spikes": {"a chip": 4.0}}
-    spiking = {"method": {"name": "one", "spiking": True}, "costs": costs}
-    other = {"method": {"name": "two", "spiking": False}, "costs": {"joules": {"a core": 14.0, "arithmetic": 1.0}}}
-    assert report.sensitivity([other, spiking]) == [
-        "one on a chip against two on a core: fewer joules up to 2 times its spikes",
-        "one on a chip against two on arithmetic: more joules, even if it were silent",
-    ]
-    assert report.sensitivity([spiking]) == []
 
 
 def test_the_task_of_the_page_is_trained_compared_and_priced(tmp_path, capsys):

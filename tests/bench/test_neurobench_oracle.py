@@ -67,8 +67,7 @@ def test_costs_are_those_of_neurobench(name, capsys):
 def test_spikes_velocities_parts_and_r2_are_those_of_neurobench(split, tmp_path, write_reaching):
     from neurobench.datasets.primate_reaching import PrimateReaching as Theirs
 
-    name = "indy_20160622_01.mat"
-    target = np.repeat(np.arange(8.0), [700, 2100, 300, 400, 500, 2001, 1999, 800])
+    name, target = "indy_20160622_01.mat", np.repeat(np.arange(8.0), [700, 2100, 300, 400, 500, 2001, 1999, 800])
     write_reaching(tmp_path / name, steps=len(target), target_pos=np.stack((target, target)))
     words = {"num_steps": 1, "train_ratio": 0.5, "bin_width": 0.004, "remove_segments_inactive": split == "active"}
     theirs, task = Theirs(str(tmp_path), name, download=False, **words), PrimateReaching(tmp_path, split)

@@ -21,23 +21,17 @@ def write(folder, name, sound, rate=8000):
     wavfile.write(folder / name, rate, (8000 * sound).astype(np.int16))
 
 
-def test_silence_before_a_word_and_its_loudness_change_nothing():
+def test_loudness_and_spikes():
     heard = loudness(8000.0, tone(before=0.1), 40)
     assert heard.shape == (40, BANDS)
     assert loudness(8000.0, 0.1 * tone(before=0.4), 40) == pytest.approx(heard, abs=1e-5)
     assert not heard[30:].any()
-
-
-def test_versions_are_other_voices_of_the_same_class():
     rng = np.random.default_rng(0)
     bands = [loudness(8000.0, tone(), 40, rng).sum(axis=0).argmax() for _ in range(20)]
     assert len(set(bands)) > 2
     assert max(bands) - min(bands) < 10
     assert loudness(8000.0, np.zeros(10), 8, rng).shape == (8, BANDS)
     assert np.isfinite(loudness(8000.0, np.zeros(4000), 8, rng)).all()
-
-
-def test_spikes_are_where_levels_cross():
     levels = np.zeros((2, 5, 3), dtype=np.float32)
     levels[1, 2:4, 1] = 0.5
     spikes = spikes_of(levels)

@@ -1,5 +1,7 @@
 """The page in a browser: it draws, it asks the network for nothing, and it says nothing on the console."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -14,11 +16,7 @@ def report(three, tmp_path):
     return file
 
 
-INTRUDERS = """
-<img src="http://127.0.0.1:9/x.png">
-<style>@font-face { font-family: x; src: url(http://127.0.0.1:9/x.woff2) } p { font-family: x }</style>
-<script>1</script>
-"""
+INTRUDERS = Path(__file__).with_name("intruders.html").read_text("utf-8")
 
 
 def test_the_browser_parses_all_of_it_and_asks_for_nothing(browser, report, tmp_path):

@@ -33,7 +33,7 @@ def test_float_backends_are_equal(seed, neurons, weight, plastic):
     assert other.counts == found.first.counts
 
 
-def test_the_input_is_the_same_and_recorded(three, net):
+def test_what_is_told_of_each_backend(three, net):
     assert three.first.backend == "event"
     assert three.first.populations["noise"].spikes > 300
     loihi, spinnaker = three.runs[1:]
@@ -41,20 +41,6 @@ def test_the_input_is_the_same_and_recorded(three, net):
     merged = three.first.populations["noise"].spikes - loihi.populations["noise"].spikes
     assert loihi.counts.native["merged spikes of noise"] == merged > 0
     assert not net.probes  # the user's network stays as it is
-
-
-def test_other_input_is_told(net):
-    """No backend does this; should one, it would be seen."""
-    first, other = (neuro.compile(_recording(net), backend="reference", seed=seed) for seed in (1, 2))
-    for sim in (first, other):
-        sim.run(50.0)
-    found = _against(_gather(other, "reference", False), _gather(first, "reference", True), 50.0)
-    assert found.inputs == "other"
-    assert not found.populations["noise"].same
-    assert found.populations["list"].same
-
-
-def test_what_is_told_of_each_backend(three):
     event, loihi, _ = three.runs
     sim_counts = {name: part.spikes for name, part in event.populations.items()}
     assert sim_counts == {name: part.spikes for name, part in event.counts.populations.items()}
@@ -66,31 +52,14 @@ def test_what_is_told_of_each_backend(three):
     assert loihi.own.target == "loihi"
     assert 0.0 < loihi.weights["exc_out"].relative < 0.01
     assert loihi.weights["exc_out"].relative == pytest.approx(loihi.rounding["exc_out"].relative)  # nothing learns
-
-
-def test_bills_are_each_chips_own_then_other_targets(three):
     told = [(bill.target, bill.counted_on) for bill in three.bills]
     others = [(name, "event") for name in ("loihi", "spinnaker", "cpu", "gpu")]
     assert told == [("loihi", "loihi"), ("spinnaker", "spinnaker"), *others]
     assert all(bill.energy.total_j > 0 for bill in three.bills)
-
-
-def test_a_chip_first_is_priced_once(net):
-    found = compare(net, ["spinnaker", "event"], 20.0)
-    assert [bill.target for bill in found.bills] == ["spinnaker", "loihi", "cpu", "gpu"]
-    assert {bill.counted_on for bill in found.bills} == {"spinnaker"}
-
-
-def test_currents_are_left_out_of_trains_but_not_of_weights(driven):
-    found = compare(driven, ["event", "reference"], 20.0)
-    assert "bias" not in found.first.populations
-    assert "bias_exc" in found.runs[1].weights
-
-
-KEYS = ["ran", "reason", "warnings", "inputs", "counts", "native_counts", "populations", "weights", "delays"]
-
-
-def test_json(three):
+    text = "\n".join(three.runs[1].warnings)
+    assert text.startswith("backend 'loihi': ")
+    assert "share a step with another of the same neuron and become one" in text
+    assert three.runs[0].warnings == ()
     told = json.loads(json.dumps(three.as_dict(), allow_nan=False))
     assert told["format"] == "neuro comparison 1"
     about = {"network": "relay", "ms": 200.0, "resolution_ms": 1.0, "seed": 1, "compared_with": "event"}
@@ -105,11 +74,24 @@ def test_json(three):
     assert told["energy"][0]["total_j"] == three.bills[0].energy.total_j
 
 
-def test_approximations_are_collected_not_raised(three):
-    text = "\n".join(three.runs[1].warnings)
-    assert text.startswith("backend 'loihi': ")
-    assert "share a step with another of the same neuron and become one" in text
-    assert three.runs[0].warnings == ()
+def test_other_input_orders_and_currents(net, driven):
+    """No backend does this; should one, it would be seen."""
+    first, other = (neuro.compile(_recording(net), backend="reference", seed=seed) for seed in (1, 2))
+    for sim in (first, other):
+        sim.run(50.0)
+    found = _against(_gather(other, "reference", False), _gather(first, "reference", True), 50.0)
+    assert found.inputs == "other"
+    assert not found.populations["noise"].same
+    assert found.populations["list"].same
+    found = compare(net, ["spinnaker", "event"], 20.0)
+    assert [bill.target for bill in found.bills] == ["spinnaker", "loihi", "cpu", "gpu"]
+    assert {bill.counted_on for bill in found.bills} == {"spinnaker"}
+    found = compare(driven, ["event", "reference"], 20.0)
+    assert "bias" not in found.first.populations
+    assert "bias_exc" in found.runs[1].weights
+
+
+KEYS = ["ran", "reason", "warnings", "inputs", "counts", "native_counts", "populations", "weights", "delays"]
 
 
 def test_other_warnings_go_on(net):
@@ -131,15 +113,12 @@ def unfit():
     return net
 
 
-def test_a_refusal_is_a_result():
+def test_refusals_are_results():
     found = compare(unfit(), ["event", "reference", "spinnaker"], 20.0)
     refused = found.runs[2]
     assert refused.refused.startswith("backend 'spinnaker' cannot run this network (1 problem)\n")
     assert refused.as_dict() == {"ran": False, "reason": refused.refused, "warnings": []}
     assert [run.backend for run in found.ran] == ["event", "reference"]
-
-
-def test_a_bill_of_a_chip_that_cannot_run_the_network_has_no_total():
     found = compare(unfit(), ["event", "reference"], 20.0)
     why = "izhikevich: {} has no such neuron: it has iaf_psc_exp, iaf_psc_delta and parrot_neuron"
     assert [note for note in found.notes if "no total" in note] == [
@@ -148,6 +127,11 @@ def test_a_bill_of_a_chip_that_cannot_run_the_network_has_no_total():
     ]
     assert [row[3:5] for row in bills(found)][:2] == [("refused", "refused")] * 2
     assert [bill.as_dict()["total_j"] is None for bill in found.bills] == [True, True, False, False]
+    found = compare(unfit(), ["loihi", "reference", "event"], 20.0)
+    assert found.first.backend == "reference"
+    assert found.runs[2].populations["cells"].same
+    assert found.notes[0] == "'loihi' did not run: others are compared with 'reference'"
+    assert set({bill.target: bill.reason for bill in found.bills}) == {"loihi", "spinnaker", "cpu", "gpu"}
 
 
 def test_why_loihis_own_count_of_learning_differs_is_said_once():
@@ -157,14 +141,6 @@ def test_why_loihis_own_count_of_learning_differs_is_said_once():
     net.connect("in", "out", neuro.all_to_all(), neuro.stdp(Wmax=20.0), weight=10.0, delay=1.0, name="learns")
     assert list(compare(net, ["event", "loihi"], 10.0).notes).count(RULES_APPLIED) == 1
     assert RULES_APPLIED not in compare(net, ["event", "reference"], 10.0).notes
-
-
-def test_where_the_first_refuses_others_are_compared_with_the_next():
-    found = compare(unfit(), ["loihi", "reference", "event"], 20.0)
-    assert found.first.backend == "reference"
-    assert found.runs[2].populations["cells"].same
-    assert found.notes[0] == "'loihi' did not run: others are compared with 'reference'"
-    assert set({bill.target: bill.reason for bill in found.bills}) == {"loihi", "spinnaker", "cpu", "gpu"}
 
 
 def test_mistakes(net, messages):

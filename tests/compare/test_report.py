@@ -13,7 +13,7 @@ from neuro.pages.raster import script
 from rasters import Page
 
 
-def test_the_page_needs_nothing_else(three):
+def test_the_page_tells_all(three):
     text = page(three)
     tree = Page(text)
     assert text.startswith("<!doctype html>")
@@ -24,17 +24,6 @@ def test_the_page_needs_nothing_else(three):
     assert "url(" not in text
     assert "http" not in script()
     assert len(text) < 500_000
-
-
-def test_what_is_not_priced_is_told_in_the_words_of_energy(three):
-    told, cpu = Page(page(three)).text, next(bill.energy for bill in three.bills if bill.target == "cpu")
-    *_, dynamic, static, total = cpu.sums()
-    assert static == ("static", "not priced", "not priced")
-    assert " ".join((*dynamic, *static, *total)) in told
-    assert "static 0 J" not in told
-
-
-def test_the_page_tells_all(three):
     told = Page(page(three)).text
     for part in ("In numbers", "Spikes", "Weights", "Chips", "Energy", "Rounding", "Warnings and notes"):
         assert f" {part} " in told
@@ -46,9 +35,11 @@ def test_the_page_tells_all(three):
         assert all(" ".join(item.source.split()) in told for item in bill.energy.items)
     for fixed in (three.runs[1].fixed, three.runs[2].fixed):
         assert all(note in told for note in fixed.notes)
-
-
-def test_rasters_draw_every_spike_and_what_differs(three):
+    told, cpu = Page(page(three)).text, next(bill.energy for bill in three.bills if bill.target == "cpu")
+    *_, dynamic, static, total = cpu.sums()
+    assert static == ("static", "not priced", "not priced")
+    assert " ".join((*dynamic, *static, *total)) in told
+    assert "static 0 J" not in told
     tree, expected = Page(report.rasters(three)), {"same": 0, "missing": 0, "extra": 0}
     for run in three.ran:
         for name, its in run.trains.items():
@@ -75,15 +66,7 @@ def test_rasters_of_many_spikes_are_a_choice_and_say_so(monkeypatch, dots, rows,
     assert re.search(f"{told}; the first {end} of 400 ms" if end < 400 else f"{told} ←", tree.text)
 
 
-def test_silent_populations_are_named():
-    net = neuro.Network("quiet", resolution=1.0)
-    net.population("cells", 3, neuro.iaf_psc_exp())
-    tree = Page(page(compare(net, ["event", "reference"], 10.0)))
-    assert "Silent on every backend: cells." in tree.text
-    assert tree.dots == {}
-
-
-def test_a_refusal_is_told(net):
+def test_refusals_missing_bills_and_silence_are_told(net):
     found = compare(net, ["event", "reference", "loihi"], 20.0)
     refused = replace(
         found.runs[2],
@@ -94,16 +77,18 @@ def test_a_refusal_is_told(net):
     told = Page(page(replace(found, runs=(*found.runs[:2], refused)))).text
     assert all(word in told for word in ("loihi refused the <reason>", "refused: the <reason>"))
     assert "loihi refused: backend 'loihi' cannot run this the <reason> hint: do" in told
-
-
-def test_a_missing_bill_is_told(net):
     found = compare(net, ["event", "reference"], 20.0)
     bills = tuple(replace(bill, energy=None, reason="no room") for bill in found.first.bills)
     told = Page(page(replace(found, runs=(replace(found.first, bills=bills), found.runs[1])))).text
     assert all(word in told for word in ("There is no bill.", "no bill for loihi: no room"))
+    net = neuro.Network("quiet", resolution=1.0)
+    net.population("cells", 3, neuro.iaf_psc_exp())
+    tree = Page(page(compare(net, ["event", "reference"], 10.0)))
+    assert "Silent on every backend: cells." in tree.text
+    assert tree.dots == {}
 
 
-def test_map_of_several_chips(net):
+def test_maps_of_chips(net):
     placement = place(neuro.compile(net, backend="reference").program, chip("spinnaker"), neurons_per_core=1)
     assert (len(placement.cores), placement.chips_used) == (30, 2)
     drawing = chip_map(placement, chip("spinnaker"))
@@ -116,9 +101,6 @@ def test_map_of_several_chips(net):
     assert "30 of 32 cores on 2 chips of SpiNNaker 1; " in tree.text
     assert "chip 0, tile 0,0, core 0 " in tree.text
     assert "1 neuron, " in tree.text
-
-
-def test_a_core_beyond_its_limit_stands_out(net):
     placement = place(neuro.compile(net, backend="reference").program, chip("loihi"))
     core = replace(placement.cores[0], load={"axons_in_per_core": 1.5})
     drawing = chip_map(replace(placement, cores=(core, *placement.cores[1:])), chip("loihi"))

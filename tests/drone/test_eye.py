@@ -198,8 +198,7 @@ def test_drawing_over_the_picture_before_is_as_drawing_anew(seed, ground, tilt, 
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_events_are_those_of_a_dvs_that_is_shown_the_pictures(noise, ground):
     camera = Camera(leak_rate_hz=noise, shot_noise_rate_hz=noise, sigma_thres=0.01, shake=0.1)
-    eye, dvs = Eye(Scenario(camera=camera, ground=ground), seed=3), DVS((128, 128), pixels(camera), seed=3)
-    total = 0
+    eye, dvs, total = Eye(Scenario(camera=camera, ground=ground), seed=3), DVS((128, 128), pixels(camera), seed=3), 0
     for k in range(20):
         pose, scene = Pose(0.02 * k, 0, 2.4), WorldScene(ball=(1.0, 0.01 * k, 0.17, 0.17))
         if k == 10:
@@ -289,8 +288,7 @@ def test_a_closed_line_is_a_ring(n, width, direction):
 
 def test_strips():
     parts = strips(np.array([[0.0, 0.0, 2.0, 0.0], [5.0, 0.0, 5.0, 1.0]]), 0.2)
-    assert parts[0].tolist() == [[0, 0.1], [2, 0.1], [2, -0.1], [0, -0.1]]
-    assert area(parts) == pytest.approx([0.4, 0.2])
+    assert (parts[0].tolist(), area(parts)) == ([[0, 0.1], [2, 0.1], [2, -0.1], [0, -0.1]], pytest.approx([0.4, 0.2]))
     back = strips(np.array([[0.0, 0.0, 2.0, 0.0], [2.0, 0.0, 0.0, 0.1]]), 0.2)
     assert area(back) == pytest.approx([0.4, 0.2 * np.hypot(2, 0.1)])
     parts = strips(np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 1.0, 0.0]]), 0.2)

@@ -140,8 +140,7 @@ def test_a_ball_begins_where_it_is_wished(name, du, dv):
 @FEW
 def test_a_line_begins_where_it_is_wished(du, lean, direction):
     *_, judged = begin(load("line"), (du, lean), direction)
-    assert judged.error == pytest.approx((du, lean), abs=1e-6)
-    assert judged.scaled == pytest.approx((du / 64, lean / 90))
+    assert (judged.error, judged.scaled) == (pytest.approx((du, lean), abs=1e-6), pytest.approx((du / 64, lean / 90)))
     assert judged.reward == pytest.approx(1 - 0.5 * (abs(du) / 64.5 + abs(lean) / 90))
 
 

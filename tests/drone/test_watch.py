@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -113,22 +114,7 @@ def chromium(chromium):
     return partial(chromium, "--window-size=1280,1100", "--blink-settings=preferredColorScheme=1")
 
 
-STEPS = """
-<script>
-const seen = [get("now").textContent];
-get("time").value = 250; get("time").oninput(); draw();
-seen.push(get("now").textContent, get("error").textContent);
-get("lap").onclick({offsetX: get("lap").clientWidth}); draw(); seen.push(get("now").textContent);
-get("play").onclick(); seen.push(get("play").textContent, String(now));
-get("play").onclick(); seen.push(get("play").textContent);
-dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowRight"})); draw(); seen.push(get("now").textContent);
-for (const name of ["world", "camera", "fields", "stick", "raster", "actions", "lap"]) {
-  const c = get(name), image = c.getContext("2d").getImageData(0, 0, c.width, c.height);
-  const shades = new Set(new Uint32Array(image.data.buffer));
-  seen.push(name + (shades.size > 3 ? " drawn" : " empty"));
-}
-document.title = seen.join("|");
-</script></body>"""
+STEPS = Path(__file__).with_name("steps.html").read_text("utf-8")
 
 
 def test_a_browser_draws_it_moves_in_time_and_plays(flight, tmp_path, chromium):

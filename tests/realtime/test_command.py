@@ -1,6 +1,7 @@
 """`neuro live`: inputs from files and streams, and what it refuses."""
 
 import socket
+from pathlib import Path
 from threading import Event, Thread
 
 import numpy as np
@@ -10,15 +11,7 @@ import neuro
 from neuro.events import Events, save, send
 from refused import mistakes_of
 
-NET = """
-neuro: 1
-resolution: 1.0
-populations:
-  camera: {{model: {{event_camera: {{{stream}}}}}, shape: {shape}}}
-  cells: {{model: iaf_psc_exp, shape: 4}}
-projections:
-  in: {{from: camera, to: cells, rule: all_to_all, weight: 20.0}}
-"""
+NET = Path(__file__).with_name("camera.yaml").read_text("utf-8")
 LIVE = ("live", "net.yaml", "--tick", "2 ms", "--for", "0.3 s")
 
 

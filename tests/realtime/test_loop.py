@@ -79,7 +79,7 @@ def test_what_was_live_can_be_run_again(tmp_path_factory, seed, n, tick, late, b
     assert (results.live["tick_to_action.p99_ms"], rerun(out).difference) == (run.response.ms(0.99), "")
 
 
-def test_events_keep_their_place_within_a_tick():
+def test_places_and_moments_of_ticks():
     sim = neuro.compile(network(origin=7000.0, offset=1.0))
     events = Events(np.array([0, 400, 900, 1600, 9000]) + 5_000_000, [1] * 5, [2] * 5, [1] * 5, SIZE)
     inlet = Loop(sim, tick=10.0, inputs={"camera": Burst(events)})._inlets[0]
@@ -88,9 +88,6 @@ def test_events_keep_their_place_within_a_tick():
     inlet.feed(events[::4], np.full(2, 3_200_000), 0, 10, 20)
     sim.run(10.0)
     assert ((sim.spikes("camera")[0] - 5.0).tolist(), inlet.fed) == ([3.5, 3.5, 4.0, 4.5, 5.0, 10.0, 10.0], 7)
-
-
-def test_what_comes_after_the_moment_of_a_tick_waits_for_the_next():
     inlet = Loop(neuro.compile(network()), tick=10.0, inputs={"camera": Player(noise(100, 5.0))})._inlets[0]
     inlet.begin()
     time.sleep(0.006)
@@ -130,7 +127,7 @@ def slow(at):
     return act
 
 
-def test_catching_up_runs_every_tick():
+def test_late_ticks():
     sim = neuro.compile(network())
     run = Loop(sim, tick=5.0, inputs={"camera": Player(noise(300, 60.0))}, act=slow(20.0)).run(100.0)
     assert (run.ticks, run.skipped, run.drops, run.ended) == (19, 0, 0, "")
@@ -138,15 +135,15 @@ def test_catching_up_runs_every_tick():
     assert (sim.time, run.inputs["camera"]["fed"]) == (100.0, 300)
     assert run.largest_tick[1]["act"] > 20.0
     assert "slowest\n" in str(run)
-
-
-def test_skipping_drops_what_was_missed():
     sim = neuro.compile(network())
     run = Loop(sim, tick=5.0, inputs={"camera": Player(noise(300, 60.0))}, act=slow(20.0), late="skip").run(100.0)
     assert run.skipped >= 4
     assert (run.ticks + run.skipped, sim.time) == (19, 100.0 - 5.0 * run.skipped)
     assert run.drops > 20
     assert run.inputs["camera"]["fed"] + run.drops <= 300
+    sim = neuro.compile(network())
+    assert Loop(sim, tick=5.0, act=slow(20.0), late="stop").run(1000.0).ended.startswith("the action of tick ")
+    assert sim.time <= 20.0
 
 
 def test_what_comes_by_the_network_while_a_tick_is_late_keeps_its_tick():
@@ -166,12 +163,6 @@ def test_what_comes_by_the_network_while_a_tick_is_late_keeps_its_tick():
         assert (len(events), inlet.dropped, inlet.taken) == (1, 2, 5)
         assert ends[3] <= received[0] < ends[4]
         assert len(inlet.take(ends[3], ends[5])[0]) == 1
-
-
-def test_stopping_ends_the_run():
-    sim = neuro.compile(network())
-    assert Loop(sim, tick=5.0, act=slow(20.0), late="stop").run(1000.0).ended.startswith("the action of tick ")
-    assert sim.time <= 20.0
 
 
 def test_a_source_that_fails_leaves_a_whole_file(tmp_path):
@@ -287,13 +278,10 @@ def test_mistakes(messages):
     messages(refusals_of(messages.cases, globals() | locals()))
 
 
-def test_what_was_not_counted_is_a_dash():
+def test_what_is_counted():
     run = Loop(neuro.compile(network()), tick=1.0).run(3.0)
     assert str(run.latency) == "p50 –, p99 –, largest – ms"
     assert "nan" not in str(run)
-
-
-def test_percentiles_of_a_histogram():
     ns = np.sort(np.random.default_rng(1).lognormal(12.0, 2.0, 5000).astype(np.int64))
     one, together = Histogram(), Histogram()
     for each in ns.tolist():
@@ -305,9 +293,6 @@ def test_percentiles_of_a_histogram():
         exact = np.quantile(ns, share, method="inverted_cdf") / 1e6
         assert exact <= one.ms(share) <= 1.032 * exact
     assert np.isnan(Histogram().ms(0.5))
-
-
-def test_what_a_source_lost_is_said():
     counts = {"taken": 9, "fed": 8, "dropped": 1, "events": 9, "datagrams": 3, "dropped_kernel": 4, "outside": 0}
     found = LiveRun(tick_ms=1.0, ticks=10, inputs={"camera": counts})
     assert (found.drops, found.losses) == (1, 4)

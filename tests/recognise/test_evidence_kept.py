@@ -143,8 +143,7 @@ def test_a_file_that_lost_its_end_is_told(tmp_path):
 
 def test_random_order_opens_a_file_once(learning, tmp_path, monkeypatch):
     monkeypatch.setattr("neuro_recognise.observations.AT_ONCE", 4)
-    shown = observe(settled(method_of("hots"), learning), learning, cache=tmp_path)
-    opened = []
+    shown, opened = observe(settled(method_of("hots"), learning), learning, cache=tmp_path), []
     monkeypatch.setattr(
         "neuro_recognise.observations._File", lambda path, make=observations._File: opened.append(path) or make(path)
     )

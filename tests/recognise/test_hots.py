@@ -58,8 +58,7 @@ class Plain:
     def move(self, surface, layer):
         k = self.nearest(surface, layer)
         c, wins = self.centres[layer][k], self.wins[layer][k]
-        alpha = 0.01 / (1 + wins / 20000)
-        beta = np.sum(c * surface) / (np.linalg.norm(c) * np.linalg.norm(surface))
+        alpha, beta = 0.01 / (1 + wins / 20000), np.sum(c * surface) / (np.linalg.norm(c) * np.linalg.norm(surface))
         self.centres[layer][k] = c + alpha * (surface - beta * c)
         self.wins[layer][k] += 1
 

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -133,22 +134,7 @@ def chromium(chromium):
     return partial(chromium, "--window-size=1280,1100", "--blink-settings=preferredColorScheme=1")
 
 
-STEPS = """
-<script>
-const seen = [];
-const key = (name, shift) => { dispatchEvent(new KeyboardEvent("keydown", {key: name, shiftKey: !!shift})); draw(); };
-get("time").value = 22; get("time").oninput(); draw(); seen.push(get("now").textContent);
-key("ArrowRight"); seen.push(get("now").textContent);
-key("ArrowLeft"); seen.push(get("now").textContent, get("view1").previousSibling.lastChild.textContent);
-key("ArrowRight", true); seen.push(get("now").textContent, get("view1").previousSibling.lastChild.textContent);
-key(" "); seen.push(get("play").textContent); key(" "); seen.push(get("play").textContent);
-for (const name of ["events", "view0", "view1", "bars", "curve"]) {
-  const c = get(name), image = c.getContext("2d").getImageData(0, 0, c.width, c.height);
-  seen.push(name + (new Set(new Uint32Array(image.data.buffer)).size > 3 ? " drawn" : " empty"));
-}
-get("curve").onclick({offsetX: 4}); draw(); seen.push(get("now").textContent, get("barsNote").textContent);
-document.title = seen.join("|");
-</script></body>"""
+STEPS = Path(__file__).with_name("steps.html").read_text("utf-8")
 
 
 def test_a_browser_draws_it_moves_in_time_and_plays(text, events, tmp_path, chromium):
@@ -162,16 +148,7 @@ def test_a_browser_draws_it_moves_in_time_and_plays(text, events, tmp_path, chro
     assert told[13:] == [f"0.0 of {end} ms", "nothing decided yet"]
 
 
-SCENE = """
-<script>
-const lines = [];
-for (const ms of [0, 12, 29, 40]) {
-  go(ms); draw();
-  lines.push([...get("rows").rows].map(row => [...row.cells].map(cell => cell.textContent).join(" ")).join(" & "));
-}
-lines.push(["bars", "curve"].map(id => get(id)?.clientHeight ?? 0).join(" "));
-document.title = lines.join("|");
-</script></body>"""
+SCENE = Path(__file__).with_name("scene.html").read_text("utf-8")
 
 
 def test_a_browser_draws_boxes(events, tmp_path, chromium):

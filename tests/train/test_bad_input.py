@@ -77,7 +77,13 @@ def test_recordings_that_do_not_fit(neuro, folder, file, tmp_path):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_files_of_something_else_stay(neuro, folder, file, tmp_path):
+def test_an_interrupt_loses_no_whole_epoch_and_files_of_something_else_stay(neuro, interrupted, folder, file, tmp_path):
+    interrupted(5, file, "--data", folder, *QUICK)
+    with h5py.File("trained.yaml.training") as kept:
+        assert kept["progress"][0] == 5.0
+    assert neuro(file, "--data", folder, *QUICK)[0] == 0
+    assert neuro(file, "--data", folder, *QUICK, "--out", "other.yaml")[0] == 0
+    assert snn.load("trained.yaml") == snn.load("other.yaml")
     (tmp_path / "trained.yaml").write_text("my notes")
     (tmp_path / "other.yaml").mkdir()
     for out, message in (
@@ -86,15 +92,6 @@ def test_files_of_something_else_stay(neuro, folder, file, tmp_path):
     ):
         status, _, err = neuro(file, "--data", folder, *QUICK, "--out", out)
         assert (status, f"{out}: {message}" in err) == (2, True)
-
-
-def test_an_interrupt_loses_no_whole_epoch(neuro, interrupted, folder, file):
-    interrupted(5, file, "--data", folder, *QUICK)
-    with h5py.File("trained.yaml.training") as kept:
-        assert kept["progress"][0] == 5.0
-    assert neuro(file, "--data", folder, *QUICK)[0] == 0
-    assert neuro(file, "--data", folder, *QUICK, "--out", "other.yaml")[0] == 0
-    assert snn.load("trained.yaml") == snn.load("other.yaml")
 
 
 INTERRUPTED = """

@@ -76,11 +76,6 @@ def test_the_command_learns_and_tests_targets(neuro, files, interrupted):
     assert list(snn.load("trained.yaml").probes) == ["out_V_m"]
 
 
-def test_r2_of_what_is_asked():
-    wanted = np.array([[[0.0, 1.0], [2.0, np.nan], [4.0, 3.0]]])
-    assert (r_squared(np.nan_to_num(wanted), wanted), r_squared(np.array([2.0, 2.0]), wanted)) == (1.0, 0.0)
-
-
 def test_constant_targets_have_no_r2(neuro, files):
     """In float32, 0.1 differs from its own mean, so the variance is not exactly 0."""
     for name in ("learn", "unseen"):
@@ -94,7 +89,7 @@ def test_constant_targets_have_no_r2(neuro, files):
     assert np.isnan(r_squared(np.ones((2, 3, 2)), np.full((2, 3, 2), 0.1)))
 
 
-def test_a_recording_that_asks_nothing_teaches_nothing(net, files):
+def test_r2_and_recordings_that_ask_nothing(net, files):
     """Alone in a batch, too; and a neuron that nothing is asked of."""
     content = made(6, 0)
     content["targets"][2] = np.nan
@@ -106,6 +101,8 @@ def test_a_recording_that_asks_nothing_teaches_nothing(net, files):
     assert np.isfinite([trained.curves["loss"], trained.curves["right"]]).all()
     assert shown.variance == pytest.approx(shown.take(np.array([0, 1, 3, 4, 5])).variance)
     assert np.isfinite(r_squared(np.zeros(content["targets"].shape), content["targets"]))
+    wanted = np.array([[[0.0, 1.0], [2.0, np.nan], [4.0, 3.0]]])
+    assert (r_squared(np.nan_to_num(wanted), wanted), r_squared(np.array([2.0, 2.0]), wanted)) == (1.0, 0.0)
 
 
 def test_what_cannot_be_learnt_is_refused(neuro, files, messages):

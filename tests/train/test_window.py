@@ -107,8 +107,7 @@ def test_recognisers_see_the_same_field(tmp_path, square):
     path = tmp_path / "square" / "one.npz"
     path.parent.mkdir()
     save(on_sensor(square, 0, 0), path)
-    data = recordings(tmp_path)
-    net = snn.load(path_of("dense"), params={"height": SIDE, "width": SIDE, "classes": 1})
+    data, net = recordings(tmp_path), snn.load(path_of("dense"), params={"height": SIDE, "width": SIDE, "classes": 1})
     plan = TrainingPlan(input="pixels", output="out", duration=60.0, window="0,0")
     shown = show(net, data, plan, lambda *told: None)
     method = method_of("dense", values={"size": [SIDE, SIDE], "duration": 60.0})

@@ -83,20 +83,14 @@ def test_each_format_gives_the_same_synapses(tmp_path: Path, name: str) -> None:
     np.testing.assert_allclose(found, expected([1, 2, 3, 4], 0.25), rtol=1e-12)
 
 
-def test_dale_takes_the_transmitter_of_the_source(tmp_path: Path) -> None:
+def test_signs_and_weights_of_edges(tmp_path):
     columns = {name: EDGES[name] for name in ("pre", "post", "synapses", "delay")}
     file = csv(tmp_path / "edges.csv", columns)
     rule = neuro.from_file(file, weight="synapses", delay="delay", transmitter="nt", signs=SIGNS, dale=True)
     np.testing.assert_allclose(synapses(diagram(tmp_path, rule, delay=2.0)), expected([0, 1, 2, 3, 4, 5], 1.0))
-
-
-def test_a_transmitter_of_sign_0_leaves_its_edges_out(tmp_path: Path) -> None:
     file = csv(tmp_path / "edges.csv", EDGES)
     rule = neuro.from_file(file, transmitter="nt", signs={"ach": 1, "gaba": 0, "glut": 0})
     assert [edge[:2] for edge in synapses(diagram(tmp_path, rule))] == [(0, 2), (0, 2), (1, 0), (1, 1)]
-
-
-def test_an_edge_of_weight_0_stays(tmp_path: Path) -> None:
     file = csv(tmp_path / "edges.csv", {**EDGES, "synapses": [0] * 6})
     rule = neuro.from_file(file, weight="synapses", transmitter="nt", signs=SIGNS)
     assert len(synapses(diagram(tmp_path, rule))) == 6
@@ -131,17 +125,7 @@ def test_views_are_chosen_by_columns(tmp_path: Path) -> None:
     assert error_of(brain.where, type="MBONs").suggestion == "MBON"
 
 
-YAML = """
-populations:
-  kc: {model: iaf_psc_exp, neurons: {file: neurons.csv, id: id, only: {type: KC}}}
-  rest: {model: iaf_psc_delta, shape: 2, neurons: {file: neurons.csv, id: id, only: {type: [MBON, APL]}}}
-  brain: {model: iaf_psc_exp, neurons: {file: neurons.csv, id: id}}
-projections:
-  out: {from: kc, to: rest, rule: {from_file: {file: sub/edges.csv, weight: synapses}}, weight: 0.5}
-  in: {from: {brain: {type: [MBON, APL]}}, to: {brain: {side: right}}, rule: {from_file: {file: sub/edges.csv}}}
-probes:
-  seen: {of: {brain: {type: KC}}, record: V_m}
-"""
+YAML = Path(__file__).with_name("views.yaml").read_text("utf-8")
 
 
 def test_populations_and_views_in_yaml_take_the_edges_between_them(tmp_path: Path) -> None:
@@ -168,8 +152,7 @@ def test_results_hold_the_description_and_can_be_made_again(tmp_path: Path) -> N
     csv(tmp_path / "sub" / "edges.csv", EDGES)
     (tmp_path / "net.yaml").write_text(YAML)
     neuro.compile(neuro.load(tmp_path / "net.yaml"), seed=3).run(5.0, out=tmp_path / "run.h5")
-    again = read(tmp_path / "run.h5").network()
-    assert synapses(again, "out") == synapses(neuro.load(tmp_path / "net.yaml"), "out")
+    assert synapses(read(tmp_path / "run.h5").network(), "out") == synapses(neuro.load(tmp_path / "net.yaml"), "out")
     (tmp_path / "moved").mkdir()
     (tmp_path / "sub").rename(tmp_path / "moved" / "sub")
     assert read(tmp_path / "run.h5").network(played=False).projections["out"].rule.name == "from_file"
@@ -177,23 +160,17 @@ def test_results_hold_the_description_and_can_be_made_again(tmp_path: Path) -> N
         read(tmp_path / "run.h5").network()
 
 
-def test_edges_of_a_population_without_table_count_from_0(tmp_path: Path) -> None:
+def test_ids(tmp_path):
     columns, net = {"pre": PRE, "post": POST, "synapses": SYNAPSES}, neuro.Network()
     net.population("a", 4, neuro.iaf_psc_exp())
     net.connect("a", "a", neuro.from_file(csv(tmp_path / "e.csv", columns), weight="synapses"))
     assert [edge[:2] for edge in synapses(net, "a_a")] == sorted(zip(PRE, POST, strict=True))
-
-
-def test_text_is_an_id_too(tmp_path: Path) -> None:
     table = neuro.neuron_table(csv(tmp_path / "n.csv", {"name": ["AVAL", "AVAR", "007"]}), id="name")
     net, columns = neuro.Network(), {"pre": ["AVAR", "007"], "post": ["AVAL", "AVAR"], "n": [2, 3]}
     net.wiring(
         neurons=table, edges=neuro.from_file(csv(tmp_path / "e.csv", columns), weight="n"), model=neuro.iaf_psc_exp()
     )
     assert [edge[:3] for edge in synapses(net)] == [(1, 0, 2.0), (2, 1, 3.0)]
-
-
-def test_ids_beyond_63_bits_stay_apart(tmp_path: Path) -> None:
     ids = [2**64 - 1, 2**64 - 2, 2**53 + 1, 2**53]
     table, net = neuro.neuron_table(csv(tmp_path / "n.csv", {"id": ids}), id="id"), neuro.Network()
     columns = {"pre": [ids[1], ids[3]], "post": [ids[0], ids[2]]}
@@ -228,8 +205,7 @@ def test_every_backend_silences_and_activates(tmp_path: Path, backend: str) -> N
     net = neuro.Network(resolution=1.0)
     table = neuro.neuron_table(csv(tmp_path / "n.csv", {"id": [10, 20, 30], "type": ["KC", "KC", "MBON"]}), id="id")
     edges = neuro.from_file(csv(tmp_path / "e.csv", {"pre": [10, 20], "post": [20, 30], "n": [5, 6]}), weight="n")
-    model = neuro.iaf_psc_exp(t_ref=2.0)
-    net.wiring(neurons=table, edges=edges, model=model, weight=300.0, delay=2.0, drive=3000.0)
+    net.wiring(neurons=table, edges=edges, model=neuro.iaf_psc_exp(t_ref=2.0), weight=300.0, delay=2.0, drive=3000.0)
     sim = neuro.compile(net, backend=backend, seed=1)
     sim.activate("brain[type=KC]", 100.0)
     sim.run(300.0)
@@ -304,7 +280,7 @@ def larger(tmp_path: Path) -> neuro.Network:
     return net
 
 
-def test_shuffled_edges_keep_the_degrees_and_what_each_neuron_sends(larger: neuro.Network) -> None:
+def test_shuffles(larger, tmp_path):
     pre, post, weight = pairs_of(larger)
     new_pre, new_post, new_weight = pairs_of(neuro.shuffled(larger, "edges", seed=1))
     assert np.array_equal(np.bincount(pre), np.bincount(new_pre))
@@ -313,9 +289,6 @@ def test_shuffled_edges_keep_the_degrees_and_what_each_neuron_sends(larger: neur
     assert not (new_pre == new_post).any()
     assert np.mean(new_post == post) < 0.1
     assert sorted(zip(pre, weight, strict=True)) == sorted(zip(new_pre, new_weight, strict=True))
-
-
-def test_shuffled_signs_keep_dales_law_and_all_else(larger: neuro.Network) -> None:
     pre, post, weight = pairs_of(larger)
     new_pre, new_post, new_weight = pairs_of(neuro.shuffled(larger, "signs", seed=1))
     assert np.array_equal(np.abs(weight), np.abs(new_weight))
@@ -324,18 +297,12 @@ def test_shuffled_signs_keep_dales_law_and_all_else(larger: neuro.Network) -> No
     assert {len(each) for each in signs} == {1}
     assert sum(1 in each for each in signs) == len({p for p, w in zip(pre, weight, strict=True) if w > 0})
     assert not np.array_equal(weight, new_weight)
-
-
-def test_shuffled_weights_keep_signs_and_pairs(larger: neuro.Network) -> None:
     _, post, weight = pairs_of(larger)
     _, new_post, new_weight = pairs_of(neuro.shuffled(larger, "weights", seed=1))
     assert np.array_equal(post, new_post)
     assert np.array_equal(np.sign(weight), np.sign(new_weight))
     assert np.array_equal(np.sort(np.abs(weight)), np.sort(np.abs(new_weight)))
     assert np.mean(weight == new_weight) < 0.2
-
-
-def test_a_shuffle_is_seeded_and_saved(larger: neuro.Network, tmp_path: Path) -> None:
     control = neuro.shuffled(larger, "edges", seed=5)
     control.save(tmp_path / "control.yaml")
     assert np.array_equal(pairs_of(control)[1], pairs_of(neuro.load(tmp_path / "control.yaml"))[1])
@@ -380,8 +347,7 @@ def test_a_file_is_the_same_network_as_listed_pairs(tmp_path: Path, ascending: b
         order = np.lexsort((post, late, pre))
         pre, post, n, late = pre[order], post[order], n[order], late[order]
     columns = {"pre": pre.tolist(), "post": post.tolist(), "n": n.tolist(), "d": late.tolist()}
-    file = neuro.from_file(csv(tmp_path / "e.csv", columns), weight="n", delay="d")
-    spikes = []
+    file, spikes = neuro.from_file(csv(tmp_path / "e.csv", columns), weight="n", delay="d"), []
     for rule, weight, delay in ((file, 15.0, 1.0), (neuro.pairs(pre, post), 15.0 * n, late)):
         net = neuro.Network()
         net.population("a", 50, neuro.iaf_psc_exp(I_e=380.0), initial={"V_m": neuro.uniform(low=-70.0, high=-55.0)})
