@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-import neuro
 from neuro_bench.mackey_glass import PARAMETERS, POINTS, MackeyGlass, solution
+from refused import refused
 
 
 def test_the_series():
@@ -31,8 +31,7 @@ def test_folds(tmp_path):
     assert not np.isin(last.test, np.concatenate((*first.train, *first.validation))).any()
     np.save(tmp_path / "mg_17.npy", np.arange(2000.0))
     assert MackeyGlass(tmp_path).folds()[0].test[0] == 750.0
-    with pytest.raises(neuro.ModelError, match=r"mg_18\.npy: cannot be read"):
-        MackeyGlass(tmp_path, "tau18").folds()
+    assert "mg_18.npy: cannot be read" in refused(MackeyGlass(tmp_path, "tau18").folds)
     task = MackeyGlass()
     assert task.score(np.array([1.0, 3.0]), np.array([1.0, 1.0])) == 50.0
     assert task.score(np.array([np.nan, 1.0]), np.array([1.0, 1.0])) == 200.0

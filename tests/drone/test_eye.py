@@ -247,6 +247,7 @@ def test_shake():
     assert v < 63.0
     view = CameraView(tilt=60.0, fixed=True)
     view.look(Pose(0.0, 0.0, 2.0))
+    x, y = view.ground(63.5, 63.5)
     view.look(Pose(0.0, 0.0, 2.0, pitch=0.05))
     assert view.project(x, y, 0.0)[1] < 63.0  # nose down: the ground goes up the picture
     view.look(Pose(0.0, 0.0, 2.0, roll=0.05))

@@ -91,6 +91,7 @@ def test_the_page_holds_it(flight, monkeypatch, model, tmp_path):
     assert "network on loihi" in page(replace(flight, backend="loihi"))
     assert "http" not in text.replace("http-equiv", "")
     monkeypatch.setattr("neuro_drone.watch.MOST", len(flight.x) // 4 + 1)
+    text = page(flight)
     camera = tracks_of(text)["camera"]
     assert np.array_equal(camera["place"] >> 1 & 127, flight.x[::4])
     assert camera["first"][-1] == len(flight.x[::4])

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array, save_npz
 
 import neuro
 from golden_messages import Messages
-from refused import error_of, refusals_of
+from refused import error_of, refusals_of, refused
 
 pyarrow = pytest.importorskip("pyarrow")
 parquet = pytest.importorskip("pyarrow.parquet")
@@ -140,8 +140,7 @@ def test_populations_and_views_in_yaml_take_the_edges_between_them(tmp_path: Pat
     assert {Path(name).name for name in net.inputs} == {"net.yaml", "neurons.csv", "edges.csv"}
     net.save(tmp_path / "again.yaml")
     assert neuro.load(tmp_path / "again.yaml") == net
-    with pytest.raises(neuro.ModelError, match="expected a file in the folder of the description"):
-        net.save(tmp_path / "sub" / "again.yaml")
+    assert "expected a file in the folder of the description" in refused(net.save, tmp_path / "sub" / "again.yaml")
 
 
 def test_results_hold_the_description_and_can_be_made_again(tmp_path: Path) -> None:
@@ -156,8 +155,7 @@ def test_results_hold_the_description_and_can_be_made_again(tmp_path: Path) -> N
     (tmp_path / "moved").mkdir()
     (tmp_path / "sub").rename(tmp_path / "moved" / "sub")
     assert read(tmp_path / "run.h5").network(played=False).projections["out"].rule.name == "from_file"
-    with pytest.raises(neuro.ModelError, match=r"edges\.csv"):
-        read(tmp_path / "run.h5").network()
+    assert "edges.csv" in refused(read(tmp_path / "run.h5").network)
 
 
 def test_ids(tmp_path):
@@ -224,8 +222,7 @@ def test_weights_that_would_grow_again_are_not_silenced(rule: str) -> None:
     net.connect("a", "b", neuro.all_to_all(), getattr(neuro, rule)(), weight=10.0, delay=1.0)
     sim = neuro.compile(net)
     if rule == "stdp":
-        with pytest.raises(neuro.ModelError, match=r"'a_b' learns by stdp, so its weights would grow again"):
-            sim.silence("a[0]")
+        assert "'a_b' learns by stdp, so its weights would grow again" in refused(sim.silence, "a[0]")
     else:
         sim.silence("a[0]")
         assert sim.weights("a_b")[2].tolist() == [0.0, 0.0, 10.0, 10.0]
@@ -252,8 +249,7 @@ def test_noise_is_not_taken_for_the_driver(rate: float) -> None:
         net.connect(name, "cells", neuro.one_to_one(), weight=1.0, delay=1.0)
     sim = neuro.compile(net)
     if rate:
-        with pytest.raises(neuro.ModelError, match="'noise' and 'drive' are connected to 'cells' one_to_one"):
-            sim.activate("cells", 100.0)
+        assert "'noise' and 'drive' are connected to 'cells' one_to_one" in refused(sim.activate, "cells", 100.0)
     else:
         sim.activate("cells", 100.0)
         assert [sim.get(name, "rate").tolist() for name in ("noise", "drive")] == [[500.0] * 2, [100.0] * 2]
