@@ -96,6 +96,10 @@ def test_what_is_refused(tmp_path, commands, messages):
         (folder / name).unlink()
         return folder
 
+    def listing(folder, text):
+        (folder / "testing_list.txt").write_text(text)
+        return folder
+
     def labels_alone(folder):
         with h5py.File(folder / "shd_train.h5", "w") as file:
             file["labels"] = [0]

@@ -13,7 +13,7 @@ from neuro.coding import CODES, RATE_CODES, log_intensity_to_latency, poisson, p
 from neuro.coding.codes import CHOICES
 from neuro.core.keyed_random import key
 from neuro.testing import check_part
-from refused import refusals_of
+from refused import error_of, refusals_of
 
 BOUNDS = {"r_min": 1.0, "r_max": 8.0}
 NET = Path(__file__).with_name("encode.yaml").read_text("utf-8")
@@ -104,6 +104,7 @@ def test_mistakes(load, messages):
         return neuro.encode(**{"values": [1.0, 2.0], **words})
 
     messages(refusals_of(messages.cases, globals() | locals() | {"nan": np.nan, "inf": np.inf}))
+    assert Path(__file__).name in f"{error_of(encode, code=3).where}"  # where it was called
 
 
 @pytest.fixture
