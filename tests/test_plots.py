@@ -103,9 +103,9 @@ def test_few_of_many_are_drawn_and_said(monkeypatch):
 
 
 def test_whole_pictures(sim):
-    sim = neuro.compile(sim.network(), backend="reference")
+    fresh = neuro.compile(sim.network(), backend="reference")
     for draw in (plots.raster, plots.rate, plots.isi, plots.cv, plots.overview):
-        assert isinstance(draw(sim), Figure)
+        assert isinstance(draw(fresh), Figure)
     figure = sim.plot()
     assert (figure.get_suptitle(), len(figure.axes)) == ("two on reference: 50 ms, 10 neurons", 3)
     assert len(sim.plot("in", window=(0.0, 20.0)).axes) == 2
