@@ -9,9 +9,9 @@ import h5py
 import numpy as np
 import pytest
 
+from bar_recordings import write_bars
 from neuro.core.hdf5 import seal
 from neuro.core.provenance import ATTRIBUTE
-from neuro.events import Events, save
 
 pytestmark = pytest.mark.slow
 
@@ -32,16 +32,8 @@ def neuro(answer, monkeypatch, tmp_path):
 
 @pytest.fixture
 def bars(tmp_path):
-    """Recordings of bars, upright and lying, beside the place where commands are run."""
-    folder, rng = tmp_path / "bars", np.random.default_rng(0)
-    for k in range(24):
-        along, across = rng.integers(8, 27, 900), 14 + np.arange(900) // 180 + rng.integers(0, 2, 900)
-        x, y = (along, across) if k % 2 else (across, along)
-        events = Events(np.arange(900) * 100, x, y, rng.integers(0, 2, 900), (34, 34))
-        path = folder / ("Train" if k < 16 else "Test") / ("lying" if k % 2 else "upright") / f"{k}.bin"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        save(events, path)
-    return folder
+    """Recordings of bars beside the place where commands are run."""
+    return write_bars(tmp_path / "bars")
 
 
 def record(file):

@@ -3,10 +3,10 @@ import shutil
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from bar_recordings import write_bars
 from neuro.events import Events, recordings, save
 from neuro_recognise import Recogniser, fit
 from neuro_recognise.energy import bills
@@ -19,15 +19,9 @@ from refused import mistakes_of
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Recordings of bars, upright and lying, moving over a small field; one of them is empty."""
-    folder, rng = tmp_path_factory.mktemp("bars"), np.random.default_rng(0)
-    for k in range(24):
-        along, across = rng.integers(8, 27, 900), 14 + np.arange(900) // 180 + rng.integers(0, 2, 900)
-        x, y = (along, across) if k % 2 else (across, along)
-        events = Events(np.arange(900) * 100, x, y, rng.integers(0, 2, 900), (34, 34))
-        path = folder / ("Train" if k < 16 else "Test") / ("lying" if k % 2 else "upright") / f"{k}.bin"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        save(events if k < 23 else events[:0], path)
+    """Recordings of bars; the last of them is empty."""
+    folder = write_bars(tmp_path_factory.mktemp("bars"))
+    save(Events([], [], [], [], (34, 34)), folder / "Test" / "lying" / "23.bin", replace=True)
     return folder
 
 
