@@ -176,7 +176,7 @@ def test_a_model_file_and_others(letters, model, tmp_path):
         assert file.attrs["neuro"] == neuro.__version__
         assert "winner_take_all" in file["learnt/network"].asstr()[()]
     assert same_votes(*(m.method.answer(m.learnt, letters) for m in (model, again)))
-    file = tmp_path / "model.h5"
+    file = tmp_path / "other.h5"
     assert refused(Recogniser.load, file) == f"{file}: no such file: expected a neuro recogniser 1"
     file.write_bytes(b"text")
     assert refused(Recogniser.load, file) == f"{file}: not a neuro recogniser 1"

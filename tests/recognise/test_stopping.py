@@ -142,7 +142,8 @@ def test_rules_of_few_recordings_are_wrong_no_more_often_than_is_assured(assuran
 
 
 def test_what_a_rule_refuses(messages):
-    assert stopping_rule(held_of([[(1, k > 2)] for k in range(30)]), 0.21).level >= -1
+    held = held_of([[(1, k > 2)] for k in range(30)])
+    assert stopping_rule(held, 0.21).level >= -1
     messages(refusals_of(messages.cases, globals() | locals()))
 
 

@@ -85,10 +85,10 @@ def test_an_interrupt_loses_no_whole_epoch_and_files_of_something_else_stay(neur
     assert neuro(file, "--data", folder, *QUICK, "--out", "other.yaml")[0] == 0
     assert snn.load("trained.yaml") == snn.load("other.yaml")
     (tmp_path / "trained.yaml").write_text("my notes")
-    (tmp_path / "other.yaml").mkdir()
+    (tmp_path / "folder.yaml").mkdir()
     for out, message in (
         ("trained.yaml", "exists and is not a network that was saved: expected a new name"),
-        ("other.yaml", "is a folder, expected the name of a file"),
+        ("folder.yaml", "is a folder, expected the name of a file"),
     ):
         status, _, err = neuro(file, "--data", folder, *QUICK, "--out", out)
         assert (status, f"{out}: {message}" in err) == (2, True)
