@@ -52,15 +52,12 @@ def test_a_job_is_done_once(tmp_path, processes):
     assert (done(tmp_path), sorted(told)) == ([0, 1, 4], ["job 0", "job 1", "job 4"])
     (tmp_path / "1.json").unlink()
     told.clear()
-    again = grid(RESULTS, jobs, processes, told.append)
-    assert again == first
-    assert (done(tmp_path), told) == ([1], [None, None, "job 1"])
+    assert (grid(RESULTS, jobs, processes, told.append), done(tmp_path), told) == (first, [1], [None, None, "job 1"])
 
 
 def test_another_description_or_format_is_another_job(tmp_path):
     (first,) = grid(RESULTS, [Job(tmp_path, 1)])
-    assert done(tmp_path) == [1]
-    assert RESULTS.read(tmp_path / "1.json", Job(tmp_path, 1).of) == first
+    assert (done(tmp_path), RESULTS.read(tmp_path / "1.json", Job(tmp_path, 1).of)) == ([1], first)
     assert RESULTS.read(tmp_path / "1.json", Job(tmp_path, 1, 2.0).of) == {}
     assert JobResults("a result of a test", "test result 2").read(tmp_path / "1.json", Job(tmp_path, 1).of) == {}
     grid(RESULTS, [Job(tmp_path, 1, 2.0)])
@@ -68,9 +65,7 @@ def test_another_description_or_format_is_another_job(tmp_path):
 
 
 def test_a_refused_job_is_tried_again(tmp_path):
-    for _ in range(2):
-        assert grid(RESULTS, [Job(tmp_path, 2)]) == [{"refused": "no"}]
-        assert done(tmp_path) == [2]
+    assert all((grid(RESULTS, [Job(tmp_path, 2)]), done(tmp_path)) == ([{"refused": "no"}], [2]) for _ in range(2))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -30,8 +30,7 @@ def spelt_out(program):
 def test_same_keeps_the_size_and_spreads_the_border(height, kernel, stride):
     """As by TensorFlow: ceil(n / stride) places, and of the border that they need the odd line at the end."""
     rule = neuro.grid(kernel=(kernel, 1), stride=stride, padding="same")
-    program = compile_network(sheet_onto(1, rule, shape=(height, 1)), 0)
-    rows = -(-height // stride)
+    program, rows = compile_network(sheet_onto(1, rule, shape=(height, 1)), 0), -(-height // stride)
     border = max((rows - 1) * stride + kernel - height, 0)
     assert program.populations[1].shape == (1, rows, 1)
     first = np.arange(rows) * stride - border // 2

@@ -11,13 +11,12 @@ from neuro.files.parts import Trace, Train, Weights
 from neuro.files.recorded import SpikeTrain as Spikes, intervals, recorded, trains, variation
 from neuro.files.results import Results
 from neuro.plots import _spikes, _traces
-from refused import refused
+from refused import refusals_of
 
 
 def results(size=10, spikes=100, traced=1, recorded=True, duration=1000.0):
     rng = np.random.default_rng(1)
-    steps = np.sort(rng.integers(1, 10 * duration, spikes))
-    ids = rng.integers(0, size, spikes)
+    steps, ids = np.sort(rng.integers(1, 10 * duration, spikes)), rng.integers(0, size, spikes)
     counts = np.bincount(ids, minlength=size)
     arrays = (steps, ids, np.ones(spikes, "i4"), counts, counts)
     train = Train("iaf_psc_exp", (size,), {"spikes": spikes}, recorded, 0.1, *arrays)
@@ -49,55 +48,74 @@ def test_any_size(size, spikes, tmp_path):
         draw(run).savefig(tmp_path / "a.png", dpi=20)
 
 
-def test_titles_and_units():
+def test_titles_units_and_rates():
     axis = plots.raster(results()).axes[0]
     assert axis.get_title("left") == "cells: 10 neurons, 10 Hz"
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("time (ms)", "neuron")
     axis = plots.rate(results(size=1)).axes[0]
-    assert axis.get_title("left") == "cells: 1 neuron, 100 Hz"
-    assert axis.get_ylabel() == "rate (Hz)"
+    assert (axis.get_title("left"), axis.get_ylabel()) == ("cells: 1 neuron, 100 Hz", "rate (Hz)")
     assert plots.trace(results(traced=2)).axes[0].get_ylabel() == "V_m (mV)"
     assert plots.trace(results(traced=20)).axes[1].get_ylabel() == "V_m (mV)"
-
-
-def test_rates_add_up():
     figure = plots.rate(results(size=10, spikes=500))
     hz, edges, _ = figure.axes[0].patches[0].get_data()
     assert (hz * np.diff(edges)).sum() * 10 / 1000.0 == pytest.approx(500)
     assert figure.get_suptitle() == "test: mean rates in bins of 5 ms"
+    plots.rate(results(duration=1.0, spikes=3))
 
 
-def test_a_spike_on_an_edge_belongs_to_the_step_before_it(sim):
-    figure = plots.rate(sim, "in", bin=20.0)
-    hz, edges, _ = figure.axes[0].patches[0].get_data()
+def test_edges_bins_and_windows(sim):
+    hz, edges, _ = plots.rate(sim, "in", bin=20.0).axes[0].patches[0].get_data()
     assert edges.tolist() == [0.0, 20.0, 40.0, 50.0]
     assert (hz * 4 * np.diff(edges) / 1000.0).round(9).tolist() == [4.0, 3.0, 0.0]
     tenths = plots.rate(sim, "in", bin=0.1, window=(29.9, 30.1)).axes[0].patches[0].get_data()[0]
     assert (tenths * 4 * 0.1 / 1000.0).round(9).tolist() == [2.0, 0.0]
+    told = plots.rate(sim, "in", bin="5 ms", window=("0.01 s", "30 ms")).axes[0].patches[0].get_data()
+    assert told[1].tolist() == [10.0, 15.0, 20.0, 25.0, 30.0]
+    assert sim.plot(window=("10 ms", 30.0)).axes[0].get_xlim() == (10.0, 30.0)
+    (train,) = trains(recorded(sim), "in", (10.0, 30.0))
+    assert (train.times_ms.tolist(), train.ids.tolist()) == ([20.0, 20.0, 30.0, 30.0], [0, 3, 1, 3])
+    axis = plots.raster(sim, "in", window=(10.0, 30.0)).axes[0]
+    assert (axis.get_xlim(), axis.get_title("left")) == ((10.0, 30.0), "in: 4 neurons, 50 Hz")
+    shown = plots.trace(sim, "v", window=(10.0, 12.0)).axes[0]
+    assert [line.get_xdata().tolist() for line in shown.lines] == [[10.0, 11.0, 12.0]] * 6
 
 
-def test_few_of_many_spikes_are_drawn_and_said(monkeypatch):
+def test_few_of_many_are_drawn_and_said(monkeypatch):
     monkeypatch.setattr(_spikes, "MOST_DOTS", 50)
     axis = plots.raster(results(spikes=100)).axes[0]
     assert axis.get_title("left") == "cells: 10 neurons, 10 Hz, 50 of 100 spikes drawn"
     assert axis.lines[0].get_xdata().size == 50
-
-
-def test_few_of_many_traces_are_drawn_and_said(monkeypatch):
     monkeypatch.setattr(_traces, "MOST_ROWS", 5)
     axis = plots.trace(results(traced=20)).axes[0]
     assert axis.get_title("left") == "v: V_m of cells, 5 of 20 neurons drawn"
     assert axis.images[0].get_array().shape == (5, 1000)
+    monkeypatch.setattr(_traces, "MOST_CELLS", 4)
+    axis = plots.weights(results(), "own", "matrix").axes[0]
+    assert axis.get_title("left") == "own: 100 weights, means of blocks of 3 x 3"
+    image, whole = axis.images[0].get_array(), np.arange(100.0).reshape(10, 10)
+    assert (image.shape, image[0, 0], image[3, 3]) == ((4, 4), whole[:3, :3].mean(), whole[9, 9])
+    run = results()
+    run.projections["grid"] = Weights("cells", "cells", "static", 30, {}, weight=np.arange(30.0).reshape(5, 1, 2, 3))
+    sheet = plots.weights(run, "grid", "matrix").axes[0].images[0].get_array()
+    assert (sheet.shape, sheet[3:, 4:7].tolist()) == ((5, 11), np.arange(24.0, 30.0).reshape(2, 3).tolist())
+    monkeypatch.setattr(_traces, "MOST_KERNELS", 2)
+    assert plots.weights(run, "grid", "matrix").axes[0].get_title("left") == "grid: kernels of 2 x 3, 2 of 5 drawn"
 
 
-def test_a_run_shorter_than_a_bin():
-    plots.rate(results(duration=1.0, spikes=3))
-
-
-def test_a_simulation_that_has_not_run(sim):
-    sim = neuro.compile(sim.network(), backend="reference")
+def test_whole_pictures(sim):
+    fresh = neuro.compile(sim.network(), backend="reference")
     for draw in (plots.raster, plots.rate, plots.isi, plots.cv, plots.overview):
-        assert isinstance(draw(sim), Figure)
+        assert isinstance(draw(fresh), Figure)
+    figure = sim.plot()
+    assert (figure.get_suptitle(), len(figure.axes)) == ("two on reference: 50 ms, 10 neurons", 3)
+    assert len(sim.plot("in", window=(0.0, 20.0)).axes) == 2
+    assert plots.raster(sim)._repr_png_()[:8] == b"\x89PNG\r\n\x1a\n"
+    from matplotlib import _pylab_helpers
+
+    before, shown = dict(matplotlib.rcParams), dict(_pylab_helpers.Gcf.figs)
+    plots.overview(sim)
+    plots.weights(sim, "in_out", "matrix")
+    assert (dict(matplotlib.rcParams), _pylab_helpers.Gcf.figs) == (before, shown)
 
 
 def test_a_simulation_is_drawn_as_its_results(sim):
@@ -114,12 +132,6 @@ def test_a_simulation_is_drawn_as_its_results(sim):
     assert np.array_equal(mine.values, theirs.values)
 
 
-def test_times_with_units(sim):
-    told = plots.rate(sim, "in", bin="5 ms", window=("0.01 s", "30 ms")).axes[0].patches[0].get_data()
-    assert told[1].tolist() == [10.0, 15.0, 20.0, 25.0, 30.0]
-    assert sim.plot(window=("10 ms", 30.0)).axes[0].get_xlim() == (10.0, 30.0)
-
-
 @pytest.mark.parametrize("resolution", [0.1, 0.125, 0.3, 1.0])
 def test_bins_are_on_the_grid(resolution):
     run = results()
@@ -129,24 +141,11 @@ def test_bins_are_on_the_grid(resolution):
     assert width / resolution == pytest.approx(round(width / resolution), abs=1e-9)
 
 
-def test_a_window_is_after_its_begin_up_to_its_end(sim):
-    (train,) = trains(recorded(sim), "in", (10.0, 30.0))
-    assert train.times_ms.tolist() == [20.0, 20.0, 30.0, 30.0]
-    assert train.ids.tolist() == [0, 3, 1, 3]
-    axis = plots.raster(sim, "in", window=(10.0, 30.0)).axes[0]
-    assert axis.get_xlim() == (10.0, 30.0)
-    assert axis.get_title("left") == "in: 4 neurons, 50 Hz"
-    shown = plots.trace(sim, "v", window=(10.0, 12.0)).axes[0]
-    assert [line.get_xdata().tolist() for line in shown.lines] == [[10.0, 11.0, 12.0]] * 6
-
-
 def test_populations_by_name_by_part_and_by_view(sim):
     part = sim.network().populations["in"]
     assert plots.raster(sim, part).axes[0].get_title("left") == "in: 4 neurons, 35 Hz"
     (train,) = trains(recorded(sim), part[[3, 1]])
-    assert train.neurons.tolist() == [1, 3]
-    assert train.ids.tolist() == [3, 3, 1, 3]
-    assert train.rate_hz == 40.0
+    assert (train.neurons.tolist(), train.ids.tolist(), train.rate_hz) == ([1, 3], [3, 3, 1, 3], 40.0)
     assert plots.raster(sim, [part[[3, 1]]]).axes[0].get_title("left") == "in: 2 neurons, 40 Hz"
 
 
@@ -157,19 +156,15 @@ def test_intervals_and_their_variation():
     train = Spikes("cells", np.arange(14), times, ids, (0.0, 1000.0))
     trains_ = [times[ids == neuron] for neuron in range(12)]
     lengths, whose = intervals(train.times_ms, train.ids)
-    for neuron, one in enumerate(trains_):
-        assert np.array_equal(lengths[whose == neuron], elephant.isi(one))
+    assert all(np.array_equal(lengths[whose == neuron], elephant.isi(one)) for neuron, one in enumerate(trains_))
     expected = [elephant.cv(elephant.isi(one)) for one in trains_]
     assert variation(train.times_ms, train.ids) == pytest.approx(expected, rel=1e-12)
 
 
-def test_a_single_interval_has_no_variation():
+def test_intervals_and_what_they_say(sim):
     times, ids = np.array([1.0, 2.0, 3.0, 5.0, 9.0]), np.array([0, 0, 1, 1, 1])
     train = Spikes("cells", np.arange(2), times, ids, (0.0, 10.0))
     assert variation(train.times_ms, train.ids) == pytest.approx([1.0 / 3.0])
-
-
-def test_what_intervals_and_cv_say(sim):
     assert plots.isi(sim, "in").axes[0].get_title("left") == "in: 4 intervals, mean 12.5 ms"
     heights, edges, _ = plots.isi(sim, "in").axes[0].patches[0].get_data()
     assert heights.sum() == 4
@@ -181,35 +176,13 @@ def test_what_intervals_and_cv_say(sim):
 
 def test_weights_as_a_histogram_and_a_matrix(sim):
     figure = plots.weights(results(), "own")
-    heights = figure.axes[0].patches[0].get_data()[0]
-    assert heights.sum() == 100
+    assert figure.axes[0].patches[0].get_data()[0].sum() == 100
     assert figure.axes[0].get_title("left") == "own: 100 weights, 49.5 ± 28.9"
     image = plots.weights(results(), "own", "matrix").axes[0].images[0].get_array()
     assert np.array_equal(image, np.arange(100.0).reshape(10, 10))
     shown = plots.weights(sim, "in_out", "matrix").axes[0]
     assert shown.images[0].get_array().shape == (4, 6)
     assert (shown.get_xlabel(), shown.get_ylabel()) == ("target neuron", "source neuron")
-
-
-def test_a_large_matrix_is_drawn_in_blocks(monkeypatch):
-    monkeypatch.setattr(_traces, "MOST_CELLS", 4)
-    axis = plots.weights(results(), "own", "matrix").axes[0]
-    assert axis.get_title("left") == "own: 100 weights, means of blocks of 3 x 3"
-    image, whole = axis.images[0].get_array(), np.arange(100.0).reshape(10, 10)
-    assert image.shape == (4, 4)
-    assert image[0, 0] == whole[:3, :3].mean()
-    assert image[3, 3] == whole[9, 9]
-
-
-def test_kernels_side_by_side(monkeypatch):
-    run = results()
-    run.projections["grid"] = Weights("cells", "cells", "static", 30, {}, weight=np.arange(30.0).reshape(5, 1, 2, 3))
-    sheet = plots.weights(run, "grid", "matrix").axes[0].images[0].get_array()
-    assert sheet.shape == (5, 11)
-    assert sheet[3:, 4:7].tolist() == np.arange(24.0, 30.0).reshape(2, 3).tolist()
-    monkeypatch.setattr(_traces, "MOST_KERNELS", 2)
-    axis = plots.weights(run, "grid", "matrix").axes[0]
-    assert axis.get_title("left") == "grid: kernels of 2 x 3, 2 of 5 drawn"
 
 
 def test_into_axes_that_are_given(sim):
@@ -225,55 +198,8 @@ def test_into_axes_that_are_given(sim):
     assert plots.weights(sim, "in_out", ax=axes[4]) is figure
 
 
-def test_at_a_glance(sim):
-    figure = sim.plot()
-    assert figure.get_suptitle() == "two on reference: 50 ms, 10 neurons"
-    assert len(figure.axes) == 3
-    assert len(sim.plot("in", window=(0.0, 20.0)).axes) == 2
-
-
-def test_a_notebook_shows_it(sim):
-    assert plots.raster(sim)._repr_png_()[:8] == b"\x89PNG\r\n\x1a\n"
-
-
-def test_nothing_global_changes(sim):
-    from matplotlib import _pylab_helpers
-
-    before, shown = dict(matplotlib.rcParams), dict(_pylab_helpers.Gcf.figs)
-    plots.overview(sim)
-    plots.weights(sim, "in_out", "matrix")
-    assert dict(matplotlib.rcParams) == before
-    assert _pylab_helpers.Gcf.figs == shown
-
-
-MISTAKES = {
-    "no run": lambda sim: plots.raster("out.h5"),
-    "a network": lambda sim: plots.raster(neuro.Network("net")),
-    "an unknown population": lambda sim: plots.rate(sim, "uot"),
-    "no population": lambda sim: plots.raster(sim, []),
-    "not recorded": lambda sim: plots.raster(sim, "noise"),
-    "not kept": lambda sim: plots.raster(results(recorded=False), "cells"),
-    "no spikes": lambda sim: plots.raster(results(recorded=False)),
-    "no traces": lambda sim: plots.trace(results(traced=0)),
-    "an unknown probe": lambda sim: plots.trace(sim, "w"),
-    "a window that ends before it begins": lambda sim: plots.raster(sim, window=(5, 2)),
-    "a window that is none": lambda sim: plots.trace(sim, window=100.0),
-    "a window without a record": lambda sim: plots.trace(sim, "v", window=(40.1, 40.4)),
-    "a window beyond the end": lambda sim: plots.rate(sim, window=(0, 70.0)),
-    "a window beyond the end, with units": lambda sim: plots.trace(sim, "v", window=("10 ms", "0.07 s")),
-    "a window of voltages": lambda sim: plots.raster(sim, window=("1 mV", "2 mV")),
-    "a bin off the grid": lambda sim: plots.rate(sim, bin=0.25),
-    "a bin below a step": lambda sim: plots.rate(sim, bin=0.05),
-    "a bin that is no time": lambda sim: plots.rate(sim, bin=0),
-    "a bin that is too short": lambda sim: plots.rate(sim, bin=1e-6),
-    "no axes": lambda sim: plots.raster(sim, ax=3),
-    "an unknown projection": lambda sim: plots.weights(sim, "in_uot"),
-    "an unknown kind": lambda sim: plots.weights(sim, "in_out", "matirx"),
-}
-
-
 def test_mistakes(sim, messages):
-    messages({what: refused(draw, sim) for what, draw in MISTAKES.items()})
+    messages(refusals_of(messages.cases, globals() | locals()))
 
 
 FORMULA = "$\\x_{^%$"
@@ -292,6 +218,5 @@ def test_names_are_no_formulas(tmp_path):
     for draw in (plots.raster, plots.rate, plots.isi):
         axis = Figure().subplots()
         axis.set_title(r"$\alpha$")
-        whole = draw(run, ax=axis)
-        whole.savefig(tmp_path / "a.png", dpi=20)
+        draw(run, ax=axis).savefig(tmp_path / "a.png", dpi=20)
         assert axis.get_title() == r"$\alpha$"

@@ -4,6 +4,7 @@ import base64
 import io
 import re
 from functools import partial
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -11,11 +12,11 @@ import pytest
 from gymnasium import spaces
 from PIL import Image
 
-import neuro
 import neuro_agent
 from neuro_agent import watch as watching
 from neuro_agent.watch import page, played, watch
 from players import tracks_of
+from refused import refusals_of
 
 
 class Corridor(gymnasium.Env):
@@ -58,25 +59,17 @@ def episode(agent):
     return played(agent, Corridor(), seed=5)
 
 
-def test_an_episode_is_the_first_that_a_test_of_its_seed_has(agent, lake, episode):
+def test_an_episode_is_the_first_of_a_test_and_leaves_the_agent(agent, lake, episode):
     tested = agent.test(Corridor(), 1, seed=5)
     assert (episode.moves, sum(episode.rewards)) == (tested.lengths[0], pytest.approx(tested.returns[0]))
     env = gymnasium.make("FrozenLake-v1", is_slippery=False)
     found, tested = played(lake, env, seed=4), lake.test(env, 1, seed=4)
-    assert (found.moves, sum(found.rewards)) == (tested.lengths[0], tested.returns[0])
-    assert found.observations[0] == 0
+    assert (found.moves, sum(found.rewards), found.observations[0]) == (tested.lengths[0], tested.returns[0], 0)
     assert found.end in ("terminated", "cut off by the environment")
-
-
-def test_frozen_weights_stay_and_the_agent_is_not_touched(agent, episode):
     assert list(episode.weights) == [0]
-    before = agent.weights
-    learnt = played(agent, Corridor(), seed=5, learning=True)
+    before, learnt = agent.weights, played(agent, Corridor(), seed=5, learning=True)
     assert not np.array_equal(learnt.weights[0], list(learnt.weights.values())[-1])
     assert all(np.array_equal(each, before[name]) for name, each in agent.weights.items())
-
-
-def test_errors_are_those_of_temporal_differences(agent, episode):
     gamma, n = agent.settings.discount, episode.moves
     assert np.isnan(episode.errors[0])
     for k in range(1, n + 1):
@@ -84,10 +77,9 @@ def test_errors_are_those_of_temporal_differences(agent, episode):
         assert episode.errors[k] == pytest.approx(episode.rewards[k] + after - episode.values[k - 1])
 
 
-def test_the_page_holds_it(agent, episode):
+def test_the_page_holds_it(agent, episode, monkeypatch):
     text = page(agent, episode, 5)
-    data = tracks_of(text)
-    n = episode.moves + 1
+    data, n = tracks_of(text), episode.moves + 1
     policy, (places, critics, _), weights = data["policy"], data["raster"]["strips"], data["weights"]
     assert policy["labels"] == ["-1", "-0.667", "-0.333", "0", "0.333", "0.667", "1"]
     assert data["state"]["labels"] == ["['at'][0]", "['open']"]
@@ -98,9 +90,18 @@ def test_the_page_holds_it(agent, episode):
     assert data["traces"]["lanes"][2]["lines"][0]["y"] == pytest.approx(np.cumsum(episode.rewards), abs=1e-5)
     pictured = weights["values"].reshape(7, weights["columns"]) * weights["largest"] / 127
     assert pictured == pytest.approx(agent.weights["policy0"].T, abs=weights["largest"] / 100)
-    assert f"{episode.moves} steps, return {sum(episode.rewards):g}" in text
-    assert "weights frozen" in text
+    assert all(word in text for word in (f"{episode.moves} steps, return {sum(episode.rewards):g}", "weights frozen"))
     assert "http" not in text.replace("http-equiv", "")
+    monkeypatch.setattr(watching, "COLUMNS", 40)
+    weights = agent.weights["policy0"]
+    found, each = watching._columns(weights), -(-len(weights) // 40)
+    assert found.shape == (7, -(-len(weights) // each))
+    assert np.abs(found).max(axis=1) == pytest.approx(np.abs(weights).max(axis=0))
+    mute = Corridor()
+    mute.render_mode = None
+    assert played(agent, mute).blank == "the environment's render_mode is None: expected 'rgb_array'"
+    mute.metadata = {}
+    assert played(agent, mute).blank == "the environment renders no rgb_array"
 
 
 def test_frames_are_small_pictures_at_most_so_many(agent, monkeypatch):
@@ -111,8 +112,7 @@ def test_frames_are_small_pictures_at_most_so_many(agent, monkeypatch):
     never = Corridor()
     never.step = lambda action: (never._seen(), 0.0, False, False, {})
     found = played(slow, never)
-    assert (found.moves, found.end) == (50, "cut off after 50 steps")
-    assert list(found.frames) == [0, 8, 16, 24, 32, 40, 48]
+    assert (found.moves, found.end, list(found.frames)) == (50, "cut off after 50 steps", [0, 8, 16, 24, 32, 40, 48])
     kind, content = found.frames[8].removeprefix("data:image/").split(";base64,")
     image = Image.open(io.BytesIO(base64.b64decode(content)))
     assert (image.format.lower(), image.size) == (kind, (30, 20))
@@ -122,70 +122,25 @@ def fails(self):
     raise gymnasium.error.DependencyNotInstalled('run `pip install "gymnasium[toy-text]"`')
 
 
-@pytest.mark.parametrize(
-    ("picture", "told"),
-    [
-        (fails, "it needs gymnasium[toy-text]: pip install 'gymnasium[toy-text]'"),
-        (lambda self: None, "ModelError: render() gave an array of shape []"),
-        (lambda self: np.ones((4, 4, 3)), "ModelError: render() gave numbers of float64: expected uint8"),
-        (lambda self: 1 / 0, "ZeroDivisionError: division by zero"),
-    ],
-)
-def test_frames_that_cannot_be_rendered_are_told(agent, tmp_path, picture, told):
-    found = watch(agent, Corridor(picture), tmp_path / "page.html", seed=5)
-    assert str(found).endswith(f"; no frames, {told}")
-    assert "frame" not in tracks_of((tmp_path / "page.html").read_text())
+def test_frames_that_cannot_be_rendered_are_told(agent, tmp_path, messages):
+    pictures = {"needs": fails, "none": lambda self: None, "floats": lambda self: np.ones((4, 4, 3)),
+                "raises": lambda self: 1 / 0}  # fmt: skip
+    told = {name: str(watch(agent, Corridor(each), tmp_path / f"{name}.html", 5)) for name, each in pictures.items()}
+    assert all("frame" not in tracks_of((tmp_path / f"{name}.html").read_text()) for name in pictures)
+    messages({name: text.rpartition("; no frames, ")[2] for name, text in told.items()})
 
 
-def test_an_environment_that_renders_nothing(agent):
-    mute = Corridor()
-    mute.render_mode = None
-    assert played(agent, mute).blank == "the environment's render_mode is None: expected 'rgb_array'"
-    mute.metadata = {}
-    assert played(agent, mute).blank == "the environment renders no rgb_array"
-
-
-def test_many_places_share_columns(agent, monkeypatch):
-    monkeypatch.setattr(watching, "COLUMNS", 40)
-    weights = agent.weights["policy0"]
-    found = watching._columns(weights)
-    each = -(-len(weights) // 40)
-    assert found.shape == (7, -(-len(weights) // each))
-    assert np.abs(found).max(axis=1) == pytest.approx(np.abs(weights).max(axis=0))
-
-
-def test_only_pages_of_ours_are_replaced(agent, tmp_path):
+def test_only_pages_of_ours_are_replaced(agent, tmp_path, messages):
     file = tmp_path / "page.html"
     watch(agent, Corridor(), file)
     watch(agent, Corridor(), file)
     file.write_text(file.read_text().replace("Weights of the policy", "My weights"))
-    with pytest.raises(neuro.ModelError, match=r"page\.html: exists and "):
-        watch(agent, Corridor(), file)
-    with pytest.raises(neuro.ModelError, match=r"expected a name that ends in \.html"):
-        watch(agent, Corridor(), tmp_path / "page.png")
-    with pytest.raises(neuro.ModelError, match="for which the agent was made"):
-        watch(agent, gymnasium.make("CartPole-v1"), tmp_path / "other.html")
     vector = gymnasium.vector.SyncVectorEnv([Corridor, Corridor])
-    with pytest.raises(neuro.ModelError, match="watch: a vector of 2 environments: expected one"):
-        watch(agent, vector, tmp_path / "other.html")
+    messages(refusals_of(messages.cases, globals() | locals(), tmp_path=tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
-STEPS = """
-<script>
-const seen = [String(!get("frame"))];
-get("time").value = 2; get("time").oninput(); draw();
-seen.push(get("now").textContent, get("return").textContent);
-get("traces").onclick({offsetX: get("traces").clientWidth}); draw(); seen.push(get("now").textContent);
-get("play").onclick(); seen.push(get("play").textContent, String(now));
-get("play").onclick(); seen.push(get("play").textContent);
-dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowRight"})); draw(); seen.push(get("now").textContent);
-for (const name of ["policy", "raster", "traces", "weights", !get("frame") ? "large" : "state"]) {
-  const c = get(name), image = c.getContext("2d").getImageData(0, 0, c.width, c.height);
-  seen.push(name + (new Set(new Uint32Array(image.data.buffer)).size > 3 ? " drawn" : " empty"));
-}
-document.title = seen.join("|");
-</script></body>"""
+STEPS = Path(__file__).with_name("steps.html").read_text("utf-8")
 
 
 @pytest.mark.parametrize("pictured", [True, False])
@@ -195,12 +150,8 @@ def test_a_browser_draws_it_moves_in_time_and_plays(agent, episode, tmp_path, ch
     file, n = tmp_path / "episode.html", episode.moves
     file.write_text(page(agent, shown, 5).replace("</body>", STEPS), "utf-8")
     told = re.search("<title>(.*?)</title>", chromium("--dump-dom", f"file://{file}"))[1].split("|")
-    assert told[:4] == [
-        str(not pictured).lower(),
-        f"step 2 of {n}",
-        f"{sum(episode.rewards[:3]):.3g}",
-        f"step {n} of {n}",
-    ]
+    assert told[:2] == [str(not pictured).lower(), f"step 2 of {n}"]
+    assert told[2:4] == [f"{sum(episode.rewards[:3]):.3g}", f"step {n} of {n}"]
     assert told[4:8] == ["Pause", "0", "Play", f"step 1 of {n}"]
     names = ("policy", "raster", "traces", "weights", "state" if pictured else "large")
     assert told[8:] == [f"{name} drawn" for name in names]

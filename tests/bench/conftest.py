@@ -31,9 +31,7 @@ def reaching_file(path, steps=5000, targets=20, seed=0, step=0.004, leave=(), **
     The cursor moves at random; the rate of a unit is 15 Hz, and more or less by the cosine between the velocity and
     the direction that the unit prefers.
     """
-    rng = np.random.default_rng(seed)
-    t = 100.0 + step * np.arange(steps)
-    velocity = np.zeros((2, steps))
+    rng, t, velocity = np.random.default_rng(seed), 100.0 + step * np.arange(steps), np.zeros((2, steps))
     for k in range(1, steps):
         velocity[:, k] = 0.98 * velocity[:, k - 1] + rng.normal(0.0, 0.1, 2)
     target = np.repeat(rng.normal(0.0, 50.0, (2, targets)), -(-steps // targets), axis=1)[:, :steps]

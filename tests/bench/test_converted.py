@@ -45,6 +45,12 @@ def test_each_layer_fires_its_rectified_sum_in_whole_numbers():
             assert np.array_equal(np.bincount(ids, minlength=said[layer][k].size), said[layer][k].ravel())
         assert sim.get(OUTPUT, "V_m") == pytest.approx(potentials[k], abs=1e-9)
         assert classes[0] == potentials[k].argmax()
+    shown, _ = drawn(np.random.default_rng(4))
+    assert counted(shown.spikes, 5).sum() == len(shown.spikes.at)
+    assert counted(shown.spikes.take(np.array([2]), 5), 1)[0].sum() == (shown.spikes.example == 2).sum()
+    _, weights = drawn(np.random.default_rng(4))
+    with pytest.raises(neuro.ModelError, match=r"steps of 0\.5 ms: expected 1 ms or more"):
+        _Converted([weights], Spikes.of_dense(np.zeros((1, 2, 2, 9, 9)), 0.5), LEVELS)
 
 
 @pytest.mark.parametrize("backend", ["loihi", "spinnaker"])
@@ -65,15 +71,3 @@ def test_chips_run_it_and_say_nearly_as_much(backend):
     costs = made.costs(shown)
     assert not costs.refused
     assert [name.split(",")[0] for name in costs.joules] == ["Loihi", "Loihi", "SpiNNaker", "SpiNNaker"]
-
-
-def test_counts_are_those_of_the_spikes():
-    shown, _ = drawn(np.random.default_rng(4))
-    assert counted(shown.spikes, 5).sum() == len(shown.spikes.at)
-    assert counted(shown.spikes.take(np.array([2]), 5), 1)[0].sum() == (shown.spikes.example == 2).sum()
-
-
-def test_steps_below_a_millisecond_are_refused():
-    _, weights = drawn(np.random.default_rng(4))
-    with pytest.raises(neuro.ModelError, match=r"steps of 0\.5 ms: expected 1 ms or more"):
-        _Converted([weights], Spikes.of_dense(np.zeros((1, 2, 2, 9, 9)), 0.5), LEVELS)

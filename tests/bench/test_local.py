@@ -15,8 +15,7 @@ def bars(n=20):
     """A bar 3 px wide that moves along rows or along columns, steps of 5 ms."""
     spikes = np.zeros((n, 20, 2, 34, 34), dtype=bool)
     for k, step in np.ndindex(n, 20):
-        at = slice((step + k) % 31, (step + k) % 31 + 3)
-        spikes[k, step, 0][(at, slice(None))[:: 1 if k % 2 else -1]] = True
+        spikes[k, step, 0][(slice((step + k) % 31, (step + k) % 31 + 3), slice(None))[:: 1 if k % 2 else -1]] = True
     frames = spikes.sum(axis=1, dtype=np.float32)
     return Examples(frames, np.arange(n) % 2, ("standing", "lying"), Spikes.of_dense(spikes, 5.0))
 

@@ -20,11 +20,9 @@ SHORT = {**CNN.settings, "maps": 4, "epochs": 1, "rate": 0.01, "decay": 0.0, "dr
 
 
 def examples(n=24, binary=False):
-    rng = np.random.default_rng(2)
-    frames = np.maximum(rng.normal(size=(n, 2, 8, 12)), 0.0).astype(np.float32)
+    frames = np.maximum(np.random.default_rng(2).normal(size=(n, 2, 8, 12)), 0.0).astype(np.float32)
     frames = (frames > 0.5).astype(np.float32) if binary else frames
-    spikes = Spikes.of_dense(np.zeros((n, 3, 2, 4, 4)), 1.0)
-    return Examples(frames, np.arange(n) % 3, tuple("abc"), spikes)
+    return Examples(frames, np.arange(n) % 3, tuple("abc"), Spikes.of_dense(np.zeros((n, 3, 2, 4, 4)), 1.0))
 
 
 def linear():
@@ -58,8 +56,7 @@ def test_costs_are_those_of_neurobench(name, capsys):
     metrics = [[Footprint, ConnectionSparsity, ParameterCount], [ActivationSparsity, SynapticOperations]]
     theirs = Benchmark(TorchModel(module), loader, [], [], metrics).run(quiet=True)
     ops = theirs["SynapticOperations"]
-    assert ours.parameters == theirs["ParameterCount"]
-    assert ours.footprint_bytes == theirs["Footprint"]
+    assert (ours.parameters, ours.footprint_bytes) == (theirs["ParameterCount"], theirs["Footprint"])
     assert ours.connection_sparsity == pytest.approx(theirs["ConnectionSparsity"], abs=1e-3)
     assert ours.activation_sparsity == pytest.approx(theirs["ActivationSparsity"])
     assert ours.effective_macs == pytest.approx(ops["Effective_MACs"], rel=1e-6)
@@ -70,12 +67,10 @@ def test_costs_are_those_of_neurobench(name, capsys):
 def test_spikes_velocities_parts_and_r2_are_those_of_neurobench(split, tmp_path, write_reaching):
     from neurobench.datasets.primate_reaching import PrimateReaching as Theirs
 
-    name = "indy_20160622_01.mat"
-    target = np.repeat(np.arange(8.0), [700, 2100, 300, 400, 500, 2001, 1999, 800])
+    name, target = "indy_20160622_01.mat", np.repeat(np.arange(8.0), [700, 2100, 300, 400, 500, 2001, 1999, 800])
     write_reaching(tmp_path / name, steps=len(target), target_pos=np.stack((target, target)))
     words = {"num_steps": 1, "train_ratio": 0.5, "bin_width": 0.004, "remove_segments_inactive": split == "active"}
-    theirs = Theirs(str(tmp_path), name, download=False, **words)
-    task = PrimateReaching(tmp_path, split)
+    theirs, task = Theirs(str(tmp_path), name, download=False, **words), PrimateReaching(tmp_path, split)
     fold = task.folds()[0]
     parts = (fold.train, theirs.ind_train), (fold.validation, theirs.ind_val), (fold.test, theirs.ind_test)
     for ours, steps in parts:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-import neuro
 from neuro_bench.event_cameras import SHD
 from neuro_bench.sounds import BANDS, Sounds, SpeechCommands, SpokenDigits, loudness, spikes_of
+from refused import refusals_of
 
 h5py = pytest.importorskip("h5py")
 
@@ -21,28 +21,21 @@ def write(folder, name, sound, rate=8000):
     wavfile.write(folder / name, rate, (8000 * sound).astype(np.int16))
 
 
-def test_silence_before_a_word_and_its_loudness_change_nothing():
+def test_loudness_and_spikes():
     heard = loudness(8000.0, tone(before=0.1), 40)
     assert heard.shape == (40, BANDS)
     assert loudness(8000.0, 0.1 * tone(before=0.4), 40) == pytest.approx(heard, abs=1e-5)
     assert not heard[30:].any()
-
-
-def test_versions_are_other_voices_of_the_same_class():
     rng = np.random.default_rng(0)
     bands = [loudness(8000.0, tone(), 40, rng).sum(axis=0).argmax() for _ in range(20)]
     assert len(set(bands)) > 2
     assert max(bands) - min(bands) < 10
     assert loudness(8000.0, np.zeros(10), 8, rng).shape == (8, BANDS)
     assert np.isfinite(loudness(8000.0, np.zeros(4000), 8, rng)).all()
-
-
-def test_spikes_are_where_levels_cross():
     levels = np.zeros((2, 5, 3), dtype=np.float32)
     levels[1, 2:4, 1] = 0.5
     spikes = spikes_of(levels)
-    assert (spikes.shape, spikes.steps, spikes.step) == ((2, 4, 3), 5, 12.5)
-    assert spikes.example.tolist() == [1] * 4
+    assert (spikes.shape, spikes.steps, spikes.step, spikes.example.tolist()) == ((2, 4, 3), 5, 12.5, [1] * 4)
     assert spikes.at.tolist() == [2, 2, 4, 4]
     assert spikes.neuron.tolist() == [12 + 1, 12 + 3 + 1, 1, 3 + 1]  # up by two thresholds, down by them
 
@@ -65,11 +58,7 @@ def test_any_folder_of_sounds(tmp_path):
     for k in range(12):
         write(tmp_path, f"{'low' if k % 2 else 'high'}/{k}.wav", tone(300.0 if k % 2 else 2000.0))
     made = Sounds(tmp_path).folds()
-    assert made[0].test.classes == ("high", "low")
-    assert sum(len(fold.test) for fold in made) == 12
-    write(tmp_path, "lost.wav", tone())
-    with pytest.raises(neuro.ModelError, match=r"lost.wav is in no folder: expected CLASS/NAME.wav"):
-        Sounds(tmp_path).folds()
+    assert (made[0].test.classes, sum(len(fold.test) for fold in made)) == (("high", "low"), 12)
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.int16, np.int32, np.float32])
@@ -82,8 +71,7 @@ def test_samples_of_every_type_are_heard_alike(tmp_path, kind):
         samples = np.rint(sound * largest + (128 if kind == np.uint8 else 0)).astype(kind)
     wavfile.write(tmp_path / "1_a_0.wav", 8000, np.stack((samples, samples), axis=1))
     (read,) = SpokenDigits(tmp_path).sounds()
-    assert read[:2] == ("1_a_0.wav", 8000.0)
-    assert read[2] == pytest.approx(sound, abs=0.005)
+    assert (read[:2], read[2]) == (("1_a_0.wav", 8000.0), pytest.approx(sound, abs=0.005))
 
 
 @pytest.fixture
@@ -100,17 +88,28 @@ def test_speech_commands_have_their_official_parts(commands):
     (fold,) = SpeechCommands(commands).folds()
     assert fold.test.classes == ("no", "yes")
     assert [len(part) for part in (fold.train, fold.validation, fold.both, fold.test)] == [3, 1, 4, 2]
-    assert fold.test.labels.tolist() == [0, 1]
-    assert fold.test.frames.shape == (2, 1, BANDS, 40)
+    assert (fold.test.labels.tolist(), fold.test.frames.shape) == ([0, 1], (2, 1, BANDS, 40))
 
 
-def test_speech_commands_without_lists(commands):
-    (commands / "testing_list.txt").unlink()
-    with pytest.raises(neuro.ModelError, match=r"testing_list.txt: cannot be read"):
-        SpeechCommands(commands).folds()
-    (commands / "testing_list.txt").write_text("up/none.wav\n")
-    with pytest.raises(neuro.ModelError, match=r"testing_list.txt has no recording: expected some"):
-        SpeechCommands(commands).folds()
+def test_what_is_refused(tmp_path, commands, messages):
+    def without(folder, name):
+        (folder / name).unlink()
+        return folder
+
+    def listing(folder, text):
+        (folder / "testing_list.txt").write_text(text)
+        return folder
+
+    def labels_alone(folder):
+        with h5py.File(folder / "shd_train.h5", "w") as file:
+            file["labels"] = [0]
+        return folder
+
+    for name in ("lost", "none", "wide", "labels"):
+        (tmp_path / name).mkdir()
+    write(tmp_path / "lost", "a/lost.wav", tone())
+    write(tmp_path / "lost", "lost.wav", tone())
+    messages(refusals_of(messages.cases, globals() | locals(), folder=tmp_path))
 
 
 def heidelberg(folder, **changes):
@@ -130,8 +129,7 @@ def heidelberg(folder, **changes):
 def test_heidelberg_digits(tmp_path):
     (fold,) = SHD(heidelberg(tmp_path)).folds()
     assert [len(part) for part in (fold.train, fold.validation, fold.both, fold.test)] == [11, 1, 12, 4]
-    assert fold.test.classes == ("null", "eins")
-    assert fold.test.frames.shape == (4, 1, 140, 50)
+    assert (fold.test.classes, fold.test.frames.shape) == (("null", "eins"), (4, 1, 140, 50))
     assert fold.test.spikes.shape == (1, 1, 140)
     lower = fold.test.spikes.neuron[np.isin(fold.test.spikes.example, (0, 2))]
     assert lower.max() < 70
@@ -139,14 +137,3 @@ def test_heidelberg_digits(tmp_path):
     with h5py.File(tmp_path / "shd_test.h5") as file:
         counted = sum((times < 1.0).sum() for times in file["spikes/times"][()])
     assert np.expm1(fold.test.frames).sum() == pytest.approx(counted, rel=1e-4)
-
-
-def test_files_that_are_no_heidelberg_digits(tmp_path):
-    with pytest.raises(neuro.ModelError, match=r"shd_train.h5: cannot be read as HDF5"):
-        SHD(tmp_path).folds()
-    with pytest.raises(neuro.ModelError, match=r"recording 0 has channel 700: expected 0 to 699"):
-        SHD(heidelberg(tmp_path, units=np.full(30, 700))).folds()
-    with h5py.File(tmp_path / "shd_train.h5", "w") as file:
-        file["labels"] = [0]
-    with pytest.raises(neuro.ModelError, match=r"expected spikes/times, spikes/units, labels and extra/keys"):
-        SHD(tmp_path).folds()

@@ -6,22 +6,16 @@ from typing import Literal
 import h5py
 import numpy as np
 import pytest
-import yaml
 
 import neuro
 from neuro.coding import CODES, RATE_CODES, log_intensity_to_latency, poisson, population
 from neuro.coding.codes import CHOICES
 from neuro.core.keyed_random import key
 from neuro.testing import check_part
-from refused import refused as refusal
+from refused import error_of, refusals_of, refused as refusal
 
 BOUNDS = {"r_min": 1.0, "r_max": 8.0}
-NET = """\
-neuro: 1
-resolution: 1.0
-populations:
-  p: {model: {encode: {%s}}, shape: %s}
-"""
+NET = Path(__file__).with_name("encode.yaml").read_text("utf-8")
 
 
 @pytest.fixture
@@ -51,7 +45,7 @@ def encoded(values, code, shape=None, **words):
     return net
 
 
-def test_a_file_spikes_by_its_latencies(load):
+def test_files(load, tmp_path):
     values = np.array([[1.0, 2.0], [4.0, 8.0]])
     np.save("x.npy", values)
     with h5py.File("x.h5", "w") as file:
@@ -64,6 +58,14 @@ def test_a_file_spikes_by_its_latencies(load):
     for net in nets:
         assert trains(net) == [[t] for t in expected.ravel()] == [[101.0], [67.0], [34.0], [1.0]]
         assert net == nets[0]
+    net = load("values: [1.0, 8.0], code: [{rate: {r_min: 1, r_max: 8, max_rate: 9}}, rank], start: 3.0")
+    net.save("copy.yaml")
+    code = "code: [{rate: {r_min: 1.0, r_max: 8.0, max_rate: 9.0}}, rank]"
+    assert f" encode: {{values: [1.0, 8.0], {code}, start: 3.0}}\n" in (tmp_path / "copy.yaml").read_text()
+    assert neuro.load("copy.yaml") == net
+    assert neuro.encode(values=[1, 2], code="rank") == neuro.encode(values=[1, 2], code=[{"rank": {}}])
+    sim = neuro.compile(load("values: [1.0, 8.0], code: {rank: {window: 10}}"), "reference")
+    assert sim.network().populations["p"].model == neuro.spike_generator(spike_times=[[11.0], [6.0]])
 
 
 @pytest.mark.parametrize("backend", ["reference", "event"])
@@ -74,73 +76,34 @@ def test_spikes_lie_in_the_steps_of_their_times(backend):
     assert trains(encoded([15 / 16], code, start=5.0, stop=6.0), backend=backend) == [[6.0, 6.0]]
 
 
-def test_what_has_no_spike_is_silent():
+def test_values_of_networks():
     code = {"log_intensity_to_latency": {**BOUNDS, "window": 10.0}}
     assert trains(encoded([0.0, 8.0, -1.0], code)) == [[], [1.0], []]
-
-
-def test_rates_drive_a_poisson_generator():
     net = encoded([1.0, 4.5, 8.0], {"rate": {**BOUNDS, "max_rate": 80.0}}, start=10.0, stop=20.0)
     sim = neuro.compile(net, "reference")
     part = sim.program.populations[0]
-    assert (part.kind, part.start, part.stop) == ("poisson", 10, 20)
-    assert sim.get("p", "rate").tolist() == [0.0, 40.0, 80.0]
+    assert (part.kind, part.start, part.stop, sim.get("p", "rate").tolist()) == ("poisson", 10, 20, [0.0, 40.0, 80.0])
     sim.set("p", rate=5.0)
     assert sim.network().populations["p"].model == neuro.poisson_generator(rate=5.0, start=10.0, stop=20.0)
-
-
-def test_each_code_of_a_list_takes_what_the_one_before_gives():
-    code = [{"population": {"n": 5, **BOUNDS, "max_rate": 200.0}}, {"poisson": {"window": 100.0}}]
-    net = encoded([1.0, 8.0], code, shape=(2, 5))
-    rates = population([1.0, 8.0], 5, 1.0, 8.0, 200.0)
-    drawn = poisson(rates, 100.0, seed=key(1, "encode", "p")).reshape(10, -1)
-    expected = [(np.floor(train[np.isfinite(train)]) + 1.0).tolist() for train in drawn]
-    assert trains(net) == trains(net, backend="event") == expected
-    assert trains(net, seed=2) != expected
-
-
-def test_draws_follow_from_the_name_of_the_population():
     net = encoded([100.0, 100.0], {"poisson": {"window": 100.0}})
     net.population("q", 2, net.populations["p"].model)
     sim = neuro.compile(net, "reference")
     sim.run(110.0)
     assert sim.spikes("p")[0].tolist() != sim.spikes("q")[0].tolist()
+    code = [{"population": {"n": 5, **BOUNDS, "max_rate": 200.0}}, {"poisson": {"window": 100.0}}]
+    net = encoded([1.0, 8.0], code, shape=(2, 5))
+    drawn = poisson(population([1.0, 8.0], 5, 1.0, 8.0, 200.0), 100.0, seed=key(1, "encode", "p")).reshape(10, -1)
+    expected = [(np.floor(train[np.isfinite(train)]) + 1.0).tolist() for train in drawn]
+    assert trains(net) == trains(net, backend="event") == expected
+    assert trains(net, seed=2) != expected
 
 
-def test_it_is_saved_as_it_was_said(load, tmp_path):
-    net = load("values: [1.0, 8.0], code: [{rate: {r_min: 1, r_max: 8, max_rate: 9}}, rank], start: 3.0")
-    net.save("copy.yaml")
-    code = "code: [{rate: {r_min: 1.0, r_max: 8.0, max_rate: 9.0}}, rank]"
-    assert f" encode: {{values: [1.0, 8.0], {code}, start: 3.0}}\n" in (tmp_path / "copy.yaml").read_text()
-    assert neuro.load("copy.yaml") == net
-    assert neuro.encode(values=[1, 2], code="rank") == neuro.encode(values=[1, 2], code=[{"rank": {}}])
+def test_mistakes(load, messages):
+    def encode(**words):
+        return neuro.encode(**{"values": [1.0, 2.0], **words})
 
-
-def test_a_network_as_it_is_holds_the_spikes(load, tmp_path):
-    sim = neuro.compile(load("values: [1.0, 8.0], code: {rank: {window: 10}}"), "reference")
-    assert sim.network().populations["p"].model == neuro.spike_generator(spike_times=[[11.0], [6.0]])
-
-
-GOLDEN = yaml.safe_load((Path(__file__).parent / "golden" / "messages.yaml").read_text())
-MISTAKES = {f"values: [1, 2]{', ' * bool(code)}{code}": message for code, message in GOLDEN["yaml"].items()}
-
-
-@pytest.mark.parametrize(("said", "message"), [*MISTAKES.items(), *GOLDEN["others"].items()])
-def test_mistakes_in_yaml(load, said, message):
-    assert refusal(load, said) == f"net.yaml:4:{message}"
-
-
-@pytest.mark.parametrize(("said", "shape", "message"), GOLDEN["compiler"])
-def test_mistakes_that_the_compiler_finds(load, said, shape, message):
-    net = load(said, shape)
-    assert refusal(neuro.compile, net, "reference") == f"net.yaml:4:3: population 'p': {message}"
-
-
-@pytest.mark.parametrize(("words", "message"), GOLDEN["python"])
-def test_mistakes_in_python(words, message):
-    told = refusal(neuro.encode, **{"values": [1.0, 2.0], **words})
-    assert message in told
-    assert "event_tests.py" in told  # where it was called
+    messages(refusals_of(messages.cases, globals() | locals() | {"nan": np.nan, "inf": np.inf}))
+    assert Path(__file__).name in f"{error_of(encode, code=3).where}"  # where it was called
 
 
 @pytest.fixture

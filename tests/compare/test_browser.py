@@ -1,5 +1,7 @@
 """The page in a browser: it draws, it asks the network for nothing, and it says nothing on the console."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -14,11 +16,7 @@ def report(three, tmp_path):
     return file
 
 
-INTRUDERS = """
-<img src="http://127.0.0.1:9/x.png">
-<style>@font-face { font-family: x; src: url(http://127.0.0.1:9/x.woff2) } p { font-family: x }</style>
-<script>1</script>
-"""
+INTRUDERS = Path(__file__).with_name("intruders.html").read_text("utf-8")
 
 
 def test_the_browser_parses_all_of_it_and_asks_for_nothing(browser, report, tmp_path):
@@ -29,14 +27,12 @@ def test_the_browser_parses_all_of_it_and_asks_for_nothing(browser, report, tmp_
     assert dom.count("<svg") == text.count("<svg") > 4
     assert "Written by neuro" in dom
     assert all("Content Security Policy" in line for line in console)
-    for what in ("x.png", "x.woff2", "script"):
-        assert [line for line in console if what in line]
+    assert all([line for line in console if what in line] for what in ("x.png", "x.woff2", "script"))
 
 
 @pytest.mark.parametrize(("scheme", "dark"), [(1, False), (0, True)])
 def test_it_is_drawn_light_and_dark(chromium, report, tmp_path, scheme, dark):
-    picture = tmp_path / "page.png"
-    look = f"--blink-settings=preferredColorScheme={scheme}"
+    picture, look = tmp_path / "page.png", f"--blink-settings=preferredColorScheme={scheme}"
     chromium(look, "--window-size=1200,2600", f"--screenshot={picture}", f"file://{report}")
     pixels = imread(picture)[..., :3]
     paper = pixels[5, 5]

@@ -13,7 +13,7 @@ def train(pairs, size=4, h=0.5):
     return ComparedSpikes(size, steps * h, steps, ids)
 
 
-def test_first_divergence_is_the_earliest_spike_of_one_only():
+def test_divergence_by_hand():
     first = train([(2, 0), (4, 1), (9, 2)])
     assert divergence(first, train([(2, 0), (4, 1), (9, 2)])) is None
     assert divergence(first, train([(2, 0), (5, 1), (9, 2)])) == Divergence(2.0, 1, True)
@@ -22,9 +22,6 @@ def test_first_divergence_is_the_earliest_spike_of_one_only():
     assert divergence(first, train([(2, 0), (4, 1), (9, 2), (9, 3)])) == Divergence(4.5, 3, False)
     assert divergence(train([]), train([])) is None
     assert divergence(train([]), train([(1, 3)])) == Divergence(0.5, 3, False)
-
-
-def test_a_second_spike_in_a_step_is_a_difference_but_the_same_step():
     twice, once = train([(2, 0), (2, 0), (3, 1)]), train([(2, 0), (3, 1)])
     assert divergence(twice, once) == Divergence(1.0, 0, True)
     assert same_steps(twice, once)
@@ -64,43 +61,29 @@ BY_HAND = {
 def test_distance_by_hand(library, what):
     a, b, edits, count = BY_HAND[what]
     found = distance(train(a), train(b), 100.0)
-    assert found.edits == pytest.approx(edits, abs=1e-12)
-    assert found.spikes == count
-    assert found.per_spike == pytest.approx(edits / count)
-    assert (found.neurons, found.until_ms) == (4, 100.0)
+    assert (found.edits, found.spikes) == (pytest.approx(edits, abs=1e-12), count)
+    assert (found.per_spike, found.neurons, found.until_ms) == (pytest.approx(edits / count), 4, 100.0)
 
 
 @settings(max_examples=25)
 @given(spike_sets, spike_sets)
 def test_distance_is_symmetric_and_0_only_where_equal(library, a, b):
     there, back = distance(train(a), train(b), 40.0), distance(train(b), train(a), 40.0)
-    assert there.edits == pytest.approx(back.edits, abs=1e-9)
-    assert (there.edits == 0.0) == (a == b)
+    assert (there.edits, there.edits == 0.0) == (pytest.approx(back.edits, abs=1e-9), a == b)
     assert 0.0 <= there.per_spike <= 1.0 + 1e-12
 
 
-def test_silence_is_equal_to_silence(library):
+def test_distances_of_silence_many_neurons_and_long_trains(library, monkeypatch):
     found = distance(train([]), train([]), 10.0)
     assert (found.edits, found.per_spike, found.spikes) == (0.0, 0.0, 0)
-
-
-def test_many_neurons_are_sampled_evenly(library):
     both = [train([(5, i) for i in range(1000)], 1000), train([(6, i) for i in range(1000)], 1000)]
     found = distance(*both, 10.0)
-    assert found.neurons == differences.MOST_NEURONS
-    assert found.edits == pytest.approx(0.05 * differences.MOST_NEURONS)
-    assert evenly(5, 100).tolist() == [0, 1, 2, 3, 4]
-    assert evenly(101, 3).tolist() == [0, 50, 100]
-
-
-def test_long_trains_are_measured_up_to_a_time(library, monkeypatch):
+    assert (found.neurons, found.edits) == (differences.MOST_NEURONS, pytest.approx(0.05 * differences.MOST_NEURONS))
+    assert (evenly(5, 100).tolist(), evenly(101, 3).tolist()) == ([0, 1, 2, 3, 4], [0, 50, 100])
     monkeypatch.setattr(differences, "MOST_SPIKES", 10)
     a, b = train([(2 * k, 0) for k in range(1, 31)], 1), train([(2 * k, 0) for k in range(1, 9)], 1)
     found = distance(a, b, 40.0)
     assert found.until_ms == 11.0  # of the 11th spike
     assert (found.spikes, found.edits) == (18, 2.0)
-
-
-def test_without_the_library_there_is_no_distance(monkeypatch):
     monkeypatch.setattr(differences, "_library", lambda: None)
     assert distance(train([(1, 0)]), train([]), 10.0) is None

@@ -13,9 +13,9 @@ def program(driven):
 
 def test_difference_by_hand():
     found = difference(np.array([3.0, 4.0]), np.array([3.0, 4.5]))
-    assert found.largest == 0.5
-    assert found.rms == pytest.approx(np.sqrt(0.125))
-    assert found.relative == pytest.approx(0.1)
+    assert (found.largest, found.rms, found.relative) == (0.5, pytest.approx(np.sqrt(0.125)), pytest.approx(0.1))
+    found = difference(np.zeros(2), np.array([0.0, 2.0]))
+    assert (found.largest, found.relative) == (2.0, 0.0)
 
 
 @pytest.mark.parametrize(("first", "other"), [([], []), ([0.0], [0.0]), ([0.1 + 0.2], [0.3])])
@@ -24,12 +24,7 @@ def test_nothing_differs(first, other):
     assert (found.largest, found.rms, found.relative) == (0.0, 0.0, 0.0)
 
 
-def test_weights_that_appear_from_nothing_have_no_relative_error():
-    found = difference(np.zeros(2), np.array([0.0, 2.0]))
-    assert (found.largest, found.relative) == (2.0, 0.0)
-
-
-def test_rounding_is_that_of_the_report(program):
+def test_histograms(program):
     fixed = quantise(program, chip("loihi"))
     told = rounding(fixed)
     assert "bias_exc" not in told  # a current
@@ -38,25 +33,17 @@ def test_rounding_is_that_of_the_report(program):
             assert told[part.name].relative == pytest.approx(part.rounding.rms, abs=1e-9)
             half = 0.5 * part.grain * float(part.step.max())
             assert told[part.name].largest <= half * (1 + 1e-9)
-
-
-def test_histograms_count_every_synapse_on_every_chip(program):
     chips = {name: quantise(program, chip(name)) for name in ("loihi", "spinnaker")}
     found = {part.projection: part for part in histograms(program, chips)}
     assert list(found) == ["noise_exc", "list_out", "exc_out", "bias_exc"]
     for name in ("noise_exc", "exc_out"):
         part = found[name]
         assert list(part.counts) == ["described", "loihi", "spinnaker"]
-        assert {int(counts.sum()) for counts in part.counts.values()} == {part.synapses}
-        assert part.unit == "pA"
+        assert ({int(counts.sum()) for counts in part.counts.values()}, part.unit) == ({part.synapses}, "pA")
         assert part.distinct["loihi"] < part.distinct["described"] == part.synapses
     one = found["list_out"]
-    assert (one.counts, one.distinct["described"]) == ({}, 1)
-    assert one.extent["described"] == (900.0, 900.0)
+    assert (one.counts, one.distinct["described"], one.extent["described"]) == ({}, 1, (900.0, 900.0))
     assert (found["bias_exc"].unit, list(found["bias_exc"].extent)) == ("", ["described"])
-
-
-def test_each_bin_holds_as_many_values_of_the_coarse_chip(program):
     fixed = quantise(program, chip("loihi"))
     part = next(part for part in histograms(program, {"loihi": fixed}) if part.projection == "exc_out")
     wires = next(part for part in fixed.projections if part is not None and part.name == "exc_out")
@@ -64,12 +51,8 @@ def test_each_bin_holds_as_many_values_of_the_coarse_chip(program):
     widths = np.diff(part.edges) / grain
     assert np.allclose(widths, np.rint(widths[0]))
     assert np.allclose((part.edges / grain) % 1.0, 0.5)  # between two values, never on one
-
-
-def test_histograms_without_a_chip(program):
     part = histograms(program, {})[0]
-    assert list(part.counts) == ["described"]
-    assert part.edges[0] == part.extent["described"][0]
+    assert (list(part.counts), part.edges[0]) == (["described"], part.extent["described"][0])
     assert part.edges[-1] == part.extent["described"][1]
 
 
@@ -81,8 +64,7 @@ def test_what_was_learnt_is_of_projections_that_learn():
     program = neuro.compile(net, backend="reference").program
     final = {"a": {"plastic": np.ones(16)}, "b": {"plastic": np.r_[np.zeros(4), np.full(12, 2.0)]}}
     (part,) = learnt(program, final)
-    assert (part.projection, part.distinct) == ("plastic", {"a": 1, "b": 2})
-    assert (part.edges[0], part.edges[-1]) == (0.0, 2.0)
+    assert (part.projection, part.distinct, part.edges[0], part.edges[-1]) == ("plastic", {"a": 1, "b": 2}, 0.0, 2.0)
     assert [int(counts.sum()) for counts in part.counts.values()] == [16, 16]
     assert (part.counts["b"][0], part.counts["b"][-1]) == (4, 12)
 

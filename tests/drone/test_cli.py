@@ -42,8 +42,7 @@ def test_train_and_test(drone, tmp_path):
     assert told(drone, *one, "--learning")["learning"]
     assert told(drone, *one, "--set", "camera.tilt=50")["error_px"] != four["error_px"]
     code, out, err = drone(*one, "--out", "pictures")
-    assert code == 0
-    assert err == ""
+    assert (code, err) == (0, "")
     assert out.split()[:3] == ["pictures/density.png", "pictures/training.png", "pictures/weights.png"]
     assert "snn in short, 1,000 steps, seed 0; weights frozen, no dopamine" in out
     for name in ("density", "training", "weights"):
@@ -52,7 +51,7 @@ def test_train_and_test(drone, tmp_path):
         assert 0.003 < (image[..., :3].min(axis=2) < 0.9).mean() < 0.9
 
 
-def test_the_seed_of_a_test_draws_its_paths(drone):
+def test_tests_and_flights_of_controllers_by_name(drone, tmp_path):
     def tried(*words):
         found = told(drone, "test", *ORACLE, "--starts", 2, *words)
         return found["path"], found["test_seed"], [one["path"] for one in found["per_start"]]
@@ -66,8 +65,6 @@ def test_the_seed_of_a_test_draws_its_paths(drone):
     out = drone("test", *ORACLE, "--starts", 1, "--seed", 7)[1]
     assert "oracle in short; weights frozen, no dopamine; varied paths, seed 7" in " ".join(out.split())
 
-
-def test_watch_flies_the_first_lap_of_a_test_or_the_fixed_path(drone, tmp_path):
     def watched(*words):
         out = drone("watch", *ORACLE, *words, "--out", "lap.html")[1]
         return out, re.search("<p>(.*?)</p>", (tmp_path / "lap.html").read_text("utf-8"))[1]
@@ -78,31 +75,30 @@ def test_watch_flies_the_first_lap_of_a_test_or_the_fixed_path(drone, tmp_path):
     assert first != second
     error = told(drone, "test", *ORACLE, "--starts", 1)["error_px"]
     assert f"mean error {error:.2f} px, a lap that counts" in watched("--error", "0,0")[0]
-
-
-def test_watch_begins_on_three_axes(drone, tmp_path):
     short = [word for set in ("task.ball.lap=0.6", "task.ball.speed=0.06") for word in ("--set", set)]
     assert drone("watch", "--controller", "oracle", "--scenario", "B60-height", *short, "--error", "5,-5,8")[0] == 0
     talls = tracks_of((tmp_path / "lap.html").read_text("utf-8"))["camera"]["talls"]
-    assert talls[0] == pytest.approx(48.0)
+    assert (talls[0], told(drone, "test", *ORACLE, "--starts", 1)["laps"]) == (pytest.approx(48.0), 1)
+    assert told(drone, "test", "--controller", "nothing", "--scenario", "short.yaml", "--starts", 1)["laps"] == 0
+    slow = ("--set", "gain=[0.5, 0.5]", "--set", "drone.v_max=0.5")
+    assert told(drone, "test", *ORACLE, "--starts", 1, *slow)["error_px"] > 5
+    for command, names in (
+        ("scenarios", ("A30", "B60", "C60", "line", "B60-texture")),
+        ("controllers", ("nothing", "oracle", "snn-flipped", "dqn", "coding")),
+    ):
+        code, out, _ = drone(command)
+        assert code == 0
+        assert all(f" {name} " in out for name in names)
 
 
 def test_seeds_have_files_of_their_own(drone, tmp_path):
     words = ("train", "--scenario", "short.yaml", "--controller", "lms", "--steps", 200, "--seed", 3)
     assert drone(*words, "--out", "one.h5")[0] == 0
     code, out, _ = drone(*words, "--repeats", 2, "--out", "both.h5")
-    assert code == 0
-    assert [line.partition(":")[0] for line in out.splitlines()] == ["both-3.h5", "both-4.h5", "next"]
+    assert (code, [line.partition(":")[0] for line in out.splitlines()]) == (0, ["both-3.h5", "both-4.h5", "next"])
     one, both, other = (Model.load(tmp_path / f"{name}.h5").learnt["weights"] for name in ("one", "both-3", "both-4"))
     assert (one == both).all()
     assert (one != other).any()
-
-
-def test_controllers_that_do_not_learn_are_tested_by_name(drone):
-    assert told(drone, "test", *ORACLE, "--starts", 1)["laps"] == 1
-    assert told(drone, "test", "--controller", "nothing", "--scenario", "short.yaml", "--starts", 1)["laps"] == 0
-    slow = ("--set", "gain=[0.5, 0.5]", "--set", "drone.v_max=0.5")
-    assert told(drone, "test", *ORACLE, "--starts", 1, *slow)["error_px"] > 5
 
 
 def test_compare_is_kept_and_told(drone, tmp_path):
@@ -135,22 +131,11 @@ def test_compare_is_kept_and_told(drone, tmp_path):
     table = (tmp_path / "kept" / "table.md").read_text().splitlines()
     assert re.fullmatch("<!-- neuro drone compare --><!-- digest [0-9a-f]{32} -->", table[0])
     assert table[1].startswith("| controller | steps | seeds | error, px | laps |")
-    assert len(table) == 9
-    assert table[-1] == about
+    assert (len(table), table[-1]) == (9, about)
     rows = told(drone, *words, "--test-seed", 1)["rows"]  # on other paths; nothing is trained again
     again = written("h5")
     assert all(again[name] == models[name] for name in models if "oracle" not in name)
     assert all(one["error_px"] != before["error_px"] for one, before in zip(rows, found["rows"], strict=True))
-
-
-def test_lists(drone):
-    for command, names in (
-        ("scenarios", ("A30", "B60", "C60", "line", "B60-texture")),
-        ("controllers", ("nothing", "oracle", "snn-flipped", "dqn", "coding")),
-    ):
-        code, out, _ = drone(command)
-        assert code == 0
-        assert all(f" {name} " in out for name in names)
 
 
 def test_what_is_not_needed_is_not_imported():

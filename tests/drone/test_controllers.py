@@ -50,14 +50,7 @@ def test_all_act_within_bounds(name, scenario):
         controller.learn(told(0.9, -0.9))
 
 
-def test_who_learns():
-    learning = {"lms", "snn", "snn-static-init", "snn-eta0", "snn-flipped"}
-    assert {name for name in [*OWN, "snn-flipped"] if CONTROLLERS[name].learns} == learning
-    assert all(isinstance(make(name, BALL), Learner) for name in learning)
-    assert not isinstance(make("oracle", BALL), Learner)
-
-
-def test_oracle_is_proportional_and_a_line_has_gains_of_its_own():
+def test_hand_made_controllers():
     oracle = make("oracle", BALL, 0, {"gain": [2.0, 4.0]})
     assert oracle.act(seen(0, 0), told(0.1, -0.1)).tolist() == pytest.approx([0.2, -0.4])
     assert oracle.act(seen(0, 0), told(0.9, -0.9)).tolist() == [1.0, -1.0]
@@ -69,18 +62,6 @@ def test_oracle_is_proportional_and_a_line_has_gains_of_its_own():
     upright[:, 3] += np.arange(8) * 5  # more events in near rows
     lms.act(upright, {})
     assert lms._shares.reshape(8, 8).sum(1) == pytest.approx(np.full(8, 0.125))
-
-
-@given(COUNTS)
-@FEW
-def test_centroid_turns_with_the_picture(counts):
-    centroid = make("centroid", BALL, 0, {"gain": 0.5})
-    right, down = centroid.act(counts, {})
-    assert centroid.act(counts.T, {}).tolist() == pytest.approx([down, right])
-    assert centroid.act(0 * counts, {}).tolist() == [0.0, 0.0]
-
-
-def test_centroid_of_a_ball_and_of_a_line():
     action = make("centroid", BALL, 0, {"gain": 1.0}).act(seen(0, 5), {})
     assert action.tolist() == pytest.approx([(5 * 16 + 7.5 - 63) / 64, (7.5 - 63) / 64])
     upright, leaning = np.zeros((8, 8), np.int64), np.zeros((8, 8), np.int64)
@@ -89,9 +70,6 @@ def test_centroid_of_a_ball_and_of_a_line():
     centroid = make("centroid", LINE, 0, {"gain": 1.0})
     assert centroid.act(upright, {}).tolist() == pytest.approx([(6 * 16 + 7.5 - 63) / 64, 0.0])
     assert centroid.act(leaning, {}).tolist() == pytest.approx([1 / 64, 0.5])
-
-
-def test_hand_made_controllers_have_three_axes():
     none, error = np.zeros((8, 8), int), told(0.1, -0.1, 0.2)
     assert make("nothing", HEIGHT).act(none, {}).tolist() == [0.0, 0.0, 0.0]
     assert make("oracle", HEIGHT).act(none, error) == pytest.approx((0.4, -0.4, 0.8))
@@ -102,6 +80,19 @@ def test_hand_made_controllers_have_three_axes():
     outer[2, 3:5] = outer[5, 3:5] = outer[3:5, 2] = outer[3:5, 5] = 1
     assert centroid.act(inner, {})[2] < -0.3
     assert centroid.act(outer, {})[2] > 0.1
+    learning = {"lms", "snn", "snn-static-init", "snn-eta0", "snn-flipped"}
+    assert {name for name in [*OWN, "snn-flipped"] if CONTROLLERS[name].learns} == learning
+    assert all(isinstance(make(name, BALL), Learner) for name in learning)
+    assert not isinstance(make("oracle", BALL), Learner)
+
+
+@given(COUNTS)
+@FEW
+def test_centroid_turns_with_the_picture(counts):
+    centroid = make("centroid", BALL, 0, {"gain": 0.5})
+    right, down = centroid.act(counts, {})
+    assert centroid.act(counts.T, {}).tolist() == pytest.approx([down, right])
+    assert centroid.act(0 * counts, {}).tolist() == [0.0, 0.0]
 
 
 @pytest.mark.parametrize("shape", ["sign", "linear"])
@@ -128,8 +119,7 @@ def test_shares_say_how_events_are_spread(counts):
 
 
 def test_lms_learns_where_fields_are_and_goes_on_from_its_state():
-    lms = make("lms", BALL, 0, {"mu": 0.2, "gain": 1.0})
-    rng = np.random.default_rng(1)
+    lms, rng = make("lms", BALL, 0, {"mu": 0.2, "gain": 1.0}), np.random.default_rng(1)
     for _ in range(3000):
         row, column = rng.integers(0, 8, 2)
         lms.act(seen(row, column), {})
@@ -169,33 +159,23 @@ def moved_apart(w, way=1.0):
     return side[0, 0] > 0 > side[0, 1] and side[1, 1] > 0 > side[1, 0]
 
 
-def test_action_is_eq_129():
+def test_what_the_network_does():
     controller = make("snn", BALL, 0, {"gain": 1.0})
     action = controller.act(SCENE[0], {})
     controller.act(SCENE[0], {})
     assert controller.sim.held == controller.sim.time / 2  # all but the last step is forgotten
     assert (action * 25 == np.round(action * 25)).all()  # 50 ms over 2 ms of rest
-
-
-def test_dopamine_moves_a_pair_apart():
     assert moved_apart(weights(taught()))
     assert (weights(taught("snn-eta0")) == 1500).all()
     assert moved_apart(weights(taught("snn-flipped")), -1.0)
-
-
-def test_static_weights_steer():
     controller = make("static", BALL)
     controller.begin()
     assert (controller.act(seen(6, 7), {}) > 0.2).all()
     linear = weights(make("static-linear", BALL))
     assert linear[:, 0, 0] - linear[:, 0, 1] == pytest.approx(3000 * RIGHT.ravel() / np.abs(RIGHT).max())
     assert linear[:, 1, 0] - linear[:, 1, 1] == pytest.approx(3000 * DOWN.ravel() / np.abs(DOWN).max())
-
-
-def test_frozen_learns_nothing_and_begins_anew():
     controller = taught()
-    frozen = controller.frozen()
-    laps = []
+    frozen, laps = controller.frozen(), []
     for _ in range(2):
         frozen.begin()
         laps.append([frozen.act(counts, {}).tolist() for counts in SCENE])
@@ -230,8 +210,7 @@ def test_controls_fail_on_loihi_as_well():
 @CHIP
 @pytest.mark.parametrize("backend", ["loihi", "spinnaker", "reference"])
 def test_frozen_runs_on_every_backend(backend):
-    controller = taught(start="linear")
-    means = []
+    controller, means = taught(start="linear"), []
     for one in (controller.frozen(), controller.frozen(backend)):
         one.begin()
         means.append(np.mean([one.act(counts, {}) for counts in SCENE[:20]], axis=0))
@@ -293,8 +272,7 @@ def searched(reward, settings=SMALL, episodes=40, error=0.1):
     learner = make("random-search", BALL, 0, settings)
     for _ in range(episodes):
         learner.begin()
-        action = learner.act(EAST, {})
-        learner.learn({"counts": EAST, "reward": reward(action), "lost": False} | told(error, error))
+        learner.learn({"counts": EAST, "reward": reward(learner.act(EAST, {})), "lost": False} | told(error, error))
     return learner
 
 
@@ -313,6 +291,14 @@ def test_one_update_of_random_search_by_hand():
     kept = returns[[1, 2]]  # by the larger of both rewards
     step = 0.3 / (2 * kept.std()) * (0.6 * directions[1] - 0.4 * directions[2])
     assert learner.learnt()["weights"] == pytest.approx(step)
+    learner = make("random-search", HEIGHT)
+    assert learner.learnt()["weights"].shape == (3, 4)
+    learner.begin()
+    found = (*make("centroid", HEIGHT, 0, {"gain": 1.0}).act(EAST, {}), 1.0)
+    ways = np.random.default_rng((0, 4)).standard_normal((8, 3, 4))
+    assert max(np.abs(found[:3])) < 1.0  # so that the centroid's action tells what it found
+    assert learner.act(EAST, {}) == pytest.approx(np.clip(ways[0] @ found, -1.0, 1.0))
+    assert learner.frozen().act(np.zeros((8, 8), int), {}).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_random_search_learns_what_pays_from_the_reward_alone():
@@ -325,12 +311,15 @@ def test_random_search_learns_what_pays_from_the_reward_alone():
     assert (one == same).all()
     assert (one != other).any()
     assert not searched(lambda _: 1.0).learnt()["weights"].any()
+    model = train(BALL, "random-search", steps=8_000, seed=1)
+    tried = try_out(model, starts=grid(model.scenario, 2))
+    assert tried.laps == 4
+    assert tried.error_px < 15.0
 
 
 @pytest.mark.parametrize("scenario", ["B60", "B60-height", "line"])
 def test_a_training_goes_on_after_a_kill_to_the_same_bits(scenario, tmp_path, monkeypatch):
-    file, reports = tmp_path / "model.h5", []
-    words = {"steps": 300, "settings": SMALL, "episode": 20}
+    file, reports, words = tmp_path / "model.h5", [], {"steps": 300, "settings": SMALL, "episode": 20}
     whole = train(scenario, "random-search", **words)
     monkeypatch.setattr(training, "KEEP", 70)
     with pytest.raises(KeyboardInterrupt):
@@ -340,21 +329,3 @@ def test_a_training_goes_on_after_a_kill_to_the_same_bits(scenario, tmp_path, mo
     assert whole.learnt["weights"].any()
     assert (whole.learnt["weights"] == parts.learnt["weights"]).all()
     assert (Model.load(file).learnt["weights"] == whole.learnt["weights"]).all()
-
-
-def test_random_search_learns_to_follow():
-    model = train(BALL, "random-search", steps=8_000, seed=1)
-    tried = try_out(model, starts=grid(model.scenario, 2))
-    assert tried.laps == 4
-    assert tried.error_px < 15.0
-
-
-def test_where_the_drone_climbs_random_search_has_a_third_action():
-    learner = make("random-search", HEIGHT)
-    assert learner.learnt()["weights"].shape == (3, 4)
-    learner.begin()
-    found = (*make("centroid", HEIGHT, 0, {"gain": 1.0}).act(EAST, {}), 1.0)
-    ways = np.random.default_rng((0, 4)).standard_normal((8, 3, 4))
-    assert max(np.abs(found[:3])) < 1.0  # so that the centroid's action tells what it found
-    assert learner.act(EAST, {}) == pytest.approx(np.clip(ways[0] @ found, -1.0, 1.0))
-    assert learner.frozen().act(np.zeros((8, 8), int), {}).tolist() == [0.0, 0.0, 0.0]

@@ -91,15 +91,10 @@ def train_some(name, steps, seed=0):
 
 @needs
 @every
-def test_seeds(name):
+def test_seeds_generators_and_the_reward_alone(name):
     one, same, other = (train_some(name, 80, seed).learnt() for seed in (1, 1, 2))
     assert all((one[n] == same[n]).all() for n in one)
     assert any((one[n] != other[n]).any() for n in one)
-
-
-@needs
-@every
-def test_the_users_generators_are_left_alone(name):
     import torch
 
     def drawn():
@@ -113,8 +108,19 @@ def test_the_users_generators_are_left_alone(name):
     expected, threads = drawn(), torch.get_num_threads()
     seed()
     train_some(name, 80)
-    assert drawn() == expected
-    assert torch.get_num_threads() == threads
+    assert (drawn(), torch.get_num_threads()) == (expected, threads)
+
+    def taught(reward, error):
+        learner, rng = make(name, BALL, 0, SMALL[name]), np.random.default_rng(0)
+        for counts in seen(120):
+            learner.act(counts, {})
+            info = {"counts": counts, "reward": reward * rng.random(), "lost": False}
+            learner.learn(info | {"supervised_error": np.full(2, error), "error": (error, error)})
+        return learner.learnt()
+
+    one, same, other = taught(1.0, 0.1), taught(1.0, -0.9), taught(0.1, 0.1)
+    assert all((one[n] == same[n]).all() for n in one)
+    assert any((one[n] != other[n]).any() for n in one)
 
 
 @pytest.mark.slow
@@ -133,24 +139,6 @@ def test_a_state_goes_on_as_if_nothing_was(name, kept, tmp_path, monkeypatch):
     parts = train("B60", name, steps=200, settings=settings, episode=25, out=file, report=told.append)
     assert told[0].step > 60
     assert all((whole.learnt[n] == a).all() for n, a in parts.learnt.items())
-
-
-@needs
-@every
-def test_only_the_reward_is_learnt_from(name):
-    """Learning does not change with the supervised error, and does with the reward."""
-
-    def taught(reward, error):
-        learner, rng = make(name, BALL, 0, SMALL[name]), np.random.default_rng(0)
-        for counts in seen(120):
-            learner.act(counts, {})
-            info = {"counts": counts, "reward": reward * rng.random(), "lost": False}
-            learner.learn(info | {"supervised_error": np.full(2, error), "error": (error, error)})
-        return learner.learnt()
-
-    one, same, other = taught(1.0, 0.1), taught(1.0, -0.9), taught(0.1, 0.1)
-    assert all((one[n] == same[n]).all() for n in one)
-    assert any((one[n] != other[n]).any() for n in one)
 
 
 PAYS = {
@@ -192,11 +180,10 @@ def ppo(settings=SMALL["ppo"], learner=None):
 
 
 @needs
-def test_what_would_have_come_after_a_cut_is_guessed_and_after_a_loss_is_not():
+def test_episodes_of_ppo_that_are_cut():
     """Against returns by their definition; with a trace of 1 they are all rewards to come, and the critic's guess."""
     settings = {**SMALL["ppo"], "rollout": 32, "batch": 32, "trace": 1.0, "gamma": 0.8}
-    learner = make("ppo", BALL, 0, settings)
-    guess = make("ppo", BALL, 0, settings).critic
+    learner, guess = make("ppo", BALL, 0, settings), make("ppo", BALL, 0, settings).critic
     _, (found, *_) = ppo(learner=learner)
     rewards, after = np.random.default_rng(0).random(32), seen(49)[1:]
     expected, come = np.zeros(32), 0.0
@@ -207,11 +194,6 @@ def test_what_would_have_come_after_a_cut_is_guessed_and_after_a_loss_is_not():
             come = float(guess(observed(after[k], "binary"))[0])
         expected[k] = come = rewards[k] + 0.8 * come
     assert found.ravel() == pytest.approx(expected, abs=1e-5)
-
-
-@needs
-def test_an_episode_of_ppo_may_be_cut_where_the_state_was_kept():
-    """The guess of what would have come is made at the next beginning, so that what was seen last is kept, too."""
     learner, _ = ppo()
     learner.act(seen()[0], {})
     learner.learn({"counts": seen()[1], "reward": 0.5, "lost": False})

@@ -70,9 +70,7 @@ def test_the_same_seed_gives_the_same_episode(scenario):
         assert len(run) == len(first)
         for (seen, reward, info), (seen2, reward2, info2) in zip(first, run, strict=True):
             assert np.array_equal(seen, seen2)
-            assert reward == reward2
-            assert info["events"] == info2["events"]
-            assert info["error"] == info2["error"]
+            assert (reward, info["events"], info["error"]) == (reward2, info2["events"], info2["error"])
     assert first[0][2]["error"] != other[0][2]["error"]
 
 
@@ -84,16 +82,6 @@ def test_the_seed_of_the_scenario_is_that_of_the_first_episode():
     assert DroneEnv("B60", seed=5).reset(seed=6)[1]["error"] != errors[0]
 
 
-def test_starts():
-    env = DroneEnv("B60", start=[12, -7])
-    assert env.reset()[1]["error"] == pytest.approx((12.0, -7.0))
-    assert env.reset(options={"start": (1.0, 2.0)})[1]["error"] == pytest.approx((1.0, 2.0))
-    env = DroneEnv("line")
-    for direction in (1, -1):
-        env.reset(options={"start": (0.0, 0.0), "direction": direction})
-        assert env.task.direction == direction
-
-
 def test_observations_tell_the_same_events():
     actions = np.random.default_rng(3).uniform(-0.5, 0.5, (10, 2))
     counts, binary, frame, normalised = (
@@ -103,8 +91,7 @@ def test_observations_tell_the_same_events():
     for (seen, _, info), (some, _, _), (picture, _, _), (share, _, _) in zip(
         counts, binary, frame, normalised, strict=True
     ):
-        events = info["events"]
-        wanted = np.zeros((8, 8), np.int64)
+        events, wanted = info["events"], np.zeros((8, 8), np.int64)
         np.add.at(wanted, (events.y // 16, events.x // 16), 1)
         assert np.array_equal(seen, wanted)
         assert np.array_equal(info["counts"], wanted)
@@ -136,7 +123,7 @@ def test_what_was_given_is_the_users_own(observation):
     assert info["counts"].any()
 
 
-def test_actions_are_in_the_directions_of_the_picture():
+def test_actions():
     """A target on the right, or below, comes nearer by a positive action."""
     for scenario in ("B60", "line"):
         for axis in (0, 1):
@@ -145,39 +132,36 @@ def test_actions_are_in_the_directions_of_the_picture():
             last = episode(DroneEnv(scenario), [action] * 8, options={"start": tuple(start)})[-1][2]
             assert abs(last["error"][axis]) < 19.0
 
-
-def test_discrete_actions_are_those_of_the_list_and_those_beyond_one_are_one():
     def last(actions, kind="continuous"):
         return episode(DroneEnv("B60", actions=kind), actions * 3, seed=1)[-1][2]["error"]
 
-    for number, pair in enumerate(ACTIONS):
-        assert last([number], "discrete") == last([np.array(pair)])
+    assert all(last([number], "discrete") == last([np.array(pair)]) for number, pair in enumerate(ACTIONS))
     assert last([np.array([9.0, -9.0])]) == last([[1.0, -1.0]])
+    motors = {"mirror": True, "since": 0.2}
+    np.testing.assert_array_equal(_flown(0.2, [0.3, 0.1], motors=motors), _flown(0.2, [0.3, 0.1]))
+    assert not np.allclose(_flown(0.4, [0.3, 0.1], motors=motors), _flown(0.4, [0.3, 0.1]))
+    by_roll = {roll: _seen([0.3, 0.0], roll) - _seen([0.0, 0.0], roll) for roll in (0.0, 90.0, 180.0)}
+    right, down = by_roll[0.0]
+    assert abs(right) > 1.0 > abs(down)
+    np.testing.assert_allclose(by_roll[180.0], [-right, -down], atol=0.2)
+    np.testing.assert_allclose(np.abs(by_roll[90.0]), [abs(down), abs(right)], atol=0.2)
 
 
-def test_the_reward_falls_with_the_error_and_a_lost_target_ends():
-    env = DroneEnv("B60")
-    rows = episode(env, [np.array([-1.0, 0.0])] * 60, options={"start": (30.0, 0.0)})
+def test_rewards_ends_and_pictures():
+    rows = episode(DroneEnv("B60"), [np.array([-1.0, 0.0])] * 60, options={"start": (30.0, 0.0)})
     rewards = [reward for _, reward, _ in rows[1:]]
-    assert rewards == sorted(rewards, reverse=True)
-    assert rewards[-1] == 0.0
+    assert (rewards, rewards[-1]) == (sorted(rewards, reverse=True), 0.0)
     assert rows[-1][2]["lost"]
     assert not rows[-1][2]["lap"]
     for _, reward, info in rows[1:-1]:
         assert reward == pytest.approx(1.0 - info["error_px"] / np.hypot(64.5, 64.5)) == info["reward"]
         assert info["supervised_error"] == pytest.approx(np.array(info["error"]) / 64.0)
-
-
-def test_a_lap_truncates():
     env = DroneEnv("A60", **{"task.ball.speed": 1.2, "step": 10})
     _, info = env.reset(options={"start": (0.0, 0.0)})
     terminated = truncated = False
     while not (terminated or truncated):
         _, _, terminated, truncated, info = env.step(np.clip(8.0 * info["supervised_error"], -1.0, 1.0))
     assert (terminated, truncated, info["progress"]) == (False, True, 1.0)
-
-
-def test_pictures():
     env = DroneEnv("B60", render_mode="rgb_array")
     env.reset(options={"start": (0.0, 0.0)})
     picture = env.render()
@@ -187,6 +171,13 @@ def test_pictures():
     discrete = DroneEnv("B60", actions="discrete")
     discrete.reset()
     assert discrete.step(np.int64(8))
+    env = DroneEnv("B60", start=[12, -7])
+    assert env.reset()[1]["error"] == pytest.approx((12.0, -7.0))
+    assert env.reset(options={"start": (1.0, 2.0)})[1]["error"] == pytest.approx((1.0, 2.0))
+    env = DroneEnv("line")
+    for direction in (1, -1):
+        env.reset(options={"start": (0.0, 0.0), "direction": direction})
+        assert env.task.direction == direction
 
 
 def _flown(seconds, command, **changes):
@@ -201,8 +192,7 @@ def _flown(seconds, command, **changes):
 
 @pytest.mark.parametrize(("mirror", "angle", "gain"), [(True, 0.0, 1.0), (False, 90.0, 0.5), (True, -30.0, 0.7)])
 def test_motors_mirror_turn_and_scale_a_command(mirror, angle, gain):
-    command = np.array([0.3, 0.1])
-    c, s = gain * np.cos(np.radians(angle)), gain * np.sin(np.radians(angle))
+    command, c, s = np.array([0.3, 0.1]), gain * np.cos(np.radians(angle)), gain * np.sin(np.radians(angle))
     right = -command[0] if mirror else command[0]
     turned = [c * right + s * command[1], c * command[1] - s * right]
     motors = {"mirror": mirror, "angle": angle, "gain": gain}
@@ -210,22 +200,8 @@ def test_motors_mirror_turn_and_scale_a_command(mirror, angle, gain):
     assert not np.allclose(_flown(0.4, command, motors=motors), _flown(0.4, command))
 
 
-def test_motors_change_in_flight():
-    motors = {"mirror": True, "since": 0.2}
-    np.testing.assert_array_equal(_flown(0.2, [0.3, 0.1], motors=motors), _flown(0.2, [0.3, 0.1]))
-    assert not np.allclose(_flown(0.4, [0.3, 0.1], motors=motors), _flown(0.4, [0.3, 0.1]))
-
-
 def _seen(command, roll):
     """The error after some steps of a command, with a camera that looks straight down."""
     env = DroneEnv("B60", start=[0.0, 0.0], camera={"roll": roll, "tilt": 90.0})
     env.reset(seed=1)
     return np.array([env.step(np.array(command))[4]["error"] for _ in range(8)][-1])
-
-
-def test_a_lens_that_is_turned_turns_what_a_command_does_to_the_error():
-    by_roll = {roll: _seen([0.3, 0.0], roll) - _seen([0.0, 0.0], roll) for roll in (0.0, 90.0, 180.0)}
-    right, down = by_roll[0.0]
-    assert abs(right) > 1.0 > abs(down)
-    np.testing.assert_allclose(by_roll[180.0], [-right, -down], atol=0.2)
-    np.testing.assert_allclose(np.abs(by_roll[90.0]), [abs(down), abs(right)], atol=0.2)

@@ -6,7 +6,6 @@ from math import isinf, radians
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.lib.stride_tricks import sliding_window_view
 
 from neuro.events import DVS
 from neuro_drone.eye import SIZE, SKY, Eye, pattern, pixels, pyramid, strips, tile
@@ -110,10 +109,8 @@ def test_a_ball_that_moves_by_a_millimetre_and_a_half_changes_the_picture_a_litt
     x, y = eye.view.ground(63, 70, 0.17)
     balls = [(x, y - 0.0015 * k, 0.17, 0.17) for k in range(60)]  # to the right
     pictures = [eye.draw(pose, WorldScene(ball=ball)).astype(float) for ball in balls]
-    steps = np.diff(pictures, axis=0)
-    middle = [eye.view.project(*ball[:3])[0] for ball in balls]
-    way = np.diff(middle).max()
-    assert np.abs(steps).max() < 1.2 * way
+    steps, middle = np.diff(pictures, axis=0), [eye.view.project(*ball[:3])[0] for ball in balls]
+    assert np.abs(steps).max() < 1.2 * np.diff(middle).max()
     assert (np.abs(steps) > 1e-3).sum((1, 2)).min() >= 12
     columns = np.arange(128)
     for step, u in zip(steps, middle, strict=False):
@@ -123,7 +120,7 @@ def test_a_ball_that_moves_by_a_millimetre_and_a_half_changes_the_picture_a_litt
     assert np.ptp(areas) < 2e-3 * areas[0]
 
 
-def test_the_horizon_at_30_degrees():
+def test_the_horizon_light_and_what_failed():
     """tan(30) of 100.46 px above the middle, so between rows 5 and 6."""
     eye = Eye(Scenario(camera=Camera(tilt=30.0)))
     image = eye.draw(Pose(0, 0, 2.4), WorldScene())
@@ -131,6 +128,30 @@ def test_the_horizon_at_30_degrees():
     assert (image[7:] == np.float32(0.6)).all()
     line = 63.5 - eye.view.focal * np.tan(np.pi / 6)
     assert (image[:, 0] - 0.6).sum() / (SKY - 0.6) == pytest.approx(line + 0.5, abs=1e-3)
+    scene, pose = WorldScene(ball=(1.2, 0.0, 0.17, 0.17)), Pose(0, 0, 2.4)
+    for ground in GROUNDS:
+        one, two = (Eye(Scenario(light=light, ground=ground)).draw(pose, scene) for light in (1.0, 0.25))
+        np.testing.assert_allclose(two, 0.25 * one, rtol=1e-5)
+    image = Eye(Scenario()).draw(pose, scene)
+    assert np.unique(image[[60, 60], [0, 127]]).tolist() == [np.float32(0.6)]
+    assert (image == np.float32(0.2)).sum() > 80
+    eye, other = Eye(Scenario()), Eye(Scenario())
+    for e in (eye, other):
+        e.see(Pose(0, 0, 2.4), WorldScene(ball=(1.2, 0.0, 0.17, 0.17)), 0)
+    refused(lambda: eye.see(Pose(0, 0, 2.4), WorldScene(ball=(0.8, 0.0, 0.17, 0.17)), 0))
+    last = Pose(0, 0, 2.4), WorldScene(ball=(1.0, 0.0, 0.17, 0.17)), 1000
+    assert eye.see(*last) == other.see(*last)
+    assert refused(lambda: Eye(Scenario(), seed=-1)) == "seed = -1: expected a whole number >= 0"
+    ball = WorldScene(ball=(0.5, 0.0, 0.17, 0.17))
+    plain, pattern = Eye(Scenario()), Eye(Scenario(ground=Ground(texture=0.3)))
+    for eye in (plain, pattern):
+        eye.draw(Pose(0, 0, 2.4), ball)
+        eye.draw(Pose(0, 0, 2.4), WorldScene(ball=(0.52, 0.0, 0.17, 0.17)))
+        x0, y0, x1, y1 = eye.box
+        assert max(x1 - x0, y1 - y0) < 20
+    for eye, wide in ((plain, False), (pattern, True)):
+        eye.draw(Pose(0.01, 0, 2.4), ball)
+        assert (eye.box == (0, 0, 128, 128)) is wide
 
 
 @pytest.mark.parametrize(
@@ -164,8 +185,7 @@ def test_drawing_over_the_picture_before_is_as_drawing_anew(seed, ground, tilt, 
         if rng.random() < 0.5:
             ball = None if rng.random() < 0.3 else (*rng.normal(0, 2, 2), 0.17, 0.17)
             scene = WorldScene(ball=ball, line=LINE if rng.random() < 0.5 else None)
-        before = eye.image.copy()
-        image = eye.draw(pose, scene)
+        before, image = eye.image.copy(), eye.draw(pose, scene)
         fresh.reset(0)
         np.testing.assert_allclose(image, fresh.draw(pose, scene), atol=1e-4)  # the horizon's height
         x0, y0, x1, y1 = eye.box
@@ -174,26 +194,11 @@ def test_drawing_over_the_picture_before_is_as_drawing_anew(seed, ground, tilt, 
         assert not changed.any()
 
 
-def test_only_what_can_have_changed_is_drawn():
-    ball = WorldScene(ball=(0.5, 0.0, 0.17, 0.17))
-    plain, pattern = Eye(Scenario()), Eye(Scenario(ground=Ground(texture=0.3)))
-    for eye in (plain, pattern):
-        eye.draw(Pose(0, 0, 2.4), ball)
-        eye.draw(Pose(0, 0, 2.4), WorldScene(ball=(0.52, 0.0, 0.17, 0.17)))
-        x0, y0, x1, y1 = eye.box
-        assert max(x1 - x0, y1 - y0) < 20
-    for eye, wide in ((plain, False), (pattern, True)):
-        eye.draw(Pose(0.01, 0, 2.4), ball)
-        assert (eye.box == (0, 0, 128, 128)) is wide
-
-
 @pytest.mark.parametrize("noise", [0.0, 3.0])
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_events_are_those_of_a_dvs_that_is_shown_the_pictures(noise, ground):
     camera = Camera(leak_rate_hz=noise, shot_noise_rate_hz=noise, sigma_thres=0.01, shake=0.1)
-    eye = Eye(Scenario(camera=camera, ground=ground), seed=3)
-    dvs = DVS((128, 128), pixels(camera), seed=3)
-    total = 0
+    eye, dvs, total = Eye(Scenario(camera=camera, ground=ground), seed=3), DVS((128, 128), pixels(camera), seed=3), 0
     for k in range(20):
         pose, scene = Pose(0.02 * k, 0, 2.4), WorldScene(ball=(1.0, 0.01 * k, 0.17, 0.17))
         if k == 10:
@@ -224,37 +229,38 @@ def test_the_same_seed_is_the_same_episode():
     assert episode(one, 7) == episode(one, 8) != episode(other, 7)
 
 
-def test_shake_has_its_size():
+def test_shake():
     """Half of the turn to the right is seen where the camera looks down by 60 degrees."""
-    eye = Eye(Scenario(camera=Camera(shake=0.5)))
-    straight = CameraView()
-    pose = Pose(0, 0, 2.4)
+    eye, straight, pose = Eye(Scenario(camera=Camera(shake=0.5))), CameraView(), Pose(0, 0, 2.4)
     straight.look(pose)
     turns = []
     for _ in range(400):
         eye.draw(pose, WorldScene())
         turns.append(straight.matrix[:2] @ eye.view.matrix[2])
     assert np.degrees(np.std(turns, axis=0)) == pytest.approx([0.25, 0.5], rel=0.15)
-
-
-def test_light_is_a_factor_and_nothing_is_shaded():
-    scene, pose = WorldScene(ball=(1.2, 0.0, 0.17, 0.17)), Pose(0, 0, 2.4)
-    for ground in GROUNDS:
-        one, two = (Eye(Scenario(light=light, ground=ground)).draw(pose, scene) for light in (1.0, 0.25))
-        np.testing.assert_allclose(two, 0.25 * one, rtol=1e-5)
-    image = Eye(Scenario()).draw(pose, scene)
-    assert np.unique(image[[60, 60], [0, 127]]).tolist() == [np.float32(0.6)]
-    assert (image == np.float32(0.2)).sum() > 80
-
-
-def test_a_look_that_failed_is_made_up_for():
-    eye, other = Eye(Scenario()), Eye(Scenario())
-    for e in (eye, other):
-        e.see(Pose(0, 0, 2.4), WorldScene(ball=(1.2, 0.0, 0.17, 0.17)), 0)
-    refused(lambda: eye.see(Pose(0, 0, 2.4), WorldScene(ball=(0.8, 0.0, 0.17, 0.17)), 0))
-    last = Pose(0, 0, 2.4), WorldScene(ball=(1.0, 0.0, 0.17, 0.17)), 1000
-    assert eye.see(*last) == other.see(*last)
-    assert refused(lambda: Eye(Scenario(), seed=-1)) == "seed = -1: expected a whole number >= 0"
+    view = CameraView()
+    view.look(Pose(0.0, 0.0, 2.0))
+    x, y = view.ground(63.5, 63.5)
+    view.look(Pose(0.0, 0.0, 2.0), (radians(1.0), radians(0.5)))
+    u, v, _ = view.project(x, y, 0.0)
+    assert u < 63.0
+    assert v < 63.0
+    view = CameraView(tilt=60.0, fixed=True)
+    view.look(Pose(0.0, 0.0, 2.0))
+    x, y = view.ground(63.5, 63.5)
+    view.look(Pose(0.0, 0.0, 2.0, pitch=0.05))
+    assert view.project(x, y, 0.0)[1] < 63.0  # nose down: the ground goes up the picture
+    view.look(Pose(0.0, 0.0, 2.0, roll=0.05))
+    assert view.project(x, y, 0.0)[0] > 64.0  # right side down: what is below goes to the right
+    view = CameraView(tilt=30.0)
+    view.look(Pose(0.0, 0.0, 2.0))
+    u, v, depth = view.project(-9.0, 0.0, 0.0)
+    assert isinf(u)
+    assert isinf(v)
+    assert depth <= 0.0
+    assert view.ground(63.0, 0.0) is None
+    assert view.sees(-0.5, 127.4)
+    assert not view.sees(127.5, 3.0)
 
 
 # outlines of a painted line
@@ -274,29 +280,20 @@ def polygon(n, radius, direction=1):
 @given(st.integers(3, 12), st.floats(0.01, 0.3), st.sampled_from([1, -1]))
 def test_a_closed_line_is_a_ring(n, width, direction):
     """Its strips meet without gaps or overlaps: their areas are the outer polygon's without the inner one's."""
-    parts = strips(polygon(n, 2.0, direction), width)
-    apothem = 2.0 * np.cos(np.pi / n)
+    parts, apothem = strips(polygon(n, 2.0, direction), width), 2.0 * np.cos(np.pi / n)
     ring = n * np.tan(np.pi / n) * ((apothem + width / 2) ** 2 - (apothem - width / 2) ** 2)
     assert area(parts).sum() == pytest.approx(ring)
     for one, other in zip(parts, np.roll(parts, -1, axis=0), strict=True):
         np.testing.assert_allclose(one[[1, 2]], other[[0, 3]], atol=1e-12)
 
 
-def test_ends_are_square():
+def test_strips():
     parts = strips(np.array([[0.0, 0.0, 2.0, 0.0], [5.0, 0.0, 5.0, 1.0]]), 0.2)
-    assert parts[0].tolist() == [[0, 0.1], [2, 0.1], [2, -0.1], [0, -0.1]]
-    assert area(parts) == pytest.approx([0.4, 0.2])
-
-
-def test_a_sharp_turn_is_not_mitred():
+    assert (parts[0].tolist(), area(parts)) == ([[0, 0.1], [2, 0.1], [2, -0.1], [0, -0.1]], pytest.approx([0.4, 0.2]))
     back = strips(np.array([[0.0, 0.0, 2.0, 0.0], [2.0, 0.0, 0.0, 0.1]]), 0.2)
     assert area(back) == pytest.approx([0.4, 0.2 * np.hypot(2, 0.1)])
-
-
-def test_a_segment_without_a_length_is_nothing():
     parts = strips(np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 1.0, 0.0]]), 0.2)
-    assert area(parts) == pytest.approx([0.2, 0.0])
-    assert strips(np.zeros((0, 4)), 0.2).shape == (0, 4, 2)
+    assert (area(parts), strips(np.zeros((0, 4)), 0.2).shape) == (pytest.approx([0.2, 0.0]), (0, 4, 2))
 
 
 # the pattern on the ground
@@ -314,8 +311,7 @@ def ground_of(view, fine):
 def sampled(view, levels, size, texel, fine=8):
     """Means of the pattern over pixels, by sampling its nearest texels."""
     i, j = np.moveaxis(np.floor(ground_of(view, fine) / texel).astype(int) % size, -1, 0)
-    light = levels[: size * size].reshape(size, size)[j, i]
-    return light.reshape(view.size, fine, view.size, fine).mean((1, 3))
+    return levels[: size * size].reshape(size, size)[j, i].reshape(view.size, fine, view.size, fine).mean((1, 3))
 
 
 def test_the_tile():
@@ -366,8 +362,7 @@ def test_pixels_are_means_of_what_they_see(tilt, grain, roll):
 def test_the_pattern_does_not_flicker():
     """A way of a tenth of a pixel changes pixels by no more than it truly does, near and far."""
     ground = Ground(texture=0.5, grain=0.1)
-    eye = Eye(Scenario(camera=Camera(tilt=30.0), ground=ground))
-    baked = pattern(ground, 1.0, 0)
+    eye, baked = Eye(Scenario(camera=Camera(tilt=30.0), ground=ground)), pattern(ground, 1.0, 0)
     images, true = [], []
     for k in range(3):
         images.append(eye.draw(Pose(0.003 * k, 0.001 * k, 2.4), WorldScene())[12:].astype(float))
@@ -378,8 +373,7 @@ def test_the_pattern_does_not_flicker():
 
 def test_far_away_is_the_mean_and_the_sky_stays():
     eye = Eye(Scenario(camera=Camera(tilt=30.0), ground=Ground(texture=0.5)))
-    plain = Eye(Scenario(camera=Camera(tilt=30.0)))
-    one, other = (e.draw(Pose(0, 0, 2.4), WorldScene()) for e in (eye, plain))
+    one, other = (e.draw(Pose(0, 0, 2.4), WorldScene()) for e in (eye, Eye(Scenario(camera=Camera(tilt=30.0)))))
     assert np.array_equal(one[:7], other[:7])
     spread = one.reshape(16, 8, 128).std((1, 2))
     assert spread[2] < spread[8] < spread[15]
@@ -396,8 +390,7 @@ def test_heading_and_place_do_not_change_how_sharp_it_is():
 
 
 def test_a_view_from_below_the_ground_is_drawn():
-    eye = Eye(Scenario(ground=Ground(texture=0.5)))
-    assert np.isfinite(eye.draw(Pose(0, 0, -0.1), WorldScene())).all()
+    assert np.isfinite(Eye(Scenario(ground=Ground(texture=0.5))).draw(Pose(0, 0, -0.1), WorldScene())).all()
 
 
 # where points are in the picture, and where pixels look
@@ -421,8 +414,7 @@ def test_a_metre_at_the_middle_of_the_picture(tilt, right, down):
 def test_the_field_of_view_spans_the_picture():
     view = CameraView(fov=65.0)
     left, right = np.array(view.ray(-0.5, 63.5)), np.array(view.ray(127.5, 63.5))
-    cosine = left @ right / np.linalg.norm(left) / np.linalg.norm(right)
-    assert np.degrees(np.arccos(cosine)) == pytest.approx(65.0)
+    assert np.degrees(np.arccos(left @ right / np.linalg.norm(left) / np.linalg.norm(right))) == pytest.approx(65.0)
 
 
 @given(anywhere, st.floats(45, 90), columns, columns, st.booleans(), st.floats(0, 0.3))
@@ -461,120 +453,7 @@ def test_a_gimbal_ignores_the_lean_and_a_fixed_camera_shares_it(x, yaw):
     assert fixed.matrix == pytest.approx(level.matrix, abs=1e-12)
 
 
-def test_directions_of_lean():
-    view = CameraView(tilt=60.0, fixed=True)
-    view.look(Pose(0.0, 0.0, 2.0))
-    x, y = view.ground(63.5, 63.5)
-    view.look(Pose(0.0, 0.0, 2.0, pitch=0.05))
-    assert view.project(x, y, 0.0)[1] < 63.0  # nose down: the ground goes up the picture
-    view.look(Pose(0.0, 0.0, 2.0, roll=0.05))
-    assert view.project(x, y, 0.0)[0] > 64.0  # right side down: what is below goes to the right
-
-
-def test_shake_turns_the_camera_right_and_down():
-    view = CameraView()
-    view.look(Pose(0.0, 0.0, 2.0))
-    x, y = view.ground(63.5, 63.5)
-    view.look(Pose(0.0, 0.0, 2.0), (radians(1.0), radians(0.5)))
-    u, v, _ = view.project(x, y, 0.0)
-    assert u < 63.0
-    assert v < 63.0
-
-
-def test_behind_and_above():
-    view = CameraView(tilt=30.0)
-    view.look(Pose(0.0, 0.0, 2.0))
-    u, v, depth = view.project(-9.0, 0.0, 0.0)
-    assert isinf(u)
-    assert isinf(v)
-    assert depth <= 0.0
-    assert view.ground(63.0, 0.0) is None
-    assert view.sees(-0.5, 127.4)
-    assert not view.sees(127.5, 3.0)
-
-
 # against PyBullet's renderer, which tells for each pixel's middle what is seen there
 
 
-@pytest.fixture
-def world(pybullet):
-    """PyBullet and an empty world."""
-    client = pybullet.connect(pybullet.DIRECT)
-    yield pybullet, client
-    pybullet.disconnect(client)
-
-
-FINER = 4
 """PyBullet's picture has so many pixels for each of the eye's: its outlines are whole pixels, off by up to one."""
-
-
-def rendered(bullet, client, view, bodies):
-    """The share of each pixel that shows some bodies, from the same place with the same angle of view."""
-    _, down, forward, place = view.matrix
-    looking = bullet.computeViewMatrix(place.tolist(), (place + forward).tolist(), (-down).tolist())
-    angle = 2 * np.degrees(np.arctan(0.5 * view.size / view.focal))
-    lens = bullet.computeProjectionMatrixFOV(angle, 1.0, 0.05, 50.0)
-    flags = {"renderer": bullet.ER_TINY_RENDERER, "physicsClientId": client}
-    side = FINER * view.size
-    mask = bullet.getCameraImage(side, side, looking, lens, **flags)[4]
-    return np.isin(mask, bodies).reshape(view.size, FINER, view.size, FINER).mean((1, 3))
-
-
-def globe(radius, n=40):
-    """A mesh of n x 2n corners: PyBullet's own sphere is so coarse that it covers 7 % less."""
-    lat, lon = np.meshgrid(np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, 2 * n, endpoint=False), indexing="ij")
-    corners = radius * np.stack([np.sin(lat) * np.cos(lon), np.sin(lat) * np.sin(lon), np.cos(lat)], axis=-1)
-    i, j = (k.ravel() for k in np.meshgrid(np.arange(n - 1), np.arange(2 * n), indexing="ij"))
-    a, b = 2 * n * i + j, 2 * n * i + (j + 1) % (2 * n)
-    faces = np.concatenate([np.stack([a, a + 2 * n, b], 1), np.stack([b, a + 2 * n, b + 2 * n], 1)])
-    return {"vertices": corners.reshape(-1, 3).tolist(), "indices": faces.ravel().tolist()}
-
-
-def put(bullet, client, shape, position, yaw=0.0, **size):
-    visual = bullet.createVisualShape(shape, physicsClientId=client, **size)
-    turn = bullet.getQuaternionFromEuler((0, 0, yaw))
-    return bullet.createMultiBody(0, -1, visual, position, turn, physicsClientId=client)
-
-
-def same_silhouette(theirs, ours):
-    """The same silhouette within a pixel, and the same area within a few per cent."""
-    near = sliding_window_view(theirs, (3, 3))
-    assert (ours[1:-1, 1:-1] >= near.min((2, 3)) - 1e-3).all()
-    assert (ours[1:-1, 1:-1] <= near.max((2, 3)) + 1e-3).all()
-    assert ours.sum() == pytest.approx(theirs.sum(), rel=0.03)
-    assert np.abs(ours - theirs).max() < 0.5
-    assert theirs.sum() > 60
-
-
-POSES = [Pose(0.0, 0.0, 2.4), Pose(0.7, -1.3, 2.0, 2.0), Pose(-0.4, 0.5, 2.4, -0.7, 0.15, -0.2)]
-
-
-@pytest.mark.parametrize("pose", POSES)
-@pytest.mark.parametrize(
-    ("mount", "tilt", "radius"), [("gimbal", 30.0, 0.27), ("body", 60.0, 0.17), ("gimbal", 90.0, 0.17)]
-)
-def test_a_ball_is_as_pybullet_renders_it(world, tilt, radius, mount, pose):
-    camera = Camera(tilt=tilt, mount=mount)
-    eye = Eye(Scenario(camera=camera, task=Ball(radius=radius, brightness=0.0), ground=Ground(brightness=1.0)))
-    eye.view.look(pose)
-    place = (*eye.view.ground(40, 80, radius), radius)
-    ball = put(*world, world[0].GEOM_MESH, place, **globe(radius))
-    empty = eye.draw(pose, WorldScene()).copy()
-    same_silhouette(rendered(*world, eye.view, [ball]), 1.0 - eye.draw(pose, WorldScene(ball=(*place, radius))) / empty)
-
-
-@pytest.mark.parametrize("mount", ["gimbal", "body"])
-@pytest.mark.parametrize("tilt", [30.0, 60.0, 90.0])
-def test_a_line_is_as_pybullet_renders_it(world, tilt, mount):
-    """A box of a fifth of a millimetre on the ground; one of its ends is in the picture."""
-    camera, task = Camera(tilt=tilt, mount=mount), Line(brightness=0.0, width=0.2)
-    eye = Eye(Scenario(camera=camera, task=task, ground=Ground(brightness=1.0)))
-    pose = Pose(2.2, -0.7, 2.4, 2.0, 0.1, -0.15)
-    eye.view.look(pose)
-    (x0, y0), (x1, y1) = eye.view.ground(40, 60), eye.view.ground(100, 200)
-    half = [0.5 * np.hypot(x1 - x0, y1 - y0), 0.1, 1e-4]
-    place = (0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0)
-    box = put(*world, world[0].GEOM_BOX, place, np.arctan2(y1 - y0, x1 - x0), halfExtents=half)
-    empty = eye.draw(pose, WorldScene()).copy()
-    line = np.array([[x0, y0, x1, y1]])
-    same_silhouette(rendered(*world, eye.view, [box]), 1.0 - eye.draw(pose, WorldScene(line=line)) / empty)

@@ -59,8 +59,7 @@ def test_the_star_turns_without_corners_through_its_eight_points():
 def test_the_hexagon(side, direction):
     path = hexagon(side, direction)
     segments = path.segments()
-    assert path.length == pytest.approx(6 * side)
-    assert segments.shape == (6, 4)
+    assert (path.length, segments.shape) == (pytest.approx(6 * side), (6, 4))
     assert segments[:, 2:] == pytest.approx(np.roll(segments[:, :2], -1, 0))
     assert np.hypot(*(segments[:, 2:] - segments[:, :2]).T) == pytest.approx(np.full(6, side))
     assert np.sign(area(path.points)) == direction
@@ -77,11 +76,9 @@ def area(points):
 def begin(scenario, start=None, direction=0, seed=0, varied=FIXED):
     """A task, the drone's body at its start, and its camera."""
     camera = scenario.camera
-    view = CameraView(fov=camera.fov, tilt=camera.tilt)
-    kind = BallTask if scenario.kind == "ball" else LineTask
+    view, kind = CameraView(fov=camera.fov, tilt=camera.tilt), BallTask if scenario.kind == "ball" else LineTask
     task = kind(scenario.task, CameraView(fov=camera.fov, tilt=camera.tilt), scenario.drone.height)
-    body = Kinematic(scenario.drone)
-    pose = task.reset(np.random.default_rng(seed), start, direction, varied)
+    body, pose = Kinematic(scenario.drone), task.reset(np.random.default_rng(seed), start, direction, varied)
     body.reset(pose.x, pose.y, pose.yaw, forward=task.forward)
     view.look(body.pose)
     return task, body, view, task.judge(view, body.pose)
@@ -118,8 +115,7 @@ def moved(scenario, place):
     task, _, view, judged = begin(scenario, (0.0, 0.0))
     view.look(Pose(0.0, 0.0, scenario.drone.height))
     dx, dy = view.ground(63.0, 63.0, scenario.task.radius)
-    seconds = scenario.step / 1000.0
-    time = 0.0
+    seconds, time = scenario.step / 1000.0, 0.0
     while not (judged.lost or judged.done):
         time += seconds
         task.advance(seconds)
@@ -135,8 +131,7 @@ def moved(scenario, place):
 @FEW
 def test_a_ball_begins_where_it_is_wished(name, du, dv):
     *_, judged = begin(load(name), (du, dv))
-    assert judged.error == pytest.approx((du, dv), abs=1e-9)
-    assert judged.error_px == pytest.approx(hypot(du, dv))
+    assert (judged.error, judged.error_px) == (pytest.approx((du, dv), abs=1e-9), pytest.approx(hypot(du, dv)))
     assert judged.target == pytest.approx((63 + du, 63 + dv))
     assert judged.reward == pytest.approx(1 - hypot(du, dv) / hypot(64.5, 64.5))
 
@@ -145,8 +140,7 @@ def test_a_ball_begins_where_it_is_wished(name, du, dv):
 @FEW
 def test_a_line_begins_where_it_is_wished(du, lean, direction):
     *_, judged = begin(load("line"), (du, lean), direction)
-    assert judged.error == pytest.approx((du, lean), abs=1e-6)
-    assert judged.scaled == pytest.approx((du / 64, lean / 90))
+    assert (judged.error, judged.scaled) == (pytest.approx((du, lean), abs=1e-6), pytest.approx((du / 64, lean / 90)))
     assert judged.reward == pytest.approx(1 - 0.5 * (abs(du) / 64.5 + abs(lean) / 90))
 
 
@@ -174,8 +168,7 @@ def test_the_line_is_where_a_search_along_it_finds_it(dx, dy, yaw, direction):
     task, body, view, _ = begin(load("line"), (0.0, 0.0), direction)
     pose = Pose(body.pose.x + dx, body.pose.y + dy, 2.4, body.pose.yaw + yaw)
     view.look(pose)
-    judged = task.judge(view, pose)
-    best, lean = inf, 0.0
+    judged, best, lean = task.judge(view, pose), inf, 0.0
     seen = [view.project(*task.path.at(s), 0.0) for s in np.linspace(0.0, 18.0, 4501)]
     for (u0, v0, d0), (u1, v1, d1) in pairwise(seen):
         if d0 > 0 and d1 > 0 and (v0 - 63.0) * (v1 - 63.0) <= 0.0 and v0 != v1:
@@ -262,29 +255,19 @@ def circle(scenario):
     return lambda step, judged: (-most * cos(turn * step), most * sin(turn * step))
 
 
-def test_a_circle_in_the_time_of_the_ball_scores_blindly_but_only_from_a_start_near_it():
+def test_who_follows_behind_or_sideways_or_back():
     """On the fixed path the ball always begins at the same place, on varied ones elsewhere."""
     scenario, coarse = load("A60"), load("A60", step=100)
     for start, lap in (((0.0, 0.0), True), ((17.5, 17.5), False), ((-35.0, 35.0), False)):
         assert fly(scenario, circle(scenario), start)[0].lap == lap
     assert sum(fly(coarse, circle(coarse), s.error, varied=s.path)[0].lap for s in grid(coarse)) <= 1
-
-
-def test_following_behind_the_ball_scores_until_it_is_too_far():
     scenario = load("A60")
     assert moved(scenario, lambda time, task: task.path.at(task.way - 0.05 * 3.0)).lap
     assert not moved(scenario, lambda time, task: task.path.at(task.way - 0.2 * 3.0)).lap
-
-
-def test_flying_sideways_along_the_hexagon_does_not_score():
-    """The heading stays; only the sides that it goes along count, up to where the line is lost."""
     for direction in (1, -1):
         judged, _ = fly(load("line"), lambda step, judged: (oracle(4.0)(step, judged)[0], 0.0), (0.0, 0.0), direction)
         assert not judged.lap
         assert judged.progress < 0.6
-
-
-def test_ways_back_are_taken_off_and_a_slow_flight_ends():
     task, body, view, _ = begin(load("line"), (0.0, 0.0), 1)
     pose, c, s = body.pose, cos(body.pose.yaw), sin(body.pose.yaw)
     for k in range(400):
@@ -297,9 +280,6 @@ def test_ways_back_are_taken_off_and_a_slow_flight_ends():
     task.advance(1.5 * 18.0 / 0.075)
     judged = task.judge(view, pose)
     assert (judged.done, judged.lap) == (True, False)
-
-
-def test_what_is_lost_has_finite_errors():
     for name, start, pose, error in (
         ("B60", (10.0, -5.0), Pose(50.0, 0.0, 2.4), (64.5, -64.5)),
         ("line", (-10.0, 5.0), Pose(50.0, 50.0, 2.4), (-64.5, 5.0)),
@@ -307,8 +287,7 @@ def test_what_is_lost_has_finite_errors():
         task, _, view, _ = begin(load(name), start, 1)
         view.look(pose)
         judged = task.judge(view, pose)
-        assert (judged.lost, judged.reward) == (True, 0.0)
-        assert judged.error == pytest.approx(error)
+        assert (judged.lost, judged.reward, judged.error) == (True, 0.0, pytest.approx(error))
     assert border((10.0, -5.0)) == (127.5, -1.5)
 
 
@@ -356,8 +335,7 @@ def test_a_ball_on_a_varied_path(scale, turn, speed, begin_at):
     fixed, angle = begin(scenario)[0].path, turn * pi / 180
     x, y = fixed.at(begin_at * 7.5)
     ball = scale * (x * cos(angle) - y * sin(angle)), scale * (x * sin(angle) + y * cos(angle))
-    assert task.scene().ball[:2] == pytest.approx(ball, abs=1e-9)
-    assert task.path.length == pytest.approx(7.5 * scale)
+    assert (task.scene().ball[:2], task.path.length) == (pytest.approx(ball, abs=1e-9), pytest.approx(7.5 * scale))
     task.advance(0.05)
     assert task.way == pytest.approx(0.075 * 0.05 * speed)
 
@@ -387,26 +365,19 @@ def test_the_path_does_not_stay_varied():
 # balls that rise, jump and swell
 
 
-def test_jumps_are_parabolas_of_gravity():
+def test_jumps_rise_and_swell():
     ball, h = Ball(bounce=0.2), 1e-3
     up = np.array([hop(ball, t)[0] for t in np.arange(0.0, 1.0, h)]) - ball.radius
-    assert (up[0], up.min()) == (0.0, 0.0)
-    assert up.max() == pytest.approx(0.2, abs=1e-5)
+    assert (up[0], up.min(), up.max()) == (0.0, 0.0, pytest.approx(0.2, abs=1e-5))
     falls = np.diff(up, 2) / h**2
     assert np.median(falls) == pytest.approx(-GRAVITY, abs=1e-4)
     assert (np.abs(falls + GRAVITY) > 1e-3).sum() <= 2 * 3  # the ground, at two moments
-
-
-def test_it_rises_and_swells_as_it_is_told():
     ball = Ball(radius=0.2, rise=0.6, rise_time=10.0, swell=0.5, swell_time=8.0)
     for time in (0.0, 1.0, 5.0, 10.0, 14.0):
         up, radius = hop(ball, time)
         assert radius == pytest.approx(0.2 * (1.0 + 0.5 * sin(2 * pi * time / 8.0)))
         assert up - radius == pytest.approx(0.3 * (1.0 - cos(2 * pi * time / 10.0)))
         assert hop(Ball(), time) == (0.17, 0.17)
-
-
-def test_the_environment_shows_and_judges_the_ball_where_it_is():
     env = DroneEnv("B60-bounce")
     env.reset(seed=1, options={"start": (0.0, 0.0)})
     seen = []
@@ -419,14 +390,9 @@ def test_the_environment_shows_and_judges_the_ball_where_it_is():
     assert min(seen) < -4.0  # it jumps up the picture
     begin_lap(env, Start((0.0, 0.0)))
     assert env.task.scene().ball[2:] == (0.17, 0.17)
-
-
-def test_a_varied_path_leaves_rising_and_swelling_as_they_are():
-    """The clock of a ball's height begins with the lap, whatever the speed and wherever the path is begun."""
     env, start = DroneEnv("B60-rise"), (20.0, -10.0, 6.0)
     for varied in (Variation(1.3, 70.0, 1.0, 1.4, 0.6), Variation(0.8, -20.0, 1.0, 0.8, 0.1)):
-        info = begin_lap(env, Start(start, path=varied))
-        assert info["error"] == pytest.approx(start, abs=1e-3)
+        assert begin_lap(env, Start(start, path=varied))["error"] == pytest.approx(start, abs=1e-3)
         for step in range(1, 20):
             env.step((0.0, 0.0, 0.0))
             place, ball = env.task.scene().ball, env.scenario.task
@@ -463,8 +429,7 @@ def test_tall_is_the_span_of_the_balls_rows(x, y, radius, tilt):
     # the circle along which rays touch the ball
     a = np.cross(middle, (1.0, 0.2, 0.1))
     a /= np.linalg.norm(a)
-    b = np.cross(middle, a) / np.sqrt(far2)
-    angle = np.linspace(0, 2 * np.pi, 721)[:, None]
+    b, angle = np.cross(middle, a) / np.sqrt(far2), np.linspace(0, 2 * np.pi, 721)[:, None]
     wide = radius * np.sqrt(1 - radius**2 / far2)
     circle = ball - radius**2 / far2 * middle + wide * (np.cos(angle) * a + np.sin(angle) * b)
     rows = [view.project(*point)[1] for point in circle]
@@ -477,12 +442,11 @@ def test_depth_is_that_at_which_a_ball_is_so_tall(v, radius, tall):
     view = CameraView()
     view.look(Pose(1.0, 2.0, 2.4, 0.5))
     middle = view.matrix[3] + view.depth_of(v, radius, tall) * np.array(view.ray(20.0, v))
-    assert view.tall(*middle, radius) == pytest.approx(tall)
-    assert view.project(*middle)[1] == pytest.approx(v)
+    assert (view.tall(*middle, radius), view.project(*middle)[1]) == (pytest.approx(tall), pytest.approx(v))
     assert view.tall(1.0, 2.0, 2.4, 0.2) == np.inf  # round the camera
 
 
-def test_starts_on_three_axes():
+def test_three_axes():
     env = DroneEnv(HEIGHT)
     for start in ((0.0, 0.0, 0.0), (20.0, -10.0, 15.0), (-35.0, 30.0, -12.0)):
         info = env.reset(options={"start": start})[1]
@@ -496,9 +460,6 @@ def test_starts_on_three_axes():
     assert (np.abs(drawn).max(axis=0) <= (50, 50, 16)).all()
     assert axes(HEIGHT) == ("right, px", "down, px", "taller, px")
     assert sorted({start.error[2] for start in grid(HEIGHT)}) == pytest.approx([-12.0, 0.0, 12.0])
-
-
-def test_up_makes_the_ball_smaller_and_discrete_actions_have_it_too():
     seen = {}
     for name, actions, up, down in (("c", "continuous", (0, 0, 1), (0, 0, -1)), ("d", "discrete", 9, 10)):
         env = DroneEnv(HEIGHT, actions=actions)
@@ -512,6 +473,18 @@ def test_up_makes_the_ball_smaller_and_discrete_actions_have_it_too():
     assert seen["c", "up"] == seen["d", "up"]
     assert seen["c", "up"][2] < -1.0 < 1.0 < seen["c", "down"][2]
     assert env.action_space.n == len(ACTIONS) + 2
+    world = load(HEIGHT, **{"task.ball.lap": 1.5, "task.ball.speed": 0.06})  # 500 steps
+    env, start = DroneEnv(world), Start((0.0, 0.0, 0.3 * 40))
+    follows = fly_lap(env, make("oracle", world), start)
+    assert follows.lap
+    assert follows.track.shape == (500, 3)
+    assert follows.absolute[2] < 2.0
+    info = begin_lap(env, start)
+    flier, over, lost = make("oracle", world), False, False
+    while not (over or lost):  # in the middle, but never higher
+        _, _, lost, over, info = env.step(flier.act(info["counts"], info) * (1.0, 1.0, 0.0))
+    assert (lost, info["lap"]) == (False, False)
+    assert info["error_px"] < 5.0
 
 
 @pytest.mark.parametrize("up", [True, False])
@@ -527,18 +500,3 @@ def test_a_ball_half_or_twice_as_tall_is_lost(up):
     assert abs(info["error"][0]) < 64 > abs(info["error"][1])
     assert info["error"][2] == pytest.approx(-20 if up else 40, abs=3)
     assert rewards[-1] == 0.0 < rewards[-2] < rewards[5]
-
-
-def test_a_lap_needs_the_right_size():
-    world = load(HEIGHT, **{"task.ball.lap": 1.5, "task.ball.speed": 0.06})  # 500 steps
-    env, start = DroneEnv(world), Start((0.0, 0.0, 0.3 * 40))
-    follows = fly_lap(env, make("oracle", world), start)
-    assert follows.lap
-    assert follows.track.shape == (500, 3)
-    assert follows.absolute[2] < 2.0
-    info = begin_lap(env, start)
-    flier, over, lost = make("oracle", world), False, False
-    while not (over or lost):  # in the middle, but never higher
-        _, _, lost, over, info = env.step(flier.act(info["counts"], info) * (1.0, 1.0, 0.0))
-    assert (lost, info["lap"]) == (False, False)
-    assert info["error_px"] < 5.0

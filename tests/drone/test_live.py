@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from neuro import ModelError
 from neuro_drone.evaluate import grid
 from neuro_drone.live import fly_live
 from neuro_drone.train import pilot, train
+from refused import refused
 
 LAP = ("--controller", "centroid", "--scenario", "short.yaml", "--speed", "2")
 
@@ -24,12 +24,12 @@ def test_a_lap_in_real_time_beside_the_same_offline(drone):
     if not found["missed"] and not found["events_lost"]:
         assert found["error_px"] == found["offline"]["error_px"]
     assert 0.0 < found["latency_ms"]["p50"] < found["latency_ms"]["p99"]
-
-
-def test_what_cannot_fly_so(drone):
     code, _, err = drone("live", "--controller", "oracle", "--scenario", "short.yaml")
     assert code == 2
     assert "controller 'oracle' sees the true error, which no camera sends" in err
+    model = pilot(None, "A60", "centroid", [])
+    start = grid(model.scenario, 1)[0]
+    assert "the world's process failed: ModelError: " in refused(fly_live, model, [type(start)((1000.0, 0.0))])
 
 
 @pytest.mark.skipif(find_spec("websockets") is None, reason="websockets is not installed: pip install '.[live]'")
@@ -42,10 +42,3 @@ def test_a_lap_is_shown_on_a_page(drone):
     code, _, err = drone("live", *LAP, "--page", "--no-browser")
     assert code == 2
     assert "the controller is no network" in err
-
-
-def test_a_world_that_fails():
-    model = pilot(None, "A60", "centroid", [])
-    start = grid(model.scenario, 1)[0]
-    with pytest.raises(ModelError, match="the world's process failed: ModelError: "):
-        fly_live(model, [type(start)((1000.0, 0.0))])

@@ -17,16 +17,13 @@ def lms():
     return train(SHORT, "lms", steps=2100)
 
 
-def test_maps_are_where_the_fields_are():
+def test_maps(lms):
     maps = weight_maps(train(SHORT, "static"))
     assert list(maps) == ["right", "left", "backwards", "forward"]
     assert maps["right"][:, 4:].min() > maps["right"][:, :4].max()
     assert maps["left"][:, :4].min() > maps["left"][:, 4:].max()
     assert maps["backwards"][4:].min() > maps["backwards"][:4].max()
     assert (maps["forward"] + maps["backwards"] == 3000.0).all()
-
-
-def test_maps_of_a_line_and_of_a_read_out(lms):
     maps = weight_maps(train("line", "static"))
     assert list(maps) == ["right", "left", "turn right", "turn left"]
     assert maps["turn right"][:4, 4:].min() > maps["turn right"][:4, :4].max()  # leans to the right: turn right
@@ -38,7 +35,7 @@ def test_maps_of_a_line_and_of_a_read_out(lms):
     assert weight_maps(train(SHORT, "oracle")) == {}
 
 
-def test_density_has_all_steps():
+def test_density():
     model = train(SHORT, "oracle")
     tried = try_out(model, starts=[Start((30.0, 0.0)), Start((0.0, -30.0))])
     main, above, right = density(model, tried).axes
@@ -48,9 +45,6 @@ def test_density_has_all_steps():
     assert (abs(row - 63) <= 1, abs(column - 63) <= 1) == (True, True)
     assert main.get_ylim()[0] > main.get_ylim()[1]  # rows grow downwards
     assert above.patches[0].get_data().values.sum() == right.patches[0].get_data().values.sum() == 1000
-
-
-def test_the_line_has_an_angle():
     quick = load("line", **{"task": {"line": {"side": 1.5, "speed": 0.3}}})
     model = train(quick, "oracle")
     main = density(model, try_out(model, starts=[Start((5.0, 5.0), 1)])).axes[0]
@@ -59,18 +53,14 @@ def test_the_line_has_an_angle():
     assert abs(1.5 * row - 90) < 15
 
 
-def test_training_shows_each_episode_and_the_error_of_frozen_weights(lms):
+def test_training_shows_each_episode_and_the_error_of_frozen_weights(lms, tmp_path):
     above, below = training(lms).axes
     assert len(below.lines[0].get_xdata()) + len(below.lines[1].get_xdata()) == len(lms.history["steps"])
-    assert above.get_ylabel() == "steps"
-    assert below.lines[2].get_ydata()[0] == lms.history["error_px"][0]
+    assert (above.get_ylabel(), below.lines[2].get_ydata()[0]) == ("steps", lms.history["error_px"][0])
     [frozen] = [line for line in below.lines if line.get_label() == "weights frozen, short flights"]
     assert frozen.get_ydata() == pytest.approx(lms.curve["error_px"])
     ends = np.cumsum(lms.history["steps"])
     assert [ends[int(k) - 1] for k in frozen.get_xdata()] == lms.curve["steps"].tolist()
-
-
-def test_the_name_of_a_scenario_is_no_formula(lms, tmp_path):
     odd = replace(lms, scenario=replace(SHORT, name="$\\x_{^%$"))
     for picture in (density(odd, try_out(odd, starts=[Start((30.0, 0.0))])), training(odd), weights(odd)):
         picture.savefig(tmp_path / "a.png", dpi=20)

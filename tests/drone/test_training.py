@@ -60,7 +60,7 @@ def test_killed_and_continued_equals_uninterrupted(tmp_path, snn):
     assert reports[-1].step == 1000
 
 
-def test_checkpoint_of_another_training(tmp_path, monkeypatch):
+def test_a_checkpoint_is_of_one_training_and_progress_is_told(tmp_path, monkeypatch, snn):
     monkeypatch.setattr(training, "KEEP", 50)
     out = tmp_path / "model.h5"
     with pytest.raises(KeyboardInterrupt):
@@ -69,9 +69,6 @@ def test_checkpoint_of_another_training(tmp_path, monkeypatch):
         f"{beside(out)}: an unfinished training with seed = 0: found 1 now\n"
         "  hint: give the same options to continue it, or delete the file"
     )
-
-
-def test_progress(snn):
     reports = []
     train("B60", "lms", steps=150, episode=60, report=reports.append)
     assert [(p.episode, p.step, p.steps) for p in reports] == [(0, 60, 150), (1, 120, 150), (2, 150, 150)]
@@ -91,16 +88,12 @@ def test_seeds_differ_and_side_by_side_changes_nothing(monkeypatch):
     assert {p.seed for p in reports} == {4, 5}
 
 
-def test_file(tmp_path, snn):
+def test_a_file_that_comes_back(tmp_path, snn):
     snn.save(tmp_path / "model.h5")
     back = Model.load(tmp_path / "model.h5")
-    assert back.told() == snn.told()
-    assert back.steps == 1000
+    assert (back.told(), back.steps) == (snn.told(), 1000)
     assert same(back, snn)
     assert back.learner().network() == snn.learner().network()
-
-
-def test_file_holds_the_network_of_a_user(tmp_path):
     net = neuro.Network("own", resolution=1.0)
     cells = net.population("cells", 64, neuro.poisson_generator())
     motors = net.population("motors", 4, neuro.iaf_psc_exp())
@@ -110,12 +103,11 @@ def test_file_holds_the_network_of_a_user(tmp_path):
     net.save(tmp_path / "own.yaml")
     own = train("B60", steps=200, settings={"network": str(tmp_path / "own.yaml")}, out=tmp_path / "model.h5")
     (tmp_path / "own.yaml").unlink()
-    back = Model.load(tmp_path / "model.h5").frozen()
-    assert (back.learnt()["cells_motors"] == own.learnt["cells_motors"]).all()
+    assert (Model.load(tmp_path / "model.h5").frozen().learnt()["cells_motors"] == own.learnt["cells_motors"]).all()
     assert (own.learnt["cells_motors"] != 1400.0).any()
 
 
-def test_oracle_flies_all_laps_and_nothing_none():
+def test_tests_of_what_was_learnt(snn):
     tried, none = (try_out(train(SHORT, name), starts=grid(SHORT, 2, 10.0)) for name in ("oracle", "nothing"))
     assert (tried.laps, tried.starts, none.laps) == (4, 4, 0)
     assert tried.error_px < 8
@@ -125,40 +117,29 @@ def test_oracle_flies_all_laps_and_nothing_none():
     assert one.absolute == pytest.approx(tuple(np.abs(one.track).mean(0)))
     words = json.loads(json.dumps(none.as_words()))
     assert (words["starts"], words["each"][0]["start"]) == (4, [-10.0, -10.0])
-
-
-def test_a_trial_does_not_depend_on_the_others_and_learning_on_is_another_figure(snn):
     short, starts = replace(snn, scenario=SHORT), [Start((20.0, -10.0)), Start((0.0, 5.0))]
     both, again = (try_out(short, starts=some) for some in (starts, starts[:1]))
     on = try_out(short, starts=starts[:1], learning=True)
     assert (both.each[0].track == again.each[0].track).all()
     assert (on.learning, both.learning) == (True, False)
     assert on.error_px != again.error_px
-
-
-def test_grid():
     starts = grid(SHORT)
     assert len(starts) == 25
     assert {start.error for start in starts} >= {(-35.0, -35.0), (0.0, 0.0), (35.0, 17.5)}
     assert {start.direction for start in grid(load("line"))} == {1, -1}
     assert grid(SHORT, 1, course=FlightCourse("fixed")) == (Start((0.0, 0.0)),)
     assert {start.path for start in grid(SHORT, course=FlightCourse("fixed"))} == {FIXED}
-    assert len({start.path for start in starts} - {FIXED}) == 25
-    assert starts == grid(SHORT)
+    assert (len({start.path for start in starts} - {FIXED}), starts) == (25, grid(SHORT))
     assert not {start.path for start in starts} & {start.path for start in grid(SHORT, course=FlightCourse(seed=1))}
     assert [start.error for start in starts] == [start.error for start in grid(SHORT, course=FlightCourse("fixed"))]
 
 
-def test_the_curve_touches_no_training(snn, monkeypatch):
+def test_the_curve_touches_no_training_and_survives_a_kill(snn, monkeypatch, tmp_path):
     """With a test every 300 steps all that is learnt is the same."""
     monkeypatch.setattr(training, "TEST_EVERY", 300)
     tested = train("B60", steps=1000, seed=4)
-    assert snn.curve["steps"].tolist() == [1000]
-    assert tested.curve["steps"].tolist() == [300, 600, 900]
+    assert (snn.curve["steps"].tolist(), tested.curve["steps"].tolist()) == ([1000], [300, 600, 900])
     assert same(tested, snn)
-
-
-def test_the_curve_is_of_frozen_weights_and_survives_a_kill(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "TEST_EVERY", 300)
     monkeypatch.setattr(training, "KEEP", 200)
     whole, out = train("B60", "lms", steps=1500), tmp_path / "model.h5"

@@ -60,6 +60,14 @@ class Messages:
     def __init__(self, test: str, renew: bool) -> None:
         self._test, self._renew = test, renew
 
+    @property
+    def cases(self) -> list[str]:
+        """The cases that the golden file has of this test, where these are calls or commands: new ones are written
+        there, with no text, and renewed."""
+        cases = list(read().get(self._test, {}))
+        assert cases, f"tests/messages.yaml has no cases of {self._test}"
+        return cases
+
     def __call__(self, messages: dict[str, str]) -> None:
         texts = {
             case: "\n".join(map(str.rstrip, IN_A_TEST.sub("", text).splitlines())) for case, text in messages.items()
@@ -77,15 +85,9 @@ class Messages:
         if wrong:
             pytest.fail(f"{len(wrong)} messages differ from tests/messages.yaml:\n" + "\n".join(wrong), pytrace=False)
 
-    def cases(self) -> list[str]:
-        """The cases of the file."""
-        cases = list(read().get(self._test, {}))
-        assert cases, f"tests/messages.yaml has no case of {self._test}"
-        return cases
-
     def of(self, message: Callable[[str], str]) -> None:
         """Compare the messages that a function gives for each case of the file."""
-        self({case: message(case) for case in self.cases()})
+        self({case: message(case) for case in self.cases})
 
     def calls(self, scope: Mapping[str, Any] | Callable[[], Mapping[str, Any]]) -> None:
         """Compare the errors of the cases of the file, expressions by names of a scope, or of a new one for each."""

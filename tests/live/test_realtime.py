@@ -1,6 +1,7 @@
 """`neuro live`: inputs from files and streams, and what it refuses."""
 
 import socket
+from pathlib import Path
 from threading import Event, Thread
 
 import numpy as np
@@ -8,16 +9,9 @@ import pytest
 
 import neuro
 from neuro.events import Events, save, send
+from refused import mistakes_of
 
-NET = """
-neuro: 1
-resolution: 1.0
-populations:
-  camera: {{model: {{event_camera: {{{stream}}}}}, shape: {shape}}}
-  cells: {{model: iaf_psc_exp, shape: 4}}
-projections:
-  in: {{from: camera, to: cells, rule: all_to_all, weight: 20.0}}
-"""
+NET = Path(__file__).with_name("camera.yaml").read_text("utf-8")
 LIVE = ("live", "net.yaml", "--tick", "2 ms", "--for", "0.3 s")
 
 
@@ -57,8 +51,7 @@ def test_a_stream_is_an_input(live, said):
             if pause.is_set():
                 break
 
-    pause = Event()
-    thread = Thread(target=sending)
+    pause, thread = Event(), Thread(target=sending)
     thread.start()
     if said == "in the file":
         words, asked = {"stream": f"stream: '{url}', format: faery8, sensor: [16, 12]", "shape": "auto"}, ()
@@ -72,19 +65,7 @@ def test_a_stream_is_an_input(live, said):
     assert neuro.results.read("day.h5").network().populations["camera"].model.stream is None
 
 
-def test_what_is_refused(live):
-    for words, message in (
-        (("--input", "a.npz"), "'a.npz': expected NAME=FILE or NAME=udp://HOST:PORT"),
-        (("--input", "cam=a.npz"), "unknown population 'cam'"),
-        (("--input", "camera=b.npz"), "b.npz: no such file"),
-        (("--input", "camera=a.npz", "--input", "camera=a.npz"), "'camera=a.npz': 'camera' has an input already"),
-        (("--input", "camera=a.npz", "--from", "spif"), "--from: expected an --input from udp:// as well"),
-        (("--input", "camera=udp://127.0.0.1:0"), "format is missing"),
-        (("--late", "never"), "found 'never': expected one of 'catch_up', 'skip', 'stop'"),
-        (("--tick", "1.5 ms"), "tick = 1.5 ms: expected a multiple of the resolution"),
-    ):
-        code, _, err = live(*words)
-        assert code == 2
-        assert message in err
+def test_what_is_refused(live, messages):
+    messages(mistakes_of(live, messages.cases))
     stream = {"stream": "stream: 'udp://127.0.0.1:0', format: spif, sensor: [16, 12]", "shape": "auto"}
     assert "'camera' has an input already" in live("--input", "camera=a.npz", **stream)[2]

@@ -74,9 +74,7 @@ def neuro(answer, monkeypatch, tmp_path):
 def shapes():
     """Spikes of 24 noisy recordings of three shapes on a small sheet, three frames each; two more are empty."""
     rng = np.random.default_rng(2)
-    shapes = [rng.permutation(4 * 64)[:30] for _ in range(3)]
-    labels = np.arange(26) % 3
-    evidence = []
+    shapes, labels, evidence = [rng.permutation(4 * 64)[:30] for _ in range(3)], np.arange(26) % 3, []
     for k in range(26):
         codes, ids, lengths = [], [], []
         for _ in range(3 if k < 24 else 0):

@@ -2,11 +2,11 @@ import json
 import pickle
 import re
 
-import pytest
 from matplotlib.image import imread
 
 from neuro.events import load, save
 from neuro_recognise.method import METHODS
+from refused import mistakes_of
 
 
 def test_list_names_all_methods_and_their_settings(neuro):
@@ -15,11 +15,8 @@ def test_list_names_all_methods_and_their_settings(neuro):
     assert all(name in out for name in METHODS)
     code, out, _ = neuro("list", "tar_hats")
     assert code == 0
-    assert "cleaner.theta" in out
-    assert "thesis figure 85" in out
+    assert all(word in out for word in ("cleaner.theta", "thesis figure 85"))
     assert "--preset poker: size=[35, 35], cell=12, tau=10.0" in out
-    code, _, err = neuro("list", "hots1")
-    assert (code, err.splitlines()[0]) == (2, "error: unknown method 'hots1'")
 
 
 def test_train_test_predict(neuro, folder, tmp_path):
@@ -27,8 +24,7 @@ def test_train_test_predict(neuro, folder, tmp_path):
     assert (code, out) == (0, "m.h5: hats for 3 classes, learnt from 24 recordings\n")
     code, out, _ = neuro("test", "m.h5", "--data", folder, "--json", "--out", "pictures")
     told = json.loads(out.partition("\n")[2])
-    assert (code, told["method"], told["n"], told["silent"]) == (0, "hats", 9, 1)
-    assert told["accuracy"] == 8 / 9
+    assert (code, told["method"], told["n"], told["silent"], told["accuracy"]) == (0, "hats", 9, 1, 8 / 9)
     assert imread(tmp_path / "pictures" / "confusion.png").ndim == 3
     code, out, _ = neuro("test", "m.h5", "--data", folder, "--part", "Train")
     assert (code, "100.0%" in out) == (0, True)
@@ -59,27 +55,8 @@ def test_files_of_any_format_are_predicted(neuro, folder, model, tmp_path):
     assert (code, [one["class"] for one in json.loads(out)]) == (0, ["lying"] * 5)
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("train", "hats", "--data", "nowhere"), "nowhere: no such folder, zip or HDF5 file"),
-        (("train", "hat", "--data", "{folder}"), "unknown method 'hat'\n  hint: did you mean 'hats'?"),
-        (("train", "hats", "--data", "{folder}", "--preset", "x"), "unknown settings of method 'hats' 'x'"),
-        (("test", "nothing.h5", "--data", "{folder}"), "nothing.h5: no such file"),
-        (("predict", "nothing.h5", "one.bin"), "nothing.h5: no such file"),
-        (("predict", "net.yaml", "a b.bin", "c.bin"),
-         "net.yaml: is a network: expected a recogniser, as 'train' writes it\n"
-         "  hint: neuro predict net.yaml 'a b.bin' c.bin\n"),
-        (("test", "net.yaml", "--data", "data"),
-         "net.yaml: is a network: expected a recogniser, as 'train' writes it\n"
-         "  hint: neuro predict net.yaml data --labels --part Test\n"),
-    ],
-)  # fmt: skip
-def test_mistakes_are_one_message(neuro, folder, words, told):
-    code, out, err = neuro(*(word.format(folder=folder) for word in words))
-    assert (code, out) == (2, "")
-    assert err.startswith(f"error: {told}")
-    assert "Traceback" not in err
+def test_mistakes_are_one_message(neuro, folder, messages):
+    messages(mistakes_of(neuro, messages.cases, folder=folder))
 
 
 def test_compare_keeps_what_is_done(neuro, folder, tmp_path, monkeypatch):
@@ -90,24 +67,9 @@ def test_compare_keeps_what_is_done(neuro, folder, tmp_path, monkeypatch):
         return [pickle.loads(pickle.dumps(run(pickle.loads(pickle.dumps(job)), tell))) for job in jobs]
 
     monkeypatch.setattr("neuro.core.grid.side_by_side", sent)
-    words = (
-        "compare",
-        "--data",
-        folder,
-        "--folds",
-        2,
-        "--method",
-        "hats",
-        "--method",
-        "boe:tar",
-        "--out",
-        "all",
-        "--workers",
-        2,
-    )
+    words = f"compare --data {folder} --folds 2 --method hats --method boe:tar --out all --workers 2".split()
     code, out, _ = neuro(*words)
-    assert code == 0
-    assert out.splitlines()[-2:] == ["all/table.md", "all/compare.html"]
+    assert (code, out.splitlines()[-2:]) == (0, ["all/table.md", "all/compare.html"])
     rows = (tmp_path / "all" / "table.md").read_text().splitlines()
     assert rows[2].startswith("| method | runs on | accuracy | 95 % interval |")
     assert [row.split(" | ")[0] for row in rows[4:]] == ["| hats", "| boe:tar"]

@@ -11,20 +11,19 @@ from matplotlib.image import imread
 from neuro.events import Events, save
 from neuro_recognise.detection.boxes import read_boxes
 from players import tracks_of
+from refused import mistakes_of
 
 
 @pytest.fixture(scope="module")
 def made(shapes_folder, status_of, tmp_path_factory):
     """A folder with scenes and a recogniser that learnt from crops out of others."""
-    path = tmp_path_factory.mktemp("made")
-    halves = ["--data", str(shapes_folder), "--folds", "2", "--fold", "0"]
+    path, halves = tmp_path_factory.mktemp("made"), f"--data {shapes_folder} --folds 2 --fold 0"
     for words in (
-        ["scenes", *halves, "--out", str(path / "learn"), "--count", "6", "--others"],
-        ["crops", str(path / "learn"), "--out", str(path / "crops")],
-        ["train", "hats", "--data", str(path / "crops"), "--out", str(path / "model.h5")],
-        ["scenes", *halves, "--out", str(path / "scenes"), "--count", "3", "--noise", "2", "--set", "speed=5"],
-    ):
-        assert status_of("recognise", *words) == 0
+        f"scenes {halves} --out {path}/learn --count 6 --others", f"crops {path}/learn --out {path}/crops",
+        f"train hats --data {path}/crops --out {path}/model.h5",
+        f"scenes {halves} --out {path}/scenes --count 3 --noise 2 --set speed=5",
+    ):  # fmt: skip
+        assert status_of("recognise", *words.split()) == 0
     return path
 
 
@@ -38,17 +37,15 @@ def neuro(answer, monkeypatch, made):
 def test_measured_on_scenes(neuro):
     code, out, _ = neuro("detect", "model.h5", "--data", "scenes", "--json")
     found = json.loads(out)
-    assert code == 0
-    assert set(found["ap"]) == {"cross", "ring"}
+    assert (code, set(found["ap"])) == (0, {"cross", "ring"})
     expected = {"format": "neuro recognise detection 1", "method": "hats", "scenes": 3, "map": 1.0, "box_ap": 1.0}
     assert found == found | expected | {"missed": 0, "switches": 0}
     code, out, _ = neuro("detect", "model.h5", "--data", "scenes")
     assert code == 0
-    assert "mAP at IoU 0.5" in out
-    assert "1.000" in out
+    assert all(word in out for word in ("mAP at IoU 0.5", "1.000"))
 
 
-def test_boxes_of_a_recording(neuro, made):
+def test_boxes_of_a_recording_as_table_picture_and_page(neuro, made):
     code, out, _ = neuro("detect", "model.h5", "scenes/0000.npz", "--json", "--out", "boxes.csv")
     boxes = json.loads(out)["boxes"]
     assert code == 0
@@ -59,9 +56,6 @@ def test_boxes_of_a_recording(neuro, made):
     code, out, _ = neuro("detect", "model.h5", "scenes/0000.npz", "--out", "boxes.csv")  # a table is replaced
     assert code == 0
     assert "#0" in out
-
-
-def test_a_picture_and_a_page(neuro, made):
     assert neuro("detect", "model.h5", "scenes/0001.npz", "--out", "boxes.png")[0] == 0
     assert imread(made / "boxes.png").std() > 0.05
     assert neuro("detect", "model.h5", "scenes/0001.npz", "--out", "boxes.html")[0] == 0
@@ -74,9 +68,6 @@ def test_a_picture_and_a_page(neuro, made):
     code, _, err = neuro("detect", "model.h5", "scenes/0001.npz", "--out", "boxes.html")
     assert code == 2
     assert "boxes.html: exists and is not a page of 'neuro recognise': expected a new name" in err
-
-
-def test_an_empty_recording_has_no_objects(neuro, made):
     save(Events(*np.zeros((4, 0), int), (100, 80)), made / "empty.npz")
     code, out, _ = neuro("detect", "model.h5", "empty.npz", "--out", "empty.html")
     assert (code, out) == (0, "no objects found\n")
@@ -97,39 +88,12 @@ def test_boxes_that_are_found_and_given_on_one_page(neuro, made):
     assert re.fullmatch(r"both.html: [23] objects in \d boxes found, [23] objects in \d boxes given\n", out)
     data, _ = page_of(made / "both.html")
     found, given = ([box for box in data["boxes"] if box["kind"] == kind] for kind in ("", "given"))
-    there = read_boxes(made / "scenes" / "0001.csv", ("cross", "ring"))
-    assert [box["box"] for box in given] == there.box.tolist()
+    assert [box["box"] for box in given] == read_boxes(made / "scenes" / "0001.csv", ("cross", "ring")).box.tolist()
     assert sorted(box["name"] for box in found) == sorted(box["name"] for box in given)
     code, out, _ = neuro(*words)
     assert code == 0
     assert "found" not in out
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["watch", "model.h5", "scenes/0000.npz", "--several", "--allow", "0.1"], "decides early on a single object"),
-        (["watch", "model.h5", "scenes/0000.npz", "--boxes", "scenes/scenes.json"],
-         "scenes/scenes.json: expected a table of boxes with the columns start_us, stop_us,"),
-        (["detect", "model.h5"], "expected either a RECORDING or --data SCENES"),
-        (["detect", "model.h5", "scenes/0000.npz", "--out", "x.txt"],
-         "x.txt: expected a name that ends in .html, .png, .csv"),
-        (["detect", "model.h5", "--data", "crops"],
-         "crops: no scenes, expected a folder that 'neuro recognise scenes' filled"),
-        (["detect", "model.h5", "--data", "scenes", "--out", "x.csv"], "boxes are written of a RECORDING"),
-        (["detect", "model.h5", "scenes/0000.npz", "--way", "dens"], "way = 'dens': expected one of proposals, dense"),
-        (["detect", "model.h5", "scenes/0000.npz", "--way", "dense"],
-         "the dense way slides the layer of method 'remus', found 'hats'"),
-        (["detect", "model.h5", "scenes/0000.npz", "--set", "sise=3"], "unknown setting of detecting 'sise'"),
-        (["scenes", "--data", "crops", "--out", "t", "--sensor", "100"],
-         "'100': expected width and height such as 100x80"),
-        (["scenes", "--data", "crops", "--out", "scenes", "--noise", "3"], "scenes: has scenes with another scenery"),
-        (["scenes", "--data", "crops", "--out", "t", "--folds", "3", "--fold", "3"],
-         "fold 3 of 3: expected 0 to 2"),
-    ],
-)  # fmt: skip
-def test_mistakes(neuro, words, message):
-    code, _, err = neuro(*words)
-    assert code == 2
-    assert message in err
-    assert "Traceback" not in err
+def test_mistakes(neuro, messages):
+    messages(mistakes_of(neuro, messages.cases))

@@ -39,15 +39,8 @@ def test_suppression_leaves_the_best_and_what_is_apart(box, most):
 
 @pytest.mark.parametrize(
     ("right", "true", "expected"),
-    [
-        ([True, True], 2, 1.0),
-        ([True], 2, 0.5),
-        ([False, True], 1, 0.5),
-        ([True, False, True], 2, (1 + 2 / 3) / 2),
-        ([False, False, True, True], 4, (0.5 + 0.5) / 4),
-        ([], 3, 0.0),
-    ],
-)
+    [((1, 1), 2, 1.0), ((1,), 2, 0.5), ((0, 1), 1, 0.5), ((1, 0, 1), 2, 5 / 6), ((0, 0, 1, 1), 4, 0.25), ((), 3, 0.0)],
+)  # fmt: skip
 def test_average_precision_by_hand(right, true, expected):
     assert average_precision(np.array(right, bool), true) == pytest.approx(expected)
 
@@ -68,24 +61,17 @@ def table(*rows):
     return Boxes.of((0, 100, who, label, score, (left, 0, left + 10, 10)) for who, label, score, left in rows)
 
 
-def test_a_true_box_is_found_once_and_by_its_class():
+def test_precision_by_hand():
     there = table((0, 0, 1.0, 0), (1, 1, 1.0, 50))
-    found = table((0, 0, 0.9, 1), (1, 0, 0.8, 2), (2, 0, 0.7, 50))
-    result = precision([(there, found)], 3)
+    result = precision([(there, table((0, 0, 0.9, 1), (1, 0, 0.8, 2), (2, 0, 0.7, 50)))], 3)
     assert result.of_class[:2] == (1.0, 0.0)
     assert np.isnan(result.of_class[2])
     assert result.mean == 0.5
     assert result.box == pytest.approx((1 + 2 / 3) / 2)  # the second box is a double
     assert result.pictures == 1
-
-
-def test_scores_order_all_pictures_together():
     there, sure, wrong = table((0, 0, 1.0, 0)), table((0, 0, 0.9, 0)), table((0, 0, 0.95, 50))
     assert precision([(there, sure), (there, wrong)], 1).mean == pytest.approx(0.25)
     assert precision([(there, sure), (there, table((0, 0, 0.1, 50)))], 1).mean == pytest.approx(0.5)
-
-
-def test_a_box_that_fits_too_little_is_wrong():
     there = table((0, 0, 1.0, 0))
     assert precision([(there, table((0, 0, 1.0, 3)))], 1).box == 1.0  # 7 of 13
     assert precision([(there, table((0, 0, 1.0, 4)))], 1).box == 0.0  # 6 of 14
@@ -99,26 +85,16 @@ def test_identities():
     assert identity_switches([(there, same), (there, swapped)]).switches == 2
     result = identity_switches([(there, same), (there, lost), (there, swapped), (there, swapped)])
     assert (result.switches, result.objects, result.missed, result.boxes) == (2, 2, 1, 8)
-
-
-def test_who_fitted_before_stays_although_another_fits_better():
-    there = table((0, 0, 1.0, 0))
-    both = table((5, 0, 1.0, 3), (6, 0, 1.0, 0))
+    there, both = table((0, 0, 1.0, 0)), table((5, 0, 1.0, 3), (6, 0, 1.0, 0))
     assert identity_switches([(there, table((5, 0, 1.0, 0))), (there, both)]).switches == 0
 
 
 def test_boxes_of_shorter_spans_are_averaged_by_time():
-    found = Boxes.of(
-        [
-            (0, 30, 7, 1, 0.5, (0, 0, 10, 10)),
-            (30, 100, 7, 2, 0.6, (10, 0, 20, 10)),
-            (100, 200, 7, 1, 0.5, (99, 0, 109, 10)),
-            (0, 30, 8, 0, 0.1, (5, 5, 6, 6)),
-        ]
-    )
+    rows = [(0, 30, 7, 1, 0.5, (0, 0, 10, 10)), (30, 100, 7, 2, 0.6, (10, 0, 20, 10))]
+    rows += [(100, 200, 7, 1, 0.5, (99, 0, 109, 10)), (0, 30, 8, 0, 0.1, (5, 5, 6, 6))]
+    found = Boxes.of(rows)
     now = found.within(0, 100)
     assert now.identity.tolist() == [7, 8]
     np.testing.assert_allclose(now.box, [[7, 0, 17, 10], [5, 5, 6, 6]])
-    assert now.label.tolist() == [2, 0]
-    assert len(found.within(200, 300)) == 0
+    assert (now.label.tolist(), len(found.within(200, 300))) == ([2, 0], 0)
     assert len(found.within(195, 300)) == 0  # 5 of 100 us are no share

@@ -41,18 +41,18 @@ def tried(letters, model):
 
 
 def test_counts_of_a_recording(letters, model, tried):
-    told = counted(bills(tried, ()))
-    sim = model.method.simulation(model.learnt)
+    told, sim = counted(bills(tried, ())), model.method.simulation(model.learnt)
     model.method.present(sim, model.learnt, letters.take([0, 1]))
     results, frames = model.method.present(sim, model.learnt, letters)
     bill = sim.energy("loihi", of=results).per(26, "recording")
     assert bill == bills(tried, ["loihi"]).bills["loihi"], "without what was shown before"
     ticks = results.ticks
     in_time = frames.codes < np.repeat(ticks, np.diff(frames.offsets))
-    assert told["frames"] * 26 == 72
-    assert told["steps"] * 26 == ticks.sum()
-    assert told["input_spikes"] * 26 == in_time.sum()
+    assert (told["frames"] * 26, told["steps"] * 26, told["input_spikes"] * 26) == (72, ticks.sum(), in_time.sum())
     assert told["neuron_updates"] * 26 == pytest.approx(NEURONS * ticks.sum())
+    part = letters.take(range(3))
+    told = [bills(tried_on(model, part, backend), ["loihi"]).bills for backend in ("event", "reference")]
+    assert told[0] == told[1]
 
 
 def test_in_real_time_a_chip_is_on_as_long_as_the_recordings_last(letters, model):
@@ -86,8 +86,7 @@ def test_what_is_observed_says_how_long_a_recording_lasts(method):
 
 
 def test_a_bill_by_hand(tried):
-    told = counted(bills(tried, ()))
-    by_name = bills(tried, TARGETS).bills
+    told, by_name = counted(bills(tried, ())), bills(tried, TARGETS).bills
     active = told["neuron_updates_active"]
     sleeping = told["neuron_updates"] - active
     on_prototype = told["synaptic_ops"] * 0.45e-9 + told["neuron_updates"] * 2.19e-9
@@ -99,15 +98,15 @@ def test_a_bill_by_hand(tried):
     assert by_name["spinnaker"].chip_time_s == pytest.approx(told["steps"] * 1e-3)
     assert by_name["gpu"].total_j == pytest.approx(told["steps"] * MACS * 0.3e-9)
     assert all(bill.of == "recording" for bill in by_name.values())
+    gpu, joules, steps = bills(tried, ["gpu"]), 72 / 26 * MACS * 0.3e-9, tried.answer.run()[1].counts.steps / 72
+    assert notes(gpu) == [
+        FRONT_END,
+        f"dense layers once a frame, not in each of its {steps:.4g} steps: gpu {joules * 1e6:.4g} uJ",
+    ]
+    assert notes(bills(tried, ["loihi"])) == [FRONT_END]
 
 
-def test_the_bill_does_not_depend_on_the_backend(letters, model):
-    part = letters.take(range(3))
-    told = [bills(tried_on(model, part, backend), ["loihi"]).bills for backend in ("event", "reference")]
-    assert told[0] == told[1]
-
-
-def test_words(model, tried):
+def test_words_and_table(model, tried, capsys):
     told = json.loads(words(model, tried, bills(tried, ("loihi", "gpu"))))
     assert list(told) == [
         "format", "method", "backend", "accuracy", "interval", "recordings", "per_recording", "bills", "refused",
@@ -121,23 +120,8 @@ def test_words(model, tried):
         assert {"dynamic_j", "static_j", "total_j", "chip_time_s", "items", "notes"} <= set(bill)
         assert all(item["source"] for item in bill["items"])
     assert told["notes"][0] == FRONT_END
-
-
-def test_dense_once_a_frame(tried):
-    gpu = bills(tried, ["gpu"])
-    joules = 72 / 26 * MACS * 0.3e-9
-    steps = tried.answer.run()[1].counts.steps / 72
-    assert notes(gpu) == [
-        FRONT_END,
-        f"dense layers once a frame, not in each of its {steps:.4g} steps: gpu {joules * 1e6:.4g} uJ",
-    ]
-    assert notes(bills(tried, ["loihi"])) == [FRONT_END]
-
-
-def test_table(model, tried, capsys):
     show(model, tried, bills(tried, TARGETS), sources=True)
-    text = capsys.readouterr().out
-    own = tried.own
+    text, own = capsys.readouterr().out, tried.own
     low, high = own.interval
     assert (
         f"energy per recording; {own.accuracy:.1%} of 26 right (95 % interval {low:.1%} - {high:.1%}) "

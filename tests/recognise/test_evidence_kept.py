@@ -67,7 +67,7 @@ def vectors(method, data, cache):
     return observe(settled(method, data), data, cache=cache).stacked("vector")
 
 
-def test_an_edited_method_looks_anew(own, learning, tmp_path):
+def test_edited_code_looks_anew(own, learning, tmp_path):
     before = vectors(own("np.array([len(events), 1.0])"), learning, tmp_path / "cache")
     assert (before[:, 1] == 1.0).all()
     (kept,) = (tmp_path / "cache").iterdir()
@@ -76,9 +76,6 @@ def test_an_edited_method_looks_anew(own, learning, tmp_path):
     assert list((tmp_path / "cache").iterdir()) == [kept]
     after = vectors(own("np.array([len(events), 2.0])"), learning, tmp_path / "cache")
     assert (after[:, 1] == 2.0).all()
-
-
-def test_an_edited_helper_beside_a_method_looks_anew(own, learning, tmp_path):
     helper = tmp_path / "own" / "my_helper.py"
     for factor in (2.0, 3.0):
         helper.write_text(f"def scaled(n):\n    return {factor} * n\n")
@@ -101,14 +98,11 @@ def other_code(monkeypatch, tmp_path):
     observations._ours.cache_clear()
 
 
-def test_our_digest_is_of_all_that_computes():
+def test_the_digest_is_of_all_that_computes(monkeypatch):
     names = {folder.name for folder in observations._folders()}
     assert names == {"neuro", "neuro_event", "neuro_models", "neuro_recognise", "neuro_torch", "neuro_train"}
-    for one in observations._folders():
-        assert (one / "__init__.py").is_file()
+    assert all((one / "__init__.py").is_file() for one in observations._folders())
 
-
-def test_an_unknown_module_and_one_typed_in_are_told_by_what_they_do():
     def typed(factor, constant=1):
         space = {"__name__": "typed_in", "CONSTANT": constant, "Hats": Hats}
         exec(f"class Mine(Hats):\n    def observe(self, events):\n        return {factor} * CONSTANT", space)
@@ -117,9 +111,6 @@ def test_an_unknown_module_and_one_typed_in_are_told_by_what_they_do():
     told = [observations.code_of(typed(*values)) for values in ((1,), (1,), (2,), (1, 2))]
     assert told[0] == told[1] != observations.code_of(Hats())
     assert len(set(told)) == 3
-
-
-def test_third_party_parts_count(monkeypatch):
     other = type("Other", (Ridge,), {"fit": lambda self, *more: {}, "__module__": "somewhere"})
     assert observations.code_of(Hats(readout=other())) != observations.code_of(Hats(readout=Ridge()))
 
@@ -152,8 +143,7 @@ def test_a_file_that_lost_its_end_is_told(tmp_path):
 
 def test_random_order_opens_a_file_once(learning, tmp_path, monkeypatch):
     monkeypatch.setattr("neuro_recognise.observations.AT_ONCE", 4)
-    shown = observe(settled(method_of("hots"), learning), learning, cache=tmp_path)
-    opened = []
+    shown, opened = observe(settled(method_of("hots"), learning), learning, cache=tmp_path), []
     monkeypatch.setattr(
         "neuro_recognise.observations._File", lambda path, make=observations._File: opened.append(path) or make(path)
     )
@@ -163,8 +153,7 @@ def test_random_order_opens_a_file_once(learning, tmp_path, monkeypatch):
 
 
 def test_recordings_are_fingerprinted_once(learning, tmp_path, monkeypatch):
-    asked = []
-    real = type(learning).fingerprint
+    asked, real = [], type(learning).fingerprint
     monkeypatch.setattr(type(learning), "fingerprint", lambda self: asked.append(1) or real(self))
     fit(learning, "hats", cache=tmp_path)
     assert len(asked) == 1

@@ -45,7 +45,7 @@ def bar(angle, n=400):
     return Events(np.arange(n), np.rint(x).astype(int), np.rint(y).astype(int), np.ones(n, int), (34, 34))
 
 
-def test_bank_is_normal():
+def test_banks():
     bank = Gabors().filters
     assert bank.shape == (4, 4, 9, 9)
     np.testing.assert_allclose(bank.sum((2, 3)), 0, atol=1e-12)
@@ -53,20 +53,22 @@ def test_bank_is_normal():
     np.testing.assert_allclose(bank, bank[:, :, ::-1, ::-1])  # even, so turning it changes nothing
     np.testing.assert_allclose(bank[:, 0], bank[:, 2].transpose(0, 2, 1), atol=1e-12)
     assert (bank[0, :, :3] == 0).all()
-
-
-def test_literal_gabor_is_the_equation():
     bank = gabor_bank([5], [2.0], [2.5], 0.3, [45.0], literal=True)
     x, y, c = 1, -2, np.sqrt(0.5)
     across, along = c * x + c * y, -c * x + c * y
     g = np.exp(-(across**2 + 0.09 * along**2) / 8) * np.cos(2 * np.pi * across / 2.5)
     assert bank[0, 0, 2 + y, 2 + x] == pytest.approx(g)
+    plain = gabor_bank([5], [2.0], [2.5], 0.3, [0.0, 45.0], circular=True)
+    assert len(np.unique(plain[0, 1][[0, 0, 4, 4], [0, 4, 0, 4]])) == 1  # the corners have minus the mean alone
+    np.testing.assert_allclose(plain.sum((2, 3)), 0, atol=1e-12)
+    smooth = gabor_bank([5], [2.0], [2.5], 0.3, [0.0, 45.0], circular=True, smooth=True)
+    np.testing.assert_allclose(smooth[0, :, 2, 2], plain[0, :, 1:4, 1:4].mean((1, 2)))
+    np.testing.assert_allclose(smooth[0, :, 0, 0], plain[0, :, :2, :2].sum((1, 2)) / 9)
 
 
 def test_responses_are_convolve_rectify_pool():
     events = random_events()
-    bounds = FRONT.segmenter.bounds(events.t)
-    got = responses(events)
+    bounds, got = FRONT.segmenter.bounds(events.t), responses(events)
     assert got.shape == (len(bounds) - 1, 4, 4, 17, 17)
     for f in range(len(got)):
         image = np.zeros((34, 34))
@@ -74,8 +76,7 @@ def test_responses_are_convolve_rectify_pool():
         for s in range(4):
             for o in range(4):
                 response = np.maximum(convolve2d(image, FRONT.bank.filters[s, o], mode="same"), 0)
-                pooled = response.reshape(17, 2, 17, 2).max((1, 3))
-                np.testing.assert_allclose(got[f, s, o], pooled, atol=1e-10)
+                np.testing.assert_allclose(got[f, s, o], response.reshape(17, 2, 17, 2).max((1, 3)), atol=1e-10)
 
 
 def test_spikes_are_the_code_of_the_strongest_scale():
@@ -91,8 +92,7 @@ def test_spikes_are_the_code_of_the_strongest_scale():
         part = slice(offsets[f], offsets[f + 1])
         assert dict(zip(ids[part].tolist(), times[part].tolist(), strict=True)) == expected
         order = list(zip(times[part], ids[part], strict=True))
-        assert order == sorted(order)
-        assert times[part][0] == 0.0
+        assert (order, times[part][0]) == (sorted(order), 0.0)
 
 
 @given(st.integers(0, 2**32), st.integers(0, 1500), st.sampled_from([0.5, 1.0, 3.0]))
@@ -113,19 +113,14 @@ def test_orientations(orientation, angle):
     assert found.max((0, 2, 3)).argmax() == orientation
 
 
-def test_polarity_does_not_matter():
+def test_polarity_does_not_matter_and_few_events_outside_are_left_out():
     events = random_events()
     other = Events(events.t, events.x, events.y, 1 - events.p, events.sensor_size)
-    for a, b in zip(spikes(events), spikes(other), strict=True):
-        assert np.array_equal(a, b)
-
-
-def test_a_few_events_outside_are_left_out():
+    assert all(np.array_equal(a, b) for a, b in zip(spikes(events), spikes(other), strict=True))
     events = random_events(size=(35, 35))
     assert (events.x < 35).all()
     inside = events[(events.x < 34) & (events.y < 34)]
-    for a, b in zip(spikes(events), spikes(inside), strict=True):
-        assert np.array_equal(a, b)
+    assert all(np.array_equal(a, b) for a, b in zip(spikes(events), spikes(inside), strict=True))
     assert refused(FRONT.observe, random_events(10, size=(128, 128), low=40)) == (
         "10 of 10 events lie outside of the 34x34 field that is looked at, expected at most 5%\n"
         "  hint: crop the recording round the object first, train with a larger 'size', or find several objects: "
@@ -151,14 +146,12 @@ def same(a, b):
     return arrays and np.array_equal(a.labels, b.labels) and (a.names, a.classes) == (b.names, b.classes)
 
 
-def test_spikes_are_kept(folder, tmp_path, monkeypatch):
+def test_kept_spikes_and_a_part_of_them(folder, tmp_path, monkeypatch):
     data, cache = recordings(folder), tmp_path / "cache"
     shown = observe(FRONT, data, cache=cache)
     frames = Frames.of(shown)
-    assert len(shown) == 4
-    assert shown.labels.tolist() == [0, 0, 1, 1]
-    assert shown.names == ("0/0.bin", "0/2.bin", "1/1.bin", "1/3.bin")
-    assert len(frames.offsets) == len(frames) + 1
+    assert (len(shown), shown.labels.tolist()) == (4, [0, 0, 1, 1])
+    assert (shown.names, len(frames.offsets)) == (("0/0.bin", "0/2.bin", "1/1.bin", "1/3.bin"), len(frames) + 1)
     assert set(frames.recording.tolist()) == {1, 3}  # the others are too short for a frame
     assert [file.suffix for file in cache.rglob("*") if file.is_file()] == [".h5"]
     with monkeypatch.context() as m:
@@ -170,14 +163,10 @@ def test_spikes_are_kept(folder, tmp_path, monkeypatch):
     assert same(observe(FRONT, data, cache=cache), shown)
     observe(FRONT.changed({"min_response": 0.2}), data, cache=cache)
     assert len(list(cache.rglob("*.h5"))) == 2
-
-
-def test_take(folder, tmp_path):
     data = recordings(folder)
     shown = observe(FRONT, data, cache=tmp_path / "cache")
     part = shown.take([3, 1])
-    assert part.names == ("1/3.bin", "0/2.bin")
-    assert part.labels.tolist() == [1, 0]
+    assert (part.names, part.labels.tolist()) == (("1/3.bin", "0/2.bin"), [1, 0])
     frames = Frames.of(part)
     times, ids, offsets = spikes(data[3].load())
     n = len(offsets) - 1
@@ -195,13 +184,11 @@ def test_take(folder, tmp_path):
 @pytest.mark.parametrize("segmenter", ["msd", "hes", "counts", "ses"])
 def test_what_has_been_shown_until_a_time(segmenter):
     """Frames that are cut off a whole recording are those of its beginning alone."""
-    front = FRONT.changed({"segmenter": segmenter})
-    events = random_events(4000, seed=3)
+    front, events = FRONT.changed({"segmenter": segmenter}), random_events(4000, seed=3)
     times = [0, 20_000, 50_000, 70_001, 10**6]
     for us, found in zip(times, front.observe_until(events, times), strict=True):
         alone = front.observe(events[: int(np.searchsorted(events.t, events.t[0] + us, "right"))])
-        for name in ("codes", "ids", "lengths", "ends"):
-            assert np.array_equal(found[name], alone[name])
+        assert all(np.array_equal(found[name], alone[name]) for name in ("codes", "ids", "lengths", "ends"))
     assert len(found["lengths"])
 
 
@@ -211,8 +198,7 @@ def test_the_first_spikes_of_a_frame():
     assert (few["lengths"] == 20).all()
     assert (every["lengths"] > 20).all()
     for name in ("codes", "ids"):
-        kept = np.concatenate([every[name][a : a + 20] for a in starts])
-        assert np.array_equal(few[name], kept)
+        assert np.array_equal(few[name], np.concatenate([every[name][a : a + 20] for a in starts]))
 
 
 def test_features_name_the_recording(tmp_path):
@@ -222,29 +208,16 @@ def test_features_name_the_recording(tmp_path):
     assert message.startswith(f"{tmp_path}/set/a/1.bin: 10 of 10 events lie outside of the 34x34 field")
 
 
-def test_real_recordings(shared):
-    data = recordings(shared / "data" / "nmnist" / "nmnist_train1000_bin.zip")
-    frames, counts = [], []
-    for item in data[::40]:
-        lengths = FRONT.observe(item.load())["lengths"]
-        frames.append(len(lengths))
-        counts.append(lengths.mean())
-    assert 17 < np.mean(frames) < 22
-    assert 350 < np.mean(counts) < 480
-
-
 @pytest.mark.parametrize(("signed", "side"), [(False, 1), (True, 1), (False, 2)])
 def test_responses_leak(signed, side):
     bank = LeakyGabors(sizes=(3, 5), sigmas=(1.2, 2.0), wavelengths=(1.5, 2.5), leak=0.02, signed=signed)
     events, bounds = random_events(300, size=(14, 14)), np.array([0, 120, 120, 250])
     found = bank.responses(events, bounds, side)
     assert found.shape == (3, 2, 4, 14 // side, 14 // side)
-    maps, last = np.zeros((2, 4, 14 + 8, 14 + 8)), 0
-    at = {}
+    maps, last, at = np.zeros((2, 4, 14 + 8, 14 + 8)), 0, {}
     for k in range(250):
         maps = np.sign(maps) * np.maximum(np.abs(maps) - 2e-5 * (events.t[k] - last), 0.0)
-        last = events.t[k]
-        y, x = events.y[k] + 4, events.x[k] + 4
+        last, y, x = events.t[k], events.y[k] + 4, events.x[k] + 4
         maps[:, :, y - 2 : y + 3, x - 2 : x + 3] += (-1 if signed and not events.p[k] else 1) * bank.filters
         at[k + 1] = np.abs(maps[:, :, 4:-4, 4:-4])
     for frame, end in enumerate(bounds[1:]):
@@ -252,19 +225,9 @@ def test_responses_leak(signed, side):
         np.testing.assert_allclose(found[frame], expected, atol=1e-9)
 
 
-def test_round_and_smooth_filters():
-    plain = gabor_bank([5], [2.0], [2.5], 0.3, [0.0, 45.0], circular=True)
-    assert len(np.unique(plain[0, 1][[0, 0, 4, 4], [0, 4, 0, 4]])) == 1  # the corners have minus the mean alone
-    np.testing.assert_allclose(plain.sum((2, 3)), 0, atol=1e-12)
-    smooth = gabor_bank([5], [2.0], [2.5], 0.3, [0.0, 45.0], circular=True, smooth=True)
-    np.testing.assert_allclose(smooth[0, :, 2, 2], plain[0, :, 1:4, 1:4].mean((1, 2)))
-    np.testing.assert_allclose(smooth[0, :, 0, 0], plain[0, :, :2, :2].sum((1, 2)) / 9)
-
-
 def test_local_maxima():
     pool, rng = LocalMaximum(least=0.3), np.random.default_rng(1)
-    responses = rng.random((2, 2, 3, 9, 8))
-    sizes = (3, 5)
+    responses, sizes = rng.random((2, 2, 3, 9, 8)), (3, 5)
     found = pool.passed(responses, sizes)
     for f, s, o, i, j in np.ndindex(responses.shape):
         reach = sizes[s] // 2
@@ -274,8 +237,7 @@ def test_local_maxima():
 
 
 def test_latencies():
-    encoder = Latency(first=3, window=10.0)
-    responses = np.zeros((2, 2, 1, 1, 3))
+    encoder, responses = Latency(first=3, window=10.0), np.zeros((2, 2, 1, 1, 3))
     responses[0] = np.array([0.5, 0.0, 2.0, 2.0, 0.1, 1.0]).reshape(2, 1, 1, 3)
     codes, ids, lengths = encoder.encode(responses)
     assert (codes.tolist(), ids.tolist(), lengths.tolist()) == ([2.0, 2.0, 1.0], [2, 3, 5], [3, 0])
@@ -292,6 +254,10 @@ def test_votes():
     assert choose(majority(wins, sums)).tolist() == [0, 1, SILENT, SILENT, 0]
     assert choose(potentials(sums)).tolist() == [1, 2, 1, SILENT, 0]
     np.testing.assert_allclose(majority(wins, sums)[1], [2, 2 + 1 / 3, 2 / 3])  # the whole part are frames
+    found = evaluate(np.array([0, 1, 1, -1]), np.array([0, 1, 0, 1]), ("a", "b"))
+    assert (found.confusion.tolist(), found.n, found.correct, found.accuracy) == ([[1, 1, 0], [0, 1, 1]], 4, 2, 0.5)
+    assert found.as_words()["silent"] == 1
+    assert evaluate(np.array([], int), np.array([], int), ("a",)).interval == (0.0, 1.0)
 
 
 @given(st.lists(st.tuples(st.integers(0, 4), st.sampled_from([-1.0, 0.0, 0.5, 2.0])), min_size=2, max_size=5))
@@ -303,14 +269,6 @@ def test_equals_are_told_apart_by_their_sums(classes):
         return
     assert np.array_equal(np.floor(found), wins)
     assert choose(found)[0] == max(range(len(classes)), key=lambda k: (wins[0, k], sums[0, k], -k))
-
-
-def test_evaluation():
-    found = evaluate(np.array([0, 1, 1, -1]), np.array([0, 1, 0, 1]), ("a", "b"))
-    assert found.confusion.tolist() == [[1, 1, 0], [0, 1, 1]]
-    assert (found.n, found.correct, found.accuracy) == (4, 2, 0.5)
-    assert found.as_words()["silent"] == 1
-    assert evaluate(np.array([], int), np.array([], int), ("a",)).interval == (0.0, 1.0)
 
 
 @given(st.data(), st.integers(1, 5000))

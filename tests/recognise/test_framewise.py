@@ -93,7 +93,7 @@ def test_all_of_them_are_here():
 
 @pytest.mark.parametrize("backend", ["event", *CHIPS])
 @approximates
-def test_each_decides_and_has_a_bill(made, letters, backend):
+def test_each_decides_alike_and_has_a_bill(made, letters, backend):
     """Learnt from floats, asked on chips; recordings without frames are silent everywhere."""
     answer = made.method.answer(made.learnt, letters, backend)
     assert made.method.vote in answer.votes
@@ -105,7 +105,7 @@ def test_each_decides_and_has_a_bill(made, letters, backend):
     assert isinstance(sim.energy("loihi", of=results), Energy)
 
 
-def test_each_draws_a_picture_a_feature(made):
+def test_a_training_of_each_goes_on_draws_and_decides_on_the_reference_alike(made, letters, tmp_path):
     name, n = made.method.called(), {"masquelier_thorpe": 8, "must": 3 * 8, "mozafari": 6, "remus": 6}
     drawn = made.method.pictures(made.learnt, made.classes)
     assert ("learning" in drawn) == made.method.layer.supervised
@@ -115,18 +115,11 @@ def test_each_draws_a_picture_a_feature(made):
         assert len(figure.axes) == n[name] + key
     else:
         assert list(drawn) == ["learning"]
-
-
-def test_each_decides_on_the_reference_alike(made, letters):
     part = letters.take(range(3))
     one, other = (made.method.answer(made.learnt, part, backend) for backend in ("event", "reference"))
     np.testing.assert_allclose(one.scores, other.scores, rtol=0, atol=1e-9)
     for vote, scores in one.votes.items():
         assert np.array_equal(choose(scores), choose(other.votes[vote])), vote
-
-
-def test_a_training_of_each_goes_on(made, letters, tmp_path):
-    """After a stop in the second epoch to the same bits, from a file as without one."""
     words, out = {"seed": 1, "out": tmp_path / "model.h5"}, []
     with pytest.raises(Stop):
         learn(made.method, letters, "letters", **words, report=stop_in(2))
@@ -140,48 +133,6 @@ def test_a_training_of_each_goes_on(made, letters, tmp_path):
     assert learn(made.method, letters, "letters", **words, report=pytest.fail).training == made.training
 
 
-@pytest.fixture(scope="module")
-def bars():
-    rng = np.random.default_rng(0)
-    made = []
-    for k in range(16):
-        along, across = rng.integers(4, 13, 900), 6 + np.arange(900) // 180 + rng.integers(0, 2, 900)
-        x, y = (along, across) if k % 2 else (across, along)
-        made.append(Events(np.arange(900) * 100, x, y, rng.integers(0, 2, 900), (16, 16)))
-    return made
-
-
-@pytest.mark.parametrize(
-    ("name", "front_end"),
-    [*((name, {}) for name in SMALL),
-     ("remus", {"segmenter": "ses", "bank": "leaky_gabors", "pool": "local_maximum"})],
-)  # fmt: skip
-def test_scores_on_the_way(name, front_end, bars):
-    """At the end they are the scores; what comes later has no influence; before the first frame nobody speaks."""
-    method = with_small(name, **front_end)
-    labels = np.arange(len(bars)) % 2
-    shown = Features([method.observe(one) for one in bars], labels, tuple(map(str, labels)), ("upright", "lying"))
-    made = learn(method, shown, "bars", seed=1)
-    events, other = bars[:2]
-    at = made.scores_at(events, [0.0, 60.0, 90.0, 1000.0])
-    assert np.isnan(at[0]).all()
-    np.testing.assert_allclose(at[-1:], made.scores(events), rtol=1e-12)
-    assert front_end or not np.isnan(at[-1]).any()
-    x, y = (np.where(events.t > 60_000, getattr(other, n), getattr(events, n)) for n in "xy")
-    changed = Events(events.t, x, y, events.p, events.sensor_size)
-    np.testing.assert_allclose(made.scores_at(changed, [60.0]), at[1:2], rtol=1e-12)
-
-
-@pytest.mark.parametrize(("order", "rescue"), [("recordings", False), ("frames", True)])
-def test_remus_learns(letters, small, train, order, rescue):
-    model = train(letters, small.changed({"order": order, "rescue": rescue, "epochs": 6}), seed=1)
-    assert model.learnt["c1_s2"].shape == (6, 4, 7, 7)
-    assert model.learnt["history"][-1] > model.learnt["history"][0]
-    part = letters.take(range(24))
-    for scores in model.method.answer(model.learnt, part).votes.values():
-        assert evaluate(choose(scores), part.labels, part.classes).accuracy >= 0.9
-
-
 def test_remus_learns_on_the_reference_alike(letters, small, train):
     part = letters.take(range(6))
     models = [train(part, replace(small, epochs=2), seed=3, backend=backend) for backend in ("event", "reference")]
@@ -189,7 +140,7 @@ def test_remus_learns_on_the_reference_alike(letters, small, train):
     assert np.array_equal(models[0].learnt["history"], models[1].learnt["history"])
 
 
-def test_seeds_batches_and_rates(letters, small, train, model, monkeypatch):
+def test_seeds_batches_rates_and_files(letters, small, train, model, monkeypatch, tmp_path):
     assert not same(train(letters, small, seed=6), model)
     decayed = train(letters, small.changed({"rate_decay": 0.1}), seed=1).learnt
     assert not np.array_equal(model.learnt["c1_s2"], decayed["c1_s2"])
@@ -199,9 +150,6 @@ def test_seeds_batches_and_rates(letters, small, train, model, monkeypatch):
     assert same(train(letters, small, seed=1, report=reports.append), model)
     assert [(r.what, r.done, r.total) for r in reports[:2]] == [("epoch 1 of 3", n, 72) for n in (10, 20)]
     assert (reports[-1].done, reports[-1].right) == (72, model.learnt["history"][-1])
-
-
-def test_a_training_is_not_mixed_with_another(letters, small, train, tmp_path):
     out = tmp_path / "model.h5"
     with pytest.raises(Stop):
         train(letters, small, seed=2, out=out, report=stop_in(2))
@@ -219,20 +167,16 @@ def test_the_same_bits_after_kills():
     subprocess.run([sys.executable, script, "remus", "3", "0"], check=True)
 
 
-def test_model_file(letters, model, tmp_path):
+def test_a_model_file_and_others(letters, model, tmp_path):
     model.save(tmp_path / "model.h5")
     again = Recogniser.load(tmp_path / "model.h5")
     assert same(model, again)
-    assert again.method.inputs.shape == (4, 8, 8)
-    assert model.network() == again.network()
+    assert (again.method.inputs.shape, model.network()) == ((4, 8, 8), again.network())
     with h5py.File(tmp_path / "model.h5") as file:
         assert file.attrs["neuro"] == neuro.__version__
         assert "winner_take_all" in file["learnt/network"].asstr()[()]
     assert same_votes(*(m.method.answer(m.learnt, letters) for m in (model, again)))
-
-
-def test_files_of_something_else(tmp_path):
-    file = tmp_path / "model.h5"
+    file = tmp_path / "other.h5"
     assert refused(Recogniser.load, file) == f"{file}: no such file: expected a neuro recogniser 1"
     file.write_bytes(b"text")
     assert refused(Recogniser.load, file) == f"{file}: not a neuro recogniser 1"
@@ -262,8 +206,7 @@ def test_what_was_asked_before_changes_nothing(letters, model, backend):
         assert same_votes(told, alone)
         assert told.scores.shape == (len(part), 3)
         (sim, taken), (_, once) = told.run(), alone.run()
-        assert taken.counts == once.counts
-        assert sim.energy("loihi", of=taken) == sim.energy("loihi", of=once)
+        assert (taken.counts, sim.energy("loihi", of=taken)) == (once.counts, sim.energy("loihi", of=once))
 
 
 def test_batches_change_nothing(letters, monkeypatch):
@@ -282,8 +225,7 @@ def test_batches_change_nothing(letters, monkeypatch):
 
 
 def test_a_network_is_compiled_once_few_are_kept_and_copies_begin_anew(letters, model, monkeypatch):
-    compiled = []
-    compile_ = neuro.compile
+    compiled, compile_ = [], neuro.compile
     monkeypatch.setattr(neuro, "compile", lambda *args, **words: compiled.append(1) or compile_(*args, **words))
     ready = Ready()
     ask = [ready.asker(model.method, model.learnt, backend) for backend in ("event", "event", "reference", "event")]
@@ -300,7 +242,7 @@ def test_a_network_is_compiled_once_few_are_kept_and_copies_begin_anew(letters, 
 
 @approximates
 @pytest.mark.parametrize("chip", CHIPS)
-def test_chips_decide_alike(letters, better, chip):
+def test_a_chip_decides_alike_and_learns_to_the_same_bits(letters, better, chip, train, tmp_path):
     one, other = (better.method.answer(better.learnt, letters, backend) for backend in ("event", chip))
     event, there = (
         better.method.present(better.method.simulation(better.learnt, backend), better.learnt, letters)[0]
@@ -310,15 +252,8 @@ def test_chips_decide_alike(letters, better, chip):
     same = (there.step == event.step) & (there.winner == event.winner)
     assert np.mean(same) >= 0.9
     np.testing.assert_allclose(there.potential[same], event.potential[same], rtol=0, atol=0.15)  # 34 x half a step
-    for vote, scores in one.votes.items():
-        assert np.mean(choose(scores) == choose(other.votes[vote])) >= 0.96
+    assert all(np.mean(choose(scores) == choose(other.votes[vote])) >= 0.96 for vote, scores in one.votes.items())
     assert np.count_nonzero(event.label >= 0) > 60
-
-
-@approximates
-@pytest.mark.parametrize("chip", CHIPS)
-def test_a_chip_learns_and_goes_on_to_the_same_bits(letters, better, train, chip, tmp_path):
-    """Rounding draws and mantissas go on where they were; on Loihi what is learnt are mantissas of 8 bits."""
     model = train(letters, better.method, seed=1, backend=chip)
     kernels = model.learnt["c1_s2"]
     assert model.learnt["history"][-1] > model.learnt["history"][0]
@@ -363,8 +298,7 @@ def test_remus_learns_the_kernels_that_it_always_did(settings, history, kernels)
         bars.append(Events(np.arange(900) * 100, x, y, rng.integers(0, 2, 900), (34, 34)))
     method = method_of("remus", settings, {"theta": 40, "per_class": 2, "epochs": 3}).fitting((34, 34))
     order = sorted(range(16), key=lambda k: (k % 2 == 0, k))  # as in a folder: by class, then by name
-    evidence = [method.observe(bars[k]) for k in order]
-    labels = np.array([0 if k % 2 else 1 for k in order])
+    evidence, labels = [method.observe(bars[k]) for k in order], np.array([0 if k % 2 else 1 for k in order])
     made = learn(method, Features(evidence, labels, tuple(map(str, order)), ("lying", "upright")), "bars", seed=3)
     rounded = np.round(made.learnt["c1_s2"], 9) + 0.0
     assert made.learnt["history"].tolist() == history
@@ -373,15 +307,23 @@ def test_remus_learns_the_kernels_that_it_always_did(settings, history, kernels)
     assert choose(method.answer(made.learnt, unseen).scores).tolist() == [1, 0] * 4
 
 
-def test_the_file_of_remus_is_the_preset_adapted():
+def test_files_of_networks_have_the_settings_defaults():
     net = neuro.load(path("remus"))
     rule = net.projections["c1_s2"].synapse
     rates = rule.Ar_plus, rule.Ar_minus, rule.Ap_plus, rule.Ap_minus, rule.rescue
-    assert rates == (0.075, -0.025, 0.005, -0.04, False)
-    assert net.trials_section.labels.maps_per_label == 2
+    assert (rates, net.trials_section.labels.maps_per_label) == ((0.075, -0.025, 0.005, -0.04, False), 2)
     assert (net.trials_section.dropout.p, net.trials_section.dropout.decay) == (0.25, 0.7)
     assert net == Remus().preset("adapted").layer.network(Inputs((4, 17, 17), 64.0, 1.0), classes=10)
     assert refused(path, "resnet") == f"unknown network 'resnet': expected one of {', '.join(names())}"
+    inputs = {"tempotron": Inputs((16, 34, 34), 64.0, 1.0), "mozafari": Inputs((4, 17, 17), 64.0, 1.0)}
+    for file, shape in inputs.items():
+        net = neuro.load(path(file))
+        layer = Layer.named(file).changed({"per_class": net.trials_section.labels.maps_per_label})
+        made = layer.network(shape, classes=10)
+        assert (net.populations.keys(), net.trials_section) == (made.populations.keys(), made.trials_section)
+        for name, one in net.projections.items():
+            assert one.synapse.parameters() == pytest.approx(made.projections[name].synapse.parameters())
+            assert one.weight == made.projections[name].weight
 
 
 @pytest.mark.parametrize("settings", Remus.presets)
@@ -394,19 +336,6 @@ def test_the_network_follows_the_front_end_and_the_classes(settings):
     assert Remus.from_words(json.loads(json.dumps(method.as_words()))) == method
 
 
-def test_files_of_networks_have_the_settings_defaults():
-    """What a layer sets beside its input are the numbers of its file, unless it says why."""
-    inputs = {"tempotron": Inputs((16, 34, 34), 64.0, 1.0), "mozafari": Inputs((4, 17, 17), 64.0, 1.0)}
-    for file, shape in inputs.items():
-        net = neuro.load(path(file))
-        layer = Layer.named(file).changed({"per_class": net.trials_section.labels.maps_per_label})
-        made = layer.network(shape, classes=10)
-        assert (net.populations.keys(), net.trials_section) == (made.populations.keys(), made.trials_section)
-        for name, one in net.projections.items():
-            assert one.synapse.parameters() == pytest.approx(made.projections[name].synapse.parameters())
-            assert one.weight == made.projections[name].weight
-
-
 def test_a_spike_raises_a_tempotron_by_its_weight():
     """It fires if the weight is its threshold, and not if it is a little less."""
     for weight, fires in ((0.5001, True), (0.4999, False)):
@@ -415,17 +344,22 @@ def test_a_spike_raises_a_tempotron_by_its_weight():
         assert (told.winner[0] >= 0) == fires
 
 
-def test_mozafari_learns_less_from_what_it_knows():
+def test_mozafari_learns_less_from_what_it_knows_and_masquelier_thorpe_doubles_its_rates():
     """Right in all of the last epoch, rewards have the smallest factor and punishments the largest; after silence both
     have the smallest."""
     layer = with_small("mozafari").layer
-    sim = neuro.compile(layer.network(Inputs((4, 8, 8), 10.0, 1.0), 3))
-    seen = []
+    sim, seen = neuro.compile(layer.network(Inputs((4, 8, 8), 10.0, 1.0), 3)), []
     for last in (None, Shares(right=1.0, wrong=0.0), Shares(right=0.25, wrong=0.5), Shares(right=0.0, wrong=0.0)):
         layer.begin(sim, 1, last)
         rule = sim.network().projections["c1_s2"].synapse
         seen.append((rule.misses, rule.hits))
     np.testing.assert_allclose(seen, [(0.2 + 0.8 * 2 / 3, 0.2 + 0.8 / 3), (0.2, 1.0), (0.6, 0.4), (0.2, 0.2)])
+    layer = with_small("masquelier_thorpe").layer
+    sim = neuro.compile(layer.network(Inputs((4, 8, 8), 10.0, 1.0), 3))
+    for seen, rate in ((0, 2**-6), (399, 2**-6), (400, 2**-5), (1600, 0.25), (10**6, 0.25)):
+        layer.pace(sim, seen)
+        rule = sim.network().projections["c1_s2"].synapse
+        assert (rule.A_plus, rule.A_minus) == (rate, -0.75 * rate)
 
 
 def test_silence_is_no_mistake(letters):
@@ -437,15 +371,6 @@ def test_silence_is_no_mistake(letters):
         learnt = learn(with_small("mozafari", theta=1e4), letters, "letters").learnt
     assert len(warned) == 1
     assert learnt["history"].tolist() == learnt["mistakes"].tolist() == [0.0] * 3
-
-
-def test_masquelier_thorpe_doubles_its_rates():
-    layer = with_small("masquelier_thorpe").layer
-    sim = neuro.compile(layer.network(Inputs((4, 8, 8), 10.0, 1.0), 3))
-    for seen, rate in ((0, 2**-6), (399, 2**-6), (400, 2**-5), (1600, 0.25), (10**6, 0.25)):
-        layer.pace(sim, seen)
-        rule = sim.network().projections["c1_s2"].synapse
-        assert (rule.A_plus, rule.A_minus) == (rate, -0.75 * rate)
 
 
 def test_must_names_neurons_by_what_they_win(letters):

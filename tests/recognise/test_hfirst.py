@@ -14,26 +14,8 @@ from neuro.events import Events, recordings
 from neuro_recognise.compare import MethodComparison, compare, contestants, show as show_compared
 from neuro_recognise.energy import bills, counted, show as show_energy
 from neuro_recognise.method import choose
-from neuro_recognise.methods.hfirst import (
-    READINGS,
-    HFirstSettings,
-    LayerResponse,
-    LayerSpikes,
-    _without_noise,
-    c1_alone,
-    c1_counts,
-    c1_spikes,
-    decide,
-    decisive,
-    network,
-    s1_spikes,
-    s2_alone,
-    s2_heard,
-    scores,
-    show,
-    shown,
-    templates,
-)
+from neuro_recognise.methods import hfirst
+from neuro_recognise.methods.hfirst import HFirstSettings, LayerResponse, LayerSpikes, decide, decisive, network, scores
 from neuro_recognise.recogniser import learn, method_of
 from neuro_recognise.shown import Features
 from neuro_recognise.telling.report import Tried
@@ -47,8 +29,7 @@ def bar(n=700, seed=4, settings=SMALL):
     rng = np.random.default_rng(seed)
     width, height = settings.size
     steps = np.cumsum(rng.integers(1, 4, n))
-    angle = 0.5 + steps / steps[-1] * 2.0
-    along, across = rng.uniform(-5.0, 5.0, n), rng.normal(0.0, 0.6, n)
+    angle, along, across = 0.5 + steps / steps[-1] * 2.0, rng.uniform(-5.0, 5.0, n), rng.normal(0.0, 0.6, n)
     x = np.clip(width / 2 + along * np.cos(angle) - across * np.sin(angle), 0, width - 1)
     y = np.clip(height / 2 + along * np.sin(angle) + across * np.cos(angle), 0, height - 1)
     t = np.rint(steps * settings.resolution * 1000.0).astype(np.int64)
@@ -64,8 +45,7 @@ class Sheet:
 
     def add(self, t, where, weights):
         """Add weights (neurons of a place, *places) at the places `where`; return the winners (neuron, *place)."""
-        free = t - self.fired[where] > self.t_ref + 1e-9
-        leaked = self.leak * (t - self.updated[where])
+        free, leaked = t - self.fired[where] > self.t_ref + 1e-9, self.leak * (t - self.updated[where])
         v = self.v[:, *where]
         v = np.where(free, np.sign(v) * np.maximum(np.abs(v) - leaked, 0.0) + weights, v)
         self.updated[where] = np.where(free, t, self.updated[where])
@@ -79,27 +59,20 @@ class Sheet:
 def c1_by_events(settings, events):
     """C1 spikes, event by event: times in ms since the first event, and neurons."""
     width, height = settings.size
-    half = settings.field // 2
-    shape = settings.shape
+    half, shape = settings.field // 2, settings.shape
     before = [max(0, n * settings.pool - length) // 2 for n, length in zip(shape[1:], (height, width), strict=True)]
-    layers = {
-        p: Sheet((shape[0], height, width), settings.s1_threshold, settings.s1_leak, settings.t_ref) for p in (0, 1)
-    }
-    heard = np.full(shape, -np.inf)
-    times, ids = [], []
+    sheet = (shape[0], height, width), settings.s1_threshold, settings.s1_leak, settings.t_ref
+    layers = {polarity: Sheet(*sheet) for polarity in (0, 1)}
+    heard, times, ids = np.full(shape, -np.inf), [], []
     for event in events.records():
         t, x, y = (event["t"] - events.t[0]) / 1000.0, int(event["x"]), int(event["y"])
         rows = slice(max(0, y - half), min(height, y + half + 1))
-        columns = slice(max(0, x - half), min(width, x + half + 1))
-        i = half + y - np.arange(rows.start, rows.stop)
+        columns, i = slice(max(0, x - half), min(width, x + half + 1)), half + y - np.arange(rows.start, rows.stop)
         j = half + x - np.arange(columns.start, columns.stop)
         fired = layers[int(event["p"])].add(t, (rows, columns), settings.gabors[:, i[:, None], j])
-        for orientation, r, c in sorted(fired):
-            cell = (
-                orientation,
-                (rows.start + r + before[0]) // settings.pool,
-                (columns.start + c + before[1]) // settings.pool,
-            )
+        for kernel, r, c in sorted(fired):
+            place = (np.array((rows.start + r, columns.start + c)) + before) // settings.pool
+            cell = (kernel, *place)
             if t - heard[cell] > settings.t_ref + 1e-9:
                 heard[cell] = t
                 times.append(t)
@@ -112,7 +85,7 @@ RESETS = replace(SMALL, c1_resets=True)
 
 @cache
 def compiled(settings, layer="whole"):
-    return neuro.compile(c1_alone(settings) if layer == "c1" else network(settings, 3))
+    return neuro.compile(hfirst.c1_alone(settings) if layer == "c1" else network(settings, 3))
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +95,7 @@ def sim():
 
 def whole(sim, settings, recording):
     """C1 spikes of the whole network."""
-    show(sim, settings, shown(settings, recording))
+    hfirst.show(sim, settings, hfirst.shown(settings, recording))
     return LayerSpikes(*sim.spikes("c1"))
 
 
@@ -140,49 +113,30 @@ def in_order(times, ids):
 def test_c1_spikes_are_those_of_the_rules_event_by_event(sim):
     recording = bar()
     found = whole(sim, SMALL, recording)
-    times, ids = in_order(*c1_by_events(SMALL, _without_noise(recording, SMALL)))
+    times, ids = in_order(*c1_by_events(SMALL, hfirst._without_noise(recording, SMALL)))
     assert ids.size > 30
     np.testing.assert_array_equal(found.ids, ids)
     np.testing.assert_allclose(found.times, times + 3 * SMALL.resolution, atol=1e-9)
-
-
-def test_a_recording_at_its_own_times_gives_the_spikes_of_the_rules(shared):
-    """The first 15 ms of N-MNIST in steps of 1 us: no two events of one polarity share a step."""
-    settings = HFirstSettings(resolution=0.001)
-    recording = recordings(shared / "data" / "nmnist" / "nmnist_train1000_bin.zip")[0].load()
-    recording = recording[recording.t < recording.t[0] + 45_000]
-    kept = _without_noise(recording, settings)
-    found = whole(neuro.compile(network(settings, 10)), settings, recording)
-    times, ids = in_order(*c1_by_events(settings, kept))
-    assert ids.size > 30
-    np.testing.assert_array_equal(found.ids, ids)
-    np.testing.assert_allclose(found.times, times + 0.003, atol=1e-9)
-
-
-def test_each_recording_starts_anew(sim):
     first = whole(sim, SMALL, bar())
     whole(sim, SMALL, bar(seed=9))
     again = whole(sim, SMALL, bar())
     np.testing.assert_array_equal(first.times, again.times)
     np.testing.assert_array_equal(first.ids, again.ids)
-
-
-def test_a_recording_of_noise_has_no_spikes(sim):
     nothing = whole(sim, SMALL, bar(n=1))
     assert nothing.times.size == nothing.ids.size == 0
-    s1 = s1_spikes(SMALL, shown(SMALL, bar(n=1)))
+    s1 = hfirst.s1_spikes(SMALL, hfirst.shown(SMALL, bar(n=1)))
     assert [spikes.ids.size for spikes in s1.values()] == [0, 0]
-    assert c1_spikes(compiled(SMALL, "c1"), SMALL, s1).ids.size == 0
+    assert hfirst.c1_spikes(compiled(SMALL, "c1"), SMALL, s1).ids.size == 0
 
 
 @pytest.mark.parametrize("settings", [SMALL, RESETS], ids=["", "resets"])
 @pytest.mark.parametrize("seed", range(3))
 def test_layer_by_layer_spikes_are_those_of_the_network(seed, settings):
     """S1 event by event, C1 alone: all spikes at the steps of the whole network, also where C1 draws ties."""
-    inputs, sim = shown(settings, bar(seed=seed)), compiled(settings)
-    s1 = s1_spikes(settings, inputs)
-    c1 = c1_spikes(compiled(settings, "c1"), settings, s1)
-    show(sim, settings, inputs)
+    inputs, sim = hfirst.shown(settings, bar(seed=seed)), compiled(settings)
+    s1 = hfirst.s1_spikes(settings, inputs)
+    c1 = hfirst.c1_spikes(compiled(settings, "c1"), settings, s1)
+    hfirst.show(sim, settings, inputs)
     for name, (times, ids) in {**s1, "c1": c1}.items():
         expected = sim.spikes(name)
         for one, other in zip(in_order(times, ids), expected, strict=True):
@@ -190,40 +144,33 @@ def test_layer_by_layer_spikes_are_those_of_the_network(seed, settings):
         assert ids.size > 20, name
 
 
-def test_layers_alone_are_named_by_their_places_in_the_file():
+def test_layers_alone_and_events_outside():
     """A chip that refuses them names the network's file, not the code that took them out."""
-    for net in (c1_alone(SMALL), s2_alone(SMALL, np.ones((3, np.prod(SMALL.shape))))):
+    for net in (hfirst.c1_alone(SMALL), hfirst.s2_alone(SMALL, np.ones((3, np.prod(SMALL.shape))))):
         with pytest.raises(
             neuro.ModelError, match=r"hfirst\.yaml:\d+:3: population '\w+': iaf_linear_leak: loihi has no"
         ):
             neuro.compile(net, backend="loihi")
-
-
-def test_an_event_outside_of_the_camera_is_refused():
-    message = refused(shown, SMALL, bar(settings=replace(SMALL, size=(30, 11))))
+    message = refused(hfirst.shown, SMALL, bar(settings=replace(SMALL, size=(30, 11))))
     assert message.startswith("an event at (")
     assert message.endswith("expected a sensor of at most 14 x 11 px\n  hint: set size")
 
 
 @pytest.fixture(scope="module")
 def learnt(of_bars):
-    return templates(SMALL, c1_counts(SMALL, of_bars), [0, 1, 2, 0], 3) + np.arange(3.0)[:, None]
+    return hfirst.templates(SMALL, hfirst.c1_counts(SMALL, of_bars), [0, 1, 2, 0], 3) + np.arange(3.0)[:, None]
 
 
-def test_s2_alone_is_the_s2_of_the_network(learnt):
+def test_s2_does_what_the_rules_say(learnt, of_bars):
     sim = neuro.compile(network(SMALL, 3, learnt))
     c1 = whole(sim, SMALL, bar())
     times, ids = sim.spikes("s2")
-    heard = s2_heard(neuro.compile(s2_alone(SMALL, learnt)), SMALL, c1)
+    heard = hfirst.s2_heard(neuro.compile(hfirst.s2_alone(SMALL, learnt)), SMALL, c1)
     assert ids.size > 3
     np.testing.assert_array_equal(heard.spikes.ids, ids)
     np.testing.assert_allclose(heard.spikes.times, times, atol=1e-9)
-
-
-def test_s2_does_what_the_rules_say(of_bars, learnt):
-    heard = s2_heard(neuro.compile(s2_alone(SMALL, learnt)), SMALL, of_bars[1])
-    place = Sheet((3, 1), SMALL.s2_threshold, SMALL.s2_leak, SMALL.t_ref)
-    fired = []
+    heard = hfirst.s2_heard(neuro.compile(hfirst.s2_alone(SMALL, learnt)), SMALL, of_bars[1])
+    place, fired = Sheet((3, 1), SMALL.s2_threshold, SMALL.s2_leak, SMALL.t_ref), []
     moments, moment_of = np.unique(np.rint(of_bars[1].times * 1e6), return_inverse=True)
     for k, moment in enumerate(moments):
         came = learnt[:, of_bars[1].ids[moment_of == k]].sum(axis=1)
@@ -231,20 +178,24 @@ def test_s2_does_what_the_rules_say(of_bars, learnt):
         np.testing.assert_allclose(heard.potentials[np.flatnonzero(moment_of == k)[0]], place.v[:, 0], atol=1e-9)
     assert len(fired) > 3
     assert fired == heard.spikes.ids.tolist()
+    nothing = LayerSpikes(np.zeros(0), np.zeros(0, dtype=np.int64))
+    heard = hfirst.s2_heard(neuro.compile(hfirst.s2_alone(SMALL, np.ones((3, np.prod(SMALL.shape))))), SMALL, nothing)
+    assert heard.potentials.shape == (0, 3)
+    assert all(np.isnan(decisive(heard, reading)).all() for reading in hfirst.READINGS)
+    assert decide(heard, "potentials") == decide(heard) == -1
 
 
 def test_orientations_of_a_cell_may_reset_each_other(of_bars):
     fewer = whole(compiled(RESETS), RESETS, bar(seed=0))
     assert 0 < fewer.ids.size < of_bars[0].ids.size
     cells = fewer.ids % np.prod(RESETS.shape[1:])
-    for cell in np.unique(cells):
-        assert np.all(np.diff(fewer.times[cells == cell]) > RESETS.t_ref)
+    assert all(np.all(np.diff(fewer.times[cells == cell]) > RESETS.t_ref) for cell in np.unique(cells))
 
 
 def test_templates_are_counts_at_a_norm_of_100():
     settings = HFirstSettings(size=(4, 4), orientations=4)
     counts = np.array([[300, 0, 1, 400], [0, 0, 0, 0], [0, 2, 0, 0], [0, 2, 0, 0]])
-    found = templates(settings, counts, [0, 1, 2, 2], 4)
+    found = hfirst.templates(settings, counts, [0, 1, 2, 2], 4)
     np.testing.assert_allclose(found[0], [60.0, -1.0, -1.0, 80.0], atol=1e-3)
     np.testing.assert_array_equal(found[[1, 3]], -1.0)
     np.testing.assert_array_equal(found[2], [-1.0, 100.0, -1.0, -1.0])
@@ -263,9 +214,6 @@ def test_readings():
     silent = heard._replace(spikes=LayerSpikes(np.zeros(0), np.zeros(0, dtype=np.int64)))
     assert [decide(silent, reading) for reading in ("hard", "soft", "potentials")] == [1, 1, 1]
     assert refused(decide, heard, "loud") == "reading = 'loud': expected one of hard, soft, potentials"
-
-
-def test_equal_spikes_are_decided_by_potentials_which_weigh_less_than_a_spike():
     heard = LayerResponse(
         LayerSpikes(np.arange(3.0), np.array([1, 2, 2])), np.array([[9.0, 1.0, 0.0], [0.0, 5.0, 2.0]])
     )
@@ -276,33 +224,31 @@ def test_equal_spikes_are_decided_by_potentials_which_weigh_less_than_a_spike():
     np.testing.assert_allclose(decisive(without, "soft"), [2 / 3, 1 / 3, 0.0])
 
 
-def test_s2_that_hears_nothing_is_silent():
-    nothing = LayerSpikes(np.zeros(0), np.zeros(0, dtype=np.int64))
-    heard = s2_heard(neuro.compile(s2_alone(SMALL, np.ones((3, np.prod(SMALL.shape))))), SMALL, nothing)
-    assert heard.potentials.shape == (0, 3)
-    assert all(np.isnan(decisive(heard, reading)).all() for reading in READINGS)
-    assert decide(heard, "potentials") == decide(heard) == -1
-
-
-def test_the_file_has_the_values_of_the_settings():
+def test_the_network_has_the_values_of_the_settings_and_what_was_learnt():
     ours, theirs = network(HFirstSettings(), 10), neuro.load(neuro_models.path("hfirst"))
     for name in ("on_s1", "off_s1"):
         kernels = ours.projections.pop(name).weight, theirs.projections.pop(name).weight
         np.testing.assert_allclose(*kernels, atol=0.0005)
     assert ours == theirs
+    learnt = {"templates": np.arange(3.0 * 2 * 2 * 2).reshape(3, -1)}
+    net = method_of("hfirst", values={"size": [8, 8], "orientations": 2}).network(learnt)
+    assert net.populations["s1_on"].shape == (2, "auto", "auto")
+    *_, weights = neuro.compile(net).weights("c1_s2")
+    np.testing.assert_array_equal(weights.reshape(8, 3), learnt["templates"].T)
 
 
 def test_pips_are_told_apart(shared):
     """Upright pips of POKER-DVS, every third to test; 90 % in five folds."""
     settings = HFirstSettings(size=(35, 35))
     found = [r for r in recordings(shared / "data" / "poker_dvs" / "poker_dvs_shared_aedat2.zip") if "i." not in r.name]
-    sim = neuro.compile(c1_alone(settings))
-    c1 = [c1_spikes(sim, settings, s1_spikes(settings, shown(settings, one.load()))) for one in found]
-    labels = np.array([one.label for one in found])
-    train = np.arange(len(found)) % 3 != 0
-    learnt = templates(settings, c1_counts(settings, c1)[train], labels[train], 4)
-    s2 = neuro.compile(s2_alone(settings, learnt))
-    right = [decide(s2_heard(s2, settings, c1[k]), "potentials") == labels[k] for k in np.flatnonzero(~train)]
+    sim = neuro.compile(hfirst.c1_alone(settings))
+    c1 = [
+        hfirst.c1_spikes(sim, settings, hfirst.s1_spikes(settings, hfirst.shown(settings, one.load()))) for one in found
+    ]
+    labels, train = np.array([one.label for one in found]), np.arange(len(found)) % 3 != 0
+    learnt = hfirst.templates(settings, hfirst.c1_counts(settings, c1)[train], labels[train], 4)
+    s2 = neuro.compile(hfirst.s2_alone(settings, learnt))
+    right = [decide(hfirst.s2_heard(s2, settings, c1[k]), "potentials") == labels[k] for k in np.flatnonzero(~train)]
     assert np.mean(right) >= 0.75
 
 
@@ -319,19 +265,10 @@ def test_what_is_observed_does_not_depend_on_s2():
     assert method_of("hfirst", "poker").observing() != first
 
 
-def test_the_network_has_what_was_learnt():
-    learnt = {"templates": np.arange(3.0 * 2 * 2 * 2).reshape(3, -1)}
-    net = method_of("hfirst", values={"size": [8, 8], "orientations": 2}).network(learnt)
-    assert net.populations["s1_on"].shape == (2, "auto", "auto")
-    *_, weights = neuro.compile(net).weights("c1_s2")
-    np.testing.assert_array_equal(weights.reshape(8, 3), learnt["templates"].T)
-
-
 @pytest.fixture(scope="module")
 def bars():
     """What upright and lying bars show."""
-    method = method_of("hfirst", values={"size": [12, 12], "orientations": 4})
-    events = []
+    method, events = method_of("hfirst", values={"size": [12, 12], "orientations": 4}), []
     for k in range(8):
         rng = np.random.default_rng(k)
         along, across = rng.integers(2, 11, 300), 3 + np.arange(300) // 50 + rng.integers(0, 2, 300)
@@ -370,8 +307,7 @@ def test_its_bill_and_the_chips_that_refuse_it(bars, capsys):
     assert "frames" not in counts
     macs = 2 * 4 * 72 * 72 + 2 * 4 * 9 * 16 + 4 * 9 * 2  # a field of 7 covers 7 * 12 - 12 places along a side of 12
     assert counts["steps"] * 8 == told.run[1].counts.steps
-    per_mac = told.bills["cpu"].items[0].joules_each
-    assert told.bills["cpu"].total_j == pytest.approx(counts["steps"] * macs * per_mac)
+    assert told.bills["cpu"].total_j == pytest.approx(counts["steps"] * macs * told.bills["cpu"].items[0].joules_each)
     show_energy(model, tried, told)
     text = capsys.readouterr().out
     assert f"- loihi refuses the network: {REFUSED}\n" in text

@@ -1,7 +1,5 @@
 """HOTS: kernels beside a plain reading of the paper, training that goes on, distances with known values."""
 
-import re
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -10,7 +8,7 @@ from neuro.events import Events
 from neuro_recognise.method import Course
 from neuro_recognise.methods.hots import Hierarchy, Layers
 from neuro_recognise.parts.readouts import DISTANCES, Nearest, bhattacharyya, normalised, standard
-from refused import refused
+from refused import refusals_of
 
 SIZE = (9, 7)
 SMALL = Hierarchy(layers=2, radius=1, tau=3.0, centres=3, tau_factor=4.0, first="drawn")
@@ -49,8 +47,7 @@ class Plain:
 
     def learn(self, recordings, orders):
         for layer, order in enumerate(orders):
-            n = self.s.centres_of(layer)
-            first = recordings[order[0]]
+            n, first = self.s.centres_of(layer), recordings[order[0]]
             made = self.surfaces(first, self.below(first, layer), layer)
             self.centres.append([next(made).copy() for _ in range(n)])
             self.wins.append([1] * n)
@@ -61,8 +58,7 @@ class Plain:
     def move(self, surface, layer):
         k = self.nearest(surface, layer)
         c, wins = self.centres[layer][k], self.wins[layer][k]
-        alpha = 0.01 / (1 + wins / 20000)
-        beta = np.sum(c * surface) / (np.linalg.norm(c) * np.linalg.norm(surface))
+        alpha, beta = 0.01 / (1 + wins / 20000), np.sum(c * surface) / (np.linalg.norm(c) * np.linalg.norm(surface))
         self.centres[layer][k] = c + alpha * (surface - beta * c)
         self.wins[layer][k] += 1
 
@@ -71,8 +67,7 @@ class Plain:
 def test_the_paper_read_plainly(polarity):
     s = Hierarchy(layers=2, radius=2, tau=3.0, centres=3, tau_factor=4.0, polarity=polarity)
     size = (3, 3)  # all see each other: lone events would make equal prototypes, between which rounding decides
-    recordings = [drawn(k, 100, size) for k in range(4)]
-    layers = Layers(s, size, seed=5)
+    recordings, layers = [drawn(k, 100, size) for k in range(4)], Layers(s, size, seed=5)
     layers.learn(recordings)
     plain = Plain(s, size)
     plain.learn(recordings, [np.random.default_rng([5, layer]).permutation(4) for layer in range(2)])
@@ -105,8 +100,7 @@ def test_prototypes_begin_as_surfaces_of_events_of_any_recording():
 
 
 def test_a_training_goes_on_to_the_same_bits():
-    recordings = [drawn(k) for k in range(3)]
-    whole, kept = Layers(SMALL, SIZE, seed=1), []
+    recordings, whole, kept = [drawn(k) for k in range(3)], Layers(SMALL, SIZE, seed=1), []
     whole.learn(recordings, lambda layers, done, total: kept.append((layers.state(), done, total)))
     assert [part[1:] for part in kept] == [(k, 6) for k in range(1, 7)]
     for state, _, _ in kept:
@@ -148,8 +142,7 @@ def test_cells_are_counted_each_by_itself(learnt):
 
 def edge(along, seed):
     """An edge that moves over the field, along x or y, with jitter."""
-    rng = np.random.default_rng(seed)
-    step, across = (np.repeat(np.arange(20), 20), np.tile(np.arange(20), 20))
+    rng, step, across = np.random.default_rng(seed), np.repeat(np.arange(20), 20), np.tile(np.arange(20), 20)
     t = np.sort(1000 * step + rng.integers(0, 900, 400))
     x, y = (step, across) if along == "x" else (across, step)
     return Events(t, x, y, np.ones(400, int), (20, 20))
@@ -157,47 +150,28 @@ def edge(along, seed):
 
 @pytest.mark.parametrize("name", DISTANCES)
 def test_edges_are_told_apart_by_each_distance(name):
-    recordings = [edge("xy"[k % 2], k) for k in range(12)]
-    labels = np.arange(12) % 2
+    recordings, labels = [edge("xy"[k % 2], k) for k in range(12)], np.arange(12) % 2
     layers = Layers(Hierarchy(layers=2, tau=3.0, tau_factor=3.0, centres=6, first="drawn"), (20, 20))
     layers.learn(recordings[:8])
-    histograms = np.array([layers.features(one).ravel() for one in recordings])
-    readout = Nearest(distance=name)
-    learnt = readout.fit(histograms[:8], labels[:8], 3, Course())
-    scores = readout.scores(learnt, histograms[8:])
+    histograms, readout = np.array([layers.features(one).ravel() for one in recordings]), Nearest(distance=name)
+    scores = readout.scores(readout.fit(histograms[:8], labels[:8], 3, Course()), histograms[8:])
     assert scores.argmax(axis=1).tolist() == labels[8:].tolist()
     assert np.isneginf(scores[:, 2]).all()
 
 
-def test_distances_have_known_values():
+def test_known_values():
     one, means = np.array([[3, 1], [0, 4]]), np.array([[3.0, 1.0], [6.0, 2.0], [0.0, 8.0]])
     np.testing.assert_allclose(standard(one, means), [[0, 10**0.5, 58**0.5], [18**0.5, 40**0.5, 4]])
     half = 0.75 * 2**0.5
     np.testing.assert_allclose(normalised(one, means), [[0, 0, half], [half, half, 0]])
     np.testing.assert_allclose(bhattacharyya(one, means)[0], [0, 0, -np.log(0.5)], atol=1e-15)
     assert bhattacharyya(np.array([[1, 0]]), np.array([[0.0, 1.0]])).tolist() == [[np.inf]]
-
-
-def test_layers_grow_as_the_paper_says():
     s = Hierarchy()
     assert [(s.radius_of(k), s.tau_of(k), s.centres_of(k), s.channels_of(k)) for k in range(3)] == [
         (2, 10_000, 4, 2), (4, 100_000, 8, 4), (8, 1_000_000, 16, 8),
     ]  # fmt: skip
 
 
-def test_mistakes(learnt):
+def test_mistakes(learnt, messages):
     fresh = Layers(SMALL, SIZE)
-    for message, call in {
-        "hierarchy 'time_surfaces': tau = 0: expected a number > 0 ms": lambda: Hierarchy(tau=0),
-        "hierarchy 'time_surfaces': first = 'random': expected one of first, drawn\n  hint: known: drawn, first":
-            lambda: Hierarchy(first="random"),
-        "layer 1: 0 of 2 layers are learnt": lambda: fresh.features(drawn(0)),
-        "layer 2: 2 of 2 layers are learnt": lambda: learnt.assigned(drawn(0), 2),
-        "2 events for the 3 prototypes of layer 0, expected one for each": lambda: fresh.learn([drawn(0, 2)]),
-        "cell = -7: expected a whole number >= 0": lambda: learnt.features(drawn(0, 30, (20, 20)), cell=-7),
-        "prototypes of layer 0 are (3, 3, 2, 3), expected (5, 5, 2, 4)":
-            lambda: Layers.from_state(Hierarchy(layers=2, centres=4), SIZE, learnt.state()),
-    }.items():  # fmt: skip
-        assert refused(call) == message
-    off = refused(learnt.features, drawn(0, 30, (30, 20)))
-    assert re.match(r"<Events 30 of 30x20, .*>: an event is off the field of 20x20, expected all", off)
+    messages(refusals_of(messages.cases, globals() | locals()))

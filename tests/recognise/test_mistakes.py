@@ -15,39 +15,21 @@ from neuro_recognise.method import METHODS
 from neuro_recognise.methods import method_of
 from neuro_recognise.methods.descriptor import Descriptor
 from neuro_recognise.parts.readouts import Readout
+from refused import mistakes_of
 
 
-def test_a_backend_for_nothing_is_refused_by_all_commands(neuro, folder, model):
-    file = next((folder / "Test" / "lying").glob("*.bin"))
-    commands = [("train", name, "--data", folder) for name, method in METHODS.items() if not method.spikes]
-    commands += [("test", "m.h5", "--data", folder), ("predict", "m.h5", file), ("watch", "m.h5", file)]
-    for words in commands:
-        code, out, err = neuro(*words, "--backend", "loihi")
-        assert (code, out) == (2, ""), words
-        name = words[1] if words[0] == "train" else "hats"
-        assert err == (
-            f"error: backend = 'loihi': method '{name}' has no network that could run on it\n"
-            "  hint: leave it out; methods with a network: remus, edhmax_tempotron, hfirst, masquelier_thorpe, "
-            "mozafari, must, dense, conv, recurrent, learnt_delays\n"
-        )
-
-
-def test_an_unknown_backend_is_told_before_any_recording_is_read(neuro, folder, learning, monkeypatch):
+def test_backends_are_looked_at_before_any_recording_is_read(neuro, folder, learning, monkeypatch, model, messages):
     monkeypatch.setattr(type(learning), "sensor_size", None)
-    for words in (("train", "must", "--data", folder), ("compare", "--data", folder, "--method", "hats")):
-        code, out, err = neuro(*words, "--backend", "evnt")
-        assert (code, out, err) == (2, "", "error: unknown backend 'evnt'\n  hint: did you mean 'event'?\n")
+    messages(mistakes_of(neuro, messages.cases, folder=folder))
 
 
 def test_of_no_recordings_there_are_no_scores(learning, model):
     for made in (Recogniser.load(model), fit(learning, "boe")):
-        assert made.scores([]).shape == (0, 3)
-        assert made.predict([]).shape == (0,)
-        assert made.predict(learning.take([])).shape == (0,)
-        assert made.scores_at(learning[0].load(), []).shape == (0, 3)
+        assert (made.scores([]).shape, made.predict([]).shape) == ((0, 3), (0,))
+        assert (made.predict(learning.take([])).shape, made.scores_at(learning[0].load(), []).shape) == ((0,), (0, 3))
 
 
-def test_files_beside_a_damaged_one_are_predicted(neuro, folder, model, tmp_path):
+def test_recordings_that_are_damaged_empty_or_none(neuro, folder, model, tmp_path):
     good = sorted((folder / "Test" / "lying").glob("*.bin"))[:2]
     (tmp_path / "bad.bin").write_bytes(good[0].read_bytes()[:-2])
     code, out, err = neuro("predict", "m.h5", good[0], "bad.bin", good[1], "nothing.bin", "--json")
@@ -55,11 +37,14 @@ def test_files_beside_a_damaged_one_are_predicted(neuro, folder, model, tmp_path
     assert re.fullmatch(r"error: bad\.bin: byte \d+: .*\nerror: nothing\.bin: no such file\n", err)
     code, out, err = neuro("predict", "m.h5", "bad.bin")
     assert (code, out, err.count("error: ")) == (2, "", 1)
+    save(Events([], [], [], [], (34, 34)), tmp_path / "empty.npz")
+    code, out, _ = neuro("predict", "m.h5", "empty.npz", "--json")
+    (said,) = json.loads(out)
+    assert (code, said["class"], said["decided_ms"], said["scores"]) == (0, None, None, None)
 
 
 def test_a_recogniser_of_another_training_stays(neuro, folder, model, tmp_path):
-    train = ("train", "hats", "--data", folder, "--out", "m.h5")
-    before = (tmp_path / "m.h5").read_bytes()
+    train, before = ("train", "hats", "--data", folder, "--out", "m.h5"), (tmp_path / "m.h5").read_bytes()
     hint = "\n  hint: give another name, or --force (in Python replace=True) to replace it\n"
     for words, told in (
         ((*train, "--seed", "1"), "seed = 0: found 1 now"),
@@ -70,10 +55,8 @@ def test_a_recogniser_of_another_training_stays(neuro, folder, model, tmp_path):
     ):
         code, out, err = neuro(*words)
         assert (code, out, err) == (2, "", f"error: m.h5: a recogniser that was trained with {told}{hint}")
-    assert neuro(*train)[0] == 0
-    assert (tmp_path / "m.h5").read_bytes() == before
-    assert neuro(*train, "--seed", "1", "--force")[0] == 0
-    assert neuro(*train, "--seed", "1")[0] == 0
+    assert (neuro(*train)[0], (tmp_path / "m.h5").read_bytes()) == (0, before)
+    assert (neuro(*train, "--seed", "1", "--force")[0], neuro(*train, "--seed", "1")[0]) == (0, 0)
 
 
 READ = [name for name, method in METHODS.items() if "readout" in method.__dataclass_fields__]
@@ -88,8 +71,7 @@ READ = [name for name, method in METHODS.items() if "readout" in method.__datacl
 def test_readouts_read_every_method_and_bags_of_events_at_any_scale(learning, unseen, name, values, tmp_path_factory):
     cache = tmp_path_factory.getbasetemp() / "read"
     values |= {"A_plus": 0.05} if name == "masquelier_thorpe" else {}
-    made = fit(learning, method_of(name, values=values), cache=cache)
-    scores = made.scores(unseen)
+    scores = fit(learning, method_of(name, values=values), cache=cache).scores(unseen)
     full = np.array([len(item.load()) > 0 for item in unseen])
     assert np.isfinite(scores[full]).all()
     assert np.isnan(scores[~full]).all()
@@ -133,13 +115,10 @@ def compared(data, folder, *names, **more):
     return compare(data, plan, lambda progress: None)
 
 
-def test_a_method_that_recordings_do_not_fit_says_so_and_others_go_on(picky, learning, tmp_path):
+def test_what_a_method_or_chip_refuses_is_a_row_beside_others(picky, learning, tmp_path):
     one, other = compared(learning, tmp_path / "all", "picky", "hats")
     assert re.fullmatch(r".*/Train/lying/1\.bin: found 90 ms: expected at least 100 ms", one.refused)
     assert (one.of_seeds, other.refused, other.accuracy) == ((), "", 1.0)
-
-
-def test_a_chip_that_refuses_a_network_is_told_in_its_row(learning, tmp_path):
     (one,) = compared(learning, tmp_path / "all", "must", backend="loihi")
     assert one.refused.startswith("backend 'loihi' cannot run this network (1 problem): ")
     assert "must.yaml:40:3: population 'excited': adaptive" in one.refused
@@ -165,12 +144,10 @@ def test_a_fold_is_kept_until_code_or_settings_change(learning, tmp_path, monkey
         return sorted(f.name for f in folder.glob("*.json") if before.get(f) != f.stat().st_mtime_ns)
 
     both = ["hats-0-0.json", "hats-0-1.json"]
-    assert written("hats") == both
-    assert written("hats") == []
+    assert (written("hats"), written("hats")) == (both, [])
     assert written("hats", targets=("loihi",), backend="reference") == [], "neither concerns it"
     monkeypatch.setattr("neuro_recognise.compare.code_of", lambda method: "other")
-    assert written("hats") == both
-    assert written("hats:poker") == ["hats-poker-0-0.json", "hats-poker-0-1.json"]
+    assert (written("hats"), written("hats:poker")) == (both, ["hats-poker-0-0.json", "hats-poker-0-1.json"])
 
 
 def test_another_target_runs_one_fold_again(letters, small, tmp_path, monkeypatch, learning):
@@ -183,12 +160,4 @@ def test_another_target_runs_one_fold_again(letters, small, tmp_path, monkeypatc
     (second,) = compared(learning, folder, "remus", targets=("loihi", "gpu"))
     again = {file.name: file.stat().st_mtime_ns for file in folder.glob("*.json")}
     assert [name for name in sorted(again) if again[name] != before[name]] == ["remus-0-0.json"]
-    assert list(second.bills) == ["loihi", "gpu"]
-    assert second.bills["gpu"] == first.bills["gpu"]
-
-
-def test_an_empty_recording_is_silent(neuro, model, tmp_path):
-    save(Events([], [], [], [], (34, 34)), tmp_path / "empty.npz")
-    code, out, _ = neuro("predict", "m.h5", "empty.npz", "--json")
-    (said,) = json.loads(out)
-    assert (code, said["class"], said["decided_ms"], said["scores"]) == (0, None, None, None)
+    assert (list(second.bills), second.bills["gpu"]) == (["loihi", "gpu"], first.bills["gpu"])

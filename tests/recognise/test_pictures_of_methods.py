@@ -12,10 +12,9 @@ from neuro_recognise.recogniser import fit, method_of
 from neuro_recognise.telling.pictures import accuracies, boxes_on_frames, confusion, images, prototypes, reconstructed
 
 
-def test_a_weight_is_drawn_as_its_filter():
+def test_pictures_of_templates_and_weights():
     """In the middle of its cell, as strong as it is, and nothing of a negative weight."""
-    filters = gabor_bank((5,), (2.0,), (2.5,), 0.3, (0.0, 45.0))[0]
-    kernels = np.zeros((2, 2, 6, 7))
+    filters, kernels = gabor_bank((5,), (2.0,), (2.5,), 0.3, (0.0, 45.0))[0], np.zeros((2, 2, 6, 7))
     kernels[0, 1, 2, 3], kernels[1, 0, 4, 4] = 0.5, -1.0
     found = reconstructed(kernels, filters, 2)
     assert found.shape == (2, 12, 14)
@@ -23,6 +22,12 @@ def test_a_weight_is_drawn_as_its_filter():
     alone[5 - 2 : 5 + 3, 7 - 2 : 7 + 3] = 0.5 * filters[1]
     np.testing.assert_allclose(found[0], gaussian_filter(np.maximum(alone, 0.0), 1.0, mode="constant"), atol=1e-12)
     assert not found[1].any()
+    method, templates = method_of("hfirst", "", {"size": [16, 16], "orientations": 4}), np.full((3, 4 * 16), -1.0)
+    templates[1, 2 * 16 + 4 * 1 + 2] = 100.0
+    figure = method.pictures({"templates": templates}, ("a", "b", "c"))["templates"]
+    images = images_of(figure)
+    assert np.unravel_index(images[1].argmax(), (16, 16)) == (6, 10)
+    assert not images[0].any()
 
 
 def images_of(figure):
@@ -33,8 +38,7 @@ def images_of(figure):
 def test_averages_of_classes(name, learning):
     """Each picture is the sum over polarities of the mean of what recordings of a class show."""
     made = fit(learning, method_of(name, "", {"cell": 17, "radius": 2}))
-    figure = made.method.pictures(made.learnt, made.classes)["averages"]
-    shown = made.shown(learning)
+    figure, shown = made.method.pictures(made.learnt, made.classes)["averages"], made.shown(learning)
     assert [axis.get_title() for axis in figure.axes] == list(made.classes)
     for k, image in enumerate(images_of(figure)):
         vectors = shown.take(np.flatnonzero(shown.labels == k)).stacked("vector")
@@ -49,20 +53,7 @@ def test_prototypes_of_each_layer(learning):
     first, second = (images_of(figure) for figure in drawn.values())
     centres = made.learnt["centres_0"]
     np.testing.assert_array_equal(first[2], centres[:, :, 1, 2] - centres[:, :, 0, 2])
-    assert len(first) == 4
-    assert len(second) == 8
-    assert second[0].shape == (9, 9)
-
-
-def test_templates_of_hfirst():
-    """A template with one C1 neuron is drawn round the middle of its cell."""
-    method = method_of("hfirst", "", {"size": [16, 16], "orientations": 4})
-    templates = np.full((3, 4 * 16), -1.0)
-    templates[1, 2 * 16 + 4 * 1 + 2] = 100.0
-    figure = method.pictures({"templates": templates}, ("a", "b", "c"))["templates"]
-    images = images_of(figure)
-    assert np.unravel_index(images[1].argmax(), (16, 16)) == (6, 10)
-    assert not images[0].any()
+    assert (len(first), len(second), second[0].shape) == (4, 8, (9, 9))
 
 
 def test_names_of_classes_are_no_formulas(tmp_path):

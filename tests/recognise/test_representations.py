@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-import neuro
 from neuro.events import Events
 from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.observations import observed
 from neuro_recognise.parts.banks import Counts, Leaky, Surface
 from neuro_recognise.recogniser import learn, method_of
+from refused import refused
 
 SIZE = (9, 7)
 
@@ -31,8 +31,7 @@ def some(seed, n=120, length=60_000):
 @pytest.mark.parametrize("seen", [Counts(), Leaky(tau=8.0), Surface(tau=8.0)])
 def test_by_hand(seen, seed, cuts):
     """Segments may be empty or end amid events of one time, which their places then tell apart."""
-    events, bounds = some(seed), np.array([0, *sorted(cuts)])
-    expected = np.zeros((len(cuts), 7, 9))
+    events, bounds, expected = some(seed), np.array([0, *sorted(cuts)]), np.zeros((len(cuts), 7, 9))
     for k, (begin, end) in enumerate(pairwise(bounds)):
         for i in range(begin if seen == Counts() else 0, end):
             share = 1.0 if seen == Counts() else np.exp((events.t[i] - events.t[end - 1]) / 8000.0)
@@ -46,8 +45,7 @@ def test_by_hand(seen, seed, cuts):
 @pytest.mark.parametrize("name", ["counts", "leaky", "surface"])
 def test_of_nothing(name):
     method = Remus().changed({"representation": name, "size": [34, 34]})
-    empty = method.representation.pixels(some(0)[:0], np.array([0]))
-    assert [len(part) for part in empty] == [0, 0, 0, 1]
+    assert [len(part) for part in method.representation.pixels(some(0)[:0], np.array([0]))] == [0, 0, 0, 1]
     assert len(method.observe(Events([], [], [], [], (34, 34)))["ends"]) == 0
 
 
@@ -83,8 +81,7 @@ def test_early_decisions_look_at_nothing_later(early, name):
         events, times = moving(label, 50), [3.0, 5.5, 20.0, 60.0, 1000.0]
         scores = recogniser.scores_at(events, times)
         for time, row in zip(times, scores, strict=True):
-            beginning = events[events.t <= events.t[0] + 1000 * time]
-            np.testing.assert_array_equal(recogniser.scores(beginning)[0], row)
+            np.testing.assert_array_equal(recogniser.scores(events[events.t <= events.t[0] + 1000 * time])[0], row)
         assert np.isnan(scores[0]).all()  # no segment is complete
         assert scores[1:].argmax(axis=1).tolist() == [label] * 4
         session = recogniser.session(every_ms=10.0, window_ms=100.0)
@@ -100,9 +97,4 @@ def test_what_can_be_changed_after_training(early):
     frames = early.changed({"representation": "counts", "segmenter": "msd", "threshold": 40.0})
     assert frames.learnt is early.learnt
     assert [frames.predict(moving(label, 60))[0] for label in (0, 1)] == [0, 1]
-    with pytest.raises(neuro.ModelError) as error:
-        early.changed({"theta": 3.0})
-    assert str(error.value) == (
-        "method 'remus': 'layer' cannot be changed after training, which depends on it\n"
-        "  hint: what can: segmenter, representation, vote; or train anew"
-    )
+    assert "'layer' cannot be changed after training" in refused(early.changed, {"theta": 3.0})

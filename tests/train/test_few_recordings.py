@@ -70,9 +70,7 @@ def test_what_is_measured_is_not_measured_again(few, data, tmp_path, monkeypatch
     assert {(one["right"], one["tested"]) for one in found} == {(3, 4)}
     file.write_text(file.read_text()[:-20])  # a kill while the last line was written
     assert len(few.lines(file)) == 7
-    for _ in range(2):
-        assert few.measured(bench, file, 2, ("hats", "remus")) == found
-        assert bench.asked == 9
+    assert all((few.measured(bench, file, 2, ("hats", "remus")), bench.asked) == (found, 9) for _ in range(2))
 
 
 def test_points_have_the_mean_and_the_ends_of_the_draws(few):

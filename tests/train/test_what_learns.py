@@ -124,8 +124,7 @@ def test_neurons_learn_within_their_bounds(learn, words, rate, lowest):
 
 
 def test_delays_learn_within_their_bounds(learn):
-    trained = learn(trainable=("hidden_out=delay",), rate=8.0)
-    assert float(trained.module.delays["hidden_out"].detach().min()) == 5.0
+    assert float(learn(trainable=("hidden_out=delay",), rate=8.0).module.delays["hidden_out"].detach().min()) == 5.0
 
 
 def in_pa(times=1.0):
@@ -137,15 +136,17 @@ def in_pa(times=1.0):
     net.population("out", 3, cell)
     rng = np.random.default_rng(1)
     for a, b, n, std in (("pixels", "hidden", 2880, 150.0), ("hidden", "out", 30, 400.0)):
-        weight = times * rng.normal(0.0, std, n)
-        net.connect(a, b, snn.all_to_all(), weight=weight, delay=5.0, name=f"{a}_{b}")
+        net.connect(a, b, snn.all_to_all(), weight=times * rng.normal(0.0, std, n), delay=5.0, name=f"{a}_{b}")
     return net
 
 
-def test_weights_in_pa_learn_at_the_default_rate(learn):
+def test_weights_in_pa_and_of_networks_that_ship_learn_at_the_default_rate(learn, late):
     trained = learn(in_pa(), epochs=20)
     assert trained.curves["right"][-1] >= 0.9
     assert trained.rates == {"pixels_hidden": 10.0, "hidden_out": 10.0}
+    for name in ("dense", "conv", "recurrent", "learnt_delays"):
+        module = trainer.module_of(snn.load(neuro_models.path(name)), TrainingPlan(input="pixels", output="out"))
+        assert set(trainer.sizes(module).values()) == {1.0}
 
 
 @pytest.mark.parametrize("times", [1e3])
@@ -155,12 +156,6 @@ def test_another_unit_changes_nothing_that_is_learnt(learn, times):
     for name, weight in plain.module.weights.items():
         torch.testing.assert_close(other.module.weights[name], times * weight, rtol=1e-3, atol=1e-2 * times)
     np.testing.assert_allclose(other.curves["loss"], plain.curves["loss"], rtol=1e-3)
-
-
-def test_the_networks_that_ship_learn_at_the_rate_as_it_is_said(late):
-    for name in ("dense", "conv", "recurrent", "learnt_delays"):
-        module = trainer.module_of(snn.load(neuro_models.path(name)), TrainingPlan(input="pixels", output="out"))
-        assert set(trainer.sizes(module).values()) == {1.0}
 
 
 @pytest.mark.parametrize(

@@ -36,8 +36,7 @@ def square():
 @pytest.fixture(scope="module")
 def sparse(folder, tmp_path_factory):
     """The recordings of bars, each somewhere on a larger sensor."""
-    large = tmp_path_factory.mktemp("large")
-    rng = np.random.default_rng(4)
+    large, rng = tmp_path_factory.mktemp("large"), np.random.default_rng(4)
     for item in recordings(folder, part="Train"):
         path = large / Path(item.path).parent.name / Path(item.path).name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -68,38 +67,26 @@ def test_round_what_is_shown_wherever_it_lies(square, place, noise):
         np.testing.assert_array_equal(getattr(found, name), getattr(square[kept], name), err_msg=name)
 
 
-def test_what_is_small_comes_to_the_middle(square):
+def test_windows(square):
     found = windowed(on_sensor(square, 0, 28), (20, 18), None, 0.0, 1000.0, "one")
     assert (found.x.min(), found.x.max(), found.y.min(), found.y.max()) == (4, 15, 3, 14)
-
-
-def test_only_what_is_seen_says_where_the_window_lies(square):
     early, late = on_sensor(square, 3, 3), on_sensor(square, 40, 20)
     both = Events(np.r_[early.t, late.t + 50_000], np.r_[early.x, late.x], np.r_[early.y, late.y],
                   np.r_[early.p, late.p], SENSOR)  # fmt: skip
     for start in (0.0, 50.0):
-        found = windowed(both, (SIDE, SIDE), None, start, 40.0, "one")
-        np.testing.assert_array_equal(found.x, square.x)
-
-
-def test_from_a_pixel_on(square):
+        np.testing.assert_array_equal(windowed(both, (SIDE, SIDE), None, start, 40.0, "one").x, square.x)
     found = windowed(on_sensor(square, 20, 9), (15, 14), (18, 8), 0.0, 1000.0, "one")
     np.testing.assert_array_equal(found.x, square.x + 2)
     np.testing.assert_array_equal(found.y, square.y + 1)
     told = "one: 24 of 288 events lie outside of the window of 12x12 px at 21,9: expected at most 5%"
     with pytest.raises(ModelError, match=told):
         windowed(on_sensor(square, 20, 9), (SIDE, SIDE), (21, 9), 0.0, 1000.0, "one")
-
-
-def test_a_recording_without_events_shows_nothing():
-    empty = Events([], [], [], [], SENSOR)
-    found = windowed(empty, (SIDE, SIDE), None, 0.0, 100.0, "one")
+    found = windowed(Events([], [], [], [], SENSOR), (SIDE, SIDE), None, 0.0, 100.0, "one")
     assert (len(found), found.sensor_size) == (0, (SIDE, SIDE))
 
 
 def test_a_network_sees_the_same_on_a_larger_sensor(folder, file, sparse):
-    words = {"input": "pixels", "output": "out", "duration": 60.0}
-    net = snn.load(file)
+    words, net = {"input": "pixels", "output": "out", "duration": 60.0}, snn.load(file)
     small = show(net, recordings(folder, part="Train"), TrainingPlan(**words), lambda *told: None)
     large = show(net, recordings(sparse), TrainingPlan(**words, window="centred"), lambda *told: None)
     np.testing.assert_array_equal(small.labels, large.labels)
@@ -120,8 +107,7 @@ def test_recognisers_see_the_same_field(tmp_path, square):
     path = tmp_path / "square" / "one.npz"
     path.parent.mkdir()
     save(on_sensor(square, 0, 0), path)
-    data = recordings(tmp_path)
-    net = snn.load(path_of("dense"), params={"height": SIDE, "width": SIDE, "classes": 1})
+    data, net = recordings(tmp_path), snn.load(path_of("dense"), params={"height": SIDE, "width": SIDE, "classes": 1})
     plan = TrainingPlan(input="pixels", output="out", duration=60.0, window="0,0")
     shown = show(net, data, plan, lambda *told: None)
     method = method_of("dense", values={"size": [SIDE, SIDE], "duration": 60.0})

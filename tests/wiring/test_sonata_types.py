@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import neuro
+from golden_messages import Messages
+from refused import refusals_of
 
 PRE, POST = [0, 1, 2, 3, 0, 2], [1, 2, 3, 0, 2, 1]
 EDGE_TYPES = (
@@ -40,8 +42,7 @@ def edges(path: Path, **more: Any) -> Path:
 
 
 def synapses(folder: Path, types: str | None = EDGE_TYPES, weight: str = "syn_weight", **more: Any) -> list[Any]:
-    file = edges(folder / "edges.h5", **more)
-    path = None
+    file, path = edges(folder / "edges.h5", **more), None
     if types is not None:
         path = folder / "edge_types.csv"
         path.write_text(types, encoding="utf-8")
@@ -65,28 +66,8 @@ def test_all_attributes_of_types(tmp_path: Path) -> None:
     assert [edge[2:] for edge in found] == [(2.5, 1.0), (9.0, 3.0), (-4.0, 2.0), (2.5, 1.0), (2.5, 1.0), (-4.0, 2.0)]
 
 
-@pytest.mark.parametrize(
-    ("types", "message"),
-    [
-        (EDGE_TYPES.replace("7 ", "8 "), "edges.h5: row 2, column 'edge_type_id': found 7: expected a type of "),
-        (EDGE_TYPES.replace("7 -4.0", "7 NULL"), "edges.h5: row 2: type 7 of edge_types.csv has no 'syn_weight'"),
-        (EDGE_TYPES.replace("-4.0", "four"), "edges.h5: column 'syn_weight' holds text in some groups, and numbers in"),
-        (EDGE_TYPES.replace("-4.0", "nan"), "edges.h5: row 2, column 'syn_weight': found .nan: expected a finite"),
-        (EDGE_TYPES.replace("7 ", "x "), "edge_types.csv: row 3, column 'edge_type_id': found 'x': expected a whole"),
-        (EDGE_TYPES.replace("7 ", "100 "), "edge_types.csv: row 3, column 'edge_type_id': found '100': expected an"),
-        (EDGE_TYPES.replace("7 ", "-1 "), "edge_types.csv: row 3, column 'edge_type_id': found '-1': expected a"),
-        (EDGE_TYPES.replace(" ", ","), "edge_types.csv: row 1: found ['edge_type_id,syn_weight,delay,model_template,"),
-        (EDGE_TYPES + "9\n", "edge_types.csv: row 5: found 1 words: expected 5, as in row 1"),
-        (EDGE_TYPES.replace("model_template", "delay"), "edge_types.csv: row 1: column 'delay' stands there twice"),
-        ("\n", "edge_types.csv: found no header"),
-        ("edge_type_id syn_weight delay\n", "edges.h5: row 2, column 'edge_type_id': found 7: expected a type of"),
-        (None, "edges.h5: row 2: its group has no 'syn_weight'"),
-    ],
-)
-def test_what_types_lack(tmp_path: Path, types: str | None, message: str) -> None:
-    with pytest.raises(neuro.ModelError) as caught:
-        synapses(tmp_path, types)
-    assert caught.value.message.replace(f"{tmp_path}/", "").startswith(f"projection 'wires': {message}")
+def test_what_types_lack(tmp_path: Path, messages: Messages) -> None:
+    messages(refusals_of(messages.cases, globals() | locals(), folder=tmp_path))
 
 
 def test_types_are_those_of_a_file_of_sonata(tmp_path: Path) -> None:
@@ -107,10 +88,8 @@ def test_neurons_are_found_by_attributes_of_their_types(tmp_path: Path) -> None:
         group["0/layer"], group["1/layer"] = [4, 5], [6, 4]
     (tmp_path / "node_types.csv").write_text("node_type_id pop_name ei\n1 Pvalb i\n2 Scnn1a e\n")
     table = neuro.neuron_table(tmp_path / "nodes.h5", types=tmp_path / "node_types.csv")
-    net = neuro.Network()
-    brain = net.population("v1", "auto", neuro.iaf_psc_exp(), neurons=table)
-    assert brain.where(ei="e").ids.tolist() == [0, 2]
-    assert brain.where(pop_name="Pvalb", layer=4).ids.tolist() == [3]
+    brain = neuro.Network().population("v1", "auto", neuro.iaf_psc_exp(), neurons=table)
+    assert (brain.where(ei="e").ids.tolist(), brain.where(pop_name="Pvalb", layer=4).ids.tolist()) == ([0, 2], [3])
 
 
 def test_the_types_are_saved_by_name_and_are_inputs(tmp_path: Path) -> None:
@@ -121,8 +100,6 @@ def test_the_types_are_saved_by_name_and_are_inputs(tmp_path: Path) -> None:
         "    from: a\n    to: a\n    rule: {from_file: {file: edges.h5, types: edge_types.csv, weight: syn_weight, "
         "delay: delay}}\n"
     )
-    net = neuro.load(tmp_path / "net.yaml")
-    net.save(tmp_path / "again.yaml")
+    neuro.load(tmp_path / "net.yaml").save(tmp_path / "again.yaml")
     assert "types: edge_types.csv" in (tmp_path / "again.yaml").read_text()
-    sim = neuro.compile(neuro.load(tmp_path / "again.yaml"))
-    assert sim.weights("wires")[2].size == 6
+    assert neuro.compile(neuro.load(tmp_path / "again.yaml")).weights("wires")[2].size == 6
