@@ -358,8 +358,7 @@ def test_messages(message):
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [{"size": -8}, {"size": 4}, {"size": 16}, {"overflow": -1}, {"number": -1}, {"capacity": 1}, {"valid": 3}],
+    "wrong", [{"size": -8}, {"size": 4}, {"size": 16}, {"overflow": -1}, {"number": -1}, {"capacity": 1}, {"valid": 3}]
 )
 def test_wrong_packets(wrong):
     data = ONE + packet([event(1, 2, 3)] * 2, **wrong)

@@ -382,10 +382,7 @@ def test_few_and_many_events_are_in_the_same_order():
 EXPECTED = "expected x0, y0, x1, y1 with 0 <= x0 <= x1 <= 3 and 0 <= y0 <= y1 <= 2"
 
 
-@pytest.mark.parametrize(
-    "box",
-    [(-1, 0, 1, 1), (0, 0, 4, 1), (0, 0, 1, 3), (2, 0, 1, 1), (0, 2, 1, 1), (0, 0, 1.5, 1)],
-)
+@pytest.mark.parametrize("box", [(-1, 0, 1, 1), (0, 0, 4, 1), (0, 0, 1, 3), (2, 0, 1, 1), (0, 2, 1, 1), (0, 0, 1.5, 1)])
 def test_the_part_must_be_on_the_image(box):
     camera = DVS((3, 2))
     camera.see(np.ones((2, 3)), 0)

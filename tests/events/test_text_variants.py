@@ -231,8 +231,7 @@ def test_many_rows_tell_their_order(order):
 
 
 @pytest.mark.parametrize(
-    ("place", "expected"),
-    [("s", 5_000_000), ("ms", 5_000), ("us", 5), ("xytp:ms", 1000), ("ms:xytp", 1000), ("ns", 0)],
+    ("place", "expected"), [("s", 5_000_000), ("ms", 5_000), ("us", 5), ("xytp:ms", 1000), ("ms:xytp", 1000), ("ns", 0)]
 )
 def test_order_and_unit_may_be_given(place, expected):
     assert of(b"5,3,1,1\n", format=f"csv:{place}").t.tolist() == [expected]
