@@ -65,14 +65,11 @@ def _first(path, **options):
 
 
 READS = {
-    "load": load,
-    "stream": lambda path, **options: list(stream(path, **options)),
-    "from a time on": lambda path, **options: list(stream(path, start_us=20_000, **options)),
-    "the first": _first,
-    "lenient": lambda path, **options: load(path, strict=False, **options),
-    "info": info,
-    "small sensor": lambda path, **options: load(path, sensor_size=(2, 2), **options),
-}
+    "load": load, "stream": lambda path, **options: list(stream(path, **options)), "from a time on": lambda path,
+    **options: list(stream(path, start_us=20_000, **options)), "the first": _first, "lenient": lambda path,
+    **options: load(path, strict=False, **options), "info": info, "small sensor": lambda path,
+    **options: load(path, sensor_size=(2, 2), **options)
+}  # fmt: skip
 
 
 @pytest.mark.filterwarnings("ignore::neuro.events.EventFileWarning")

@@ -100,16 +100,13 @@ def test_what_a_format_cannot_hold_is_refused_on_both_ways(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["in.npz"]
 
 
-@pytest.mark.parametrize(
-    ("t", "x", "name", "filter"),
-    [
-        (1 << 33, 3, "out.dat", "the filter 'shift: {to_us: 0}' lets it begin at 0 us"),
-        (0, 700, "out.bin", "the filters 'crop: {x: [0, 128], y: [0, 128]}' and 'downsample: {factor: 2}' make"),
-        (-5, 3, "out.aedat4", "the filter 'shift: {to_us: 0}' lets it begin at 0 us"),
-        (1 << 62, 3, "out.es", "the filter 'shift: {to_us: 0}' lets it begin at 0 us"),
-        (0, 700, "out.aedat2", "the filters 'crop: {x: [0, 128], y: [0, 128]}' and 'downsample: {factor: 2}' make"),
-    ],
-)
+@pytest.mark.parametrize(("t", "x", "name", "filter"), [
+    (1 << 33, 3, "out.dat", "the filter 'shift: {to_us: 0}' lets it begin at 0 us"),
+    (0, 700, "out.bin", "the filters 'crop: {x: [0, 128], y: [0, 128]}' and 'downsample: {factor: 2}' make"),
+    (-5, 3, "out.aedat4", "the filter 'shift: {to_us: 0}' lets it begin at 0 us"),
+    (1 << 62, 3, "out.es", "the filter 'shift: {to_us: 0}' lets it begin at 0 us"),
+    (0, 700, "out.aedat2", "the filters 'crop: {x: [0, 128], y: [0, 128]}' and 'downsample: {factor: 2}' make")
+])  # fmt: skip
 def test_a_refusal_names_the_filter_that_solves_it(tmp_path, t, x, name, filter):
     save(Events([t], [x], [3], [0], (800, 34)), tmp_path / "in.npz")
     assert f"\n  hint: {filter}" in refusal(convert, tmp_path / "in.npz", tmp_path / name)

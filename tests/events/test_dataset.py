@@ -97,9 +97,7 @@ def stored(train):
 def test_found_and_sorted(folder, place):
     found = recordings(place(folder))
     assert found.classes == ("2", "9", "10")
-    assert names(found) == [
-        "Test/2/1.bin", "Test/9/1.bin", "Train/9/1.bin", "Train/10/2.bin", "Train/10/10.bin",
-    ]  # fmt: skip
+    assert names(found) == ["Test/2/1.bin", "Test/9/1.bin", "Train/9/1.bin", "Train/10/2.bin", "Train/10/10.bin"]
     assert [r.label for r in found] == [0, 1, 1, 2, 2]
     assert found[0].load().t.tolist() == [9]
     assert len(found[1:3]) == 2
@@ -217,13 +215,10 @@ def test_the_official_files(shared, tmp_path):
 LIES = {
     "nmnist": ["Train/3/1.bin", "Train/7/2.bin", "Test/3/3.bin"],
     "ncars": ["n-cars_train/cars/obj_1_td.dat", "n-cars_train/background/o_2_td.dat", "n-cars_test/cars/o_3_td.dat"],
-    "ncaltech101": [
-        "Caltech101/ant/image_0001.bin", "Caltech101/bee/image_0001.bin", "Caltech101_annotations/ant/annotation_1.bin",
-    ],
-    "poker_dvs": ["xclub01.aedat", "xheart02i.aedat", "readme.txt"],
-    "poker_dvs_es": ["trcl0.es", "trsp16.es", "tssp1.es"],
-    "dvs_gesture": ["user01_led.aedat", "user01_led_labels.csv"],
-    "folders": ["x/one/1.bin", "x/two/2.aedat", "notes.txt"],
+    "ncaltech101": ["Caltech101/ant/image_0001.bin", "Caltech101/bee/image_0001.bin",
+    "Caltech101_annotations/ant/annotation_1.bin"], "poker_dvs": ["xclub01.aedat", "xheart02i.aedat", "readme.txt"],
+    "poker_dvs_es": ["trcl0.es", "trsp16.es", "tssp1.es"], "dvs_gesture": ["user01_led.aedat", "user01_led_labels.csv"],
+    "folders": ["x/one/1.bin", "x/two/2.aedat", "notes.txt"]
 }  # fmt: skip
 CLASSES = {"nmnist": ("3", "7"), "ncars": ("background", "cars"), "ncaltech101": ("ant", "bee"),
            "poker_dvs": ("club", "heart"), "poker_dvs_es": ("club", "spade"), "folders": ("one", "two"),

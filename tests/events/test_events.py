@@ -102,23 +102,18 @@ def test_a_sum_of_two_sensors_is_refused():
     )
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"x": (0, 3, 9)}, "event 1: x is 3, expected 0 to 2 (sensor 3x2)"),
-        ({"x": (0, -1, 9)}, "event 1: x is -1, expected 0 to 2 (sensor 3x2)"),
-        ({"y": (0, 1, 2)}, "event 2: y is 2, expected 0 to 1 (sensor 3x2)"),
-        ({"p": (2, 1, 1)}, "event 0: p is 2, expected 0 to 1 (sensor 3x2)"),
-        ({"t": (1, 2, 1)}, "event 2: time runs back from 2 to 1 us"),
-        ({"t": (3, 2, 1), "x": (0, 0, 7)}, "event 1: time runs back from 3 to 2 us"),
-        ({"y": (0, 1)}, "y has shape (2,), expected (3,) like t"),
-        ({"t": (0.0, 0.5, 1.0)}, "t has type float64, expected integers"),
-        *(
-            ({"size": size}, f"sensor_size = {size!r}: expected width and height of 1 to 65536 px")
-            for size in ((0, 2), (3.5, 2), (3, 2, 2), 3, "32", None)
-        ),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"x": (0, 3, 9)}, "event 1: x is 3, expected 0 to 2 (sensor 3x2)"),
+    ({"x": (0, -1, 9)}, "event 1: x is -1, expected 0 to 2 (sensor 3x2)"),
+    ({"y": (0, 1, 2)}, "event 2: y is 2, expected 0 to 1 (sensor 3x2)"),
+    ({"p": (2, 1, 1)}, "event 0: p is 2, expected 0 to 1 (sensor 3x2)"),
+    ({"t": (1, 2, 1)}, "event 2: time runs back from 2 to 1 us"),
+    ({"t": (3, 2, 1), "x": (0, 0, 7)}, "event 1: time runs back from 3 to 2 us"),
+    ({"y": (0, 1)}, "y has shape (2,), expected (3,) like t"),
+    ({"t": (0.0, 0.5, 1.0)}, "t has type float64, expected integers"), *(({"size": size},
+    f"sensor_size = {size!r}: expected width and height of 1 to 65536 px") for size in ((0, 2), (3.5, 2), (3, 2, 2), 3,
+    "32", None))
+])  # fmt: skip
 def test_impossible_events(change, message):
     assert refusal(make, **change) == message
 
@@ -145,13 +140,10 @@ def test_records_as_aertb_names_them():
     assert events.records("ts").tolist() == events.records().tolist()
 
 
-@pytest.mark.parametrize(
-    ("t", "message"),
-    [
-        (np.array([1, 1 << 63, 1 << 63], np.uint64), f"event 1: t is {1 << 63}, expected at most {(1 << 63) - 1} us"),
-        ([1, 2, 1 << 64], "t has type object, expected integers"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("t", "message"), [
+    (np.array([1, 1 << 63, 1 << 63], np.uint64), f"event 1: t is {1 << 63}, expected at most {(1 << 63) - 1} us"),
+    ([1, 2, 1 << 64], "t has type object, expected integers")
+])  # fmt: skip
 def test_times_beyond_int64_are_refused(t, message):
     with pytest.raises(ValueError, match="expected") as error:
         Events(t, [0, 0, 0], [0, 0, 0], [0, 0, 0], (3, 2))

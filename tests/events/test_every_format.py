@@ -20,25 +20,16 @@ ENDINGS = {
 }  # fmt: skip
 
 FILES = {
-    (34, 34): ["nmnist_sample.bin"],
-    (151, 173): ["ncaltech101_faces_easy_0001.bin"],
-    (128, 128): [
-        "mnistdvs_0_scale04_0001.aedat",
-        *(f"mnistdvs_0_scale{scale}_0001_qt1.aedat" for scale in ("04", "08", "16")),
-    ],
-    (240, 180): ["davis240_translBoxes.aedat"],
+    (34, 34): ["nmnist_sample.bin"], (151, 173): ["ncaltech101_faces_easy_0001.bin"], (128,
+    128): ["mnistdvs_0_scale04_0001.aedat", *(f"mnistdvs_0_scale{scale}_0001_qt1.aedat" for scale in ("04", "08",
+    "16"))], (240, 180): ["davis240_translBoxes.aedat"],
     (320, 240): ["dvxplorer_lite_320x240.aedat4", "es_dvs_320x240.es"],
-    (346, 260): ["davis346_aestream.aedat4", "davis346_small.aedat4"],
-    (304, 240): [
-        "ncars_tonic_sample.dat",
-        "ncars_obj_004397_td.dat",
-        *(f"ncars_cars_obj_00441{k}_td.dat" for k in (4, 5, 6)),
-        *(f"ncars_background_obj_00421{k}_td.dat" for k in (1, 2, 3)),
-    ],
+    (346, 260): ["davis346_aestream.aedat4", "davis346_small.aedat4"], (304, 240): ["ncars_tonic_sample.dat",
+    "ncars_obj_004397_td.dat", *(f"ncars_cars_obj_00441{k}_td.dat" for k in (4, 5, 6)),
+    *(f"ncars_background_obj_00421{k}_td.dat" for k in (1, 2, 3))],
     (1280, 720): ["gen4_first100k.dat", "evt3_gen41.raw", "evt3_imx636_wrap.raw"],
-    (640, 480): ["evt2_gen3.raw", "ros1_event_camera_msgs_evt3.bag"],
-    (30, 32): ["es_poker_club_trcl0.es"],
-}
+    (640, 480): ["evt2_gen3.raw", "ros1_event_camera_msgs_evt3.bag"], (30, 32): ["es_poker_club_trcl0.es"]
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "size"), [(name, size) for size, names in FILES.items() for name in names])
@@ -61,17 +52,13 @@ def test_decoding_is_the_known_one(shared, name, size):
 FULL = (-(2**63), 2**63 - 1)
 HELD = {
     "aedat2": ((0, 2**32 - 1), [(128, 128), (34, 34), (240, 180), (346, 260), (500, 10), (640, 480)]),
-    "aedat4": ((0, 2**62), [(1, 1), (346, 260), (32768, 32768)]),
-    "csv": (FULL, [(65536, 65536)]),
+    "aedat4": ((0, 2**62), [(1, 1), (346, 260), (32768, 32768)]), "csv": (FULL, [(65536, 65536)]),
     "dat": ((0, 2**32 - 1), [(2048, 2048), (16384, 16384)]),
     "event_stream": ((0, 10**6), [(1, 1), (34, 34), (1280, 720), (65535, 65535)]),
-    "evt2": ((0, 2**34 - 1), [(2048, 2048)]),
-    "evt3": ((0, 2**28), [(2048, 2048)]),
-    "hdf5": ((-(2**61), 2**61), [(65536, 65536)]),
-    "nmnist": ((0, 2**23 - 1), [(256, 256)]),
-    "npz": (FULL, [(65536, 65536)]),
-    "txt": (FULL, [(65536, 65536)]),
-}
+    "evt2": ((0, 2**34 - 1), [(2048, 2048)]), "evt3": ((0, 2**28), [(2048, 2048)]),
+    "hdf5": ((-(2**61), 2**61), [(65536, 65536)]), "nmnist": ((0, 2**23 - 1), [(256, 256)]),
+    "npz": (FULL, [(65536, 65536)]), "txt": (FULL, [(65536, 65536)])
+}  # fmt: skip
 """The first and last time that a format can hold, and sensors that it can tell."""
 PAUSES = st.sampled_from([0, 0, 1, 5, 126, 127, 128, 254, 4096, 2**24 - 1, 2**24, 5 * 2**24 + 7])
 
@@ -119,16 +106,12 @@ def test_pauses_at_the_ends_of_clocks(tmp_path, name):
 
 BEYOND = {
     "aedat2": ("t 0 to 4294967295 us, x 0 to 639, y 0 to 479", [(1 << 32, 1, 1), (7, 640, 1), (7, 1, 480)]),
-    "dat": (
-        "t 0 to 4294967295 us, x and y 0 to 16383", [(1 << 32, 1, 1), (-1, 1, 1), (5, 1 << 14, 1), (5, 1, 1 << 14)],
-    ),
-    "evt2": ("t 0 to 17179869183 us, x and y 0 to 2047", [(1 << 34, 1, 1), (5, 2048, 1), (5, 1, 2048)]),
+    "dat": ("t 0 to 4294967295 us, x and y 0 to 16383", [(1 << 32, 1, 1), (-1, 1, 1), (5, 1 << 14, 1), (5, 1,
+    1 << 14)]), "evt2": ("t 0 to 17179869183 us, x and y 0 to 2047", [(1 << 34, 1, 1), (5, 2048, 1), (5, 1, 2048)]),
     "evt3": ("t 0 to 1099511627775 us, x and y 0 to 2047", [(1 << 40, 1, 1), (5, 2048, 1), (5, 1, 2048)]),
     "aedat4": ("t from 0 us on, x and y 0 to 32767", [(-1, 1, 1), (5, 1 << 15, 1), (5, 1, 1 << 15)]),
-    "nmnist": (
-        "t 0 to 8388607 us, x and y 0 to 255, y not 240",
-        [(1 << 23, 1, 1), (0, 256, 1), (0, 1, 256), (0, 1, 240)],
-    ),
+    "nmnist": ("t 0 to 8388607 us, x and y 0 to 255, y not 240", [(1 << 23, 1, 1), (0, 256, 1), (0, 1, 256), (0, 1,
+    240)])
 }  # fmt: skip
 
 

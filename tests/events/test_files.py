@@ -75,12 +75,9 @@ def test_cannot_save_as(tmp_path):
     written = [f for f in FORMATS.values() if f.write]
     endings = ", ".join(dict.fromkeys(suffix for f in written for suffix in f.suffixes))
     for path, format, what in (
-        (tmp_path / "a.nothing", None, f"cannot save as '.nothing', expected {endings}"),
-        (
-            tmp_path / "a.bin", "aedat3",
-            f"cannot save as format 'aedat3', expected one of {', '.join(f.name for f in written)}",
-        ),
-        (tmp_path / "none" / "a.bin", None, "cannot be written: No such file or directory"),
+        (tmp_path / "a.nothing", None, f"cannot save as '.nothing', expected {endings}"), (tmp_path / "a.bin", "aedat3",
+        f"cannot save as format 'aedat3', expected one of {', '.join(f.name for f in written)}"),
+        (tmp_path / "none" / "a.bin", None, "cannot be written: No such file or directory")
     ):  # fmt: skip
         assert refusal(save, events, path, format=format) == f"{path}: {what}"
     assert not list(tmp_path.iterdir())

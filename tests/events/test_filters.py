@@ -179,11 +179,9 @@ def test_downsample():
 
 
 TURNS = [
-    (Flip(SIZE, "x"), lambda f: f[:, ::-1]),
-    (Flip(SIZE, "y"), lambda f: f[::-1]),
-    (Transpose(SIZE), lambda f: f.T),
-    *((Rotate90(SIZE, k), lambda f, k=k: np.rot90(f, k)) for k in range(-1, 5)),
-]
+    (Flip(SIZE, "x"), lambda f: f[:, ::-1]), (Flip(SIZE, "y"), lambda f: f[::-1]), (Transpose(SIZE), lambda f: f.T),
+    *((Rotate90(SIZE, k), lambda f, k=k: np.rot90(f, k)) for k in range(-1, 5))
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("turn", "as_frame"), TURNS, ids=lambda v: str(v) if isinstance(v, Flip | Rotate90) else "")
@@ -280,30 +278,17 @@ def test_noise_keeps_the_events_and_comes_first():
 
 
 MADE = [
-    TAR(WIDE, tau=0.002, theta=1.5),
-    TAR(WIDE, tau=0.002, theta=3.0, radius=2, first=7),
-    TARSurfaces(WIDE, tau=0.002, theta=1.5, cell=4),
-    TARSurfaces(WIDE, tau=1e-6, theta=1.5),
-    BackgroundActivity(WIDE, dt_us=900),
-    Refractory(WIDE, period_us=3000),
-    Refractory(WIDE, period_us=3000, extend=True),
-    HotPixels(WIDE, [(3, 2), (8, 5)]),
-    Polarity(WIDE, keep=0),
-    Crop(WIDE, x=(2, 7), y=(0, 4)),
-    Downsample(WIDE, factor=2),
-    Downsample(WIDE, factor=(4, 3), integrate=3),
-    Shift(WIDE, by_us=11),
-    Shift(WIDE, to_us=0),
-    Scale(WIDE, factor=0.37),
-    Reverse(WIDE),
-    Jitter(WIDE, amount_us=2500, seed=3),
-    Flip(WIDE),
-    Rotate90(WIDE, turns=3),
-    Transpose(WIDE),
+    TAR(WIDE, tau=0.002, theta=1.5), TAR(WIDE, tau=0.002, theta=3.0, radius=2, first=7),
+    TARSurfaces(WIDE, tau=0.002, theta=1.5, cell=4), TARSurfaces(WIDE, tau=1e-6, theta=1.5),
+    BackgroundActivity(WIDE, dt_us=900), Refractory(WIDE, period_us=3000),
+    Refractory(WIDE, period_us=3000, extend=True), HotPixels(WIDE, [(3, 2), (8, 5)]), Polarity(WIDE, keep=0),
+    Crop(WIDE, x=(2, 7), y=(0, 4)), Downsample(WIDE, factor=2), Downsample(WIDE, factor=(4, 3), integrate=3),
+    Shift(WIDE, by_us=11), Shift(WIDE, to_us=0), Scale(WIDE, factor=0.37), Reverse(WIDE),
+    Jitter(WIDE, amount_us=2500, seed=3), Flip(WIDE), Rotate90(WIDE, turns=3), Transpose(WIDE),
     ShotNoise(WIDE, rate_hz=40.0, seed=5),
     chain(Jitter(WIDE, 700), Crop(WIDE, x=(1, 8)), Reverse((7, 6)), TAR((7, 6), tau=0.002, theta=1.2)),
-    chain(ShotNoise(WIDE, 30.0), BackgroundActivity(WIDE, 800), Jitter(WIDE, 3000, seed=1), Downsample(WIDE, 3, 2)),
-]
+    chain(ShotNoise(WIDE, 30.0), BackgroundActivity(WIDE, 800), Jitter(WIDE, 3000, seed=1), Downsample(WIDE, 3, 2))
+]  # fmt: skip
 
 
 def joined(parts):

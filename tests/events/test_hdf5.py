@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
-from event_tests import damage_is_told, refusal
+from event_tests import damage_is_told, refusal, refusals
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
 from neuro.events.formats import hdf5 as hdf5_format
 from neuro.events.formats.hdf5 import Hdf5, read_sample, write_sample
@@ -158,30 +158,16 @@ def test_seconds_and_the_root():
     assert events.metadata["width"] == 700
 
 
-ERRORS = {
-    "has a; expected /events/t, x, y, p, rows at /CD/events or /<class>/<sample>": {"a": np.zeros(3)},
-    "its columns have the shapes /events/t (5,), /events/x (4,), /events/y (5,), /events/p (5,), "
-    "expected one axis and equal lengths": columns("events", x=X[:4]),
-    "t_offset is 0.5, expected one whole number of us": {**columns("events"), "t_offset": np.float64(0.5)},
-    "events 0 on: t_offset 9223372036854775807 leads beyond 2^63 us": {
-        **columns("events"), "t_offset": np.int64(2**63 - 1),
-    },
-    "its sensor is [640, 0], expected width and height from 1 to 65536": {
-        **columns("events"), "geometry": "640x0",
-    },
-    "its columns have the shapes /events/t (), /events/x (5,), /events/y (5,), /events/p (5,), "
-    "expected one axis and equal lengths": columns("events", t=5),
-    "event 2: x is -1, expected a whole number from 0 to 65535": columns("events", x=[1, 2, -1, 4, 5]),
-    "event 4: t is nan, expected a time below 2^63 us": columns("events", t=[1.5, 2, 3, 4, np.nan]),
-    "event 1: time runs back from 5 to 2 us; load(..., sort=True) sorts the events": columns(
-        "events", t=[5, 2, 3, 4, 5]
-    ),
-}  # fmt: skip
+WRONG = [
+    {"a": np.zeros(3)}, columns("events", x=X[:4]), {**columns("events"), "t_offset": np.float64(0.5)},
+    {**columns("events"), "t_offset": np.int64(2**63 - 1)}, {**columns("events"), "geometry": "640x0"},
+    columns("events", t=5), columns("events", x=[1, 2, -1, 4, 5]), columns("events", t=[1.5, 2, 3, 4, np.nan]),
+    columns("events", t=[5, 2, 3, 4, 5])
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("message", ERRORS)
-def test_messages(message):
-    assert refusal(load, hdf5(**ERRORS[message]), name="f") == f"f: {message}"
+def test_messages(messages):
+    messages(refusals(lambda arrays: load(hdf5(**arrays), name="f"), WRONG))
 
 
 def test_damage_is_told():

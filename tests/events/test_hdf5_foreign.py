@@ -93,24 +93,18 @@ def empty_rows(file):
 
 ODD = [in_a_ring, cyclic_groups, references, regions, offset_to_itself, no_width, empty_rows]
 TIMES = {
-    "to itself": h5py.SoftLink("/events/t"),
-    "to itself by name": h5py.ExternalLink("a.h5", "/events/t"),
-    "to nothing": h5py.SoftLink("/nothing"),
-    "to no file": h5py.ExternalLink("nothing.h5", "/t"),
-    "fields": np.zeros(3, [("a", "i4"), ("b", "f8")]),
-    "texts": np.array(["a"] * 3, h5py.string_dtype()),
-    "a type": np.dtype("i4"),
-    "nothing": h5py.Empty("i8"),
-}
+    "to itself": h5py.SoftLink("/events/t"), "to itself by name": h5py.ExternalLink("a.h5", "/events/t"),
+    "to nothing": h5py.SoftLink("/nothing"), "to no file": h5py.ExternalLink("nothing.h5", "/t"),
+    "fields": np.zeros(3, [("a", "i4"), ("b", "f8")]), "texts": np.array(["a"] * 3, h5py.string_dtype()),
+    "a type": np.dtype("i4"), "nothing": h5py.Empty("i8")
+}  # fmt: skip
 
 
 READS = {
-    "load": load,
-    "at a place": lambda path: load(path, format="hdf5:/events/t"),
-    "stream": lambda path: list(stream(path)),
-    "recordings": lambda path: recordings(path)[0].load(),
-    "data set": lambda path: Dataset(path)[0],
-}
+    "load": load, "at a place": lambda path: load(path, format="hdf5:/events/t"),
+    "stream": lambda path: list(stream(path)), "recordings": lambda path: recordings(path)[0].load(),
+    "data set": lambda path: Dataset(path)[0]
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("odd", [*ODD, *TIMES])

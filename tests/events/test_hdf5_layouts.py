@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from event_tests import damage_is_told, refusal
+from event_tests import damage_is_told, refusal, refusals
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
 from neuro.events.info import info
 
@@ -158,28 +158,15 @@ def test_info_says_what_was_never_tried(tmp_path):
 
 FEW = np.array([[5, 3, 2, 1]])
 BOTH = {"davis__left__events": mvsec(), "davis__right__events": mvsec()}
-ERRORS = {
-    "the rows of /a/events can be t x y p and x y t p: "
-    "name the order, as in format='hdf5:/a/events:txyp' or --from hdf5:/a/events:txyp": ({"a__events": FEW}, None),
-    "/events has rows such as [5, 3, 2, 7], expected t x y p, x y t p or x y p t, with whole coordinates and "
-    "polarities -1, 0 or 1": ({"events": np.array([[5, 3, 2, 7]])}, None),
-    "has 2 recordings or more (/davis/left/events, /davis/right/events), expected one: name it, as in "
-    "format='hdf5:/davis/left/events' or --from hdf5:/davis/left/events": (BOTH, None),
-    "has no recording at /davis/up, expected /davis/left/events, /davis/right/events": (BOTH, "hdf5:/davis/up"),
-    "has no recording at /a, expected another file: it has none": ({"a__b": np.zeros(3)}, "hdf5:/a"),
-    "/a/b has items of float64 in shape (3,), expected rows of events": ({"a__b": np.zeros(3)}, "hdf5:/a/b"),
-    "has a; expected /events/t, x, y, p, rows at /CD/events or /<class>/<sample>": ({"a__poses": FEW}, None),
-    "event 1: time runs back from 70000 to 3 us; load(..., sort=True) sorts the events": (
-        {"events": np.array([[1, 70000, 20, 1], [9, 3, 10, 1], [3, 3, 30, 0]])[:, [0, 2, 1, 3]]},
-        None,
-    ),
-}  # fmt: skip
+WRONG = [
+    ({"a__events": FEW}, None), ({"events": np.array([[5, 3, 2, 7]])}, None), (BOTH, None), (BOTH, "hdf5:/davis/up"),
+    ({"a__b": np.zeros(3)}, "hdf5:/a"), ({"a__b": np.zeros(3)}, "hdf5:/a/b"), ({"a__poses": FEW}, None),
+    ({"events": np.array([[1, 70000, 20, 1], [9, 3, 10, 1], [3, 3, 30, 0]])[:, [0, 2, 1, 3]]}, None)
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("message", ERRORS)
-def test_messages(message):
-    datasets, kind = ERRORS[message]
-    assert refusal(load, hdf5(**datasets), name="f", format=kind) == f"f: {message}"
+def test_messages(messages):
+    messages(refusals(lambda wrong: load(hdf5(**wrong[0]), name="f", format=wrong[1]), WRONG))
 
 
 def test_damage_is_told():
@@ -188,16 +175,9 @@ def test_damage_is_told():
     )
 
 
-SIZES = {
-    "sensor_resolution is [260], expected height and width": [260],
-    "sensor_resolution is [260.0, 346.5], expected height and width": [260, 346.5],
-    "its sensor is [346, 0], expected width and height from 1 to 65536": [0, 346],
-}
-
-
-@pytest.mark.parametrize("message", SIZES)
-def test_sizes_that_cannot_be(message):
-    assert refusal(load, hdf5({"sensor_resolution": SIZES[message]}, **E2VID), name="f") == f"f: {message}"
+def test_sizes_that_cannot_be(messages):
+    of = lambda size: load(hdf5({"sensor_resolution": size}, **E2VID), name="f")  # noqa: E731
+    messages(refusals(of, [[260], [260, 346.5], [0, 346]]))
 
 
 def test_a_place_in_a_format_without_places():

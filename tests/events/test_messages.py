@@ -109,18 +109,11 @@ NO_FILE = "expected a path, the bytes of a file, or an open binary file"
 
 
 @pytest.mark.parametrize("read", [load, events.stream])
-@pytest.mark.parametrize(
-    ("source", "message"),
-    [
-        ("a\0.csv", "source = 'a\\x00.csv': expected the name of a file, without a zero byte"),
-        (5, f"source is 5, {NO_FILE}"),
-        (None, f"source is None, {NO_FILE}"),
-        (
-            io.StringIO("1 2 3 4"),
-            "source is an open text file, StringIO, expected a binary one\n  hint: open it as binary: open(path, 'rb')",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("source", "message"), [
+    ("a\0.csv", "source = 'a\\x00.csv': expected the name of a file, without a zero byte"),
+    (5, f"source is 5, {NO_FILE}"), (None, f"source is None, {NO_FILE}"), (io.StringIO("1 2 3 4"),
+    "source is an open text file, StringIO, expected a binary one\n  hint: open it as binary: open(path, 'rb')")
+])  # fmt: skip
 def test_what_is_no_file(read, source, message):
     assert refusal(read, source) == message
 

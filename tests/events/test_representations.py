@@ -38,14 +38,12 @@ def recording(rows, shift=0):
 RECORDINGS = st.lists(EVENT, max_size=60).map(recording)
 F8 = {"dtype": np.float64}
 ALL = {
-    "event_frame": event_frame,
-    "binary_frame": binary_frame,
-    "voxel_grid": partial(voxel_grid, bins=4, **F8),
+    "event_frame": event_frame, "binary_frame": binary_frame, "voxel_grid": partial(voxel_grid, bins=4, **F8),
     "event_spike_tensor": partial(event_spike_tensor, bins=4, **F8),
     "time_surface": partial(time_surface, tau_us=40, **F8),
     "leaky_surface": partial(leaky_surface, tau_us=40, decay="linear", **F8),
-    "hats": partial(hats, cell=3, radius=1, tau_us=40, window_us=50, **F8),
-}
+    "hats": partial(hats, cell=3, radius=1, tau_us=40, window_us=50, **F8)
+}  # fmt: skip
 
 
 def spread_literal(events, bins, start, stop, value):

@@ -101,16 +101,13 @@ def test_cr_alone(shared):
     assert load(b"0,1,2,1\r5,1,2,0\r", name="events").metadata["format"] == "csv"
 
 
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
-        (b"t,x,y,p\r1,2,3,1\r2,2\r,3,1\r", "byte 16: line 3: has 2 columns, expected 4"),
-        (b"1,2,3,1\n2,2,3\r,1\n", "byte 8: line 2: has 3 columns, expected 4"),
-        (b"1,2,3,1\rgarbage\n2,3,4,1\n", "byte 8: line 2: t is 'garbage', expected a number"),
-        (b"1,2,3,1\r\ngarbage\r\n", "byte 9: line 2: t is 'garbage', expected a number"),
-        (b"1,2,3,1\r9\r", "byte 8: line 2: has 1 columns, expected 4"),
-    ],
-)
+@pytest.mark.parametrize(("data", "message"), [
+    (b"t,x,y,p\r1,2,3,1\r2,2\r,3,1\r", "byte 16: line 3: has 2 columns, expected 4"),
+    (b"1,2,3,1\n2,2,3\r,1\n", "byte 8: line 2: has 3 columns, expected 4"),
+    (b"1,2,3,1\rgarbage\n2,3,4,1\n", "byte 8: line 2: t is 'garbage', expected a number"),
+    (b"1,2,3,1\r\ngarbage\r\n", "byte 9: line 2: t is 'garbage', expected a number"),
+    (b"1,2,3,1\r9\r", "byte 8: line 2: has 1 columns, expected 4")
+])  # fmt: skip
 def test_garbage_behind_a_cr(data, message):
     assert refusal(of, data) == f"a.csv: {message}"
 
@@ -153,16 +150,10 @@ def test_ordinary_rows_are_t_x_y_p(name):
     assert events.metadata["columns"] == "t x y p"
 
 
-@pytest.mark.parametrize(
-    ("lines", "other"),
-    [
-        (["1,2,5,1", "1,2,3,0"], "x y t p"),
-        (["1,5,2,1", "1,3,2,0"], "x t y p"),
-        (["1,2,3,1", "1,2,5,0"], "x y t p"),
-        ([f"5,7,{10 * k},1" for k in range(100)], "x y t p"),
-        (["3 2 0 1.0", "3 2 0 1.0", "4 2 0 1.0"], "x y p t"),
-    ],
-)
+@pytest.mark.parametrize(("lines", "other"), [
+    (["1,2,5,1", "1,2,3,0"], "x y t p"), (["1,5,2,1", "1,3,2,0"], "x t y p"), (["1,2,3,1", "1,2,5,0"], "x y t p"),
+    ([f"5,7,{10 * k},1" for k in range(100)], "x y t p"), (["3 2 0 1.0", "3 2 0 1.0", "4 2 0 1.0"], "x y p t")
+])  # fmt: skip
 def test_time_that_stands_still_is_no_evidence(lines, other):
     data = "\n".join([*lines, ""]).encode()
     for sort in (False, True):

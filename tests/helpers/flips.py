@@ -237,22 +237,16 @@ def read_of_data_set(path):
 
 
 KINDS = {
-    "results": (results, read_of_results),
-    "results, unfinished": (unfinished, read_of_results),
+    "results": (results, read_of_results), "results, unfinished": (unfinished, read_of_results),
     "results, commit cut short": (cut_short, read_of_results),
     "state, reference": (state("reference"), restored("reference")),
-    "state, event": (state("event"), restored("event")),
-    "arrays of a network": (arrays, read_of_network),
+    "state, event": (state("event"), restored("event")), "arrays of a network": (arrays, read_of_network),
     "recogniser, hats": (recogniser("hats"), read_of_recogniser),
-    "recogniser, hots": (recogniser("hots"), read_of_recogniser),
-    "drone, lms": (drone, Drone.load),
-    "drone, network": (drone_with_network, Drone.load),
-    "checkpoint": (checkpoint, read_of_checkpoint),
-    "evidence": (evidence, read_of_evidence),
-    "beginnings": (begun, read_of_beginnings),
-    "recording": (recording, read_of_recording),
-    "data set": (data_set, read_of_data_set),
-}
+    "recogniser, hots": (recogniser("hots"), read_of_recogniser), "drone, lms": (drone, Drone.load),
+    "drone, network": (drone_with_network, Drone.load), "checkpoint": (checkpoint, read_of_checkpoint),
+    "evidence": (evidence, read_of_evidence), "beginnings": (begun, read_of_beginnings),
+    "recording": (recording, read_of_recording), "data set": (data_set, read_of_data_set)
+}  # fmt: skip
 
 
 def digest(value):

@@ -56,22 +56,10 @@ def test_its_files_come_with_a_policy_that_lets_nothing_else_in(running):
         connection.close()
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        "/",
-        "/page.js",
-        "/socket",
-        "{}x/",
-        "{}serving.py",
-        "{}../page.js",
-        "{}%2e%2e/%2e%2e/etc/passwd",
-        "{}....//....//etc/passwd",
-        "{}//etc/passwd",
-        "{}?",
-        "/" + "A" * 33 + "/",
-    ],
-)
+@pytest.mark.parametrize("path", [
+    "/", "/page.js", "/socket", "{}x/", "{}serving.py", "{}../page.js", "{}%2e%2e/%2e%2e/etc/passwd",
+    "{}....//....//etc/passwd", "{}//etc/passwd", "{}?", "/" + "A" * 33 + "/"
+])  # fmt: skip
 def test_other_paths_are_not_there(running, path):
     assert status(running, path.format(running.token)) == 404
 
@@ -111,40 +99,21 @@ def flood(client, messages):
         client.hear()
 
 
-@pytest.mark.parametrize(
-    "message",
-    [
-        "",
-        "{",
-        "[1]",
-        "null",
-        b"\x00\xff",
-        "[" * 4000,
-        '{"do": {"a": 1}}',
-        '{"do": ["set"]}',
-        "\ud7ff" * 1000,
-        '{"do": "__init__"}',
-        '{"do": "answer"}',
-        '{"do": 3}',
-        "{}",
-        '{"do": "seed", "value": -1}',
-        '{"do": "seed", "value": 1e300}',
-        '{"do": "speed", "value": NaN}',
-        '{"do": "speed", "value": -Infinity}',
-        '{"do": "speed", "value": true}',
-        '{"do": "curve", "population": "exc", "neuron": 99999999999}',
-        '{"do": "watch", "population": "exc", "neuron": 0, "state": "../../etc"}',
-        '{"do": "watch", "population": "/etc/passwd", "neuron": 0, "state": "V_m"}',
-        '{"do": "set", "part": "exc", "word": "V_th", "value": "__import__(\'os\').getcwd()"}',
-        '{"do": "set", "part": "exc", "word": "V_th", "value": ' + "9" * 3000 + "}",
-        '{"do": "set", "part": "exc[0]", "word": "V_th", "value": 1}',
-        '{"do": "set", "part": "exc", "word": "_engine", "value": 1}',
-        '{"do": "set", "part": "exc", "word": "tau_minus", "value": 1}',
-        '{"do": "set", "part": "exc", "word": "V_th", "value": -1e400}',
-        '{"do": "activate", "population": "exc", "rate": -5}',
-        '{"do": "reset", "weights": "yes"}',
-    ],
-)
+@pytest.mark.parametrize("message", [
+    "", "{", "[1]", "null", b"\x00\xff", "[" * 4000, '{"do": {"a": 1}}', '{"do": ["set"]}', "\ud7ff" * 1000,
+    '{"do": "__init__"}', '{"do": "answer"}', '{"do": 3}', "{}", '{"do": "seed", "value": -1}',
+    '{"do": "seed", "value": 1e300}', '{"do": "speed", "value": NaN}', '{"do": "speed", "value": -Infinity}',
+    '{"do": "speed", "value": true}', '{"do": "curve", "population": "exc", "neuron": 99999999999}',
+    '{"do": "watch", "population": "exc", "neuron": 0, "state": "../../etc"}',
+    '{"do": "watch", "population": "/etc/passwd", "neuron": 0, "state": "V_m"}',
+    '{"do": "set", "part": "exc", "word": "V_th", "value": "__import__(\'os\').getcwd()"}',
+    '{"do": "set", "part": "exc", "word": "V_th", "value": ' + "9" * 3000 + "}",
+    '{"do": "set", "part": "exc[0]", "word": "V_th", "value": 1}',
+    '{"do": "set", "part": "exc", "word": "_engine", "value": 1}',
+    '{"do": "set", "part": "exc", "word": "tau_minus", "value": 1}',
+    '{"do": "set", "part": "exc", "word": "V_th", "value": -1e400}',
+    '{"do": "activate", "population": "exc", "rate": -5}', '{"do": "reset", "weights": "yes"}'
+])  # fmt: skip
 def test_malformed_messages_are_answered_by_an_error(running, message):
     with running.client() as client:
         client.connection.send(message)
@@ -175,12 +144,8 @@ def test_a_client_that_does_not_read_holds_nobody_up(running):
 def test_connections_that_say_nothing_or_nonsense(running):
     with ExitStack() as sockets:
         for words in (
-            b"",
-            b"GET",
-            b"\x16\x03\x01\x02\x00\x01",
-            b"GET / HTTP/1.1\r\n" + b"X: y\r\n" * 5000,
-            b"\r\n" * 99,
-        ):
+            b"", b"GET", b"\x16\x03\x01\x02\x00\x01", b"GET / HTTP/1.1\r\n" + b"X: y\r\n" * 5000, b"\r\n" * 99
+        ):  # fmt: skip
             one = sockets.enter_context(socket.create_connection((running.host, running.port)))
             one.sendall(words)
         with running.client() as client:

@@ -187,11 +187,8 @@ def test_interrupted(run, recording, monkeypatch, tmp_path):
 
     monkeypatch.setattr("neuro.events.formats.event_stream.Bin.pieces", stop)
     for words in (
-        ("gif", "in.bin"),
-        ("view", "in.bin"),
-        ("convert", "in.bin", "o.h5"),
-        ("split", "in.bin", "--count", "3"),
-    ):
+        ("gif", "in.bin"), ("view", "in.bin"), ("convert", "in.bin", "o.h5"), ("split", "in.bin", "--count", "3")
+    ):  # fmt: skip
         status, out, err = run(*words)
         assert (status, out) == (130, "")
         assert re.fullmatch("interrupted: .* (is not written|are whole)\n", err)
@@ -229,15 +226,12 @@ def test_frames(run, recording, tmp_path):
         assert out == f"a.npz: {len(found['frames'])} of binary_frame, {list(found['frames'].shape[1:])} bool\n"
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--as", "hat"), "unknown representation 'hat'\n  hint: did you mean 'hats'?"),
-        (("--cut", "msd_segments: {tua: 1}"), "unknown parameter of segmenter 'msd_segments' 'tua'"),
-        (("--cut", "count_segments"), "Invalid value for '--cut': 'count_segments': expected all of count, rest=False"),
-        (("--cut", "count_segments: {count: 1000000}"), "finds no segment in"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    (("--as", "hat"), "unknown representation 'hat'\n  hint: did you mean 'hats'?"),
+    (("--cut", "msd_segments: {tua: 1}"), "unknown parameter of segmenter 'msd_segments' 'tua'"),
+    (("--cut", "count_segments"), "Invalid value for '--cut': 'count_segments': expected all of count, rest=False"),
+    (("--cut", "count_segments: {count: 1000000}"), "finds no segment in")
+])  # fmt: skip
 def test_frames_that_cannot_be_made_are_told(run, recording, options, message):
     status, _, err = run("frames", "in.bin", "a.npz", *options)
     assert status == 2

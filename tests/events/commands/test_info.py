@@ -15,17 +15,11 @@ def test_info(run, recording, tmp_path):
     status, out, err = run("info", "in.bin")
     assert (status, err) == (0, "")
     assert out.splitlines() == [
-        "file          in.bin, 500 bytes",
-        "format        N-MNIST .bin",
-        "sensor        34x34, not stated by the file",
-        "events        100",
-        "polarity      50.0% ON, 50.0% OFF",
-        "time          0 to 99000 us, 0.099 s",
-        "rate          1,010 events/s",
-        "longest gaps  1,000 us from 0, 1,000 us from 1000, 1,000 us from 2000",
-        "pixels        100 of 1,156 have events",
-        "hot pixels    none",
-    ]
+        "file          in.bin, 500 bytes", "format        N-MNIST .bin", "sensor        34x34, not stated by the file",
+        "events        100", "polarity      50.0% ON, 50.0% OFF", "time          0 to 99000 us, 0.099 s",
+        "rate          1,010 events/s", "longest gaps  1,000 us from 0, 1,000 us from 1000, 1,000 us from 2000",
+        "pixels        100 of 1,156 have events", "hot pixels    none"
+    ]  # fmt: skip
     told = json.loads(run("info", "in.bin", "--json", "--sensor", "40x50")[1])
     assert (told["events"], told["sensor_size"], told["format"]) == (100, [40, 50], "nmnist")
     (tmp_path / "in.bin").write_bytes((tmp_path / "in.bin").read_bytes()[:-1])
@@ -53,13 +47,9 @@ GENERIC = b"Event Stream\x02\x00\x00\x00"
 def test_info_of_generic_events(run, tmp_path):
     (tmp_path / "a.es").write_bytes(GENERIC + b"\x05\x06abc\xff" + b"\x00\x0a\xc3\xa4\x00\xff\x01")
     assert run("info", "a.es")[1].splitlines() == [
-        "file    a.es",
-        "format  Event Stream, generic: times with bytes, no pixels",
-        "events  2",
-        "time    5 to 259 us, 0.000254 s",
-        "bytes   3 to 5 an event, 8 in all",
-        "first   'abc'",
-    ]
+        "file    a.es", "format  Event Stream, generic: times with bytes, no pixels", "events  2",
+        "time    5 to 259 us, 0.000254 s", "bytes   3 to 5 an event, 8 in all", "first   'abc'"
+    ]  # fmt: skip
     (tmp_path / "b.es").write_bytes(GENERIC + b"\x05\x52" + bytes(41) + b"\x05")
     shown = run("info", "b.es")[1].splitlines()[-2:]
     assert shown == ["first   " + " ".join(["00"] * 40) + " ...", "damage  byte 59: " + CUT]

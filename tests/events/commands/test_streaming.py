@@ -123,20 +123,16 @@ def test_counts_alone_until_an_end(run, end):
     assert err.startswith("listening at udp://127.0.0.1:")
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("listen", HERE[0], "--from", "spiff", "--sensor", "34x34"), "unknown format of a stream 'spiff'"),
-        (("listen", *HERE[:3]), "sensor is missing"),
-        (("listen", HERE[0], "walk.es", *HERE[1:]), "--force"),
-        (("listen", *HERE, "--no-browser"), "--no-browser: expected --page as well"),
-        (("listen", *HERE, "--to", "es"), "--to: expected OUT as well"),
-        (("listen", *HERE, "--force"), "--force: expected OUT as well"),
-        (("send", "walk.es", "udp://127.0.0.1", "--to", "spif"), "expected udp://HOST:PORT"),
-        (("send", "walk.es", "udp://127.0.0.1:9", "--to", "spif", "--speed", "0"), "speed = 0"),
-        (("send", "none.es", "udp://127.0.0.1:9", "--to", "spif"), "no such file"),
-    ],
-)
+@pytest.mark.parametrize(("words", "message"), [
+    (("listen", HERE[0], "--from", "spiff", "--sensor", "34x34"), "unknown format of a stream 'spiff'"),
+    (("listen", *HERE[:3]), "sensor is missing"), (("listen", HERE[0], "walk.es", *HERE[1:]), "--force"),
+    (("listen", *HERE, "--no-browser"), "--no-browser: expected --page as well"),
+    (("listen", *HERE, "--to", "es"), "--to: expected OUT as well"),
+    (("listen", *HERE, "--force"), "--force: expected OUT as well"),
+    (("send", "walk.es", "udp://127.0.0.1", "--to", "spif"), "expected udp://HOST:PORT"),
+    (("send", "walk.es", "udp://127.0.0.1:9", "--to", "spif", "--speed", "0"), "speed = 0"),
+    (("send", "none.es", "udp://127.0.0.1:9", "--to", "spif"), "no such file")
+])  # fmt: skip
 def test_mistakes(run, walk, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
     status, _, err = run(*words)

@@ -310,13 +310,9 @@ def test_mistakes():
         (sim, {"cells": source}, "inputs: 'cells' is iaf_psc_exp: expected an event_camera"),
         (sim, {"camera": noise}, "inputs: source of 'camera' is <function noise at "),
         (played, {"camera": source}, "inputs: 'camera' plays a recording: expected an event_camera without one"),
-        (later, {"camera": source}, "inputs: 'camera' starts at 5 ms: expected 0"),
-        (
-            sim,
-            {"camera": other},
-            "inputs: 'camera' would have the shape [2, 9, 9], that of its source: expected [2, 12, 16]",
-        ),
-    ):
+        (later, {"camera": source}, "inputs: 'camera' starts at 5 ms: expected 0"), (sim, {"camera": other},
+        "inputs: 'camera' would have the shape [2, 9, 9], that of its source: expected [2, 12, 16]")
+    ):  # fmt: skip
         assert refusal(Loop, of, tick=1.0, inputs=inputs).startswith(message)
     loop = Loop(sim, tick=2.0)
     assert refusal(loop.run, 3.0) == "run = 3 ms: expected a multiple of the tick, 2 ms"
@@ -334,19 +330,12 @@ def test_mistakes():
     assert refusal(Player, 3) == "recording is 3: expected Events or the path of a file"
 
 
-@pytest.mark.parametrize(
-    ("gives", "received", "message"),
-    [
-        ([(1, 2, 3, 1)], None, "source of 'camera' gave [(1, 2, 3, 1)]: expected Events"),
-        (None, None, "source of 'camera' gave None: expected Events"),
-        (
-            noise(2, 1.0),
-            12.5,
-            "received_ns of the source of 'camera' is 12.5: expected whole ns, one for all or each of 2",
-        ),
-        (noise(2, 1.0), np.arange(3), "received_ns of the source of 'camera' is array([0, 1, 2]): expected whole ns"),
-    ],
-)
+@pytest.mark.parametrize(("gives", "received", "message"), [
+    ([(1, 2, 3, 1)], None, "source of 'camera' gave [(1, 2, 3, 1)]: expected Events"),
+    (None, None, "source of 'camera' gave None: expected Events"),
+    (noise(2, 1.0), 12.5, "received_ns of the source of 'camera' is 12.5: expected whole ns, one for all or each of 2"),
+    (noise(2, 1.0), np.arange(3), "received_ns of the source of 'camera' is array([0, 1, 2]): expected whole ns")
+])  # fmt: skip
 def test_sources_that_give_something_else(gives, received, message):
     class Source:
         received_ns = received

@@ -26,27 +26,21 @@ ALONE = "population 'camera': shape [9]"
 NONE = Events([], [], [], [], (12, 9))
 
 
-@pytest.mark.parametrize(
-    ("words", "shape", "message"),
-    [
-        ({"polarity": "both"}, "auto", f"event_camera.polarity = 'both': {WORDS}"),
-        ({"crop": {"x": [3, 40]}}, "auto", f"population 'camera': {CROP}"),
-        ({"crop": {"y": [5, 5]}}, "auto", "crop.y = [5, 5]: expected [first, the one after the last]"),
-        ({"scale": 0.5}, "auto", "event_camera.scale = 0.5: expected a whole number >= 1"),
-        ({"offset": 5e-4}, "auto", "event_camera.offset = 0.0005 ms: expected whole us, as the times of events are"),
-        ({}, (2, 12, 9), f"population 'camera': shape [2, 12, 9]: expected [2, 9, 12], {AS_SENSOR}"),
-        ({"polarity": "on"}, (2, "auto"), f"population 'camera': shape [2, auto]: expected [9, 12], {AS_SENSOR}"),
-        ({"file": "walk.dat"}, "auto", "event_camera: found both 'file' and 'events': expected one of them"),
-        ({"events": None}, "auto", f"population 'camera': shape auto: no sensor is known before it is played{NUMBERS}"),
-        (
-            {"events": None, "polarity": "on"},
-            9,
-            "population 'camera': shape [9]: expected [height, width] with polarity: on",
-        ),
-        ({"events": "walk.dat"}, "auto", f"event_camera: events: found 'walk.dat': {EVENTS}"),
-        ({"events": NONE}, "auto", "population 'camera': its recording has no events: expected at least one"),
-    ],
-)
+@pytest.mark.parametrize(("words", "shape", "message"), [
+    ({"polarity": "both"}, "auto", f"event_camera.polarity = 'both': {WORDS}"),
+    ({"crop": {"x": [3, 40]}}, "auto", f"population 'camera': {CROP}"),
+    ({"crop": {"y": [5, 5]}}, "auto", "crop.y = [5, 5]: expected [first, the one after the last]"),
+    ({"scale": 0.5}, "auto", "event_camera.scale = 0.5: expected a whole number >= 1"),
+    ({"offset": 5e-4}, "auto", "event_camera.offset = 0.0005 ms: expected whole us, as the times of events are"),
+    ({}, (2, 12, 9), f"population 'camera': shape [2, 12, 9]: expected [2, 9, 12], {AS_SENSOR}"),
+    ({"polarity": "on"}, (2, "auto"), f"population 'camera': shape [2, auto]: expected [9, 12], {AS_SENSOR}"),
+    ({"file": "walk.dat"}, "auto", "event_camera: found both 'file' and 'events': expected one of them"),
+    ({"events": None}, "auto", f"population 'camera': shape auto: no sensor is known before it is played{NUMBERS}"),
+    ({"events": None, "polarity": "on"}, 9,
+    "population 'camera': shape [9]: expected [height, width] with polarity: on"),
+    ({"events": "walk.dat"}, "auto", f"event_camera: events: found 'walk.dat': {EVENTS}"),
+    ({"events": NONE}, "auto", "population 'camera': its recording has no events: expected at least one")
+])  # fmt: skip
 def test_mistakes(walk, words, shape, message):
     assert refused(lambda: neuro.event_camera(**{"events": walk, **words}), shape) == message
 
@@ -100,10 +94,8 @@ def test_arrays_need_a_sensor_or_a_shape(walk):
     few = walk[(walk.x < 8) & (walk.y < 6)]
     crop = {"x": [2, 12], "y": [0, 8]}
     for words, shape in (
-        ({"scale": 2}, (2, 5, 6)),
-        ({"crop": crop}, (2, 8, 10)),
-        ({"crop": crop, "scale": 4}, (2, 2, 3)),
-    ):
+        ({"scale": 2}, (2, 5, 6)), ({"crop": crop}, (2, 8, 10)), ({"crop": crop, "scale": 4}, (2, 2, 3))
+    ):  # fmt: skip
         sims = [neuro.compile(network(neuro.event_camera(events=e, **words), shape)) for e in (few, few.records())]
         for sim in sims:
             sim.run(70.0)

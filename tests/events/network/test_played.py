@@ -217,11 +217,8 @@ def test_people_are_told_the_model_that_they_know(walk):
     sim.run(5.0)
     assert "camera  event_camera" in str(sim)
     assert [(part.name, part.said) for part in sim.program.populations] == [
-        ("camera", "event_camera"),
-        ("cells", "iaf_psc_exp"),
-        ("coded", "encode"),
-        ("bias", "dc_generator"),
-    ]
+        ("camera", "event_camera"), ("cells", "iaf_psc_exp"), ("coded", "encode"), ("bias", "dc_generator")
+    ]  # fmt: skip
     assert refusal(sim.inject, "camera", [6.0], [0]) == (
         "inject: 'camera' is an event_camera: expected a spike_generator\n"
         "  hint: sim.feed('camera', events) gives it events"
