@@ -250,8 +250,7 @@ ADDRESSES = st.sampled_from([0, 1 << 31, 1 << 10, 1 << 11, 7 << 22 | 5 << 12])
 def test_any_block_gives_the_same(pairs, block):
     whole, parts = (Aedat2(Source(DAVIS + words(*pairs))) for _ in range(2))
     found = read_pieces(whole)
-    assert read_pieces(parts, block) == found
-    assert parts.metadata == whole.metadata
+    assert (read_pieces(parts, block), parts.metadata) == (found, whole.metadata)
     events = [k for k, (address, _) in enumerate(pairs) if not address & (1 << 31 | 1 << 10)]
     assert found[1] == [len(DAVIS) + 8 * k for k in events]
 
@@ -279,8 +278,7 @@ def test_fields_of_aedat3():
     assert AEDAT3.untested
     header = HEADER3.replace(b"DVS128", b"something else")
     events = load(header + packet([event(2**31 - 1, 32767, 32766)], overflow=2**31 - 1))
-    assert rows(events) == [(2**62 - 1, 32767, 32766, 1)]
-    assert events.sensor_size == (32768, 32767)
+    assert (rows(events), events.sensor_size) == ([(2**62 - 1, 32767, 32766, 1)], (32768, 32767))
 
 
 def test_signed_times_of_aedat3():
@@ -295,8 +293,7 @@ def test_first_of_several_cameras():
     two = LINES.replace(b"#Source 0: DVS128\r\n", b"#Source 3: DVS128\r\n#Source 4: DAVIS240C\r\n#-Source 0: eDVS\r\n")
     data = two + b"#!END-HEADER\r\n" + packet([event(1, 2, 3)], camera=4) + packet([event(4, 5, 6)], camera=3)
     events = load(data)
-    assert rows(events) == [(4, 5, 6, 1)]
-    assert (events.sensor_size, events.metadata["other_events"]) == ((128, 128), 1)
+    assert (rows(events), events.sensor_size, events.metadata["other_events"]) == ([(4, 5, 6, 1)], (128, 128), 1)
     one = HEADER3 + packet([event(1, 2, 3)], camera=7)  # the only camera, whatever its number
     assert rows(load(one)) == [(1, 2, 3, 1)]
 
@@ -315,8 +312,7 @@ def test_any_block_of_aedat3_gives_the_same(packets, block, cut):
     data = data[: len(data) - min(cut, len(data) - len(HEADER3))]
     whole, parts = (Aedat3(Source(data)) for _ in range(2))
     found, places, damage = read_pieces(whole)
-    assert read_pieces(parts, block) == (found, places, damage)
-    assert parts.metadata == whole.metadata
+    assert (read_pieces(parts, block), parts.metadata) == ((found, places, damage), whole.metadata)
     for (t, x, y, _), place in zip(found, places, strict=True):
         word, time = struct.unpack("<II", data[place : place + 8])
         assert (word >> 17, word >> 2 & 0x7FFF, time) == (x, y, t & 0x7FFFFFFF)

@@ -84,9 +84,7 @@ def test_cut_in_a_packet_gives_the_packets_before(shared):
     """Cut at places all over the file: strict names the packet, else the whole ones are there."""
     name = "davis346_small.aedat4"
     data = (shared / "data" / "formats" / name).read_bytes()
-    whole = load(data)
-    starts = [14 + 4 + struct.unpack_from("<I", data, 14)[0]]
-    counts = [0]
+    whole, starts, counts = load(data), [14 + 4 + struct.unpack_from("<I", data, 14)[0]], [0]
     for _ in range(50):
         number, size = struct.unpack_from("<ii", data, starts[-1])
         counts.append(counts[-1] + (number == 0))
@@ -112,8 +110,7 @@ def test_compressions(compression):
     frames = packet(pack(b"a picture"), 1)
     data = header(compression) + packet(pack(events_table(ROWS))) + frames + packet(pack(events_table([])))
     events = load(data)
-    assert events.records().tolist() == ROWS
-    assert events.sensor_size == (40, 30)
+    assert (events.records().tolist(), events.sensor_size) == (ROWS, (40, 30))
     told = {"0": {"type": "events", "width": 40, "height": 30, "source": "cam"}, "1": {"type": "frames"}}
     assert events.metadata == {
         "format": "aedat4", "t0": 5, "compression": ["none", "LZ4", "LZ4", "Zstandard", "Zstandard"][compression],
@@ -123,16 +120,14 @@ def test_compressions(compression):
 
 def test_sensor_that_is_not_told():
     plain = header(info=INFO.format(size=""))
-    assert load(plain + packet(events_table(ROWS))).sensor_size == (4, 5)
-    assert len(load(plain)) == 0
+    assert (load(plain + packet(events_table(ROWS))).sensor_size, len(load(plain))) == ((4, 5), 0)
     assert "a packet has an event at a negative place" in refusal(load, plain + packet(events_table([(1, -1, 0, 1)])))
 
 
 def test_the_second_stream_of_events_is_counted():
     info = INFO.format(size=SIZE).replace("FRME", "EVTS")
     events = load(header(info=info) + packet(events_table([(1, 2, 3, 1)]), 1) + packet(events_table(ROWS)))
-    assert events.records().tolist() == ROWS
-    assert events.metadata["other_packets"] == {"events": 1}
+    assert (events.records().tolist(), events.metadata["other_packets"]) == (ROWS, {"events": 1})
 
 
 HEAD = len(header())
@@ -219,8 +214,7 @@ def test_what_is_like_the_packet_before_is_decoded_at_once(monkeypatch):
         packets = [packet(pack(events_table([(k, 1, 2, 1)] * 50))) for k in range(100)]
         whole = header(compression) + b"".join(packets)
         seen.clear()
-        assert len(load(whole)) == 5000
-        assert seen[0] == len(header())
+        assert (len(load(whole)), seen[0]) == (5000, len(header()))
         assert len(seen) < 8
 
 
@@ -246,6 +240,5 @@ def test_writing_and_reading(tmp_path, monkeypatch, packed):
     for events in (steps(0), steps(20_000)):
         save(events, tmp_path / "a.aedat4", replace=True)
         again = load(tmp_path / "a.aedat4")
-        assert again == events
-        assert again.metadata["compression"] == ("LZ4" if packed else "none")
+        assert (again, again.metadata["compression"]) == (events, "LZ4" if packed else "none")
     assert [len(part) for part in stream(tmp_path / "a.aedat4", count=7000)] == [7000, 7000, 6000]

@@ -49,8 +49,7 @@ def test_event_arrays(packed):
     """dvs_msgs from its definition: no recording was at hand."""
     data = bag(connection(ARRAY), message(array(ROWS[:2])), message(array([])), message(array(ROWS[2:])), packed=packed)
     events = load(data)
-    assert events.records().tolist() == ROWS
-    assert events.sensor_size == (640, 480)
+    assert (events.records().tolist(), events.sensor_size) == (ROWS, (640, 480))
     assert events.metadata["encoding"] == "EventArray"
 
 
@@ -73,16 +72,14 @@ def test_evt3_goes_on_from_packet_to_packet():
         parts = [np.frombuffer(part, "<u2").astype(order).tobytes() for part in data]
         packets = [message(packet(part, "evt3", size=(0, 0), big=big)) for part in parts]
         events = load(bag(connection(PACKET), *packets))
-        assert events.records().tolist() == expected
-        assert events.sensor_size == (10, 6)
+        assert (events.records().tolist(), events.sensor_size) == (expected, (10, 6))
 
 
 def test_other_topics_are_left_out():
     others = connection("sensor_msgs/Imu", 1, b"/imu"), message(b"abc", 1), connection(ARRAY, 2, b"/right")
     data = bag(connection(ARRAY), *others, message(array(ROWS)), message(array(ROWS[:1]), 2))
     events = load(data)
-    assert events.records().tolist() == ROWS
-    assert events.metadata["topics"] == ["/right"]
+    assert (events.records().tolist(), events.metadata["topics"]) == (ROWS, ["/right"])
 
 
 BEGIN = 13 + len(record(3, b" " * 99))
@@ -152,12 +149,9 @@ def test_ros2(tmp_path, plugin):
     packets = [cdr_packet(mono(part, base), base=base) for part in (ROWS[:2], ROWS[2:])]
     path = ros2(tmp_path / "packets", PACKET, packets, plugin)
     events = load(path)
-    assert events.records().tolist() == ROWS
-    assert events.sensor_size == (640, 480)
-    assert load(path.read_bytes()) == events
+    assert (events.records().tolist(), events.sensor_size, load(path.read_bytes())) == (ROWS, (640, 480), events)
     arrays = ros2(tmp_path / "arrays", ARRAY, [cdr_array(ROWS[:1]), cdr_array([]), cdr_array(ROWS[1:])], plugin)
-    assert load(arrays).records().tolist() == ROWS
-    assert [len(part) for part in stream(arrays, count=2)] == [2, 1]
+    assert (load(arrays).records().tolist(), [len(part) for part in stream(arrays, count=2)]) == (ROWS, [2, 1])
     assert "no whole ROS 2 bag: " in refusal(load, path.read_bytes()[:200], format="rosbag2")
 
 

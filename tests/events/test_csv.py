@@ -69,8 +69,7 @@ def test_more_columns_than_needed():
 def test_seconds_are_known_by_their_fraction():
     """The RPG's events.txt: t in s, x, y, p."""
     events = of("0.000000000 33 39 1\n1468939993.067416019 158 145 1\n1468939993.0674165 5 6 0\n")
-    assert events.t.tolist() == [0, 1468939993067416, 1468939993067417]
-    assert events.metadata["time_unit"] == "s"
+    assert (events.t.tolist(), events.metadata["time_unit"]) == ([0, 1468939993067416, 1468939993067417], "s")
     assert of("1e0 1 2 1\n2.5e-6 1 2 1\n", sort=True).t.tolist() == [3, 1000000]
 
 
@@ -87,8 +86,7 @@ def test_the_unit_may_be_told(name, told, us):
 
 
 def test_savetxt(tmp_path):
-    path = tmp_path / "a.txt"
-    table = np.array(ROWS[1:4], np.float64)
+    path, table = tmp_path / "a.txt", np.array(ROWS[1:4], np.float64)
     np.savetxt(path, table)
     assert load(path).records().tolist() == ROWS[1:4]
     np.savetxt(path, table, fmt="%d", delimiter=", ", header="t x y p")
@@ -97,8 +95,7 @@ def test_savetxt(tmp_path):
 
 @pytest.mark.parametrize("head", ["%geometry:640,480\n", "# sensor 640x480\n", "640 480\n", "\n#no\n640,480\n# x\n"])
 def test_sensor(head):
-    assert of(head + "5 100 200 1\n").sensor_size == (640, 480)
-    assert of("5 100 200 1\n").sensor_size == (101, 201)
+    assert (of(head + "5 100 200 1\n").sensor_size, of("5 100 200 1\n").sensor_size) == ((640, 480), (101, 201))
 
 
 def test_lines_of_all_kinds():
@@ -152,8 +149,7 @@ def test_an_endless_line():
 
 
 def test_streamed_is_the_same(tmp_path):
-    rows = [(10 * k, k % 240, k % 180, k % 2) for k in range(20000)]
-    path = tmp_path / "a.csv"
+    rows, path = [(10 * k, k % 240, k % 180, k % 2) for k in range(20000)], tmp_path / "a.csv"
     path.write_bytes(b"# sensor 240x180\n" + text(rows))
     pieces = list(Table(Source(path)).pieces(1))
     assert len(pieces) > 3

@@ -70,8 +70,7 @@ def check(data, name, format=None):
     at_once, _ = told(parts, data, name=name, format=format)
     assert time.process_time() - began < SECONDS
     assert not quiet
-    assert (lenient is not None) == opens(data, name, format)
-    assert (streamed is None) == (lenient is None)
+    assert (lenient is not None, streamed is None) == (opens(data, name, format), lenient is None)
     assert (at_once is None) == (strict is None)
     if lenient is not None:
         Events(lenient.t, lenient.x, lenient.y, lenient.p, lenient.sensor_size)

@@ -98,9 +98,7 @@ def test_found_and_sorted(folder, place):
     found = recordings(place(folder))
     assert found.classes == ("2", "9", "10")
     assert names(found) == ["Test/2/1.bin", "Test/9/1.bin", "Train/9/1.bin", "Train/10/2.bin", "Train/10/10.bin"]
-    assert [r.label for r in found] == [0, 1, 1, 2, 2]
-    assert found[0].load().t.tolist() == [9]
-    assert len(found[1:3]) == 2
+    assert ([r.label for r in found], found[0].load().t.tolist(), len(found[1:3])) == ([0, 1, 1, 2, 2], [9], 2)
     assert pickle.loads(pickle.dumps(found))[4].read() == word(9)
     assert found.fingerprint() == recordings(folder).fingerprint()
     assert found.fingerprint() != found[1:].fingerprint()
@@ -194,8 +192,7 @@ def test_the_official_files(shared, tmp_path):
     assert np.bincount(train.labels).tolist() == [97, 116, 99, 93, 105, 92, 94, 117, 87, 100]
     data = Dataset(shared / "data" / "nmnist" / "nmnist_test50_bin.zip")
     decoded = np.load(shared / "data" / "nmnist" / "nmnist_test50.npz")
-    assert data.layout == "nmnist"
-    assert sorted(data.labels.tolist()) == sorted(decoded["labels"].tolist())
+    assert (data.layout, sorted(data.labels.tolist())) == ("nmnist", sorted(decoded["labels"].tolist()))
     assert {len(events) for events, _ in data} == set(np.diff(decoded["offsets"]).tolist())
     assert {events.sensor_size for events, _ in data[:5]} == {SIZE}
     poker = shared / "data" / "poker_dvs" / "poker_dvs_shared_aedat2.zip"
@@ -297,8 +294,7 @@ def test_wrong_tables_of_gestures(table, what, tmp_path):
 def test_any_format_in_class_folders_and_alone(name, sample, tmp_path):
     ending = FORMATS[name].suffixes[0]
     write(tmp_path / "set", *(f"{c}/{k}{ending}" for k, c in enumerate(("left", "right", "right"))), data=sample(name))
-    found = recordings(tmp_path / "set")
-    first = tmp_path / "set" / "left" / f"0{ending}"
+    found, first = recordings(tmp_path / "set"), tmp_path / "set" / "left" / f"0{ending}"
     assert (found.classes, found.labels.tolist()) == (("left", "right"), [0, 1, 1])
     assert found[0].load() == found[2].load() == recordings(first)[0].load() == load(first)
     with warnings.catch_warnings():
@@ -321,8 +317,7 @@ def test_a_single_recording(train):
     assert (one.name, one.path, one.label, one.load()) == ("2.bin", str(path), UNKNOWN, load(path))
     assert recordings(path, classes=("3", "7")).labels.tolist() == [UNKNOWN]
     assert recordings(path, classes=("3", "7"), label="7").labels.tolist() == [1]
-    assert recordings(path, label="7").classes == ("7",)
-    assert len(recordings(path, part="Test")) == 1
+    assert (recordings(path, label="7").classes, len(recordings(path, part="Test"))) == (("7",), 1)
     assert pickle.loads(pickle.dumps(found))[0].load() == one.load()
     assert found.fingerprint() == recordings(str(path)).fingerprint() != recordings(path, label="7").fingerprint()
     assert refused(path, classes=("3", "7"), label="8") == "class '8' is new, expected one of 3, 7"
@@ -380,8 +375,7 @@ def test_aertb_files_are_read(tmp_path):
     with h5py.File(path, "w") as file:
         file["10/b"], file["2/a"] = rows[:1], rows
     data = Dataset(path)
-    assert (data.classes, names(data)) == (("2", "10"), ["2/a", "10/b"])
-    assert data[0][0].t.tolist() == [3, 6]
+    assert (data.classes, names(data), data[0][0].t.tolist()) == (("2", "10"), ["2/a", "10/b"], [3, 6])
     assert Dataset(path, sensor_size=(50, 60))[0][0].sensor_size == (50, 60)
     told = refusal(lambda: Dataset(path, sensor_size=(4, 60))[0])
     assert told == f"{path}/2/a: event 1: x is 4, expected 0 to 3 (sensor 4x60)"
@@ -440,11 +434,9 @@ def some(labels):
 def test_folds_share_each_class(labels, n, seed):
     labels = [label for label in labels if labels.count(label) >= n]
     folds = some(labels).folds(n, seed=seed)
-    assert len(folds) == n
-    assert sorted(np.concatenate([test for _, test in folds]).tolist()) == list(range(len(labels)))
+    assert (len(folds), sorted(np.concatenate([test for _, test in folds]).tolist())) == (n, list(range(len(labels))))
     for learn, test in folds:
-        assert sorted([*learn, *test]) == list(range(len(labels)))
-        assert learn.tolist() == sorted(learn)
+        assert (sorted([*learn, *test]), learn.tolist()) == (list(range(len(labels))), sorted(learn))
         assert test.tolist() == sorted(test)
         for label in set(labels):
             assert abs(sum(labels[k] == label for k in test) - labels.count(label) / n) < 1
@@ -518,14 +510,10 @@ def test_it_is_a_sequence_of_events_and_labels(small):
     assert repr(small) == f"<Dataset 12 of 3 classes in {small.path}>"
     assert (small.classes, small.layout, len(small)) == (("a", "b", "c"), "folders", 12)
     events, label = small[8]
-    assert (events.t.tolist(), label) == ([8], 1)
-    assert small.labels.tolist() == [0] * 7 + [1] * 4 + [2]
-    assert [label for _, label in small] == small.labels.tolist()
-    assert names(small[7:9]) == ["b/0.bin", "b/1.bin"]
-    assert small[-1][0].t.tolist() == [11]
-    assert small[np.array([3, 1])][0][0].t.tolist() == [3]
-    assert names(small[small.labels == 1]) == [f"b/{k}.bin" for k in range(4)]
-    assert len(small[[]]) == 0
+    assert (events.t.tolist(), label, small.labels.tolist()) == ([8], 1, [0] * 7 + [1] * 4 + [2])
+    assert ([label for _, label in small], names(small[7:9])) == (small.labels.tolist(), ["b/0.bin", "b/1.bin"])
+    assert (small[-1][0].t.tolist(), small[np.array([3, 1])][0][0].t.tolist()) == ([11], [3])
+    assert (names(small[small.labels == 1]), len(small[[]])) == ([f"b/{k}.bin" for k in range(4)], 0)
     assert refusal(lambda: small[[True, False]]) == "mask of length 2: expected 12, one for each sample"
     with pytest.raises(IndexError):
         small[12]
@@ -541,8 +529,7 @@ def test_transforms_stand_one_behind_the_other(small):
 
 
 def test_samples_are_chosen_shuffled_and_drawn(small):
-    assert small.only("c", "b").labels.tolist() == [1, 1, 1, 1, 2]
-    assert small.only("b").classes == small.classes
+    assert (small.only("c", "b").labels.tolist(), small.only("b").classes) == ([1, 1, 1, 1, 2], small.classes)
     assert refusal(small.only, "B") == "unknown class 'B'\n  hint: did you mean 'b'?"
     first = small.shuffled(3)
     assert names(first) == names(small.shuffled(3)) != names(small.shuffled(4))
@@ -561,8 +548,7 @@ def test_a_split_keeps_every_sample_and_the_share_of_each_class(counts, share, s
     data = object.__new__(Dataset)
     data.samples = tuple(Labelled(label) for label, n in enumerate(counts) for _ in range(n))
     first, second = data.split(share, seed=seed)
-    assert {*first.samples, *second.samples} == {*data.samples}
-    assert len(first) + len(second) == len(data)
+    assert ({*first.samples, *second.samples}, len(first) + len(second)) == ({*data.samples}, len(data))
     for label, n in enumerate(counts):
         assert abs(sum(sample.label == label for sample in first.samples) - share * n) <= 0.5
     assert first.samples == data.split(share, seed=seed)[0].samples

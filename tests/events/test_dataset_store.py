@@ -46,23 +46,19 @@ def test_the_layout_is_that_of_aertb(folder, tmp_path):
     same(done.path, folder)
     assert seen[0] == ("reading", 0, 30)
     assert ("reading", 30, 30) in seen
-    assert seen[-1] == ("writing", 30, 30)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["o.h5", "set"]
+    assert (seen[-1], sorted(path.name for path in tmp_path.iterdir())) == (("writing", 30, 30), ["o.h5", "set"])
     with h5py.File(done.path) as file:
         assert list(file) == ["0", "1", "2"]
         sample = file["2/29"]
         assert sample.dtype.names == ("ts", "x", "y", "p")
         assert (sample.compression, sample.shuffle, sample.chunks) == ("gzip", True, (29,))
-        assert sample.attrs["sensor_size"].tolist() == [34, 34]
-        assert sample["ts"].tolist() == list(range(29))
+        assert (sample.attrs["sensor_size"].tolist(), sample["ts"].tolist()) == ([34, 34], list(range(29)))
 
 
 def test_the_same_call_again_does_nothing_and_another_is_refused(folder, tmp_path):
     data, out = Dataset(folder), tmp_path / "o.h5"
-    first = data.to_hdf5(out, jobs=1)
-    made = out.stat().st_mtime_ns
-    assert data.to_hdf5(out, jobs=1) == first
-    assert out.stat().st_mtime_ns == made
+    first, made = data.to_hdf5(out, jobs=1), out.stat().st_mtime_ns
+    assert (data.to_hdf5(out, jobs=1), out.stat().st_mtime_ns) == (first, made)
     assert refusal(data[:4].to_hdf5, out, jobs=1) == f"{out}: exists and holds something else; expected a new name"
     (tmp_path / "other.h5").write_text("mine")
     with pytest.raises(EventFileError, match=r"other\.h5: exists and holds something else; expected a new name$"):
@@ -75,8 +71,7 @@ def test_damaged_samples(folder, tmp_path):
     data = Dataset(folder)
     told = {f"{folder}/Train/1/4.bin": "byte 5: 2 bytes left over after 1 events of 5 bytes"}
     skipped = data.to_hdf5(tmp_path / "skip.h5", jobs=1)
-    assert (skipped.samples, skipped.damaged) == (29, told)
-    assert data.to_hdf5(tmp_path / "skip.h5", jobs=1).damaged == told
+    assert (skipped.samples, skipped.damaged, data.to_hdf5(tmp_path / "skip.h5", jobs=1).damaged) == (29, told, told)
     mended = data.to_hdf5(tmp_path / "mend.h5", jobs=1, damaged="mend")
     assert mended.samples == 30
     text = "byte 5: 2 bytes left over after 1 events of 5 bytes; what is before it was read"
@@ -136,8 +131,7 @@ def test_a_zip_tells_changes_by_check_sums(folder, tmp_path):
 
 
 def test_a_folder_of_another_conversion_is_left_alone(folder, tmp_path):
-    parts = tmp_path / "o.h5.parts"
-    data = Dataset(folder)
+    parts, data = tmp_path / "o.h5.parts", Dataset(folder)
     parts.mkdir()
     (parts / "mine.h5").write_text("mine")
     assert (
@@ -205,8 +199,7 @@ def test_after_a_kill_the_same_call_goes_on(folder, tmp_path):
     os.utime(not_read_again, ns=(before.st_atime_ns, before.st_mtime_ns))
     seen = []
     stored = Dataset(folder).to_hdf5(out, jobs=1, report=lambda *what: seen.append(what))
-    assert seen[0] == ("reading", len(done), 30)
-    assert (stored.samples, stored.damaged) == (30, {})
+    assert (seen[0], stored.samples, stored.damaged) == (("reading", len(done), 30), 30, {})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["o.h5", "set", "slow.py"]
 
 

@@ -16,17 +16,14 @@ def make(t=(1, 2, 3), x=(0, 1, 2), y=(0, 1, 1), p=(0, 1, 0), size=(3, 2)):
 
 def test_types_and_length():
     events = make()
-    assert (events.t.dtype, events.x.dtype, events.y.dtype, events.p.dtype) == ("i8", "u2", "u2", "u1")
-    assert len(events) == 3
+    assert (events.t.dtype, events.x.dtype, events.y.dtype, events.p.dtype, len(events)) == ("i8", "u2", "u2", "u1", 3)
     assert repr(events) == "<Events 3 of 3x2, 1 to 3 us>"
 
 
 def test_parts():
     events = make()
-    assert events[1:].t.tolist() == [2, 3]
-    assert events[events.p == 1].x.tolist() == [1]
-    assert events[np.array([0, 2])].t.tolist() == [1, 3]
-    assert events.between(2, 3).t.tolist() == [2]
+    assert (events[1:].t.tolist(), events[events.p == 1].x.tolist()) == ([2, 3], [1])
+    assert (events[np.array([0, 2])].t.tolist(), events.between(2, 3).t.tolist()) == ([1, 3], [2])
     assert events[:0] == make((), (), (), ())
     assert events != make(p=(0, 1, 1))
     assert events != make(size=(4, 2))
@@ -34,8 +31,7 @@ def test_parts():
 
 def test_records_are_packed():
     records = make().records()
-    assert records.dtype == EVENT
-    assert records.tobytes()[:13] == bytes([1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0])
+    assert (records.dtype, records.tobytes()[:13]) == (EVENT, bytes([1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]))
 
 
 def test_as_one_array():
@@ -48,8 +44,7 @@ def test_as_one_array():
 
 
 def test_one_by_one():
-    assert list(make()) == [(1, 0, 0, 0), (2, 1, 1, 1), (3, 2, 1, 0)]
-    assert [e.p for e in make()] == [0, 1, 0]
+    assert (list(make()), [e.p for e in make()]) == ([(1, 0, 0, 0), (2, 1, 1, 1), (3, 2, 1, 0)], [0, 1, 0])
     assert all(type(value) is int for e in make() for value in e)
     assert list(make((), (), (), ())) == []
 
@@ -71,8 +66,7 @@ def test_a_sum_is_sorted_by_time_and_the_first_comes_first(left, right):
     )
     both = a + b
     assert np.all(np.diff(both.t) >= 0)
-    assert both[both.p == 0] == a
-    assert both[both.p == 1] == b
+    assert (both[both.p == 0], both[both.p == 1]) == (a, b)
     assert np.all(np.diff(both.p.astype(int))[np.diff(both.t) == 0] >= 0)
 
 
@@ -126,8 +120,7 @@ def test_import_is_light():
 
 def test_parts_by_place_and_polarity():
     events = Events([1, 2, 3, 4], [0, 5, 5, 9], [0, 1, 2, 3], [1, 0, 1, 0], (10, 4), {"a": 1})
-    assert events.inside((5, 9), (1, 3)).t.tolist() == [2, 3]
-    assert events.inside((0, 10), (0, 4)) == events
+    assert (events.inside((5, 9), (1, 3)).t.tolist(), events.inside((0, 10), (0, 4))) == ([2, 3], events)
     assert (events.of_polarity(1).t.tolist(), events.of_polarity(0).t.tolist()) == ([1, 3], [2, 4])
     assert events.of_polarity(1).metadata == {"a": 1}
     with pytest.raises(ValueError, match=r"polarity 2: expected 1 \(ON\) or 0 \(OFF\)"):
@@ -157,14 +150,12 @@ def test_what_is_no_index(index):
         refusal(lambda: make()[index])
         == f"events[{index!r}]: expected a slice, a mask or indices\n  hint: events.records()[k] is event k alone"
     )
-    assert len(make()[[]]) == 0
-    assert make()[[2]].t.tolist() == [3]
+    assert (len(make()[[]]), make()[[2]].t.tolist()) == (0, [3])
 
 
 def test_between_any_whole_numbers():
     events = make((1, 2, (1 << 63) - 1))
-    assert len(events.between(-(10**30), 10**30)) == 3
-    assert len(events.between(-(1 << 63), (1 << 63) - 1)) == 2
+    assert (len(events.between(-(10**30), 10**30)), len(events.between(-(1 << 63), (1 << 63) - 1))) == (3, 2)
     assert len(events.between(1 << 63, 1 << 64)) == 0
     assert events.between(2.0, np.uint64(1 << 63)).t.tolist() == [2, (1 << 63) - 1]
     expected = "expected a whole number of us from -2^63 to 2^63 - 1"

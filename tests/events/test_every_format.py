@@ -36,8 +36,7 @@ FILES = {
 def test_decoding_is_the_known_one(shared, name, size):
     """At once and streamed, from the disk and from what is read once."""
     path = shared / "data" / "formats" / name
-    truth = json.loads((path.parent / "truth.json").read_text())[name]
-    events = load(path)
+    truth, events = json.loads((path.parent / "truth.json").read_text())[name], load(path)
     records = events.records()
     if name.startswith("davis240"):  # there the columns and rows are as the addresses count them
         records["x"], records["y"] = size[0] - 1 - records["x"], size[1] - 1 - records["y"]
@@ -85,8 +84,7 @@ def test_what_is_saved_is_loaded(tmp_path, name, data):
     events = data.draw(recordings(*HELD[name]))
     if name == "nmnist":
         events = events[events.y != 240]
-    path = tmp_path / f"a{ENDINGS[name]}"
-    cuts = data.draw(st.lists(st.integers(0, len(events)), max_size=4))
+    path, cuts = tmp_path / f"a{ENDINGS[name]}", data.draw(st.lists(st.integers(0, len(events)), max_size=4))
     save(iter(parts_of(events, cuts)), path, replace=True, format=name)
     size = {"sensor_size": events.sensor_size} if name == "nmnist" else {}
     assert load(path, **size) == events
@@ -169,8 +167,7 @@ def test_other_libraries_read_it(tmp_path, library, name):
     rng, n = np.random.default_rng(0), 2500
     columns = np.cumsum(rng.integers(0, 3, n)), *rng.integers(0, [[1200], [720], [2]], (3, n))
     t, x, y, p = (np.repeat(column, 4) for column in columns)
-    events = Events(t, x + np.tile([0, 2, 5, 30], n), y, p, (1280, 720))
-    path = tmp_path / f"a{ENDINGS[name]}"
+    events, path = Events(t, x + np.tile([0, 2, 5, 30], n), y, p, (1280, 720)), tmp_path / f"a{ENDINGS[name]}"
     save(events, path, format=name)
     found = READ_BY[library][1](module, path, name)
     for column, other in zip("txyp", found.dtype.names, strict=True):

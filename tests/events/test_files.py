@@ -14,16 +14,12 @@ def event(x, y, t, p=1):
 
 
 def test_bytes_and_open_files(tmp_path):
-    data = event(3, 4, 100_000) + event(5, 6, 100_001, p=0)
-    path = tmp_path / "a.bin"
+    data, path = event(3, 4, 100_000) + event(5, 6, 100_001, p=0), tmp_path / "a.bin"
     path.write_bytes(data)
     expected = load(path)
-    assert expected.t.tolist() == [100_000, 100_001]
-    assert expected.p.tolist() == [1, 0]
-    assert load(data, format="nmnist") == expected
-    assert load(data, name="a.bin") == expected
-    assert load(bytearray(data), name="a.BIN") == expected
-    assert load(io.BytesIO(data), name="a.bin") == expected
+    assert (expected.t.tolist(), expected.p.tolist()) == ([100_000, 100_001], [1, 0])
+    assert (load(data, format="nmnist"), load(data, name="a.bin")) == (expected, expected)
+    assert (load(bytearray(data), name="a.BIN"), load(io.BytesIO(data), name="a.bin")) == (expected, expected)
     with path.open("rb") as file:
         assert load(file) == expected
 
@@ -71,8 +67,7 @@ def test_missing_files(tmp_path):
 
 
 def test_cannot_save_as(tmp_path):
-    events = load(b"", format="nmnist")
-    written = [f for f in FORMATS.values() if f.write]
+    events, written = load(b"", format="nmnist"), [f for f in FORMATS.values() if f.write]
     endings = ", ".join(dict.fromkeys(suffix for f in written for suffix in f.suffixes))
     for path, format, what in (
         (tmp_path / "a.nothing", None, f"cannot save as '.nothing', expected {endings}"), (tmp_path / "a.bin", "aedat3",

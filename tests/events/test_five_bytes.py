@@ -84,13 +84,11 @@ def test_generic_events(shared):
     folder = shared / "data" / "formats"
     truth = json.loads((folder / "truth.json").read_text())["es_generic.es"]
     events = generic(folder / "es_generic.es")
-    assert len(events) == truth["n_events"]
-    assert [events[0][0], events[0][1].decode()] == truth["first"]
+    assert (len(events), [events[0][0], events[0][1].decode()]) == (truth["n_events"], truth["first"])
     assert (events[-1][0], len(events[-1][1])) == (truth["last_t"], truth["last_len"])
     long = bytes(range(200))
     data = b"\x05\x06abc" + OVERFLOW + RESET + b"\x00\x01\x00\xfd" + bytes([(200 & 127) << 1 | 1, 2]) + long
-    assert generic(GENERIC + data) == [(5, b"abc"), (259, b""), (512, long)]
-    assert generic(GENERIC) == []
+    assert (generic(GENERIC + data), generic(GENERIC)) == ([(5, b"abc"), (259, b""), (512, long)], [])
 
 
 def test_saving_a_file_gives_the_file(shared, tmp_path):

@@ -37,8 +37,7 @@ def test_layout_is_that_of_dsec(tmp_path):
     path = tmp_path / "a.h5"
     save(EVENTS, path)
     with h5py.File(path) as file:
-        assert set(file) == {"events", "ms_to_idx", "t_offset"}
-        assert file["t_offset"][()] == 70
+        assert (set(file), file["t_offset"][()]) == ({"events", "ms_to_idx", "t_offset"}, 70)
         assert file["events/t"][:].tolist() == (T - 70).tolist()
         assert {name: d.dtype.str for name, d in file["events"].items()} == {
             "t": "<i8", "x": "<u2", "y": "<u2", "p": "|u1",
@@ -47,8 +46,7 @@ def test_layout_is_that_of_dsec(tmp_path):
             assert (dataset.compression, dataset.shuffle, dataset.maxshape) == ("gzip", True, (None,))
         assert dict(file["events"].attrs)["sensor_size"].tolist() == [640, 480]
         index = file["ms_to_idx"][:]
-    assert index.tolist() == [0, 2, 4, 4, 4, 4, 4, 4, 4]
-    assert load(path) == EVENTS
+    assert (index.tolist(), load(path)) == ([0, 2, 4, 4, 4, 4, 4, 4, 4], EVENTS)
     assert load(path).metadata == {"format": "hdf5", "t0": 70, "chip": "a", "parts": [1, 2]}
 
 
@@ -79,8 +77,7 @@ def test_dsec():
     """t in uint32 from t_offset on, no sensor."""
     data = hdf5(**columns("events", T.astype("u4")), t_offset=np.int64(49599300523), ms_to_idx=np.zeros(3, "u8"))
     events = load(data)
-    assert events.t.tolist() == (T + 49599300523).tolist()
-    assert events.sensor_size == (601, 401)
+    assert (events.t.tolist(), events.sensor_size) == ((T + 49599300523).tolist(), (601, 401))
 
 
 PROPHESEE = np.array([(x, y, p, t) for t, x, y, p in ROWS], [("x", "u2"), ("y", "u2"), ("p", "i2"), ("t", "i8")])
@@ -90,8 +87,7 @@ def test_prophesee():
     events = load(
         hdf5(CD__events=PROPHESEE, CD__indexes=np.zeros(2, [("id", "u8"), ("ts", "i8")]), geometry="1280x720")
     )
-    assert events.records().tolist() == ROWS
-    assert events.sensor_size == (1280, 720)
+    assert (events.records().tolist(), events.sensor_size) == (ROWS, (1280, 720))
 
 
 def filtered(number, kind, *names):
@@ -136,10 +132,8 @@ def test_samples(tmp_path):
         write_sample(group, "1", EVENTS)
         write_sample(group, "none", EVENTS[:0])
         assert group["1"].dtype.names == ("ts", "x", "y", "p")
-        assert (group["1"].compression, group["1"].shuffle) == ("gzip", True)
-        assert read_sample(group["1"]) == EVENTS
-        assert read_sample(group["1"]).metadata == EVENTS.metadata
-        assert len(read_sample(group["none"])) == 0
+        assert (group["1"].compression, group["1"].shuffle, read_sample(group["1"])) == ("gzip", True, EVENTS)
+        assert (read_sample(group["1"]).metadata, len(read_sample(group["none"]))) == (EVENTS.metadata, 0)
         with pytest.raises(ValueError, match="name already exists"):
             write_sample(group, "1", EVENTS)
         group["other"] = np.zeros(3)
@@ -153,9 +147,7 @@ def test_samples(tmp_path):
 def test_seconds_and_the_root():
     arrays = {"ts": T / 1e6, "x": X, "y": Y, "pol": P > 0, "width": 700, "height": 500}
     events = load(hdf5(**arrays))
-    assert events.records().tolist() == ROWS
-    assert events.sensor_size == (700, 500)
-    assert events.metadata["width"] == 700
+    assert (events.records().tolist(), events.sensor_size, events.metadata["width"]) == (ROWS, (700, 500), 700)
 
 
 WRONG = [

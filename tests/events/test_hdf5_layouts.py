@@ -51,8 +51,7 @@ def m3ed(side="left"):
 
 def test_v2e():
     events = load(v2e())
-    assert events.records().tolist() == RECORDS
-    assert events.sensor_size == (346, 260)
+    assert (events.records().tolist(), events.sensor_size) == (RECORDS, (346, 260))
     assert events.metadata == {"format": "hdf5", "t0": 0, "columns": "t x y p"}
     assert len(load(v2e(T[:0], X[:0], Y[:0], P[:0]))) == 0
     frames = {"frame": np.zeros((2, 9, 9)), "frame_ts": np.zeros(2), "frame_idx": np.zeros((2, 2))}
@@ -86,8 +85,7 @@ def test_mvsec_whose_first_times_are_whole_seconds():
 
 def test_one_of_two_cameras():
     data = hdf5(davis__left__events=mvsec(), davis__right__events=mvsec(x=X + 1))
-    assert load(data, format="hdf5:/davis/left/events").x[1] == 7
-    assert load(data, format="hdf5:/davis/right").x[1] == 8
+    assert (load(data, format="hdf5:/davis/left/events").x[1], load(data, format="hdf5:/davis/right").x[1]) == (7, 8)
     assert load(data, format="h5:davis/right").x[1] == 8
     data = hdf5(**m3ed(), **m3ed("right"))
     assert load(data, format="hdf5:/prophesee/right").records().tolist() == RECORDS
@@ -97,8 +95,7 @@ def test_one_of_two_cameras():
 
 def test_m3ed():
     events = load(hdf5(**m3ed()))
-    assert events.records().tolist() == RECORDS
-    assert events.sensor_size == (1280, 720)
+    assert (events.records().tolist(), events.sensor_size) == (RECORDS, (1280, 720))
 
 
 @pytest.mark.parametrize("order", ["txyp", "xytp", "xypt"])
@@ -131,8 +128,7 @@ E2VID = {"events__ts": SECONDS + T / 1e6, "events__xs": X, "events__ys": Y, "eve
 @pytest.mark.parametrize("told", [[260, 346], np.array([260, 346, 3], "i4"), [260.0, 346.0]])
 def test_e2vid(told):
     events = load(hdf5({"sensor_resolution": told}, **E2VID))
-    assert events.sensor_size == (346, 260)
-    assert (events.t - SECONDS * 10**6).tolist() == T.tolist()
+    assert (events.sensor_size, (events.t - SECONDS * 10**6).tolist()) == ((346, 260), T.tolist())
     assert events.p.tolist() == P.tolist()
 
 

@@ -161,8 +161,7 @@ def test_what_a_format_has_no_room_for_is_left_out_and_counted(tmp_path):
 
 def test_event_stream_leaves_out_what_follows_a_gap_that_is_too_long(tmp_path):
     t = [5, 6, 1 << 50, (1 << 50) + 1]
-    far = Events(t, [1] * 4, [1] * 4, [1] * 4, SIZE)
-    counts = []
+    far, counts = Events(t, [1] * 4, [1] * 4, [1] * 4, SIZE), []
     kept = list(held(iter([far[:1], far[1:3], far[3:]]), FORMATS["event_stream"], counts.append))
     save(iter(kept), tmp_path / "a.es")
     assert (load(tmp_path / "a.es").t.tolist(), counts) == ([5, 6], [1, 1])
@@ -182,5 +181,4 @@ def test_a_pipe_that_breaks_off_leaves_what_came(events, tmp_path, monkeypatch):
         (tmp_path / "out.es.part").unlink()
     (tmp_path / "cut.dat").write_bytes(cut)
     done = subprocess.run([*neuro, "convert", "cut.dat", "out.es"], cwd=tmp_path, capture_output=True, check=False)
-    assert done.returncode == 2
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["cut.dat", "in.dat"]
+    assert (done.returncode, sorted(file.name for file in tmp_path.iterdir())) == (2, ["cut.dat", "in.dat"])

@@ -31,8 +31,7 @@ def of(variables, **options):
 @pytest.mark.parametrize("options", [{}, {"do_compression": True}, {"oned_as": "column"}])
 def test_vectors(options):
     events = of({"ts": T.astype(float), "x": X, "y": Y, "pol": P, "note": "a"}, **options)
-    assert events.records().tolist() == ROWS
-    assert events.sensor_size == (601, 401)
+    assert (events.records().tolist(), events.sensor_size) == (ROWS, (601, 401))
     assert events.metadata == {"format": "mat", "t0": 70, "counted_from": 0}
 
 
@@ -62,8 +61,7 @@ def test_polarities_of_read_ndataset():
 
 def test_a_struct_that_counts_from_0():
     events = of({"TD": td(x=X, y=Y)})
-    assert events.records().tolist() == ROWS
-    assert events.metadata["counted_from"] == 0
+    assert (events.records().tolist(), events.metadata["counted_from"]) == (ROWS, 0)
 
 
 def test_jaer():

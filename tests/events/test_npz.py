@@ -22,8 +22,7 @@ def npz(packed=False, **arrays):
 
 def test_columns():
     events = load(npz(t=T, x=X, y=Y, p=P))
-    assert events.records().tolist() == ROWS
-    assert events.sensor_size == (65536, 40001)
+    assert (events.records().tolist(), events.sensor_size) == (ROWS, (65536, 40001))
     assert events.metadata == {"format": "npz", "t0": -7}
 
 
@@ -90,8 +89,7 @@ def test_a_flipped_bit_is_found():
 
 def test_streamed_in_little_memory(tmp_path):
     n = 300_000
-    t = np.arange(n) * 7
-    path = tmp_path / "a.npz"
+    t, path = np.arange(n) * 7, tmp_path / "a.npz"
     np.savez_compressed(path, t=t, x=(t % 640).astype(np.uint16), y=np.zeros(n, np.uint8), p=np.ones(n, bool))
     pieces = list(Npz(Source(path)).pieces(100_000))
     assert max(piece.t.size for piece in pieces) < 10_000

@@ -116,8 +116,7 @@ def as_specified(name, header, data, literal, size, block):
 
 def test_fields_of_dat():
     events = load(DAT + cd(7, 639, 479, 0) + cd(2**32 - 1, 3, 5))
-    assert rows(events) == [(7, 639, 479, 0), (2**32 - 1, 3, 5, 1)]
-    assert events.sensor_size == (640, 480)
+    assert (rows(events), events.sensor_size) == ([(7, 639, 479, 0), (2**32 - 1, 3, 5, 1)], (640, 480))
     header = {"data": "file containing CD events.", "version": "2", "height": "480", "width": "640"}
     assert events.metadata == {"format": "dat", "t0": 7, "version": 2, "event_type": 12, "header": header}
 
@@ -228,8 +227,7 @@ def test_words_of_evt3_are_as_the_specification_says(some, block):
 
 def test_fields_of_evt2():
     events = load(EVT2 + words(high(3), event(63, 639, 479, 0), TRIGGER, high(5), event(0, 4, 5)))
-    assert rows(events) == [(255, 639, 479, 0), (320, 4, 5, 1)]
-    assert events.sensor_size == (640, 480)
+    assert (rows(events), events.sensor_size) == ([(255, 639, 479, 0), (320, 4, 5, 1)], (640, 480))
     assert [events.metadata[key] for key in ("format", "t0", "other_words")] == ["evt2", 255, 1]
 
 
@@ -275,10 +273,8 @@ def test_fields_of_evt3():
         BASE | ON | 100, VECT_12 | 0x801, VECT_8 | 0x81, VECT_12 | 1, LOW | 6, VECT_8 | 0xF02,
     )  # fmt: skip
     events = load(EVT3 + data)
-    assert events.x.tolist() == [1279, 3, 100, 111, 112, 119, 120, 133]
-    assert events.t.tolist() == [*[4101] * 7, 4102]
-    assert events.p.tolist() == [1, 0, 1, 1, 1, 1, 1, 1]
-    assert set(events.y.tolist()) == {719}
+    assert (events.x.tolist(), events.t.tolist()) == ([1279, 3, 100, 111, 112, 119, 120, 133], [*[4101] * 7, 4102])
+    assert (events.p.tolist(), set(events.y.tolist())) == ([1, 0, 1, 1, 1, 1, 1, 1], {719})
     assert (events.sensor_size, events.metadata["other_words"]) == ((1280, 720), 1)
 
 
@@ -353,10 +349,8 @@ def test_the_coding_is_told_by_the_words(tmp_path):
         data = (tmp_path / "a.raw").read_bytes().split(b"% end\n")[-1]
         for header in (b"", b"% Date 2018-01-01\n"):
             found = load(header + data, name="a.raw")
-            assert found == events
-            assert found.metadata["format"] == coding
+            assert (found, found.metadata["format"]) == (events, coding)
     wide = [w for k in range(50) for w in (high(k) << 32, event21(k, 32 * (k % 20), 9, k % 2, 1 << k % 32 | 1))]
     for legacy in (False, True):
         found = load(words21(*wide, legacy=legacy), name="a.raw")
-        assert found.metadata["format"] == "evt21"
-        assert rows(found) == literal2(words21(*wide), wide=True)[0]
+        assert (found.metadata["format"], rows(found)) == ("evt21", literal2(words21(*wide), wide=True)[0])

@@ -128,8 +128,7 @@ def test_a_format_of_an_installed_package(tmp_path, monkeypatch, events):
     monkeypatch.setattr(registry, "_installed", lambda: entries)
     assert FORMATS["csv"].name == "csv"
     assert "their_format" not in sys.modules
-    assert load(b"THE").sensor_size == (7, 7)
-    assert [*FORMATS][-1] == "theirs"
+    assert (load(b"THE").sensor_size, [*FORMATS][-1]) == ((7, 7), "theirs")
     registry.installed.cache_clear()
 
 
@@ -140,8 +139,7 @@ def test_entries_are_looked_up_only_for_what_is_not_ours(tmp_path, monkeypatch, 
     registry.installed.cache_clear()
     monkeypatch.setattr(registry, "_installed", scan)
     save(events, tmp_path / "a.npz")
-    assert load(tmp_path / "a.npz") == events
-    assert load(tmp_path / "a.npz", format="npz") == events
+    assert (load(tmp_path / "a.npz"), load(tmp_path / "a.npz", format="npz")) == (events, events)
     assert len(FILTERS["crop"]((34, 34))(events)) == 3
 
 

@@ -84,8 +84,7 @@ def test_a_frame_by_hand():
 
 
 def test_frames_of_segments():
-    events = random_events(500, (31, 22))
-    bounds = np.array([0, 10, 10, 300, 500])
+    events, bounds = random_events(500, (31, 22)), np.array([0, 10, 10, 300, 500])
     frames = event_frame(events, segments=bounds)
     assert frames.shape == (4, 2, 22, 31)
     for frame, first, last in zip(frames, bounds[:-1], bounds[1:], strict=True):
@@ -207,9 +206,7 @@ def test_torch_gets_each_representation(monkeypatch):
 def test_a_real_recording(shared):
     events = load(shared / "data/formats/ncaltech101_faces_easy_0001.bin")
     frame = event_frame(events)
-    assert frame.sum() == 67445
-    assert frame[1].sum() == 33770
-    assert hats(events).shape[2:] == (2, 7, 7)
+    assert (frame.sum(), frame[1].sum(), hats(events).shape[2:]) == (67445, 33770, (2, 7, 7))
     assert voxel_grid(events, 5, polarity="ignored", dtype=np.float64).sum() == pytest.approx(67445, rel=1e-12)
 
 
@@ -302,8 +299,7 @@ def test_time_surface_is_as_the_definition(decay, events, later):
 @settings(max_examples=25)
 def test_one_pass_gives_every_time(surface, events, at, inclusive):
     many = surface(events, tau_us=50, at_us=np.array(at, int), inclusive=inclusive)
-    assert many.shape == (len(at), 2, HEIGHT, WIDTH)
-    assert many.dtype == np.float32
+    assert (many.shape, many.dtype) == ((len(at), 2, HEIGHT, WIDTH), np.float32)
     for when, found in zip(at, many, strict=True):
         before = events[: np.searchsorted(events.t, when, side="right" if inclusive else "left")]
         assert np.array_equal(found, surface(before, tau_us=50, at_us=when))
@@ -332,5 +328,4 @@ def test_times_over_all_of_int64():
     for surface in (time_surface, leaky_surface):
         for decay in ("exponential", "linear"):
             found = surface(events, tau_us=1e6, decay=decay)
-            assert np.argwhere(found).tolist() == [[1, 1, 0]]
-            assert found[1, 1, 0] == 1
+            assert (np.argwhere(found).tolist(), found[1, 1, 0]) == ([[1, 1, 0]], 1)

@@ -85,8 +85,7 @@ def test_a_line_may_end_at_the_end_of_a_block(events, end, block):
 @pytest.mark.parametrize("end", ENDS)
 def test_blocks_and_places(end, tmp_path):
     """Of a file of several blocks each event has its byte and its line."""
-    events = [(10 * k, k % 240, k % 180, k % 2) for k in range(20_000)]
-    path = tmp_path / "a.csv"
+    events, path = [(10 * k, k % 240, k % 180, k % 2) for k in range(20_000)], tmp_path / "a.csv"
     path.write_bytes(written := text(events, end=end))
     pieces = list(Table(Source(path)).pieces(1))
     assert len(pieces) > 3
@@ -179,8 +178,7 @@ def test_decimal_points_tell_the_column_of_time():
 def test_decimal_commas(sign, end, names):
     """As programs of many countries write 't;x;y;p' with 0,033333."""
     lines = [sign.join("txyp")] * names + [sign.join(row.split()) for row in ("0,000000 1 2 1", "0,033333 3 4 0")]
-    data = end.join([*lines, ""]).encode()
-    expected = [(0, 1, 2, 1), (33_333, 3, 4, 0)]
+    data, expected = end.join([*lines, ""]).encode(), [(0, 1, 2, 1), (33_333, 3, 4, 0)]
     assert rows(of(data)) == rows(of(data, format="csv:s")) == expected
     assert rows(of(data.replace(b"0,000000", b"0"))) == expected
     assert rows(load(b"%geometry:640,480\n" + data, name="events")) == expected
@@ -190,8 +188,7 @@ def test_decimal_commas(sign, end, names):
 
 def test_decimal_commas_after_many_rows_without():
     for sign in ";", " ":
-        row = sign.join(("0", "1", "2", "1")) + "\n"
-        head = sign.join("txyp") + "\n"
+        row, head = sign.join(("0", "1", "2", "1")) + "\n", sign.join("txyp") + "\n"
         data = (head + row * (SAMPLE // len(row) + 10) + sign.join(("0,033333", "1", "2", "1")) + "\n").encode()
         if sign == ";":
             assert "t is '0.033333', expected whole us, as before; --from csv:s" in refusal(of, data)
@@ -244,13 +241,11 @@ def test_an_order_of_four_columns_for_more():
 @pytest.mark.parametrize("names", ["", "t,x,y,p\n"])
 def test_a_decimal_point_tells_seconds_also_of_whole_times(first, names):
     """As v2e writes '%f %d %d %d': rows that are whole may fill all that is looked at."""
-    us = round(float(first) * 10**6)
-    count = SAMPLE // len(f"{first},1,2,1") + 10
+    us, count = round(float(first) * 10**6), SAMPLE // len(f"{first},1,2,1") + 10
     for many in (1, count):
         data = (names + f"{first},1,2,1\n" * many + "1.033333,1,2,1\n").encode()
         events = of(data)
-        assert events.metadata["time_unit"] == "s"
-        assert sorted(set(events.t.tolist())) == sorted({us, 1_033_333})
+        assert (events.metadata["time_unit"], sorted(set(events.t.tolist()))) == ("s", sorted({us, 1_033_333}))
 
 
 @pytest.mark.parametrize("row", ["0,1,2,1\n", "0.0,1.0,2.0,1.0\n"])
@@ -259,8 +254,7 @@ def test_a_fraction_after_whole_times_asks_for_the_unit(row):
     data = (row * (SAMPLE // len(row) + 10) + "0.033333,1,2,1\n").encode()
     told = refusal(of, data)
     assert "t is '0.033333', expected whole us, as before; --from csv:s or format='csv:s' reads seconds" in told
-    assert of(data, format="csv:s").t[-1] == 33_333
-    assert of((row * 3).encode()).metadata["time_unit"] == "us"
+    assert (of(data, format="csv:s").t[-1], of((row * 3).encode()).metadata["time_unit"]) == (33_333, "us")
 
 
 def test_damage_is_told_of_all_variants():

@@ -21,8 +21,7 @@ from neuro.events.pictures import gif, view
 @pytest.fixture
 def moving():
     """A bar that moves to the right in 60 ms: ON in front, OFF behind."""
-    t = np.repeat(np.arange(60) * 1000, 20)
-    y = np.tile(np.arange(10), 120)
+    t, y = np.repeat(np.arange(60) * 1000, 20), np.tile(np.arange(10), 120)
     side = np.tile(np.repeat([0, 1], 10), 60)
     x = np.clip(t // 2000 + 5 * side, 0, 39)
     return Events(t + 7, x, y, side, (40, 10))
@@ -129,8 +128,7 @@ def test_a_gif_shows_each_window(moving, tmp_path):
         for k in range(3):
             picture.seek(k)
             shown = np.asarray(picture.convert("RGB"))[3::6, 3::6]
-            part = moving.between(7 + 20_000 * k, 7 + 20_000 * (k + 1))
-            expected = np.full((10, 40, 3), 255)
+            part, expected = moving.between(7 + 20_000 * k, 7 + 20_000 * (k + 1)), np.full((10, 40, 3), 255)
             for x, y, p in zip(part.x, part.y, part.p, strict=True):
                 expected[y, x] = (0, 0x72, 0xB2) if p else (0xD5, 0x5E, 0)
             assert np.array_equal(shown, expected)
@@ -164,8 +162,7 @@ def test_still_frames_are_left_out(tmp_path):
     made = gif(blinks, tmp_path / "g.gif", window_us=1000, scale=1, fps=0.1)
     assert (made.frames, made.left_out) == (50, 1950)
     with Image.open(tmp_path / "g.gif") as picture:
-        assert picture.n_frames == 2
-        assert picture.info["duration"] == 250_000
+        assert (picture.n_frames, picture.info["duration"]) == (2, 250_000)
 
 
 def test_too_many_frames(moving, tmp_path, monkeypatch):
@@ -198,12 +195,10 @@ def test_info_counts(moving, tmp_path, name, monkeypatch):
     found = info(tmp_path / name)
     assert (found.events, found.on, found.sensor_size) == (1201, 600, (40, 10))
     assert (found.start_us, found.stop_us, found.duration_us) == (7, 500_000, 499_993)
-    assert found.rate_hz == pytest.approx(1201 / 0.499993)
-    assert found.peak_hz == 20_000
+    assert (found.rate_hz, found.peak_hz) == (pytest.approx(1201 / 0.499993), 20_000)
     assert found.gaps == [(59_007, 440_993), (7, 1000), (1007, 1000)]
     assert found.active_pixels == len(set(zip(late.x.tolist(), late.y.tolist(), strict=True)))
-    assert (found.hot_pixels, found.damage) == (0, [])
-    assert found.as_dict()["on_share"] == 600 / 1201
+    assert (found.hot_pixels, found.damage, found.as_dict()["on_share"]) == (0, [], 600 / 1201)
 
 
 def test_info_reads_once_what_can_be_read_once(moving, tmp_path):

@@ -332,8 +332,7 @@ def tried(kinds, flips, seed, folder):
         command = [sys.executable, "-m", "flips", "--of", str(seed), str(flips), *words]
         done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parent)
         lines = [line.split("\t") for line in done.stdout.splitlines()]
-        per = {kind: [outcome for name, outcome in lines if name == kind] for kind, _, _ in jobs}
-        left = []
+        per, left = {kind: [outcome for name, outcome in lines if name == kind] for kind, _, _ in jobs}, []
         for kind, paths, first in jobs:
             for k, outcome in enumerate(per[kind]):
                 word = outcome.split(" ")[0]

@@ -137,8 +137,7 @@ def test_a_client_that_does_not_read_holds_nobody_up(running):
     with running.client(max_queue=1) as deaf, running.client() as other:
         deaf.connection.send(json.dumps({"do": "network", "id": 1}))
         times = [other.frame()[0]["time"] for _ in range(30)]
-        assert times == sorted(times)
-        assert len({*times}) == 30
+        assert (times, len({*times})) == (sorted(times), 30)
 
 
 def test_connections_that_say_nothing_or_nonsense(running):

@@ -77,8 +77,7 @@ def test_a_slider_acts_and_survives_a_reload(shown, running):
     from selenium.webdriver.common.keys import Keys
 
     assert until(lambda: shown.find_elements(By.ID, "slider-V_th"))
-    slider = shown.find_element(By.ID, "slider-V_th")
-    before = value(shown, "slider-V_th")
+    slider, before = shown.find_element(By.ID, "slider-V_th"), value(shown, "slider-V_th")
     slider.send_keys(Keys.ARROW_RIGHT * 5)
     assert until(lambda: threshold(running) > before)
     assert until(lambda: abs(threshold(running) - value(shown, "slider-V_th")) < 1e-6)

@@ -62,8 +62,7 @@ def test_a_watched_potential_has_samples_for_each_pixel():
         page.frames.watch("exc", 0, "V_m")
         page._advance(8.0, page.pace)
         times = [ms for ms, _ in page.frames._sampled]
-    assert np.diff(times) == pytest.approx(0.5)
-    assert len(times) == 15
+    assert (np.diff(times), len(times)) == (pytest.approx(0.5), 15)
 
 
 def test_a_projection_names_the_population_whose_dopamine_teaches_it():
@@ -89,13 +88,11 @@ def test_sliders_have_unit_and_bounds(running):
         about = client.until(lambda kept: "about" in kept)["about"]
         cells, learning, reward = sliders("exc"), sliders("exc_out"), sliders("reward")
         assert "unknown part 'exc[0]'" in client.ask(do="sliders", part="exc[0]")["error"]
-    assert cells["V_th"]["unit"] == "mV"
-    assert cells["tau_m"]["bounds"] == "> 0"
+    assert (cells["V_th"]["unit"], cells["tau_m"]["bounds"]) == ("mV", "> 0")
     assert cells["V_reset"]["value"] < cells["V_th"]["low"] < cells["V_th"]["value"] < cells["V_th"]["high"]
     assert {"weight", "A_plus", "Wmax", "tau_plus"} <= learning.keys()
     assert learning["weight"]["high"] == learning["Wmax"]["value"] == 400.0
-    assert reward["value"]["unit"] == "1/ms"
-    assert about["populations"][3]["camera"] == [3, 4]
+    assert (reward["value"]["unit"], about["populations"][3]["camera"]) == ("1/ms", [3, 4])
 
 
 def test_mistakes_are_told_and_change_nothing(running):
@@ -132,8 +129,7 @@ def test_reset_and_seed_begin_anew(running):
         assert client.frame()[0]["time"] < before
         client.kept.clear()
         client.ask(do="seed", value=7)
-        assert client.until(lambda kept: "about" in kept)["about"]["seed"] == 7
-        assert running.page.sim.program.seed == 7
+        assert (client.until(lambda kept: "about" in kept)["about"]["seed"], running.page.sim.program.seed) == (7, 7)
         assert running.goes_on()
 
 
@@ -230,8 +226,7 @@ def test_the_curve_and_power_come_from_another_process(running):
         client.ask(do="curve", population="exc", neuron=3)
         kept = client.until(lambda kept: "curve" in kept and "joules" in kept)
     curve = kept["curve"]
-    assert curve["rates"][0] == 0.0
-    assert curve["rates"] == sorted(curve["rates"])
+    assert (curve["rates"][0], curve["rates"]) == (0.0, sorted(curve["rates"]))
     assert curve["rates"][-1] > 10.0
     chips = {each["chip"]: each for each in kept["joules"]["chips"]}
     assert chips["loihi"]["dynamic"] > 0.0
@@ -272,15 +267,13 @@ def test_events_of_a_camera_are_counted_by_pixel():
     head, body = frames.take()
     assert head["cameras"] == [[0, 2, 3, 4]]
     image = np.frombuffer(body, "u1")[:24].reshape(2, 3, 4)
-    assert (image[1, 2, 1], image[0, 0, 3], image.sum()) == (2, 1, 3)
-    assert np.frombuffer(frames.take()[1], "u1").sum() == 0
+    assert (image[1, 2, 1], image[0, 0, 3], image.sum(), np.frombuffer(frames.take()[1], "u1").sum()) == (2, 1, 3, 0)
 
 
 def test_large_sensors_are_summed():
     events = np.zeros((2, 260, 346), dtype=np.int64)
     events[1, 259, 345] = events[1, 258, 344] = 3
-    assert smaller(events).shape == (2, 130, 173)
-    assert smaller(events)[1, 129, 172] == 6
+    assert (smaller(events).shape, smaller(events)[1, 129, 172]) == ((2, 130, 173), 6)
 
 
 def test_of_very_many_spikes_some_are_shown_and_all_are_counted():
@@ -344,14 +337,12 @@ def test_pace_keeps_real_time_and_catches_nothing_up(monkeypatch):
     clock = [100.0]
     monkeypatch.setattr("neuro.live.commands.time.perf_counter", lambda: clock[0])
     pace = Pace(2.0)
-    assert pace.wait_s(0.0) == 0.0
-    assert pace.wait_s(20.0) == pytest.approx(0.01)
+    assert (pace.wait_s(0.0), pace.wait_s(20.0)) == (0.0, pytest.approx(0.01))
     clock[0] += 5.0
     assert pace.wait_s(40.0) < -4.0
     assert pace.wait_s(50.0) == pytest.approx(0.005)
     pace.step()
-    assert pace.wait_s(50.0) == 0.0
-    assert pace.wait_s(60.0) == math.inf
+    assert (pace.wait_s(50.0), pace.wait_s(60.0)) == (0.0, math.inf)
     pace.set(math.inf)
     pace.pause(False)
     assert pace.wait_s(1e9) == 0.0

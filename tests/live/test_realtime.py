@@ -57,8 +57,7 @@ def test_a_stream_is_an_input(live, said):
             if pause.is_set():
                 break
 
-    pause = Event()
-    thread = Thread(target=sending)
+    pause, thread = Event(), Thread(target=sending)
     thread.start()
     if said == "in the file":
         words, asked = {"stream": f"stream: '{url}', format: faery8, sensor: [16, 12]", "shape": "auto"}, ()

@@ -69,8 +69,7 @@ def test_a_pipe(recording, tmp_path):
         "import typer\nfrom neuro.cli.events import app\n"
         "def root():\n    r = typer.Typer(); r.add_typer(app); r.callback()(lambda: None); return r\n"
     )
-    call = f'{sys.executable} -c "{code}" events'
-    env = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    call, env = f'{sys.executable} -c "{code}" events', {**os.environ, "PYTHONPATH": str(tmp_path)}
     convert = f"{call} convert - - --from nmnist --to dat --sensor 34x34"
     line = f"echo '% x' > out.dat; cat in.bin | {convert} >> out.dat; cat out.dat | {call} info -"
     done = subprocess.run(line, shell=True, capture_output=True, text=True, cwd=tmp_path, env=env)

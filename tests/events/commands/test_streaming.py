@@ -18,8 +18,7 @@ NEURO = [sys.executable, "-c", "from neuro.cli import main; main()", "events"]
 
 @pytest.fixture
 def walk(tmp_path):
-    draw = np.random.default_rng(2)
-    n = 500
+    draw, n = np.random.default_rng(2), 500
     t = np.sort(draw.integers(0, 50_000, n))
     events = Events(t, draw.integers(0, 34, n), draw.integers(0, 34, n), draw.integers(0, 2, n), (34, 34))
     save(events, tmp_path / "walk.es")

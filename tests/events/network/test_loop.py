@@ -69,8 +69,7 @@ class Burst:
     backend=st.sampled_from(["event", "reference"]),
 )
 def test_what_was_live_can_be_run_again(tmp_path_factory, seed, n, tick, late, backend):
-    out = tmp_path_factory.mktemp("live") / "day.h5"
-    sim = neuro.compile(network(), backend, seed=seed)
+    out, sim = tmp_path_factory.mktemp("live") / "day.h5", neuro.compile(network(), backend, seed=seed)
     run = Loop(sim, tick=tick, inputs={"camera": Player(noise(n, 30.0, seed))}, late=late).run(50.0, out=out)
     counts = run.inputs["camera"]
     assert counts["fed"] + counts["dropped"] <= counts["taken"] <= n
@@ -79,21 +78,18 @@ def test_what_was_live_can_be_run_again(tmp_path_factory, seed, n, tick, late, b
     assert results.counts().populations["camera"].spikes == counts["fed"] == len(results.spikes("camera")[0])
     assert len(run.latency) == counts["fed"]
     assert (results.live["ticks"], results.live["camera.fed"]) == (run.ticks, counts["fed"])
-    assert results.live["tick_to_action.p99_ms"] == run.response.ms(0.99)
-    assert rerun(out).difference == ""
+    assert (results.live["tick_to_action.p99_ms"], rerun(out).difference) == (run.response.ms(0.99), "")
 
 
 def test_events_keep_their_place_within_a_tick():
-    sim = neuro.compile(network(origin=7000.0, offset=1.0))
-    t = np.array([0, 400, 900, 1600, 9000])
+    sim, t = neuro.compile(network(origin=7000.0, offset=1.0)), np.array([0, 400, 900, 1600, 9000])
     events = Events(t + 5_000_000, [1] * 5, [2] * 5, [1] * 5, SIZE)
     inlet = Loop(sim, tick=10.0, inputs={"camera": Burst(events)})._inlets[0]
     sim.run(5.0)
     inlet.feed(events, np.full(5, 3_200_000), 0, 10, 20)
     inlet.feed(events[::4], np.full(2, 3_200_000), 0, 10, 20)
     sim.run(10.0)
-    assert (sim.spikes("camera")[0] - 5.0).tolist() == [3.5, 3.5, 4.0, 4.5, 5.0, 10.0, 10.0]
-    assert inlet.fed == 7
+    assert ((sim.spikes("camera")[0] - 5.0).tolist(), inlet.fed) == ([3.5, 3.5, 4.0, 4.5, 5.0, 10.0, 10.0], 7)
 
 
 def test_what_comes_after_the_moment_of_a_tick_waits_for_the_next():
@@ -143,8 +139,7 @@ def test_catching_up_runs_every_tick():
     run = Loop(sim, tick=5.0, inputs={"camera": Player(noise(300, 60.0))}, act=slow(20.0)).run(100.0)
     assert (run.ticks, run.skipped, run.drops, run.ended) == (19, 0, 0, "")
     assert run.misses >= 4
-    assert sim.time == 100.0
-    assert run.inputs["camera"]["fed"] == 300
+    assert (sim.time, run.inputs["camera"]["fed"]) == (100.0, 300)
     assert run.largest_tick[1]["act"] > 20.0
     assert "slowest\n" in str(run)
 
@@ -153,8 +148,7 @@ def test_skipping_drops_what_was_missed():
     sim = neuro.compile(network())
     run = Loop(sim, tick=5.0, inputs={"camera": Player(noise(300, 60.0))}, act=slow(20.0), late="skip").run(100.0)
     assert run.skipped >= 4
-    assert run.ticks + run.skipped == 19
-    assert sim.time == 100.0 - 5.0 * run.skipped
+    assert (run.ticks + run.skipped, sim.time) == (19, 100.0 - 5.0 * run.skipped)
     assert run.drops > 20
     assert run.inputs["camera"]["fed"] + run.drops <= 300
 
@@ -204,9 +198,7 @@ def test_a_source_that_fails_leaves_a_whole_file(tmp_path):
 
 def test_memory_does_not_grow():
     sim = neuro.compile(network())
-    counts = sim.port("cells", "counts")
-    room = np.zeros(6, dtype=np.int64)
-    held = []
+    counts, room, held = sim.port("cells", "counts"), np.zeros(6, dtype=np.int64), []
 
     def act(ms):
         counts.get(room)
@@ -233,8 +225,7 @@ def test_a_killed_run_can_be_made_again_as_far_as_it_was_recorded(tmp_path):
     network().save(tmp_path / "net.yaml")
     save(noise(2000, 200.0), tmp_path / "a.npz")
     process = subprocess.Popen([sys.executable, "-c", SCRIPT.format(path=sys.path)], cwd=tmp_path, stdout=-1, stderr=-1)
-    part = tmp_path / "day.h5.part"
-    deadline = time.monotonic() + 60.0
+    part, deadline = tmp_path / "day.h5.part", time.monotonic() + 60.0
     while time.monotonic() < deadline and process.poll() is None:
         with suppress(ModelError):
             if neuro.results.read(part).duration_ms > 300.0:
@@ -252,8 +243,7 @@ def test_a_killed_run_can_be_made_again_as_far_as_it_was_recorded(tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_and_a_kill_end_a_run_with_a_whole_file(tmp_path, number):
-    before = signal.getsignal(number)
-    sim = neuro.compile(network())
+    before, sim = signal.getsignal(number), neuro.compile(network())
     loop = Loop(sim, tick=1.0, act=lambda ms: ms == 20.0 and os.kill(os.getpid(), number))
     run = loop.run(1000.0, out=tmp_path / "day.h5")
     assert run.ended == "interrupted"
@@ -290,10 +280,8 @@ def _written_by_another(folder):
 
 
 def test_mistakes():
-    sim = neuro.compile(network())
-    played = neuro.compile(network(events=noise(10, 10.0)))
-    later = neuro.compile(network(start=5.0))
-    source = Player(noise(10, 1.0))
+    sim, played = neuro.compile(network()), neuro.compile(network(events=noise(10, 10.0)))
+    later, source = neuro.compile(network(start=5.0)), Player(noise(10, 1.0))
     other = Player(Events([0], [0], [0], [0], (9, 9)))
     for words, message in (
         ({"tick": 0.7}, "tick = 0.7 ms: expected a multiple of the resolution, 0.5 ms"),

@@ -91,8 +91,7 @@ def test_arrays_need_a_sensor_or_a_shape(walk):
     assert refused(neuro.event_camera(events=[records[:5], records[5:]])) == message
     sized = neuro.compile(network(neuro.event_camera(events=[records[:5], walk[5:]])))
     assert sized.program.populations[0].shape == (2, 9, 12)
-    few = walk[(walk.x < 8) & (walk.y < 6)]
-    crop = {"x": [2, 12], "y": [0, 8]}
+    few, crop = walk[(walk.x < 8) & (walk.y < 6)], {"x": [2, 12], "y": [0, 8]}
     for words, shape in (
         ({"scale": 2}, (2, 5, 6)), ({"crop": crop}, (2, 8, 10)), ({"crop": crop, "scale": 4}, (2, 2, 3))
     ):  # fmt: skip

@@ -183,8 +183,7 @@ def test_in_yaml_a_file_lies_beside_the_description(tmp_path, walk):
 
 def test_memory_does_not_grow_with_the_recording(tmp_path):
     """Its spikes are neither listed nor, unless a probe asks, kept."""
-    rng = np.random.default_rng(0)
-    n = 200_000
+    rng, n = np.random.default_rng(0), 200_000
 
     def parts(seconds):
         for k in range(seconds):
@@ -197,8 +196,7 @@ def test_memory_does_not_grow_with_the_recording(tmp_path):
         save(parts(seconds), path)
         net = neuro.Network(resolution=1.0)
         net.population("camera", "auto", neuro.event_camera(file=path))
-        sim = neuro.compile(net)
-        most = 0
+        sim, most = neuro.compile(net), 0
         for _ in range(4):
             sim.run(seconds * 250.0)
             most = max(most, sum(sim.memory().values()))

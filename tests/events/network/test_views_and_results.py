@@ -16,11 +16,9 @@ def test_views_of_a_camera_whose_recording_tells_its_shape(walk, tmp_path):
     for model in (neuro.event_camera(file=tmp_path / "walk.aedat4"), neuro.event_camera(events=walk)):
         net = network(model)
         camera = net.populations["camera"]
-        assert (len(camera), camera.sizes) == (216, (2, 9, 12))
-        assert camera[0, 2:4].shape == (2, 12)
+        assert (len(camera), camera.sizes, camera[0, 2:4].shape) == (216, (2, 9, 12), (2, 12))
         assert camera[1, :, -1].ids.tolist() == [108 + 12 * row + 11 for row in range(9)]
-        assert len(camera[np.ones((2, 9, 12), bool)]) == 216
-        assert camera[[0, 215]].ids.tolist() == [0, 215]
+        assert (len(camera[np.ones((2, 9, 12), bool)]), camera[[0, 215]].ids.tolist()) == (216, [0, 215])
         assert "camera[:10]: axis 0: found 10: expected -2 to 2" in refusal(camera.__getitem__, slice(10))
         net.connect(camera[0, 2:4], "cells", neuro.all_to_all(), name="some")
         net.probe("part", camera[1, :, 3])
