@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from neuro.compiler import inputs
+from neuro.compiler import cameras
 from neuro.events import Events
 
 
@@ -15,4 +15,4 @@ def walk():
 @pytest.fixture
 def short(monkeypatch):
     """Stretches so short that runs are cut in many places."""
-    monkeypatch.setattr(inputs, "MOST", 97)
+    monkeypatch.setattr(cameras, "MOST", 97)
