@@ -66,7 +66,7 @@ def test_the_same_call_again_does_nothing_and_another_is_refused(folder, tmp_pat
     assert (tmp_path / "other.h5").read_text() == "mine"
 
 
-def test_damaged_samples(folder, tmp_path):
+def test_damaged_samples(messages, folder, tmp_path):
     (folder / "Train/1/4.bin").write_bytes(word(7) + b"ab")
     data = Dataset(folder)
     told = {f"{folder}/Train/1/4.bin": "byte 5: 2 bytes left over after 1 events of 5 bytes"}
@@ -78,17 +78,13 @@ def test_damaged_samples(folder, tmp_path):
     assert mended.damaged == {f"{folder}/Train/1/4.bin": text}
     with h5py.File(mended.path) as file:
         assert file["1/4"]["ts"].tolist() == [7]
-    assert (
-        refusal(data.to_hdf5, tmp_path / "stop.h5", jobs=1, damaged="stop")
-        == f"{folder}/Train/1/4.bin: {next(iter(told.values()))}"
-    )
+    stop = refusal(data.to_hdf5, tmp_path / "stop.h5", jobs=1, damaged="stop")
     (folder / "Train/1/4.bin").write_bytes(word(7))
     assert data.to_hdf5(tmp_path / "stop.h5", jobs=1, damaged="stop").samples == 30
-    assert "exists and holds something else" in refusal(data.to_hdf5, tmp_path / "skip.h5", jobs=1, damaged="stop")
-    assert (
-        refusal(data.to_hdf5, tmp_path / "x.h5", damaged="skipp")
-        == "unknown choice for damaged 'skipp'\n  hint: did you mean 'skip'?"
-    )
+    other = refusal(data.to_hdf5, tmp_path / "skip.h5", jobs=1, damaged="stop")
+    wrong = refusal(data.to_hdf5, tmp_path / "x.h5", damaged="skipp")
+    cases = {"stop": stop, "other": other, "wrong": wrong}
+    messages({case: text.replace(f"{tmp_path}/", "") for case, text in cases.items()})
 
 
 def test_samples_that_changed_are_not_taken_for_those_stored(folder, tmp_path):
@@ -130,21 +126,15 @@ def test_a_zip_tells_changes_by_check_sums(folder, tmp_path):
     assert "was made of samples that have changed since" in refusal(Dataset(packed).to_hdf5, out, jobs=1)
 
 
-def test_a_folder_of_another_conversion_is_left_alone(folder, tmp_path):
-    parts, data = tmp_path / "o.h5.parts", Dataset(folder)
+def test_a_folder_of_another_conversion_is_left_alone(messages, folder, tmp_path):
+    parts, data, told = tmp_path / "o.h5.parts", Dataset(folder), {}
     parts.mkdir()
     (parts / "mine.h5").write_text("mine")
-    assert (
-        refusal(data.to_hdf5, tmp_path / "o.h5")
-        == f"{parts}: exists and is no conversion that was begun; expected a new name"
-    )
-    (parts / "mine.h5").unlink()
-    (parts / "plan.txt").write_text("other")
-    with pytest.raises(EventFileError) as error:
-        data.to_hdf5(tmp_path / "o.h5")
-    text = "is what another conversion to the same name has done so far; go on with that one, or remove it"
-    assert str(error.value) == f"{parts}: {text}"
-    assert "cannot write: No such file or directory" in refusal(data.to_hdf5, tmp_path / "none" / "o.h5")
+    told["no plan"] = refusal(data.to_hdf5, tmp_path / "o.h5")
+    (parts / "mine.h5").rename(parts / "plan.txt")
+    told["other plan"] = refusal(data.to_hdf5, tmp_path / "o.h5")
+    told["no folder"] = refusal(data.to_hdf5, tmp_path / "none" / "o.h5")
+    messages({case: text.replace(f"{tmp_path}/", "") for case, text in told.items()})
 
 
 def test_names_that_come_twice_in_a_class_are_told_apart(tmp_path):

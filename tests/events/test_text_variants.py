@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
 
-from event_tests import damage_is_told, damaged, refusal, rows
+from event_tests import damage_is_told, damaged, refusal, refusals, rows
 from neuro.events import EventFileError, load, stream
 from neuro.events.formats._columns import ORDERS
 from neuro.events.formats.table import SAMPLE, Table
@@ -100,15 +100,19 @@ def test_cr_alone(shared):
     assert load(b"0,1,2,1\r5,1,2,0\r", name="events").metadata["format"] == "csv"
 
 
-@pytest.mark.parametrize(("data", "message"), [
-    (b"t,x,y,p\r1,2,3,1\r2,2\r,3,1\r", "byte 16: line 3: has 2 columns, expected 4"),
-    (b"1,2,3,1\n2,2,3\r,1\n", "byte 8: line 2: has 3 columns, expected 4"),
-    (b"1,2,3,1\rgarbage\n2,3,4,1\n", "byte 8: line 2: t is 'garbage', expected a number"),
-    (b"1,2,3,1\r\ngarbage\r\n", "byte 9: line 2: t is 'garbage', expected a number"),
-    (b"1,2,3,1\r9\r", "byte 8: line 2: has 1 columns, expected 4")
-])  # fmt: skip
-def test_garbage_behind_a_cr(data, message):
-    assert refusal(of, data) == f"a.csv: {message}"
+GARBAGE = [
+    b"t,x,y,p\r1,2,3,1\r2,2\r,3,1\r", b"1,2,3,1\n2,2,3\r,1\n", b"1,2,3,1\rgarbage\n2,3,4,1\n",
+    b"1,2,3,1\r\ngarbage\r\n", b"1,2,3,1\r9\r",
+]  # fmt: skip
+PLACES = ["xyt", "txyq", "txyp:txyp", "s:ms", "h", "txyp:"]
+
+
+def test_messages(messages, shared):
+    told = refusals(of, GARBAGE) | {place: refusal(of, b"1,2,3,1\n", format=f"csv:{place}") for place in PLACES}
+    told["five columns"] = refusal(of, b"1,2,3,1,9\n", format="csv:txyp")
+    for sort in (False, True):
+        told[f"two orders, {sort}"] = refusal(of, b"5,1,2,1\n3,1,4,0\n", sort=sort)
+    messages(told)
 
 
 BACK = "time runs back from 5 to 3 us"
@@ -224,17 +228,6 @@ def test_many_rows_tell_their_order(order):
 def test_order_and_unit_may_be_given(place, expected):
     assert of(b"5,3,1,1\n", format=f"csv:{place}").t.tolist() == [expected]
     assert load(b"5 3 1 1\n", format=f"txt:{place}").t.tolist() == [expected]
-
-
-@pytest.mark.parametrize("place", ["xyt", "txyq", "txyp:txyp", "s:ms", "h", "txyp:"])
-def test_mistaken_order_and_unit(place):
-    assert f"columns are given as '{place}', expected an order of t, x, y and p" in refusal(
-        of, b"1,2,3,1\n", format=f"csv:{place}"
-    )
-
-
-def test_an_order_of_four_columns_for_more():
-    assert "has 5 columns, expected 4" in refusal(of, b"1,2,3,1,9\n", format="csv:txyp")
 
 
 @pytest.mark.parametrize("first", ["0.000000", "0.", "1e0", "-3.0"])

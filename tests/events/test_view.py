@@ -12,7 +12,6 @@ from matplotlib.image import imread
 from PIL import Image
 
 from event_tests import refusal
-from neuro.core.errors import ModelError
 from neuro.events import Events, save
 from neuro.events.info import info
 from neuro.events.pictures import gif, view
@@ -61,19 +60,17 @@ def test_a_recording_of_days_has_times_that_fit(tmp_path):
     assert abs(int(columns["t"][1]) * data["unit"] - 3 * 10**11) < data["unit"]
 
 
-def test_nothing_to_show(tmp_path):
-    empty = Events([], [], [], [], (2, 2))
-    with pytest.raises(ModelError, match=r"^e: the recording has no events: nothing to show$"):
-        view(empty, tmp_path / "v.html", title="e")
-    with pytest.raises(ModelError, match=r"^most = 0: expected a whole number >= 1$"):
-        view(empty, tmp_path / "v.html", title="e", most=0)
-    with pytest.raises(ModelError, match=r"^the recording has no events: nothing to draw$"):
-        gif(empty, tmp_path / "g.gif")
-    wide = Events([0], [9000], [9000], [1], (9001, 9001))
-    with pytest.raises(
-        ModelError, match=r"^w: the sensor has 9001x9001 px, expected at most 67108864: too many to show$"
-    ):
-        view(wide, tmp_path / "v.html", title="w")
+def test_what_is_refused(messages, moving, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    empty, wide = Events([], [], [], [], (2, 2)), Events([0], [9000], [9000], [1], (9001, 9001))
+    colours = {"colours": ("blu", "red", "white")}
+    told = {"none": refusal(view, empty, "v.html", title="e"), "gif": refusal(gif, empty, "g.gif")}
+    told["most"] = refusal(view, empty, "v.html", title="e", most=0)
+    told["wide"] = refusal(view, wide, "v.html", title="w")
+    for words in ({"fps": 60}, {"fps": 0}, {"scale": 205}, {"window_us": 0}, colours):
+        told[f"{words}"] = refusal(gif, moving, "g.gif", **words)
+    monkeypatch.setattr("neuro.events.pictures.MOST_FRAMES", 50)
+    messages(told | {"many": refusal(gif, moving, "g.gif", window_us=1000)})
     assert list(tmp_path.iterdir()) == []
 
 
@@ -163,26 +160,6 @@ def test_still_frames_are_left_out(tmp_path):
     assert (made.frames, made.left_out) == (50, 1950)
     with Image.open(tmp_path / "g.gif") as picture:
         assert (picture.n_frames, picture.info["duration"]) == (2, 250_000)
-
-
-def test_too_many_frames(moving, tmp_path, monkeypatch):
-    monkeypatch.setattr("neuro.events.pictures.MOST_FRAMES", 50)
-    assert (
-        refusal(gif, moving, tmp_path / "g.gif", window_us=1000)
-        == "more than 50 frames\n  hint: take longer windows, or split the recording"
-    )
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(("words", "what"), [
-    ({"fps": 60}, "fps = 60: expected a number >= 0.1 and <= 50 frames per second"),
-    ({"fps": 0}, "fps = 0: expected a number >= 0.1 and <= 50 frames per second"),
-    ({"scale": 205}, "scale = 205: the picture has 8200x2050 px, expected at most 65535 px, or 8192 px enlarged"),
-    ({"window_us": 0}, "window_us = 0: expected a whole number of us from 1 to 2^63 - 1"),
-    ({"colours": ("blu", "red", "white")}, "unknown colour 'blu', expected a name such as white, or #rrggbb"),
-])  # fmt: skip
-def test_wrong_arguments_of_a_gif(moving, tmp_path, words, what):
-    assert refusal(gif, moving, tmp_path / "g.gif", **words) == what
 
 
 @pytest.mark.parametrize("name", ["x.h5", "x.csv", "x.dat"])
