@@ -307,13 +307,10 @@ def test_messages(messages):
 
 
 @given(
-    st.integers(0, 10_000),
-    st.integers(1, 150),
-    st.integers(1, 40),
-    st.sampled_from(["uint8", "uint16", "float32", "float64"]),
-    st.sampled_from([0.0, 5.0]),
-    st.sampled_from([0.0, 200.0]),
-)
+    st.integers(0, 10_000), st.integers(1, 150), st.integers(1, 40),
+    st.sampled_from(["uint8", "uint16", "float32", "float64"]), st.sampled_from([0.0, 5.0]),
+    st.sampled_from([0.0, 200.0])
+)  # fmt: skip
 @settings(max_examples=40)
 def test_a_true_promise_changes_nothing(seed, width, height, kind, noise, cutoff):
     rng = np.random.default_rng(seed)

@@ -42,14 +42,9 @@ def refused(call, *values, **words):
 
 
 @given(
-    st.data(),
-    EVENTS,
-    st.permutations("txyp"),
-    st.sampled_from(SIGNS),
-    st.sampled_from(ENDS),
-    st.booleans(),
-    st.booleans(),
-)
+    st.data(), EVENTS, st.permutations("txyp"), st.sampled_from(SIGNS), st.sampled_from(ENDS), st.booleans(),
+    st.booleans()
+)  # fmt: skip
 def test_names_separators_and_ends_of_lines(data, events, order, sign, end, named, is_sorted):
     """With names, or with the order given, no rows decide anything; unsorted rows are refused or sorted."""
     order = "".join(order)

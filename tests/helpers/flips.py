@@ -46,13 +46,9 @@ def network():
 def events(k=0, n=400):
     rng = np.random.default_rng(k)
     return Events(
-        np.sort(rng.integers(0, 30_000, n)),
-        rng.integers(0, 34, n),
-        rng.integers(0, 34, n),
-        rng.integers(0, 2, n),
-        (34, 34),
-        {"k": k},
-    )
+        np.sort(rng.integers(0, 30_000, n)), rng.integers(0, 34, n), rng.integers(0, 34, n), rng.integers(0, 2, n),
+        (34, 34), {"k": k}
+    )  # fmt: skip
 
 
 def simulated(backend="reference"):

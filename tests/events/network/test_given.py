@@ -84,16 +84,10 @@ def test_what_cannot_be_fed(messages):
 
 @settings(max_examples=40, deadline=None)
 @given(
-    seed=st.integers(0, 10_000),
-    n=st.integers(20, 300),
-    polarity=st.sampled_from(["split", "merge", "on", "off"]),
-    scale=st.integers(1, 3),
-    crop=st.booleans(),
-    offset=st.sampled_from([0.0, 3.0]),
-    start=st.sampled_from([0.0, 2.0]),
-    stop=st.sampled_from([9.0, np.inf]),
-    resolution=st.sampled_from([0.1, 0.3, 1.0, 1.0 / 3.0]),
-)
+    seed=st.integers(0, 10_000), n=st.integers(20, 300), polarity=st.sampled_from(["split", "merge", "on", "off"]),
+    scale=st.integers(1, 3), crop=st.booleans(), offset=st.sampled_from([0.0, 3.0]), start=st.sampled_from([0.0, 2.0]),
+    stop=st.sampled_from([9.0, np.inf]), resolution=st.sampled_from([0.1, 0.3, 1.0, 1.0 / 3.0])
+)  # fmt: skip
 def test_events_fall_where_the_formula_says(seed, n, polarity, scale, crop, offset, start, stop, resolution):
     rng = np.random.default_rng(seed)
     t = np.sort(rng.integers(0, 15_000, n)) + 3000
@@ -102,15 +96,9 @@ def test_events_fall_where_the_formula_says(seed, n, polarity, scale, crop, offs
     words = {"crop": {"x": list(columns), "y": list(rows)}} if crop else {}
     start, stop = (round(ms / resolution) * resolution if ms < np.inf else ms for ms in (start, stop))
     model = neuro.event_camera(
-        polarity=polarity,
-        scale=scale,
-        offset=offset,
-        start=start,
-        stop=stop,
-        origin=0,
-        events=Events(t, x, y, p, (12, 9)),
-        **words,
-    )
+        polarity=polarity, scale=scale, offset=offset, start=start, stop=stop, origin=0,
+        events=Events(t, x, y, p, (12, 9)), **words
+    )  # fmt: skip
     net = neuro.Network("formula", resolution=resolution)
     net.population("camera", "auto", model)
     camera = neuro.compile(net, "reference").program.populations[0]
