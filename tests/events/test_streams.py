@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from neuro import ModelError
 from neuro.events import Events, StreamCounts, filters, listen, representations, save, send
@@ -109,6 +109,7 @@ def timed(request):
 
 @settings(max_examples=25, deadline=None)
 @given(events=recordings(), datagram=st.sampled_from([16, 40, 200, 1400]))
+@example(Events([(1 << 32) - 1, 1 << 32], *[[0, 0]] * 3, SIZE), 16)
 def test_any_recording_comes_back(timed, events, datagram):
     """In time, too: but for what its clock cannot tell, and for a clock that falls back between two recordings."""
     from neuro.events.streams._kernels import ADDED, CLOCK

@@ -121,8 +121,8 @@ MALFORMED = [
 
 
 def test_malformed_messages_are_answered_by_an_error(running):
-    for message in MALFORMED:
-        with running.client() as client:
+    with running.client() as client:
+        for message in MALFORMED:
             client.connection.send(message)
             while True:
                 found, _ = client.hear()
