@@ -5,11 +5,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from event_tests import damage_is_told, damaged, refusal, refusals
-from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
-from neuro.events.formats._columns import ORDERS
-from neuro.events.formats.table import Table
-from neuro.events.source import Source
+from event_tests import refusal, refusals
+from neuro.events import EventFileError, EventFileWarning, Events, load, save
 
 ROWS = [(-7, 3, 2, 1), (0, 3, 40000, 0), (10, 5, 0, 1), (10, 65535, 9, 0), (1 << 62, 0, 0, 1)]
 
@@ -21,15 +18,6 @@ def text(rows, order="txyp", sign=","):
 
 def of(data, **options):
     return load(data if isinstance(data, bytes) else data.encode(), name="a.csv", **options)
-
-
-@pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("sign", [",", " ", ";", "\t", " , "])
-def test_columns_are_found_by_content(order, sign):
-    rows = [(100 * k + 70000, 200 + k * 37 % 90, 100 + k * 53 % 80, k % 2) for k in range(50)]
-    events = of(text(rows, order, sign))
-    assert events.records().tolist() == rows
-    assert events.metadata == {"format": "csv", "t0": 70000, "columns": " ".join(order), "time_unit": "us"}
 
 
 @pytest.mark.parametrize("order", ["pyxt", "txyp", "yxpt", "tpyx"])
@@ -127,11 +115,6 @@ def test_messages(messages):
     messages(refusals(of, WRONG))
 
 
-def test_damage_is_told():
-    texts = st.text("0123456789.,-+e \n#%txyp", max_size=200).map(str.encode)
-    damage_is_told(st.binary(max_size=200) | texts | damaged(text(ROWS)), "csv", examples=100)
-
-
 def test_a_fraction_after_whole_times():
     lines = b"".join(b"%d,2,3,1\n" % k for k in range(10000))
     assert "line 10001: t is '10000.5', expected whole us, as before" in refusal(of, lines + b"10000.5,2,3,1\n")
@@ -146,19 +129,6 @@ def test_what_is_whole():
 
 def test_an_endless_line():
     assert "line 2 is longer than 65536 bytes" in refusal(of, b"1 2 3 1\n2 3 4 " + b"0" * 200_000)
-
-
-def test_streamed_is_the_same(tmp_path):
-    rows, path = [(10 * k, k % 240, k % 180, k % 2) for k in range(20000)], tmp_path / "a.csv"
-    path.write_bytes(b"# sensor 240x180\n" + text(rows))
-    pieces = list(Table(Source(path)).pieces(1))
-    assert len(pieces) > 3
-    assert [t for piece in pieces for t in piece.t.tolist()] == [row[0] for row in rows]
-    last = pieces[-1]
-    assert path.read_bytes()[last.place(5) :].startswith(b"%d," % last.t[5])
-    assert path.read_text().splitlines()[last.line(5) - 1].startswith(f"{last.t[5]},")
-    parts = list(stream(io.BytesIO(path.read_bytes()), window_us=1000))
-    assert [len(part) for part in parts] == [100] * 200
 
 
 @given(st.integers(-(10**12), 10**12), st.integers(0, 12))

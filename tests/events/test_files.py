@@ -43,8 +43,7 @@ def test_a_format_is_called_by_its_ending_too(ending, name, tmp_path):
 def test_what_is_refused(messages, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
-    empty = load(b"", format="nmnist")
-    far = Events([0, 10**12], [0, 1], [0, 1], [1, 0], (4, 4))
+    empty, far = load(b"", format="nmnist"), Events([0, 10**12], [0, 1], [0, 1], [1, 0], (4, 4))
     once = io.BytesIO(event(1, 2, 3))
     messages({
         "load nothing": refusal(load, "no.bin"), "load a folder": refusal(load, "folder"),

@@ -214,7 +214,9 @@ def test_rows_without_names_are_read_in_their_order_or_refused(events, is_sorted
 def test_many_rows_tell_their_order(order):
     draw = np.random.default_rng(5)
     events = [(7 * k + 1, *draw.integers(2, 200, 2).tolist(), k % 2) for k in range(200)]
-    assert rows(of(text(events, order, names=False))) == events
+    found = of(text(events, order, names=False))
+    assert rows(found) == events
+    assert found.metadata == {"format": "csv", "t0": 1, "columns": " ".join(order), "time_unit": "us"}
 
 
 @pytest.mark.parametrize(

@@ -28,8 +28,7 @@ WRONG = [
 
 
 def test_mistakes(messages, walk, tmp_path):
-    path = tmp_path / "walk.dat"
-    told = {}
+    path, told = tmp_path / "walk.dat", {}
     for k, (words, shape) in enumerate(WRONG):
         told[f"{k:02}"] = refused(lambda words=words: neuro.event_camera(**{"events": walk, **words}), shape)
     told["no file"] = refused(neuro.event_camera(file=path))

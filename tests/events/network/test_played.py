@@ -160,8 +160,7 @@ def test_what_was_learnt_keeps_its_camera(walk, tmp_path):
 def test_in_yaml_a_file_lies_beside_the_description(messages, tmp_path, walk):
     save(walk, tmp_path / "walk.dat")
     file = tmp_path / "net.yaml"
-    text = "neuro: 1\npopulations:\n  camera: {model: {event_camera: {file: NAME}}, shape: auto}\n"
-    told = {}
+    text, told = "neuro: 1\npopulations:\n  camera: {model: {event_camera: {file: NAME}}, shape: auto}\n", {}
     for line in ("file: wlak.dat", "file: ../walk.dat", "events: x"):
         file.write_text(text.replace("file: NAME", line))
         told[line] = refusal(neuro.load, file).replace(f"{tmp_path}/", "")
