@@ -120,15 +120,14 @@ MALFORMED = [
 ]  # fmt: skip
 
 
-def test_malformed_messages_are_answered_by_an_error(running):
-    with running.client() as client:
-        for message in MALFORMED:
-            client.connection.send(message)
-            while True:
-                found, _ = client.hear()
-                if "keep" not in found and "rates" not in found:
-                    break
-            assert found["error"], message
+def test_malformed_messages_are_answered_by_an_error(client):
+    for message in MALFORMED:
+        client.connection.send(message)
+        while True:
+            found, _ = client.hear()
+            if "keep" not in found and "rates" not in found:
+                break
+        assert found["error"], message
 
 
 def test_no_more_clients_than_are_served(running):
