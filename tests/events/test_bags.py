@@ -77,8 +77,7 @@ def test_evt3_goes_on_from_packet_to_packet():
 
 def test_other_topics_are_left_out():
     others = connection("sensor_msgs/Imu", 1, b"/imu"), message(b"abc", 1), connection(ARRAY, 2, b"/right")
-    data = bag(connection(ARRAY), *others, message(array(ROWS)), message(array(ROWS[:1]), 2))
-    events = load(data)
+    events = load(bag(connection(ARRAY), *others, message(array(ROWS)), message(array(ROWS[:1]), 2)))
     assert (events.records().tolist(), events.metadata["topics"]) == (ROWS, ["/right"])
 
 

@@ -64,8 +64,7 @@ def test_full_standard_output(name, events, monkeypatch):
         def write(self, data):
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    out = io.TextIOWrapper(io.BufferedWriter(Full(), 1))
-    monkeypatch.setattr(sys, "stdout", out)
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BufferedWriter(Full(), 1)))
     assert refusal(write, [events], "-", name) == "<standard output>: cannot write: No space left on device"
     monkeypatch.setattr(Full, "write", lambda self, data: len(data))  # for the end of the file
 
@@ -111,8 +110,7 @@ def test_damage_stops_or_is_told(events, tmp_path):
 
 
 def test_a_recording_without_events_keeps_its_sensor(tmp_path):
-    empty = Events([], [], [], [], (12, 7))
-    save(empty, tmp_path / "in.es")
+    save(Events([], [], [], [], (12, 7)), tmp_path / "in.es")
     with warnings.catch_warnings():
         assert convert(tmp_path / "in.es", tmp_path / "out.h5") == 0
     assert load(tmp_path / "out.h5").sensor_size == (12, 7)

@@ -36,8 +36,7 @@ def opens(data, name, format):
     """Return whether the format is found, and its header and first events tell the sensor or leave it open."""
     source = Source(data, name)
     try:
-        opened = find(source, format).open(source)
-        getattr(opened, "sensor_size", None)
+        getattr(find(source, format).open(source), "sensor_size", None)
     except (Damage, EventFileError):
         return False
     return True
@@ -127,6 +126,5 @@ def test_mislabelled(format, sample):
     data = sample(format)
     signed = KNOWN[format].knows(data[:HEAD])
     for other in NAMES:
-        right = check(data, f"a{KNOWN[other].suffixes[-1]}")
-        assert right or not signed
+        assert check(data, f"a{KNOWN[other].suffixes[-1]}") or not signed
         check(data[:20_000], "a", other)

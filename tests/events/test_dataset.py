@@ -548,6 +548,5 @@ def test_an_hdf5_cache_has_the_same_samples_in_the_same_order(small, tmp_path):
     kept = mixed.cached(path, jobs=1)
     assert list(kept) == list(mixed)
     Path(small.path).rename(tmp_path / "gone")
-    again = mixed.cached(path, jobs=1)
-    assert list(again) == list(kept) == list(pickle.loads(pickle.dumps(kept)))
+    assert list(mixed.cached(path, jobs=1)) == list(kept) == list(pickle.loads(pickle.dumps(kept)))
     assert refusal(small.cached, path, jobs=1) == f"{path}: exists and holds something else; expected a new name"

@@ -82,8 +82,7 @@ def test_damaged_samples(messages, folder, tmp_path):
     (folder / "Train/1/4.bin").write_bytes(word(7))
     assert data.to_hdf5(tmp_path / "stop.h5", jobs=1, damaged="stop").samples == 30
     other = refusal(data.to_hdf5, tmp_path / "skip.h5", jobs=1, damaged="stop")
-    wrong = refusal(data.to_hdf5, tmp_path / "x.h5", damaged="skipp")
-    cases = {"stop": stop, "other": other, "wrong": wrong}
+    cases = {"stop": stop, "other": other, "wrong": refusal(data.to_hdf5, tmp_path / "x.h5", damaged="skipp")}
     messages({case: text.replace(f"{tmp_path}/", "") for case, text in cases.items()})
 
 

@@ -82,8 +82,7 @@ def test_attenuation_and_phase(ratio):
     f, amplitude, threshold = 10.0, 0.15, 0.01
     bright, t = (255 * 0.5 + 20) / 275, np.arange(0, 1_000_001, 500)
     light = log_ramp(np.log(0.5) + amplitude * np.sin(2e-6 * np.pi * f * t))
-    p = pure(pos_thres=threshold, neg_thres=threshold, cutoff_hz=f / ratio / bright)
-    events = dvs_events(t, light, p)
+    events = dvs_events(t, light, pure(pos_thres=threshold, neg_thres=threshold, cutoff_hz=f / ratio / bright))
     level, late = threshold * np.cumsum(2.0 * events.p - 1.0), events.t > 300_000
     angle = 2e-6 * np.pi * f * events.t[late]
     (s, c, _), *_ = np.linalg.lstsq(np.stack([np.sin(angle), np.cos(angle), np.ones(len(angle))], 1), level[late])
@@ -95,8 +94,7 @@ def test_refractory_pixels_are_blind():
     p = pure(refractory_period_s=0.05)
     events = dvs_events([0, 1_000_000], log_ramp([-3.0, -1.0]), p)
     np.testing.assert_allclose(np.diff(events.t), 150_000, atol=1)
-    fast = dvs_events([0, 10_000, 500_000], log_ramp([-3.0, -1.0, -1.0]), p)
-    assert len(fast) == 1
+    assert len(dvs_events([0, 10_000, 500_000], log_ramp([-3.0, -1.0, -1.0]), p)) == 1
 
 
 def test_refractory_period_is_a_smallest_interval():
@@ -255,8 +253,7 @@ def test_types_of_images(kind):
     shades = np.array([[[0, 10], [200, 255]], [[200, 255], [3, 7]]], np.uint8)
     expected = dvs_events([0, 1000], shades / 255.0)
     given = (shades * 257.0).astype(kind) if kind == "uint16" else shades if kind == "uint8" else (shades / 255.0)
-    turned = np.asfortranarray(given.astype(kind))
-    found = dvs_events([0, 1000], turned)
+    found = dvs_events([0, 1000], np.asfortranarray(given.astype(kind)))
     assert counts(found, (2, 2)).tolist() == counts(expected, (2, 2)).tolist()
     np.testing.assert_allclose(found.t, expected.t, atol=10 if kind == "float16" else 1)
 
@@ -275,8 +272,7 @@ def test_frames_of_a_function_of_time():
     assert times[[0, -1]].tolist() == [0, 100_000]
     assert 20 < len(times) < 60
     assert np.diff(times)[(times[:-1] < 30_000) | (times[:-1] > 32_000)].max() >= 5_000
-    events = DVS((1, 1), pure()).record(frames)
-    np.testing.assert_allclose(events.t, 30_000 + 200 * np.arange(1, 11), atol=40)
+    np.testing.assert_allclose(DVS((1, 1), pure()).record(frames).t, 30_000 + 200 * np.arange(1, 11), atol=40)
     jump = list(frames_of(lambda t: np.full((1, 1), 0.9 if t > 777 else 0.1), 0, 1000, change=0.1, shortest_us=4))
     assert [t for t, image in jump if image < 0.5][-1] in range(773, 778)
 

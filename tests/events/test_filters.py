@@ -128,8 +128,7 @@ def test_background_as_the_definition():
 
 @pytest.mark.parametrize(("extend", "kept"), [(False, [0, 100, 200]), (True, [0, 200])])
 def test_refractory(extend, kept):
-    t = np.array([0, 60, 99, 100, 200])
-    events = Events(t, [1] * 5, [1] * 5, [1, 0, 1, 0, 1], SIZE)
+    events = Events(np.array([0, 60, 99, 100, 200]), [1] * 5, [1] * 5, [1, 0, 1, 0, 1], SIZE)
     assert Refractory(SIZE, period_us=100, extend=extend).apply(events).t.tolist() == kept
     both = Events(np.array([0, 1]), [1, 2], [1, 1], [1, 1], SIZE)
     assert (Refractory(SIZE, period_us=100).apply(both), Refractory(SIZE, period_us=0).apply(events)) == (both, events)

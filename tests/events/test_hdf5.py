@@ -145,8 +145,7 @@ def test_samples(tmp_path):
 
 
 def test_seconds_and_the_root():
-    arrays = {"ts": T / 1e6, "x": X, "y": Y, "pol": P > 0, "width": 700, "height": 500}
-    events = load(hdf5(**arrays))
+    events = load(hdf5(**{"ts": T / 1e6, "x": X, "y": Y, "pol": P > 0, "width": 700, "height": 500}))
     assert (events.records().tolist(), events.sensor_size, events.metadata["width"]) == (ROWS, (700, 500), 700)
 
 
@@ -212,8 +211,7 @@ def test_streamed_in_chunks(tmp_path):
 def test_a_damaged_heap_is_told():
     """HDF5 itself goes round without end in it."""
     data = bytearray(hdf5(**columns("events"), note="hello"))
-    heap = data.index(b"GCOL")
-    free = data.index(b"hello", heap) + 8
+    free = data.index(b"hello", data.index(b"GCOL")) + 8
     assert data[free : free + 2] == b"\0\0"
     data[free + 8] ^= 0x80
     assert "a heap of strings is damaged; attributes with strings were left out" in refusal(load, bytes(data))
@@ -222,8 +220,7 @@ def test_a_damaged_heap_is_told():
 
 
 def test_long_metadata(tmp_path):
-    events = Events(T, X, Y, P, (640, 480), {"header": "ä" * 100_000})
-    save(events, tmp_path / "a.h5")
+    save(Events(T, X, Y, P, (640, 480), {"header": "ä" * 100_000}), tmp_path / "a.h5")
     assert load(tmp_path / "a.h5").metadata["header"] == "ä" * 100_000
 
 

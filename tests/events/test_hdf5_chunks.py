@@ -135,8 +135,7 @@ def test_load_and_stream_agree(options, monkeypatch):
         for at, value in flips:
             data[at] ^= value
         loaded = result(lambda given: load(given, name="a.h5").records(), bytes(data))
-        streamed = result(read, bytes(data))
-        assert np.array_equal(loaded, streamed)
+        assert np.array_equal(loaded, result(read, bytes(data)))
 
     run()
 

@@ -60,8 +60,7 @@ def test_v2e():
 
 def test_v2e_where_other_orders_fit_too():
     """Its first frame in rows: one time, and rows that grow. The place and the type tell the order."""
-    few = v2e(T[:9] * 0, X[:9], K[:9] // 3, P[:9])
-    assert load(few).x.tolist() == X[:9].tolist()
+    assert load(v2e(T[:9] * 0, X[:9], K[:9] // 3, P[:9])).x.tolist() == X[:9].tolist()
 
 
 def test_v2e_that_is_not_in_its_order():
@@ -89,8 +88,7 @@ def test_one_of_two_cameras():
     assert load(data, format="h5:davis/right").x[1] == 8
     data = hdf5(**m3ed(), **m3ed("right"))
     assert load(data, format="hdf5:/prophesee/right").records().tolist() == RECORDS
-    part = next(stream(data, format="hdf5:/prophesee/left", start_us=500_000))
-    assert part.t[0] == T[T >= 500_000][0]
+    assert next(stream(data, format="hdf5:/prophesee/left", start_us=500_000)).t[0] == T[T >= 500_000][0]
 
 
 def test_m3ed():

@@ -63,8 +63,7 @@ def test_a_whole_recording_leaves_no_part(events, tmp_path, name):
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
     assert np.array_equal(read(path, name).records(), events.records())
     assert load(path, format=name, sensor_size=SIZE).metadata["format"] == name
-    empty = Events([], [], [], [], SIZE)
-    save(empty, path, format=name, keep=True, replace=True)
+    save(Events([], [], [], [], SIZE), path, format=name, keep=True, replace=True)
     assert len(read(path, name)) == 0
 
 
@@ -150,8 +149,7 @@ def test_what_a_format_has_no_room_for_is_left_out_and_counted(tmp_path):
         kept = list(held(iter([far[:2], far[2:]]), f, counts.append))
         rows = np.concatenate([part.records() for part in kept])
         save(iter(kept), tmp_path / "a", format=f.name, replace=True)
-        found = load(tmp_path / "a", format=f.name, sensor_size=far.sensor_size)
-        assert np.array_equal(found.records(), rows)
+        assert np.array_equal(load(tmp_path / "a", format=f.name, sensor_size=far.sensor_size).records(), rows)
         assert sum(counts) + len(rows) == 4
         if f.name in ("nmnist", "evt2", "evt3", "aedat2"):
             assert [row[0] for row in rows.tolist()] == [5]
@@ -160,8 +158,7 @@ def test_what_a_format_has_no_room_for_is_left_out_and_counted(tmp_path):
 
 
 def test_event_stream_leaves_out_what_follows_a_gap_that_is_too_long(tmp_path):
-    t = [5, 6, 1 << 50, (1 << 50) + 1]
-    far, counts = Events(t, [1] * 4, [1] * 4, [1] * 4, SIZE), []
+    far, counts = Events([5, 6, 1 << 50, (1 << 50) + 1], [1] * 4, [1] * 4, [1] * 4, SIZE), []
     kept = list(held(iter([far[:1], far[1:3], far[3:]]), FORMATS["event_stream"], counts.append))
     save(iter(kept), tmp_path / "a.es")
     assert (load(tmp_path / "a.es").t.tolist(), counts) == ([5, 6], [1, 1])

@@ -28,15 +28,13 @@ def test_columns():
 
 def test_other_names_and_types():
     arrays = {"ev_x": X.astype(">f4"), "yDim": Y, "Y": Y.astype("u4"), "polarity": P * 2 - 1, "timestamps": T}
-    found = load(npz(packed=True, **arrays))
-    assert found.records().tolist() == ROWS
+    assert load(npz(packed=True, **arrays)).records().tolist() == ROWS
     assert load(npz(**arrays, width=np.array([65536]), height=np.int64(50000))).sensor_size == (65536, 50000)
     assert load(npz(t=T, x=X, y=Y, p=P > 0, sensor_size=[65536, 45000])).sensor_size == (65536, 45000)
 
 
 def test_seconds():
-    t = np.array([0.25, 1468939993.067416, 1468939993.0674165])
-    events = load(npz(t=t, x=X[:3], y=Y[:3], p=P[:3]))
+    events = load(npz(t=np.array([0.25, 1468939993.067416, 1468939993.0674165]), x=X[:3], y=Y[:3], p=P[:3]))
     assert events.t.tolist() == [250000, 1468939993067416, 1468939993067416]
     assert load(npz(t_ns=np.array([1499, 1500]), x=X[:2], y=Y[:2], p=P[:2])).t.tolist() == [1, 2]
     assert load(npz(t_s=np.array([3]), x=X[:1], y=Y[:1], p=P[:1])).t.tolist() == [3_000_000]

@@ -165,8 +165,7 @@ class EveryNth(Sieve):
 def test_a_filter_is_known_by_name(events):
     assert neuro.register(EveryNth) is EveryNth
     assert FILTERS["every"] is EveryNth
-    made = chain(Crop((34, 34)), FILTERS["every"]((34, 34), n=2))
-    assert made.apply(events).t.tolist() == [5, 7]
+    assert chain(Crop((34, 34)), FILTERS["every"]((34, 34), n=2)).apply(events).t.tolist() == [5, 7]
 
 
 def test_a_filter_without_a_word_is_called_like_its_class():

@@ -227,8 +227,7 @@ def test_a_voxel_grid_over_all_of_int64():
 
 
 def test_hats_forgets_over_all_of_int64():
-    events = Events([-1 << 63, (1 << 63) - 1], [0, 0], [0, 0], [1, 1], (2, 2))
-    assert not hats(events).any()
+    assert not hats(Events([-1 << 63, (1 << 63) - 1], [0, 0], [0, 0], [1, 1], (2, 2))).any()
 
 
 # surfaces
@@ -275,8 +274,7 @@ def test_leaky_surface_is_algorithm_15(decay, order, events, later):
 
 def test_the_order_of_algorithm_15_takes_from_an_event_what_passed_before_it():
     events = Events([0, 100], [0, 1], [0, 0], [1, 1], (WIDTH, HEIGHT))
-    first = leaky_surface(events, tau_us=50, **F8)[1, 0]
-    assert first[:2].tolist() == [np.exp(-2), 1.0]
+    assert leaky_surface(events, tau_us=50, **F8)[1, 0][:2].tolist() == [np.exp(-2), 1.0]
     late = leaky_surface(events, tau_us=50, order="increment_first", **F8)[1, 0]
     assert late[:2].tolist() == [np.exp(-2), np.exp(-2)]
     assert not leaky_surface(events, tau_us=50, decay="linear", order="increment_first").any()

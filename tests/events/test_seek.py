@@ -185,8 +185,7 @@ def test_damage(name):
 
 
 def test_an_error_after_the_start_is_numbered_from_the_beginning():
-    events = events_of(3, 1000, (1,))
-    data = bytearray(written(events, "dat"))
+    data = bytearray(written(events_of(3, 1000, (1,)), "dat"))
     data[-8 * 10 : -8 * 10 + 4] = bytes(4)
     found, error = streamed(bytes(data), "dat", False, start_us=900)
     assert error == f"<bytes>: byte {len(data) - 80}: event 990: " + (

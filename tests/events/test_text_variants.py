@@ -144,8 +144,7 @@ ORDINARY = {
 
 @pytest.mark.parametrize("name", ORDINARY)
 def test_ordinary_rows_are_t_x_y_p(name):
-    events = of("\n".join(ORDINARY[name] + [""]).encode())
-    assert events.metadata["columns"] == "t x y p"
+    assert of("\n".join(ORDINARY[name] + [""]).encode()).metadata["columns"] == "t x y p"
 
 
 @pytest.mark.parametrize(("lines", "other"), [
@@ -181,8 +180,7 @@ def test_decimal_commas(sign, end, names):
     assert rows(of(data)) == rows(of(data, format="csv:s")) == expected
     assert rows(of(data.replace(b"0,000000", b"0"))) == expected
     assert rows(load(b"%geometry:640,480\n" + data, name="events")) == expected
-    whole = data.replace(b"0,000000", b"5").replace(b"0,033333", b"6")
-    assert of(whole).t.tolist() == [5, 6]
+    assert of(data.replace(b"0,000000", b"5").replace(b"0,033333", b"6")).t.tolist() == [5, 6]
 
 
 def test_decimal_commas_after_many_rows_without():
@@ -233,8 +231,7 @@ def test_a_decimal_point_tells_seconds_also_of_whole_times(first, names):
     """As v2e writes '%f %d %d %d': rows that are whole may fill all that is looked at."""
     us, count = round(float(first) * 10**6), SAMPLE // len(f"{first},1,2,1") + 10
     for many in (1, count):
-        data = (names + f"{first},1,2,1\n" * many + "1.033333,1,2,1\n").encode()
-        events = of(data)
+        events = of((names + f"{first},1,2,1\n" * many + "1.033333,1,2,1\n").encode())
         assert (events.metadata["time_unit"], sorted(set(events.t.tolist()))) == ("s", sorted({us, 1_033_333}))
 
 

@@ -22,8 +22,7 @@ def moving():
     """A bar that moves to the right in 60 ms: ON in front, OFF behind."""
     t, y = np.repeat(np.arange(60) * 1000, 20), np.tile(np.arange(10), 120)
     side = np.tile(np.repeat([0, 1], 10), 60)
-    x = np.clip(t // 2000 + 5 * side, 0, 39)
-    return Events(t + 7, x, y, side, (40, 10))
+    return Events(t + 7, np.clip(t // 2000 + 5 * side, 0, 39), y, side, (40, 10))
 
 
 def data_of(path):
@@ -54,8 +53,7 @@ def test_of_many_events_an_even_choice_is_shown_and_told(moving, tmp_path, cut):
 
 
 def test_a_recording_of_days_has_times_that_fit(tmp_path):
-    long = Events([0, 3 * 10**11], [0, 1], [0, 1], [0, 1], (2, 2))
-    view(long, tmp_path / "v.html", title="days")
+    view(Events([0, 3 * 10**11], [0, 1], [0, 1], [0, 1], (2, 2)), tmp_path / "v.html", title="days")
     data, columns, _ = data_of(tmp_path / "v.html")
     assert abs(int(columns["t"][1]) * data["unit"] - 3 * 10**11) < data["unit"]
 

@@ -177,8 +177,7 @@ def checkpoint(folder):
 
 
 def read_of_checkpoint(path):
-    near = path.with_name("b.training")
-    near.write_bytes(path.read_bytes())
+    path.with_name("b.training").write_bytes(path.read_bytes())
     return Checkpoint(path.with_name("b"), "training 1", {"seed": 3}).resume()
 
 
@@ -303,8 +302,7 @@ def outcomes(kind, paths, seed, first, last):
     expected = {digest(read(path)) for path in paths}
     whole, path = paths[0].read_bytes(), paths[0].with_name(f"damaged{paths[0].suffix}")
     for k in range(first, last):
-        data = damaged(whole, np.random.default_rng([seed, k]))
-        path.write_bytes(data)
+        path.write_bytes(damaged(whole, np.random.default_rng([seed, k])))
         signal.alarm(LIMIT_S)
         try:
             yield "unchanged" if digest(read(path)) in expected else "silent"

@@ -123,5 +123,4 @@ def test_events_fall_where_the_formula_says(seed, n, polarity, scale, crop, offs
 def test_spikes_of_one_neuron_and_step_become_one_with_a_multiplicity(spikes, near):
     rows = np.array([(step % 7 if near else step, neuron) for step, neuron in spikes], dtype=np.int64).reshape(-1, 2)
     pairs, counts = np.unique(rows, axis=0, return_counts=True)
-    found = _with_multiplicity(rows[:, 0], rows[:, 1])
-    assert np.array_equal(found, np.column_stack([pairs, counts]))
+    assert np.array_equal(_with_multiplicity(rows[:, 0], rows[:, 1]), np.column_stack([pairs, counts]))

@@ -90,8 +90,7 @@ def test_events_keep_their_place_within_a_tick():
 
 
 def test_what_comes_after_the_moment_of_a_tick_waits_for_the_next():
-    sim = neuro.compile(network())
-    inlet = Loop(sim, tick=10.0, inputs={"camera": Player(noise(100, 5.0))})._inlets[0]
+    inlet = Loop(neuro.compile(network()), tick=10.0, inputs={"camera": Player(noise(100, 5.0))})._inlets[0]
     inlet.begin()
     time.sleep(0.006)
     begin = inlet._source._begin
@@ -171,8 +170,7 @@ def test_what_comes_by_the_network_while_a_tick_is_late_keeps_its_tick():
 
 def test_stopping_ends_the_run():
     sim = neuro.compile(network())
-    run = Loop(sim, tick=5.0, act=slow(20.0), late="stop").run(1000.0)
-    assert run.ended.startswith("the action of tick ")
+    assert Loop(sim, tick=5.0, act=slow(20.0), late="stop").run(1000.0).ended.startswith("the action of tick ")
     assert sim.time <= 20.0
 
 
@@ -242,8 +240,7 @@ def test_a_killed_run_can_be_made_again_as_far_as_it_was_recorded(tmp_path):
 def test_ctrl_c_and_a_kill_end_a_run_with_a_whole_file(tmp_path, number):
     before, sim = signal.getsignal(number), neuro.compile(network())
     loop = Loop(sim, tick=1.0, act=lambda ms: ms == 20.0 and os.kill(os.getpid(), number))
-    run = loop.run(1000.0, out=tmp_path / "day.h5")
-    assert run.ended == "interrupted"
+    assert loop.run(1000.0, out=tmp_path / "day.h5").ended == "interrupted"
     assert signal.getsignal(number) is before
     results = neuro.results.read(tmp_path / "day.h5")
     assert results.finished
@@ -326,8 +323,7 @@ def test_what_was_not_counted_is_a_dash():
 
 
 def test_percentiles_of_a_histogram():
-    rng = np.random.default_rng(1)
-    ns = np.sort(rng.lognormal(12.0, 2.0, 5000).astype(np.int64))
+    ns = np.sort(np.random.default_rng(1).lognormal(12.0, 2.0, 5000).astype(np.int64))
     one, together = Histogram(), Histogram()
     for each in ns.tolist():
         one.add(each)

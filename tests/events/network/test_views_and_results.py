@@ -31,8 +31,7 @@ def test_views_of_a_camera_whose_recording_tells_its_shape(walk, tmp_path):
 
 
 def test_views_of_a_camera_whose_shape_is_not_known(messages, walk):
-    net = network(neuro.event_camera(file="nowhere.aedat4"))
-    camera = net.populations["camera"]
+    camera = network(neuro.event_camera(file="nowhere.aedat4")).populations["camera"]
     assert repr(camera[0, 2:4]) == "camera[0, 2:4, :]"
     messages({"len": refusal(len, camera[0, 2:4])})
 
@@ -46,8 +45,7 @@ def test_results_are_read_without_the_recording(walk, tmp_path, monkeypatch):
         folder.mkdir()
     save(walk, ran / "walk.aedat4")
     monkeypatch.chdir(ran)
-    net = network(neuro.event_camera(file="walk.aedat4"))
-    neuro.compile(net).run(20.0, out=tmp_path / "ran" / "run.h5")
+    neuro.compile(network(neuro.event_camera(file="walk.aedat4"))).run(20.0, out=tmp_path / "ran" / "run.h5")
     monkeypatch.chdir(tmp_path)
     results = neuro.results.read(ran / "run.h5")
     assert results.network().populations["camera"].model.file == ran / "walk.aedat4"
