@@ -7,39 +7,34 @@ it; `representations` makes arrays of it; `DVS` makes events from images.
 
 from __future__ import annotations
 
-from neuro_events import filters, representations, segmentation
-from neuro_events._events import EVENT, Event, Events
-from neuro_events.dataset import Dataset, Recording, Recordings, recordings
-from neuro_events.dvs import DVS, DVSParameters, dvs_events, frames_of
-from neuro_events.files import load, save, stream
-from neuro_events.segmentation import msd_segments
-from neuro_events.source import EventFileError, EventFileWarning
-from neuro_events.streams import Listener, Sent, StreamCounts, listen, send
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "DVS",
-    "EVENT",
-    "DVSParameters",
-    "Dataset",
-    "Event",
-    "EventFileError",
-    "EventFileWarning",
-    "Events",
-    "Listener",
-    "Recording",
-    "Recordings",
-    "Sent",
-    "StreamCounts",
-    "dvs_events",
-    "filters",
-    "frames_of",
-    "listen",
-    "load",
-    "msd_segments",
-    "recordings",
-    "representations",
-    "save",
-    "segmentation",
-    "send",
-    "stream",
-]
+from neuro.apps import public_names
+
+if TYPE_CHECKING:
+    from neuro_events import filters as filters, representations as representations, segmentation as segmentation
+    from neuro_events._events import EVENT as EVENT, Event as Event, Events as Events
+    from neuro_events.dataset import (
+        Dataset as Dataset,
+        Recording as Recording,
+        Recordings as Recordings,
+        recordings as recordings,
+    )
+    from neuro_events.dvs import (
+        DVS as DVS,
+        DVSParameters as DVSParameters,
+        dvs_events as dvs_events,
+        frames_of as frames_of,
+    )
+    from neuro_events.files import load as load, save as save, stream as stream
+    from neuro_events.segmentation import msd_segments as msd_segments
+    from neuro_events.source import EventFileError as EventFileError, EventFileWarning as EventFileWarning
+    from neuro_events.streams import (
+        Listener as Listener,
+        Sent as Sent,
+        StreamCounts as StreamCounts,
+        listen as listen,
+        send as send,
+    )
+else:
+    __getattr__, __dir__, __all__ = public_names(__name__, __file__)

@@ -77,7 +77,7 @@ def projection(sim: Simulation, index: int) -> dict[str, Any]:
         "learns": bool(part.synapse.learns),
         "dopamine": sim.program.populations[part.dopamine].name if part.dopamine >= 0 else None,
         "negative": bool(weight.size and weight.mean() < 0.0),
-        "unit": sim._synapses.weight_unit(index),
+        "unit": sim._values.synapses.weight_unit(index),
     }
 
 
@@ -92,10 +92,13 @@ def settable_words(sim: Simulation, name: str) -> dict[str, Quantity]:
         return {"value": Quantity(unit="1/ms", doc="one for all neurons")}
     found = sim.handles.neurons_or_projection(name)
     if isinstance(found, int):
-        rule = sim._rules[found]
+        rule = sim._run.rules[found]
         words = {word: rule.quantities()[word] for word in settable.settable_numbers(rule)}
         if sim.program.projections[found].size:
-            words = {"weight": Quantity(unit=sim._synapses.weight_unit(found), doc="one for all synapses"), **words}
+            words = {
+                "weight": Quantity(unit=sim._values.synapses.weight_unit(found), doc="one for all synapses"),
+                **words,
+            }
     else:
         each = {word: settable.quantity_of(found.part, word) for word in found.part.parameters}
         words = {word: q for word, q in each.items() if q is not None and word not in NOT_SHOWN}
@@ -108,7 +111,7 @@ def present(sim: Simulation, name: str, word: str) -> Floats:
         return np.zeros(1)
     found = sim.handles.neurons_or_projection(name)
     if isinstance(found, int) and word != "weight":
-        return np.atleast_1d(np.asarray(sim._rules[found].parameters()[word], dtype=np.float64))
+        return np.atleast_1d(np.asarray(sim._run.rules[found].parameters()[word], dtype=np.float64))
     values: Floats = sim.get(name, word)
     return values
 
@@ -133,11 +136,11 @@ def accepts(sim: Simulation, name: str, word: str, value: float) -> bool:
     found = sim.handles.neurons_or_projection(name)
     try:
         if not isinstance(found, int):
-            sim._cells.checked(found, {word: value})
+            sim._values.cells.checked(found, {word: value})
         elif word == "weight":
-            sim._synapses.checked_weights(found, value)
+            sim._values.synapses.checked_weights(found, value)
         else:
-            sim._synapses.checked_rule(found, {word: value})
+            sim._values.synapses.checked_rule(found, {word: value})
     except ModelError:
         return False
     return True

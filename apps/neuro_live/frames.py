@@ -239,7 +239,7 @@ def weights_of(sim: Simulation, index: int) -> dict[str, Any]:
 def _matrix(sim: Simulation, index: int, values: Floats, every: int) -> Floats:
     """Mean weights of some synapses by blocks of sources, rows, and targets, columns; NaN where there is no synapse."""
     part, populations = sim.program.projections[index], sim.program.populations
-    ends = sim._synapses.ends(index)
+    ends = sim.handles.ends(index)
     sides = [min(SIDE, populations[end].size) for end in (part.source, part.target)]
     blocks = [
         ids[::every] * side // populations[end].size

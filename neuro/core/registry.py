@@ -32,8 +32,10 @@ _ROOMS = (
     "neuro.model.space",
     "neuro.program.backend",
     "neuro.chips.known",
-    "neuro_events",
+    "neuro_events.filters",
     "neuro_events.formats",
+    "neuro_events.representations",
+    "neuro_events.segmentation",
     "neuro.coding",
     "neuro_sweeps.function",
 )

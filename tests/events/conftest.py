@@ -50,8 +50,7 @@ def _raw():
 def _mat():
     from scipy.io import savemat
 
-    k = np.arange(60)
-    data = io.BytesIO()
+    k, data = np.arange(60), io.BytesIO()
     savemat(data, {"TD": {"x": k % 30 + 1.0, "y": (7 * k) % 34 + 1.0, "p": k % 2, "ts": 1000.0 * k}})
     return data.getvalue()
 

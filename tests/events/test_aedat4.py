@@ -13,7 +13,7 @@ import pytest
 import zstandard
 from hypothesis import given, settings, strategies as st
 
-from event_tests import damage_is_told, read_pieces, refusal
+from event_tests import damage_is_told, read_pieces, refusal, refusals
 from neuro.core.extras import install
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
 from neuro.events.formats import aedat4
@@ -84,9 +84,7 @@ def test_cut_in_a_packet_gives_the_packets_before(shared):
     """Cut at places all over the file: strict names the packet, else the whole ones are there."""
     name = "davis346_small.aedat4"
     data = (shared / "data" / "formats" / name).read_bytes()
-    whole = load(data)
-    starts = [14 + 4 + struct.unpack_from("<I", data, 14)[0]]
-    counts = [0]
+    whole, starts, counts = load(data), [14 + 4 + struct.unpack_from("<I", data, 14)[0]], [0]
     for _ in range(50):
         number, size = struct.unpack_from("<ii", data, starts[-1])
         counts.append(counts[-1] + (number == 0))
@@ -112,8 +110,7 @@ def test_compressions(compression):
     frames = packet(pack(b"a picture"), 1)
     data = header(compression) + packet(pack(events_table(ROWS))) + frames + packet(pack(events_table([])))
     events = load(data)
-    assert events.records().tolist() == ROWS
-    assert events.sensor_size == (40, 30)
+    assert (events.records().tolist(), events.sensor_size) == (ROWS, (40, 30))
     told = {"0": {"type": "events", "width": 40, "height": 30, "source": "cam"}, "1": {"type": "frames"}}
     assert events.metadata == {
         "format": "aedat4", "t0": 5, "compression": ["none", "LZ4", "LZ4", "Zstandard", "Zstandard"][compression],
@@ -123,64 +120,31 @@ def test_compressions(compression):
 
 def test_sensor_that_is_not_told():
     plain = header(info=INFO.format(size=""))
-    assert load(plain + packet(events_table(ROWS))).sensor_size == (4, 5)
-    assert len(load(plain)) == 0
+    assert (load(plain + packet(events_table(ROWS))).sensor_size, len(load(plain))) == ((4, 5), 0)
     assert "a packet has an event at a negative place" in refusal(load, plain + packet(events_table([(1, -1, 0, 1)])))
 
 
 def test_the_second_stream_of_events_is_counted():
     info = INFO.format(size=SIZE).replace("FRME", "EVTS")
     events = load(header(info=info) + packet(events_table([(1, 2, 3, 1)]), 1) + packet(events_table(ROWS)))
-    assert events.records().tolist() == ROWS
-    assert events.metadata["other_packets"] == {"events": 1}
+    assert (events.records().tolist(), events.metadata["other_packets"]) == (ROWS, {"events": 1})
 
 
 HEAD = len(header())
-ERRORS = {
-    "byte 0: begins with b'#!AER-DAT3.1\\r\\n', expected the line #!AER-DAT4.0": b"#!AER-DAT3.1\r\n",
-    "byte 14: the file ends within its header": b"#!AER-DAT4.0\r\n",
-    "byte 14: the header has 4294967295 bytes, which the file has not": b"#!AER-DAT4.0\r\n\xff\xff\xff\xff",
-    "byte 18: the header is damaged: its kind is b'EVTS', expected b'IOHE'": header().replace(b"IOHE", b"EVTS"),
-    "byte 18: the header is damaged: compression 5 is not known": header(5),
-    "byte 18: the header is damaged: its list of streams is no plain XML": header(info="<!DOCTYPE x><dv/>"),
-    "byte 18: the header is damaged: its list of streams cannot be read "
-    "(not well-formed (invalid token): line 1, column 4)": header(info="<dv <"),
-    "byte 18: the header is damaged: its sensor is 0x30, expected 1x1 to 32768x32768": header(
-        info=INFO.format(size=SIZE.replace("40", "0"))
-    ),
-    "byte 18: the header lists no stream of events": header(info="<dv/>"),
-    f"byte {HEAD}: a packet of stream 7, which the header does not list": header() + packet(b"", 7),
-    f"byte {HEAD}: a packet of -1 bytes, which do not fit before the table of packets": (
-        header() + struct.pack("<ii", 0, -1)
-    ),
-    f"byte {HEAD}: a packet of 9 bytes, which do not fit before the table of packets": (
-        header(end=HEAD + 9) + packet(bytes(9)) + bytes(99)
-    ),
-    f"byte {HEAD}: the file ends in a packet: it has 3 of 9 bytes": header() + packet(bytes(9))[:-6],
-    f"byte {HEAD}: the file ends in a packet": header() + b"abc",
-    f"byte {HEAD}: the file ends before its table of packets": header(end=HEAD + 50),
-    f"byte {HEAD}: a packet of 3 bytes is no LZ4 data": header(1) + packet(b"abc"),
-    f"byte {HEAD}: a packet of 3 bytes is no Zstandard data": header(3) + packet(b"abc"),
-    f"byte {HEAD}: a packet is damaged: its 3 bytes are not as many as it says": header() + packet(b"abc"),
-    f"byte {HEAD}: a packet is damaged: an offset leads out of it": (
-        header() + packet(sized(b"\xff\xff\xff\x7fEVTS"))
-    ),
-    f"byte {HEAD}: a packet is damaged: 9 items of 16 bytes do not fit in its 46 bytes": (
-        header() + packet(sized(table(b"EVTS", (9, bytes(16)))))
-    ),
-    f"byte {HEAD}: event 0: x is 40, expected 0 to 39 (sensor 40x30)": (
-        header() + packet(events_table([(1, 40, 0, 1)]))
-    ),
-    f"byte {HEAD + len(packet(events_table(ROWS)))}: event 2: time runs back from 6 to 1 us; "
-    "load(..., sort=True) sorts the events": (
-        header() + packet(events_table(ROWS)) + packet(events_table([(1, 2, 0, 1)]))
-    ),
-}  # fmt: skip
+WRONG = [
+    b"#!AER-DAT3.1\r\n", b"#!AER-DAT4.0\r\n", b"#!AER-DAT4.0\r\n\xff\xff\xff\xff", header().replace(b"IOHE", b"EVTS"),
+    header(5), header(info="<!DOCTYPE x><dv/>"), header(info="<dv <"),
+    header(info=INFO.format(size=SIZE.replace("40", "0"))), header(info="<dv/>"), header() + packet(b"", 7),
+    header() + struct.pack("<ii", 0, -1), header(end=HEAD + 9) + packet(bytes(9)) + bytes(99),
+    header() + packet(bytes(9))[:-6], header() + b"abc", header(end=HEAD + 50), header(1) + packet(b"abc"),
+    header(3) + packet(b"abc"), header() + packet(b"abc"), header() + packet(sized(b"\xff\xff\xff\x7fEVTS")),
+    header() + packet(sized(table(b"EVTS", (9, bytes(16))))), header() + packet(events_table([(1, 40, 0, 1)])),
+    header() + packet(events_table(ROWS)) + packet(events_table([(1, 2, 0, 1)]))
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("message", ERRORS)
-def test_messages(message):
-    assert refusal(load, ERRORS[message], name="f", format="aedat4") == f"f: {message}"
+def test_messages(messages):
+    messages(refusals(load, WRONG, name="f", format="aedat4"))
 
 
 def test_damage_is_told():
@@ -250,8 +214,7 @@ def test_what_is_like_the_packet_before_is_decoded_at_once(monkeypatch):
         packets = [packet(pack(events_table([(k, 1, 2, 1)] * 50))) for k in range(100)]
         whole = header(compression) + b"".join(packets)
         seen.clear()
-        assert len(load(whole)) == 5000
-        assert seen[0] == len(header())
+        assert (len(load(whole)), seen[0]) == (5000, len(header()))
         assert len(seen) < 8
 
 
@@ -277,6 +240,5 @@ def test_writing_and_reading(tmp_path, monkeypatch, packed):
     for events in (steps(0), steps(20_000)):
         save(events, tmp_path / "a.aedat4", replace=True)
         again = load(tmp_path / "a.aedat4")
-        assert again == events
-        assert again.metadata["compression"] == ("LZ4" if packed else "none")
+        assert (again, again.metadata["compression"]) == (events, "LZ4" if packed else "none")
     assert [len(part) for part in stream(tmp_path / "a.aedat4", count=7000)] == [7000, 7000, 6000]

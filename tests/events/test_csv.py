@@ -5,11 +5,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from event_tests import damage_is_told, damaged, refusal
-from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
-from neuro.events.formats._columns import ORDERS
-from neuro.events.formats.table import Table
-from neuro.events.source import Source
+from event_tests import refusal, refusals
+from neuro.events import EventFileError, EventFileWarning, Events, load, save
 
 ROWS = [(-7, 3, 2, 1), (0, 3, 40000, 0), (10, 5, 0, 1), (10, 65535, 9, 0), (1 << 62, 0, 0, 1)]
 
@@ -21,15 +18,6 @@ def text(rows, order="txyp", sign=","):
 
 def of(data, **options):
     return load(data if isinstance(data, bytes) else data.encode(), name="a.csv", **options)
-
-
-@pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("sign", [",", " ", ";", "\t", " , "])
-def test_columns_are_found_by_content(order, sign):
-    rows = [(100 * k + 70000, 200 + k * 37 % 90, 100 + k * 53 % 80, k % 2) for k in range(50)]
-    events = of(text(rows, order, sign))
-    assert events.records().tolist() == rows
-    assert events.metadata == {"format": "csv", "t0": 70000, "columns": " ".join(order), "time_unit": "us"}
 
 
 @pytest.mark.parametrize("order", ["pyxt", "txyp", "yxpt", "tpyx"])
@@ -69,8 +57,7 @@ def test_more_columns_than_needed():
 def test_seconds_are_known_by_their_fraction():
     """The RPG's events.txt: t in s, x, y, p."""
     events = of("0.000000000 33 39 1\n1468939993.067416019 158 145 1\n1468939993.0674165 5 6 0\n")
-    assert events.t.tolist() == [0, 1468939993067416, 1468939993067417]
-    assert events.metadata["time_unit"] == "s"
+    assert (events.t.tolist(), events.metadata["time_unit"]) == ([0, 1468939993067416, 1468939993067417], "s")
     assert of("1e0 1 2 1\n2.5e-6 1 2 1\n", sort=True).t.tolist() == [3, 1000000]
 
 
@@ -78,23 +65,16 @@ def test_times_that_are_whole_are_us():
     assert of("1.0,2.0,3.0,1.0\n2e1,2,3,0\n").records().tolist() == [(1, 2, 3, 1), (20, 2, 3, 0)]
 
 
-@pytest.mark.parametrize(
-    ("name", "told", "us"),
-    [
-        ("t [s]", "12", 12000000),
-        ("t_ms", "1.0005", 1001),
-        ("ts (ns)", "1499", 1),
-        ("time_us", "7", 7),
-        ("t_ns", "1500", 2),
-    ],
-)
+@pytest.mark.parametrize(("name", "told", "us"), [
+    ("t [s]", "12", 12000000), ("t_ms", "1.0005", 1001), ("ts (ns)", "1499", 1), ("time_us", "7", 7),
+    ("t_ns", "1500", 2)
+])  # fmt: skip
 def test_the_unit_may_be_told(name, told, us):
     assert of(f"{name},x,y,p\n{told},1,2,1\n").t.tolist() == [us]
 
 
 def test_savetxt(tmp_path):
-    path = tmp_path / "a.txt"
-    table = np.array(ROWS[1:4], np.float64)
+    path, table = tmp_path / "a.txt", np.array(ROWS[1:4], np.float64)
     np.savetxt(path, table)
     assert load(path).records().tolist() == ROWS[1:4]
     np.savetxt(path, table, fmt="%d", delimiter=", ", header="t x y p")
@@ -103,8 +83,7 @@ def test_savetxt(tmp_path):
 
 @pytest.mark.parametrize("head", ["%geometry:640,480\n", "# sensor 640x480\n", "640 480\n", "\n#no\n640,480\n# x\n"])
 def test_sensor(head):
-    assert of(head + "5 100 200 1\n").sensor_size == (640, 480)
-    assert of("5 100 200 1\n").sensor_size == (101, 201)
+    assert (of(head + "5 100 200 1\n").sensor_size, of("5 100 200 1\n").sensor_size) == ((640, 480), (101, 201))
 
 
 def test_lines_of_all_kinds():
@@ -123,39 +102,17 @@ def test_known_by_content():
 
 
 GOOD = "t,x,y,p\n1,2,3,1\n2,3,4,0\n"
-ERRORS = {
-    "byte 24: line 4: x is 'abc', expected a number": GOOD + "3,abc,4,1\n",
-    "byte 24: line 4: t is 'nan', expected a number": GOOD + "nan,1,4,1\n",
-    "byte 24: line 4: y is '-inf', expected a number": GOOD + "3,1,-inf,1\n",
-    "byte 24: line 4: y is '0x12', expected a number": GOOD + "3,1,0x12,1\n",
-    "byte 24: line 4: y is '1e', expected a number": GOOD + "3,1,1e,1\n",
-    "byte 24: line 4: x is '-1', expected a whole number from 0 to 65535": GOOD + "3,-1,4,1\n",
-    "byte 24: line 4: y is '65536', expected a whole number from 0 to 65535": GOOD + "3,1,65536,1\n",
-    "byte 24: line 4: x is '1.5', expected a whole number from 0 to 65535": GOOD + "3,1.5,4,1\n",
-    "byte 24: line 4: p is '2', expected 1 for ON, and 0 or -1 for OFF": GOOD + "3,1,4,2\n",
-    "byte 24: line 4: t is '99999999999999999999', expected less than 2^63 us": (GOOD + "99999999999999999999,1,4,1\n"),
-    "byte 24: line 4: has 3 columns, expected 4": GOOD + "3,1,4\n",
-    "byte 24: line 4: has 5 columns, expected 4": GOOD + "3,1,4,1,1\n",
-    "byte 24: line 4: time runs back from 2 to 0 us; load(..., sort=True) sorts the events": GOOD + "0,1,4,1\n",
-    "byte 30: line 6: time runs back from 2 to 0 us; load(..., sort=True) sorts the events": (
-        GOOD + "\n#  x\n" + "0,1,4,1\n"
-    ),
-    "byte 0: line 1: has 3 columns, expected 4": "1,2,3\n",
-    "byte 0: line 1: 'a,b,c', expected names or numbers of t, x, y and p": "a,b,c\n1,2,3\n",
-    "byte 8: line 2: t is 'a', expected a number": "t,x,y,p\na,b,c,d\n",
-    "byte 8: line 2: has 3 columns, expected 4": "t,x,y,p\n1,2,3\n",
-    "byte 0: line 1: the sensor is 0x480, expected 1x1 to 65536x65536": "0 480\n1 2 3 1\n",
-}
+WRONG = [
+    GOOD + "3,abc,4,1\n", GOOD + "nan,1,4,1\n", GOOD + "3,1,-inf,1\n", GOOD + "3,1,0x12,1\n", GOOD + "3,1,1e,1\n",
+    GOOD + "3,-1,4,1\n", GOOD + "3,1,65536,1\n", GOOD + "3,1.5,4,1\n", GOOD + "3,1,4,2\n",
+    GOOD + "99999999999999999999,1,4,1\n", GOOD + "3,1,4\n", GOOD + "3,1,4,1,1\n", GOOD + "0,1,4,1\n",
+    GOOD + "\n#  x\n" + "0,1,4,1\n", "1,2,3\n", "a,b,c\n1,2,3\n", "t,x,y,p\na,b,c,d\n", "t,x,y,p\n1,2,3\n",
+    "0 480\n1 2 3 1\n"
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("message", ERRORS)
-def test_messages(message):
-    assert refusal(of, ERRORS[message]) == f"a.csv: {message}"
-
-
-def test_damage_is_told():
-    texts = st.text("0123456789.,-+e \n#%txyp", max_size=200).map(str.encode)
-    damage_is_told(st.binary(max_size=200) | texts | damaged(text(ROWS)), "csv", examples=100)
+def test_messages(messages):
+    messages(refusals(of, WRONG))
 
 
 def test_a_fraction_after_whole_times():
@@ -172,20 +129,6 @@ def test_what_is_whole():
 
 def test_an_endless_line():
     assert "line 2 is longer than 65536 bytes" in refusal(of, b"1 2 3 1\n2 3 4 " + b"0" * 200_000)
-
-
-def test_streamed_is_the_same(tmp_path):
-    rows = [(10 * k, k % 240, k % 180, k % 2) for k in range(20000)]
-    path = tmp_path / "a.csv"
-    path.write_bytes(b"# sensor 240x180\n" + text(rows))
-    pieces = list(Table(Source(path)).pieces(1))
-    assert len(pieces) > 3
-    assert [t for piece in pieces for t in piece.t.tolist()] == [row[0] for row in rows]
-    last = pieces[-1]
-    assert path.read_bytes()[last.place(5) :].startswith(b"%d," % last.t[5])
-    assert path.read_text().splitlines()[last.line(5) - 1].startswith(f"{last.t[5]},")
-    parts = list(stream(io.BytesIO(path.read_bytes()), window_us=1000))
-    assert [len(part) for part in parts] == [100] * 200
 
 
 @given(st.integers(-(10**12), 10**12), st.integers(0, 12))

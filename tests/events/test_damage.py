@@ -36,8 +36,7 @@ def opens(data, name, format):
     """Return whether the format is found, and its header and first events tell the sensor or leave it open."""
     source = Source(data, name)
     try:
-        opened = find(source, format).open(source)
-        getattr(opened, "sensor_size", None)
+        getattr(find(source, format).open(source), "sensor_size", None)
     except (Damage, EventFileError):
         return False
     return True
@@ -70,8 +69,7 @@ def check(data, name, format=None):
     at_once, _ = told(parts, data, name=name, format=format)
     assert time.process_time() - began < SECONDS
     assert not quiet
-    assert (lenient is not None) == opens(data, name, format)
-    assert (streamed is None) == (lenient is None)
+    assert (lenient is not None, streamed is None) == (opens(data, name, format), lenient is None)
     assert (at_once is None) == (strict is None)
     if lenient is not None:
         Events(lenient.t, lenient.x, lenient.y, lenient.p, lenient.sensor_size)
@@ -128,6 +126,5 @@ def test_mislabelled(format, sample):
     data = sample(format)
     signed = KNOWN[format].knows(data[:HEAD])
     for other in NAMES:
-        right = check(data, f"a{KNOWN[other].suffixes[-1]}")
-        assert right or not signed
+        assert check(data, f"a{KNOWN[other].suffixes[-1]}") or not signed
         check(data[:20_000], "a", other)

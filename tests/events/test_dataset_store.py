@@ -46,23 +46,19 @@ def test_the_layout_is_that_of_aertb(folder, tmp_path):
     same(done.path, folder)
     assert seen[0] == ("reading", 0, 30)
     assert ("reading", 30, 30) in seen
-    assert seen[-1] == ("writing", 30, 30)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["o.h5", "set"]
+    assert (seen[-1], sorted(path.name for path in tmp_path.iterdir())) == (("writing", 30, 30), ["o.h5", "set"])
     with h5py.File(done.path) as file:
         assert list(file) == ["0", "1", "2"]
         sample = file["2/29"]
         assert sample.dtype.names == ("ts", "x", "y", "p")
         assert (sample.compression, sample.shuffle, sample.chunks) == ("gzip", True, (29,))
-        assert sample.attrs["sensor_size"].tolist() == [34, 34]
-        assert sample["ts"].tolist() == list(range(29))
+        assert (sample.attrs["sensor_size"].tolist(), sample["ts"].tolist()) == ([34, 34], list(range(29)))
 
 
 def test_the_same_call_again_does_nothing_and_another_is_refused(folder, tmp_path):
     data, out = Dataset(folder), tmp_path / "o.h5"
-    first = data.to_hdf5(out, jobs=1)
-    made = out.stat().st_mtime_ns
-    assert data.to_hdf5(out, jobs=1) == first
-    assert out.stat().st_mtime_ns == made
+    first, made = data.to_hdf5(out, jobs=1), out.stat().st_mtime_ns
+    assert (data.to_hdf5(out, jobs=1), out.stat().st_mtime_ns) == (first, made)
     assert refusal(data[:4].to_hdf5, out, jobs=1) == f"{out}: exists and holds something else; expected a new name"
     (tmp_path / "other.h5").write_text("mine")
     with pytest.raises(EventFileError, match=r"other\.h5: exists and holds something else; expected a new name$"):
@@ -70,30 +66,24 @@ def test_the_same_call_again_does_nothing_and_another_is_refused(folder, tmp_pat
     assert (tmp_path / "other.h5").read_text() == "mine"
 
 
-def test_damaged_samples(folder, tmp_path):
+def test_damaged_samples(messages, folder, tmp_path):
     (folder / "Train/1/4.bin").write_bytes(word(7) + b"ab")
     data = Dataset(folder)
     told = {f"{folder}/Train/1/4.bin": "byte 5: 2 bytes left over after 1 events of 5 bytes"}
     skipped = data.to_hdf5(tmp_path / "skip.h5", jobs=1)
-    assert (skipped.samples, skipped.damaged) == (29, told)
-    assert data.to_hdf5(tmp_path / "skip.h5", jobs=1).damaged == told
+    assert (skipped.samples, skipped.damaged, data.to_hdf5(tmp_path / "skip.h5", jobs=1).damaged) == (29, told, told)
     mended = data.to_hdf5(tmp_path / "mend.h5", jobs=1, damaged="mend")
     assert mended.samples == 30
     text = "byte 5: 2 bytes left over after 1 events of 5 bytes; what is before it was read"
     assert mended.damaged == {f"{folder}/Train/1/4.bin": text}
     with h5py.File(mended.path) as file:
         assert file["1/4"]["ts"].tolist() == [7]
-    assert (
-        refusal(data.to_hdf5, tmp_path / "stop.h5", jobs=1, damaged="stop")
-        == f"{folder}/Train/1/4.bin: {next(iter(told.values()))}"
-    )
+    stop = refusal(data.to_hdf5, tmp_path / "stop.h5", jobs=1, damaged="stop")
     (folder / "Train/1/4.bin").write_bytes(word(7))
     assert data.to_hdf5(tmp_path / "stop.h5", jobs=1, damaged="stop").samples == 30
-    assert "exists and holds something else" in refusal(data.to_hdf5, tmp_path / "skip.h5", jobs=1, damaged="stop")
-    assert (
-        refusal(data.to_hdf5, tmp_path / "x.h5", damaged="skipp")
-        == "unknown choice for damaged 'skipp'\n  hint: did you mean 'skip'?"
-    )
+    other = refusal(data.to_hdf5, tmp_path / "skip.h5", jobs=1, damaged="stop")
+    cases = {"stop": stop, "other": other, "wrong": refusal(data.to_hdf5, tmp_path / "x.h5", damaged="skipp")}
+    messages({case: text.replace(f"{tmp_path}/", "") for case, text in cases.items()})
 
 
 def test_samples_that_changed_are_not_taken_for_those_stored(folder, tmp_path):
@@ -135,22 +125,15 @@ def test_a_zip_tells_changes_by_check_sums(folder, tmp_path):
     assert "was made of samples that have changed since" in refusal(Dataset(packed).to_hdf5, out, jobs=1)
 
 
-def test_a_folder_of_another_conversion_is_left_alone(folder, tmp_path):
-    parts = tmp_path / "o.h5.parts"
-    data = Dataset(folder)
+def test_a_folder_of_another_conversion_is_left_alone(messages, folder, tmp_path):
+    parts, data, told = tmp_path / "o.h5.parts", Dataset(folder), {}
     parts.mkdir()
     (parts / "mine.h5").write_text("mine")
-    assert (
-        refusal(data.to_hdf5, tmp_path / "o.h5")
-        == f"{parts}: exists and is no conversion that was begun; expected a new name"
-    )
-    (parts / "mine.h5").unlink()
-    (parts / "plan.txt").write_text("other")
-    with pytest.raises(EventFileError) as error:
-        data.to_hdf5(tmp_path / "o.h5")
-    text = "is what another conversion to the same name has done so far; go on with that one, or remove it"
-    assert str(error.value) == f"{parts}: {text}"
-    assert "cannot write: No such file or directory" in refusal(data.to_hdf5, tmp_path / "none" / "o.h5")
+    told["no plan"] = refusal(data.to_hdf5, tmp_path / "o.h5")
+    (parts / "mine.h5").rename(parts / "plan.txt")
+    told["other plan"] = refusal(data.to_hdf5, tmp_path / "o.h5")
+    told["no folder"] = refusal(data.to_hdf5, tmp_path / "none" / "o.h5")
+    messages({case: text.replace(f"{tmp_path}/", "") for case, text in told.items()})
 
 
 def test_names_that_come_twice_in_a_class_are_told_apart(tmp_path):
@@ -205,8 +188,7 @@ def test_after_a_kill_the_same_call_goes_on(folder, tmp_path):
     os.utime(not_read_again, ns=(before.st_atime_ns, before.st_mtime_ns))
     seen = []
     stored = Dataset(folder).to_hdf5(out, jobs=1, report=lambda *what: seen.append(what))
-    assert seen[0] == ("reading", len(done), 30)
-    assert (stored.samples, stored.damaged) == (30, {})
+    assert (seen[0], stored.samples, stored.damaged) == (("reading", len(done), 30), 30, {})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["o.h5", "set", "slow.py"]
 
 

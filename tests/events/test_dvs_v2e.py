@@ -28,8 +28,7 @@ def v2e(times, images, cutoff_hz):
         else:
             shown = target
         count = np.trunc((shown - base) / THRESHOLD + np.copysign(1e-7, shown - base)).astype(int)
-        base = base + THRESHOLD * count
-        steps = np.abs(count).max(initial=0)
+        base, steps = base + THRESHOLD * count, np.abs(count).max(initial=0)
         for k in range(steps):
             y, x = np.nonzero(np.abs(count) > k)
             t = np.full(len(x), before + (now - before) * (k + 1) / steps)

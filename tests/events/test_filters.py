@@ -65,8 +65,7 @@ def test_tar_as_algorithm_14(radius, tau, theta):
 
 def test_tar_needs_more_than_theta_and_its_own_event_counts():
     same_time = Events(np.zeros(4, int), [3, 3, 4, 6], [2, 2, 2, 2], np.array([0, 1, 0, 1]), SIZE)
-    assert TAR(SIZE, theta=2.0).apply(same_time).x.tolist() == [4]
-    assert TAR(SIZE, theta=0.9).apply(same_time) == same_time
+    assert (TAR(SIZE, theta=2.0).apply(same_time).x.tolist(), TAR(SIZE, theta=0.9).apply(same_time)) == ([4], same_time)
     assert TAR(SIZE, theta=2.0, first=1).apply(same_time).x.tolist() == [3, 4]
     events = Events(np.array([0, 10, 20]), [2, 2, 2], [2, 2, 2], [1, 1, 1], SIZE)
     assert TAR(SIZE, theta=2.5).apply(events).t.tolist() == [20]  # those that do not pass count
@@ -77,8 +76,7 @@ def literal_hats(events, tau, radius, cell):
     width, height = events.sensor_size
     side = 2 * radius + 1
     sums = np.zeros((-(-height // cell), -(-width // cell), 2, side, side))
-    counts = np.zeros(sums.shape[:2])
-    seen = rows(events)
+    counts, seen = np.zeros(sums.shape[:2]), rows(events)
     for k, (t, x, y, p) in enumerate(seen):
         counts[y // cell, x // cell] += 1
         for t0, x0, y0, p0 in seen[:k]:
@@ -111,8 +109,7 @@ def test_surfaces_pass_what_tar_passes_and_count_no_other():
 @pytest.mark.parametrize("begin", [-(2**63), -(2**62) - 5, 0, 2**63 - 10_000])
 def test_activity_is_forgotten_over_any_span(kind, begin):
     """Between int64's ends times differ by more than int64 holds."""
-    near = [begin, begin + 1, begin + 2]
-    after = [2**63 - 3, 2**63 - 2, 2**63 - 1]
+    near, after = [begin, begin + 1, begin + 2], [2**63 - 3, 2**63 - 2, 2**63 - 1]
     seen = kind(SIZE, tau=0.001, theta=2.4)(Events([*near, *after], [1] * 6, [1] * 6, [0] * 6, SIZE))
     assert seen.t.tolist() == [near[2], after[2]]
 
@@ -131,25 +128,21 @@ def test_background_as_the_definition():
 
 @pytest.mark.parametrize(("extend", "kept"), [(False, [0, 100, 200]), (True, [0, 200])])
 def test_refractory(extend, kept):
-    t = np.array([0, 60, 99, 100, 200])
-    events = Events(t, [1] * 5, [1] * 5, [1, 0, 1, 0, 1], SIZE)
+    events = Events(np.array([0, 60, 99, 100, 200]), [1] * 5, [1] * 5, [1, 0, 1, 0, 1], SIZE)
     assert Refractory(SIZE, period_us=100, extend=extend).apply(events).t.tolist() == kept
     both = Events(np.array([0, 1]), [1, 2], [1, 1], [1, 1], SIZE)
-    assert Refractory(SIZE, period_us=100).apply(both) == both
-    assert Refractory(SIZE, period_us=0).apply(events) == events
+    assert (Refractory(SIZE, period_us=100).apply(both), Refractory(SIZE, period_us=0).apply(events)) == (both, events)
 
 
 def test_hot_pixels_are_found_and_left_out():
     events = recording() + Events(np.arange(300) * 1000, [6] * 300, [0] * 300, [1] * 300, SIZE)
-    assert hot_pixels(events).tolist() == [[6, 0]]
-    assert hot_pixels(events, times=40.0).tolist() == []
+    assert (hot_pixels(events).tolist(), hot_pixels(events, times=40.0).tolist()) == ([[6, 0]], [])
     span_s = float(events.t[-1] - events.t[0]) * 1e-6
     rate = frame(events)[0, 6] / span_s
     assert hot_pixels([events[:100], events[100:]], above_hz=rate * 0.999).tolist() == [[6, 0]]
     assert hot_pixels(events, above_hz=rate * 1.001).tolist() == []
     assert HotPixels(SIZE, hot_pixels(events)).apply(events) == events[(events.x != 6) | (events.y != 0)]
-    assert HotPixels(SIZE).apply(events) == events
-    assert hot_pixels([]).shape == (0, 2)
+    assert (HotPixels(SIZE).apply(events), hot_pixels([]).shape) == (events, (0, 2))
 
     for count, found in ((10, []), (11, [[4, 2]])):
         assert hot_pixels(Events(np.arange(count), [4] * count, [2] * count, [1] * count, SIZE)).tolist() == found
@@ -170,8 +163,7 @@ def test_polarity_and_crop():
 def test_downsample():
     events = recording()
     small = Downsample(SIZE, factor=(2, 3)).apply(events)
-    assert small.sensor_size == (4, 2)
-    assert small == Events(events.t, events.x // 2, events.y // 3, events.p, (4, 2))
+    assert (small.sensor_size, small) == ((4, 2), Events(events.t, events.x // 2, events.y // 3, events.p, (4, 2)))
     signs = [1] * 5 + [0] * 4 + [0, 1, 0, 0, 0, 0] + [1] * 4
     x, y = [0, 1, 0, 1, 2] + [0, 1] * 7, [0, 0, 1, 1] + [0] * 15
     summed = Downsample(SIZE, integrate=4).apply(Events(np.arange(19), x, y, signs, SIZE))
@@ -179,11 +171,9 @@ def test_downsample():
 
 
 TURNS = [
-    (Flip(SIZE, "x"), lambda f: f[:, ::-1]),
-    (Flip(SIZE, "y"), lambda f: f[::-1]),
-    (Transpose(SIZE), lambda f: f.T),
-    *((Rotate90(SIZE, k), lambda f, k=k: np.rot90(f, k)) for k in range(-1, 5)),
-]
+    (Flip(SIZE, "x"), lambda f: f[:, ::-1]), (Flip(SIZE, "y"), lambda f: f[::-1]), (Transpose(SIZE), lambda f: f.T),
+    *((Rotate90(SIZE, k), lambda f, k=k: np.rot90(f, k)) for k in range(-1, 5))
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("turn", "as_frame"), TURNS, ids=lambda v: str(v) if isinstance(v, Flip | Rotate90) else "")
@@ -210,8 +200,7 @@ def test_reverse():
     events = Events(np.array([5, 5, 9]), [0, 1, 2], [0, 0, 1], [1, 1, 0], SIZE)
     assert rows(Reverse(SIZE).apply(events)) == [(5, 2, 1, 1), (9, 1, 0, 0), (9, 0, 0, 0)]
     twice = Reverse(SIZE).apply(Reverse(SIZE).apply(events))
-    assert twice == events
-    assert Reverse(SIZE, invert=False).apply(events).p.tolist() == [0, 1, 1]
+    assert (twice, Reverse(SIZE, invert=False).apply(events).p.tolist()) == (events, [0, 1, 1])
 
 
 @settings(max_examples=60)
@@ -248,8 +237,7 @@ def noise_only(stop=10_000_000, start=0, **options):
 
 
 def test_noise_is_poisson():
-    noise = noise_only(rate_hz=20.0)
-    expected = 20.0 * 10 * SIZE[0] * SIZE[1]
+    noise, expected = noise_only(rate_hz=20.0), 20.0 * 10 * SIZE[0] * SIZE[1]
     assert abs(len(noise) - expected) < 5 * np.sqrt(expected)
     per_pixel = np.bincount(noise[:, 2] * SIZE[0] + noise[:, 1], minlength=35)
     assert np.abs(per_pixel - expected / 35).max() < 5 * np.sqrt(expected / 35)
@@ -280,30 +268,17 @@ def test_noise_keeps_the_events_and_comes_first():
 
 
 MADE = [
-    TAR(WIDE, tau=0.002, theta=1.5),
-    TAR(WIDE, tau=0.002, theta=3.0, radius=2, first=7),
-    TARSurfaces(WIDE, tau=0.002, theta=1.5, cell=4),
-    TARSurfaces(WIDE, tau=1e-6, theta=1.5),
-    BackgroundActivity(WIDE, dt_us=900),
-    Refractory(WIDE, period_us=3000),
-    Refractory(WIDE, period_us=3000, extend=True),
-    HotPixels(WIDE, [(3, 2), (8, 5)]),
-    Polarity(WIDE, keep=0),
-    Crop(WIDE, x=(2, 7), y=(0, 4)),
-    Downsample(WIDE, factor=2),
-    Downsample(WIDE, factor=(4, 3), integrate=3),
-    Shift(WIDE, by_us=11),
-    Shift(WIDE, to_us=0),
-    Scale(WIDE, factor=0.37),
-    Reverse(WIDE),
-    Jitter(WIDE, amount_us=2500, seed=3),
-    Flip(WIDE),
-    Rotate90(WIDE, turns=3),
-    Transpose(WIDE),
+    TAR(WIDE, tau=0.002, theta=1.5), TAR(WIDE, tau=0.002, theta=3.0, radius=2, first=7),
+    TARSurfaces(WIDE, tau=0.002, theta=1.5, cell=4), TARSurfaces(WIDE, tau=1e-6, theta=1.5),
+    BackgroundActivity(WIDE, dt_us=900), Refractory(WIDE, period_us=3000),
+    Refractory(WIDE, period_us=3000, extend=True), HotPixels(WIDE, [(3, 2), (8, 5)]), Polarity(WIDE, keep=0),
+    Crop(WIDE, x=(2, 7), y=(0, 4)), Downsample(WIDE, factor=2), Downsample(WIDE, factor=(4, 3), integrate=3),
+    Shift(WIDE, by_us=11), Shift(WIDE, to_us=0), Scale(WIDE, factor=0.37), Reverse(WIDE),
+    Jitter(WIDE, amount_us=2500, seed=3), Flip(WIDE), Rotate90(WIDE, turns=3), Transpose(WIDE),
     ShotNoise(WIDE, rate_hz=40.0, seed=5),
     chain(Jitter(WIDE, 700), Crop(WIDE, x=(1, 8)), Reverse((7, 6)), TAR((7, 6), tau=0.002, theta=1.2)),
-    chain(ShotNoise(WIDE, 30.0), BackgroundActivity(WIDE, 800), Jitter(WIDE, 3000, seed=1), Downsample(WIDE, 3, 2)),
-]
+    chain(ShotNoise(WIDE, 30.0), BackgroundActivity(WIDE, 800), Jitter(WIDE, 3000, seed=1), Downsample(WIDE, 3, 2))
+]  # fmt: skip
 
 
 def joined(parts):
@@ -312,8 +287,7 @@ def joined(parts):
 
 @st.composite
 def cut_recordings(draw):
-    n = draw(st.integers(0, 300))
-    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    n, rng = draw(st.integers(0, 300)), np.random.default_rng(draw(st.integers(0, 2**32)))
     start = draw(st.sampled_from([0, -5000, 10**12]))
     t = start + np.cumsum(rng.integers(0, draw(st.sampled_from([2, 60, 2000])), n))
     events = Events(t, rng.integers(0, 9, n), rng.integers(0, 6, n), rng.integers(0, 2, n), WIDE)
@@ -326,12 +300,9 @@ def cut_recordings(draw):
 def test_cutting_does_not_matter(made, recording):
     events, parts = recording
     made.reset()
-    whole = made(events)
-    rest = made.finish()
-    assert joined(made(part) for part in parts) == whole
-    assert made.finish() == rest
-    assert joined([whole, rest]) == made.apply(events)
-    assert joined([whole[:0], *made.stream(parts)]) == made.apply(events)
+    whole, rest = made(events), made.finish()
+    assert (joined(made(part) for part in parts), made.finish()) == (whole, rest)
+    assert (joined([whole, rest]), joined([whole[:0], *made.stream(parts)])) == (made.apply(events), made.apply(events))
 
 
 def test_surfaces_do_not_depend_on_the_cuts():
@@ -357,9 +328,7 @@ def events_at(*t):
 
 def test_reset_and_fresh_forget():
     tar = TAR(WIDE, theta=1.5)
-    assert len(tar(events_at(0, 1))) == 1
-    assert len(tar.fresh()(events_at(2))) == 0
-    assert len(tar(events_at(2))) == 1
+    assert (len(tar(events_at(0, 1))), len(tar.fresh()(events_at(2))), len(tar(events_at(2)))) == (1, 0, 1)
     tar.reset()
     assert len(tar(events_at(0))) == 0
 
@@ -368,8 +337,7 @@ def test_a_chain_has_its_own_state():
     tar = TAR(WIDE, theta=1.5)
     both = chain(tar, Shift(WIDE, 5))
     tar(events_at(0, 0, 0))
-    assert both(events_at(0, 1)).t.tolist() == [6]
-    assert len(tar(events_at(1))) == 1
+    assert (both(events_at(0, 1)).t.tolist(), len(tar(events_at(1)))) == ([6], 1)
     assert chain(both, both).apply(events_at(0, 1, 2)).t.tolist() == [12]
 
 
@@ -387,8 +355,7 @@ def test_metadata_and_size_come_through():
     events = Events(*[np.zeros(1, int)] * 4, WIDE, {"camera": "a"})
     for made in MADE:
         out = made.apply(events)
-        assert out.metadata == {"camera": "a"}
-        assert out.sensor_size == made.out_size
+        assert (out.metadata, out.sensor_size) == ({"camera": "a"}, made.out_size)
         assert made.apply(events[:0]).sensor_size == made.out_size
 
 

@@ -135,20 +135,17 @@ def test_load_and_stream_agree(options, monkeypatch):
         for at, value in flips:
             data[at] ^= value
         loaded = result(lambda given: load(given, name="a.h5").records(), bytes(data))
-        streamed = result(read, bytes(data))
-        assert np.array_equal(loaded, streamed)
+        assert np.array_equal(loaded, result(read, bytes(data)))
 
     run()
 
 
 def test_chunks_are_looked_up_one_by_one_only_where_one_is_damaged(monkeypatch):
     """HDF5 goes through all before one to find it: the square of their number for a whole file."""
-    asked = []
-    whole = _hdf5_recording.chunks_whole
+    asked, whole = [], _hdf5_recording.chunks_whole
     monkeypatch.setattr(_hdf5_recording, "chunks_whole", lambda *given: asked.append(given[1:]) or whole(*given))
     data, chunks = rows_file()
-    assert len(read(data)) == N
-    assert asked == []
+    assert (len(read(data)), asked) == (N, [])
     with pytest.raises(EventFileError, match="a chunk of /CD/events has 77 bytes, expected 224"):
         read(changed(data, in_tree(data, chunks[1]), 77, 4))
     assert asked

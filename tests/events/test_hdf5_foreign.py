@@ -93,29 +93,21 @@ def empty_rows(file):
 
 ODD = [in_a_ring, cyclic_groups, references, regions, offset_to_itself, no_width, empty_rows]
 TIMES = {
-    "to itself": h5py.SoftLink("/events/t"),
-    "to itself by name": h5py.ExternalLink("a.h5", "/events/t"),
-    "to nothing": h5py.SoftLink("/nothing"),
-    "to no file": h5py.ExternalLink("nothing.h5", "/t"),
-    "fields": np.zeros(3, [("a", "i4"), ("b", "f8")]),
-    "texts": np.array(["a"] * 3, h5py.string_dtype()),
-    "a type": np.dtype("i4"),
-    "nothing": h5py.Empty("i8"),
-}
+    "to itself": h5py.SoftLink("/events/t"), "to itself by name": h5py.ExternalLink("a.h5", "/events/t"),
+    "to nothing": h5py.SoftLink("/nothing"), "to no file": h5py.ExternalLink("nothing.h5", "/t"),
+    "fields": np.zeros(3, [("a", "i4"), ("b", "f8")]), "texts": np.array(["a"] * 3, h5py.string_dtype()),
+    "a type": np.dtype("i4"), "nothing": h5py.Empty("i8")
+}  # fmt: skip
 
 
-READS = {
-    "load": load,
-    "at a place": lambda path: load(path, format="hdf5:/events/t"),
-    "stream": lambda path: list(stream(path)),
-    "recordings": lambda path: recordings(path)[0].load(),
-    "data set": lambda path: Dataset(path)[0],
-}
+READS = [
+    load, lambda path: load(path, format="hdf5:/events/t"), lambda path: list(stream(path)),
+    lambda path: recordings(path)[0].load(), lambda path: Dataset(path)[0],
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("odd", [*ODD, *TIMES])
-@pytest.mark.parametrize("read", READS)
-def test_what_is_no_recording_is_told(tmp_path, monkeypatch, odd, read):
+def test_what_is_no_recording_is_told(tmp_path, monkeypatch, odd):
     monkeypatch.chdir(tmp_path)
     with h5py.File("a.h5", "w") as file:
         for name in "xyp":
@@ -124,7 +116,8 @@ def test_what_is_no_recording_is_told(tmp_path, monkeypatch, odd, read):
             odd(file)
         else:
             file["events/t"] = TIMES[odd]
-    with pytest.raises(EventFileError) as error:
-        READS[read]("a.h5")
-    if odd == "to itself":
-        assert str(error.value) == "a.h5: /events/t cannot be opened: Special link traversal failed (too many links)"
+    for read in READS:
+        with pytest.raises(EventFileError) as error:
+            read("a.h5")
+        if odd == "to itself":
+            assert error.value.what == "/events/t cannot be opened: Special link traversal failed (too many links)"

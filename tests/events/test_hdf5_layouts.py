@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from event_tests import damage_is_told, refusal
+from event_tests import damage_is_told, refusal, refusals
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
 from neuro.events.info import info
 
@@ -51,8 +51,7 @@ def m3ed(side="left"):
 
 def test_v2e():
     events = load(v2e())
-    assert events.records().tolist() == RECORDS
-    assert events.sensor_size == (346, 260)
+    assert (events.records().tolist(), events.sensor_size) == (RECORDS, (346, 260))
     assert events.metadata == {"format": "hdf5", "t0": 0, "columns": "t x y p"}
     assert len(load(v2e(T[:0], X[:0], Y[:0], P[:0]))) == 0
     frames = {"frame": np.zeros((2, 9, 9)), "frame_ts": np.zeros(2), "frame_idx": np.zeros((2, 2))}
@@ -61,8 +60,7 @@ def test_v2e():
 
 def test_v2e_where_other_orders_fit_too():
     """Its first frame in rows: one time, and rows that grow. The place and the type tell the order."""
-    few = v2e(T[:9] * 0, X[:9], K[:9] // 3, P[:9])
-    assert load(few).x.tolist() == X[:9].tolist()
+    assert load(v2e(T[:9] * 0, X[:9], K[:9] // 3, P[:9])).x.tolist() == X[:9].tolist()
 
 
 def test_v2e_that_is_not_in_its_order():
@@ -86,19 +84,16 @@ def test_mvsec_whose_first_times_are_whole_seconds():
 
 def test_one_of_two_cameras():
     data = hdf5(davis__left__events=mvsec(), davis__right__events=mvsec(x=X + 1))
-    assert load(data, format="hdf5:/davis/left/events").x[1] == 7
-    assert load(data, format="hdf5:/davis/right").x[1] == 8
+    assert (load(data, format="hdf5:/davis/left/events").x[1], load(data, format="hdf5:/davis/right").x[1]) == (7, 8)
     assert load(data, format="h5:davis/right").x[1] == 8
     data = hdf5(**m3ed(), **m3ed("right"))
     assert load(data, format="hdf5:/prophesee/right").records().tolist() == RECORDS
-    part = next(stream(data, format="hdf5:/prophesee/left", start_us=500_000))
-    assert part.t[0] == T[T >= 500_000][0]
+    assert next(stream(data, format="hdf5:/prophesee/left", start_us=500_000)).t[0] == T[T >= 500_000][0]
 
 
 def test_m3ed():
     events = load(hdf5(**m3ed()))
-    assert events.records().tolist() == RECORDS
-    assert events.sensor_size == (1280, 720)
+    assert (events.records().tolist(), events.sensor_size) == (RECORDS, (1280, 720))
 
 
 @pytest.mark.parametrize("order", ["txyp", "xytp", "xypt"])
@@ -131,8 +126,7 @@ E2VID = {"events__ts": SECONDS + T / 1e6, "events__xs": X, "events__ys": Y, "eve
 @pytest.mark.parametrize("told", [[260, 346], np.array([260, 346, 3], "i4"), [260.0, 346.0]])
 def test_e2vid(told):
     events = load(hdf5({"sensor_resolution": told}, **E2VID))
-    assert events.sensor_size == (346, 260)
-    assert (events.t - SECONDS * 10**6).tolist() == T.tolist()
+    assert (events.sensor_size, (events.t - SECONDS * 10**6).tolist()) == ((346, 260), T.tolist())
     assert events.p.tolist() == P.tolist()
 
 
@@ -158,28 +152,15 @@ def test_info_says_what_was_never_tried(tmp_path):
 
 FEW = np.array([[5, 3, 2, 1]])
 BOTH = {"davis__left__events": mvsec(), "davis__right__events": mvsec()}
-ERRORS = {
-    "the rows of /a/events can be t x y p and x y t p: "
-    "name the order, as in format='hdf5:/a/events:txyp' or --from hdf5:/a/events:txyp": ({"a__events": FEW}, None),
-    "/events has rows such as [5, 3, 2, 7], expected t x y p, x y t p or x y p t, with whole coordinates and "
-    "polarities -1, 0 or 1": ({"events": np.array([[5, 3, 2, 7]])}, None),
-    "has 2 recordings or more (/davis/left/events, /davis/right/events), expected one: name it, as in "
-    "format='hdf5:/davis/left/events' or --from hdf5:/davis/left/events": (BOTH, None),
-    "has no recording at /davis/up, expected /davis/left/events, /davis/right/events": (BOTH, "hdf5:/davis/up"),
-    "has no recording at /a, expected another file: it has none": ({"a__b": np.zeros(3)}, "hdf5:/a"),
-    "/a/b has items of float64 in shape (3,), expected rows of events": ({"a__b": np.zeros(3)}, "hdf5:/a/b"),
-    "has a; expected /events/t, x, y, p, rows at /CD/events or /<class>/<sample>": ({"a__poses": FEW}, None),
-    "event 1: time runs back from 70000 to 3 us; load(..., sort=True) sorts the events": (
-        {"events": np.array([[1, 70000, 20, 1], [9, 3, 10, 1], [3, 3, 30, 0]])[:, [0, 2, 1, 3]]},
-        None,
-    ),
-}  # fmt: skip
+WRONG = [
+    ({"a__events": FEW}, None), ({"events": np.array([[5, 3, 2, 7]])}, None), (BOTH, None), (BOTH, "hdf5:/davis/up"),
+    ({"a__b": np.zeros(3)}, "hdf5:/a"), ({"a__b": np.zeros(3)}, "hdf5:/a/b"), ({"a__poses": FEW}, None),
+    ({"events": np.array([[1, 70000, 20, 1], [9, 3, 10, 1], [3, 3, 30, 0]])[:, [0, 2, 1, 3]]}, None)
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("message", ERRORS)
-def test_messages(message):
-    datasets, kind = ERRORS[message]
-    assert refusal(load, hdf5(**datasets), name="f", format=kind) == f"f: {message}"
+def test_messages(messages):
+    messages(refusals(lambda wrong: load(hdf5(**wrong[0]), name="f", format=wrong[1]), WRONG))
 
 
 def test_damage_is_told():
@@ -188,16 +169,9 @@ def test_damage_is_told():
     )
 
 
-SIZES = {
-    "sensor_resolution is [260], expected height and width": [260],
-    "sensor_resolution is [260.0, 346.5], expected height and width": [260, 346.5],
-    "its sensor is [346, 0], expected width and height from 1 to 65536": [0, 346],
-}
-
-
-@pytest.mark.parametrize("message", SIZES)
-def test_sizes_that_cannot_be(message):
-    assert refusal(load, hdf5({"sensor_resolution": SIZES[message]}, **E2VID), name="f") == f"f: {message}"
+def test_sizes_that_cannot_be(messages):
+    of = lambda size: load(hdf5({"sensor_resolution": size}, **E2VID), name="f")  # noqa: E731
+    messages(refusals(of, [[260], [260, 346.5], [0, 346]]))
 
 
 def test_a_place_in_a_format_without_places():

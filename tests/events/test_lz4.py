@@ -18,8 +18,7 @@ def packed(data, linked=True, size=SIZES[0], level=0):
 
 def unpacked(data, after=WIDE, room=ROOM):
     """What our decoder makes of a frame, with bytes after it; None where it refuses."""
-    whole = np.frombuffer(data + bytes(after), np.uint8)
-    plain = np.full(room + WIDE + GUARD, 0xA5, np.uint8)
+    whole, plain = np.frombuffer(data + bytes(after), np.uint8), np.full(room + WIDE + GUARD, 0xA5, np.uint8)
     count = frame(whole, 0, len(data), plain[: room + WIDE])
     assert np.all(plain[room + WIDE :] == 0xA5)
     assert -1 <= count <= room

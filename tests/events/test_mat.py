@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from event_tests import damage_is_told, refusal
+from event_tests import damage_is_told, refusal, refusals
 from neuro.events import EventFileWarning, load
 from neuro.events.formats.mat import samples
 
@@ -31,8 +31,7 @@ def of(variables, **options):
 @pytest.mark.parametrize("options", [{}, {"do_compression": True}, {"oned_as": "column"}])
 def test_vectors(options):
     events = of({"ts": T.astype(float), "x": X, "y": Y, "pol": P, "note": "a"}, **options)
-    assert events.records().tolist() == ROWS
-    assert events.sensor_size == (601, 401)
+    assert (events.records().tolist(), events.sensor_size) == (ROWS, (601, 401))
     assert events.metadata == {"format": "mat", "t0": 70, "counted_from": 0}
 
 
@@ -62,8 +61,7 @@ def test_polarities_of_read_ndataset():
 
 def test_a_struct_that_counts_from_0():
     events = of({"TD": td(x=X, y=Y)})
-    assert events.records().tolist() == ROWS
-    assert events.metadata["counted_from"] == 0
+    assert (events.records().tolist(), events.metadata["counted_from"]) == (ROWS, 0)
 
 
 def test_jaer():
@@ -103,23 +101,14 @@ def test_version_73():
     assert [events.t[0] for events in samples(version_73(cells)).values()] == [70, 71]
 
 
-ERRORS = {
-    "byte 0: is empty, expected a MAT file": b"",
-    "has a, b; expected vectors t (or ts), x, y and p (or pol), also in a struct": mat({"a": T, "b": X}),
-    "has nothing; expected vectors t (or ts), x, y and p (or pol), also in a struct": mat({}),
-    "TD: lengths are t 5, x 5, y 4, p 5, expected equal ones": mat({"TD": td(y=Y[:4] + 1)}),
-    "event 2: x is -1.0, expected a whole number from 0 to 65535": mat({"e": td(x=[0.0, 1, -1, 2, 3])}),
-    "event 0: y is nan, expected a whole number from 0 to 65535": mat({"e": td(y=Y * np.nan)}),
-    "event 1: p is 3.0, expected 1 for ON, and 0 or -1 for OFF": mat({"e": td(p=[0.0, 3, 0, 0, 0])}),
-    "event 1: time runs back from 5 to 1 us; load(..., sort=True) sorts the events": mat(
-        {"e": td(ts=[5.0, 1, 1, 1, 1])}
-    ),
-}
+WRONG = [
+    b"", mat({"a": T, "b": X}), mat({}), mat({"TD": td(y=Y[:4] + 1)}), mat({"e": td(x=[0.0, 1, -1, 2, 3])}),
+    mat({"e": td(y=Y * np.nan)}), mat({"e": td(p=[0.0, 3, 0, 0, 0])}), mat({"e": td(ts=[5.0, 1, 1, 1, 1])})
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("message", ERRORS)
-def test_messages(message):
-    assert refusal(load, ERRORS[message], name="f.mat") == f"f.mat: {message}"
+def test_messages(messages):
+    messages(refusals(load, WRONG, name="f.mat"))
 
 
 @pytest.mark.filterwarnings("ignore")

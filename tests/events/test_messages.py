@@ -1,4 +1,4 @@
-"""What functions of events refuse, each with its whole message; arguments that YAML can say are in `golden`."""
+"""What functions of events refuse, each with its whole message; arguments that YAML can hold are in `golden`."""
 
 import io
 import os
@@ -24,20 +24,18 @@ FIRST = {
     "filters": (SIZE,), "segmentation": (np.arange(3),), "representations": (FOUR,), "DVSParameters": (),
     "stream": ("there is no such file.bin",), "load": (bytes(5),),
 }  # fmt: skip
-GOLDEN = yaml.safe_load((Path(__file__).parent / "golden" / "messages.yaml").read_text())
-CASES = [
-    (getattr(events, room), room, *case) if name is None else (getattr(getattr(events, room), name), room, *case)
-    for room, part in GOLDEN.items()
-    for name, some in (part.items() if isinstance(part, dict) else [(None, part)])
-    for case in some
-]
+ARGUMENTS = yaml.safe_load((Path(__file__).parent / "golden" / "arguments.yaml").read_text())
 
 
-@pytest.mark.parametrize(("call", "room", "given", "message"), CASES)
-def test_arguments(call, room, given, message):
-    listed, words = (given, {}) if isinstance(given, list) else ([], given)
-    prefix = f"{call.__name__}: " if room == "filters" else ""
-    assert refusal(call, *FIRST[room], *listed, **words) == prefix + message
+def test_arguments(messages):
+    told = {}
+    for room, part in ARGUMENTS.items():
+        for name, some in part.items() if isinstance(part, dict) else [("", part)]:
+            call = getattr(getattr(events, room), name) if name else getattr(events, room)
+            for k, given in enumerate(some):
+                listed, words = (given, {}) if isinstance(given, list) else ([], given)
+                told[f"{room} {name} {k:02}"] = refusal(call, *FIRST[room], *listed, **words)
+    messages(told)
 
 
 def events_at(*t, size=SIZE):
@@ -52,92 +50,37 @@ def added(kind):
 
 
 HALF, THREE = np.full((2, 2), 0.5), np.arange(3)
-OTHERS = {
-    "Chain: filters = (): expected at least one": chain,
-    "Chain: filter 0 is <built-in function len>, expected a filter such as TAR((346, 260))": lambda: chain(len),
-    "Chain: filter 1, Flip, is for 9x6, expected 6x9": lambda: chain(Transpose(SIZE), Flip(SIZE)),
-    "hot_pixels: times = 0: expected a number > 0": lambda: hot_pixels([], times=0),
-    "hot_pixels: above_hz = -1: expected a number > 0": lambda: hot_pixels([], above_hz=-1),
-    "hot_pixels: events of a 3x3 sensor, expected 9x6": lambda: hot_pixels([events_at(0), events_at(1, size=(3, 3))]),
-    "hot_pixels: all events have one time, expected a recording that lasts, for above_hz": (
-        lambda: hot_pixels(events_at(5, 5), above_hz=1.0)
-    ),
-    "Flip: events of a 6x9 sensor, expected 9x6": lambda: Flip(SIZE)(events_at(0, size=(6, 9))),
-    "Flip: time runs back from 5 to 4 us, expected the next part of the same recording; reset() before another one": (
-        lambda: list(Flip(SIZE).stream([events_at(5), events_at(4)]))
-    ),
-    "Shift: 9223372036854775803 us moved by 10 us, expected a time that 64 bits can hold": (
-        lambda: Shift(SIZE, 10).apply(events_at(2**63 - 5))
-    ),
-    "Scale: 4503599627370496 us is too far from the origin at 0 us for a factor of 2.0, expected a product below 2^53 "
-    "us, which is exact": lambda: Scale(SIZE, 2.0).apply(events_at(0, 2**52)),
-    "ShotNoise: 1000000000000001 us would get 5.4e+10 noise events, expected at most 268435456 in one part; cut the "
-    "recording, or look for a jump in its times": lambda: ShotNoise(SIZE, 1.0).apply(events_at(0, 10**15)),
-    "t is float64 of shape (3,), expected whole numbers (n,) of us": lambda: msd_segments(THREE / 2),
-    "event 1: time runs back from 2 to 1 us": lambda: msd_segments(THREE[::-1]),
-    "window_us is 10: 200000000000 windows from 0 to 2000000000000 us, expected at most 100000000\n"
-    "  hint: is the window in us, and are the times those of one recording?": (
-        lambda: events.segmentation.time_segments(THREE * 10**12, 10)
-    ),
-    "at 6 us: events up to 7 us are already in the surface": lambda: added(TimeSurface).at(6),
-    "at 5 us: events up to 7 us are already in the surface": lambda: added(LeakySurface).at(5),
-    "t_us = 9.5: expected a whole number of us from -2^63 to 2^63 - 1": lambda: added(LeakySurface).at(9.5),
-    "sensor_size = (0, 2): expected width and height of 1 to 65536 px": lambda: DVS((0, 2)),
-    "seed = -1: expected a whole number >= 0": lambda: DVS((2, 2), seed=-1),
-    "images have shape (2, 2, 2), expected (1, height, width)": lambda: dvs_events([0], np.ones((2, 2, 2))),
-    "stop_us is 2, expected at least start_us, 3": lambda: frames_of(HALF.max, 3, 2),
-    "step_us = 0: expected a whole number of us from 1 to 2^63 - 1": lambda: frames_of(HALF.max, 0, 2, step_us=0),
-    "change = 0: expected a number > 0": lambda: frames_of(HALF.max, 0, 2, change=0.0),
-    "t has shape (), expected (n,)": lambda: Events(1, 0, 0, 0, (4, 4)),
-    "x has shape (), expected (1,) like t": lambda: Events([1], 0, [0], [0], (4, 4)),
-    "replace = 'no': expected true or false\n  hint: write false": lambda: save(ONE, "a.csv", replace="no"),
-}
+OTHERS = [
+    chain, lambda: chain(len), lambda: chain(Transpose(SIZE), Flip(SIZE)), lambda: hot_pixels([], times=0),
+    lambda: hot_pixels([], above_hz=-1), lambda: hot_pixels([events_at(0), events_at(1, size=(3, 3))]),
+    lambda: hot_pixels(events_at(5, 5), above_hz=1.0), lambda: Flip(SIZE)(events_at(0, size=(6, 9))),
+    lambda: list(Flip(SIZE).stream([events_at(5), events_at(4)])), lambda: Shift(SIZE, 10).apply(events_at(2**63 - 5)),
+    lambda: Scale(SIZE, 2.0).apply(events_at(0, 2**52)), lambda: ShotNoise(SIZE, 1.0).apply(events_at(0, 10**15)),
+    lambda: msd_segments(THREE / 2), lambda: msd_segments(THREE[::-1]),
+    lambda: events.segmentation.time_segments(THREE * 10**12, 10), lambda: added(TimeSurface).at(6),
+    lambda: added(LeakySurface).at(5), lambda: added(LeakySurface).at(9.5), lambda: DVS((0, 2)),
+    lambda: DVS((2, 2), seed=-1), lambda: dvs_events([0], np.ones((2, 2, 2))), lambda: frames_of(HALF.max, 3, 2),
+    lambda: frames_of(HALF.max, 0, 2, step_us=0), lambda: frames_of(HALF.max, 0, 2, change=0.0),
+    lambda: Events(1, 0, 0, 0, (4, 4)), lambda: Events([1], 0, [0], [0], (4, 4)),
+    lambda: save(ONE, "a.csv", replace="no")
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("message", OTHERS)
-def test_what_cannot_be(message):
-    assert refusal(OTHERS[message]) == message
+NO_EVENTS = (None, Events, [1, 2], [ONE, None], "abc")
 
 
-@pytest.mark.parametrize("write", [gif, lambda *given, **words: view(*given, title="a", **words)])
-def test_a_flag_of_a_picture(write):
-    message = "replace = 'no': expected true or false\n  hint: write false"
-    assert refusal(write, ONE, "a.gif", replace="no") == message
-
-
-NO_FILE = "expected a path, the bytes of a file, or an open binary file"
-
-
-@pytest.mark.parametrize("read", [load, events.stream])
-@pytest.mark.parametrize(
-    ("source", "message"),
-    [
-        ("a\0.csv", "source = 'a\\x00.csv': expected the name of a file, without a zero byte"),
-        (5, f"source is 5, {NO_FILE}"),
-        (None, f"source is None, {NO_FILE}"),
-        (
-            io.StringIO("1 2 3 4"),
-            "source is an open text file, StringIO, expected a binary one\n  hint: open it as binary: open(path, 'rb')",
-        ),
-    ],
-)
-def test_what_is_no_file(read, source, message):
-    assert refusal(read, source) == message
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (None, "events is None, expected Events, or the parts of a recording"),
-        (Events, "events is <class 'neuro.events._events.Events'>, expected Events, or the parts of a recording"),
-        ([1, 2], "events: part 0 is 1, expected Events"),
-        ([ONE, None], "events: part 1 is None, expected Events"),
-        ("abc", "events: part 0 is 'a', expected Events"),
-    ],
-    ids=str,
-)
-def test_no_events_to_save(given, message, tmp_path):
-    assert refusal(save, given, tmp_path / "q.csv") == message
+def test_what_cannot_be(messages, tmp_path):
+    told = {f"other {k:02}": refusal(call) for k, call in enumerate(OTHERS)}
+    told["gif"] = refusal(gif, ONE, "a.gif", replace="no")
+    told["view"] = refusal(view, ONE, "a.gif", title="a", replace="no")
+    for read in (load, events.stream):
+        for source in ("a\0.csv", 5, None, io.StringIO("1 2 3 4")):
+            told[f"{read.__name__} {source!r:.12}"] = refusal(read, source)
+    for given in NO_EVENTS:
+        told[f"save {given!r:.30}"] = refusal(save, given, tmp_path / "q.csv")
+    for size in (None, 1, "ab", {1, 2}, (0, 3)):
+        told[f"sensor {size}"] = refusal(filters.TAR, size)
+    messages(told)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -147,12 +90,6 @@ def test_no_folder(find, tmp_path):
         assert refusal(find, given) == f"path = {given}: expected the name of a file"
     os.mkfifo(pipe := tmp_path / "p")
     assert refusal(find, pipe) == f"{pipe}: is neither file nor folder, expected a folder, zip or HDF5 file"
-
-
-@pytest.mark.parametrize("size", [None, 1, "ab", {1, 2}, (0, 3)], ids=str)
-def test_a_sensor_of_a_filter(size):
-    expected = f"TAR: sensor_size = {size!r}: expected width and height of 1 to 65536 px"
-    assert refusal(filters.TAR, size) == expected
 
 
 def test_errors_of_files_and_filters_are_errors_of_models():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
 
-from event_tests import random_events, read_pieces, refusal, rows
+from event_tests import random_events, read_pieces, refusal, refusals, rows
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
 from neuro.events.formats import FORMATS
 from neuro.events.formats.evt import EVT21, SLICE
@@ -116,8 +116,7 @@ def as_specified(name, header, data, literal, size, block):
 
 def test_fields_of_dat():
     events = load(DAT + cd(7, 639, 479, 0) + cd(2**32 - 1, 3, 5))
-    assert rows(events) == [(7, 639, 479, 0), (2**32 - 1, 3, 5, 1)]
-    assert events.sensor_size == (640, 480)
+    assert (rows(events), events.sensor_size) == ([(7, 639, 479, 0), (2**32 - 1, 3, 5, 1)], (640, 480))
     header = {"data": "file containing CD events.", "version": "2", "height": "480", "width": "640"}
     assert events.metadata == {"format": "dat", "t0": 7, "version": 2, "event_type": 12, "header": header}
 
@@ -131,25 +130,20 @@ def test_version_1_of_dat(header):
     assert load(b"% Date 2020\n\x0c\x08" + cd(1, 400, 300), name="a.dat").x.tolist() == [400]  # of the new kind
 
 
-@pytest.mark.parametrize(
-    ("data", "size"),
-    [
-        (b"% Version 2\n\x0c\x08" + cd(1, 303, 239), (304, 240)),
-        (b"% Version 2\n\x0c\x08" + cd(1, 304, 0), (640, 480)),
-        (b"% Version 2\n\x0c\x08" + cd(1, 0, 480), (1280, 720)),
-        (b"% Version 2\n\x0c\x08" + cd(1, 1280, 0), (1281, 1)),
-        (b"% Version 2\n% Remark " + b"x" * 10_000 + b"\n% Width 20\n% Height 10\n\x0c\x08" + cd(1), (20, 10)),
-        (b"% evt 2.0\n% geometry 320x240\n" + words(high(1), event(0)), (320, 240)),
-        (b"% format EVT2;height=320;width=310\n% end\n" + words(high(1), event(0)), (310, 320)),
-        (b"% evt 2.0\n% plugin_name hal_plugin_gen41_evk3\n" + words(high(1), event(0)), (1280, 720)),
-        (b"% evt 2.0\n% plugin_name hal_plugin_gen31_fx3\n" + words(high(1), event(0)), (640, 480)),
-        (b"% evt 2.0\n% sensor_name IMX636\n" + words(high(1), event(0)), (1280, 720)),
-        (b"% evt 2.0\n% plugin_name hal_plugin_genx320_cx3\n" + words(high(1), event(0)), (320, 320)),
-        (b"% evt 2.0\n" + words(high(1), event(0)), (640, 480)),
-        (b"% evt 2.0\n" + words(high(1), event(0, 0, 480)), (1280, 720)),
-        (b"% evt 2.0\n" + words(high(1), event(0, 0, 720)), (1, 721)),
-    ],
-)
+@pytest.mark.parametrize(("data", "size"), [
+    (b"% Version 2\n\x0c\x08" + cd(1, 303, 239), (304, 240)), (b"% Version 2\n\x0c\x08" + cd(1, 304, 0), (640, 480)),
+    (b"% Version 2\n\x0c\x08" + cd(1, 0, 480), (1280, 720)), (b"% Version 2\n\x0c\x08" + cd(1, 1280, 0), (1281, 1)),
+    (b"% Version 2\n% Remark " + b"x" * 10_000 + b"\n% Width 20\n% Height 10\n\x0c\x08" + cd(1), (20, 10)),
+    (b"% evt 2.0\n% geometry 320x240\n" + words(high(1), event(0)), (320, 240)),
+    (b"% format EVT2;height=320;width=310\n% end\n" + words(high(1), event(0)), (310, 320)),
+    (b"% evt 2.0\n% plugin_name hal_plugin_gen41_evk3\n" + words(high(1), event(0)), (1280, 720)),
+    (b"% evt 2.0\n% plugin_name hal_plugin_gen31_fx3\n" + words(high(1), event(0)), (640, 480)),
+    (b"% evt 2.0\n% sensor_name IMX636\n" + words(high(1), event(0)), (1280, 720)),
+    (b"% evt 2.0\n% plugin_name hal_plugin_genx320_cx3\n" + words(high(1), event(0)), (320, 320)),
+    (b"% evt 2.0\n" + words(high(1), event(0)), (640, 480)),
+    (b"% evt 2.0\n" + words(high(1), event(0, 0, 480)), (1280, 720)),
+    (b"% evt 2.0\n" + words(high(1), event(0, 0, 720)), (1, 721))
+])  # fmt: skip
 def test_sensors(data, size):
     assert load(data).sensor_size == next(stream(data)).sensor_size == size
 
@@ -233,8 +227,7 @@ def test_words_of_evt3_are_as_the_specification_says(some, block):
 
 def test_fields_of_evt2():
     events = load(EVT2 + words(high(3), event(63, 639, 479, 0), TRIGGER, high(5), event(0, 4, 5)))
-    assert rows(events) == [(255, 639, 479, 0), (320, 4, 5, 1)]
-    assert events.sensor_size == (640, 480)
+    assert (rows(events), events.sensor_size) == ([(255, 639, 479, 0), (320, 4, 5, 1)], (640, 480))
     assert [events.metadata[key] for key in ("format", "t0", "other_words")] == ["evt2", 255, 1]
 
 
@@ -280,22 +273,17 @@ def test_fields_of_evt3():
         BASE | ON | 100, VECT_12 | 0x801, VECT_8 | 0x81, VECT_12 | 1, LOW | 6, VECT_8 | 0xF02,
     )  # fmt: skip
     events = load(EVT3 + data)
-    assert events.x.tolist() == [1279, 3, 100, 111, 112, 119, 120, 133]
-    assert events.t.tolist() == [*[4101] * 7, 4102]
-    assert events.p.tolist() == [1, 0, 1, 1, 1, 1, 1, 1]
-    assert set(events.y.tolist()) == {719}
+    assert (events.x.tolist(), events.t.tolist()) == ([1279, 3, 100, 111, 112, 119, 120, 133], [*[4101] * 7, 4102])
+    assert (events.p.tolist(), set(events.y.tolist())) == ([1, 0, 1, 1, 1, 1, 1, 1], {719})
     assert (events.sensor_size, events.metadata["other_words"]) == ((1280, 720), 1)
 
 
-@pytest.mark.parametrize(
-    ("some", "times"),
-    [
-        ([HIGH | 1, SINGLE, LOW | 9, SINGLE, HIGH | 1, SINGLE, HIGH | 2, SINGLE], [4096, 4105, 4105, 8192]),
-        ([HIGH | 1, LOW | 811, LOW | 800, SINGLE], [4896]),
-        ([HIGH | 4095, SINGLE, HIGH | 0, SINGLE, LOW | 1, SINGLE], [4095 << 12, 1 << 24, (1 << 24) + 1]),
-        ([HIGH | 2048, SINGLE, HIGH, SINGLE, HIGH | 2049, HIGH, SINGLE], [1 << 23, 1 << 24, 2 << 24]),
-    ],
-)
+@pytest.mark.parametrize(("some", "times"), [
+    ([HIGH | 1, SINGLE, LOW | 9, SINGLE, HIGH | 1, SINGLE, HIGH | 2, SINGLE], [4096, 4105, 4105, 8192]),
+    ([HIGH | 1, LOW | 811, LOW | 800, SINGLE], [4896]),
+    ([HIGH | 4095, SINGLE, HIGH | 0, SINGLE, LOW | 1, SINGLE], [4095 << 12, 1 << 24, (1 << 24) + 1]),
+    ([HIGH | 2048, SINGLE, HIGH, SINGLE, HIGH | 2049, HIGH, SINGLE], [1 << 23, 1 << 24, 2 << 24])
+])  # fmt: skip
 def test_the_clock_of_evt3(some, times):
     assert load(EVT3 + words3(HIGH, ROW, *some)).t.tolist() == times
 
@@ -316,94 +304,39 @@ def test_evt3_is_saved_in_slices_and_vectors(tmp_path):
     assert (tmp_path / "b.raw").read_bytes() == EVT3 + words3(HIGH, LOW, ROW, BASE | ON, *[VECT_12 | 0xFFF] * 3)
 
 
-ERRORS = {
-    "a.dat: byte 0: begins with b'', expected a header of lines that begin with '%'": b"",
-    "a.dat: byte 0: begins with b'abc', expected a header of lines that begin with '%'": b"abc",
-    "a.dat: byte 34: the file ends within a line of its header": DAT[:40],
-    "a.dat: byte 0: the file ends within a line of its header": b"%",
-    "a.dat: byte 71: the file ends before the kind and the size of its events": DAT[:-2],
-    "a.dat: byte 71: events of kind 0x0e and 8 bytes, expected kind 0x00 or 0x0c (of pixels) and 8 bytes": (
-        DAT[:-2] + b"\x0e\x08" + bytes(8)
-    ),
-    "a.dat: byte 71: events of kind 0x0c and 9 bytes, expected kind 0x00 or 0x0c (of pixels) and 8 bytes": (
-        DAT[:-2] + b"\x0c\x09" + bytes(9)
-    ),
-    "a.dat: byte 81: 3 bytes left over after 1 events of 8 bytes": DAT + cd(1) + b"abc",
-    "a.dat: byte 81: address 0x20000000 has bits above the polarity, expected none": DAT
-    + cd(1)
-    + cd(2, 0, 0, 2)
-    + cd(3),
-    "a.dat: byte 81: event 1: x is 640, expected 0 to 639 (sensor 640x480)": DAT + cd(1) + cd(2, 640),
-    "a.dat: byte 81: event 1: time runs back from 9 to 8 us; load(..., sort=True) sorts the events": DAT
-    + cd(9)
-    + cd(8),
-    "a.dat: byte 0: header: version is '3', expected 0, 1 or 2": b"% Version 3\n\x0c\x08",
-    "a.dat: byte 12: header: width is '-4', expected a width and a height of 1 to 65536 px": (
-        b"% Version 2\n% Width -4\n% Height 3\n\x0c\x08"
-    ),
-    "a.dat: byte 12: header: width is '4', expected a width and a height of 1 to 65536 px": (
-        b"% Version 2\n% Width 4\n\x0c\x08"
-    ),
-    "a.raw: byte 78: 1 bytes left over after 2 words of 4 bytes": EVT2 + words(high(1), event(1)) + b"a",
-    "a.raw: byte 70: no word of EVT 2.0 gives the time of what follows": EVT2 + words(event(1)),
-    "a.raw: byte 78: event 1: x is 640, expected 0 to 639 (sensor 640x480)": EVT2
-    + words(high(1), event(1), event(1, 640)),
-    "a.raw: byte 82: event 1: time runs back from 129 to 65 us; load(..., sort=True) sorts the events": (
-        EVT2 + words(high(2), event(1), high(1), event(1))
-    ),
-    "a.raw: byte 10: the file ends within a line of its header": EVT2[:30],
-    "a.raw: byte 0: header: format is 'EVT4', expected that of EVT 2.0, 2.1 or 3.0": b"% format EVT4\n",
-    "a.raw: byte 0: header: evt is '4.0', expected that of EVT 2.0, 2.1 or 3.0": b"% evt 4.0\n",
-    "a.raw: byte 0: header: format is 'EVT2;endianness=big', expected endianness little": (
-        b"% format EVT2;endianness=big\n"
-    ),
-    "a.raw: byte 10: header: geometry is '640', expected a width and a height of 1 to 65536 px": (
-        b"% evt 2.0\n% geometry 640\n"
-    ),
-    "a.raw: byte 0: no words, and no header that names their coding": b"",
-    "a.raw: byte 12: no words, and no header that names their coding": b"% Date 2018\n",
-    "a.raw: byte 0: no header names the coding, and the words are none of EVT 2.0, 2.1 or 3.0": bytes(range(40)),
-    "a.raw: byte 76: 1 bytes left over after 2 words of 2 bytes": EVT3 + words3(HIGH, ROW) + b"a",
-    "a.raw: byte 72: no word of EVT 3.0 gives the time of what follows": EVT3 + words3(ROW, SINGLE),
-    "a.raw: byte 78: event 1: x is 1280, expected 0 to 1279 (sensor 1280x720)": (
-        EVT3 + words3(HIGH, ROW, SINGLE, SINGLE | 1280)
-    ),
-    "a.raw: byte 76: event 0: y is 720, expected 0 to 719 (sensor 1280x720)": EVT3 + words3(HIGH, ROW | 720, SINGLE),
-    "a.raw: byte 82: event 1: time runs back from 9 to 8 us; load(..., sort=True) sorts the events": (
-        EVT3 + words3(HIGH, LOW | 9, ROW, SINGLE, LOW | 8, SINGLE)
-    ),
-    "a.raw: byte 80: event 1: time runs back from 8388608 to 4096 us; load(..., sort=True) sorts the events": (
-        EVT3 + words3(HIGH | 2048, ROW, SINGLE, HIGH | 1, SINGLE)
-    ),
-}
+WRONG_DAT = [
+    b"", b"abc", DAT[:40], b"%", DAT[:-2], DAT[:-2] + b"\x0e\x08" + bytes(8), DAT[:-2] + b"\x0c\x09" + bytes(9),
+    DAT + cd(1) + b"abc", DAT + cd(1) + cd(2, 0, 0, 2) + cd(3), DAT + cd(1) + cd(2, 640), DAT + cd(9) + cd(8),
+    b"% Version 3\n\x0c\x08", b"% Version 2\n% Width -4\n% Height 3\n\x0c\x08", b"% Version 2\n% Width 4\n\x0c\x08"
+]  # fmt: skip
+WRONG_RAW = [
+    EVT2 + words(high(1), event(1)) + b"a", EVT2 + words(event(1)), EVT2 + words(high(1), event(1), event(1, 640)),
+    EVT2 + words(high(2), event(1), high(1), event(1)), EVT2[:30], b"% format EVT4\n", b"% evt 4.0\n",
+    b"% format EVT2;endianness=big\n", b"% evt 2.0\n% geometry 640\n", b"", b"% Date 2018\n", bytes(range(40)),
+    EVT3 + words3(HIGH, ROW) + b"a", EVT3 + words3(ROW, SINGLE), EVT3 + words3(HIGH, ROW, SINGLE, SINGLE | 1280),
+    EVT3 + words3(HIGH, ROW | 720, SINGLE), EVT3 + words3(HIGH, LOW | 9, ROW, SINGLE, LOW | 8, SINGLE),
+    EVT3 + words3(HIGH | 2048, ROW, SINGLE, HIGH | 1, SINGLE)
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("message", ERRORS)
-def test_messages(message):
-    assert refusal(load, ERRORS[message], name=message.partition(":")[0]) == message
+def test_messages(messages):
+    messages(refusals(load, WRONG_DAT, name="a.dat") | refusals(load, WRONG_RAW, name="a.raw"))
 
 
-@pytest.mark.parametrize(
-    ("data", "name", "message"),
-    [
-        (b"% evt 3.0\n", "dat", "header: evt is '3.0', expected none, this being that of a RAW file"),
-        (EVT2, "evt21", "header: format is 'EVT2;height=480;width=640', expected that of EVT 2.1"),
-        (b"", "evt2", "is empty, expected a header or words of EVT 2.0"),
-    ],
-)
+@pytest.mark.parametrize(("data", "name", "message"), [
+    (b"% evt 3.0\n", "dat", "header: evt is '3.0', expected none, this being that of a RAW file"),
+    (EVT2, "evt21", "header: format is 'EVT2;height=480;width=640', expected that of EVT 2.1"),
+    (b"", "evt2", "is empty, expected a header or words of EVT 2.0")
+])  # fmt: skip
 def test_another_coding_than_asked_for(data, name, message):
     assert refusal(load, data, format=name).endswith(message)
 
 
-@pytest.mark.parametrize(
-    ("data", "what", "t"),
-    [
-        (DAT + cd(1) + cd(2, 0, 0, 2) + cd(3), "byte 81", [1]),
-        (DAT + cd(1) + cd(2)[:7], "7 bytes left over", [1]),
-        (EVT2 + words(high(1), event(1), event(2))[:-1], "byte 78: 3 bytes left over", [65]),
-        (EVT3 + words3(HIGH, ROW, SINGLE | 3) + b"a", "1 bytes left over", [0]),
-    ],
-)
+@pytest.mark.parametrize(("data", "what", "t"), [
+    (DAT + cd(1) + cd(2, 0, 0, 2) + cd(3), "byte 81", [1]), (DAT + cd(1) + cd(2)[:7], "7 bytes left over", [1]),
+    (EVT2 + words(high(1), event(1), event(2))[:-1], "byte 78: 3 bytes left over", [65]),
+    (EVT3 + words3(HIGH, ROW, SINGLE | 3) + b"a", "1 bytes left over", [0])
+])  # fmt: skip
 def test_what_is_whole_is_read(data, what, t):
     with pytest.warns(EventFileWarning, match=what):
         assert load(data, strict=False).t.tolist() == t
@@ -416,10 +349,8 @@ def test_the_coding_is_told_by_the_words(tmp_path):
         data = (tmp_path / "a.raw").read_bytes().split(b"% end\n")[-1]
         for header in (b"", b"% Date 2018-01-01\n"):
             found = load(header + data, name="a.raw")
-            assert found == events
-            assert found.metadata["format"] == coding
+            assert (found, found.metadata["format"]) == (events, coding)
     wide = [w for k in range(50) for w in (high(k) << 32, event21(k, 32 * (k % 20), 9, k % 2, 1 << k % 32 | 1))]
     for legacy in (False, True):
         found = load(words21(*wide, legacy=legacy), name="a.raw")
-        assert found.metadata["format"] == "evt21"
-        assert rows(found) == literal2(words21(*wide), wide=True)[0]
+        assert (found.metadata["format"], rows(found)) == ("evt21", literal2(words21(*wide), wide=True)[0])

@@ -38,14 +38,12 @@ def recording(rows, shift=0):
 RECORDINGS = st.lists(EVENT, max_size=60).map(recording)
 F8 = {"dtype": np.float64}
 ALL = {
-    "event_frame": event_frame,
-    "binary_frame": binary_frame,
-    "voxel_grid": partial(voxel_grid, bins=4, **F8),
+    "event_frame": event_frame, "binary_frame": binary_frame, "voxel_grid": partial(voxel_grid, bins=4, **F8),
     "event_spike_tensor": partial(event_spike_tensor, bins=4, **F8),
     "time_surface": partial(time_surface, tau_us=40, **F8),
     "leaky_surface": partial(leaky_surface, tau_us=40, decay="linear", **F8),
-    "hats": partial(hats, cell=3, radius=1, tau_us=40, window_us=50, **F8),
-}
+    "hats": partial(hats, cell=3, radius=1, tau_us=40, window_us=50, **F8)
+}  # fmt: skip
 
 
 def spread_literal(events, bins, start, stop, value):
@@ -86,8 +84,7 @@ def test_a_frame_by_hand():
 
 
 def test_frames_of_segments():
-    events = random_events(500, (31, 22))
-    bounds = np.array([0, 10, 10, 300, 500])
+    events, bounds = random_events(500, (31, 22)), np.array([0, 10, 10, 300, 500])
     frames = event_frame(events, segments=bounds)
     assert frames.shape == (4, 2, 22, 31)
     for frame, first, last in zip(frames, bounds[:-1], bounds[1:], strict=True):
@@ -209,9 +206,7 @@ def test_torch_gets_each_representation(monkeypatch):
 def test_a_real_recording(shared):
     events = load(shared / "data/formats/ncaltech101_faces_easy_0001.bin")
     frame = event_frame(events)
-    assert frame.sum() == 67445
-    assert frame[1].sum() == 33770
-    assert hats(events).shape[2:] == (2, 7, 7)
+    assert (frame.sum(), frame[1].sum(), hats(events).shape[2:]) == (67445, 33770, (2, 7, 7))
     assert voxel_grid(events, 5, polarity="ignored", dtype=np.float64).sum() == pytest.approx(67445, rel=1e-12)
 
 
@@ -232,8 +227,7 @@ def test_a_voxel_grid_over_all_of_int64():
 
 
 def test_hats_forgets_over_all_of_int64():
-    events = Events([-1 << 63, (1 << 63) - 1], [0, 0], [0, 0], [1, 1], (2, 2))
-    assert not hats(events).any()
+    assert not hats(Events([-1 << 63, (1 << 63) - 1], [0, 0], [0, 0], [1, 1], (2, 2))).any()
 
 
 # surfaces
@@ -280,8 +274,7 @@ def test_leaky_surface_is_algorithm_15(decay, order, events, later):
 
 def test_the_order_of_algorithm_15_takes_from_an_event_what_passed_before_it():
     events = Events([0, 100], [0, 1], [0, 0], [1, 1], (WIDTH, HEIGHT))
-    first = leaky_surface(events, tau_us=50, **F8)[1, 0]
-    assert first[:2].tolist() == [np.exp(-2), 1.0]
+    assert leaky_surface(events, tau_us=50, **F8)[1, 0][:2].tolist() == [np.exp(-2), 1.0]
     late = leaky_surface(events, tau_us=50, order="increment_first", **F8)[1, 0]
     assert late[:2].tolist() == [np.exp(-2), np.exp(-2)]
     assert not leaky_surface(events, tau_us=50, decay="linear", order="increment_first").any()
@@ -304,8 +297,7 @@ def test_time_surface_is_as_the_definition(decay, events, later):
 @settings(max_examples=25)
 def test_one_pass_gives_every_time(surface, events, at, inclusive):
     many = surface(events, tau_us=50, at_us=np.array(at, int), inclusive=inclusive)
-    assert many.shape == (len(at), 2, HEIGHT, WIDTH)
-    assert many.dtype == np.float32
+    assert (many.shape, many.dtype) == ((len(at), 2, HEIGHT, WIDTH), np.float32)
     for when, found in zip(at, many, strict=True):
         before = events[: np.searchsorted(events.t, when, side="right" if inclusive else "left")]
         assert np.array_equal(found, surface(before, tau_us=50, at_us=when))
@@ -334,5 +326,4 @@ def test_times_over_all_of_int64():
     for surface in (time_surface, leaky_surface):
         for decay in ("exponential", "linear"):
             found = surface(events, tau_us=1e6, decay=decay)
-            assert np.argwhere(found).tolist() == [[1, 1, 0]]
-            assert found[1, 1, 0] == 1
+            assert (np.argwhere(found).tolist(), found[1, 1, 0]) == ([[1, 1, 0]], 1)

@@ -89,8 +89,7 @@ def test_the_same_as_to_leave_out(name):
     @example(0, 1500, (0, 0, 0, 5000), 0.9, 1, False)
     def run(seed, n, steps, share, shift, exact):
         events = events_of(seed, n, steps)
-        data = written(events, name)
-        start = int(share * (events.t[-1] if n else 5)) + shift
+        data, start = written(events, name), int(share * (events.t[-1] if n else 5)) + shift
         if exact and n:
             start = int(events.t[seed % n])
         for options in ({}, {"count": 100}, {"stop_us": start + 3000}):
@@ -106,8 +105,7 @@ def test_the_same_as_to_leave_out(name):
 def test_less_is_decoded(name):
     """The last events are had without most of those before."""
     events = events_of(1, 20_000, (1, 2, 3))
-    data = written(events, name)
-    format = {"rows": "hdf5", "ns": "hdf5"}.get(name, name)
+    data, format = written(events, name), {"rows": "hdf5", "ns": "hdf5"}.get(name, name)
     file = files.opened(data, format, "a")
     t = np.concatenate([piece.t for piece in file.pieces(4096, True, int(events.t[-10]))])
     assert name == "hdf5" or t.size < 4000  # of this library's chunks there is only one
@@ -122,8 +120,7 @@ def test_a_clock_that_begins_again(name, share):
     for step in (period // 50_000, period // 500):
         wanted = np.arange(max(period - 3000 * step, step), min(period + 2000 * step, 2 * period - 1), step)
         events = Events(wanted, wanted % 128, wanted % 100, wanted % 2, SIZE)
-        data = wrapped(events, name, period)
-        start = int(wanted[int(share * len(wanted))])
+        data, start = wrapped(events, name, period), int(wanted[int(share * len(wanted))])
         found, error = streamed(data, name, False, start_us=start)
         assert error is None
         assert np.array_equal(found, events.records()[int(share * len(wanted)) :])
@@ -155,10 +152,8 @@ def test_recordings(shared, name):
 
 def test_where_to_begin():
     at = [(10, 100), (20, 200), (40, 240), (50, 3), (60, 9)]
-    assert begin(10, at, 100, 256) == Begin(10)
-    assert begin(10, at, 101, 256) == Begin(10, 100, 0)
-    assert begin(10, at, 250, 256) == Begin(40, 240, 0)
-    assert begin(10, at, 260, 256) == Begin(50, 3, 256)
+    assert (begin(10, at, 100, 256), begin(10, at, 101, 256)) == (Begin(10), Begin(10, 100, 0))
+    assert (begin(10, at, 250, 256), begin(10, at, 260, 256)) == (Begin(40, 240, 0), Begin(50, 3, 256))
     assert begin(10, at, 10**9, 256) == Begin(60, 9, 256)
     assert begin(10, [(10, 200), (20, 100), (30, 220)], 210, 256) == Begin(10)
 
@@ -190,8 +185,7 @@ def test_damage(name):
 
 
 def test_an_error_after_the_start_is_numbered_from_the_beginning():
-    events = events_of(3, 1000, (1,))
-    data = bytearray(written(events, "dat"))
+    data = bytearray(written(events_of(3, 1000, (1,)), "dat"))
     data[-8 * 10 : -8 * 10 + 4] = bytes(4)
     found, error = streamed(bytes(data), "dat", False, start_us=900)
     assert error == f"<bytes>: byte {len(data) - 80}: event 990: " + (

@@ -41,8 +41,7 @@ def peaks_literal(t, search, tau, rise, threshold):
     kernel = lambda s: np.exp(-s / tau) - (np.exp(-s / rise) if rise else 0.0)  # noqa: E731
     highest = kernel(grid).max()
     v = np.array([kernel(now - t[: k + 1]).sum() for k, now in enumerate(t)]) / highest
-    near = np.abs(t[:, None] - t[None, :]) <= search
-    order = np.arange(len(t))
+    near, order = np.abs(t[:, None] - t[None, :]) <= search, np.arange(len(t))
     after, before = near & (order[None, :] > order[:, None]), near & (order[None, :] < order[:, None])
     top = (v > np.where(before, v, -1).max(1)) & (v >= np.where(after, v, -1).max(1)) & (v > threshold)
     return [0, *(np.flatnonzero(top) + 1)]
@@ -100,8 +99,7 @@ def test_the_search_holds_both_its_ends():
     assert peak_segments(t, 1000, **alone).tolist() == [0, 1]  # of two alike the first
     assert peak_segments(t, 999, **alone).tolist() == [0, 1, 2]
     t = np.array([0, 1000, 1000])
-    assert peak_segments(t, 1000, **alone).tolist() == [0, 3]
-    assert peak_segments(t, 999, **alone).tolist() == [0, 1, 3]
+    assert (peak_segments(t, 1000, **alone).tolist(), peak_segments(t, 999, **alone).tolist()) == ([0, 3], [0, 1, 3])
 
 
 @pytest.mark.parametrize("rise", [0.0, 12.5, 49.0])
@@ -125,10 +123,8 @@ def test_the_rise_is_a_quarter_of_the_decay():
 @settings(max_examples=30)
 def test_any_cutting_into_parts_gives_the_same_segments(method, t, data, rest):
     fresh, at_once = METHODS[method]
-    cuts = sorted(data.draw(st.lists(st.integers(0, len(t)), max_size=6)))
-    events = recording(t)
-    parts = [events[a:b] for a, b in zip([0, *cuts], [*cuts, len(t)], strict=True)]
-    bounds = at_once(t, rest)
+    cuts, events = sorted(data.draw(st.lists(st.integers(0, len(t)), max_size=6))), recording(t)
+    parts, bounds = [events[a:b] for a, b in zip([0, *cuts], [*cuts, len(t)], strict=True)], at_once(t, rest)
     expected = [events[a:b] for a, b in pairwise(bounds)]
     found = list(segmented(iter(parts), fresh(), rest=rest))
     assert [len(part) for part in found] == [len(part) for part in expected]
@@ -140,8 +136,7 @@ def test_any_cutting_into_parts_gives_the_same_segments(method, t, data, rest):
 @settings(max_examples=25)
 def test_the_origin_of_time_does_not_matter(method, t, shift):
     _, at_once = METHODS[method]
-    assert at_once(t + shift, False).tolist() == at_once(t, False).tolist()
-    assert at_once(t, True)[-1] == len(t)
+    assert (at_once(t + shift, False).tolist(), at_once(t, True)[-1]) == (at_once(t, False).tolist(), len(t))
 
 
 def test_segmented_needs_no_parts():

@@ -24,8 +24,7 @@ FAERY = {"faery13": "t64_x16_y16_on8", "faery8": "t32_x16_y15_on1"}
 @pytest.fixture
 def events():
     """As many as fill datagrams of aestream, which writes beyond the end of a last one that is not full."""
-    draw = np.random.default_rng(1)
-    n = 128 * 20
+    draw, n = np.random.default_rng(1), 128 * 20
     t = np.sort(draw.integers(1000, 200_000, n))
     return Events(t, draw.integers(0, SIZE[0], n), draw.integers(0, SIZE[1], n), draw.integers(0, 2, n), SIZE)
 
@@ -56,8 +55,7 @@ def test_faery_sends(events, format):
     with listen(f"udp://{HOST}:0", format=format, sensor=SIZE, until_silent=0.5) as stream:
         source = faery.events_stream_from_array(records, dimensions=SIZE)
         source.to_udp((HOST, port_of(stream.url)), format=FAERY[format])
-        assert sum(stream) == events
-        assert stream.counts.lost == {}
+        assert (sum(stream), stream.counts.lost) == (events, {})
 
 
 @pytest.mark.parametrize("format", FAERY)
@@ -117,8 +115,7 @@ def test_aestream_receives(events, tmp_path):
         send(f"udp://{HOST}:{port}", events, format="spif")
         time.sleep(0.2)
         receiver.communicate(b"\n", timeout=20)
-    frame = np.load(tmp_path / "frame.npy")
-    expected = np.zeros(SIZE)
+    frame, expected = np.load(tmp_path / "frame.npy"), np.zeros(SIZE)
     np.add.at(expected, (events.x, events.y), 1)
     assert np.array_equal(frame, expected)
 
@@ -149,9 +146,7 @@ def test_dv_processing_sends(events, tmp_path):
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as sender:
         sender.stdout.readline()
         with listen(f"tcp://{HOST}:{port}", until_silent=1.0) as stream:
-            assert stream.sensor_size == SIZE
-            assert sum(stream) == events
-            assert stream.counts.lost == {}
+            assert (stream.sensor_size, sum(stream), stream.counts.lost) == (SIZE, events, {})
         sender.communicate(b"\n")
 
 

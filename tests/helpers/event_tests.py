@@ -4,20 +4,18 @@ import warnings
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from hypothesis import given, settings, strategies as st
 
-from neuro import ModelError
 from neuro.events import EventFileError, EventFileWarning, Events, load
 from neuro.events.formats import Damage
 from neuro.events.source import WHOLE
+from refused import refused as refusal
 
 
-def refusal(call, *given, **words):
-    """The message of the error by which a call is refused."""
-    with pytest.raises(ModelError) as error:
-        call(*given, **words)
-    return str(error.value)
+def refusals(call, inputs, **words):
+    """The messages by which inputs are refused, for the fixture `messages`: by the name of the file, and a number."""
+    name = words.get("name", "")
+    return {f"{name} {k:02}".strip(): refusal(call, wrong, **words) for k, wrong in enumerate(inputs)}
 
 
 def rows(events):

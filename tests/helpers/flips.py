@@ -46,13 +46,9 @@ def network():
 def events(k=0, n=400):
     rng = np.random.default_rng(k)
     return Events(
-        np.sort(rng.integers(0, 30_000, n)),
-        rng.integers(0, 34, n),
-        rng.integers(0, 34, n),
-        rng.integers(0, 2, n),
-        (34, 34),
-        {"k": k},
-    )
+        np.sort(rng.integers(0, 30_000, n)), rng.integers(0, 34, n), rng.integers(0, 34, n), rng.integers(0, 2, n),
+        (34, 34), {"k": k}
+    )  # fmt: skip
 
 
 def simulated(backend="reference"):
@@ -181,8 +177,7 @@ def checkpoint(folder):
 
 
 def read_of_checkpoint(path):
-    near = path.with_name("b.training")
-    near.write_bytes(path.read_bytes())
+    path.with_name("b.training").write_bytes(path.read_bytes())
     return Checkpoint(path.with_name("b"), "training 1", {"seed": 3}).resume()
 
 
@@ -237,22 +232,16 @@ def read_of_data_set(path):
 
 
 KINDS = {
-    "results": (results, read_of_results),
-    "results, unfinished": (unfinished, read_of_results),
+    "results": (results, read_of_results), "results, unfinished": (unfinished, read_of_results),
     "results, commit cut short": (cut_short, read_of_results),
     "state, reference": (state("reference"), restored("reference")),
-    "state, event": (state("event"), restored("event")),
-    "arrays of a network": (arrays, read_of_network),
+    "state, event": (state("event"), restored("event")), "arrays of a network": (arrays, read_of_network),
     "recogniser, hats": (recogniser("hats"), read_of_recogniser),
-    "recogniser, hots": (recogniser("hots"), read_of_recogniser),
-    "drone, lms": (drone, Drone.load),
-    "drone, network": (drone_with_network, Drone.load),
-    "checkpoint": (checkpoint, read_of_checkpoint),
-    "evidence": (evidence, read_of_evidence),
-    "beginnings": (begun, read_of_beginnings),
-    "recording": (recording, read_of_recording),
-    "data set": (data_set, read_of_data_set),
-}
+    "recogniser, hots": (recogniser("hots"), read_of_recogniser), "drone, lms": (drone, Drone.load),
+    "drone, network": (drone_with_network, Drone.load), "checkpoint": (checkpoint, read_of_checkpoint),
+    "evidence": (evidence, read_of_evidence), "beginnings": (begun, read_of_beginnings),
+    "recording": (recording, read_of_recording), "data set": (data_set, read_of_data_set)
+}  # fmt: skip
 
 
 def digest(value):
@@ -313,8 +302,7 @@ def outcomes(kind, paths, seed, first, last):
     expected = {digest(read(path)) for path in paths}
     whole, path = paths[0].read_bytes(), paths[0].with_name(f"damaged{paths[0].suffix}")
     for k in range(first, last):
-        data = damaged(whole, np.random.default_rng([seed, k]))
-        path.write_bytes(data)
+        path.write_bytes(damaged(whole, np.random.default_rng([seed, k])))
         signal.alarm(LIMIT_S)
         try:
             yield "unchanged" if digest(read(path)) in expected else "silent"
@@ -338,8 +326,7 @@ def tried(kinds, flips, seed, folder):
         command = [sys.executable, "-m", "flips", "--of", str(seed), str(flips), *words]
         done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parent)
         lines = [line.split("\t") for line in done.stdout.splitlines()]
-        per = {kind: [outcome for name, outcome in lines if name == kind] for kind, _, _ in jobs}
-        left = []
+        per, left = {kind: [outcome for name, outcome in lines if name == kind] for kind, _, _ in jobs}, []
         for kind, paths, first in jobs:
             for k, outcome in enumerate(per[kind]):
                 word = outcome.split(" ")[0]

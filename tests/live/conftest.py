@@ -21,6 +21,12 @@ def running(websockets):
     one.close()
 
 
+@pytest.fixture
+def client(running):
+    with running.client() as one:
+        yield one
+
+
 @pytest.fixture(scope="module")
 def driver(tmp_path_factory):
     """Chromium, steered by selenium."""

@@ -39,9 +39,8 @@ def numbers(frame):
     return spikes, traces, watched, cameras
 
 
-def test_frames_follow_each_other_without_a_gap(running):
-    with running.client() as client:
-        frames = [client.frame() for _ in range(8)]
+def test_frames_follow_each_other_without_a_gap(client):
+    frames = [client.frame() for _ in range(8)]
     for (before, _), frame in pairwise(frames):
         head = frame[0]
         assert head["began"] == before["time"] < head["time"]
@@ -62,8 +61,7 @@ def test_a_watched_potential_has_samples_for_each_pixel():
         page.frames.watch("exc", 0, "V_m")
         page._advance(8.0, page.pace)
         times = [ms for ms, _ in page.frames._sampled]
-    assert np.diff(times) == pytest.approx(0.5)
-    assert len(times) == 15
+    assert (np.diff(times), len(times)) == (pytest.approx(0.5), 15)
 
 
 def test_a_projection_names_the_population_whose_dopamine_teaches_it():
@@ -81,77 +79,68 @@ def test_all_tabs_see_what_one_sets_also_those_to_come(running):
         assert third.until(lambda kept: "value/exc/tau_m" in kept)["value/exc/tau_m"]["same"]
 
 
-def test_sliders_have_unit_and_bounds(running):
+def test_sliders_have_unit_and_bounds(client):
     def sliders(part):
         return {each["word"]: each for each in client.ask(do="sliders", part=part)["sliders"]}
 
-    with running.client() as client:
-        about = client.until(lambda kept: "about" in kept)["about"]
-        cells, learning, reward = sliders("exc"), sliders("exc_out"), sliders("reward")
-        assert "unknown part 'exc[0]'" in client.ask(do="sliders", part="exc[0]")["error"]
-    assert cells["V_th"]["unit"] == "mV"
-    assert cells["tau_m"]["bounds"] == "> 0"
+    about = client.until(lambda kept: "about" in kept)["about"]
+    cells, learning, reward = sliders("exc"), sliders("exc_out"), sliders("reward")
+    assert "unknown part 'exc[0]'" in client.ask(do="sliders", part="exc[0]")["error"]
+    assert (cells["V_th"]["unit"], cells["tau_m"]["bounds"]) == ("mV", "> 0")
     assert cells["V_reset"]["value"] < cells["V_th"]["low"] < cells["V_th"]["value"] < cells["V_th"]["high"]
     assert {"weight", "A_plus", "Wmax", "tau_plus"} <= learning.keys()
     assert learning["weight"]["high"] == learning["Wmax"]["value"] == 400.0
-    assert reward["value"]["unit"] == "1/ms"
-    assert about["populations"][3]["camera"] == [3, 4]
+    assert (reward["value"]["unit"], about["populations"][3]["camera"]) == ("1/ms", [3, 4])
 
 
-def test_mistakes_are_told_and_change_nothing(running):
-    with running.client() as client:
-        answer = client.ask(do="set", part="out", word="V_th", value=-80.0)
-        assert "expected less than V_th" in answer["error"]
-        answer = client.ask(do="set", part="out", word="V_thh", value=-80.0)
-        assert "did you mean 'V_th'" in answer["error"]
-        assert "value/out/V_th" not in client.kept
+def test_mistakes_are_told_and_change_nothing(client):
+    answer = client.ask(do="set", part="out", word="V_th", value=-80.0)
+    assert "expected less than V_th" in answer["error"]
+    answer = client.ask(do="set", part="out", word="V_thh", value=-80.0)
+    assert "did you mean 'V_th'" in answer["error"]
+    assert "value/out/V_th" not in client.kept
 
 
-def test_a_run_is_paused_and_goes_step_by_step(running):
-    with running.client() as client:
-        client.ask(do="pause")
-        assert client.until(lambda kept: kept.get("state", {}).get("paused"))
-        time.sleep(0.05)
-        paused = running.page.sim.time
-        time.sleep(0.05)
-        assert running.page.sim.time == paused
-        client.ask(do="step")
-        time.sleep(0.1)
-        stepped = running.page.sim.time
-        assert paused < stepped <= paused + 20.0
-        client.ask(do="resume")
-        assert running.goes_on()
+def test_a_run_is_paused_and_goes_step_by_step(running, client):
+    client.ask(do="pause")
+    assert client.until(lambda kept: kept.get("state", {}).get("paused"))
+    time.sleep(0.05)
+    paused = running.page.sim.time
+    time.sleep(0.05)
+    assert running.page.sim.time == paused
+    client.ask(do="step")
+    time.sleep(0.1)
+    assert paused < running.page.sim.time <= paused + 20.0
+    client.ask(do="resume")
+    assert running.goes_on()
 
 
-def test_reset_and_seed_begin_anew(running):
-    with running.client() as client:
-        client.frame()
-        before = running.page.sim.time
-        client.ask(do="reset", weights=True)
-        assert client.until(lambda kept: kept.get("begun", {}).get("time") == 0.0)
-        assert client.frame()[0]["time"] < before
-        client.kept.clear()
-        client.ask(do="seed", value=7)
-        assert client.until(lambda kept: "about" in kept)["about"]["seed"] == 7
-        assert running.page.sim.program.seed == 7
-        assert running.goes_on()
+def test_reset_and_seed_begin_anew(running, client):
+    client.frame()
+    before = running.page.sim.time
+    client.ask(do="reset", weights=True)
+    assert client.until(lambda kept: kept.get("begun", {}).get("time") == 0.0)
+    assert client.frame()[0]["time"] < before
+    client.kept.clear()
+    client.ask(do="seed", value=7)
+    assert (client.until(lambda kept: "about" in kept)["about"]["seed"], running.page.sim.program.seed) == (7, 7)
+    assert running.goes_on()
 
 
-def test_sliders_show_what_other_commands_changed(running):
+def test_sliders_show_what_other_commands_changed(client):
     def value(kept, name):
         return kept.get(f"value/{name}", {}).get("value")
 
-    with running.client() as client:
-        client.ask(do="set", part="noise_exc", word="weight", value=5.0)
-        client.ask(do="reset", weights=True)
-        client.until(lambda kept: value(kept, "noise_exc/weight") == 900.0)
-        client.ask(do="silence", population="noise")
-        client.until(lambda kept: value(kept, "noise_exc/weight") == 0.0)
-        client.ask(do="restore", population="noise")
-        client.until(lambda kept: value(kept, "noise_exc/weight") == 900.0)
-        client.ask(do="activate", population="exc", rate=70.0)
-        client.until(lambda kept: value(kept, "noise/rate") == 70.0)
-        client.ask(do="activate", population="exc", rate=80.0)
+    client.ask(do="set", part="noise_exc", word="weight", value=5.0)
+    client.ask(do="reset", weights=True)
+    client.until(lambda kept: value(kept, "noise_exc/weight") == 900.0)
+    client.ask(do="silence", population="noise")
+    client.until(lambda kept: value(kept, "noise_exc/weight") == 0.0)
+    client.ask(do="restore", population="noise")
+    client.until(lambda kept: value(kept, "noise_exc/weight") == 900.0)
+    client.ask(do="activate", population="exc", rate=70.0)
+    client.until(lambda kept: value(kept, "noise/rate") == 70.0)
+    client.ask(do="activate", population="exc", rate=80.0)
 
 
 def test_who_comes_while_it_is_paused_sees_the_time_and_the_weights(running):
@@ -172,20 +161,19 @@ def test_weights_whose_sum_is_infinite_have_no_mean():
     assert weights_of(sim, 0)["mean"] is None
 
 
-def test_populations_are_silenced_restored_and_driven(running):
+def test_populations_are_silenced_restored_and_driven(client):
     def mean(kept):
         return kept.get("weights/out_exc", {}).get("mean")
 
-    with running.client() as client:
-        client.until(lambda kept: mean(kept) == -20.0)
-        client.ask(do="silence", population="out")
-        client.until(lambda kept: mean(kept) == 0.0 and kept["state"]["silenced"] == ["out"])
-        client.ask(do="restore", population="out")
-        client.until(lambda kept: mean(kept) == -20.0 and kept["state"]["silenced"] == [])
-        assert client.ask(do="activate", population="exc", rate=20.0) == {"id": 3}
-        assert "expected a poisson_generator" in client.ask(do="activate", population="out", rate=20.0)["error"]
-        client.ask(do="signal", part="reward", word="value", value=0.1)
-        assert client.ask(do="set", part="reward", word="value", value=0.1) == {"id": 6}
+    client.until(lambda kept: mean(kept) == -20.0)
+    client.ask(do="silence", population="out")
+    client.until(lambda kept: mean(kept) == 0.0 and kept["state"]["silenced"] == ["out"])
+    client.ask(do="restore", population="out")
+    client.until(lambda kept: mean(kept) == -20.0 and kept["state"]["silenced"] == [])
+    assert client.ask(do="activate", population="exc", rate=20.0) == {"id": 3}
+    assert "expected a poisson_generator" in client.ask(do="activate", population="out", rate=20.0)["error"]
+    client.ask(do="signal", part="reward", word="value", value=0.1)
+    assert client.ask(do="set", part="reward", word="value", value=0.1) == {"id": 6}
 
 
 def test_a_grid_is_silenced_and_restored(websockets):
@@ -201,11 +189,10 @@ def test_a_grid_is_silenced_and_restored(websockets):
     assert (sim.weights("sheet_maps") == 0.5).all()
 
 
-def test_state_and_network_are_fetched(running, tmp_path):
-    with running.client() as client:
-        answer, state = client.ask(do="save")
-        assert answer["file"].endswith("ms.h5")
-        answer, packed = client.ask(do="network")
+def test_state_and_network_are_fetched(running, client, tmp_path):
+    answer, state = client.ask(do="save")
+    assert answer["file"].endswith("ms.h5")
+    answer, packed = client.ask(do="network")
     (tmp_path / "state.h5").write_bytes(state)
     sim = neuro.compile(running.page.sim._net, seed=running.page.sim.program.seed)
     sim.restore(tmp_path / "state.h5")
@@ -225,13 +212,11 @@ def test_a_network_with_large_arrays_is_fetched_with_them(websockets, tmp_path):
     assert "cells" in neuro.load(tmp_path / "network.yaml").populations
 
 
-def test_the_curve_and_power_come_from_another_process(running):
-    with running.client() as client:
-        client.ask(do="curve", population="exc", neuron=3)
-        kept = client.until(lambda kept: "curve" in kept and "joules" in kept)
+def test_the_curve_and_power_come_from_another_process(client):
+    client.ask(do="curve", population="exc", neuron=3)
+    kept = client.until(lambda kept: "curve" in kept and "joules" in kept)
     curve = kept["curve"]
-    assert curve["rates"][0] == 0.0
-    assert curve["rates"] == sorted(curve["rates"])
+    assert (curve["rates"][0], curve["rates"]) == (0.0, sorted(curve["rates"]))
     assert curve["rates"][-1] > 10.0
     chips = {each["chip"]: each for each in kept["joules"]["chips"]}
     assert chips["loihi"]["dynamic"] > 0.0
@@ -272,15 +257,13 @@ def test_events_of_a_camera_are_counted_by_pixel():
     head, body = frames.take()
     assert head["cameras"] == [[0, 2, 3, 4]]
     image = np.frombuffer(body, "u1")[:24].reshape(2, 3, 4)
-    assert (image[1, 2, 1], image[0, 0, 3], image.sum()) == (2, 1, 3)
-    assert np.frombuffer(frames.take()[1], "u1").sum() == 0
+    assert (image[1, 2, 1], image[0, 0, 3], image.sum(), np.frombuffer(frames.take()[1], "u1").sum()) == (2, 1, 3, 0)
 
 
 def test_large_sensors_are_summed():
     events = np.zeros((2, 260, 346), dtype=np.int64)
     events[1, 259, 345] = events[1, 258, 344] = 3
-    assert smaller(events).shape == (2, 130, 173)
-    assert smaller(events)[1, 129, 172] == 6
+    assert (smaller(events).shape, smaller(events)[1, 129, 172]) == ((2, 130, 173), 6)
 
 
 def test_of_very_many_spikes_some_are_shown_and_all_are_counted():
@@ -344,14 +327,12 @@ def test_pace_keeps_real_time_and_catches_nothing_up(monkeypatch):
     clock = [100.0]
     monkeypatch.setattr("neuro.live.commands.time.perf_counter", lambda: clock[0])
     pace = Pace(2.0)
-    assert pace.wait_s(0.0) == 0.0
-    assert pace.wait_s(20.0) == pytest.approx(0.01)
+    assert (pace.wait_s(0.0), pace.wait_s(20.0)) == (0.0, pytest.approx(0.01))
     clock[0] += 5.0
     assert pace.wait_s(40.0) < -4.0
     assert pace.wait_s(50.0) == pytest.approx(0.005)
     pace.step()
-    assert pace.wait_s(50.0) == 0.0
-    assert pace.wait_s(60.0) == math.inf
+    assert (pace.wait_s(50.0), pace.wait_s(60.0)) == (0.0, math.inf)
     pace.set(math.inf)
     pace.pause(False)
     assert pace.wait_s(1e9) == 0.0

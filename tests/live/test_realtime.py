@@ -9,7 +9,6 @@ import pytest
 
 import neuro
 from neuro.events import Events, save, send
-from refused import mistakes_of
 
 NET = Path(__file__).with_name("camera.yaml").read_text("utf-8")
 LIVE = ("live", "net.yaml", "--tick", "2 ms", "--for", "0.3 s")
@@ -65,7 +64,11 @@ def test_a_stream_is_an_input(live, said):
     assert neuro.results.read("day.h5").network().populations["camera"].model.stream is None
 
 
-def test_what_is_refused(live, messages):
-    messages(mistakes_of(live, messages.cases))
+def test_what_is_refused(messages, live):
+    inputs = ("a.npz", "cam=a.npz", "camera=b.npz", "camera=a.npz --input camera=a.npz", "camera=a.npz --from spif")
+    found = {words: live(*f"--input {words}".split()) for words in (*inputs, "camera=udp://127.0.0.1:0")}
+    found |= {"late": live("--late", "never"), "tick": live("--tick", "1.5 ms")}
     stream = {"stream": "stream: 'udp://127.0.0.1:0', format: spif, sensor: [16, 12]", "shape": "auto"}
-    assert "'camera' has an input already" in live("--input", "camera=a.npz", **stream)[2]
+    found["stream"] = live("--input", "camera=a.npz", **stream)
+    assert {code for code, _, _ in found.values()} == {2}
+    messages({case: " ".join(err.split()) for case, (_, _, err) in found.items()})

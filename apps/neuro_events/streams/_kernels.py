@@ -307,7 +307,9 @@ def settle(index, first, last, width, height, period, ordered, forward, facts, c
                 if not ordered and (clock == 0 or ahead > forward or ahead < -BACKWARD):
                     agrees = -BACKWARD <= t[k] - doubt <= forward or (clock == 0 and k + 1 == end)
                     if k + 1 < end:
-                        agrees |= -BACKWARD <= t[k + 1] - t[k] <= forward
+                        step = t[k + 1] - t[k]
+                        step += period * (step < -(period // 2))
+                        agrees |= -BACKWARD <= step <= forward
                     if not agrees:
                         doubt = t[k]
                         facts[DAMAGED] += 1

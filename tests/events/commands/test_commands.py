@@ -21,7 +21,7 @@ def test_without_a_command_there_is_help(run):
 
 def test_help_lists_all_and_imports_nothing_heavy():
     code = (
-        "import sys; from neuro.cli.events import app\n"
+        "import sys; from neuro_events.cli import app\n"
         "heavy = {'numpy', 'numba', 'h5py', 'PIL', 'yaml', 'scipy', 'prompt_toolkit'} & set(sys.modules)\n"
         "sys.exit(str(sorted(heavy)) if heavy else 0)"
     )
@@ -66,11 +66,10 @@ def test_lenient(run, recording, tmp_path):
 def test_a_pipe(recording, tmp_path):
     code = "from tests_root import root; from neuro.cli.mistakes import telling\nwith telling(): root()()"
     (tmp_path / "tests_root.py").write_text(
-        "import typer\nfrom neuro.cli.events import app\n"
+        "import typer\nfrom neuro_events.cli import app\n"
         "def root():\n    r = typer.Typer(); r.add_typer(app); r.callback()(lambda: None); return r\n"
     )
-    call = f'{sys.executable} -c "{code}" events'
-    env = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    call, env = f'{sys.executable} -c "{code}" events', {**os.environ, "PYTHONPATH": str(tmp_path)}
     convert = f"{call} convert - - --from nmnist --to dat --sensor 34x34"
     line = f"echo '% x' > out.dat; cat in.bin | {convert} >> out.dat; cat out.dat | {call} info -"
     done = subprocess.run(line, shell=True, capture_output=True, text=True, cwd=tmp_path, env=env)
@@ -90,18 +89,13 @@ def test_filter(run, recording, tmp_path):
     assert np.array_equal(got.x, 19 - recording.x[recording.x < 20])
 
 
-@pytest.mark.parametrize(("text", "what"), [
-    ("tarr", "unknown filter 'tarr'\n  hint: did you mean 'tar'?\n"),
-    ("hot", "filter 'hot': expected pixels\n  hint: such as 'hot: {pixels: [[8, 1], [205, 59]]}'; "),
-    ("tar: {tua: 1}", "unknown parameter of filter 'tar' 'tua'\n  hint: did you mean 'tau'?\n"),
-    ("tar: {tau: -1}", "TAR: tau = -1: expected a number > 0"),
-    ("crop: {x: 5", "Invalid value for FILTER: 'crop: {x: 5': is not YAML\n"),
-    ("crop: 5", "Invalid value for FILTER: 'crop: 5': expected a name, or 'name: {parameter: value}'\n"),
-])  # fmt: skip
-def test_wrong_filters(run, recording, tmp_path, text, what):
-    status, out, err = run("filter", "in.bin", "out.h5", text)
-    assert (status, out) == (2, "")
-    assert err.startswith(f"error: {what}")
+WRONG = ["tarr", "hot", "tar: {tua: 1}", "tar: {tau: -1}", "crop: {x: 5", "crop: 5"]
+
+
+def test_wrong_filters(messages, run, recording, tmp_path):
+    found = {text: run("filter", "in.bin", "out.h5", text) for text in WRONG}
+    assert all((status, out) == (2, "") for status, out, _ in found.values())
+    messages({text: err for text, (_, _, err) in found.items()})
     assert not (tmp_path / "out.h5").exists()
 
 
@@ -127,16 +121,13 @@ def test_split(run, recording, tmp_path):
     assert run(*words, "--force")[0] == 0
 
 
-def test_what_split_cannot_do(run, recording, tmp_path):
-    start = "error: Invalid value for '--every' / '--count': expected one of the two"
-    assert run("split", "in.bin")[2].startswith(start)
-    assert "'0.0005': expected a whole number of us" in run("split", "in.bin", "--every", "0.0005")[2]
-    assert (
-        "'.xyz': cannot be written, expected .h5, .hdf5, " in run("split", "in.bin", "--count", "1", "--to", "xyz")[2]
-    )
+def test_what_split_cannot_do(messages, run, recording, tmp_path):
     (tmp_path / "none.bin").write_bytes(b"")
-    expected = "error: none.bin: the recording has no events: nothing to cut\n"
-    assert run("split", "none.bin", "--count", "1", "--out", "new") == (2, "", expected)
+    every, to = ("in.bin", "--every", "0.0005"), ("in.bin", "--count", "1", "--to", "xyz")
+    found = {" ".join(words): run("split", *words) for words in (("in.bin",), every, to)}
+    found["none"] = run("split", "none.bin", "--count", "1", "--out", "new")
+    assert {status for status, _, _ in found.values()} == {2}
+    messages({case: err for case, (_, _, err) in found.items()})
     assert not (tmp_path / "new").exists()
 
 
@@ -187,11 +178,8 @@ def test_interrupted(run, recording, monkeypatch, tmp_path):
 
     monkeypatch.setattr("neuro.events.formats.event_stream.Bin.pieces", stop)
     for words in (
-        ("gif", "in.bin"),
-        ("view", "in.bin"),
-        ("convert", "in.bin", "o.h5"),
-        ("split", "in.bin", "--count", "3"),
-    ):
+        ("gif", "in.bin"), ("view", "in.bin"), ("convert", "in.bin", "o.h5"), ("split", "in.bin", "--count", "3")
+    ):  # fmt: skip
         status, out, err = run(*words)
         assert (status, out) == (130, "")
         assert re.fullmatch("interrupted: .* (is not written|are whole)\n", err)
@@ -229,16 +217,13 @@ def test_frames(run, recording, tmp_path):
         assert out == f"a.npz: {len(found['frames'])} of binary_frame, {list(found['frames'].shape[1:])} bool\n"
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--as", "hat"), "unknown representation 'hat'\n  hint: did you mean 'hats'?"),
-        (("--cut", "msd_segments: {tua: 1}"), "unknown parameter of segmenter 'msd_segments' 'tua'"),
-        (("--cut", "count_segments"), "Invalid value for '--cut': 'count_segments': expected all of count, rest=False"),
-        (("--cut", "count_segments: {count: 1000000}"), "finds no segment in"),
-    ],
-)
-def test_frames_that_cannot_be_made_are_told(run, recording, options, message):
-    status, _, err = run("frames", "in.bin", "a.npz", *options)
-    assert status == 2
-    assert message in err
+NO_FRAMES = [
+    ("--as", "hat"), ("--cut", "msd_segments: {tua: 1}"), ("--cut", "count_segments"),
+    ("--cut", "count_segments: {count: 1000000}"),
+]  # fmt: skip
+
+
+def test_frames_that_cannot_be_made_are_told(messages, run, recording):
+    found = {" ".join(options): run("frames", "in.bin", "a.npz", *options) for options in NO_FRAMES}
+    assert {status for status, _, _ in found.values()} == {2}
+    messages({case: err for case, (_, _, err) in found.items()})

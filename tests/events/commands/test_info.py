@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -11,26 +12,13 @@ import numpy as np
 from neuro.events import Events, save
 
 
-def test_info(run, recording, tmp_path):
+def test_info(messages, run, recording, tmp_path):
     status, out, err = run("info", "in.bin")
     assert (status, err) == (0, "")
-    assert out.splitlines() == [
-        "file          in.bin, 500 bytes",
-        "format        N-MNIST .bin",
-        "sensor        34x34, not stated by the file",
-        "events        100",
-        "polarity      50.0% ON, 50.0% OFF",
-        "time          0 to 99000 us, 0.099 s",
-        "rate          1,010 events/s",
-        "longest gaps  1,000 us from 0, 1,000 us from 1000, 1,000 us from 2000",
-        "pixels        100 of 1,156 have events",
-        "hot pixels    none",
-    ]
     told = json.loads(run("info", "in.bin", "--json", "--sensor", "40x50")[1])
     assert (told["events"], told["sensor_size"], told["format"]) == (100, [40, 50], "nmnist")
     (tmp_path / "in.bin").write_bytes((tmp_path / "in.bin").read_bytes()[:-1])
-    assert "damage        byte 495: 4 bytes left over after 99 events" in run("info", "in.bin")[1]
-    assert run("info", "none.bin")[::2] == (2, "error: none.bin: no such file\n")
+    messages({"whole": out, "cut": run("info", "in.bin")[1], "none": run("info", "none.bin")[2]})
 
 
 def test_info_of_long_pauses(run, tmp_path):
@@ -50,26 +38,13 @@ def test_info_says_what_was_never_tried(run, tmp_path):
 GENERIC = b"Event Stream\x02\x00\x00\x00"
 
 
-def test_info_of_generic_events(run, tmp_path):
+def test_info_of_generic_events(messages, run, tmp_path):
     (tmp_path / "a.es").write_bytes(GENERIC + b"\x05\x06abc\xff" + b"\x00\x0a\xc3\xa4\x00\xff\x01")
-    assert run("info", "a.es")[1].splitlines() == [
-        "file    a.es",
-        "format  Event Stream, generic: times with bytes, no pixels",
-        "events  2",
-        "time    5 to 259 us, 0.000254 s",
-        "bytes   3 to 5 an event, 8 in all",
-        "first   'abc'",
-    ]
     (tmp_path / "b.es").write_bytes(GENERIC + b"\x05\x52" + bytes(41) + b"\x05")
-    shown = run("info", "b.es")[1].splitlines()[-2:]
-    assert shown == ["first   " + " ".join(["00"] * 40) + " ...", "damage  byte 59: " + CUT]
+    (tmp_path / "c.es").write_bytes(GENERIC)
+    messages({name: run("info", name)[1] for name in ("a.es", "b.es", "c.es")})
     told = json.loads(run("info", "b.es", "--json")[1])
     assert (told["type"], told["events"], told["start_us"], told["largest_bytes"]) == ("generic", 1, 5, 41)
-    (tmp_path / "c.es").write_bytes(GENERIC)
-    assert run("info", "c.es")[1].splitlines()[2:] == ["events  0"]
-
-
-CUT = "the last event is cut after 1 bytes; what is before it was read"
 
 
 def test_info_of_generic_events_in_a_pipe(tmp_path):
@@ -79,28 +54,17 @@ def test_info_of_generic_events_in_a_pipe(tmp_path):
     assert b"events  1\n" in done.stdout
 
 
-def test_info_of_one_of_several_in_hdf5(run, tmp_path):
+def test_info_of_one_of_several_in_hdf5(messages, run, tmp_path):
     with h5py.File(tmp_path / "two.h5", "w") as file:
         for side in ("left", "right"):
             file[f"davis/{side}/events"] = np.array([[3, 2, 0.5, -1], [4, 2, 1.5, 1]])
-    assert "name it, as in format='hdf5:/davis/left/events' or --from hdf5:" in run("info", "two.h5")[2]
     told = run("info", "two.h5", "--from", "hdf5:/davis/right")[1]
-    assert "time          500000 to 1500000 us, 1 s\n" in told
-    assert "  untested on a real file: no recording in another layout" in told
-    assert "columns       x y t p\n" in told
+    messages({"both": run("info", "two.h5")[2], "right": re.sub(r"[\d,]+ bytes", "N bytes", told)})
 
 
-def test_info_of_a_data_set(run, data, tmp_path):
-    assert run("info", "set")[1].splitlines() == [
-        "data set    set", "layout      N-MNIST", "recordings  6", "class 3     4", "class 7     2",
-    ]  # fmt: skip
+def test_info_of_a_data_set(messages, run, data, recording):
     assert json.loads(run("info", "set", "--json")[1])["classes"] == {"3": 4, "7": 2}
-
-
-def test_info_of_a_data_set_in_hdf5(run, data, recording):
     assert run("tohdf5", "-f", "set", "-o", "all.h5", "--workers", "1")[0] == 0
-    assert run("info", "all.h5")[1].splitlines() == [
-        "data set    all.h5", "layout      HDF5, /class/sample", "recordings  6", "class 3     4", "class 7     2",
-    ]  # fmt: skip
-    assert "is a data set with 6 recordings" in run("gif", "all.h5")[2]
+    told = {"set": run("info", "set")[1], "all.h5": run("info", "all.h5")[1], "gif": run("gif", "all.h5")[2]}
     assert run("tohdf5", "-f", "set", "-o", "no/all.h5") == (2, "", "error: no/all.h5: there is no folder no\n")
+    messages(told)

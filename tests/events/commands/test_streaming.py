@@ -18,8 +18,7 @@ NEURO = [sys.executable, "-c", "from neuro.cli import main; main()", "events"]
 
 @pytest.fixture
 def walk(tmp_path):
-    draw = np.random.default_rng(2)
-    n = 500
+    draw, n = np.random.default_rng(2), 500
     t = np.sort(draw.integers(0, 50_000, n))
     events = Events(t, draw.integers(0, 34, n), draw.integers(0, 34, n), draw.integers(0, 2, n), (34, 34))
     save(events, tmp_path / "walk.es")
@@ -66,9 +65,7 @@ def grown(path, size):
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize(
-    ("out", "far"), [("a.dat", 1 << 33), ("a.bin", 1 << 24), ("a.raw", 1 << 41), ("a.es", 1 << 50)]
-)
+@pytest.mark.parametrize(("out", "far"), [("a.dat", 1 << 33), ("a.es", 1 << 50)])
 def test_events_of_a_far_time_are_left_out_and_counted(walk, tmp_path, out, far):
     heard, url = listening(tmp_path, out)
     with heard:
@@ -84,7 +81,7 @@ def test_events_of_a_far_time_are_left_out_and_counted(walk, tmp_path, out, far)
     assert len(load(tmp_path / out, sensor_size=(34, 34))) == len(walk)
 
 
-@pytest.mark.parametrize("out", ["a.dat", "a.bin", "a.raw", "a.es", "a.csv", "a.aedat4", "a.h5"])
+@pytest.mark.parametrize("out", ["a.dat", "a.h5"])
 def test_a_killed_listener_leaves_what_came(walk, tmp_path, out):
     heard, url = listening(tmp_path, out)
     with heard:
@@ -123,22 +120,16 @@ def test_counts_alone_until_an_end(run, end):
     assert err.startswith("listening at udp://127.0.0.1:")
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("listen", HERE[0], "--from", "spiff", "--sensor", "34x34"), "unknown format of a stream 'spiff'"),
-        (("listen", *HERE[:3]), "sensor is missing"),
-        (("listen", HERE[0], "walk.es", *HERE[1:]), "--force"),
-        (("listen", *HERE, "--no-browser"), "--no-browser: expected --page as well"),
-        (("listen", *HERE, "--to", "es"), "--to: expected OUT as well"),
-        (("listen", *HERE, "--force"), "--force: expected OUT as well"),
-        (("send", "walk.es", "udp://127.0.0.1", "--to", "spif"), "expected udp://HOST:PORT"),
-        (("send", "walk.es", "udp://127.0.0.1:9", "--to", "spif", "--speed", "0"), "speed = 0"),
-        (("send", "none.es", "udp://127.0.0.1:9", "--to", "spif"), "no such file"),
-    ],
-)
-def test_mistakes(run, walk, tmp_path, monkeypatch, words, message):
-    monkeypatch.chdir(tmp_path)
-    status, _, err = run(*words)
-    assert status != 0
-    assert message in err
+THERE = ("udp://127.0.0.1:9", "--to", "spif")
+WRONG = [
+    ("listen", HERE[0], "--from", "spiff", "--sensor", "34x34"), ("listen", *HERE[:3]), ("listen", *HERE, "--force"),
+    ("listen", HERE[0], "walk.es", *HERE[1:]), ("listen", *HERE, "--no-browser"), ("listen", *HERE, "--to", "es"),
+    ("send", "walk.es", "udp://127.0.0.1", "--to", "spif"), ("send", "walk.es", *THERE, "--speed", "0"),
+    ("send", "none.es", *THERE),
+]  # fmt: skip
+
+
+def test_mistakes(messages, run, walk):
+    found = {" ".join(words): run(*words) for words in WRONG}
+    assert all(status for status, _, _ in found.values())
+    messages({case: err for case, (_, _, err) in found.items()})

@@ -7,8 +7,7 @@ from neuro.events import Events
 
 @pytest.fixture
 def walk():
-    rng = np.random.default_rng(3)
-    n = 4000
+    rng, n = np.random.default_rng(3), 4000
     t = np.sort(rng.integers(7_000_000, 7_060_000, n))
     return Events(t, rng.integers(0, 12, n), rng.integers(0, 9, n), rng.integers(0, 2, n), (12, 9))
 

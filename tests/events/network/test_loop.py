@@ -63,12 +63,9 @@ class Burst:
 
 @settings(max_examples=3, deadline=None)
 @given(
-    seed=st.integers(0, 99),
-    n=st.integers(0, 3000),
-    tick=st.sampled_from([0.5, 1.0, 2.5]),
-    late=st.sampled_from(["catch_up", "skip"]),
-    backend=st.sampled_from(["event", "reference"]),
-)
+    seed=st.integers(0, 99), n=st.integers(0, 3000), tick=st.sampled_from([0.5, 1.0, 2.5]),
+    late=st.sampled_from(["catch_up", "skip"]), backend=st.sampled_from(["event", "reference"])
+)  # fmt: skip
 def test_what_was_live_can_be_run_again(tmp_path_factory, seed, n, tick, late, backend):
     out, sim = tmp_path_factory.mktemp("live") / "day.h5", neuro.compile(network(), backend, seed=seed)
     run = Loop(sim, tick=tick, inputs={"camera": Player(noise(n, 30.0, seed))}, late=late).run(50.0, out=out)

@@ -16,11 +16,9 @@ def test_views_of_a_camera_whose_recording_tells_its_shape(walk, tmp_path):
     for model in (neuro.event_camera(file=tmp_path / "walk.aedat4"), neuro.event_camera(events=walk)):
         net = network(model)
         camera = net.populations["camera"]
-        assert (len(camera), camera.sizes) == (216, (2, 9, 12))
-        assert camera[0, 2:4].shape == (2, 12)
+        assert (len(camera), camera.sizes, camera[0, 2:4].shape) == (216, (2, 9, 12), (2, 12))
         assert camera[1, :, -1].ids.tolist() == [108 + 12 * row + 11 for row in range(9)]
-        assert len(camera[np.ones((2, 9, 12), bool)]) == 216
-        assert camera[[0, 215]].ids.tolist() == [0, 215]
+        assert (len(camera[np.ones((2, 9, 12), bool)]), camera[[0, 215]].ids.tolist()) == (216, [0, 215])
         assert "camera[:10]: axis 0: found 10: expected -2 to 2" in refusal(camera.__getitem__, slice(10))
         net.connect(camera[0, 2:4], "cells", neuro.all_to_all(), name="some")
         net.probe("part", camera[1, :, 3])
@@ -32,14 +30,10 @@ def test_views_of_a_camera_whose_recording_tells_its_shape(walk, tmp_path):
         assert set(((ids - 108) % 12).tolist()) == {3}
 
 
-def test_views_of_a_camera_whose_shape_is_not_known(walk):
-    net = network(neuro.event_camera(file="nowhere.aedat4"))
-    camera = net.populations["camera"]
+def test_views_of_a_camera_whose_shape_is_not_known(messages, walk):
+    camera = network(neuro.event_camera(file="nowhere.aedat4")).populations["camera"]
     assert repr(camera[0, 2:4]) == "camera[0, 2:4, :]"
-    assert refusal(len, camera[0, 2:4]) == (
-        "camera[0, 2:4, :]: the shape [auto] of 'camera' follows when it is compiled: expected numbers\n"
-        "  hint: write the numbers, or index the population itself with a number or a slice for each axis"
-    )
+    messages({"len": refusal(len, camera[0, 2:4])})
 
 
 # results without the recording
@@ -51,8 +45,7 @@ def test_results_are_read_without_the_recording(walk, tmp_path, monkeypatch):
         folder.mkdir()
     save(walk, ran / "walk.aedat4")
     monkeypatch.chdir(ran)
-    net = network(neuro.event_camera(file="walk.aedat4"))
-    neuro.compile(net).run(20.0, out=tmp_path / "ran" / "run.h5")
+    neuro.compile(network(neuro.event_camera(file="walk.aedat4"))).run(20.0, out=tmp_path / "ran" / "run.h5")
     monkeypatch.chdir(tmp_path)
     results = neuro.results.read(ran / "run.h5")
     assert results.network().populations["camera"].model.file == ran / "walk.aedat4"
@@ -62,10 +55,7 @@ def test_results_are_read_without_the_recording(walk, tmp_path, monkeypatch):
     assert neuro.compile(results.network()).program.populations[0].shape == (2, 9, 12)
     (moved / "walk.aedat4").rename(tmp_path / "other.aedat4")
     results = neuro.results.read(moved / "run.h5")
-    assert refusal(results.network) == (
-        f"the network plays the recording 'walk.aedat4': not found in {ran}, {moved}, {tmp_path}\n"
-        "  hint: results.network(recordings=FOLDER) says where it lies; spikes, traces and weights are read without it"
-    )
+    assert f"not found in {ran}, {moved}, {tmp_path}\n  hint: " in refusal(results.network)
     (tmp_path / "kept").mkdir()
     (tmp_path / "other.aedat4").rename(tmp_path / "kept" / "walk.aedat4")
     assert results.network(tmp_path / "kept").populations["camera"].model.file == tmp_path / "kept" / "walk.aedat4"
@@ -79,11 +69,8 @@ def test_results_are_read_without_the_recording(walk, tmp_path, monkeypatch):
     assert bill.total_j == pytest.approx(sim.energy("cpu").total_j, rel=1e-12)
 
 
-def test_results_of_events_of_a_program(walk, tmp_path):
+def test_results_of_events_of_a_program(messages, walk, tmp_path):
     neuro.compile(network(neuro.event_camera(events=walk))).run(20.0, out=tmp_path / "run.h5")
     results = neuro.results.read(tmp_path / "run.h5")
     assert results.network(played=False).populations["camera"].model == neuro.event_camera()
-    assert refusal(results.network) == (
-        "the network plays events of a program, which results do not hold\n"
-        "  hint: describe it again with these events; spikes, traces and weights are read without them"
-    )
+    messages({"network": refusal(results.network)})
