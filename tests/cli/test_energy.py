@@ -3,6 +3,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+import yaml
 
 import neuro as framework
 from neuro.chips import chip, price
@@ -119,31 +120,14 @@ def test_an_interrupted_run_prices_nothing(run, network, monkeypatch):
     assert run(*RUN, "--chips", "cpu") == (130, "", "interrupted: nothing is priced\n")
 
 
-MISTAKES = {
-    "an unknown target": (("--chips", "loihj"), "unknown chip 'loihj'\n  hint: did you mean 'loihi'?"),
-    "no parts": (("--per", "0", "trial"), "Invalid value for '--per': '0': expected a whole number >= 1"),
-    "no chips": (("--chips-on", "0"), "Invalid value for '--chips-on': Input should be greater than or equal to 1"),
-    "no time": (
-        ("--chips", "loihi", "--step-time", "0"),
-        "Invalid value for '--step-time': '0': expected a time > 0 ms",
-    ),
-    "off the grid": (("--for", "0.05"), "--for = 0.05 ms"),
-}
+MISTAKES = yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text("utf-8"))["energy"]
 
 
-@pytest.mark.parametrize("what", MISTAKES)
-def test_mistakes_are_told_before_the_run(run, network, what, monkeypatch):
-    words, message = MISTAKES[what]
+def test_mistakes_are_told_before_the_run(run, network, monkeypatch, messages):
     monkeypatch.setattr("neuro.compile", None)
-    status, out, err = run(*RUN, *words)
-    assert (status, out) == (2, "")
-    assert err.startswith(f"error: {message}")
-
-
-def test_an_unknown_target_is_told_of_those_with_costs(neuro, network):
-    answer = neuro("energy", network, "--chips", "loihi22")
-    assert (answer.status, answer.out) == (2, "")
-    assert answer.err == "error: unknown chip 'loihi22'\n  hint: did you mean 'loihi2'?\n"
+    answers = {words: run(*RUN, *words.split()) for words in MISTAKES}
+    assert {answer[:2] for answer in answers.values()} == {(2, "")}
+    messages({words: err for words, (_, _, err) in answers.items()})
 
 
 def test_silent_input_is_told(run, network):

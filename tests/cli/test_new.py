@@ -60,104 +60,57 @@ def test_a_folder_runs_and_passes_as_written(neuro, inside, template):
         test()
 
 
-def test_a_classifier_learns_to_recognise(neuro, inside):
-    written = neuro("new", "classifier")
-    assert written.out == (
-        "classifier: made from classifier\nfiles: learn.py, test_classifier.py, shapes.zip\n"
-        "next:\n  cd classifier\n  python learn.py\n  python -m pytest     # needs pytest: pip install pytest\n"
-        "  neuro recognise watch model.h5 RECORDING     # a page on which it decides while events arrive\n"
-    )
+def test_a_classifier_learns_to_recognise(neuro, inside, messages):
+    messages({"classifier": neuro("new", "classifier").out})
     inside("classifier")
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         runpy.run_path("learn.py", run_name="__main__")
     sys.modules.pop("learn", None)
-    found = re.fullmatch(r"18 unseen recordings: (\d+)% right, 33% by chance\n", printed.getvalue())
-    assert found
-    assert int(found[1]) > 60
+    right = re.fullmatch(r"18 unseen recordings: (\d+)% right, 33% by chance\n", printed.getvalue())
+    assert int(right[1]) > 60
     assert "remus for 3 classes, learnt from 18 recordings" in neuro("recognise", "show", "model.h5").out
 
 
-def test_a_name_that_is_no_template_is_a_balanced_network(neuro, empty):
-    files = "files: network.yaml, run.py, test_network.py\n"
-    assert neuro("new", "mine").out.startswith(f"mine: made from balanced-network\n{files}")
-    assert neuro("new", "closed-loop").out.startswith(f"closed-loop: made from closed-loop\n{files}")
+def test_a_name_that_is_no_template_is_a_balanced_network(neuro, empty, messages):
+    """What is told next works in a shell."""
+    messages({name: neuro("new", name).out for name in ("mine", "closed-loop", "clasifier")})
     assert "env.step" not in Path("mine/run.py").read_text()
-
-
-def test_a_name_that_is_nearly_a_template_is_pointed_out(neuro, empty):
-    first = neuro("new", "clasifier").out.partition("\n")[0]
-    assert first == "clasifier: made from balanced-network; did you mean 'neuro new classifier'?"
     assert "did you mean" not in neuro("new", "clasifierr", "--template", "closed-loop").out
-
-
-def test_what_is_told_next_works_in_a_shell(neuro, empty):
-    answer = neuro("new", "mine")
-    assert answer.out == (
-        "mine: made from balanced-network\nfiles: network.yaml, run.py, test_network.py\n"
-        "next:\n  cd mine\n  python run.py\n  python -m pytest     # needs pytest: pip install pytest\n"
-        "  neuro run network.yaml --out out.h5\n"
-    )
     words = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
     done = subprocess.run(words, cwd="mine", capture_output=True, text=True)
     assert "3 passed" in done.stdout, done.stdout + done.stderr
 
 
-def test_an_empty_folder_is_filled_and_others_are_kept(neuro, empty):
+def test_an_empty_folder_is_filled_and_others_are_kept(neuro, empty, messages):
     Path("there").mkdir()
     assert neuro("new", "there").status == 0
     before = {file: file.read_bytes() for file in Path("there").iterdir()}
-    again = neuro("new", "there", "--template", "closed-loop")
-    assert again.err == "error: there: is a folder with files in it: expected a new name, or an empty folder\n"
-    assert {file: file.read_bytes() for file in Path("there").iterdir()} == before
     Path("file").write_text("mine")
-    assert neuro("new", "file").err == "error: file: is no folder: expected a new name\n"
-    assert neuro("new", "file/inside").err == (
-        "error: file: is no folder: expected the name of a folder, or a new name\n"
-    )
+    messages({name: neuro("new", name, "--template", "closed-loop").err for name in ("there", "file", "file/inside")})
+    assert {file: file.read_bytes() for file in Path("there").iterdir()} == before
     assert sorted(path.name for path in empty.iterdir()) == ["file", "there"]
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (
-            ["my net!"],
-            "'my net!': expected a name of letters, digits, '_', '-' and '.' that begins with a letter\n"
-            "  hint: neuro new my-net",
-        ),
-        (["."], "'.': expected a name of letters, digits, '_', '-' and '.' that begins with a letter\n"
-            "  hint: neuro new my-network"),
-        (["a", "--template", "balanced"], "unknown template 'balanced'\n  hint: did you mean 'balanced-network'?"),
-        ([], "which folder? expected the name of one to make\n  hint: neuro new my-network, or --list"),
-    ],
-)  # fmt: skip
-def test_mistakes(neuro, empty, words, message):
-    answer = neuro("new", *words)
-    assert (answer.status, answer.out, answer.err) == (2, "", f"error: {message}\n")
+def test_mistakes(neuro, empty, messages):
+    wrong = (["my net!"], ["."], ["a", "--template", "balanced"], [])
+    answers = {" ".join(words): neuro("new", *words) for words in wrong}
+    assert {answer[:2] for answer in answers.values()} == {(2, "")}
     assert not list(empty.iterdir())
+    messages({f"new {words}": answer.err for words, answer in answers.items()})
+    messages({"example walk.dta": neuro("example", "walk.dta").err, "example": neuro("example").err})
 
 
-def test_examples_are_written_and_never_replace(neuro, empty):
+def test_examples_are_written_and_never_replace(neuro, empty, messages):
+    listed = neuro("example", "--list").out
+    assert all(name in listed for name in shipped("examples"))
     assert neuro("example", "net.yaml", "walk.dat").out == "net.yaml\nwalk.dat\n"
     assert neuro("example", "net.yaml").status == 0
     Path("net.yaml").write_text("mine")
     Path("walk.dat").unlink()
-    refused = neuro("example", "walk.dat", "net.yaml")
-    assert refused.err == (
-        "error: net.yaml: exists and is not the example\n  hint: go to an empty folder: mkdir try && cd try\n"
-    )
+    messages({"own": neuro("example", "walk.dat", "net.yaml").err})
     assert [path.name for path in empty.iterdir()] == ["net.yaml"]
     assert Path("net.yaml").read_text() == "mine"
-
-
-def test_examples_are_listed_and_misspelt(neuro, empty):
-    listed = neuro("example", "--list").out
-    assert all(name in listed for name in shipped("examples"))
-    assert neuro("example", "walk.dta").err == "error: unknown example 'walk.dta'\n  hint: did you mean 'walk.dat'?\n"
-    assert neuro("example").err == (
-        "error: which example? expected the names of files\n  hint: neuro example net.yaml, or --list\n"
-    )
 
 
 def test_recordings_are_those_that_the_script_makes(empty):

@@ -10,8 +10,16 @@ from typing import Any
 
 import pytest
 import typer
+import yaml
 
 from neuro.cli import commands
+
+
+def test_the_word_of_another_tool_is_answered_with_ours(neuro, messages):
+    """More are among the mistakes of commands of the core."""
+    for words in yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text("utf-8"))["apps"]:
+        messages({words: neuro(*words.split()).err})
+
 
 PAGE = Path(__file__).parents[2] / "docs/reference/options.md"
 ROW = re.compile(r"^\| `(--[^`]+)` \| (.+) \| (.+) \|$", re.MULTILINE)
@@ -28,10 +36,16 @@ def leaves(command: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 @pytest.fixture(scope="module")
-def taken() -> dict[str, tuple[set[str], set[str]]]:
+def root() -> Any:
+    """All commands, also those of packages of apps."""
+    command: Any = typer.main.get_command(commands.app)
+    command.commands.update({name: commands.load(entry) for name, entry in commands.apps().items()})
+    return command
+
+
+@pytest.fixture(scope="module")
+def taken(root: Any) -> dict[str, tuple[set[str], set[str]]]:
     """The values of each option, and the commands that take it."""
-    root: Any = typer.main.get_command(commands.app)
-    root.commands.update({name: commands.load(entry) for name, entry in commands.apps().items()})
     found: dict[str, tuple[set[str], set[str]]] = defaultdict(lambda: (set(), set()))
     for path, command in leaves(root):
         for one in command.params:
@@ -56,32 +70,9 @@ def test_an_option_takes_one_kind_of_value(taken):
     assert {name for name, values in mixed.items() if not any(values <= kind for kind in KINDS)} == set()
 
 
-def test_an_option_has_no_second_name(taken):
-    root: Any = typer.main.get_command(commands.app)
+def test_an_option_has_no_second_name(root):
     second = {word for _, command in leaves(root) for one in command.params for word in one.opts[1:]}
     assert second == {"-f", "-e", "-o"}  # of `neuro events tohdf5`, as in the thesis
-
-
-@pytest.mark.parametrize(
-    ("words", "hint"),
-    [
-        (("run", "--duration", "1"), "did you mean '--for'?"),
-        (("energy", "--target", "loihi"), "did you mean '--chips'?"),
-        (("fit", "--backend", "loihi"), "did you mean '--chip'?"),
-        (("predict", "--target", "loihi"), "did you mean '--backends'?"),
-        (("run", "--engine", "nest"), "did you mean '--backend'?"),
-        (("run", "--param", "w=3"), "did you mean '--set'?"),
-        (("predict", "--backend", "event"), "did you mean '--backends'?"),
-        (("run", "--backends", "event"), "did you mean '--backend'?"),
-        (("convert", "--dt", "1"), "did you mean '--resolution'?"),
-        (("compare", "--page", "a"), "did you mean '--html'?"),
-        (("events", "tohdf5", "--jobs", "2"), "did you mean '--workers'?"),
-        (("sweep", "run", "--zzz"), "see 'neuro sweep run --help'"),
-    ],
-)
-def test_the_word_of_another_tool_is_answered_with_ours(neuro, words, hint):
-    word = next(word for word in words if word.startswith("--"))
-    assert neuro(*words) == (2, "", f"error: unknown option '{word}'\n  hint: {hint}\n")
 
 
 def test_help_shows_no_type_behind_a_flag_and_breaks_no_sentence():

@@ -2,9 +2,30 @@ import shutil
 from pathlib import Path
 
 import pytest
+import yaml
 from matplotlib.image import imread
 
 from small_networks import NETWORK
+
+VIEWS = yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text("utf-8"))["views"]
+
+
+def test_mistakes(neuro, ran, messages):
+    for view in (*VIEWS, "noise", "ecx"):
+        messages({f"--of {view}": neuro("plot", ran, "--of", view).err})
+    for words in ("--between 10 5", "--between 0 3s", "--between 0 soon", "--out /dev/full", "--out net.yaml"):
+        messages({words: neuro("plot", ran, *words.split()).err})
+    assert sorted(path.name for path in Path().iterdir()) == ["net.yaml", "out.h5"]
+
+
+def test_parts_of_results(neuro, ran):
+    """A view is written as in YAML, in brackets behind the name; of traces its neurons are drawn alone."""
+    names = [f"out-{name}.png" for name in ("raster", "rates", "traces")]
+    assert neuro("plot", ran, "--of", "exc", "--of", "one").out.split() == names
+    assert neuro("plot", ran, "--between", "0.005 s", "10 ms", "--bin", "1 ms").status == 0
+    for view in (" exc [ 1, 0:4:2 ] ", "exc[[3, 1]]"):
+        answer = neuro("plot", ran, "--of", view, "--out", "views")
+        assert answer.out.split() == [f"views/{name}" for name in names], answer.err
 
 
 @pytest.fixture(scope="module")
@@ -47,61 +68,3 @@ def test_other_formats(neuro, ran, form):
     Path(names[0]).write_bytes(BEGIN[form] + b" of another program")
     answer = neuro(*words)
     assert answer.err == f"error: {names[0]}: exists and is not a picture of neuro: expected a new name\n"
-
-
-def test_only_what_was_asked_for(neuro, ran):
-    answer = neuro("plot", ran, "--of", "exc", "--of", "one")
-    assert answer.out.split() == ["out-raster.png", "out-rates.png", "out-traces.png"]
-    answer = neuro("plot", ran, "--of", "noise")
-    assert (answer.status, answer.err) == (
-        2,
-        "error: spikes of 'noise' were not kept\n  hint: 'neuro run --record noise' keeps them\n",
-    )
-    answer = neuro("plot", ran, "--of", "ecx")
-    assert (answer.status, answer.err) == (2, "error: unknown population 'ecx'\n  hint: did you mean 'exc'?\n")
-    answer = neuro("plot", ran, "--between", 10, 5)
-    expected = "error: window = [10, 5]: expected (begin, end) in ms with 0 <= begin < end\n"
-    assert (answer.status, answer.err) == (2, expected)
-
-
-def test_times_with_units(neuro, ran):
-    assert neuro("plot", ran, "--between", "0.005 s", "10 ms", "--bin", "1 ms").status == 0
-    answer = neuro("plot", ran, "--between", "0 ms", "3 s")
-    assert answer.err == "error: window = [0, 3000]: the run ends at 20 ms: expected an end <= 20 ms\n"
-    answer = neuro("plot", ran, "--between", "0", "soon")
-    assert answer.err == "error: --between: found 'soon': expected a time in ms\n"
-
-
-def test_some_neurons(neuro, ran):
-    """A view is written as in YAML, in brackets behind the name; of traces its neurons are drawn alone."""
-    for view in (" exc [ 1, 0:4:2 ] ", "exc[[3, 1]]"):
-        answer = neuro("plot", ran, "--of", view, "--out", "views")
-        assert answer.out.split() == [f"views/out-{name}.png" for name in ("raster", "rates", "traces")], answer.err
-
-
-@pytest.mark.parametrize(
-    ("view", "expected"),
-    [
-        ("ecx[:2]", "unknown population 'ecx'\n  hint: did you mean 'exc'?"),
-        ("exc[:999]", "exc[:999]: axis 0: found 999: expected -2 to 2"),
-        (
-            "exc[a]",
-            'exc: found \'a\': expected a number or begin:end:step for each axis\n  hint: write "0:100" or "2:4, :"',
-        ),
-        ("exc[:2", "found 'exc[:2': expected ']' at its end\n  hint: write 'exc[0:100]'"),
-        ("exc[[1, x]]", "exc: found '[1, x]': expected a list of ids such as [3, 7]"),
-        ("exc[0, 1, 2]", "exc[0, 1, 2]: found 3 indices: expected at most 2, one for each axis"),
-        ("exc[2:2]", "exc[2:2]: axis 0 chooses no neuron: expected at least one"),
-        ("exc[[1, 1]]", "exc[[1, 1]] chooses neuron 1 more than once: expected each once"),
-    ],
-)
-def test_views_that_are_none(neuro, ran, view, expected):
-    answer = neuro("plot", ran, "--of", view)
-    assert (answer.status, answer.err) == (2, f"error: {expected}\n")
-
-
-def test_what_is_no_folder(neuro, ran):
-    for name in ("/dev/full", "net.yaml"):
-        answer = neuro("plot", "out.h5", "--out", name)
-        expected = f"error: {name}: is no folder: expected the name of a folder, or a new name\n"
-        assert (answer.status, answer.out, answer.err) == (2, "", expected)

@@ -9,6 +9,13 @@ import yaml
 
 import neuro
 
+
+def sound(base: str, change: dict[str, Any], folder: Path) -> None:
+    """Assert that a network has no fault."""
+    found = examined(network(base, change, folder))
+    assert [each for each in found if each.severity != "note"] == [], str(found)
+
+
 TABLE = yaml.safe_load((Path(__file__).parent / "faults.yaml").read_text("utf-8"))
 
 
@@ -53,11 +60,9 @@ def test_a_planted_fault_is_found(name, tmp_path):
 
 @pytest.mark.parametrize("base", TABLE["bases"])
 def test_the_networks_without_fault_have_none(base, tmp_path):
-    found = examined(network(base, {}, tmp_path))
-    assert [each for each in found if each.severity != "note"] == [], str(found)
+    sound(base, {}, tmp_path)
 
 
 @pytest.mark.parametrize("name", TABLE["sound"])
 def test_what_is_no_fault_is_not_reported(name, tmp_path):
-    found = examined(network(TABLE["sound"][name]["base"], TABLE["sound"][name]["change"], tmp_path))
-    assert [each for each in found if each.severity != "note"] == [], str(found)
+    sound(TABLE["sound"][name]["base"], TABLE["sound"][name]["change"], tmp_path)

@@ -9,12 +9,15 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 from typer.testing import CliRunner
 
 import neuro
 from neuro.cli.commands import app
 from neuro_exchange.pynn import kernel
 from neuro_exchange.pynn.report import MOST_BYTES, Built, Damaged, Failure, Remark, Report
+
+TRIED = yaml.safe_load(Path(__file__).with_name("confined.yaml").read_text("utf-8"))
 
 pytest.importorskip("pyNN", reason="PyNN is not installed")
 needs_filter = pytest.mark.skipif(
@@ -145,35 +148,15 @@ def test_a_report_comes_back_as_it_was_written(tmp_path):
     assert reread(tmp_path, b"") is None
 
 
-NETWORK = '{"file": "0.yaml", "problems": [], "notes": [], "runs": [], "line": 1}'
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ('"0.yaml"', '"../0.yaml"', "networks[0].file = '../0.yaml': expected a number and .yaml, or problems"),
-        ('"0.yaml"', '""', "networks[0].file = '': expected a number and .yaml, or problems"),
-        ('"0.yaml"', "3", "networks[0].file: expected a text of at most 10,000 letters"),
-        ('"notes": []', '"notes": [["a", 1, "b"]]', "networks[0].notes[0]: expected file, line, message"),
-        ('"notes": []', '"notes": {}', "networks[0].notes: expected a list"),
-        ('"runs": []', '"runs": [NaN]', "networks[0].runs[0]: expected a time in ms"),
-        ('"runs": []', '"runs": [true]', "networks[0].runs[0]: expected a time in ms"),
-        ('"runs": []', '"runs": [1e999]', "networks[0].runs[0]: expected a time in ms"),
-        ('"line": 1', '"line": 1.0', "networks[0].line: expected the number of a line"),
-        ('"line": 1', '"line": -1', "networks[0].line: expected the number of a line"),
-        ('"line": 1', '"line": 1, "more": 2', "networks[0]: expected file, line, notes, problems, runs"),
-        ("null", "[]", "failure: expected harmless, kind, line, message"),
-        ("null", '{"message": "", "line": 0, "harmless": 1, "kind": ""}', "failure.harmless: expected true or false"),
-        ("{", "[{", "no JSON"),
-        ("0", "\udcff", "no JSON"),
-    ],
-)
-def test_a_report_of_another_form_is_refused(tmp_path, old, new, message):
-    text = f'{{"networks": [{NETWORK}], "failure": null}}'
+def test_a_report_of_another_form_is_refused(tmp_path, messages):
+    text = '{"networks": [{"file": "0.yaml", "problems": [], "notes": [], "runs": [], "line": 1}], "failure": null}'
     assert reread(tmp_path, text.encode()).networks[0].file == "0.yaml"
-    with pytest.raises(Damaged) as caught:
-        reread(tmp_path, text.replace(old, new, 1).encode("utf-8", "surrogateescape"))
-    assert str(caught.value) == message
+    said = {}
+    for old, new in TRIED["reports"]:
+        with pytest.raises(Damaged) as error:
+            reread(tmp_path, text.replace(old, new, 1).encode("latin-1"))
+        said[f"{old} -> {new}"] = str(error.value)
+    messages(said)
 
 
 def test_a_report_that_is_too_long_is_refused(tmp_path):
@@ -206,94 +189,6 @@ def call(*arguments):
         os._exit(0)
     return errno.errorcode.get(ctypes.get_errno(), "done") if answer < 0 else "done"
 """
-CALLS = {
-    "socket, TCP": "41, 2, 1, 0",
-    "socket, UDP": "41, 2, 2, 0",
-    "socket, UDP over IPv6": "41, 10, 2, 0",
-    "socket, Unix": "41, 1, 2, 0",
-    "socket, netlink": "41, 16, 3, 0",
-    "socketpair": "53, 1, 2, 0, bytes(8)",
-    "connect": "42, 3, bytes(16), 16",
-    "bind": "49, 3, bytes(16), 16",
-    "sendto": "44, 1, b'x', 1, 0, ADDRESS, 16",
-    "sendmsg": "46, 1, bytes(56), 0",
-    "io_uring_setup": "425, 8, bytes(120)",
-    "io_uring_enter": "426, 3, 1, 0, 0",
-    "io_uring_register": "427, 3, 0, 0, 0",
-    "execve": "59, b'/bin/true', 0, 0",
-    "execveat": "322, -100, b'/bin/true', 0, 0, 0",
-    "fork": "57",
-    "vfork": "58",
-    "clone with memory of its own": "56, 0x11",
-    "clone of a thread in a namespace": "56, 0x40000000 | 0x10000 | 0x900",
-    "chmod": "90, SECRET, 0o777",
-    "fchmod": "91, secret, 0o777",
-    "fchmodat": "268, -100, SECRET, 0o777",
-    "fchmodat2": "452, -100, SECRET, 0o777, 0",
-    "chown": "92, SECRET, 1, 1",
-    "fchown": "93, secret, 1, 1",
-    "lchown": "94, SECRET, 1, 1",
-    "fchownat": "260, -100, SECRET, 1, 1, 0",
-    "utime": "132, SECRET, 0",
-    "utimes": "235, SECRET, 0",
-    "futimesat": "261, -100, SECRET, 0",
-    "utimensat": "280, -100, SECRET, 0, 0",
-    "utimensat of a descriptor": "280, secret, 0, 0, 0",
-    "setxattr": "188, SECRET, b'user.a', b'x', 1, 0",
-    "fsetxattr": "190, secret, b'user.a', b'x', 1, 0",
-    "removexattr": "197, SECRET, b'user.a'",
-    "setxattrat": "463, -100, SECRET, 0, b'user.a', bytes(16), 16",
-    "file_setattr": "469, -100, SECRET, bytes(32), 32, 0",
-    "ioctl that sets flags of a file": "16, secret, 0x40086602, bytes(8)",
-    "ioctl that types into a terminal": "16, 0, 0x5412, b'x'",
-    "mknod of a disk": "133, b'disk', 0o60666, 0x800",
-    "ptrace": "101, 16, VICTIM, 0, 0",
-    "process_vm_writev": "311, VICTIM, bytes(16), 1, bytes(16), 1, 0",
-    "process_vm_readv": "310, VICTIM, bytes(16), 1, bytes(16), 1, 0",
-    "kill": "62, VICTIM, 9",
-    "kill of all": "62, -1, 0",
-    "kill of the one that asked": "62, os.getppid(), 0",
-    "tkill": "200, VICTIM, 9",
-    "tgkill": "234, VICTIM, VICTIM, 9",
-    "rt_sigqueueinfo": "129, VICTIM, 9, bytes(128)",
-    "rt_tgsigqueueinfo": "297, VICTIM, VICTIM, 9, bytes(128)",
-    "pidfd_open": "434, VICTIM, 0",
-    "pidfd_send_signal": "424, 0, 9, 0, 0",
-    "fcntl that lets files send signals": "72, 0, 8, VICTIM",
-    "prlimit64": "302, VICTIM, 7, bytes(16), 0",
-    "setpriority": "141, 0, VICTIM, 19",
-    "sched_setscheduler": "144, VICTIM, 5, bytes(8)",
-    "sched_setaffinity": "203, VICTIM, 8, b'1' + bytes(7)",
-    "prctl that outlives the parent": "157, 1, 0, 0, 0, 0",
-    "seccomp": "317, 1, 0, bytes(16)",
-    "setsid": "112",
-    "setpgid": "109, 0, 0",
-    "bpf": "321, 0, bytes(64), 64",
-    "keyctl": "250, 0, -3, 0",
-    "add_key": "248, b'user', b'a', b'x', 1, -3",
-    "mount": "165, 0, b'/mnt', 0, 0, 0",
-    "umount2": "166, b'/mnt', 0",
-    "open_tree": "428, -100, b'/', 0",
-    "move_mount": "429, 0, b'', 0, b'', 0",
-    "chroot": "161, b'/'",
-    "unshare": "272, 0x10000000",
-    "setns": "308, 0, 0",
-    "perf_event_open": "298, bytes(128), 0, -1, -1, 0",
-    "userfaultfd": "323, 0",
-    "memfd_create": "319, b'a', 0",
-    "shmget": "29, 0, 4096, 0o1600",
-    "msgget": "68, 0, 0o1600",
-    "semget": "64, 0, 1, 0o1600",
-    "mq_open": "240, b'a', 0o102, 0o600, 0",
-    "open_by_handle_at": "304, 0, bytes(16), 0",
-    "fanotify_init": "300, 0, 0",
-    "setuid": "105, 0",
-    "sethostname": "170, 0, 1",
-    "clock_settime": "227, 0, 0",
-    "splice": "275, 0, 0, 1, 0, 1, 0",
-    "reboot": "169, 0, 0, 0, 0",
-}
-"""Arguments of `syscall` of x86_64. Source: Linux, arch/x86/entry/syscalls/syscall_64.tbl."""
 LINKED = """
 def answers():
     return {name: call(*arguments) for name, arguments in CALLS.items()}
@@ -325,20 +220,21 @@ def through_libc(code):
 @needs_filter
 def test_the_kernel_refuses_calls_of_the_c_library_in_all_threads(failure, outside):
     secret = outside / "secret.yaml"
-    before = secret.stat()
+
+    def state():
+        status = secret.stat()
+        return status.st_mode, status.st_uid, status.st_mtime_ns, status.st_ctime_ns
+
+    before = state()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as heard:
         heard.bind(("127.0.0.1", 0))
         heard.setblocking(False)
         victim = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
         try:
             address = b"\x02\x00" + heard.getsockname()[1].to_bytes(2, "big") + b"\x7f\x00\x00\x01" + bytes(8)
-            named = ", ".join(f"{name!r}: ({arguments},)" for name, arguments in CALLS.items())
+            named = ", ".join(f"{name!r}: ({arguments},)" for name, arguments in TRIED["calls"].items())
             named = named.replace("ADDRESS", repr(address)).replace("VICTIM", str(victim.pid))
-            code = LINKED.replace(
-                "{NAMED}",
-                "{" + named + "}",
-            )
-            code = code.replace("SECRET", repr(os.fsencode(secret)))
+            code = LINKED.replace("{NAMED}", "{" + named + "}").replace("SECRET", repr(os.fsencode(secret)))
             assert failure(through_libc(code)) == ""
             assert victim.poll() is None
         finally:
@@ -346,33 +242,14 @@ def test_the_kernel_refuses_calls_of_the_c_library_in_all_threads(failure, outsi
         assert victim.returncode == 0
         with pytest.raises(BlockingIOError):
             heard.recv(1)
-    after = secret.stat()
-    assert (after.st_mode, after.st_uid, after.st_mtime_ns, after.st_ctime_ns) == (
-        before.st_mode, before.st_uid, before.st_mtime_ns, before.st_ctime_ns,
-    )  # fmt: skip
-
-
-FILES = {
-    "open to write": "2, SECRET, 1, 0",
-    "open to truncate": "2, SECRET, 0o1000, 0",
-    "truncate": "76, SECRET, 0",
-    "create": "2, FOLDER + b'/new', 0o101, 0o600",
-    "mkdir": "83, FOLDER + b'/new', 0o700",
-    "symlink": "88, b'/', FOLDER + b'/new'",
-    "unlink": "87, SECRET",
-    "rename": "82, SECRET, FOLDER + b'/new'",
-    "rename into the folder": "82, SECRET, b'new'",
-    "rename out of the folder": "82, b'script.py', FOLDER + b'/new'",
-    "link out of the folder": "86, b'script.py', FOLDER + b'/new'",
-    "memory of a process": "2, b'/proc/self/mem', 1, 0",
-}
+    assert state() == before
 
 
 @pytest.mark.skipif(kernel._landlock() < kernel._OLDEST, reason="the kernel has no Landlock as of Linux 6.2")
 def test_the_kernel_refuses_files_outside(failure, outside):
     secret = outside / "secret.yaml"
     before = secret.read_text()
-    named = ", ".join(f"{name!r}: ({arguments},)" for name, arguments in FILES.items())
+    named = ", ".join(f"{name!r}: ({arguments},)" for name, arguments in TRIED["files"].items())
     named = named.replace("SECRET", repr(os.fsencode(secret))).replace("FOLDER", repr(os.fsencode(outside)))
     code = "answers = {name: call(*words) for name, words in {" + named + "}.items()}\n"
     check = "wrong = {name: answer for name, answer in answers.items() if answer not in ('EACCES', 'EXDEV')}\n"

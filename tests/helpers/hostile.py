@@ -20,10 +20,16 @@ from typing import Any
 
 import h5py
 import numpy as np
+import yaml
 
 from neuro.core.hdf5 import seal
 from neuro.core.provenance import ATTRIBUTE
 from neuro_sweeps.folder import SWEEP, TUNING, Folder, sum_of
+
+ASKED = yaml.safe_load(Path(__file__).with_name("hostile.yaml").read_text("utf-8"))
+
+
+REPORT = "neuro report a.h5"
 
 NET = """\
 neuro: 1
@@ -192,121 +198,57 @@ def attacks(writer: Writer) -> list[Case]:
 
 
 def _pages(w: Writer) -> None:
-    out, run = w.outside, "neuro report a.h5"
-    code = {"net.yaml": "x", "a.h5": "x", "evil.py": "x", "minigrid.py": "x"}
+    out = str(w.outside)
     for k, option in enumerate(("--with evil.py", "--with=evil.py", "--wit=evil.py", "--w evil.py", "-with evil.py")):
-        w.page(f"page with {k}", f"{run} {option}", code)
-        w.page(f"page check with {k}", f"neuro check net.yaml {option}", code)
-    w.page("page doctor with", "neuro doctor net.yaml --html page.html --with evil.py --with=./evil.py", code)
-    w.page("page option as value", "neuro report a.h5 --chip --with=evil.py", code)
-    w.page("page after dashes", "neuro report --with=evil.py -- a.h5", code)
-    w.page("page of another program", "python evil.py", code)
-    w.page("page of a shell", f"neuro; touch {out}/CODE_RAN", code)
-    w.page("page run script", "neuro convert evil.py out.yaml --run-script", code)
-    w.page("page rerun", "neuro rerun page.html --with evil.py", code)
-    w.page("page environment", "neuro agent train evil:Env --steps 10 --out page.html", code)
-    w.page("page minigrid", "neuro agent train MiniGrid-X-v0 --steps 10 --out page.html", code)
-    w.page("page environment of the library", "neuro agent train antigravity:X --steps 1 --out page.html", code)
-    w.page("page out absolute", f"neuro report a.h5 --out {out}/new.html")
-    w.page("page out replaces", f"neuro report a.h5 --out={out}/victim.html")
-    w.page("page out upward", f"neuro report a.h5 --out {'../' * 30}{str(out)[1:]}/new.html")
-    w.page("page out of doctor", f"neuro doctor net.yaml --html {out}/new.html")
-    w.page("page out of compare", f"neuro compare net.yaml --for 5 --out {out}/new.json --html {out}/new.html")
-    w.page("page results outside", f"neuro run net.yaml --out {out}/new.h5")
-    w.page("page agent outside", f"neuro agent train CartPole-v1 --steps 10 --out {out}/new.h5")
-    w.page("page force", f"neuro events view a.dat --out {out}/victim.html --force")
-    w.page("page listen", "neuro events listen udp://127.0.0.1:9 a.dat --from spif --first-within 1ms")
-    w.page("page send", "neuro events send a.dat tcp://127.0.0.1:9")
-    w.page("page live", "neuro live net.yaml --page --for 10 --no-browser")
-    w.page("page address", "neuro report tcp://127.0.0.1:9/a.h5")
-    w.page("page stream in a network", "neuro doctor streamed.yaml --html page.html", {"streamed.yaml": "x"})
-    w.page("page stream compared", "neuro compare streamed.yaml --html page.html", {"streamed.yaml": "x"})
-    w.page("page dask", "neuro sweep run sweep.yaml --on tcp://127.0.0.1:9", {"sweep.yaml": "x"})
-    w.page("page force into an input", "neuro report a.h5 --out data/victim.html", {"a.h5": "x", str(out): "x"})
-    linked = w.page("page linked folder", "neuro report a.h5 --out data/victim.html", {"a.h5": "x", "data": "x"})
-    (linked / "data").symlink_to(out)
-    inner = w.page("page link in a folder", "neuro report a.h5 --out data/in/new.html", {"a.h5": "x", "data": "x"})
-    (inner / "data").mkdir()
-    (inner / "data" / "in").symlink_to(out)
-    w.page("page device", "neuro report a.h5", {"a.h5": "x", "/dev/zero": "x"})
-    w.page("page disk", "neuro report a.h5", {"/proc/kcore": "x", "/proc/self": "x"})
-    pipe = w.page("page pipe", "neuro report a.h5", {"a.h5": "x", "pipe": "x"})
-    os.mkfifo(pipe / "pipe")
-    settings = w.page("page settings", "neuro doctor net.yaml --html page.html", {"net.yaml": "x", "matplotlibrc": "x"})
-    (settings / "matplotlibrc").write_text("backend: module://evil\n")
-    w.page("page damaged command", ["neuro", "report"])
-    w.page("page damaged inputs", run, ["a.h5"])
-    w.page("page damaged digest", run, {"a.h5": 3})
-    w.page("page damaged folder", run, None, 3)
-    w.page("page zero byte", "neuro report a.h5\0", None)
-    w.page("page open quote", "neuro report 'a.h5")
-    w.page("page steers the terminal", "neuro \x1b]0;owned\x07 --with evil.py")
-    _asked_by_pages(w)
-    deep = w.page("page deep", run)
-    (deep / "page.html").write_text(f'<meta name="{ATTRIBUTE}" content="{"[" * 100_000}">')
-
-
-def _asked_by_pages(w: Writer) -> None:
-    """Options in other spellings, names that are no files, and inputs without an end."""
-    out = w.outside
-    code = {"net.yaml": "x", "a.h5": "x", "evil.py": "x"}
-    words = {
-        "short": "neuro report -o {out}/new.html a.h5",
-        "abbreviated": "neuro report a.h5 --ou {out}/new.html",
-        "capitals": "neuro report a.h5 --WITH evil.py",
-        "wide dashes": "neuro report a.h5 \uff0d\uff0dwith evil.py",
-        "long dash": "neuro report a.h5 \u2014with=evil.py",
-        "turned": "neuro report a.h5 \u202e--with evil.py",
-        "no break": "neuro report a.h5\u00a0--with\u00a0evil.py",
-        "line": "neuro report a.h5\n--with\nevil.py",
-        "two commands": "neuro report a.h5\nneuro check net.yaml --with evil.py",
-        "two dashes": "neuro -- report a.h5 --with evil.py",
-        "dashes twice": "neuro report -- -- --with=evil.py",
-        "before the command": "neuro --with evil.py report a.h5",
-        "completion": "neuro --install-completion",
-        "completion shown": "neuro report --show-completion",
-        "file of words": "neuro report @words.txt",
-        "shell": f"neuro report 'a.h5; touch {out}/CODE_RAN'",
-        "substitution": f"neuro report '$(touch {out}/CODE_RAN)' --out '`touch {out}/CODE_RAN`.html'",
-        "home": "neuro report a.h5 --out ~/new.html",
-        "variables": f"NEURO_CACHE={out} PYTHONPATH=. XDG_CACHE_HOME={out} neuro report a.h5",
-        "env": f"env PYTHONPATH=. neuro report a.h5 --out {out}/new.html",
-        "package": "neuro doctor net.yaml --html page.html --backend ./evil.py",
-        "chip": f"neuro report a.h5 --chip {out}/victim.txt",
-        "script": "neuro recognise compare --data . --method evil:Method --out page.html",
-        "workers": "neuro recognise compare --data . --workers 100000000 --out page.html",
-        "drone": "neuro drone compare --scenario evil.py --json page.html --steps 10",
-        "bench": f"neuro bench run --out {out}/new.json",
-        "sweep": "neuro sweep run sweep.yaml --on here",
-        "study": "neuro sweep run study.yaml --out runs",
-        "sweep with": "neuro sweep run sweep.yaml --with evil.py",
-        "tuning": f"neuro tune run tune.yaml --out {out}/tuned",
-        "update": "neuro plugins evil",
-        "new": "neuro new evil",
-    }
-    for name, command in words.items():
-        here = w.page(f"page by {name}", command, code | {"words.txt": "x", "study.yaml": "x", "sweep.yaml": "x"})
+        w.page(f"page with {k}", f"{REPORT} {option}", CODE)
+        w.page(f"page check with {k}", f"neuro check net.yaml {option}", CODE)
+    for name, command, *inputs in ASKED["pages"]:
+        w.page(f"page {name}", command.replace("{out}", out), _named(*inputs[0]) if inputs else None)
+    for name, command in ASKED["asked"].items():
+        here = w.page(f"page by {name}", command.replace("{out}", out), MORE)
         (here / "words.txt").write_text("a.h5 --with evil.py\n")
         (here / "study.yaml").write_text("study: evil:f\nparameters: {command: [ls]}\n")
-    w.page("page of many words", "neuro report a.h5 " + "x " * 300_000)
-    w.page("page of a long word", "neuro report a.h5 --out " + "x" * 1_000_000)
-    w.page("page of many values", "neuro report a.h5 " + "--with=evil.py " * 20_000)
-    w.page("page of many inputs", "neuro report a.h5", {f"inputs/{k}": "x" for k in range(20_000)})
-    w.page("page of a long folder", "neuro report a.h5", {"a.h5": "x"}, "/" + "x/" * 5000)
-    w.page("page of a folder that is none", "neuro report a.h5", {"a.h5": "x"}, "/dev/null")
-    w.page("page root as input", "neuro report a.h5", {"a.h5": "x", "/": "x"})
-    w.page("page files of the system", "neuro report a.h5", {"a.h5": "x", "/proc": "x", "/sys": "x", "/dev": "x"})
-    w.page("page memory as input", "neuro report a.h5", {"a.h5": "x", "/proc/self/mem": "x", "/dev/stdin": "x"})
-    moved = w.page("page pipe among the moved", "neuro report a.h5", {"a.h5": "x", "lost": "x"})
+    w.page("page out upward", f"{REPORT} --out {'../' * 30}{out[1:]}/new.html")
+    w.page("page force into an input", f"{REPORT} --out data/victim.html", _named("a.h5", out))
+    (w.page("page linked folder", f"{REPORT} --out data/victim.html", _named("a.h5", "data")) / "data").symlink_to(out)
+    inner = w.page("page link in a folder", f"{REPORT} --out data/in/new.html", _named("a.h5", "data"))
+    (inner / "data").mkdir()
+    (inner / "data" / "in").symlink_to(out)
+    os.mkfifo(w.page("page pipe", REPORT, _named("a.h5", "pipe")) / "pipe")
+    settings = w.page("page settings", "neuro doctor net.yaml --html page.html", _named("net.yaml", "matplotlibrc"))
+    (settings / "matplotlibrc").write_text("backend: module://evil\n")
+    w.page("page damaged command", ["neuro", "report"])
+    for name, more in (("inputs", (["a.h5"],)), ("digest", ({"a.h5": 3},)), ("folder", (None, 3))):
+        w.page(f"page damaged {name}", REPORT, *more)
+    w.page("page zero byte", f"{REPORT}\0")
+    for name, words in (("words", "x " * 300_000), ("values", "--with=evil.py " * 20_000)):
+        w.page(f"page of many {name}", f"{REPORT} {words}")
+    w.page("page of a long word", f"{REPORT} --out {'x' * 1_000_000}")
+    w.page("page of many inputs", REPORT, _named(*(f"inputs/{k}" for k in range(20_000))))
+    w.page("page of a long folder", REPORT, _named("a.h5"), "/" + "x/" * 5000)
+    w.page("page of a folder that is none", REPORT, _named("a.h5"), "/dev/null")
+    moved = w.page("page pipe among the moved", REPORT, _named("a.h5", "lost"))
     os.mkfifo(moved / "pipe")
     w.add("page pipe among the moved", "page", moved, "rerun page.html --moved-to .")
-    loop = w.page("page loop of links", "neuro report a.h5", {"a.h5": "x", "loop": "x", "around": "x"})
+    loop = w.page("page loop of links", REPORT, _named("a.h5", "loop", "around"))
     (loop / "loop").symlink_to("loop")
     (loop / "around").mkdir()
     (loop / "around" / "up").symlink_to(".")
-    sparse = w.page("page larger than the disk", "neuro report a.h5", {"a.h5": "x", "sparse": "x"})
-    with (sparse / "sparse").open("wb") as file:
+    with (w.page("page larger than the disk", REPORT, _named("a.h5", "sparse")) / "sparse").open("wb") as file:
         file.truncate(2**43)
+    deep = w.page("page deep", REPORT)
+    (deep / "page.html").write_text(f'<meta name="{ATTRIBUTE}" content="{"[" * 100_000}">')
+
+
+def _named(*files: str) -> dict[str, str]:
+    """Inputs of a record."""
+    return dict.fromkeys(files, "x")
+
+
+CODE = _named("net.yaml", "a.h5", "evil.py", "minigrid.py")
+
+
+MORE = CODE | _named("words.txt", "study.yaml", "sweep.yaml")
 
 
 def _described(text: str, files: dict[str, str] | None = None, **record: Any) -> Callable[[Any], None]:
@@ -325,95 +267,85 @@ def _described(text: str, files: dict[str, str] | None = None, **record: Any) ->
 
 def _results(w: Writer) -> None:
     reads = ("rerun a.h5", "plot a.h5", "report a.h5 --out new.html")
+
+    def results(name: str, edit: Callable[[Any], object]) -> None:
+        w.edited(f"results {name}", "results", "a.h5", edit, *reads)
+
     plays = STREAMED.replace('stream: "tcp://127.0.0.1:9", sensor: [9, 7]', "file: FILE")
-    outside = os.path.relpath(w.outside, "/")
-    w.edited("results tag", "results", "a.h5", _described("!!python/object/apply:os.system [ls]"), *reads)
-    w.edited("results stream", "results", "a.h5", _described(STREAMED), *reads)
-    hidden = _described("neuro: 1\ninclude: [b.yaml]\n", {"b.yaml": STREAMED.replace("neuro: 1\n", "")})
-    w.edited("results included stream", "results", "a.h5", hidden, *reads)
-    w.edited("results plays outside", "results", "a.h5", _described(plays.replace("FILE", "/etc/passwd")), *reads)
-    upward = f"{'../' * 12}{outside}/new.dat"
-    source = {f"{w.base}/{upward}": "x", f"/{upward}": "x"}
-    w.edited(
-        "results copies outside", "results", "a.h5", _described(plays.replace("FILE", upward), inputs=source), *reads
-    )
-    w.edited("results names a table", "results", "a.h5", lambda f: f.attrs.modify("backend", "evil.yaml"), *reads)
-    w.edited("results backend", "results", "a.h5", lambda f: f.attrs.modify("backend", "evil:backend"), *reads)
-
-    w.edited("results file is a group", "results", "a.h5", lambda f: f.require_group("network_files/x.py"), *reads)
-    w.edited(
-        "results link outside",
-        "results",
-        "a.h5",
-        lambda f: f.__setitem__("network_files/b.yaml", h5py.ExternalLink(str(w.outside / "victim.html"), "/")),
-        *reads,
-    )
-
-    yaml = {f"{k}.yaml": f"include: [{k + 1}.yaml]\n" for k in range(1, 2000)} | {"2000.yaml": "include: [1.yaml]\n"}
-    included = _described("neuro: 1\ninclude: [1.yaml]\n", yaml)
-    w.edited("results include each other", "results", "a.h5", included, *reads)
+    results("tag", _described("!!python/object/apply:os.system [ls]"))
+    results("stream", _described(STREAMED))
+    hidden = {"b.yaml": STREAMED.replace("neuro: 1\n", "")}
+    results("included stream", _described("neuro: 1\ninclude: [b.yaml]\n", hidden))
+    results("plays outside", _described(plays.replace("FILE", "/etc/passwd")))
+    upward = f"{'../' * 12}{os.path.relpath(w.outside, '/')}/new.dat"
+    source = _named(f"{w.base}/{upward}", f"/{upward}")
+    results("copies outside", _described(plays.replace("FILE", upward), inputs=source))
+    attributes = {
+        "names a table": ("backend", "evil.yaml"),
+        "backend": ("backend", "evil:backend"),
+        "record": (ATTRIBUTE, "[1]"),
+        "many threads": ("threads", -3),
+    }
+    for name, words in attributes.items():
+        results(name, lambda f, words=words: f.attrs.modify(*words))
+    results("file is a group", lambda f: f.require_group("network_files/x.py"))
+    link = h5py.ExternalLink(str(w.outside / "victim.html"), "/")
+    results("link outside", lambda f: f.__setitem__("network_files/b.yaml", link))
+    circle = {f"{k}.yaml": f"include: [{k + 1}.yaml]\n" for k in range(1, 2000)} | {"2000.yaml": "include: [1.yaml]\n"}
+    results("include each other", _described("neuro: 1\ninclude: [1.yaml]\n", circle))
     for name, path, edit in _links(w):
-        w.edited(f"results {name}", "results", "a.h5", lambda f, p=path, e=edit: e(f, p), *reads)
+        results(name, lambda f, p=path, e=edit: e(f, p))
 
     def huge(opened: Any) -> None:
         del opened["populations/exc"]
-        group = opened.create_group("populations/exc")
-        group.create_dataset("steps", (2**48,), "i8", chunks=(1024,))
+        opened.create_group("populations/exc").create_dataset("steps", (2**48,), "i8", chunks=(1024,))
 
-    w.edited("results huge", "results", "a.h5", huge, *reads)
-    w.edited("results record", "results", "a.h5", lambda f: f.attrs.modify(ATTRIBUTE, "[1]"), *reads)
-    w.edited("results many threads", "results", "a.h5", lambda f: f.attrs.modify("threads", -3), *reads)
+    results("huge", huge)
     names = NET.replace("exc:", '"<script>alert(1)</script>":').replace("exc,", '"<script>alert(1)</script>",')
-    w.edited("results script in a name", "results", "a.h5", _described(names), *reads)
+    results("script in a name", _described(names))
 
 
 def _links(w: Writer, *paths: str) -> list[tuple[str, str, Callable[[Any, str], None]]]:
     """Links to other files, in the place of arrays and groups; each with its name and place."""
-    passwords, pipe = w.outside / "victim.txt", w.place / "pipe"
+    secret, pipe = str(w.outside / "victim.txt"), w.place / "pipe"
     if not pipe.exists():
         os.mkfifo(pipe)
 
     def link(target: Any) -> Callable[[Any, str], None]:
-        def edit(opened: Any, path: str) -> None:
-            opened.pop(path, None)
-            opened[path] = target
+        return lambda opened, path: opened.__setitem__(path, target)
 
-        return edit
+    def array(*args: Any, **words: Any) -> Callable[[Any, str], None]:
+        return lambda opened, path: opened.create_dataset(path, *args, **words)
 
     def virtual(opened: Any, path: str) -> None:
         """An array whose numbers are in a pipe, that nobody writes into."""
-        opened.pop(path, None)
         layout = h5py.VirtualLayout(shape=(10,), dtype="i8")
         layout[:] = h5py.VirtualSource(str(pipe), "x", shape=(10,))
         opened.create_virtual_dataset(path, layout)
 
-    def outside(opened: Any, path: str) -> None:
-        """An array whose bytes are those of any file."""
-        opened.pop(path, None)
-        opened.create_dataset(path, (4,), "u1", external=[(str(passwords), 0, 4)])
-
     def objects(opened: Any, path: str) -> None:
-        opened.pop(path, None)
         opened.create_dataset(path, (1,), h5py.ref_dtype)[0] = opened.ref
 
-    def bomb(opened: Any, path: str) -> None:
-        """A petabyte of zeros, packed."""
-        opened.pop(path, None)
-        opened.create_dataset(path, (2**47,), "i8", chunks=(2**20,), compression="gzip")
+    def instead(edit: Callable[[Any, str], None]) -> Callable[[Any, str], None]:
+        def edited(opened: Any, path: str) -> None:
+            opened.pop(path, None)
+            edit(opened, path)
+
+        return edited
 
     edits = {
         "soft link in a ring": link(h5py.SoftLink("/")),
         "soft link to nothing": link(h5py.SoftLink("/nothing")),
-        "external link": link(h5py.ExternalLink(str(passwords), "/")),
+        "external link": link(h5py.ExternalLink(secret, "/")),
         "external link to a pipe": link(h5py.ExternalLink(str(pipe), "/x")),
         "external link to a device": link(h5py.ExternalLink("/dev/zero", "/x")),
         "virtual array of a pipe": virtual,
-        "array of another file": outside,
+        "array of another file": array((4,), "u1", external=[(secret, 0, 4)]),
         "references": objects,
-        "bomb": bomb,
+        "bomb of a petabyte of zeros": array((2**47,), "i8", chunks=(2**20,), compression="gzip"),
     }
     places = paths or ("network", "populations/exc", "populations/exc/steps", "network_files")
-    return [(f"{name} at {path}", path, edit) for name, edit in edits.items() for path in places]
+    return [(f"{name} at {path}", path, instead(edit)) for name, edit in edits.items() for path in places]
 
 
 def _states(w: Writer) -> None:
@@ -446,29 +378,24 @@ def _pickled(w: Writer) -> str:
 
 def _models(w: Writer) -> None:
     agent = ("agent test agent.h5 --episodes 1", "agent watch agent.h5 --out new.html", "rerun agent.h5")
+    drone = ("drone energy fly.h5", "rerun fly.h5")
+
+    def model(name: str, edit: Callable[[Any], object], *commands: str) -> None:
+        w.edited(name, "model", "agent.h5" if name.startswith("agent") else "fly.h5", edit, *commands)
+
     for k, world in enumerate(("evil:Env", "antigravity:X", "MiniGrid-X-v0", "os:system", "a.b:C", "minigrid:X")):
         text = json.dumps(world)
-        w.edited(
-            f"agent environment {k}", "model", "agent.h5", lambda f, t=text: f.attrs.modify("environment", t), *agent
-        )
+        model(f"agent environment {k}", lambda f, text=text: f.attrs.modify("environment", text), *agent)
     for name, path, edit in _links(w, "learnt", "learnt/value"):
-        w.edited(f"agent {name}", "model", "agent.h5", lambda f, p=path, e=edit: e(f, p), agent[0])
+        model(f"agent {name}", lambda f, p=path, e=edit: e(f, p), agent[0])
     for name, path, edit in _links(w, "network/network.yaml", "learnt/cells_motors"):
-        w.edited(f"drone {name}", "model", "fly.h5", lambda f, p=path, e=edit: e(f, p), "drone energy fly.h5")
-    trains = "neuro agent train evil:Env --out agent.h5 --steps 10"
-    w.edited("agent command", "model", "agent.h5", lambda f: _command(f, trains), *agent)
-    outside = f"neuro agent train CartPole-v1 --steps 10 --out {w.outside}/new.h5"
-    w.edited("agent outside", "model", "agent.h5", lambda f: _command(f, outside), "rerun agent.h5")
-    drone = ("drone energy fly.h5", "rerun fly.h5")
-    w.edited("drone with", "model", "fly.h5", lambda f: _command(f, "neuro drone train --with evil.py"), *drone)
-    w.edited(
-        "drone outside",
-        "model",
-        "fly.h5",
-        lambda f: _command(f, f"neuro drone train --steps 40 --out {w.outside}/new.h5"),
-        "rerun fly.h5",
-    )
-    w.edited("drone controller", "model", "fly.h5", lambda f: f.attrs.modify("controller", "evil:Controller"), *drone)
+        model(f"drone {name}", lambda f, p=path, e=edit: e(f, p), drone[0])
+    model("agent command", lambda f: _command(f, "neuro agent train evil:Env --out agent.h5 --steps 10"), *agent)
+    outside = f"--out {w.outside}/new.h5"
+    model("agent outside", lambda f: _command(f, f"neuro agent train CartPole-v1 --steps 10 {outside}"), agent[2])
+    model("drone with", lambda f: _command(f, "neuro drone train --with evil.py"), *drone)
+    model("drone outside", lambda f: _command(f, f"neuro drone train --steps 40 {outside}"), drone[1])
+    model("drone controller", lambda f: f.attrs.modify("controller", "evil:Controller"), *drone)
     ppo = w.folder("model of pickles")
     (ppo / "fly.h5").write_bytes(_pickled(w).encode())
     more = ("drone test fly.h5", "drone watch fly.h5", "recognise test fly.h5 --data .", "agent test fly.h5")
@@ -485,53 +412,45 @@ def _function(w: Writer, name: str, module: str, file: str = "") -> Callable[[di
 
 
 def _sweeps(w: Writer) -> None:
-    reads = (
-        "rerun KEY",
-        "sweep status runs",
-        "sweep table runs",
-        "sweep page runs",
-        "sweep plot runs",
-        "sweep run sweep.yaml --out runs --workers 1 --retry-failed",
-    )
+    goes_on = "sweep run sweep.yaml --out runs --workers 1", "tune run tune.yaml --out tuned --workers 1"
+    reads = ("rerun KEY", *(f"sweep {word} runs" for word in ("status", "table", "page", "plot")))
     tuned = (
         "rerun KEY",
-        "tune status tuned",
-        "tune table tuned",
-        "tune page tuned",
+        *(f"tune {word} tuned" for word in ("status", "table", "page")),
         "tune test tuned --workers 1",
-        "tune run tune.yaml --out tuned --workers 1 --retry-failed",
     )
+    reads, tuned = (*reads, f"{goes_on[0]} --retry-failed"), (*tuned, f"{goes_on[1]} --retry-failed")
     kinds = [("system", "posix", ""), ("system", "os", ""), ("f", "evil", ""), ("f", "__main__", "evil.py")]
-    for k, (name, module, file) in enumerate(kinds):
-        w.swept(f"sweep function {k}", "runs", _function(w, name, module, file), *reads)
-        w.swept(f"tuning function {k}", "tuned", _function(w, name, module, file), *tuned)
-    w.swept("sweep with", "runs", lambda c: c.update({"with": {"evil.py": "x"}}), *reads)
-    w.swept("tuning with", "tuned", lambda c: c.update({"with": {"evil.py": "x"}}), *tuned)
+    for k, kind in enumerate(kinds):
+        w.swept(f"sweep function {k}", "runs", _function(w, *kind), *reads)
+        w.swept(f"tuning function {k}", "tuned", _function(w, *kind), *tuned)
+    evil = {"with": {"evil.py": "x"}}
+    w.swept("sweep with", "runs", lambda c: c.update(evil), *reads)
+    w.swept("tuning with", "tuned", lambda c: c.update(evil), *tuned)
     w.swept("sweep of nothing", "runs", lambda c: c.update(what={"kind": "evil"}), *reads)
     w.swept("sweep backend", "runs", lambda c: c["what"].update(backend="evil:backend"), *reads)
-    w.swept("sweep unlike", "runs", lambda c: c.update(what=[1]), "rerun KEY")
-    here = w.swept("sweep forgotten runs", "runs", lambda c: c.update({"with": {"evil.py": "x"}}))
+    w.swept("sweep unlike", "runs", lambda c: c.update(what=[1]), reads[0])
+    here = w.swept("sweep forgotten runs", "runs", lambda c: c.update(evil))
     for each in sorted((here / "runs" / "runs").iterdir()):
         shutil.rmtree(each)
-    w.add("sweep forgotten runs", "sweep", here, "sweep run sweep.yaml --out runs --workers 1")
+    w.add("sweep forgotten runs", "sweep", here, goes_on[0])
     here = w.swept("tuning forgotten", "tuned", _function(w, "system", "posix"))
     for each in sorted((here / "tuned" / "runs").iterdir()):
         shutil.rmtree(each)
     (here / "tuned" / "journal.log").unlink()
-    w.add("tuning forgotten", "sweep", here, "tune run tune.yaml --out tuned --workers 1")
-    here = w.swept("sweep page of a link", "runs", lambda c: None)
-    (here / "runs" / "sweep.html").unlink()
-    (here / "runs" / "sweep.html").symlink_to(w.outside / "victim.txt")
-    w.add("sweep page of a link", "sweep", here, "sweep page runs")
+    w.add("tuning forgotten", "sweep", here, goes_on[1])
+
+    def linked(name: str, path: str, target: Path, kind: str, command: str) -> None:
+        """A link in the place of a part of a folder."""
+        here = w.swept(name, path.partition("/")[0], lambda c: None)
+        shutil.rmtree(here / path) if (here / path).is_dir() else (here / path).unlink()
+        (here / path).symlink_to(target)
+        w.add(name, kind, here, command)
+
+    linked("sweep page of a link", "runs/sweep.html", w.outside / "victim.txt", "sweep", "sweep page runs")
     for name in ("runs", "claims"):
-        here = w.swept(f"sweep link of {name}", "runs", lambda c: None)
-        shutil.rmtree(here / "runs" / name)
-        (here / "runs" / name).symlink_to(w.outside)
-        w.add(f"sweep link of {name}", "sweep", here, "sweep run sweep.yaml --out runs --workers 1")
-    here = w.swept("tuning link of its journal", "tuned", lambda c: None)
-    (here / "tuned" / "journal.log").unlink()
-    (here / "tuned" / "journal.log").symlink_to(w.outside / "empty.txt")
-    w.add("tuning link of its journal", "journal", here, "tune run tune.yaml --out tuned --workers 1")
+        linked(f"sweep link of {name}", f"runs/{name}", w.outside, "sweep", goes_on[0])
+    linked("tuning link of its journal", "tuned/journal.log", w.outside / "empty.txt", "journal", goes_on[1])
     here = w.swept("sweep study", "runs", lambda c: None)
     (here / "sweep.yaml").write_text("study: evil:f\nparameters: {command: [ls]}\n")
     w.add("sweep study", "sweep", here, "sweep run sweep.yaml --out new")

@@ -10,9 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import neuro as snn
 from neuro.events import Dataset, Events, recordings, save
+from refused import refused
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 NETWORK = """\
@@ -73,11 +75,8 @@ def test_labels_give_accuracy_and_backends_equal_decisions_and_joules(run):
     status, out, err = run("named.yaml", "data", "--labels", "--backends", "event,reference,loihi,spinnaker", "--json")
     assert (status, err) == (0, "")
     told = json.loads(out)
-    assert (told["format"], told["network"], told["readout"]["classes"]) == (
-        "neuro predictions 1",
-        "halves",
-        ["left", "right"],
-    )
+    heading = told["format"], told["network"], told["readout"]["classes"]
+    assert heading == ("neuro predictions 1", "halves", ["left", "right"])
     for name, one in told["backends"].items():
         assert (one["accuracy"], one["n"], one["equal_decisions"], one["silent"]) == (1.0, 6, 1.0, 0)
         assert (one["energy"] is not None) == (name in ("loihi", "spinnaker"))
@@ -88,10 +87,10 @@ def test_labels_give_accuracy_and_backends_equal_decisions_and_joules(run):
     decided = told["recordings"][0]["decided"]
     assert decided["event"] == decided["reference"]
     assert decided["event"]["spikes"] == sum(decided["event"]["scores"].values())
-    status, out, _ = run("named.yaml", "data", "--labels", "--backends", "event,loihi")
-    assert ["left", "3", ".", "."] in cells(out)
-    assert cells(out)[-1][0] == "loihi"
-    assert ["event", "6", "6", "100.0%"] in [row[:4] for row in cells(out)]
+    rows = cells(run("named.yaml", "data", "--labels", "--backends", "event,loihi").out)
+    assert ["left", "3", ".", "."] in rows
+    assert rows[-1][0] == "loihi"
+    assert ["event", "6", "6", "100.0%"] in [row[:4] for row in rows]
 
 
 def test_a_zip_a_data_set_and_single_files_are_the_same_recordings(run, tmp_path):
@@ -99,16 +98,13 @@ def test_a_zip_a_data_set_and_single_files_are_the_same_recordings(run, tmp_path
         for path in sorted(Path("data").rglob("*.npz")):
             packed.write(path, path.relative_to("data"))
     Dataset("data").to_hdf5("data.h5", jobs=1)
-    found = []
-    for data in (["data"], ["data.zip"], ["data.h5"], sorted(Path("data").rglob("*.npz")), ["data/left", "data/right"]):
-        if data == ["data/left", "data/right"]:  # no class folders: the hint leads on
-            assert run("named.yaml", *data)[0] == 2
-            continue
+    answers = []
+    for data in (["data"], ["data.zip"], ["data.h5"], sorted(Path("data").rglob("*.npz"))):
         status, out, _ = run("named.yaml", *data, "--labels", "--json")
         assert status == 0
-        told = json.loads(out)["recordings"]
-        found.append([(each["label"], each["decided"]) for each in told])
-    assert all(each == found[0] for each in found)
+        answers.append([(each["label"], each["decided"]) for each in json.loads(out)["recordings"]])
+    assert all(each == answers[0] for each in answers)
+    assert run("named.yaml", "data/left", "data/right")[0] == 2  # no class folders
 
 
 def test_the_decision_is_the_one_that_a_simulation_shows(run):
@@ -161,25 +157,19 @@ def test_equal_counts_silence_and_equal_potentials():
     assert by_potential(np.array([[0.0, 2.0], [1.0, -2.0]]))[0] == 0
 
 
-def test_what_is_no_recording_is_refused_in_python():
+def test_what_is_no_recording_is_refused_in_python(messages):
     net = snn.Network("one", resolution=1.0)
     net.population("pixels", (2, 6, 8), snn.spike_generator(spike_times=[]))
     net.population("out", 2, snn.iaf_psc_delta())
     net.connect("pixels", "out", snn.all_to_all())
-    for found, message in (
-        ("Test.zip", "recordings: found 'T': expected recordings, or the events of each"),
-        ([], "found no recording: expected at least one to ask about"),
-    ):
-        with pytest.raises(snn.ModelError, match=message):
-            snn.predict(net, found)
-    with pytest.raises(snn.ModelError, match=r"predict: found 'net\.yaml': expected a Network"):
-        snn.predict("net.yaml", [events("left")])
-    with pytest.raises(snn.ModelError, match="labels: found 1 for 2 recordings: expected one for each"):
-        snn.predict(net, [events("left")] * 2, labels=["0"])
-    with pytest.raises(snn.ModelError, match=r"readout.window = \[3\]: expected centred, or \[column, row\]"):
-        net.readout(input="pixels", output="out", window=[3])
-    with pytest.raises(snn.ModelError, match="readout: unknown population 'ot'"):
-        net.readout(input="pixels", output="ot")
+    one = [events("left")]
+    messages(
+        {repr(data): refused(snn.predict, net, data) for data in ("Test.zip", [])}
+        | {"no network": refused(snn.predict, "net.yaml", one)}
+        | {"labels": refused(snn.predict, net, one * 2, labels=["0"])}
+        | {"window": refused(net.readout, input="pixels", output="out", window=[3])}
+        | {"output": refused(net.readout, input="pixels", output="ot")}
+    )
 
 
 def test_no_recording_teaches_the_network_for_the_next(tmp_path):
@@ -220,89 +210,31 @@ def test_a_picture_is_drawn(run):
     assert run("named.yaml", "data", "--decide", "potential", "--picture", "out.svg")[0] == 0
 
 
-MISTAKES = {
-    "net.yaml data --input pixls": "unknown population for --input 'pixls'\n  hint: did you mean 'pixels'?",
-    "net.yaml data --output ot": "unknown population for --output 'ot'\n  hint: did you mean 'out'?",
-    "net.yaml data --input hidden": (
-        "--input hidden: found iaf_psc_delta: expected a spike_generator, whose spikes recordings are"
-    ),
-    "net.yaml data --output pixels": "--output pixels: found spike_generator: expected neurons",
-    "net.yaml data --decide most": (
-        "readout.decide = 'most': expected one of counts, potential, first\n  hint: known: counts, first, potential"
-    ),
-    "net.yaml data --classes a,b,c": (
-        "--output out: 2 neurons and the classes a, b, c: expected as many different names as neurons"
-    ),
-    "net.yaml data --for 0.5": (
-        "--for = 0.5 ms: expected a multiple of the resolution, 1 ms\n  hint: the nearest is 1 ms"
-    ),
-    "net.yaml data --backends evnt": "unknown backend 'evnt'\n  hint: did you mean 'event'?",
-    "net.yaml data --backends event,event": (
-        "Invalid value for '--backends': 'event,event': expected names with commas between them, each once\n"
-        "  hint: see 'neuro predict --help'"
-    ),
-    "net.yaml nope": "nope: no such folder, zip or HDF5 file",
-    "net.yaml empty": (
-        "empty: no recordings, expected class folders with event files such as 3/00017.bin; 'neuro events formats' "
-        "lists the endings"
-    ),
-    "net.yaml large.npz": (
-        "large.npz: found 64x6 px: expected 8x6 px, as --input pixels has the shape [2, 6, 8]\n"
-        "  hint: in its file 'readout: {..., window: centred}' shows a part of the sensor, 'scale: 2' joins pixels"
-    ),
-    "named.yaml data/left/0.npz large.npz --labels": (
-        "large.npz: found 64x6 px: expected 8x6 px, as --input pixels has the shape [2, 6, 8]\n"
-        "  hint: in its file 'readout: {..., window: centred}' shows a part of the sensor, 'scale: 2' joins pixels"
-    ),
-    "named.yaml data/left/0.npz up/1.npz --labels": (
-        "the class 'up' is none of --output out: expected left, right\n"
-        "  hint: --classes A,B,... names its neurons in their order"
-    ),
-    "named.yaml data --picture out.txt": "out.txt: expected a name ending in .png, .pdf, .svg",
-    "named.yaml data --picture net.yaml": "net.yaml: expected a name ending in .png, .pdf, .svg",
-    "model.h5 data/left/0.npz": (
-        "model.h5: is an HDF5 file: expected a network as YAML\n"
-        "  hint: a recogniser is asked by: neuro recognise predict model.h5 data/left/0.npz"
-    ),
-    "cnn.nir data": (
-        "cnn.nir: is a graph of NIR: expected a network as YAML\n"
-        "  hint: neuro convert cnn.nir cnn.yaml --resolution 1 makes one"
-    ),
-    "apart.yaml data --output out": "no projection leads from --input pixels to --output out: expected a way",
-    "two.yaml data": (
-        "--input is not given: expected just one spike_generator among 'pixels', 'more', 'hidden', 'out'\n"
-        "  hint: --input NAME takes one of them"
-    ),
-    "flat.yaml data": (
-        "--input pixels: shape [96]: expected [2, rows, columns], OFF then ON, or [rows, columns]\n"
-        "  hint: another shape of as many neurons in its file keeps their numbers"
-    ),
-    "quiet.yaml data --decide counts": (
-        "--decide counts: the neurons of 'out' never fire: expected potential\n"
-        "  hint: --decide potential takes the highest mean V_m"
-    ),
-}
+MISTAKES = yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text("utf-8"))
 
 
-@pytest.mark.parametrize("words", MISTAKES)
-def test_mistakes(run, tmp_path, words):
-    Path("empty").mkdir()
-    wide = events("left", width=64)
-    save(wide, tmp_path / "large.npz")
-    Path("up").mkdir()
+def test_mistakes(run, tmp_path, messages):
+    save(events("left", width=64), tmp_path / "large.npz")
+    for name in ("empty", "up"):
+        Path(name).mkdir()
     save(events("left"), tmp_path / "up" / "1.npz")
-    Path("model.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(500))
-    Path("cnn.nir").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(500))
-    Path("apart.yaml").write_text("".join(line for line in NETWORK.splitlines(True) if "hidden_out" not in line))
-    Path("two.yaml").write_text(
-        NETWORK.replace("  hidden: {", "  more: {model: spike_generator, shape: 3}\n  hidden: {")
-    )
+    for name in ("model.h5", "cnn.nir"):
+        Path(name).write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(500))
     flat = NETWORK.replace("shape: [2, 6, 8]", "shape: 96").replace('":, :, 0:4"', '"0:4"')
-    Path("flat.yaml").write_text(flat.replace('":, :, 4:8"', '"4:8"'))
-    Path("quiet.yaml").write_text(NETWORK.replace("V_th: 1.0}}, shape: 2}\nproj", "V_th: 1e30}}, shape: 2}\nproj"))
+    more = "  more: {model: spike_generator, shape: 3}\n  hidden: {"
+    networks = {
+        "apart": "".join(line for line in NETWORK.splitlines(True) if "hidden_out" not in line),
+        "two": NETWORK.replace("  hidden: {", more),
+        "flat": flat.replace('":, :, 4:8"', '"4:8"'),
+        "quiet": NETWORK.replace("V_th: 1.0}}, shape: 2}\nproj", "V_th: 1e30}}, shape: 2}\nproj"),
+    }
+    for name, text in networks.items():
+        Path(f"{name}.yaml").write_text(text)
     before = sorted(Path().rglob("*"))
-    assert run(*words.split()) == (2, "", f"error: {MISTAKES[words]}\n")
+    answers = {words: run(*words.split()) for words in MISTAKES}
+    assert {answer[:2] for answer in answers.values()} == {(2, "")}
     assert sorted(Path().rglob("*")) == before
+    messages({words: err for words, (_, _, err) in answers.items()})
 
 
 def test_an_output_of_nir_that_never_fires_decides_by_potential(tmp_path):

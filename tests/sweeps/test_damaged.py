@@ -12,6 +12,7 @@ import neuro
 from neuro_sweeps.folder import LEASE_S, Claims, Folder, alive, machine
 from neuro_sweeps.pictures import pictures, search_pictures
 from neuro_sweeps.table import table_of
+from refused import refused
 
 SWEEP = "study: twice\nparameters: {x: [1, 2, 3]}\nseeds: 1\n"
 TUNE = "study: twice\nparameters: {x: {from: 0, to: 4}}\nobjectives: {value: max}\ntrials: 4\n"
@@ -87,20 +88,18 @@ NOBODYS = {
 }
 
 
-@pytest.mark.parametrize(("content", "touched"), NOBODYS.values(), ids=NOBODYS)
-def test_a_claim_of_nobody_is_taken_over(made, told, content, touched):
+def test_a_claim_of_nobody_is_taken_over(made, told):
     key = table_of("runs").keys[1]
-    shutil.rmtree(made / "runs" / "runs" / key)
-    claim(made / "runs" / "claims" / key, content, touched)
-    assert "2 done, 0 failed, 0 under way, 1 left" in told("sweep", "status", "runs")
-    assert "3 done, 0 failed, 0 left" in told(*RUN)
-    assert not (made / "runs" / "claims" / key).exists()
+    for name, (content, touched) in NOBODYS.items():
+        shutil.rmtree(made / "runs" / "runs" / key)
+        claim(made / "runs" / "claims" / key, content, touched)
+        assert "2 done, 0 failed, 0 under way, 1 left" in told("sweep", "status", "runs"), name
+        assert "3 done, 0 failed, 0 left" in told(*RUN), name
+        assert not (made / "runs" / "claims" / key).exists(), name
 
 
 def test_a_claim_with_another_value_in_any_place_is_nobodys(tmp_path):
-    changed = [
-        {**HERE, word: value} for word in HERE for value in WRONG if not (word == "machine" and value in ("x", ""))
-    ]
+    changed = [{**HERE, word: value} for word in HERE for value in WRONG if (word, value) not in OF_MACHINES]
     for content in (*changed, *({w: v for w, v in HERE.items() if w != word} for word in HERE)):
         claim(tmp_path / "claim", content, -2.0)
         assert not alive(tmp_path / "claim")
@@ -174,55 +173,37 @@ def test_a_damaged_run_is_not_there(made):
     assert table_of("runs").csv() == before
 
 
-@pytest.mark.parametrize("command", ["sweep", "tune"])
-def test_a_damaged_file_of_a_folder_is_told(made, told, command):
-    if command == "tune":
-        pytest.importorskip("optuna", reason="the extra tune is not installed")
-        told("tune", "run", "tune.yaml", "--on", "here", "--with", "my_study.py")
-    out = {"sweep": "runs", "tune": "tuned"}[command]
-    path, read = made / out / f"{command}.json", {"sweep": table_of, "tune": neuro.tuned}[command]
-    for content in damages(path.read_bytes()):
-        path.write_bytes(content)
-        with pytest.raises(neuro.ModelError, match=rf"^{out}/{command}\.json: "):
-            read(out)
-    for words in (
-        ("status", out),
-        ("table", out),
-        ("page", out),
-        ("plot", out),
-        ("run", f"{command}.yaml", "--out", out),
-    ):
-        assert told(command, *words, status=(2,)).startswith(f"error: {out}/{command}.json: ")
+def test_a_damaged_file_of_a_folder_is_told(searched, told):
+    for command, out, read in (("sweep", "runs", table_of), ("tune", "tuned", neuro.tuned)):
+        path = searched.parent / out / f"{command}.json"
+        for content in damages(path.read_bytes()):
+            path.write_bytes(content)
+            assert refused(read, out).startswith(f"{out}/{command}.json: ")
+        reads = [(word, out) for word in ("status", "table", "page", "plot")]
+        for words in (*reads, ("run", f"{command}.yaml", "--out", out)):
+            assert told(command, *words, status=(2,)).startswith(f"error: {out}/{command}.json: ")
 
 
-def test_a_line_of_a_journal_in_another_place_is_told(searched, told):
+def test_a_line_of_a_journal_that_is_damaged_is_told(searched, told):
     """Missing, doubled, or behind the one that followed it: the first line that does not follow is named."""
     path = searched / "journal.log"
     lines = path.read_bytes().splitlines(keepends=True)
+
+    def damaged(changed):
+        path.write_bytes(b"".join(changed))
+        error = refused(neuro.tuned(searched).rows)
+        assert "damaged: expected what 'neuro tune" in error
+        return int(error.removeprefix("tuned/journal.log: line ").partition(":")[0])
+
     for k, line in enumerate(lines[:-1]):
-        for changed, number in (
-            (lines[:k] + lines[k + 1 :], k + 1),
-            (lines[: k + 1] + lines[k:], k + 2),
-            ([*lines[:k], lines[k + 1], line, *lines[k + 2 :]], k + 1),
-        ):
-            path.write_bytes(b"".join(changed))
-            with pytest.raises(neuro.ModelError) as error:
-                neuro.tuned(searched).rows()
-            assert error.value.message.startswith(
-                f"tuned/journal.log: line {number}: damaged: expected what 'neuro tune"
-            )
+        assert damaged(lines[:k] + lines[k + 1 :]) == k + 1
+        assert damaged(lines[: k + 1] + lines[k:]) == k + 2
+        assert damaged([*lines[:k], lines[k + 1], line, *lines[k + 2 :]]) == k + 1
+    for content in damages(lines[2]):
+        assert damaged([*lines[:2], content + b"\n", *lines[3:]]) in (3, 4)
     path.write_bytes(b"".join(lines[:2] + lines[3:]))
     for words in (*((word, "tuned") for word in ("status", "table", "page", "plot")), ("run", "tune.yaml")):
         assert told("tune", *words, status=(2,)).startswith("error: tuned/journal.log: line 3: damaged: ")
-
-
-def test_a_line_of_a_journal_with_another_value_is_told(searched):
-    path = searched / "journal.log"
-    lines = path.read_bytes().splitlines(keepends=True)
-    for content in damages(lines[2]):
-        path.write_bytes(b"".join(lines[:2]) + content + b"\n" + b"".join(lines[3:]))
-        with pytest.raises(neuro.ModelError, match=r"^tuned/journal\.log: line [34]: damaged: "):
-            neuro.tuned("tuned").rows()
 
 
 @pytest.mark.parametrize("name", ["journal.log", "claims/.ask", "claims/.journal"])

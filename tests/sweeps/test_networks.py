@@ -48,16 +48,24 @@ def folder(tmp_path, monkeypatch, registries):
 
 def test_units_are_those_of_the_network(folder):
     sweep = load_sweep(folder / "sweep.yaml")
-    assert sweep.as_dict()["units"] == {
-        "exc.V_th": "mV",
-        "rate.exc": "Hz",
-        "weight.exc_inh": "pA",
-        "weight_sd.exc_inh": "pA",
-        "energy.loihi": "J",
-        "energy_real_time.loihi": "J",
-    }
-    assert sweep.units(["for", "exc_inh.delay", "exc_inh.weight"])["exc_inh.delay"] == "ms"
-    assert sweep.units(["for", "exc_inh.weight"])["exc_inh.weight"] == "pA"
+    units = (
+        "exc.V_th mV, rate.exc Hz, weight.exc_inh pA, weight_sd.exc_inh pA, energy.loihi J, energy_real_time.loihi J"
+    )
+    assert sweep.as_dict()["units"] == dict(pair.split() for pair in units.split(", "))
+    others = sweep.units(["for", "exc_inh.delay", "exc_inh.weight"])
+    assert (others["exc_inh.delay"], others["exc_inh.weight"]) == ("ms", "pA")
+
+
+@pytest.fixture
+def swept(folder, run):
+    """Run a sweep from the text of its file; its table."""
+
+    def table(text, *words):
+        (folder / "sweep.yaml").write_text(text)
+        run("sweep", "run", "sweep.yaml", *(words or ("--on", "here")))
+        return table_of("runs")
+
+    return table
 
 
 def test_a_sweep_gives_what_single_runs_give(folder, run, capsys):
@@ -113,55 +121,48 @@ def test_status_and_table(folder, run, capsys):
     assert (folder / "t.csv").read_text().splitlines()[0].endswith(",seconds,attempts,error")
 
 
-def test_backends_options_and_durations_are_parameters(folder, run):
-    (folder / "sweep.yaml").write_text(
+def test_backends_options_and_durations_are_parameters(swept):
+    reference, event, loihi = swept(
         "network: net.yaml\nlist:\n"
         "  - {backend: reference, for: 20 ms}\n  - {backend: event, for: 20 ms}\n  - {backend: loihi, for: 20 ms}\n"
         "metrics: [spikes, neuron_updates]\n"
-    )
-    run("sweep", "run", "sweep.yaml", "--on", "here")
-    reference, event, loihi = table_of("runs").rows()
+    ).rows()
     assert reference["spikes"] == event["spikes"] > 0
     assert {row["neuron_updates"] for row in (reference, event, loihi)} == {15 * 200}
     assert loihi["outcome"] == "done"
 
 
-def test_figures_of_a_chip_are_parameters(folder, run):
-    (folder / "sweep.yaml").write_text(
+def test_figures_of_a_chip_are_parameters(swept):
+    first, second = swept(
         "network: net.yaml\nbackend: loihi\nfor: 20 ms\nmetrics: [energy.loihi, synaptic_ops]\n"
         "parameters: {chip.costs.synaptic_op: [23.6e-12, 47.2e-12]}\n"
-    )
-    run("sweep", "run", "sweep.yaml", "--on", "here")
-    first, second = table_of("runs").rows()
+    ).rows()
     assert second["energy.loihi"] - first["energy.loihi"] == pytest.approx(23.6e-12 * first["synaptic_ops"], rel=1e-6)
 
 
-def test_a_metric_of_a_file(folder, run):
+def test_a_metric_of_a_file(folder, swept):
     (folder / "my_metric.py").write_text(
         "import neuro\n\n\n@neuro.register(kind='metric')\ndef last(sim):\n"
         "    times, _ = sim.spikes('exc')\n"
         "    return {'last_ms': times.max() if times.size else None, 'time': sim.time}\n"
     )
-    (folder / "sweep.yaml").write_text("network: net.yaml\nfor: 50 ms\nseeds: 2\nmetrics: [last]\n")
-    run("sweep", "run", "sweep.yaml", "--workers", "1", "--with", "my_metric.py")
-    assert table_of("runs").column("time") == [50.0, 50.0]
-    record = next(iter(table_of("runs").outcomes().values())).provenance
+    text = "network: net.yaml\nfor: 50 ms\nbackend: reference\nseeds: 2\nmetrics: [last]\n"
+    table = swept(text, "--workers", "1", "--with", "my_metric.py")
+    assert table.column("time") == [50.0, 50.0]
+    record = next(iter(table.outcomes().values())).provenance
     assert [name.rpartition("/")[2] for name in record["inputs"]] == ["net.yaml", "my_metric.py"]
 
 
-def test_a_study_of_a_file(folder, run):
+def test_a_study_of_a_file(folder, swept):
     (folder / "my_study.py").write_text(
         "import neuro\n\n\n@neuro.register(kind='study')\ndef area(width, height=1):\n    return width * height\n"
     )
-    (folder / "sweep.yaml").write_text("study: area\nset: {height: 2}\nparameters: {width: [1, 2]}\n")
-    run("sweep", "run", "sweep.yaml", "--on", "here", "--with", "my_study.py")
-    assert table_of("runs").column("value") == [2, 4]
+    text = "study: area\nset: {height: 2}\nparameters: {width: [1, 2]}\n"
+    assert swept(text, "--on", "here", "--with", "my_study.py").column("value") == [2, 4]
 
 
-def test_results_are_kept_where_that_is_asked_for(folder, run):
-    (folder / "sweep.yaml").write_text("network: net.yaml\nfor: 20 ms\nseeds: [5]\nkeep: results\n")
-    run("sweep", "run", "sweep.yaml", "--on", "here")
-    key = table_of("runs").keys[0]
+def test_results_are_kept_where_that_is_asked_for(folder, swept):
+    (key,) = swept("network: net.yaml\nfor: 20 ms\nbackend: reference\nseeds: [5]\nkeep: results\n").keys
     results = neuro.results.read(folder / "runs" / "runs" / key / "results.h5")
     assert (results.about["seed"], results.duration_ms) == (5, 20.0)
 
@@ -178,44 +179,31 @@ def test_a_file_that_was_edited_under_way_is_told(folder, run, capsys):
     assert "runs: the folder of another sweep: network is" in capsys.readouterr().err
 
 
-def test_a_point_that_the_network_refuses_fails_alone(folder, run):
-    (folder / "sweep.yaml").write_text("network: net.yaml\nfor: 1 ms\nparameters: {exc.V_th: [-55.0, -90.0]}\n")
-    run("sweep", "run", "sweep.yaml", "--on", "here")
-    good, bad = table_of("runs").rows()
-    assert good["outcome"] == "done"
-    assert bad["outcome"] == "failed"
+def test_a_point_that_the_network_refuses_fails_alone(swept):
+    text = "network: net.yaml\nfor: 1 ms\nbackend: reference\nparameters: {exc.V_th: [-55.0, -90.0]}\n"
+    good, bad = swept(text).rows()
+    assert (good["outcome"], bad["outcome"]) == ("done", "failed")
     assert "V_th" in bad["error"]
 
 
 MISTAKES = yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text("utf-8"))["sweep"]
 
 
-@pytest.mark.parametrize("told", MISTAKES, ids=lambda told: told[:40])
-def test_a_mistake_is_told_and_nothing_is_written(folder, run, told, capsys):
-    (folder / "sweep.yaml").write_text(MISTAKES[told] + "\n")
-    run("sweep", "run", "sweep.yaml", status=2)
-    err = capsys.readouterr().err
-    assert err.startswith("error: ")
-    assert told in err
+def test_mistakes_are_told_and_nothing_is_written(folder, answer, messages):
+    for text in MISTAKES:
+        (folder / "sweep.yaml").write_text(f"{text}\n")
+        messages({text: answer("sweep", "run", "sweep.yaml").err})
     assert not (folder / "runs").exists()
-
-
-@pytest.mark.parametrize("command", ["status", "table", "plot", "page"])
-def test_a_folder_without_a_sweep_is_told(folder, run, command, capsys):
-    run("sweep", command, "nothing", status=2)
-    assert capsys.readouterr().err == (
-        "error: nothing: holds no sweep: expected a folder with sweep.json\n"
-        "  hint: neuro sweep run sweep.yaml --out FOLDER makes one\n"
-    )
-    (folder / "nothing").mkdir()
-    (folder / "nothing" / "sweep.json").write_text("{}")
-    run("sweep", command, "nothing", status=2)
-    assert "not a sweep, as 'neuro sweep run' writes it" in capsys.readouterr().err
+    (folder / "empty").mkdir()
+    (folder / "empty" / "sweep.json").write_text("{}")
+    for command in ("status", "table", "plot", "page"):
+        for name in ("nothing", "empty"):
+            messages({f"{command} {name}": answer("sweep", command, name).err})
 
 
 def test_pictures_and_the_page(folder, run, capsys):
     (folder / "sweep.yaml").write_text(
-        "network: net.yaml\nfor: 5 ms\nmetrics: [rate.exc, synaptic_ops]\nparameters:\n"
+        "network: net.yaml\nfor: 5 ms\nbackend: reference\nmetrics: [rate.exc, synaptic_ops]\nparameters:\n"
         "  {w: [1.0, 2.0, 4.0, 8.0, 16.0], exc.V_th: [-55.0, -54.0, -53.0, -52.0, -51.0]}\n"
     )
     run("sweep", "run", "sweep.yaml", "--on", "here", "--share", "1/2")
@@ -225,15 +213,13 @@ def test_pictures_and_the_page(folder, run, capsys):
     names = sorted(path.name for path in (folder / "runs").iterdir() if path.is_file())
     assert names == ["rate.exc-map.png", "sweep.json", "synaptic_ops-lines.svg", "synaptic_ops-map.png"]
     run("sweep", "plot", "runs", "--metric", "rat", status=2)
-    assert "unknown metric 'rat'\n  hint: did you mean 'rate.exc'?" in capsys.readouterr().err
+    assert "did you mean 'rate.exc'?" in capsys.readouterr().err
     run("sweep", "page", "runs")
     run("sweep", "run", "sweep.yaml", "--on", "here")
     page = (folder / "runs" / "sweep.html").read_text()
     assert page.count("<tr>") > 25
-    assert "25 runs" in page
-    assert "rate.exc (Hz)" in page
-    assert "exc.V_th (mV)" in page
-    assert '<meta name="provenance"' in page
+    for text in ("25 runs", "rate.exc (Hz)", "exc.V_th (mV)", '<meta name="provenance"'):
+        assert text in page
 
 
 def test_a_record_tells_all(folder, run):

@@ -5,11 +5,12 @@ import os
 import resource
 import subprocess
 import sys
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
+import yaml
 
 import neuro
 from neuro_sweeps.definition import Limits
@@ -19,6 +20,7 @@ from neuro_sweeps.pictures import pictures, plot_data
 from neuro_sweeps.space import RunItem
 from neuro_sweeps.table import table_of
 from neuro_sweeps.worker import LOST, Worker
+from refused import error_of, refused
 
 FOLDER = Path(__file__).parent
 
@@ -27,21 +29,40 @@ def sweep(function, space, out, **words):
     return neuro.sweep(function, space, out=out, **{"progress": False, "on": "here", **words})
 
 
-def test_a_table_has_a_row_for_each_run(runs, tmp_path):
+def test_a_table_has_a_row_for_each_run(runs, tmp_path, notes):
     table = sweep(runs.add, {"a": [1, 2], "b": [0, 10]}, tmp_path / "out", seeds=2)
     rows = table.rows()
-    assert [(row["a"], row["b"], row["seed"], row["sum"], row["product"]) for row in rows] == [
-        (a, b, seed, a + b + seed, a * b) for a in (1, 2) for b in (0, 10) for seed in (0, 1)
-    ]
+    points = [(a, b, seed) for a in (1, 2) for b in (0, 10) for seed in (0, 1)]
+    assert [(row["a"], row["b"], row["seed"]) for row in rows] == points
+    assert [(row["sum"], row["product"]) for row in rows] == [(a + b + seed, a * b) for a, b, seed in points]
     assert {row["outcome"] for row in rows} == {"done"}
     assert table.column("sum") == [row["sum"] for row in rows]
     assert repr(table) == "SweepTable('add', 8 runs: 8 done, 0 failed, 0 left)"
-    assert [*rows[0]] == ["run", "outcome", "a", "b", "seed", "sum", "product", "error"]
-    head, first, *_ = table.csv().splitlines()
-    assert head == "run,outcome,a,b,seed,sum,product,error"
-    assert first == f"{table.keys[0]},done,1,0,0,1,0,"
+    names = "run,outcome,a,b,seed,sum,product,error"
+    assert ",".join(rows[0]) == names
+    assert table.csv().splitlines()[:2] == [names, f"{table.keys[0]},done,1,0,0,1,0,"]
     assert sorted(os.listdir(tmp_path / "out" / "runs")) == sorted(table.keys)
     assert os.listdir(tmp_path / "out" / "claims") == []
+    for _ in range(2):
+        sweep(runs.noting, {"a": [1, 2, 3]}, tmp_path / "noting", set={"notes": notes.path})
+    assert notes() == {"1-0": 1, "2-0": 1, "3-0": 1}
+
+
+def test_claims(tmp_path):
+    """One has it, nobody when its process has ended; that of another machine holds while it is touched."""
+    mine, other = Claims(tmp_path), Claims(tmp_path)
+    assert mine.take("a")
+    assert not other.take("a")
+    mine.give_up("a")
+    assert other.take("a")
+    dead = json.loads((tmp_path / "a").read_text()) | {"process": 99_999_999}
+    (tmp_path / "a").write_text(json.dumps(dead))
+    assert mine.free("a")
+    assert mine.take("a")
+    (tmp_path / "a").write_text(json.dumps({"machine": "another", "process": 1, "began": "1"}))
+    assert not mine.take("a")
+    os.utime(tmp_path / "a", (1e9, 1e9))
+    assert mine.take("a")
 
 
 def test_processes_do_the_same(runs, tmp_path):
@@ -50,12 +71,6 @@ def test_processes_do_the_same(runs, tmp_path):
     assert here.csv() == cores.csv()
     local = sweep(lambda a: a + 1, {"a": [1]}, tmp_path / "local")
     assert local.column("value") == [2]
-
-
-def test_what_is_done_is_not_done_again(runs, tmp_path, notes):
-    for _ in range(2):
-        sweep(runs.noting, {"a": [1, 2, 3]}, tmp_path / "out", set={"notes": notes.path})
-    assert notes() == {"1-0": 1, "2-0": 1, "3-0": 1}
 
 
 def test_names_of_runs_follow_from_their_inputs(runs, tmp_path):
@@ -67,25 +82,32 @@ def test_names_of_runs_follow_from_their_inputs(runs, tmp_path):
     assert wider.keys[:2] == tables[0].keys
 
 
-def test_what_fails_is_kept_and_the_rest_goes_on(runs, tmp_path):
+def test_what_fails_is_kept_and_the_rest_goes_on(runs, tmp_path, messages):
     words = {"on": "cores", "workers": 2, "time_limit": "2 s", "memory_limit": "500 MB"}
     table = sweep(runs.uneven, {"a": list(range(10))}, tmp_path / "out", **words)
-    errors = {row["a"]: row["error"] for row in table if row["outcome"] == "failed"}
-    assert errors == {
-        1: "time: takes longer than the limit of 2 s",
-        2: "memory: needs more than the limit of 500 MB",
-        3: "its process was ended by SIGABRT, 2 times",
-        4: "ZeroDivisionError: a = 4",
-        6: "KeyboardInterrupt",
-        7: "BaseException: enough",
-        9: "ZeroDivisionError: a = 9",
-    }
+    messages({str(row["a"]): row["error"] for row in table if row["outcome"] == "failed"})
     assert [row["value"] for row in table if row["outcome"] == "done"] == [0, 5, 8]
     assert table.counts() == {"done": 3, "failed": 7, "under way": 0, "left": 0}
     trace = Folder(tmp_path / "out").outcome(table.keys[4]).trace
     assert 'raise ZeroDivisionError(f"a = {a}")' in trace
     assert (tmp_path / "out" / "runs" / table.keys[5] / "output.txt").read_text() == "of five\n"
     assert sweep(runs.uneven, {"a": list(range(10))}, tmp_path / "out", **words).csv() == table.csv()
+    assert sweep(lambda a: [a], {"a": [1]}, tmp_path / "list").column("error") == [
+        "metric 'value' = [1]: expected a number or a text"
+    ]
+
+
+def test_limits_hold_in_this_process_and_leave_it(runs, tmp_path):
+    """A run that prints much needs no memory for it."""
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    printing = sweep(runs.printing, {"a": [1]}, tmp_path / "printing", memory_limit="100 MB")
+    assert printing.column("error") == [""]
+    printed = tmp_path / "printing" / "runs" / printing.keys[0] / "output.txt"
+    assert printed.stat().st_size < 1_100_000
+    assert printed.read_text().endswith("\nand more, which is not kept\n")
+    table = sweep(runs.uneven, {"a": [2]}, tmp_path / "out", memory_limit="300 MB")
+    assert table.column("error") == ["memory: needs more than the limit of 300 MB"]
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before
 
 
 def test_ctrl_c_in_this_process_is_no_failure_of_a_run(runs, tmp_path):
@@ -104,14 +126,6 @@ def test_what_a_run_forks_ends_with_its_process_and_is_not_waited_for(runs, tmp_
         assert child == "" or began(int(child)) == ""
 
 
-def test_a_run_that_prints_much_needs_no_memory_for_it(runs, tmp_path):
-    table = sweep(runs.printing, {"a": [1]}, tmp_path / "out", memory_limit="100 MB")
-    assert table.column("error") == [""]
-    printed = tmp_path / "out" / "runs" / table.keys[0] / "output.txt"
-    assert printed.stat().st_size < 1_100_000
-    assert printed.read_text().endswith("\nand more, which is not kept\n")
-
-
 def test_failures_are_done_again_where_that_is_asked_for(runs, tmp_path):
     notes = tmp_path / "notes"
     space, words = {"a": [1, 2]}, {"set": {"notes": str(notes)}}
@@ -120,12 +134,6 @@ def test_failures_are_done_again_where_that_is_asked_for(runs, tmp_path):
     notes.mkdir()
     assert sweep(runs.noting, space, tmp_path / "out", **words).counts()["failed"] == 2
     assert sweep(runs.noting, space, tmp_path / "out", **words, retry_failed=True).column("value") == [2, 4]
-
-
-def test_what_is_no_number_is_told(tmp_path):
-    assert sweep(lambda a: [a], {"a": [1]}, tmp_path / "out").column("error") == [
-        "metric 'value' = [1]: expected a number or a text"
-    ]
 
 
 def test_parts_make_the_whole(runs, tmp_path):
@@ -177,45 +185,21 @@ def test_a_folder_that_others_have_just_begun_is_gone_on_with(runs, tmp_path):
         sweep(runs.add, {"a": [1]}, tmp_path / "other")
 
 
-def test_a_claim_is_of_one_and_of_nobody_when_its_process_has_ended(tmp_path):
-    mine, other = Claims(tmp_path), Claims(tmp_path)
-    assert mine.take("a")
-    assert not other.take("a")
-    mine.give_up("a")
-    assert other.take("a")
-    dead = json.loads((tmp_path / "a").read_text()) | {"process": 99_999_999}
-    (tmp_path / "a").write_text(json.dumps(dead))
-    assert mine.free("a")
-    assert mine.take("a")
-
-
-def test_a_claim_of_another_machine_holds_while_it_is_touched(tmp_path):
-    (tmp_path / "a").write_text(json.dumps({"machine": "another", "process": 1, "began": "1"}))
-    claims = Claims(tmp_path)
-    assert not claims.take("a")
-    os.utime(tmp_path / "a", (1e9, 1e9))
-    assert claims.take("a")
-
-
 def test_of_those_who_take_over_a_claim_one_gets_it(tmp_path):
     for k in range(20):
         (tmp_path / f"k{k}").write_text("{}")
         os.utime(tmp_path / f"k{k}", (1e9, 1e9))
-        got = []
-        racing = [
-            threading.Thread(target=lambda k=k, got=got: got.append(Claims(tmp_path).take(f"k{k}"))) for _ in "12"
-        ]
-        for thread in racing:
-            thread.start()
-        for thread in racing:
-            thread.join()
-        assert sum(got) == 1
+        with ThreadPoolExecutor(2) as pool:
+            assert (
+                sum(pool.map(lambda claims, name=f"k{k}": claims.take(name), (Claims(tmp_path), Claims(tmp_path)))) == 1
+            )
 
 
-def test_a_flipped_bit_of_a_run_is_no_other_number(runs, tmp_path):
-    """Whichever bit: the run counts as not there, and is done again; so it does where a loss of power cut its file."""
-    table = sweep(runs.add, {"a": [1, 2]}, tmp_path / "out")
-    before, file = table.csv(), tmp_path / "out" / "runs" / table.keys[0] / "run.json"
+def test_a_flipped_bit_is_no_other_number(runs, tmp_path):
+    """Of a run, which counts as not there, and is done again, also where it was cut; of what a sweep is it is told."""
+    out, space = tmp_path / "out", {"a": [1, 2]}
+    table = sweep(runs.add, space, out)
+    before, file = table.csv(), out / "runs" / table.keys[0] / "run.json"
     whole = file.read_bytes()
     for place in range(0, len(whole), 7):
         file.write_bytes(flipped(whole, place))
@@ -223,117 +207,73 @@ def test_a_flipped_bit_of_a_run_is_no_other_number(runs, tmp_path):
     for damaged in (flipped(whole, whole.index(b'"sum": 1') + 7), whole[:50]):
         file.write_bytes(damaged)
         assert table.counts()["left"] == 1
-        assert sweep(runs.add, {"a": [1, 2]}, tmp_path / "out").csv() == before
-
-
-def test_a_flipped_bit_of_what_a_sweep_is_is_told(runs, tmp_path):
-    out = tmp_path / "out"
-    before = sweep(runs.add, {"a": [1, 2]}, out).csv()
+        assert sweep(runs.add, space, out).csv() == before
     whole = (out / "sweep.json").read_bytes()
     for place in range(0, len(whole), 7):
         (out / "sweep.json").write_bytes(flipped(whole, place))
-        with pytest.raises(neuro.ModelError) as told:
+        with pytest.raises(neuro.ModelError) as error:
             raise neuro.ModelError("the same") if table_of(out).csv() == before else AssertionError
-        assert str(told.value).startswith(("the same", f"{out}/sweep.json: "))
+        assert str(error.value).startswith(("the same", f"{out}/sweep.json: "))
 
 
 def flipped(content, place):
     return content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :]
 
 
-def test_the_folder_of_another_sweep_stays(runs, tmp_path):
-    out = tmp_path / "out"
-    sweep(runs.add, {"a": [1, 2]}, out)
-    hint = "\n  hint: expected the same sweep, or the name of a new folder"
-    with pytest.raises(neuro.ModelError) as told:
-        sweep(runs.add, {"a": [1, 2]}, out, set={"b": 3})
-    assert str(told.value) == f'{out}: the folder of another sweep: set is {{}} there, {{"b": 3}} now{hint}'
-    with pytest.raises(neuro.ModelError) as told:
-        sweep(runs.add, {"a": [1, 2, 3]}, out)
-    assert (
-        str(told.value) == f"{out}: the folder of another sweep: its space is not the same, 2 runs there, 3 now{hint}"
-    )
+MISTAKES = yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text("utf-8"))["run"]
 
 
-def test_a_folder_with_something_else_stays(runs, tmp_path):
-    (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(neuro.ModelError) as told:
-        sweep(runs.add, {"a": [1]}, tmp_path)
-    assert str(told.value) == f"{tmp_path}: is there and is no sweep: expected a new name, or an empty folder"
-    assert os.listdir(tmp_path) == ["thesis.txt"]
+def test_mistakes_are_told_before_anything_runs(runs, tmp_path, monkeypatch, messages):
+    pytest.importorskip("distributed", reason="the extra dask is not installed")
 
-
-MISTAKES = [
-    ({"c": [1]}, {}, "unknown parameter of add 'c'\n  hint: known: a, b, seed"),
-    ({"b": [1]}, {}, "add needs 'a', which the space does not have"),
-    ({"a": [1]}, {"share": "5/4"}, "share = '5/4': expected I/N, with I from 0 to N, such as 3/100"),
-    ({"a": [1]}, {"share": "x"}, "share = 'x': expected I/N, with I from 0 to N, such as 3/100"),
-    ({"a": [1]}, {"memory_limit": "3"}, "memory_limit = '3': expected a size, such as 500 MB or 2 GB"),
-    ({"a": [1]}, {"time_limit": "0 s"}, "time_limit = '0 s': expected a time > 0, such as 60 s"),
-    ({"a": [1]}, {"workers": 0}, "workers = 0: expected a whole number >= 1"),
-    ({"a": [1]}, {"set": 3}, "set = 3: expected values by name"),
-    (
-        {"a": [1]},
-        {"on": "somewhere"},
-        "on = 'somewhere': there is no such file: expected cores, here, tcp://HOST:PORT, or the file of a scheduler",
-    ),
-]
-
-
-@pytest.mark.parametrize(("space", "words", "told"), MISTAKES, ids=[told[:30] for _, _, told in MISTAKES])
-def test_a_mistake_is_told_before_anything_runs(runs, space, words, told, tmp_path):
-    if "on" in words:
-        pytest.importorskip("distributed", reason="the extra dask is not installed")
-    with pytest.raises(neuro.ModelError) as error:
-        sweep(runs.add, space, tmp_path / "out", **words)
-    assert str(error.value) == told
-
-
-def test_a_function_that_other_processes_cannot_find(tmp_path):
     def inner(a):
         return a
 
-    with pytest.raises(neuro.ModelError) as told:
-        sweep(inner, {"a": [1]}, tmp_path / "out", on="cores")
-    assert str(told.value).startswith(f"{inner.__qualname__}: is defined inside another function, so other processes")
-    with pytest.raises(neuro.ModelError, match="function = 3: expected a function"):
-        sweep(3, {"a": [1]}, tmp_path / "out")
-    with pytest.raises(neuro.ModelError, match="unknown study 'nothing'"):
-        sweep("nothing", {"a": [1]}, tmp_path / "out")
-
-
-def test_dask_that_is_not_installed_is_told(runs, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    out, space = "out", {"a": [1]}
+    messages({f"{row} {words}": refused(sweep, runs.add, row, out, **words) for row, words in MISTAKES})
+    messages({repr(function): refused(sweep, function, space, out) for function in (3, "nothing")})
+    messages({"inner": refused(sweep, inner, space, out, on="cores")})
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(neuro.ModelError, match=r"on = 'tcp://h:1': the package distributed is not installed\n  hint: "):
-        sweep(runs.add, {"a": [1]}, tmp_path / "out", on="tcp://h:1")
+    messages({"no dask": refused(sweep, runs.add, space, out, on="tcp://h:1").partition("pip install")[0]})
 
 
-def test_parquet_has_the_rows_of_the_table(runs, tmp_path):
+def test_the_folder_of_something_else_stays(runs, tmp_path, monkeypatch, messages):
+    monkeypatch.chdir(tmp_path)
+    sweep(runs.add, {"a": [1, 2]}, "out")
+    os.makedirs("others")
+    Path("others", "thesis.txt").write_text("mine")
+    messages(
+        {"other words": refused(sweep, runs.add, {"a": [1, 2]}, "out", set={"b": 3})}
+        | {"other space": refused(sweep, runs.add, {"a": [1, 2, 3]}, "out")}
+        | {"no sweep": refused(sweep, runs.add, {"a": [1]}, "others")}
+    )
+    assert os.listdir("others") == ["thesis.txt"]
+
+
+def test_tables_are_saved(runs, tmp_path, monkeypatch, messages):
+    """They replace tables of sweeps only."""
     parquet = pytest.importorskip("pyarrow.parquet", reason="the extra parquet is not installed")
-    table = sweep(runs.uneven, {"a": [0, 4, 5]}, tmp_path / "out")
-    for _ in range(2):
-        table.save(tmp_path / "table.parquet")
-    found = parquet.read_table(tmp_path / "table.parquet")
-    assert found.to_pylist() == table.rows()
-    assert found.schema.metadata[b"neuro sweep"] == table.name.encode()
-    (tmp_path / "mine.parquet").write_bytes(b"PAR1 of somebody else PAR1")
-    with pytest.raises(neuro.ModelError, match="exists and is not a table of a sweep"):
-        table.save(tmp_path / "mine.parquet")
-
-
-@pytest.mark.parametrize(
-    ("function", "values", "lack"),
-    [
-        (lambda a: {"found": "none" if a else 1.5}, [0, 1], r"several kinds: (?s:.)*a CSV file takes them"),
-        (lambda a: 10**a, [1, 400], "whole numbers of more than 64 bits: "),
-    ],
-)
-def test_columns_that_parquet_does_not_take(tmp_path, function, values, lack):
-    pytest.importorskip("pyarrow", reason="the extra parquet is not installed")
-    table = sweep(function, {"a": values}, tmp_path / "out")
-    with pytest.raises(neuro.ModelError, match=f"a column has values of {lack}"):
-        table.save(tmp_path / "table.parquet")
-    table.save(tmp_path / "table.csv")
+    monkeypatch.chdir(tmp_path)
+    table = sweep(runs.uneven, {"a": [0, 4, 5]}, "out")
+    for name in ("table.parquet", "table.csv") * 2:
+        table.save(name)
+    assert Path("table.csv").read_text() == table.csv()
+    kept = parquet.read_table("table.parquet")
+    assert kept.to_pylist() == table.rows()
+    assert kept.schema.metadata[b"neuro sweep"] == table.name.encode()
+    Path("mine.parquet").write_bytes(b"PAR1 of somebody else PAR1")
+    Path("mine.csv").write_text("a,b\n")
+    said = {name: refused(table.save, name) for name in ("mine.parquet", "mine.csv", "table.txt")}
+    mixed = sweep(lambda a: {"found": "none" if a else 1.5}, {"a": [0, 1]}, "mixed")
+    large = sweep(lambda a: 10**a, {"a": [1, 400]}, "large")
+    for name, each in (("mixed", mixed), ("large", large)):
+        error = error_of(each.save, "table.parquet")
+        said[name] = error.message.rpartition(": ")[0]  # the rest is pyarrow's
+        assert "CSV" in error.hint
+        each.save(f"{name}.csv")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    messages(said | {"no pyarrow": refused(table.save, "table.parquet").partition("pip install")[0]})
 
 
 def test_pictures_of_metrics_named_like_paths_have_names_of_one_folder(tmp_path):
@@ -359,25 +299,6 @@ def test_pictures_hide_no_parameter(tmp_path):
     assert some.axes[0].get_title() == "mean over tau_m and seeds; band: lowest to highest run"
     (data,) = plot_data(table, (), ("rate", "tau_m"), "lines")
     assert "over rate: mean over w and seeds; band: lowest to highest run" in str(_metric(data))
-
-
-def test_parquet_without_its_package_is_told(runs, tmp_path, monkeypatch):
-    table = sweep(runs.add, {"a": [1]}, tmp_path / "out")
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(neuro.ModelError, match="the package pyarrow is not installed\n  hint: "):
-        table.save(tmp_path / "table.parquet")
-    with pytest.raises(neuro.ModelError, match=r"table.txt: expected a name that ends in .csv or .parquet"):
-        table.save(tmp_path / "table.txt")
-
-
-def test_a_saved_table_is_replaced_and_what_is_not_ours_stays(runs, tmp_path):
-    table = sweep(runs.add, {"a": [1]}, tmp_path / "out")
-    for _ in range(2):
-        table.save(tmp_path / "table.csv")
-    assert (tmp_path / "table.csv").read_text() == table.csv()
-    (tmp_path / "mine.csv").write_text("a,b\n")
-    with pytest.raises(neuro.ModelError, match="exists and is not a table of a sweep"):
-        table.save(tmp_path / "mine.csv")
 
 
 @pytest.mark.parametrize("on", ["here", "cores"])
@@ -414,10 +335,3 @@ def test_a_read_only_folder(runs, mounted):
     with pytest.raises(neuro.ModelError) as told:
         sweep(runs.add, {"a": [1]}, out)
     assert str(told.value) == f"{out}: cannot be made: Read-only file system"
-
-
-def test_limits_of_this_process_stay(runs, tmp_path):
-    before = resource.getrlimit(resource.RLIMIT_DATA)
-    table = sweep(runs.uneven, {"a": [2]}, tmp_path / "out", memory_limit="300 MB")
-    assert table.column("error") == ["memory: needs more than the limit of 300 MB"]
-    assert resource.getrlimit(resource.RLIMIT_DATA) == before
