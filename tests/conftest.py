@@ -207,12 +207,3 @@ def chromium(browser: Callable[..., tuple[str, list[str]]]) -> Callable[..., str
         return printed
 
     return run
-
-
-@pytest.fixture(scope="module")
-def lava(request: pytest.FixtureRequest) -> Path:
-    """The golden cases and networks of lava and lava-dl."""
-    folder: Path = request.getfixturevalue("shared") / "reference" / "loihi2"
-    if not folder.is_dir():
-        pytest.skip("the traces of lava are not here")
-    return folder

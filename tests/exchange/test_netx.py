@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import neuro
-from graded import sent
+from golden_traces import run_pair, run_sdnn, run_tinynet, stored, summary, unpacked
 from neuro.chips import chip, place
 from neuro.core.errors import ModelError
 from neuro_exchange.netx import examine_netx
@@ -20,24 +20,18 @@ CONV = {"type": b"conv", "shape": [2, 1, 1]}
 CUBA = {"type": b"CUBA", "vThMant": 1, "iDecay": 1, "vDecay": 1}
 
 
-def flat(file):
-    """An array of width, height, channels, time by step and neuron."""
-    array = np.load(file)
-    return array.T.reshape(array.shape[-1], -1).astype(np.int64)
-
-
-def test_pilotnet_in_lif_neurons_takes_intels_cores_and_a_step_is_within_its_measurement(lava):
+def test_pilotnet_in_lif_neurons_takes_intels_cores_and_a_step_is_within_its_measurement(tmp_path):
     """A calibration, not a prediction: the ceilings follow from 68.3 uJ of dynamic energy a step."""
     costs = chip("loihi2").costs
     ends = [3.4e6 * costs["synaptic_op"].high, 158e3 * costs["neuron_update_active"].high]
     assert ends == pytest.approx([68.3e-6] * 2, rel=0.01)
-    net = neuro.from_netx(lava / "pilotnet_lif" / "network.net", reset=17, first=1)
-    sim = neuro.compile(net, "loihi2")
+    golden = stored("pilotnet_lif")
+    sim = neuro.compile(unpacked(golden, tmp_path), "loihi2")
     cores = [len(np.unique(own[own >= 0])) for own in place(sim.program, chip("loihi2")).core_of]
     assert cores[1:6] == [25, 13, 3, 3, 2]  # as printed by its compiler
     assert cores[6] <= 12  # it cuts this dense layer into more pieces than it must
     assert cores[7:] == [1, 1, 1]
-    steps, ids = np.nonzero(flat(lava / "pilotnet_lif" / "input.npy"))
+    steps, ids = np.nonzero(golden["input"])
     sim.inject("input", steps + 1.0, ids)
     sim.run(24.0)
     bill = sim.energy("loihi2")
@@ -49,44 +43,23 @@ def test_pilotnet_in_lif_neurons_takes_intels_cores_and_a_step_is_within_its_mea
     assert bill.real_time.static_j == pytest.approx(0.232 * 24e-3)  # one chip
 
 
-def test_pilotnet_sdnn_is_that_of_intels_test(lava):
-    net = neuro.from_netx(lava / "gts_pilotnet_sdnn_network.net")
-    image = np.load(lava / "gts_pilotnet_sdnn_input.npy")[..., 0].transpose(2, 1, 0).ravel()
-    truth = np.load(lava / "gts_pilotnet_sdnn_output.npy").ravel()
-    sim = neuro.compile(net, "loihi2")
-    sim.set("input", bias=image)
-    sim.run(float(truth.size))
-    assert sent(sim, "dense9")[1:, 0].tolist() == truth.tolist()
+def test_pilotnet_sdnn_is_that_of_intels_test(tmp_path):
+    golden = stored("pilotnet_sdnn")
+    assert np.array_equal(run_sdnn(unpacked(golden, tmp_path), golden["image"], golden["s"].size), golden["s"])
 
 
-def test_tinynet_is_that_of_intels_test(lava, tmp_path):
-    neuro.from_netx(lava / "tiny.net", reset=17).save(tmp_path / "tiny.yaml")
-    sim = neuro.compile(neuro.load(tmp_path / "tiny.yaml"), "loihi2")
-    sim.set("input", bias_mant=np.load(lava / "gts_tinynet_input_bias.npy").transpose(2, 1, 0).ravel())
-    sim.run(17.0)
-    truth = np.load(lava / "gts_tinynet_output.npy")[0, :, 0, 0, 1:]
-    assert np.array_equal(sent(sim, "conv2")[3:18].T, truth)
+def test_tinynet_is_that_of_intels_test(tmp_path):
+    golden = stored("tinynet")
+    assert np.array_equal(run_tinynet(unpacked(golden, tmp_path), golden["bias"]), golden["s"])
 
 
-@pytest.mark.parametrize(("first", "source", "target"), [(2, "conv-0", "conv-1"), (7, "conv-4", "fc-0")])
-def test_pairs_of_layers_of_pilotnet_lif(lava, first, source, target):
-    def recorded(name):
-        return flat(lava / "pilotnet_lif" / f"{name}.npy")
-
-    net = neuro.from_netx(lava / "pilotnet_lif" / "network.net", reset=17, first=first)
-    before, after = list(net.populations)[:2]
-    for state in ("u", "v"):
-        net.probe(state, after, state)
-    sim = neuro.compile(net, "loihi2")
-    steps, ids = np.nonzero(recorded(source))
-    sim.inject(before, steps + 1.0, ids)
-    sim.run(24.0)
-    assert np.array_equal(sent(sim, after)[1:], recorded(target))
-    for state in ("u", "v"):
-        if (lava / "pilotnet_lif" / f"{target}-{state}.npy").exists():
-            found = sim.trace(state)[1]
-            found = np.where((recorded(target) > 0) & (state == "v"), 128, found)  # what the chip's register reads then
-            assert np.array_equal(found, recorded(f"{target}-{state}"))
+@pytest.mark.parametrize("target", ["conv-1", "fc-0"])
+def test_pairs_of_layers_of_pilotnet_lif(tmp_path, target):
+    golden = stored("pilotnet_lif")
+    found = run_pair(unpacked(golden, tmp_path, target), golden[f"{target}/input"])
+    assert found["s"].any()
+    for name, values in summary(found).items():
+        assert np.array_equal(values, golden[f"{target}/{name}"]), name
 
 
 def netx_file(path, **changes):

@@ -99,12 +99,3 @@ def step(name: str, words: dict, a: np.ndarray, s: dict[str, np.ndarray]) -> np.
     s["err"] = np.where(out == 0, compared, 0) if words["cum_error"] else s["err"]
     s["res"], s["act"] = delta - out, y
     return out >> words["state_exp"]
-
-
-def sent(sim, population):
-    """Payloads or spikes by step and neuron."""
-    part = next(p for p in sim.program.populations if p.name == population)
-    times, ids, numbers = sim.payloads(population) if part.model.graded else (*sim.spikes(population), 1)
-    found = np.zeros((round(sim.time) + 1, part.size), dtype=np.int64)
-    found[np.rint(times).astype(int), ids] = numbers
-    return found
