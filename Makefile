@@ -1,5 +1,7 @@
-# make test         environment, install, lint, types, tests
+# make test         environment, install, lint, types, tests; within .ci/budget.toml
 # make test-slow    the tests that are left out of it: kills at random moments, many processes, memory, long runs
+# make test-taken-away  the tests of the core without each app and each optional backend (PARTS="neuro_nest ...")
+# make test-all     all of these, with test-bounds
 # make demo         environment, install, then learn to recognise digits from event-camera recordings; demo/index.html shows it
 #                   (DATA=folder: real N-MNIST files instead of recordings made here)
 # make test-bounds  what runs networks once more, with every index of every compiled loop looked at
@@ -25,6 +27,7 @@
 # Versions of packages are those of constraints/, one file a Python; of a Python without one the newest.
 
 comma := ,
+space := $(subst ,, )
 VENV := .venv
 BIN := $(VENV)/bin
 NEST_MPI := nest-simulator
@@ -55,10 +58,14 @@ TORCH_3.11 := torch==2.13.0
 TORCH := $(TORCH_$(VERSION))
 TESTED := '.[test$(if $(TORCH),$(comma)rl)]' $(TORCH)
 
-define environment
-@$(PYTHON) -c '$(NEW_ENOUGH)' 2>/dev/null || { \
+define NEWER_PYTHON
+$(PYTHON) -c '$(NEW_ENOUGH)' 2>/dev/null || { \
   echo "neuro needs Python 3.11 or newer, '$(PYTHON)' is $$($(PYTHON) --version 2>/dev/null || echo not there)" >&2; \
   echo "  hint: make $(MAKECMDGOALS) PYTHON=/path/to/python3.11" >&2; exit 1; }
+endef
+
+define environment
+@$(NEWER_PYTHON)
 $(PYTHON) -m venv $(2) $(1)
 endef
 
@@ -73,12 +80,17 @@ endef
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help test test-slow test-bounds test-nest test-mpi test-c test-oracles demo bench bench-peers docs gallery-full release constraints clean distclean
+.PHONY: help test test-parts test-slow test-taken-away test-all test-bounds test-nest test-mpi test-c test-oracles demo bench bench-peers docs gallery-full release constraints clean distclean
 
 help:
 	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
 
-test: $(VENV)/.test
+test:
+	@$(NEWER_PYTHON)
+	@$(PYTHON) .ci/budget.py run $(MAKE) --no-print-directory test-parts
+
+test-parts: $(VENV)/.test
+	$(BIN)/python .ci/budget.py check
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -86,7 +98,12 @@ test: $(VENV)/.test
 	$(BIN)/pytest -n 2 --dist loadfile -p no:benchmark --hypothesis-seed=0
 
 test-slow: $(VENV)/.test
-	$(BIN)/pytest -m slow -n 2 --dist loadfile -p no:benchmark --hypothesis-seed=0
+	$(BIN)/pytest -m "slow and not taken_away" -n 2 --dist loadfile -p no:benchmark --hypothesis-seed=0
+
+test-taken-away: $(VENV)/.test
+	$(BIN)/pytest -m taken_away -p no:benchmark tests/test_taken_away.py $(if $(PARTS),-k "$(subst $(space), or ,$(strip $(PARTS)))")
+
+test-all: test test-slow test-bounds test-taken-away
 
 test-bounds: $(VENV)/.test
 	$(BIN)/pytest --bounds -n 2 --dist loadfile -p no:benchmark --hypothesis-seed=0 $(RUNNING)

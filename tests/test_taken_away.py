@@ -76,7 +76,7 @@ def without(tmp_path: Path) -> Callable[[Path], Run]:
     return copy
 
 
-@pytest.mark.slow
+@pytest.mark.taken_away
 @pytest.mark.parametrize("part", PARTS, ids=lambda part: part.name)
 def test_a_part_can_be_deleted(part, without, tmp_path):
     run = without(part)
