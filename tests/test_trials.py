@@ -185,6 +185,19 @@ def test_lessons_for_nobody_are_refused(monkeypatch, messages):
     messages(told | {"no encouragement": refused(taught, pair(neuro.mozafari(), SILENT_PAIR), [0])})
 
 
+@FLOATS
+def test_the_first_of_equal_neurons_of_a_map_is_taught(backend):
+    net = neuro.Network("equal", resolution=1.0)
+    net.population("input", 1, neuro.spike_generator())
+    net.population("maps", (2, 3), neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=100.0))
+    net.connect("input", "maps", neuro.all_to_all(), neuro.r_stdp(rescue=True), weight=0.5, name="w")
+    net.group("choice", neuro.winner_take_all(of="maps"))
+    net.trials(input="input", duration=10.0, labels={"of": "maps"})
+    sim = neuro.compile(net, backend)
+    sim.trials([0.0], [0], [0, 1], labels=[1], learn=True)
+    assert sim.weights("w")[2].ravel() == pytest.approx([0.5, 0.5, 0.5, bent(0.5, 0.075), 0.5, 0.5])
+
+
 def test_maps_of_a_depthwise_grid_learn_from_their_channel():
     def taught(backend: str) -> Any:
         net = neuro.Network("sheets", resolution=1.0)

@@ -150,7 +150,7 @@ def test_the_best_score_comes_first(capsys):
     net.population("pixels", (2, 6, 8), snn.spike_generator(spike_times=[]))
     net.population("a", 2, snn.iaf_psc_delta(t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0))
     net.connect("pixels", "a", snn.all_to_all(), weight=[[0.2, 0.6]] * 96)
-    for decide, best in (("first", 1), ("counts", 1)):
+    for decide in ("first", "counts"):
         net.readout(input="pixels", output="a", duration=20.0, decide=decide)
         found = snn.predict(net, [events("left")])
         scores = found.scores[0]
