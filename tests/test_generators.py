@@ -174,6 +174,21 @@ def test_numbers_set_at_every_step_are_those_of_the_draw_that_holds():
     assert np.array_equal(v["event"], v["reference"])
 
 
+def test_weights_of_noise_that_are_set_hold_from_the_next_step_on():
+    v = {}
+    for backend in ("reference", "event"):
+        net = neuro.Network("weighted", resolution=0.1)
+        net.population("noise", 1, neuro.noise_generator(mean=300.0, std=50.0))
+        net.population("cells", 3, neuro.iaf_psc_exp())
+        net.connect("noise", "cells", neuro.all_to_all(), delay=0.2, name="w")
+        sim = neuro.compile(net, backend, seed=2)
+        for weight in (1.0, 2.0, 0.5):
+            sim.set_weights("w", weight)
+            sim.run(2.0)
+        v[backend] = sim.get("cells", "V_m")
+    assert np.abs(v["event"] - v["reference"]).max() < 1e-12
+
+
 def test_chips_take_listed_currents_and_rates_and_refuse_what_changes_at_every_step():
     net = neuro.Network("chip", resolution=1.0)
     net.population("steps", 1, neuro.step_current_generator(amplitude_times=[5.0, 60.0], amplitude_values=[400.0, 0.0]))

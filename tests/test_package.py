@@ -15,7 +15,8 @@ from packaging.utils import canonicalize_name
 import neuro
 from neuro.cli.start import by_name, shipped
 from neuro.core import extras
-from neuro.core.extras import install
+from neuro.core.errors import ModelError
+from neuro.core.extras import app, install
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -155,3 +156,13 @@ def test_every_package_says_that_it_has_types():
     packages = {ROOT / "neuro", *(path.parent for path in ROOT.glob("*/neuro_*/*.py"))}
     assert len(packages) >= 13
     assert [package.name for package in packages if not (package / "py.typed").exists()] == []
+
+
+def test_a_package_that_lacks_another_one_is_not_called_missing(monkeypatch, tmp_path):
+    (tmp_path / "neuro_here").mkdir()
+    (tmp_path / "neuro_here" / "playing.py").write_text("import neuro_needs_this")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ModuleNotFoundError, match="No module named 'neuro_needs_this'"):
+        app("neuro_here.playing", "a camera")
+    with pytest.raises(ModelError, match="a camera is in the package neuro_gone, which is not installed"):
+        app("neuro_gone.playing", "a camera")

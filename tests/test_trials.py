@@ -185,6 +185,39 @@ def test_lessons_for_nobody_are_refused(monkeypatch, messages):
     messages(told | {"no encouragement": refused(taught, pair(neuro.mozafari(), SILENT_PAIR), [0])})
 
 
+@FLOATS
+def test_the_first_of_equal_neurons_of_a_map_is_taught(backend):
+    net = neuro.Network("equal", resolution=1.0)
+    net.population("input", 1, neuro.spike_generator())
+    net.population("maps", (2, 3), neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=100.0))
+    net.connect("input", "maps", neuro.all_to_all(), neuro.r_stdp(rescue=True), weight=0.5, name="w")
+    net.group("choice", neuro.winner_take_all(of="maps"))
+    net.trials(input="input", duration=10.0, labels={"of": "maps"})
+    sim = neuro.compile(net, backend)
+    sim.trials([0.0], [0], [0, 1], labels=[1], learn=True)
+    assert sim.weights("w")[2].ravel() == pytest.approx([0.5, 0.5, 0.5, bent(0.5, 0.075), 0.5, 0.5])
+
+
+def test_maps_of_a_depthwise_grid_learn_from_their_channel():
+    def taught(backend: str) -> Any:
+        net = neuro.Network("sheets", resolution=1.0)
+        net.population("input", (2, 4, 5), neuro.spike_generator())
+        net.population("maps", (4, "auto", "auto"), neuro.iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=0.8))
+        rule = neuro.grid(kernel=(2, 3), padding=1, column_padding=0, depthwise=True)
+        net.connect("input", "maps", rule, HITS, weight=np.linspace(0.3, 0.7, 24), name="w")
+        net.group("choice", neuro.winner_take_all(of="maps"))
+        net.trials(input="input", duration=20.0, labels={"of": "maps"})
+        sim = neuro.compile(net, backend, seed=1)
+        ids = np.concatenate([np.arange(first, first + 20, 2) for first in (0, 21, 1, 20)])
+        told = sim.trials(np.tile(np.arange(10.0), 4), ids, np.arange(0, 50, 10), labels=[0, 1, 2, 3], learn=True)
+        return told.winner, sim.weights("w")
+
+    (winner, weights), (expected, expected_weights) = taught("event"), taught("reference")
+    assert winner.tolist() == expected.tolist()
+    assert (expected // 15 >= 2).any()  # maps 2 and 3 see the second channel
+    np.testing.assert_allclose(weights, expected_weights, rtol=0, atol=1e-14)
+
+
 # labels
 
 
@@ -251,6 +284,23 @@ def test_the_tempotron_learns_on_chips(backend):
     for _ in range(5):
         sim.trials(*latencies(5, 200, 3), learn=True)
     assert right(sim, 3) > 0.9
+
+
+@pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
+@pytest.mark.parametrize("backend", ["loihi", "spinnaker"])
+def test_the_tempotron_is_taught_at_the_first_of_equal_potentials_on_chips(backend):
+    """Without a leak the potential stays from the second arrival, at 5 ms, to the end of the trial."""
+    rule = neuro.tempotron(lambda_=8.0, tau_m=8.0, tau_s=0.0, Wmin=-31.0, Wmax=31.0)
+    net = neuro.Network("pair", resolution=1.0)
+    net.population("input", 2, neuro.spike_generator())
+    net.population("maps", (2, 1), neuro.iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=100.0, t_ref=0.0))
+    net.connect("input", "maps", neuro.all_to_all(), rule, weight=16.0, name="w")
+    net.group("choice", neuro.winner_take_all(of="maps"))
+    net.trials(input="input", duration=20.0, labels={"of": "maps"})
+    sim = neuro.compile(net, backend)
+    sim.trials([0.0, 5.0], [0, 1], [0, 2], labels=[1], learn=True)
+    expected = [16.0, 16.0 + 8.0 * np.exp(-5.0 / 8.0), 16.0, 24.0]
+    assert sim.weights("w")[2].ravel() == pytest.approx(expected, abs=0.25)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

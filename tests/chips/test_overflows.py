@@ -136,3 +136,16 @@ def test_a_conductance_of_spinnaker_that_wraps_is_counted():
 def test_float_backends_take_strict_too():
     for backend in ("event", "reference"):
         neuro.compile(constant_drive(2.0), backend=backend, strict=True).run(5.0)
+
+
+@pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
+@pytest.mark.parametrize("weight", [20.0, -20.0])
+def test_slots_of_spinnaker_that_saturate_are_told(weight):
+    net = neuro.Network("drive", resolution=1.0)
+    net.population("in", 40, neuro.spike_generator(spike_times=[[2.0]] * 40))
+    net.population("out", 1, neuro.iaf_psc_delta())
+    net.connect("in", "out", neuro.all_to_all(), weight=weight, delay=1.0)
+    sim = neuro.compile(net, "spinnaker", shifts={"out": (5, 5)})
+    with pytest.warns(neuro.OverflowWarning, match="1 slot saturations of out"):
+        sim.run(10.0)
+    assert sim.counts().native["slot saturations of out"] == 1

@@ -137,6 +137,18 @@ def test_each_layer_of_a_file_has_a_verdict(tmp_path):
     assert table["pool1"].how == "netx has no layer 'pool': expected input, conv, dense, flatten"
 
 
+def test_layers_of_neurons_are_reset_one_after_the_other(tmp_path):
+    with h5py.File(netx_file(tmp_path / "net.net"), "a") as file:
+        file.move("layer/1", "layer/2")
+        file["layer/1/type"], file["layer/1/shape"] = b"flatten", [4]
+    net = neuro.from_netx(tmp_path / "net.net", reset=5)
+    models = {name: part.model for name, part in net.populations.items()}
+    assert {name: (model.reset_interval, model.reset_offset) for name, model in models.items()} == {
+        "input": (5, 1),
+        "dense2": (5, 2),
+    }
+
+
 def test_a_file_that_is_no_network(tmp_path, monkeypatch, messages):
     monkeypatch.chdir(tmp_path)
     Path("a.net").write_bytes(b"nothing")

@@ -265,3 +265,10 @@ def test_what_cannot_be_written(folder, messages):
     with h5py.File("mine.h5") as file:
         assert list(file) == ["precious"]
     assert os.listdir(folder) == ["mine.h5"]
+
+
+def test_values_without_bounds_stay(tmp_path):
+    net = neuro.Network("bounds", resolution=1.0)
+    net.population("cells", 3, neuro.iaf_psc_delta(V_min=[-math.inf, -80.0, -90.0]))
+    net.save(tmp_path / "net.yaml")
+    assert neuro.load(tmp_path / "net.yaml").populations["cells"].model.V_min.tolist() == [-math.inf, -80.0, -90.0]

@@ -1,6 +1,6 @@
 """Plants faults, one at a time, and reports which of them the tests find.
 
-    python tests/mutants/run.py [--jobs 2] [--only NAME...] [--sets blind informed second] [--clean]
+    python tests/mutants/run.py [--jobs 2] [--only NAME...] [--sets third] [--clean]
 
 Each fault of a set (`SET.yaml`) names the text that it replaces and the test files that must fail with it. The text is
 looked for in the named file, then in all sources, so that a fault outlives a move of its code. A fault is *found* if a

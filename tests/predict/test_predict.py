@@ -13,7 +13,9 @@ import pytest
 import yaml
 
 import neuro as snn
+from neuro.apps import number
 from neuro.events import Dataset, Events, recordings, save
+from neuro_predict.tables import show
 from refused import refused
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
@@ -141,6 +143,20 @@ def test_words_of_the_command_come_before_those_of_the_file():
     assert other.class_of(0) == "y"
     longer = snn.predict(net, shown, output="b", decide="counts", duration=40.0)
     assert longer.scores[0, 1] > other.scores[0, 1]
+
+
+def test_the_best_score_comes_first(capsys):
+    net = snn.Network("one", resolution=1.0)
+    net.population("pixels", (2, 6, 8), snn.spike_generator(spike_times=[]))
+    net.population("a", 2, snn.iaf_psc_delta(t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0))
+    net.connect("pixels", "a", snn.all_to_all(), weight=[[0.2, 0.6]] * 96)
+    for decide in ("first", "counts"):
+        net.readout(input="pixels", output="a", duration=20.0, decide=decide)
+        found = snn.predict(net, [events("left")])
+        scores = found.scores[0]
+        assert (scores[1] < scores[0]) == (decide == "first")
+        show([found])
+        assert f"1 {number(scores[1])}, 0 {number(scores[0])}" in capsys.readouterr().out
 
 
 def test_equal_counts_silence_and_equal_potentials():

@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 
 from neuro.events import Events, save
+from neuro_events.info import info
 
 
 def test_info(messages, run, recording, tmp_path):
@@ -28,6 +29,13 @@ def test_info_of_long_pauses(run, tmp_path):
     assert "rate          0.000833 events/s, at most 200 in 10 ms\n" in told
     (tmp_path / "wide.csv").write_text("1,65535,65535,1\n")
     assert "pixels     not counted, since there are 4,294,967,296\n" in run("info", "wide.csv")[1]
+
+
+def test_info_of_a_pause_between_two_pieces(monkeypatch, tmp_path):
+    times = [0, 5, 10**6, 10**6 + 5, 3 * 10**6]
+    save(Events(times, [0] * 5, [0] * 5, [0] * 5, (34, 34)), tmp_path / "in.bin")
+    monkeypatch.setattr("neuro_events.info.BLOCK", 10)  # two events of 5 bytes
+    assert info(tmp_path / "in.bin").gaps[:2] == [(10**6 + 5, 2 * 10**6 - 5), (5, 10**6 - 5)]
 
 
 def test_info_says_what_was_never_tried(run, tmp_path):
