@@ -13,7 +13,7 @@ from neuro.program.program import Ints
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
 from neuro_event.building import joined_rows, layout, thread_partition
-from neuro_event.host import running
+from neuro_event.host import threads as host_threads
 from neuro_event.host.threads import LINE
 from neuro_event.loop import steps, tables as t
 from strategies import networks
@@ -113,7 +113,7 @@ def test_delays_of_their_own(
     alone = ran(net, 1, [20.0])
     assert alone["spikes of others: steps"].size > 100
     with monkeypatch.context() as patched:
-        patched.setattr(running, "Threads", order)
+        patched.setattr(host_threads, "Threads", order)
         for threads in (2, 3):
             assert differences(alone, ran(net, threads, [20.0]), exact=True) == []
             assert differences(alone, ran(net, threads, [0.1] * 5 + [19.5]), exact=True) == []
@@ -137,7 +137,7 @@ def test_random_networks(
 ):
     alone = ran(net, 1, [60 * net.resolution], seed)
     with monkeypatch.context() as patched:
-        patched.setattr(running, "Threads", order)
+        patched.setattr(host_threads, "Threads", order)
         if whole:
             patched.setattr(thread_partition, "SCATTERED", 0)
             patched.setattr(thread_partition, "EVEN", np.inf)

@@ -36,7 +36,7 @@ _ROOMS = (
     "neuro_events.formats",
     "neuro_events.representations",
     "neuro_events.segmentation",
-    "neuro.coding",
+    "neuro.coding.codes",
     "neuro_sweeps.function",
 )
 """Where registries are made, some in packages that may be missing. A class or an instance brings its own along; a

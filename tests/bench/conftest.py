@@ -72,6 +72,6 @@ def reaching(tmp_path_factory):
 def bench(answer, monkeypatch, tmp_path):
     """Run `neuro bench ...`; return exit status, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
-    here = {"bench": EntryPoint("bench", "neuro_bench.cli:app", commands.GROUP)}
-    monkeypatch.setattr(commands, "apps", lambda: here)
+    here = commands.apps() | {"bench": EntryPoint("bench", "neuro_bench.cli:app", commands.GROUP)}
+    monkeypatch.setattr(commands, "apps", lambda **_: here)
     return partial(answer, "bench")

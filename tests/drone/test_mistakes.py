@@ -1,11 +1,13 @@
 """What is said of mistakes: of calls and commands that tests/messages.yaml has, and of what is not installed."""
 
 import sys
+from pathlib import Path
 
 import numpy as np  # noqa: F401
 import pytest
 
 import neuro
+import neuro_models
 from drones import SHORT  # noqa: F401
 from neuro.core.extras import install
 from neuro_drone.controllers import make  # noqa: F401  (named in messages.yaml, as all of these)
@@ -18,6 +20,8 @@ from neuro_drone.paths import FlightCourse  # noqa: F401
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 from refused import mistakes_of, refusals_of, refused
+
+MODELS = Path(neuro_models.__file__).parent
 
 
 def flown(words, step=None, **reset):
@@ -45,7 +49,7 @@ def test_calls(tmp_path, messages):
 
     env, begun, nan, inf = DroneEnv("B60", render_mode="rgb_array"), DroneEnv("B60"), float("nan"), float("inf")
     begun.reset()
-    messages(refusals_of(messages.cases, globals() | locals(), tmp_path=tmp_path))
+    messages(refusals_of(messages.cases, globals() | locals(), tmp_path=tmp_path, models=MODELS))
 
 
 def test_commands(drone, tmp_path, messages):

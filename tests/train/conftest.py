@@ -45,8 +45,8 @@ def file(tmp_path_factory):
 def neuro(answer, monkeypatch, tmp_path):
     """Run `neuro train ...`; return exit status, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
-    here = {"train": EntryPoint("train", "neuro_train.cli:app", commands.GROUP)}
-    monkeypatch.setattr(commands, "apps", lambda: here)
+    here = commands.apps() | {"train": EntryPoint("train", "neuro_train.cli:app", commands.GROUP)}
+    monkeypatch.setattr(commands, "apps", lambda **_: here)
 
     return partial(answer, "train")
 
