@@ -16,6 +16,7 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 from neuro.core.errors import ModelError, here
+from neuro.core.lazy import missing
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
@@ -114,6 +115,8 @@ class Registry(Mapping[str, T], Generic[T]):
                 self._parts[name] = self._completed(self._registered[name])
             elif name in self._entries():
                 entry = installed(self._group)[name]
+                if name not in self._present():
+                    raise ModelError(f"{self.kind} '{name}' {missing(entry.module.partition('.')[0])}")
                 message = f"{self.kind} '{name}' cannot be loaded from {entry.value}"
                 try:
                     part = entry.load()
@@ -131,7 +134,7 @@ class Registry(Mapping[str, T], Generic[T]):
         """Names, those of installed packages last: a part that is found before them needs no look at them."""
         here = dict.fromkeys((*self._homes, *self._parts, *self._registered))
         yield from here
-        yield from (name for name in sorted(self._entries()) if name not in here)
+        yield from (name for name in sorted(self._present()) if name not in here)
 
     def __len__(self) -> int:
         return len(list(iter(self)))
@@ -170,6 +173,12 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def _entries(self) -> set[str]:
         return installed(self._group).names if self._group else set()
+
+    def _present(self) -> set[str]:
+        """The names of entry points without those of packages of ours that were taken away."""
+        entries = installed(self._group) if self._group else ()
+        packages = {entry.name: entry.module.partition(".")[0] for entry in entries}
+        return {name for name, package in packages.items() if not package.startswith("neuro_") or find_spec(package)}
 
     def _completed(self, part: T) -> T:
         try:
