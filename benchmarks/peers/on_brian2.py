@@ -25,7 +25,6 @@ dap/dt = -ap/(20*ms) : 1 (event-driven)
 dam/dt = -am/(20*ms) : 1 (event-driven)
 """
 DOPAMINE = """
-n : 1
 dc/dt = -c/(200*ms) : 1 (clock-driven)
 dn/dt = -n/(50*ms) : 1 (clock-driven)
 dw/dt = c*n/ms : 1 (clock-driven)
