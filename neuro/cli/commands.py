@@ -21,7 +21,7 @@ from neuro.cli.compare import compare, verify
 from neuro.cli.run import plot, report, run
 from neuro.cli.start import example, new
 from neuro.core.errors import ModelError, unknown
-from neuro.core.lazy import missing
+from neuro.core.lazy import missing, taken_away
 from neuro.core.version import VERSION
 
 GROUP = "neuro.commands"
@@ -55,9 +55,9 @@ class Commands(TyperGroup):
         """
         name, known = args[0], self.list_commands(ctx)
         if name not in known:
-            gone = apps(there=False).get(name)
-            if gone is not None:
-                raise ModelError(f"command '{name}' {missing(gone.module.partition('.')[0])}")
+            for entry in entry_points(group=GROUP):
+                if entry.name == name and (package := taken_away(entry)):
+                    raise ModelError(f"command '{name}' {missing(package)}")
             raise unknown("command", name, known)
         command = super().get_command(ctx, name) or load(apps()[name])
         return name, with_extensions(command), args[1:]
@@ -71,16 +71,9 @@ class Commands(TyperGroup):
         return [without_type(each) for each in super().get_params(ctx)]
 
 
-def apps(*, there: bool = True) -> dict[str, EntryPoint]:
-    """The commands of apps by name.
-
-    Args:
-        there: those whose package can be imported; else those whose package was taken away.
-    """
-    entries = {entry.name: entry for entry in entry_points(group=GROUP)}
-    found = {entry.module.partition(".")[0] for entry in entries.values()}
-    present = {package for package in found if find_spec(package) is not None}
-    return {name: entry for name, entry in entries.items() if (entry.module.partition(".")[0] in present) == there}
+def apps() -> dict[str, EntryPoint]:
+    """The commands of apps by name, without those whose package was deleted."""
+    return {entry.name: entry for entry in entry_points(group=GROUP) if not taken_away(entry)}
 
 
 def load(entry: EntryPoint) -> Any:

@@ -7,10 +7,7 @@ from importlib import import_module
 from typing import Any
 
 from neuro.core.errors import ModelError
-from neuro.core.lazy import missing
-
-DISTRIBUTION = "neuro-snn"
-"""The name of this package where packages are installed; on the index `neuro` is another one."""
+from neuro.core.lazy import DISTRIBUTION, missing
 
 
 def install(extra: str) -> str:

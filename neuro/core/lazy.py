@@ -8,7 +8,13 @@ from importlib import import_module
 from importlib.machinery import ModuleSpec
 from os.path import dirname
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+DISTRIBUTION = "neuro-snn"
+"""The name of this package where packages are installed; on the index `neuro` is another one."""
 
 PACKAGES = {"neuro.events": "neuro_events", "neuro.live": "neuro_live", "neuro.sweeps": "neuro_sweeps"}
 """Public modules of `neuro` that are packages of their own, in `apps`: the package of each."""
@@ -56,7 +62,20 @@ def public_names(
 
 def missing(package: str) -> str:
     """The end of a sentence on something that a package of `apps` brings which is not installed."""
-    return f"is in the package {package}, which is not installed: it comes with neuro-snn"
+    return f"is in the package {package}, which is not installed: it comes with {DISTRIBUTION}"
+
+
+def taken_away(entry: EntryPoint) -> str:
+    """The package of an entry point of ours, such as a command or a backend, that was deleted; "" for all others.
+
+    An entry point of another distribution whose package is missing is broken, which who asks for it reports.
+    """
+    from importlib.util import find_spec
+
+    package = entry.module.partition(".")[0]
+    if find_spec(package) is not None:
+        return ""
+    return package if entry.dist is not None and entry.dist.name == DISTRIBUTION else ""
 
 
 class PublicModules:

@@ -16,7 +16,7 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 from neuro.core.errors import ModelError, here
-from neuro.core.lazy import missing
+from neuro.core.lazy import missing, taken_away
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
@@ -115,8 +115,8 @@ class Registry(Mapping[str, T], Generic[T]):
                 self._parts[name] = self._completed(self._registered[name])
             elif name in self._entries():
                 entry = installed(self._group)[name]
-                if name not in self._present():
-                    raise ModelError(f"{self.kind} '{name}' {missing(entry.module.partition('.')[0])}")
+                if package := taken_away(entry):
+                    raise ModelError(f"{self.kind} '{name}' {missing(package)}")
                 message = f"{self.kind} '{name}' cannot be loaded from {entry.value}"
                 try:
                     part = entry.load()
@@ -175,10 +175,9 @@ class Registry(Mapping[str, T], Generic[T]):
         return installed(self._group).names if self._group else set()
 
     def _present(self) -> set[str]:
-        """The names of entry points without those of packages of ours that were taken away."""
+        """The names of entry points without those of packages of ours that were deleted."""
         entries = installed(self._group) if self._group else ()
-        packages = {entry.name: entry.module.partition(".")[0] for entry in entries}
-        return {name for name, package in packages.items() if not package.startswith("neuro_") or find_spec(package)}
+        return {entry.name for entry in entries if not taken_away(entry)}
 
     def _completed(self, part: T) -> T:
         try:

@@ -73,5 +73,5 @@ def bench(answer, monkeypatch, tmp_path):
     """Run `neuro bench ...`; return exit status, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
     here = commands.apps() | {"bench": EntryPoint("bench", "neuro_bench.cli:app", commands.GROUP)}
-    monkeypatch.setattr(commands, "apps", lambda **_: here)
+    monkeypatch.setattr(commands, "apps", lambda: here)
     return partial(answer, "bench")

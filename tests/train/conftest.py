@@ -46,7 +46,7 @@ def neuro(answer, monkeypatch, tmp_path):
     """Run `neuro train ...`; return exit status, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
     here = commands.apps() | {"train": EntryPoint("train", "neuro_train.cli:app", commands.GROUP)}
-    monkeypatch.setattr(commands, "apps", lambda **_: here)
+    monkeypatch.setattr(commands, "apps", lambda: here)
 
     return partial(answer, "train")
 

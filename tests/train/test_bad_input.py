@@ -99,7 +99,7 @@ import os, signal
 from importlib.metadata import EntryPoint
 from neuro.cli import commands, main
 from neuro_train import {where}
-commands.apps = lambda **_: {{"train": EntryPoint("train", "neuro_train.cli:app", commands.GROUP)}}
+commands.apps = lambda: {{"train": EntryPoint("train", "neuro_train.cli:app", commands.GROUP)}}
 whole = {function}
 def interrupted(*told):
     os.kill(os.getpid(), signal.SIGINT)

@@ -87,7 +87,7 @@ import os, signal, sys
 from importlib.metadata import EntryPoint
 from neuro.cli import commands, main
 from neuro_train import trainer
-commands.apps = lambda **_: {"train": EntryPoint("train", "neuro_train.cli:app", commands.GROUP)}
+commands.apps = lambda: {"train": EntryPoint("train", "neuro_train.cli:app", commands.GROUP)}
 trainer.KEEP_S = 0.0
 whole, epochs = trainer._Training.epoch, []
 def epoch(self):
