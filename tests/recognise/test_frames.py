@@ -208,6 +208,17 @@ def test_features_name_the_recording(tmp_path):
     assert message.startswith(f"{tmp_path}/set/a/1.bin: 10 of 10 events lie outside of the 34x34 field")
 
 
+def test_real_recordings(shared):
+    data = recordings(shared / "data" / "nmnist" / "nmnist_train1000_bin.zip")
+    frames, counts = [], []
+    for item in data[::40]:
+        lengths = FRONT.observe(item.load())["lengths"]
+        frames.append(len(lengths))
+        counts.append(lengths.mean())
+    assert 17 < np.mean(frames) < 22
+    assert 350 < np.mean(counts) < 480
+
+
 @pytest.mark.parametrize(("signed", "side"), [(False, 1), (True, 1), (False, 2)])
 def test_responses_leak(signed, side):
     bank = LeakyGabors(sizes=(3, 5), sigmas=(1.2, 2.0), wavelengths=(1.5, 2.5), leak=0.02, signed=signed)
