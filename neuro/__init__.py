@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from neuro.model.neurons.builtin import *  # noqa: F403
     from neuro.model.parts import (
         Readout as Readout,
+        World as World,
         Trials as Trials,
         dropout as dropout,
         labels as labels,
@@ -69,6 +70,7 @@ if TYPE_CHECKING:
     from neuro.model.wiring.neurons import neuron_table as neuron_table
     from neuro.program.backend import OverflowWarning as OverflowWarning
     from neuro.program.counts import Counts as Counts
+    from neuro.realtime.closed_loop import ClosedLoop as ClosedLoop, closed_loop as closed_loop
     from neuro.run.compiled import (
         ApproximationWarning as ApproximationWarning,
         ModelWarning as ModelWarning,

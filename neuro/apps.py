@@ -45,6 +45,14 @@ if TYPE_CHECKING:
         write_pictures as write_pictures,
     )
     from neuro.coding.encoders import check_pixels as check_pixels, pixel_spikes as pixel_spikes
+    from neuro.coding.spaces import (
+        Actions as Actions,
+        States as States,
+        actions_of as actions_of,
+        dimensions_of as dimensions_of,
+        flat as flat,
+    )
+    from neuro.coding.values import SOME as SOME, RewardScale as RewardScale
     from neuro.compare.runs import chip_of as chip_of
     from neuro.compiler import compile_network as compile_network
     from neuro.compiler.cameras import CameraInput as CameraInput
@@ -167,6 +175,19 @@ if TYPE_CHECKING:
         unreadable as unreadable,
     )
     from neuro.program.counts import difference as difference, fan_out as fan_out
+    from neuro.realtime.environments import (
+        Environments as Environments,
+        find as find,
+        made as made,
+        why as why,
+    )
+    from neuro.realtime.episodes import (
+        End as End,
+        Log as Log,
+        Sums as Sums,
+        Test as Test,
+        episode_seed as episode_seed,
+    )
     from neuro.run import settable as settable
     from neuro.run.collect import collect as collect
     from neuro.run.inputs import driver as driver, outgoing as outgoing

@@ -9,9 +9,9 @@ log = agent.train(env, until=475.0)
 print(agent.test(env, episodes=100))
 """
 
+from neuro.apps import Log, Test
 from neuro_agent.agent import ActorCritic
 from neuro_agent.deployed import Deployed, Frozen
-from neuro_agent.learner import Log, Test
 from neuro_agent.network import Settings
 from neuro_agent.twin import LinearTwin
 

@@ -6,12 +6,11 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from neuro.apps import Quantity, check, unknown
+from neuro.apps import End, Log, Quantity, Test, check, flat, unknown
 from neuro_agent import files, training
 from neuro_agent.deployed import DRAWING, Deployed, Frozen
-from neuro_agent.learner import Learner, Log, Test
+from neuro_agent.learner import Learner
 from neuro_agent.network import Weights
-from neuro_agent.spaces import flat
 from neuro_agent.watch import Episode, watch
 
 if TYPE_CHECKING:
@@ -57,7 +56,7 @@ class ActorCritic(Learner):
                 stays.
         """
         self._acting = None
-        end = training.End(until, steps, episodes, window)
+        end = End(until, steps, episodes, window)
         path = None if out is None else Path(out)
         self.log = training.train(self, env, end, patience=patience, progress=progress, out=path)
         if path is not None:
@@ -107,7 +106,7 @@ class ActorCritic(Learner):
                 raise unknown("control", name, training.CONTROLS)
         for name in names:
             twin = type(self)(self.observations, self.actions.space, seed=self.seed, **self.settings.plain())
-            training.train(twin, env, training.End(steps=steps), control=name)
+            training.train(twin, env, End(steps=steps), control=name)
             found[name] = twin.test(env, episodes)
         return found
 

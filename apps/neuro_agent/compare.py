@@ -14,12 +14,10 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from neuro import ModelError
-from neuro.apps import install, side_by_side, unknown
+from neuro.apps import Environments, Test, episode_seed, install, side_by_side, unknown, why
 from neuro_agent import environments
 from neuro_agent.agent import ActorCritic
-from neuro_agent.environments import Environments
-from neuro_agent.learner import Test
-from neuro_agent.training import MOST, TESTS, episode_seed
+from neuro_agent.training import MOST, TESTS
 from neuro_agent.twin import LinearTwin
 
 NAMES = {
@@ -257,7 +255,7 @@ def _baseline(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
         model = getattr(stable_baselines3, trial.name.upper())(policy, env, seed=trial.seed, device="cpu", **words)
         model.learn(steps)
     except Exception as error:
-        raise _BaselineError(f"{NAMES[trial.name]}: {environments.why(error)}") from error
+        raise _BaselineError(f"{NAMES[trial.name]}: {why(error)}") from error
 
     def act(seen: Any) -> Any:
         action = model.predict(seen, deterministic=True)[0]

@@ -1,42 +1,24 @@
-"""Environments by name, and one or a vector of them in one form: a number of episodes side by side."""
+"""Environments by the names that the command line takes, and those that agents' files remember."""
 
 from __future__ import annotations
 
 import importlib
 import json
-import os
-import re
 import shutil
-import signal
 import sys
-import threading
-import time
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from functools import partial
-from inspect import signature
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import gymnasium
-import numpy as np
-import numpy.typing as npt
-from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
+from gymnasium.vector import SyncVectorEnv, VectorEnv
 
 from neuro import ModelError
-from neuro.apps import Quantity, check, extensions, hdf5, install, output, record_input, unknown
+from neuro.apps import extensions, find, hdf5, install, made, output, record_input, why
 from neuro_agent.files import FORMAT
-from neuro_agent.spaces import States, flat
-
-for _name, _value in (("PYGAME_HIDE_SUPPORT_PROMPT", "1"), ("SDL_VIDEODRIVER", "dummy"), ("SDL_AUDIODRIVER", "dummy")):
-    os.environ.setdefault(_name, _value)  # pygame greets on standard output, and looks for a screen that nobody needs
 
 ATTRIBUTE = "environment"
 MINIGRID = "minigrid"
 """The package that registers environments as MiniGrid-Empty-5x5-v0 when it is imported."""
-_EXTRA = re.compile(r"gymnasium\[[\w-]+\]")
 
 
 def make(name: str, frames: bool = False) -> gymnasium.Env[Any, Any]:
@@ -50,18 +32,8 @@ def make(name: str, frames: bool = False) -> gymnasium.Env[Any, Any]:
     Raises:
         ModelError: there is none of that name, it needs a package that is not installed, or it cannot be made.
     """
-    found = _find(name)
-    with _told(name):
-        made = partial(gymnasium.make, found) if isinstance(found, str) else found
-        env: gymnasium.Env[Any, Any] = made()
-        for space in ("observation_space", "action_space"):
-            if not isinstance(getattr(env, space, None), gymnasium.Space):
-                raise ModelError(f"environment '{name}': it has no {space}: expected a space of gymnasium")
-        if not frames or "rgb_array" not in (env.metadata or {}).get("render_modes", ()):
-            return env
-        words = signature(made).parameters
-        takes_mode = "render_mode" in words or any(one.kind is one.VAR_KEYWORD for one in words.values())
-        return made(render_mode="rgb_array") if takes_mode else env
+    env: gymnasium.Env[Any, Any] = made(_find(name), name, frames=frames)
+    return env
 
 
 def make_many(name: str, n: int) -> gymnasium.Env[Any, Any] | VectorEnv[Any, Any, Any]:
@@ -84,12 +56,7 @@ def _find(name: str) -> Any:
     module, _, inner = name.rpartition(":")
     module = module or (MINIGRID if inner.startswith("MiniGrid-") else "")
     own = vars(_imported(module, name)) if module else {}
-    classes = {key: kind for key, kind in own.items() if isinstance(kind, type) and issubclass(kind, gymnasium.Env)}
-    if inner in classes:
-        return classes[inner]
-    if inner not in gymnasium.registry:
-        raise unknown("environment", inner, [*classes, *gymnasium.registry])
-    return inner
+    return find(inner, {key: kind for key, kind in own.items() if isinstance(kind, type)})
 
 
 def _imported(module: str, name: str) -> Any:
@@ -118,31 +85,7 @@ def _imported(module: str, name: str) -> Any:
             f"environment '{name}': there is no module '{module}': expected one of the current folder or a package"
         ) from None
     except Exception as error:
-        raise ModelError(f"environment '{name}': module '{module}' raised {_line(error)}") from error
-
-
-@contextmanager
-def _told(name: str) -> Iterator[None]:
-    """Errors of making an environment in one line; gymnasium's warnings are of its own names and tell users nothing."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    except ModelError:
-        raise
-    except Exception as error:
-        raise ModelError(f"environment '{name}': {why(error)}") from error
-
-
-def why(error: BaseException) -> str:
-    """An error of an environment in one line; what is not installed with the command that installs it."""
-    extra = _EXTRA.search(str(error))
-    return _line(error) if extra is None else f"it needs {extra[0]}: pip install '{extra[0]}'"
-
-
-def _line(error: BaseException) -> str:
-    first = (str(error).splitlines() or [""])[0]
-    return f"{type(error).__name__}: {first}" if first else type(error).__name__
+        raise ModelError(f"environment '{name}': module '{module}' raised {why(error)}") from error
 
 
 def remember(path: Path, name: str) -> None:
@@ -181,166 +124,3 @@ def check_remembered(path: Path, name: str) -> None:
     if module and module not in {Path(file).stem for file in extensions()}:
         message = f"{path}: was trained in '{name}', which runs the module {module}"
         raise ModelError(message, hint=f"say so, if you trust it: {name} behind the file, or --with {module}.py")
-
-
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
-_PATIENCE = Quantity("s", above=0, infinite=True)
-_GIVE_UP = signal.SIGURG
-"""Nobody else sends it, and it does nothing by default; a job in the background has no SIGINT."""
-
-
-class Environments:
-    """Episodes side by side. One that has ended stays at its last observation for a step, then another begins.
-
-    Args:
-        env: an environment, or a vector of environments.
-        patience: seconds within which it must answer.
-
-    Attributes:
-        name: of the environment.
-        options: with which gymnasium made it, as far as they are plain data.
-        n: how many episodes there are at a time.
-        observations: the space of one observation.
-        actions: that of one action.
-        over: which of them have ended and begin anew at the next step.
-        found: the last observation, or the last ones, as the environment gave them.
-
-    Raises:
-        ModelError: it is no environment.
-    """
-
-    def __init__(self, env: Any, patience: float = 60.0) -> None:
-        self._env, self.patience = env, float(check(_PATIENCE, patience, "patience"))
-        self._vector = isinstance(env, VectorEnv)
-        if not self._vector and not isinstance(env, gymnasium.Env):
-            raise ModelError(f"env: found {type(env).__name__}: expected a gymnasium.Env or a VectorEnv")
-        self.n = int(env.num_envs) if self._vector else 1
-        self.observations = env.single_observation_space if self._vector else env.observation_space
-        self.actions = env.single_action_space if self._vector else env.action_space
-        mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP) if self._vector else AutoresetMode.NEXT_STEP
-        if mode not in (AutoresetMode.NEXT_STEP, AutoresetMode.NEXT_STEP.value):
-            name = getattr(mode, "name", repr(mode))
-            raise ModelError(f"env: a vector of autoreset_mode {name}: expected NEXT_STEP, gymnasium's default")
-        spec = getattr(env, "spec", None)
-        self.name = str(spec.id) if spec is not None else type(env).__name__
-        self.options = {} if spec is None else _plain(spec.kwargs)
-        self._states = States(self.observations)
-        self.over: Bools = np.zeros(self.n, dtype=np.bool_)
-        self.found: Any = None
-        self._calls = 0
-
-    def reset(self, seeds: Sequence[int]) -> Floats:
-        """Begin all episodes, by the first seed; the first observations, (n, dimensions)."""
-        found, _ = self._answer("reset", "observation, info", seed=int(seeds[0]))
-        self.over = np.zeros(self.n, dtype=np.bool_)
-        return self._vectors(found)
-
-    def step(self, actions: npt.NDArray[Any] | list[Any], seeds: Sequence[int]) -> tuple[Floats, Floats, Bools, Bools]:
-        """One step of each; of those that are over the first observation of the next episode.
-
-        Args:
-            actions: one for each, of those that are over any.
-            seeds: of the next episode of each that is over; vectors choose their own.
-
-        Returns:
-            observations (n, dimensions), rewards, which terminated, which were cut off; of those that were over the
-            reward is 0.
-        """
-        if self._vector:
-            begun = self.over
-            found, reward, ended, cut = self._step(actions)
-            return self._taken(found, np.where(begun, 0.0, reward), ended & ~begun, cut & ~begun)
-        if self.over[0]:
-            return self.reset(seeds), np.zeros(1), np.zeros(1, np.bool_), np.zeros(1, np.bool_)
-        return self._taken(*self._step(actions[0]))
-
-    def _step(self, action: Any) -> tuple[Any, ...]:
-        return self._answer("step", "observation, reward, terminated, truncated, info", action)[:4]
-
-    def _answer(self, name: str, expected: str, *given: Any, **named: Any) -> tuple[Any, ...]:
-        self._calls += 1
-        try:
-            answer = getattr(self._env, name)(*given, **named)
-        except (ModelError, KeyboardInterrupt):
-            raise
-        except Exception as error:
-            raise ModelError(f"env.{name} raised {type(error).__name__}: {error}") from error
-        self._calls += 1
-        if not isinstance(answer, tuple) or len(answer) != 1 + expected.count(","):
-            size = f"{len(answer)} values" if isinstance(answer, tuple) else type(answer).__name__
-            raise ModelError(f"env.{name} returned {size}: expected ({expected})")
-        return answer
-
-    def _taken(self, found: Any, reward: Any, ended: Any, cut: Any) -> tuple[Floats, Floats, Bools, Bools]:
-        try:
-            rewards = np.asarray(reward, dtype=np.float64).reshape(self.n)
-        except (TypeError, ValueError, OverflowError):
-            raise ModelError(f"env.step returned the reward {reward!r}: expected a number") from None
-        good = np.isfinite(rewards)
-        if np.count_nonzero(good) < self.n:
-            raise ModelError(f"env.step returned the reward {rewards[~good][0]:g}: expected a finite number")
-        ends, cuts = self._flags("terminated", ended), self._flags("truncated", cut)
-        self.over = ends | cuts
-        return self._vectors(found), rewards, ends, cuts & ~ends
-
-    def _flags(self, name: str, found: Any) -> Bools:
-        flags = np.asarray(found)
-        if flags.size != self.n or flags.dtype.kind not in "bui":
-            raise ModelError(f"env.step returned {name} = {found!r}: expected True or False")
-        return flags.astype(np.bool_).reshape(self.n)
-
-    def _vectors(self, found: Any) -> Floats:
-        self.found = found
-        return self._states.check(flat(self.observations, found, self.n if self._vector else 0))
-
-    @contextmanager
-    def watched(self) -> Iterator[None]:
-        """Stop with an error where a call of the environment does not return within `patience`; main thread only."""
-        if threading.current_thread() is not threading.main_thread() or not np.isfinite(self.patience):
-            yield
-            return
-        over, hung, main = threading.Event(), threading.Event(), threading.get_ident()
-
-        def look() -> None:
-            known, since = self._calls, time.monotonic()
-            while not over.wait(min(1.0, self.patience / 4)):
-                if self._calls != known or self._calls % 2 == 0:
-                    known, since = self._calls, time.monotonic()
-                elif time.monotonic() - since > self.patience:
-                    hung.set()
-                    # A real signal: it also ends a call that waits in the system, for a clock or a socket.
-                    signal.pthread_kill(main, _GIVE_UP)
-                    return
-
-        def give_up(number: int, frame: FrameType | None) -> None:
-            if hung.is_set():
-                raise _Hung
-
-        before = signal.signal(_GIVE_UP, give_up)
-        watcher = threading.Thread(target=look, daemon=True)
-        watcher.start()
-        try:
-            try:
-                yield
-            finally:
-                over.set()
-                watcher.join()
-        except _Hung:
-            message = f"env: a call has not returned for {self.patience:g} s: expected an answer"
-            raise ModelError(message, hint="patience= gives it longer") from None
-        finally:
-            signal.signal(_GIVE_UP, signal.SIG_DFL if before is None else before)
-
-
-class _Hung(BaseException):
-    """A call of an environment that does not return; no `except Exception` of the environment's own holds it."""
-
-
-def _plain(options: Mapping[str, Any]) -> dict[str, Any]:
-    plain = {}
-    for name, value in options.items():
-        with suppress(TypeError, ValueError):
-            plain[name] = json.loads(json.dumps(value))
-    plain.pop("render_mode", None)
-    return plain

@@ -20,8 +20,8 @@ import numpy as np
 from gymnasium import spaces
 
 from neuro import ModelError
-from neuro.apps import hdf5, provenance, record_input
-from neuro_agent.learner import Learner, Log
+from neuro.apps import Log, hdf5, provenance, record_input
+from neuro_agent.learner import Learner
 
 A = TypeVar("A", bound=Learner)
 FORMAT = "neuro agent 1"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
@@ -11,205 +11,21 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.apps import check
-from neuro.coding import PERIOD, Fields
+from neuro import ModelError
+from neuro.apps import SOME, Log, RewardScale, States, actions_of, check, dimensions_of
+from neuro.coding import PERIOD, Fields, OneHot, Places, Population, Tiles
 from neuro_agent.network import CRITIC, GAIN, REST, SEED, STEP, TAU, USUAL, Settings, Weights, circuit, network
-from neuro_agent.spaces import States, actions_of, encoder_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 
-class Log:
-    """Episodes of a training, in the order in which they ended.
-
-    Attributes:
-        returns: sums of rewards, (episodes,).
-        lengths: control steps, (episodes,).
-        steps: control steps of all environments up to its end, (episodes,).
-        solved: True if the requested mean return was reached, False if not, None if the training had no such goal.
-    """
-
-    def __init__(self, returns: Any = (), lengths: Any = (), steps: Any = (), solved: bool | None = None) -> None:
-        self._returns, self._lengths, self._steps = list(returns), list(lengths), list(steps)
-        self.solved = solved
-
-    def __repr__(self) -> str:
-        n = len(self)
-        if not n:
-            return "Log(no episode)"
-        solved = {None: "", False: ", not solved", True: ", solved"}[self.solved]
-        mean = f"mean return of the last {min(n, 100)}: {self.mean(100):g}"
-        return f"Log({n} episodes, {self._steps[-1]:,} steps, {mean}{solved})"
-
-    def __len__(self) -> int:
-        return len(self._returns)
-
-    @property
-    def returns(self) -> Floats:
-        """Sums of rewards."""
-        return np.array(self._returns, dtype=np.float64)
-
-    @property
-    def lengths(self) -> Ints:
-        """Control steps of each episode."""
-        return np.array(self._lengths, dtype=np.int64)
-
-    @property
-    def steps(self) -> Ints:
-        """Control steps of all environments up to the end of each episode."""
-        return np.array(self._steps, dtype=np.int64)
-
-    def add(self, total: float, length: int, step: int) -> None:
-        """An episode has ended."""
-        self._returns.append(total)
-        self._lengths.append(length)
-        self._steps.append(step)
-
-    def mean(self, window: int) -> float:
-        """The mean return of the last episodes; NaN before there are any."""
-        return float(np.mean(self._returns[-window:])) if self._returns else float("nan")
-
-    def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Return all entries and the outcome as arrays for a file."""
-        solved = np.array([-1 if self.solved is None else self.solved], dtype=np.int8)
-        return {"returns": self.returns, "lengths": self.lengths, "steps": self.steps, "solved": solved}
-
-    @classmethod
-    def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Log:
-        """Return the log that `arrays` describes; an older file does not say whether the goal was reached."""
-        returns, lengths, steps = (arrays[name].tolist() for name in ("returns", "lengths", "steps"))
-        solved = int(arrays["solved"][0]) if "solved" in arrays else -1
-        return cls(returns, lengths, steps, None if solved < 0 else bool(solved))
-
-    def plot(self, bar: float | None = None) -> Figure:
-        """A picture of the returns: each episode, the mean of 100, and a bar to reach."""
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(7, 3.2), layout="constrained")
-        axes = figure.add_subplot()
-        axes.plot(self.returns, ".", markersize=2, color="0.6", label="episode")
-        if len(self) >= 2:
-            window = min(100, len(self))
-            mean = np.convolve(self.returns, np.full(window, 1 / window), "valid")
-            axes.plot(np.arange(window - 1, len(self)), mean, label=f"mean of {window}")
-        if bar is not None:
-            axes.axhline(bar, linestyle=":", color="0.3", label=f"{bar:g}")
-        axes.set_xlabel("episode")
-        axes.set_ylabel("return")
-        axes.legend(frameon=False)
-        return figure
-
-
-class Test:
-    """Episodes without learning.
-
-    Attributes:
-        returns: sums of rewards, (episodes,).
-        lengths: control steps, (episodes,).
-    """
-
-    __test__ = False  # not one of pytest's
-
-    def __init__(self, returns: Floats, lengths: Ints) -> None:
-        self.returns, self.lengths = returns, lengths
-
-    @property
-    def mean(self) -> float:
-        """The mean return."""
-        return float(self.returns.mean())
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The mean's 95 % interval, of the normal distribution; NaN of one episode, which says nothing of others."""
-        n = len(self.returns)
-        half = 1.96 * float(self.returns.std(ddof=1)) / float(np.sqrt(n)) if n > 1 else float("nan")
-        return self.mean - half, self.mean + half
-
-    def __repr__(self) -> str:
-        if len(self.returns) == 1:
-            return f"Test(1 episode, return {self.mean:g})"
-        low, high = self.interval
-        return f"Test({len(self.returns)} episodes, mean return {self.mean:g}, 95 % {low:g} to {high:g})"
-
-
-MOST = 1.25
-"""The largest magnitude of a value: at -1.6 the neurons of the critic fall silent, at 3.8 they spike in each ms."""
-SOME = 500
-"""Control steps over which a value, or the size of errors, is averaged."""
 TYPICAL = 0.05
 """Size of an error, root mean square, to which errors are normalised."""
-
-
-class RewardScale:
-    """What a reward is to the critic, from rewards of random moves.
-
-    Args:
-        discount: of the next reward.
-        scale: what a typical reward in each step, for ever, is to be worth.
-
-    Attributes:
-        factor: a reward times this is what the critic learns.
-        first: the value that all states have before anything is learnt.
-        known: whether the scale has been taken from a reward that is not 0.
-    """
-
-    def __init__(self, discount: float, scale: float = 1.0) -> None:
-        self.horizon, self.scale = 1.0 / (1.0 - discount), scale
-        self.factor, self.first, self.known = 1.0, 0.0, False
-        self._level = 0.0
-
-    def learn(self, rewards: Sequence[float], returns: Sequence[float] = ()) -> None:
-        """Take the scale from rewards, of which one is not 0.
-
-        A typical reward in each step, for ever, is to be a value of `scale`. Where rewards are rare, only as many count
-        as come within the horizon, and within an episode. States are worth at first what random moves bring, if that is
-        more than nothing: a value that is too high makes an agent try what it has not tried. Where rewards are rare it
-        is at most the best return, since a goal that ends the episode must not be worth less than to go on.
-
-        Args:
-            rewards: of control steps.
-            returns: of the episodes that have ended.
-        """
-        array = np.asarray(rewards, dtype=np.float64)
-        some = array[array != 0.0]
-        if not some.size:
-            return
-        dense, steps, most = some.size / array.size, self.horizon, math.inf
-        if dense < 0.5:
-            steps = max(1.0, min(dense * self.horizon, some.size / max(1, len(returns))))
-            most = max(0.0, float(some.max()), *returns)
-        self.factor = self.scale / (float(np.median(np.abs(some))) * steps)
-        self.first = max(0.0, self.factor * min(most, float(array.mean()) * self.horizon))
-        self.known = True
-
-    def begin(self) -> None:
-        """Begin a block of training."""
-        self._level = 0.0
-
-    def excess(self, values: Floats, rewards: Floats) -> float:
-        """By which share rewards and values have to shrink after a control step, 1 if they need not.
-
-        Random moves do not show what a good policy gets. So rewards shrink to half of MOST where values come to exceed
-        it, and to MOST where one reward alone does. Neurons for dopamine adapt to the range of rewards, too (Tobler,
-        Fiorillo & Schultz, Science 307:1642, 2005).
-
-        Args:
-            values: of the states, (copies,).
-            rewards: as the environments gave them, (copies,).
-        """
-        # Of the few numbers of a control step, lists are faster than reductions of arrays.
-        self._level += (sum(values.tolist()) / len(values) - self._level) / SOME
-        level, largest = abs(self._level), self.factor * max(map(abs, rewards.tolist()))
-        return min(MOST / 2.0 / level if level > MOST else 1.0, MOST / largest if largest > MOST else 1.0)
-
-    def shrink(self, share: float) -> None:
-        """Let rewards be this share of what they were."""
-        self.factor, self.first, self._level = self.factor * share, self.first * share, self._level * share
 
 
 class Novelty:
@@ -280,6 +96,25 @@ class Decision:
 
     def __init__(self, winners: Ints, values: Floats, spikes: Ints) -> None:
         self.winners, self.values, self.spikes = winners, values, spikes
+
+
+def encoder_of(space: gymnasium.Space[Any], settings: Settings) -> Fields:
+    """The neurons that stand for observations.
+
+    Raises:
+        ModelError: the space is of another kind or empty, or the encoder refuses it or has too many neurons for it.
+    """
+    dimensions, s = dimensions_of(space), settings
+    if not dimensions:
+        raise ModelError("observation space: it is empty: expected at least one dimension")
+    match s.encoder:
+        case "tiles":
+            return Tiles(dimensions, s.group, s.fields, s.active)
+        case "one_hot":
+            return OneHot(dimensions)
+        case "population":
+            return Population(dimensions, s.group, s.fields)
+    return Places(dimensions, s.group, s.fields, s.active)
 
 
 class Learner:

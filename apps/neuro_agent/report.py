@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from neuro.apps import check_output, console, provenance, sealed, table, write_text
+from neuro.apps import Test, check_output, console, provenance, sealed, table, write_text
 from neuro_agent.compare import NAMES, Found
-from neuro_agent.learner import Test
 
 FORMAT = "neuro agent comparison 1"
 TABLE = sealed("a table of 'neuro agent compare'", f'"format": "{FORMAT}"', ', "digest": "{}"')

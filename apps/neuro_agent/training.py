@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -12,10 +11,21 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import Bar, Checkpoint, Quantity, check, check_output, hdf5
+from neuro.apps import (
+    Bar,
+    Checkpoint,
+    End,
+    Environments,
+    Log,
+    Quantity,
+    Sums,
+    Test,
+    check,
+    check_output,
+    episode_seed,
+    hdf5,
+)
 from neuro_agent import files
-from neuro_agent.environments import Environments
-from neuro_agent.learner import Log, Test
 from neuro_agent.network import SEED
 
 if TYPE_CHECKING:
@@ -45,11 +55,6 @@ MOST = 10_000
 """Control steps after which an episode of a test that does not end is cut off."""
 TESTS = 1 << 40
 """Seeds of tests begin here: no training comes so far."""
-
-
-def episode_seed(seed: int, number: int) -> int:
-    """The seed of an episode of an environment; environments take 32 bits."""
-    return int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
 
 
 class Decides(Protocol):
@@ -106,7 +111,7 @@ class Course:
             now, reward, _, _ = env.step(drawn, self._seeds(begins))
             seen.append(now)
             self._count(begins)
-            sums.add(self, reward, begins, env.over)
+            sums.add(self.log, self.steps, reward, begins, env.over)
             rewards += reward[~begins].tolist()
             some |= bool(reward.any())
         agent.places.learn(np.concatenate(seen))
@@ -154,7 +159,7 @@ class Course:
             if not agent.rewards.known and reward.any():  # the scale is that of the first rewards: all before were 0
                 first = reward[~begins]
                 agent.rewards.learn([0.0] * (self.steps - first.size) + first.tolist(), self.log.returns.tolist())
-            over = sums.add(self, reward, begins, env.over)
+            over = sums.add(self.log, self.steps, reward, begins, env.over)
             value = found.values
             share = agent.rewards.excess(value, reward)
             if share < 1.0:
@@ -191,59 +196,6 @@ class Course:
             return winners
         sizes = self.agent.actions.sizes
         return np.stack([self.rng.integers(n, size=len(winners)) for n in sizes], axis=1)
-
-
-class Sums:
-    """Returns and lengths of the episodes that are under way.
-
-    Args:
-        n: how many there are at a time.
-    """
-
-    def __init__(self, n: int) -> None:
-        self._total, self._length = np.zeros(n), np.zeros(n, dtype=np.int64)
-
-    def add(self, course: Course, reward: Floats, begins: Bools, over: Bools) -> bool:
-        """A control step of all; those that are over go to the log; return whether there are any."""
-        self._total += reward
-        self._length += ~begins
-        if not np.count_nonzero(over):
-            return False
-        for k in np.flatnonzero(over):
-            course.log.add(float(self._total[k]), int(self._length[k]), course.steps)
-            self._total[k], self._length[k] = 0.0, 0
-        return True
-
-
-@dataclass(frozen=True, slots=True)
-class End:
-    """When a training ends: at what comes first.
-
-    Attributes:
-        until: the mean return of the last `window` episodes.
-        steps, episodes: how many there may be.
-        window: episodes of that mean.
-    """
-
-    until: float | None = None
-    steps: int | None = None
-    episodes: int | None = None
-    window: int = 100
-
-    def __post_init__(self) -> None:
-        if self.until is None and self.steps is None and self.episodes is None:
-            raise ModelError("train: found no end: expected until, steps or episodes", hint="until=475.0")
-        if self.until is not None:
-            object.__setattr__(self, "until", check(Quantity(), self.until, "train: until"))
-        for name, value in (("steps", self.steps), ("episodes", self.episodes), ("window", self.window)):
-            if value is not None:
-                object.__setattr__(self, name, check(Quantity(kind="integer", at_least=1), value, f"train: {name}"))
-
-    def reached(self, log: Log) -> bool:
-        """Whether a training has ended by its episodes."""
-        if self.until is not None and not log.solved:
-            log.solved = len(log) >= self.window and log.mean(self.window) >= self.until
-        return bool(log.solved) or (self.episodes is not None and len(log) >= self.episodes)
 
 
 def checkpoint(agent: Learner, out: Path, env: Any) -> Checkpoint:

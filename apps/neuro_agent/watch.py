@@ -17,12 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import html, player, sealed
+from neuro.apps import Environments, episode_seed, html, player, sealed, why
 from neuro_agent import files
 from neuro_agent.deployed import Frozen
-from neuro_agent.environments import Environments, why
 from neuro_agent.network import circuit
-from neuro_agent.training import TESTS, episode_seed, fitting
+from neuro_agent.training import TESTS, fitting
 
 if TYPE_CHECKING:
     from PIL.Image import Image

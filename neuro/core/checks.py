@@ -253,6 +253,20 @@ def _choice(q: Quantity, value: Any, what: str) -> Any:
     return value.in_unit(q, what) if q.at_least is not None else value
 
 
+@kind("choices", "")
+def _choices(q: Quantity, value: Any, what: str) -> dict[str, Any]:
+    assert q.choice is not None
+    if not isinstance(value, Mapping):
+        raise ModelError(
+            f"{what} = {shown(value)}: expected a {q.choice.kind} for each name, {{name: {q.choice.kind}}}"
+        )
+    for name, given in value.items():
+        if not isinstance(given, q.choice):
+            message = f"{what}: {name} = {shown(given)}: expected {'an' if q.choice.kind[0] in 'aeiou' else 'a'} "
+            raise ModelError(message + q.choice.kind, path=(str(name),))
+    return {str(name): given for name, given in value.items()}
+
+
 @kind("part", "")
 def _part(q: Quantity, value: Any, what: str) -> Any:
     assert q.part is not None

@@ -65,8 +65,8 @@ class Quantity:
             third column, the payload), "ids", "delay" (a time that is no number of the rule), "names" (a list of
             names), "words" (values by name), "part" (a `part`), "array" (numbers in a list or a file, not drawn),
             "states" (numbers by state), "neurons" (a population or some of its neurons), "codes" (of `neuro.coding`),
-            "choice" (a `choice`; with bounds also a number), "file" (a path; in YAML inside the folder of the
-            description) or "events" (what holds events, in Python alone).
+            "choice" (a `choice`; with bounds also a number), "choices" (`choice`s by name), "file" (a path; in YAML
+            inside the folder of the description) or "events" (what holds events, in Python alone).
         above, at_least, below, at_most: bounds of every element.
         nonzero: whether 0 has no meaning.
         infinite: whether an infinite value has a meaning.
@@ -75,7 +75,7 @@ class Quantity:
         optional: whether it may be left out for good (None).
         words: the accepted words of kind "word", and those accepted beside numbers by "integer" and "shape".
         part: the class of kind "part", a `Choice`.
-        choice: of kind "choice": the base of what may be chosen, a `Choice`.
+        choice: of kinds "choice" and "choices": the base of what may be chosen, a `Choice`.
         of_value: whether its unit is that of what it belongs to: of the value which the distribution or function that
             has it stands for, of the weight of a synapse. Until that is known a number with its unit is a text.
         taken_in: the unit in which numbers with a unit are taken, where `unit` does not tell it.

@@ -38,6 +38,7 @@ _ROOMS = (
     "neuro_events.representations",
     "neuro_events.segmentation",
     "neuro.coding.codes",
+    "neuro.coding.world",
     "neuro_sweeps.function",
 )
 """Where registries are made, some in packages that may be missing. A class or an instance brings its own along; a

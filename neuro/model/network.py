@@ -31,6 +31,7 @@ from neuro.model.parts import (
     Side,
     Signal,
     Trials,
+    World,
 )
 from neuro.model.rules import Rule, from_file, one_to_one
 from neuro.model.synapses import Synapse, static
@@ -65,8 +66,9 @@ class Network(Description):
             self.resolution: float = check(RESOLUTION, resolution, "resolution")
         self.populations, self.projections = {}, {}
         self.signals, self.groups, self.probes = {}, {}, {}
-        self.trials_section, self.readout_section = None, None
+        self.trials_section, self.readout_section, self.world_section = None, None, None
         self.trials_origin: Where | None = None
+        self.world_origin: Where | None = None
         self.latest: Part | Trials | None = None
 
     if not TYPE_CHECKING:
@@ -298,6 +300,16 @@ class Network(Description):
         self.readout_section = section
         return section
 
+    def world(self, **words: Any) -> World:
+        """Say which world it acts in, in place of what was said; the words are those of `neuro.World`.
+
+        Backends do not see it: `neuro.closed_loop` does.
+        """
+        with self._in_place("world"):
+            section = World.from_words(words)
+        self.world_section, self.world_origin = section, self._where()
+        return section
+
     def save(self, path: str | Path) -> None:
         """Write YAML that loads to an equal network; large arrays go to an HDF5 file beside it."""
         from neuro.model.language.writer import save
@@ -307,7 +319,7 @@ class Network(Description):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):
             return NotImplemented
-        skip = ("trials_origin", "place", "inputs", "latest", "verdicts")
+        skip = ("trials_origin", "world_origin", "place", "inputs", "latest", "verdicts")
         mine, theirs = vars(self), vars(other)
         return all(same(mine[k], theirs[k]) for k in mine if k not in skip)
 

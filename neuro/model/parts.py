@@ -26,7 +26,9 @@ from neuro.model.sections import (
     CENTRED as CENTRED,
     DECIDED_BY as DECIDED_BY,
     Readout as Readout,
+    Surroundings as Surroundings,
     Trials as Trials,
+    World as World,
     dropout as dropout,
     labels as labels,
     reward as reward,
@@ -348,6 +350,7 @@ class Description:
         populations, projections, signals, groups, probes: the parts by name, in the order of definition.
         trials_section: the trials, or None.
         readout_section: how it is asked about recordings, or None.
+        world_section: the world that it is joined with, or None.
     """
 
     name: str
@@ -359,3 +362,4 @@ class Description:
     probes: dict[str, Probe]
     trials_section: Trials | None
     readout_section: Readout | None
+    world_section: World | None

@@ -1,10 +1,11 @@
-"""The sections of a network that say how it is used: its trials, and how recordings are shown to it."""
+"""The sections of a network that say how it is used: trials, recordings that are shown to it, and its world."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from neuro.coding.world import Decoder, Encoder, Teacher
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
@@ -108,3 +109,39 @@ class Readout(Choice):
         if self.window not in (None, (CENTRED,)) and (len(self.window) != 2 or CENTRED in self.window):
             message = f"readout.window = {shown(list(self.window))}: expected {CENTRED}, or [column, row]"
             raise ModelError(message, path=("window",))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Surroundings(Choice):
+    """An environment of Gymnasium, by its id, or a class of a file that the user names by `--with`."""
+
+    kind: ClassVar[str] = "environment"
+    word: ClassVar[str] = "environment"
+    id: str = quantity(
+        doc="its id as gymnasium or an installed package registers it, or the name of a class", kind="name"
+    )
+    options: Any = quantity(None, "", "arguments with which it is made", kind="words")
+
+    def __post_init__(self) -> None:
+        Choice.__post_init__(self)
+        if ":" in self.id or self.id.endswith(".py"):
+            module = self.id.partition(":")[0].removesuffix(".py").replace(".", "/")
+            message = f"environment.id = {shown(self.id)}: a description imports nothing: expected an id or a class"
+            raise ModelError(message, path=("id",), hint=f"name the file yourself: --with {module}.py")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class World(Choice):
+    """What the network acts in: each control step it sees, runs, acts, and is taught."""
+
+    kind: ClassVar[str] = "world"
+    word: ClassVar[str] = "world"
+    environment: Any = quantity(doc="in which environment", kind="part", part=Surroundings)
+    step: float = quantity(doc="time of the network in a control step", unit="ms", above=0)
+    observe: Any = quantity(doc="how each population sees the observation", kind="choices", choice=Encoder)
+    act: Any = quantity(doc="how spikes become the action", kind="choice", choice=Decoder)
+    reward: Any = quantity(None, "", "what sets each signal", kind="choices", choice=Teacher)
+    explore: int = quantity(0, "", "control steps of random actions before it learns", kind="integer", at_least=0)
+    episode: Any = quantity(None, "", "control steps of an episode at most", kind="integer", at_least=1)
+    process: bool = quantity(False, "", "whether the environment is a process of its own", kind="boolean")
+    block: int = quantity(10_000, "", "control steps between two checkpoints", kind="integer", at_least=1)

@@ -157,6 +157,7 @@ def tables(net: Any) -> list[Table]:
         Table("probes", ("name", "of", "record", ">every (ms)"), tuple(_probes(net))),
         Table("trials", ("what",), _section(net.trials_section)),
         Table("readout", ("what",), _section(net.readout_section)),
+        Table("world", ("what",), _section(net.world_section)),
     ]
 
 

@@ -15,6 +15,7 @@ from neuro.files.state import Identity, fingerprint, read_state, write_state
 from neuro.model import parts
 from neuro.model.network import Network
 from neuro.model.rules import all_to_all, grid, pairs
+from neuro.model.synapses import static
 from neuro.model.synapses.base import steps_of
 from neuro.program.backend import Engine, Spikes
 from neuro.program.program import (
@@ -29,12 +30,13 @@ from neuro.run.streams import StreamFeeder
 from neuro.run.trials import TrialLoop
 
 
-def learnt_network(run: Run) -> Network:
+def learnt_network(run: Run, frozen: bool = False) -> Network:
     """A copy of a network in execution that holds the present weights and parameters and nothing random in connections.
 
     Delays that learn are those that the next spikes would take, in whole steps.
     Synapses that were drawn at random become listed pairs; weights, delays and initial states that were drawn
-    become arrays, and what was encoded becomes spikes or rates. States such as V_m begin anew.
+    become arrays, and what was encoded becomes spikes or rates. States such as V_m begin anew. `frozen` has static
+    synapses and no signals.
     """
     net, program = run.net, run.program
     copy = Network(net.name, resolution=net.resolution)
@@ -42,7 +44,10 @@ def learnt_network(run: Run) -> Network:
         copy.populations[population.name] = _population(net.populations[population.name], run, index)
     for index, projection in enumerate(program.projections):
         copy.projections[projection.name] = _projection(net.projections[projection.name], run, index)
-    copy.signals, copy.groups = dict(net.signals), dict(net.groups)
+    if frozen:
+        for name, part in copy.projections.items():
+            copy.projections[name] = replace(part, synapse=static())
+    copy.signals, copy.groups = {} if frozen else dict(net.signals), dict(net.groups)
     for name, probe in net.probes.items():
         view, pre, post = (
             None if each is None else copy.populations[each.population.name][each.index]
@@ -51,6 +56,9 @@ def learnt_network(run: Run) -> Network:
         copy.probes[name] = replace(probe, view=view, pre=pre, post=post)
     copy.trials_section, copy.trials_origin = net.trials_section, net.trials_origin
     copy.readout_section = net.readout_section
+    world = net.world_section
+    copy.world_section = replace(world, reward=None) if world is not None and frozen else world
+    copy.world_origin = net.world_origin
     return copy
 
 

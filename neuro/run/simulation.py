@@ -509,12 +509,16 @@ class Simulation(RunningNetwork):
         return self._engine.memory()
 
     @alone
-    def network(self) -> Network:
-        """The network with what it has learnt: save it, or compile it for another backend."""
+    def network(self, frozen: bool = False) -> Network:
+        """The network with what it has learnt: save it, or compile it for another backend.
+
+        Args:
+            frozen: with static synapses and without signals, for a backend that cannot learn.
+        """
         self._synapses.check()
         from neuro.run.saved import learnt_network
 
-        return learnt_network(self._run)
+        return learnt_network(self._run, frozen)
 
     @alone
     def doctor(

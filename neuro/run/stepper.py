@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -94,7 +94,14 @@ class Stepper:
         ticks: in steps of the network.
     """
 
-    def __init__(self, joined: Joined, ms: float, emit: Sequence[Any], count: Sequence[Any]) -> None:
+    def __init__(
+        self,
+        joined: Joined,
+        ms: float,
+        emit: Sequence[Any],
+        count: Sequence[Any],
+        run: Callable[[int], None] | None = None,
+    ) -> None:
         self._joined, self.ms, self.ticks = joined, ms, joined.steps(ms)
         handles, program = joined.handles, joined.program
         self._emit = [handles.neurons(part).index for part in emit]
@@ -103,10 +110,11 @@ class Stepper:
             part = program.populations[index]
             if part.kind != "listed" or part.stream is not None or part.model.graded:
                 raise ModelError(f"stepper: '{part.name}' is {a(part.said)}: expected a spike_generator")
-        if not joined.plain:
+        if run is None and not joined.plain:
             raise ModelError(
                 "stepper: the network has probes or streams: expected one without", hint="use run and ports"
             )
+        self._run = run
         self._before = [joined.engines.fired(index) for index in self._count]
 
     def step(self, *spikes: Listed) -> list[Ints]:
@@ -129,7 +137,10 @@ class Stepper:
             raise ModelError(f"step: spikes of {len(spikes)} populations: expected {len(self._emit)}")
         lists = [self._list(index, each) for index, each in zip(self._emit, spikes, strict=True)]
         joined.engines.list_spikes(lists)
-        joined.advance(self.ticks, forget=True)
+        if self._run is None:
+            joined.advance(self.ticks, forget=True)
+        else:
+            self._run(self.ticks)
         now = [joined.engines.fired(index) for index in self._count]
         counts = [after - before for after, before in zip(now, self._before, strict=True)]
         self._before = now

@@ -13,7 +13,7 @@ from neuro.model.language.reader import MAX_DEPTH, Node, found, mistake, plain, 
 
 OWN = ("neuro", "name", "include")
 GATHERED = ("parameters", "models", "populations", "projections", "signals", "groups", "probes")
-SECTIONS = (*OWN, "resolution", *GATHERED[:-1], "trials", "probes", "readout")
+SECTIONS = (*OWN, "resolution", *GATHERED[:-1], "trials", "probes", "readout", "world")
 VERSION = 1
 
 

@@ -31,6 +31,7 @@ from neuro.model.parts import (
     Readout,
     Signal,
     Trials,
+    World,
 )
 from neuro.model.views import AXIS
 
@@ -44,7 +45,7 @@ def schema() -> Schema:
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "neuro network",
-        "description": "A spiking network: populations, projections, signals, groups, trials, probes and readout.",
+        "description": "A spiking network: its populations, projections, signals, groups, trials, probes and world.",
         **_closed(
             {
                 "neuro": {"const": VERSION, "description": "version of the language"},
@@ -73,6 +74,7 @@ def schema() -> Schema:
                 "trials": _words(Trials),
                 "probes": _named(_part(Probe), Probe),
                 "readout": _words(Readout),
+                "world": _words(World),
             },
         ),
         "if": {"anyOf": [{"required": ["models"]}, {"required": ["include"]}]},
@@ -232,6 +234,10 @@ def _accepted(q: Quantity, own: bool) -> list[Schema]:
             name = {"not": {"enum": list(TABLES[q.choice.kind])}}
             parameters = {"type": "object", "propertyNames": name, "minProperties": 1, "maxProperties": 1}
             return [*chosen, {"type": "string", **name}, parameters]
+        case "choices":
+            assert q.choice is not None
+            one_each: Schema = {"$ref": f"#/$defs/{q.choice.kind}"}
+            return [{"type": "object", "additionalProperties": one_each, "minProperties": 1}]
         case "neurons":
             index: list[Schema] = [
                 {"type": "string", "pattern": rf"^\s*({AXIS})\s*(,\s*({AXIS})\s*)*$"},

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from neuro.coding.codes import CHOICES
+from neuro.coding.world import DECODERS, ENCODERS, TEACHERS
 from neuro.core.checks import check
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, Where, unknown
@@ -29,7 +30,7 @@ from neuro.model.language.parameters import resolve
 from neuro.model.language.reader import Node, about, follow, found, mistake, plain, put_at, within, words
 from neuro.model.network import Network, check_name
 from neuro.model.neurons import MODELS, Model
-from neuro.model.parts import AUTO, GROUPS, Part, Population, Probe, Projection, Readout, Signal, Trials
+from neuro.model.parts import AUTO, GROUPS, Part, Population, Probe, Projection, Readout, Signal, Trials, World
 from neuro.model.rules import RULES
 from neuro.model.space import MASKS, PROFILES, of_distance
 from neuro.model.synapses import SYNAPSES
@@ -44,6 +45,9 @@ TABLES: dict[str, Mapping[str, type[Choice]]] = {
     "profile": PROFILES,
     "mask": MASKS,
     "code": CHOICES,
+    "encoder": ENCODERS,
+    "decoder": DECODERS,
+    "teacher": TEACHERS,
 }
 FILE = ("file", "key")
 """The words of an array in a file."""
@@ -113,6 +117,8 @@ def value(q: Quantity, node: Node, what: str) -> Any:
         return of_program(node, what)
     if isinstance(node.value, dict) and "file" in node.value and q.kind == "train":
         return train(node)
+    if q.kind == "choices" and q.choice is not None and isinstance(node.value, dict):
+        return {name: choice(inner, q.choice.kind) for name, inner in node.value.items()}
     if q.choice is not None and (q.at_least is None or isinstance(node.value, (str, dict))):
         return choice(node, q.choice.kind)
     if q.of_distance and isinstance(node.value, dict) and of_distance.called() in node.value:
@@ -287,6 +293,8 @@ class _Builder:
         self.net.trials_origin = self.sections["trials"].label if "trials" in self.sections else None
         self.each("probes", partial(self.part, Probe))
         self.net.readout_section = self.section(Readout)
+        self.net.world_section = self.section(World)
+        self.net.world_origin = self.sections["world"].label if "world" in self.sections else None
         self.net.place = None
         self.references()
         return self.net

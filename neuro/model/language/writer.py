@@ -132,7 +132,7 @@ def _claimed(path: Path) -> Iterator[Path]:
 
 
 LARGEST_INLINE = 64
-NAMED = ("distribution", "code", "profile", "mask", "model", "rule", "synapse")
+NAMED = ("distribution", "code", "profile", "mask", "model", "rule", "synapse", "encoder", "decoder", "teacher")
 """Kinds of choices that are values, said by their name."""
 
 
@@ -196,6 +196,8 @@ def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
     sections["probes"] = {part.name: _part(part, arrays) for part in net.probes.values()}
     if net.readout_section is not None:
         sections["readout"] = _parameters(net.readout_section, arrays, "readout")
+    if net.world_section is not None:
+        sections["world"] = _parameters(net.world_section, arrays, "world")
     return {word: section for word, section in sections.items() if section != {}}
 
 

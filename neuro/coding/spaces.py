@@ -10,33 +10,13 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from neuro import ModelError
-from neuro.coding import Dimension, Fields, OneHot, Places, Population, Tiles
-from neuro_agent.network import Settings
+from neuro.coding.fields import Dimension
+from neuro.core.errors import ModelError
 
 Floats = npt.NDArray[np.float64]
 BOUNDLESS = 1e6
 """A bound beyond this is none: spaces name the largest float where they know none."""
 EXPECTED = "Box, Discrete, MultiDiscrete, MultiBinary, or a Dict or Tuple of these"
-
-
-def encoder_of(space: gymnasium.Space[Any], settings: Settings) -> Fields:
-    """The neurons that stand for observations.
-
-    Raises:
-        ModelError: the space is of another kind or empty, or the encoder refuses it or has too many neurons for it.
-    """
-    dimensions, s = dimensions_of(space), settings
-    if not dimensions:
-        raise ModelError("observation space: it is empty: expected at least one dimension")
-    match s.encoder:
-        case "tiles":
-            return Tiles(dimensions, s.group, s.fields, s.active)
-        case "one_hot":
-            return OneHot(dimensions)
-        case "population":
-            return Population(dimensions, s.group, s.fields)
-    return Places(dimensions, s.group, s.fields, s.active)
 
 
 def dimensions_of(space: gymnasium.Space[Any], name: str = "observation") -> list[Dimension]:

@@ -1,0 +1,84 @@
+"""The scale of rewards: what a reward is to a critic of spiking neurons, whose value has a narrow range."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Floats: TypeAlias = npt.NDArray[np.float64]
+
+MOST = 1.25
+"""The largest magnitude of a value: at -1.6 the neurons of the critic fall silent, at 3.8 they spike in each ms."""
+SOME = 500
+"""Control steps over which a value, or the size of errors, is averaged."""
+
+
+class RewardScale:
+    """What a reward is to the critic, from rewards of random moves.
+
+    Args:
+        discount: of the next reward.
+        scale: what a typical reward in each step, for ever, is to be worth.
+
+    Attributes:
+        factor: a reward times this is what the critic learns.
+        first: the value that all states have before anything is learnt.
+        known: whether the scale has been taken from a reward that is not 0.
+    """
+
+    def __init__(self, discount: float, scale: float = 1.0) -> None:
+        self.horizon, self.scale = 1.0 / (1.0 - discount), scale
+        self.factor, self.first, self.known = 1.0, 0.0, False
+        self._level = 0.0
+
+    def learn(self, rewards: Sequence[float], returns: Sequence[float] = ()) -> None:
+        """Take the scale from rewards, of which one is not 0.
+
+        A typical reward in each step, for ever, is to be a value of `scale`. Where rewards are rare, only as many count
+        as come within the horizon, and within an episode. States are worth at first what random moves bring, if that is
+        more than nothing: a value that is too high makes an agent try what it has not tried. Where rewards are rare it
+        is at most the best return, since a goal that ends the episode must not be worth less than to go on.
+
+        Args:
+            rewards: of control steps.
+            returns: of the episodes that have ended.
+        """
+        array = np.asarray(rewards, dtype=np.float64)
+        some = array[array != 0.0]
+        if not some.size:
+            return
+        dense, steps, most = some.size / array.size, self.horizon, math.inf
+        if dense < 0.5:
+            steps = max(1.0, min(dense * self.horizon, some.size / max(1, len(returns))))
+            most = max(0.0, float(some.max()), *returns)
+        self.factor = self.scale / (float(np.median(np.abs(some))) * steps)
+        self.first = max(0.0, self.factor * min(most, float(array.mean()) * self.horizon))
+        self.known = True
+
+    def begin(self) -> None:
+        """Begin a block of training."""
+        self._level = 0.0
+
+    def excess(self, values: Floats, rewards: Floats) -> float:
+        """By which share rewards and values have to shrink after a control step, 1 if they need not.
+
+        Random moves do not show what a good policy gets. So rewards shrink to half of MOST where values come to exceed
+        it, and to MOST where one reward alone does. Neurons for dopamine adapt to the range of rewards, too (Tobler,
+        Fiorillo & Schultz, Science 307:1642, 2005).
+
+        Args:
+            values: of the states, (copies,).
+            rewards: as the environments gave them, (copies,).
+        """
+        # Of the few numbers of a control step, lists are faster than reductions of arrays.
+        self._level += (sum(values.tolist()) / len(values) - self._level) / SOME
+        level, largest = abs(self._level), self.factor * max(map(abs, rewards.tolist()))
+        return min(MOST / 2.0 / level if level > MOST else 1.0, MOST / largest if largest > MOST else 1.0)
+
+    def shrink(self, share: float) -> None:
+        """Let rewards be this share of what they were."""
+        self.factor, self.first, self._level = self.factor * share, self.first * share, self._level * share

@@ -1,0 +1,488 @@
+"""The encoders, decoders and teachers of this package, see `neuro.coding.world`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.coding.world import Act, Decoder, Encoder, Floats, Infos, Ints, Moment, Shown, Spikes, Taught, Teacher
+from neuro.core.errors import ModelError, unknown
+from neuro.core.quantities import quantity
+
+if TYPE_CHECKING:
+    import gymnasium
+
+    from neuro.coding.fields import Fields
+
+
+class _OfFields(Shown):
+    """An encoder of `neuro.coding.FIELDS`."""
+
+    def __init__(self, fields: Fields, columns: Ints, drawn: bool) -> None:
+        self.fields, self._columns, self._drawn, self.size = fields, columns, drawn, fields.size
+        self._all = bool(np.array_equal(columns, np.arange(len(columns))))
+
+    def _seen(self, seen: Floats) -> Floats:
+        return seen if self._all and seen.shape[1] == self._columns.size else seen[:, self._columns]
+
+    def learn(self, seen: Floats) -> None:
+        self.fields.learn(self._seen(seen))
+
+    def spikes(self, seen: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
+        return self.fields.spikes(self._seen(seen), ticks, rng if self._drawn else None)
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        return {"middle": self.fields.middle, "spread": self.fields.spread}
+
+    def put(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+        self.fields.middle[:], self.fields.spread[:] = arrays["middle"], arrays["spread"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _FieldEncoder(Encoder):
+    spikes: str = quantity("regular", "", "regular or at random times", kind="word", words=("regular", "poisson"))
+
+    def _fields(self, kind: str, space: gymnasium.Space[Any], **words: Any) -> Shown:
+        from neuro.coding.fields import FIELDS
+        from neuro.coding.spaces import dimensions_of
+
+        columns, dimensions = self.columns(space), dimensions_of(space)
+        return _OfFields(FIELDS[kind]([dimensions[k] for k in columns], **words), columns, self.spikes == "poisson")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class places(_FieldEncoder):
+    """Place cells, see `neuro.coding.Places`."""
+
+    group: int = quantity(2, "", "dimensions that a group of grids sees together", kind="integer", at_least=1)
+    fields: int = quantity(6, "", "fields of a grid along a continuous dimension", kind="integer", at_least=2)
+    active: int = quantity(24, "", "about how many neurons are active at a time", kind="integer", at_least=1)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the place cells."""
+        return self._fields("places", space, group=self.group, fields=self.fields, active=self.active)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class tiles(_FieldEncoder):
+    """Tile coding, see `neuro.coding.Tiles`."""
+
+    group: Any = quantity(None, "", "dimensions that a grid sees; all if not given", kind="integer", at_least=1)
+    fields: int = quantity(6, "", "fields of a grid along a continuous dimension", kind="integer", at_least=2)
+    active: int = quantity(8, "", "about how many neurons are active at a time", kind="integer", at_least=1)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the tiles."""
+        return self._fields("tiles", space, group=self.group, fields=self.fields, active=self.active)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class one_hot(_FieldEncoder):
+    """A neuron for each value of each dimension, see `neuro.coding.OneHot`."""
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the neurons."""
+        return self._fields("one_hot", space)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class population(_FieldEncoder):
+    """A population with tuning curves along each dimension, see `neuro.coding.Population`."""
+
+    group: int = quantity(1, "", "dimensions to which a neuron is tuned", kind="integer", at_least=1)
+    fields: int = quantity(8, "", "bells along a continuous dimension", kind="integer", at_least=3)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the neurons."""
+        return self._fields("population", space, group=self.group, fields=self.fields)
+
+
+class _Rates(Shown):
+    """Rates by a function of the numbers that are seen."""
+
+    def __init__(self, columns: Ints, size: int, rates: Callable[[Floats], Floats]) -> None:
+        self._columns, self.size, self._rates = columns, size, rates
+
+    def rates(self, seen: Floats) -> Floats:
+        return self._rates(seen[:, self._columns])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class shares(Encoder):
+    """Rates that share a total: each neuron has its number's share of the sum, so that few events steer like many.
+
+    Source: the coding of the drone's camera, of which a field is a number of the observation.
+    """
+
+    gives: ClassVar[str] = "rates"
+    total: float = quantity(400.0, "Hz", "rate of all neurons together", above=0)
+    of: str = quantity(
+        "all", "", "the sum of all, of its row, or beyond twice the mean", kind="word", words=("all", "rows", "peaks")
+    )
+    most: float = quantity(400.0, "Hz", "rate of a neuron at most", above=0)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the encoder; rows are those of the population."""
+        columns = self.columns(space)
+
+        def rates(seen: Floats) -> Floats:
+            counts = seen
+            if self.of == "peaks":
+                counts = np.maximum(seen - 2.0 * seen.mean(axis=1, keepdims=True), 0.0)
+            if self.of == "rows":
+                rows = seen.reshape(len(seen), shape[0], -1)
+                sums = rows.sum(axis=2, keepdims=True) * shape[0]
+                spread = (rows / np.where(sums > 0.0, sums, 1.0)).reshape(seen.shape)
+            else:
+                sums = counts.sum(axis=1, keepdims=True)
+                spread = counts / np.where(sums == 0.0, 1.0, sums)
+            return np.minimum(self.most, self.total * spread)
+
+        return _Rates(columns, columns.size, rates)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class rates(Encoder):
+    """A rate in proportion to each number; below 0 it is 0."""
+
+    gives: ClassVar[str] = "rates"
+    rate: float = quantity(20.0, "Hz", "for a number of 1", above=0)
+    most: float = quantity(400.0, "Hz", "rate of a neuron at most", above=0)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the encoder."""
+        columns = self.columns(space)
+        return _Rates(columns, columns.size, lambda seen: np.clip(self.rate * seen, 0.0, self.most))
+
+
+class _Pulse(Shown):
+    def __init__(self, at: float, neurons: int) -> None:
+        self._at, self._neurons = at, neurons
+
+    def spikes(self, seen: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
+        copies, neurons = len(seen), self._neurons
+        tick = min(ticks, max(1, round(self._at * ticks)))
+        offsets = np.arange(copies + 1) * neurons
+        return offsets, np.full(copies * neurons, tick), np.tile(np.arange(neurons), copies)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class pulse(Encoder):
+    """One spike of each neuron in each control step, whatever is observed: it asks the actors to choose."""
+
+    at: float = quantity(0.95, "", "when, as a share of the step", above=0, at_most=1)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the encoder."""
+        return _Pulse(self.at, int(np.prod(shape)))
+
+
+class _Events(Shown):
+    def __init__(self, choice: events, shape: tuple[int, ...]) -> None:
+        self._choice, self._shape = choice, shape
+
+    def spikes(self, seen: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
+        parts, offsets, neurons = [], [0], int(np.prod(self._shape))
+        *first, height, width = self._shape
+        for info in infos:
+            shown = info.get(self._choice.info)
+            if shown is None:  # the first observation of an episode may come without
+                offsets.append(offsets[-1])
+                continue
+            y, x = np.asarray(shown.y) // self._choice.scale, np.asarray(shown.x) // self._choice.scale
+            if x.size and (int(x.max()) >= width or int(y.max()) >= height):
+                message = f"events: found an event at ({x.max()}, {y.max()}): expected a sensor of {width} x {height}"
+                raise ModelError(message)
+            ids = y.astype(np.int64) * width + x
+            if first:
+                ids += np.asarray(shown.p, dtype=np.int64) * height * width
+            span = max(1.0, self._choice.step_us)
+            tick = np.clip((np.asarray(shown.t) % span * ticks / span).astype(np.int64) + 1, 1, ticks)
+            one = np.unique(tick * neurons + ids)
+            parts.append(one)
+            offsets.append(offsets[-1] + one.size)
+        joined = np.concatenate(parts) if parts else np.zeros(0, np.int64)
+        return np.array(offsets), joined // neurons, joined % neurons
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class events(Encoder):
+    """The events of an event camera, pixel by pixel, at their times in the step; twice in a tick counts once.
+
+    A population of shape [2, height, width] has one map for each polarity, one of [height, width] takes both.
+    """
+
+    info: str = quantity("events", "", "the word of the environment's info that has them", kind="name")
+    scale: int = quantity(1, "px", "in a row and in a column that are one neuron", kind="integer", at_least=1)
+    step_us: float = quantity(50_000.0, "us", "time of the camera in a control step", above=0)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the encoder.
+
+        Raises:
+            ModelError: the population has another shape.
+        """
+        if len(shape) not in (2, 3) or (len(shape) == 3 and shape[0] != 2):
+            raise ModelError(f"events: a population of shape {list(shape)}: expected [height, width] or [2, ...]")
+        return _Events(self, shape)
+
+
+def _box(name: str, space: Any) -> Any:
+    """The space, if its actions are numbers with bounds."""
+    from gymnasium import spaces
+
+    if not isinstance(space, spaces.Box) or not space.is_bounded():
+        raise ModelError(f"{name}: action space {space}: expected a Box with finite bounds", hint="winner takes others")
+    return space
+
+
+def _numbers(name: str, space: Any, neurons: int, expected: int) -> None:
+    if neurons != expected:
+        raise ModelError(f"{name}: {neurons} neurons for actions of {space}: expected {expected}")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class winner(Decoder):
+    """The neuron with most spikes of each population, the first of equal ones, is the choice for a number."""
+
+    def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
+        """Make the decoder; along a number of a Box the neurons stand for actions between its bounds."""
+        from gymnasium import spaces
+
+        from neuro.coding.spaces import actions_of
+
+        box = isinstance(space, spaces.Box)
+        numbers = int(np.prod(space.shape or ())) if box else 1
+        circuits, rest = divmod(len(sizes), max(1, numbers))
+        if box and (rest or not circuits):
+            raise ModelError(f"winner: {len(sizes)} populations for actions of {space}: expected {numbers}, or more")
+        actions = actions_of(space, sizes[0] if box else 2, circuits if box else 1)
+        if tuple(sizes) != actions.sizes:
+            expected = f"{len(actions.sizes)} of {', '.join(map(str, actions.sizes))}"
+            raise ModelError(
+                f"winner: populations of {list(sizes)} neurons for actions of {space}: expected {expected}"
+            )
+        names = self.of
+        return lambda counts: actions.of(np.array([counts[name].argmax(axis=1) for name in names]).T)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class difference(Decoder):
+    """Pairs of neurons pull a number up and down: gain times the difference of their spikes over the most possible.
+
+    Source: Mosca, MSc thesis, 2020, eq. 129.
+    """
+
+    gain: Any = quantity(1.0, "", "factor, one for all or one for each number", kind="array", above=0, arrays=True)
+
+    def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
+        """Make the decoder: neurons 0 and 1 are the pair of the first number."""
+        box, pairs = _box("difference", space), sum(sizes) // 2
+        _numbers("difference", space, sum(sizes), 2 * int(np.prod(box.shape)))
+        low, high = box.low.astype(np.float64), box.high.astype(np.float64)
+        factor = (np.broadcast_to(np.asarray(self.gain, np.float64), (pairs,)) / most[0]).reshape(box.shape)
+        names = self.of
+
+        def act(counts: Mapping[str, Ints]) -> npt.NDArray[Any]:
+            fired = np.concatenate([counts[name] for name in names], axis=1)
+            pulls = (fired[:, 0::2] - fired[:, 1::2]).reshape(-1, *box.shape)
+            actions: npt.NDArray[Any] = np.clip(factor * pulls, low, high)
+            return actions
+
+        return act
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class mean(Decoder):
+    """The mean of what the neurons stand for, spread evenly between the bounds, weighted by their spikes."""
+
+    def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
+        """Make the decoder; without a spike the action is in the middle."""
+        box = _box("mean", space)
+        low, high = (np.ravel(each).astype(np.float64) for each in (box.low, box.high))
+        if len(sizes) != low.size:
+            raise ModelError(f"mean: {len(sizes)} populations for actions of {space}: expected {low.size}")
+        values = [np.linspace(a, b, n) for a, b, n in zip(low, high, sizes, strict=True)]
+        names = self.of
+
+        def act(counts: Mapping[str, Ints]) -> npt.NDArray[Any]:
+            numbers = []
+            for name, stands_for in zip(names, values, strict=True):
+                fired = counts[name]
+                spikes = fired.sum(axis=1)
+                total = fired @ stands_for
+                numbers.append(np.where(spikes > 0, total / np.maximum(spikes, 1), stands_for.mean()))
+            return np.stack(numbers, axis=1).reshape(-1, *box.shape).astype(box.dtype)
+
+        return act
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class counts(Decoder):
+    """Each neuron is a number of the action: offset + gain times its spikes, within the bounds."""
+
+    gain: float = quantity(1.0, "", "for a spike", nonzero=True)
+    offset: float = quantity(0.0, "", "without a spike")
+
+    def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
+        """Make the decoder."""
+        box, names = _box("counts", space), self.of
+        _numbers("counts", space, sum(sizes), int(np.prod(box.shape)))
+        low, high = box.low.astype(np.float64), box.high.astype(np.float64)
+
+        def act(counts: Mapping[str, Ints]) -> npt.NDArray[Any]:
+            fired = np.concatenate([counts[name] for name in names], axis=1).reshape(-1, *box.shape)
+            return np.asarray(np.clip(self.offset + self.gain * fired, low, high).astype(box.dtype))
+
+        return act
+
+
+class _Reward(Taught):
+    def __init__(self, choice: reward) -> None:
+        self._share = 0.0 if choice.less is None else 1.0 / choice.less
+        self._mean = 0.0
+
+    def values(self, moment: Moment) -> Floats:
+        excess = np.where(moment.last, 0.0, moment.rewards - self._mean)
+        for value in moment.rewards[~moment.last] if self._share else ():
+            self._mean += (float(value) - self._mean) * self._share
+        return excess[:, None]
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        return {"mean": np.array([self._mean])}
+
+    def put(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+        self._mean = float(arrays["mean"][0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class reward(Teacher):
+    """The reward of the step, or what it exceeds a running mean by."""
+
+    less: Any = quantity(None, "", "steps of the running mean that is subtracted; none if not given", at_least=1)
+
+    def made(self, critic_size: int = 0) -> Taught:
+        """Make the teacher."""
+        return _Reward(self)
+
+
+class _Info(Taught):
+    def __init__(self, key: str) -> None:
+        self._key, self._numbers = key, 1
+
+    def values(self, moment: Moment) -> Floats:
+        rows = []
+        for info, last in zip(moment.infos, moment.last, strict=True):
+            if last:
+                rows.append(np.zeros(self._numbers))
+                continue
+            if self._key not in info:
+                raise unknown("word of the environment's info", self._key, map(str, info))
+            try:
+                row = np.ravel(np.asarray(info[self._key], dtype=np.float64))
+            except (TypeError, ValueError):
+                row = np.array([np.nan])
+            if not np.isfinite(row).all():
+                raise ModelError(f"info['{self._key}'] is {info[self._key]!r:.60}: expected finite numbers")
+            self._numbers = row.size
+            rows.append(row)
+        return np.stack(rows)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class info(Teacher):
+    """A value of the environment's info, a number or several."""
+
+    key: str = quantity(doc="the word of info", kind="name")
+
+    def made(self, critic_size: int = 0) -> Taught:
+        """Make the teacher."""
+        return _Info(self.key)
+
+
+class _TD(Taught):
+    """The error of a critic's prediction; `values` and `share` keep what the last step had."""
+
+    def __init__(self, choice: td, neurons: int) -> None:
+        from neuro.coding.values import RewardScale
+
+        self._td, self._neurons = choice, neurons
+        self.scale = RewardScale(choice.discount, 1.0 if choice.worth is None else choice.worth)
+        self._auto = choice.worth is not None
+
+    def begin(self, copies: int) -> None:
+        self.scale.begin()
+        self._reward, self._value = np.zeros(copies), np.zeros(copies)
+        self._ended = np.zeros(copies, dtype=np.bool_)
+
+    def explored(self, rewards: Sequence[float], returns: Sequence[float]) -> None:
+        if self._auto:
+            self.scale.learn(rewards, returns)
+
+    def values(self, moment: Moment) -> Floats:
+        td, spikes = self._td, moment.counts[self._td.critic]
+        value = self.scale.first + (spikes.sum(axis=1) / self._neurons - td.rest) / td.gain
+        errors: Floats = (self._reward + td.discount * value * ~self._ended - self._value) * ~moment.first
+        self._reward, self._ended, self._value = moment.rewards, moment.ended, value
+        return errors[:, None]
+
+    def share(self, moment: Moment) -> float:
+        scale = self.scale
+        if self._auto:
+            if not scale.known and moment.rewards.any():  # the scale is that of the first rewards: all before were 0
+                first = moment.rewards[~moment.last]
+                scale.learn([0.0] * (moment.steps - first.size) + first.tolist(), moment.returns)
+            share = scale.excess(self._value, moment.rewards)
+            if share < 1.0:
+                scale.shrink(share)
+                self._value = self._value * share
+            self._reward = moment.rewards * scale.factor
+            return share
+        return 1.0
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        return {"scale": np.array([self.scale.factor, self.scale.first, self.scale.known])}
+
+    def put(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+        self.scale.factor, self.scale.first = arrays["scale"][:2].tolist()
+        self.scale.known = bool(arrays["scale"][2])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class td(Teacher):
+    """The temporal-difference error of a critic: reward + discount V(now) - V(before), 0 at the begin of an episode.
+
+    V is (mean spikes of a neuron of the critic in the step - rest) / gain. Where the reward has no scale of its own,
+    `worth` gives it one: a typical reward in each step, for ever, is worth that much, so that V stays where the
+    critic's neurons can say it; see `neuro.coding.values.RewardScale`.
+
+    Source: Sutton & Barto, Reinforcement Learning, 2nd ed., 2018, section 6.1; a critic of spiking neurons: Fremaux,
+        Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013.
+    """
+
+    critic: str = quantity(doc="the population whose spikes say the value", kind="name")
+    discount: float = quantity(0.99, "", "of the value one step later", at_least=0, below=1)
+    rest: float = quantity(0.0, "", "spikes of a neuron that stand for a value of 0")
+    gain: float = quantity(1.0, "", "spikes more that stand for a value of 1", above=0)
+    worth: Any = quantity(
+        None, "", "of a typical reward in each step, for ever; rewards as they are if not given", above=0
+    )
+
+    def made(self, critic_size: int = 0) -> Taught:
+        """Make the teacher."""
+        return _TD(self, critic_size)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class same(Teacher):
+    """The value of another signal of the world, before its scale."""
+
+    as_: str = quantity(doc="the other signal", kind="name")
+
+    def made(self, critic_size: int = 0) -> Taught:
+        """Return nothing that learns: the loop copies the value."""
+        return Taught()

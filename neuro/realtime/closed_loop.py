@@ -1,0 +1,593 @@
+"""A network joined with its world: it sees, runs, acts, and is taught, once a control step."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from os import PathLike
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.coding.world import Act, Infos, Moment, Shown, Taught, Teacher
+from neuro.core.checks import argument
+from neuro.core.errors import ModelError, unknown
+from neuro.core.progress import Bar
+from neuro.files.state import Checkpoint
+from neuro.model.network import Network
+from neuro.program.program import Program
+from neuro.realtime.environments import Environments, environment_of
+from neuro.realtime.episodes import Bools, End, Floats, Ints, Log, Sums, Test, episode_seed
+from neuro.run.compiled import compile as compiled
+from neuro.run.copies import Copies
+from neuro.run.stepper import Stepper
+
+MERGE = 16
+"""Control steps after which copies that learn side by side add up what they have learnt."""
+SPARSE = 10
+"""Where no reward comes, random moves go on for so many times as many control steps."""
+TESTS = 1 << 40
+"""Seeds of tests begin here: no training comes so far."""
+MOST = 10_000
+"""Control steps after which an episode of a test that does not end is cut off."""
+LOOKED_AT = 100
+"""Observations by which two runs of a world with one seed are compared."""
+
+
+def block_seed(seed: int, block: int) -> int:
+    """Return the seed of the network's draws in a block."""
+    return int(np.random.SeedSequence([seed, block, 1]).generate_state(1)[0])
+
+
+class Pilot(Protocol):
+    """What acts in the loop and learns: a network, or something else for comparison."""
+
+    def begin(self, copies: int, block: int) -> None:
+        """Begin a block of so many copies, with all that was learnt before."""
+
+    def act(self, seen: Floats, infos: Infos) -> npt.NDArray[Any]:
+        """Return the action for each observation, (copies, dimensions)."""
+
+    def explored(self, seen: Floats, rewards: Sequence[float], returns: Sequence[float]) -> None:
+        """See what random moves have brought."""
+
+    def teach(self, moment: Moment) -> None:
+        """Learn from a control step."""
+
+    def merge(self) -> None:
+        """Let all copies have what each has learnt since the last call."""
+
+    def arrays(self) -> dict[str, Any]:
+        """Return all that it has learnt, for a checkpoint."""
+
+    def put(self, arrays: Mapping[str, Any]) -> None:
+        """Go on from what `arrays` gave."""
+
+
+class NetworkPilot:
+    """The network of a description with a `world`, as the pilot of a loop.
+
+    Args:
+        net: the network.
+        environments: of the loop; the encoders and the decoder are made for their spaces.
+        backend: that runs it.
+        seed: of its draws.
+        learns: whether signals are set; without them no weight changes.
+        record: whether spikes and traces of the present block are kept.
+        options: of the backend.
+
+    Attributes:
+        copies: the network in execution, in the present block.
+        counts: spikes of the last control step by population, (copies, neurons).
+    """
+
+    def __init__(
+        self,
+        net: Network,
+        environments: Environments,
+        *,
+        backend: Any,
+        seed: int,
+        learns: bool,
+        record: bool,
+        options: Mapping[str, Any],
+    ) -> None:
+        world = net.world_section
+        assert world is not None
+        self.net, self._world, self._learns, self._record = net, world, learns, record
+        self._backend, self._seed, self._options = backend, seed, dict(options)
+        self._environments = environments
+        self._learnt: dict[str, Floats] = {}
+        self._time = self._block_time = 0.0
+        self.copies = self._compile(environments.n, 0)
+        program = self.copies.program
+        self._shown = self._encoders(program)
+        self._act, self._read = self._decoder(program)
+        self._taught = self._teachers(program) if learns else {}
+        self._plastic = [p.name for p in program.projections if p.synapse.learns] if learns else []
+        self._moves = [p.name for p in program.projections if p.synapse.learns == "moves"] if learns else []
+        if environments.n > 1 and len(self._moves) < len(self._plastic):
+            other = next(name for name in self._plastic if name not in self._moves)
+            raise ModelError(
+                f"copies = {environments.n}: projection '{other}' learns from spike to spike: expected rules "
+                "that learn from move to move, whose changes add up",
+                hint="copies=1",
+            )
+
+    # what is made once
+
+    def _compile(self, copies: int, block: int) -> Copies:
+        options = self._options
+        if self._learns and str(self._backend) == "loihi" and "signals" not in options:
+            options = {**options, "signals": self._largest()}
+        seed = block_seed(self._seed, block)
+        made: Copies = compiled(self.net, backend=self._backend, seed=seed, copies=copies, **options)
+        return made
+
+    def _largest(self) -> dict[str, float]:
+        """The largest magnitude of the signal of each projection, from which a chip's units follow."""
+        scales = {name: abs(teacher.scale) for name, teacher in (self._world.reward or {}).items() if teacher.scale}
+        signals = {p.name: getattr(p.synapse, "signal", None) for p in self.net.projections.values()}
+        return {name: scales[signal] for name, signal in signals.items() if signal in scales}
+
+    def _wrong(self, error: ModelError, *path: str) -> ModelError:
+        return error.at(self.net.world_origin, "world").but(path=("world", *path, *error.path))
+
+    def _part(self, program: Program, name: str, *path: str) -> int:
+        names = [part.name for part in program.populations]
+        if name not in names:
+            raise self._wrong(unknown("population", name, names), *path)
+        return names.index(name)
+
+    def _encoders(self, program: Program) -> dict[str, tuple[str, Shown]]:
+        made = {}
+        for name, encoder in self._world.observe.items():
+            part = program.populations[self._part(program, name, "observe", name)]
+            kind = {"spikes": "listed", "rates": "poisson"}[encoder.gives]
+            if part.kind != kind:
+                expected = {"spikes": "a spike_generator", "rates": "a poisson_generator"}[encoder.gives]
+                message = (
+                    f"population '{name}' is {part.said}: {encoder.name} gives {encoder.gives}: expected {expected}"
+                )
+                raise self._wrong(ModelError(message), "observe", name)
+            try:
+                shown = encoder.made(self._environments.observations, part.shape)
+            except ModelError as error:
+                raise self._wrong(error, "observe", name, encoder.name) from None
+            if shown.size and shown.size != part.size:
+                message = (
+                    f"population '{name}' has {part.size:,} neurons: {encoder.name} of {self._environments.observations}"
+                    f" needs {shown.size:,}"
+                )
+                raise self._wrong(ModelError(message, hint=f"shape: {shown.size}"), "observe", name)
+            made[name] = encoder.gives, shown
+        return made
+
+    def _decoder(self, program: Program) -> tuple[Act, list[str]]:
+        decoder = self._world.act
+        parts = [program.populations[self._part(program, name, "act")] for name in decoder.of]
+        step = self._world.step
+        rests = [part.parameters["t_ref"].max() if "t_ref" in part.parameters else 0.0 for part in parts]
+        most = [max(1.0, step / max(float(rest), program.resolution)) for rest in rests]
+        try:
+            act = decoder.made(self._environments.actions, [part.size for part in parts], most)
+        except ModelError as error:
+            raise self._wrong(error, "act", decoder.name) from None
+        return act, [part.name for part in parts]
+
+    def _teachers(self, program: Program) -> dict[str, tuple[Teacher, Taught, int]]:
+        made = {}
+        signals = {signal.name: signal for signal in program.signals}
+        for name, teacher in (self._world.reward or {}).items():
+            if name not in signals:
+                raise self._wrong(unknown("signal", name, signals), "reward", name)
+            critic = getattr(teacher, "critic", None)
+            neurons = 0 if critic is None else program.populations[self._part(program, critic, "reward", name)].size
+            other = getattr(teacher, "as_", None)
+            if other is not None and (other not in self._world.reward or hasattr(self._world.reward[other], "as_")):
+                known = [one for one in self._world.reward if not hasattr(self._world.reward[one], "as_")]
+                raise self._wrong(unknown("signal with a value of its own", other, known), "reward", name)
+            size = program.populations[signals[name].target].size
+            made[name] = teacher, teacher.made(neurons), size
+        # Those that take the value of another come after it.
+        return dict(sorted(made.items(), key=lambda item: hasattr(item[1][0], "as_")))
+
+    # a block
+
+    def begin(self, copies: int, block: int) -> None:
+        """Begin a block: the network at time 0, with all that was learnt before."""
+        learnt, self._time = self.weights, self._time + self._block_time
+        self._block_time = 0.0
+        self.copies = self._compile(copies, block)
+        for sim in self.copies:
+            for name, each in learnt.items():
+                sim.set_weights(name, each)
+        spiking = [name for name, (gives, _) in self._shown.items() if gives == "spikes"]
+        self._critics = [c for c in (getattr(t, "critic", None) for t, _, _ in self._taught.values()) if c is not None]
+        self._counted = list(dict.fromkeys([*self._read, *self._critics]))
+        self._stepper = Stepper(self.copies._joined, self._world.step, spiking, self._counted, self._run)
+        self._rates = {
+            name: self.copies.port(name, "rate") for name, (gives, _) in self._shown.items() if gives == "rates"
+        }
+        self._rng = np.random.default_rng([block_seed(self._seed, block), 2])
+        for _, taught, _ in self._taught.values():
+            taught.begin(copies)
+        self._before = {name: self.copies[0].weights(name)[2].ravel() for name in self._moves} if copies > 1 else {}
+        self._infos: Infos = ()
+
+    def _run(self, ticks: int) -> None:
+        """Advance all copies; what they record is forgotten unless it is asked for."""
+        joined, copies = self.copies._joined, self.copies
+        if joined.plain:
+            joined.advance(ticks, forget=not self._record)
+            return
+        for sim in copies:
+            if not self._record:
+                sim.forget(before=sim.time)
+            sim.run(self._world.step)
+
+    def act(self, seen: Floats, infos: Infos) -> npt.NDArray[Any]:
+        """Show the observations, run a control step, and return the actions."""
+        lists = []
+        for name, (gives, shown) in self._shown.items():
+            if gives == "rates":
+                self._rates[name].set(shown.rates(seen))
+            else:
+                lists.append(shown.spikes(seen, infos, self._stepper.ticks, self._rng))
+        counts = self._stepper.step(*lists)
+        self._block_time += self._world.step
+        self.counts = dict(zip(self._counted, counts, strict=True))
+        return self._act(self.counts)
+
+    def explored(self, seen: Floats, rewards: Sequence[float], returns: Sequence[float]) -> None:
+        """Take the bounds of observations and the scale of rewards from random moves."""
+        for _, shown in self._shown.values():
+            shown.learn(seen)
+        for _, taught, _ in self._taught.values():
+            taught.explored(rewards, returns)
+
+    def teach(self, moment: Moment) -> None:
+        """Set all signals for the next control step."""
+        if not self._taught:
+            return
+        raw: dict[str, Floats] = {}
+        share = 1.0
+        for name, (teacher, taught, size) in self._taught.items():
+            other = getattr(teacher, "as_", None)
+            raw[name] = taught.values(moment) if other is None else raw[other]
+            values = teacher.spread(raw[name], size, moment.time)
+            self.copies.signal(name, values)
+        if np.count_nonzero(moment.last):
+            for name in self._moves:
+                self.copies.clear(name, moment.last)
+        for teacher, taught, _ in self._taught.values():
+            share = taught.share(moment)
+            if share < 1.0:
+                self._shrink(teacher.critic, share)  # type: ignore[attr-defined]  # only a critic has a share
+
+    def _shrink(self, critic: str, share: float) -> None:
+        """Let the weights onto a critic be this share of what they are."""
+        self.merge()
+        for part in self.copies.program.projections:
+            if self.copies.program.populations[part.target].name == critic and part.name in self._plastic:
+                for sim in self.copies:
+                    sim.set_weights(part.name, share * sim.get(part.name, "weight"))
+        self._before = {name: self.copies[0].get(name, "weight") for name in self._before}
+
+    def merge(self) -> None:
+        """Let all copies have what each has learnt since the last call."""
+        self._before = {name: self.copies.merge(name, before) for name, before in self._before.items()}
+
+    @property
+    def time(self) -> float:
+        """Time that the network has run in all blocks, ms."""
+        return self._time + self._block_time
+
+    @property
+    def weights(self) -> dict[str, Any]:
+        """The weights of all projections that learn, by name, as `Simulation.set_weights` takes them."""
+        return {name: self.copies[0].get(name, "weight") for name in self._plastic}
+
+    def arrays(self) -> dict[str, Any]:
+        """Return all that it has learnt, for a checkpoint."""
+        made: dict[str, Any] = {"learnt": self.weights, "time": np.array([self.time])}
+        made |= {f"encoder.{name}": shown.arrays() for name, (_, shown) in self._shown.items()}
+        return made | {f"teacher.{name}": taught.arrays() for name, (_, taught, _) in self._taught.items()}
+
+    def put(self, arrays: Mapping[str, Any]) -> None:
+        """Go on from what `arrays` gave."""
+        for sim in self.copies:
+            for name, weights in arrays["learnt"].items():
+                sim.set_weights(name, weights)
+        self._time, self._block_time = float(arrays["time"][0]), 0.0
+        for name, (_, shown) in self._shown.items():
+            shown.put(arrays.get(f"encoder.{name}", {}))
+        for name, (_, taught, _) in self._taught.items():
+            taught.put(arrays.get(f"teacher.{name}", {}))
+
+
+class ClosedLoop:
+    """A pilot and its environments; made by `neuro.closed_loop`.
+
+    Learning goes in blocks. Each begins at time 0 of the network with new episodes, all seeds keyed by its number, and
+    keeps what was learnt: so a run that was killed goes on from the last whole block to the same bits.
+
+    Attributes:
+        pilot: what acts.
+        environments: in which it acts.
+        log: the episodes so far.
+        steps: control steps of all environments so far.
+        actions, rewards: of the steps of the present block, if they are kept.
+    """
+
+    def __init__(
+        self,
+        pilot: Pilot,
+        environments: Environments,
+        *,
+        step: float = 1.0,
+        seed: int = 0,
+        explore: int = 0,
+        block: int = 10_000,
+        learns: bool = True,
+        keep: bool = False,
+    ) -> None:
+        self.pilot, self.environments, self.seed = pilot, environments, seed
+        self._explore, self._block, self._learns, self._step_ms, self._keep = explore, block, learns, step, keep
+        self.log, self.steps = Log(), 0
+        self.actions: list[npt.NDArray[Any]] = []
+        self.rewards: list[Floats] = []
+        self._begun = [0, 0]  # episodes and blocks
+        self._explored = not explore
+        self._first_episode = 0
+
+    def network(self, frozen: bool = False) -> Network:
+        """Return the network with the weights of now; `frozen`: with static synapses and no signals."""
+        pilot = self._network_pilot("network")
+        return pilot.copies[0].network(frozen=frozen)
+
+    @property
+    def sim(self) -> Any:
+        """The simulation of the first copy in the present block."""
+        return self._network_pilot("sim").copies[0]
+
+    def _network_pilot(self, what: str) -> NetworkPilot:
+        if not isinstance(self.pilot, NetworkPilot):
+            raise ModelError(f"{what}: what acts is no network")
+        return self.pilot
+
+    def run(
+        self,
+        *,
+        steps: int | None = None,
+        episodes: int | None = None,
+        until: float | None = None,
+        window: int = 100,
+        out: str | PathLike[str] | None = None,
+        told: Mapping[str, Any] | None = None,
+        progress: bool = False,
+        after: Callable[[ClosedLoop], object] | None = None,
+    ) -> Log:
+        """Act, and learn if it learns, until what comes first.
+
+        Args:
+            steps: control steps of all environments, those before this call included.
+            episodes: episodes, likewise.
+            until: the mean return of the last `window` episodes.
+            window: episodes of that mean.
+            out: the file that comes of it: beside it a checkpoint is kept after each block, from which the same call
+                goes on after a kill. Whoever writes the file removes the checkpoint.
+            told: what the checkpoint belongs to: the run goes on only from one of equal words.
+            progress: whether to show how far it is on stderr.
+            after: called after each block.
+
+        Returns:
+            the log of all episodes.
+
+        Raises:
+            ModelError: no end is given, the environment raises, hangs or gives NaN, or the network cannot go on; the
+                last checkpoint is kept.
+        """
+        end, kept = End(until, steps, episodes, window), None
+        if out is not None:
+            kept = self.checkpoint(Path(out), told or {})
+            self._go_on(kept.resume())
+            self._check_repeatable()
+        with self.environments.watched(), Bar() if progress else nullcontext() as bar:
+            self._move_at_random(end)
+            while not end.reached(self.log) and (end.steps is None or self.steps < end.steps):
+                self._one_block(end, bar)
+                if kept is not None:
+                    kept.keep(**self.arrays())
+                if after is not None:
+                    after(self)
+        return self.log
+
+    def checkpoint(self, out: Path, told: Mapping[str, Any]) -> Checkpoint:
+        """Return the checkpoint beside a file."""
+        words = {"seed": self.seed, "environment": self.environments.name, "environments": self.environments.n}
+        return Checkpoint(out, "neuro closed loop 1", {**words, "options": self.environments.options, **told})
+
+    def arrays(self) -> dict[str, Any]:
+        """Return all that a run needs to go on."""
+        counts = np.array([self.steps, *self._begun, self._explored], dtype=np.int64)
+        return {"counts": counts, "log": self.log.arrays(), **self.pilot.arrays()}
+
+    def _go_on(self, arrays: Mapping[str, Any]) -> None:
+        if arrays:
+            self.steps, *self._begun = (int(each) for each in arrays["counts"][:3])
+            self._explored = bool(arrays["counts"][3])
+            self.log = Log.of(arrays["log"])
+            self.pilot.put(arrays)
+
+    def _seeds(self, begins: Bools | None = None) -> list[int]:
+        """Seeds of the episodes that begin."""
+        seeds = []
+        for k in range(self.environments.n):
+            self._begun[0] += begins is None or bool(begins[k])
+            seeds.append(episode_seed(self.seed, self._first_episode + self._begun[0]))
+        return seeds
+
+    def _count(self, begins: Bools) -> None:
+        self.steps += self.environments.n - int(np.count_nonzero(begins))
+
+    def _check_repeatable(self) -> None:
+        """Warn of a world that differs under the same seed and actions: after a kill it only continues."""
+        if self.environments.n > 1:
+            return
+        with self.environments.watched():
+            first, second = (self._looked_at() for _ in range(2))
+        if len(first) != len(second) or any(not np.array_equal(a, b) for a, b in zip(first, second, strict=True)):
+            message = (
+                f"'{self.environments.name}' differs under the same seed and actions: a run that was killed goes on"
+            )
+            warnings.warn(f"{message}, but not to the same bits", stacklevel=3)
+
+    def _looked_at(self) -> list[Floats]:
+        env, seeds = self.environments, [episode_seed(self.seed, 0)]
+        env.actions.seed(self.seed)
+        seen = [env.reset(seeds)]
+        while len(seen) < LOOKED_AT and not env.over[0]:
+            seen.append(env.step([env.actions.sample()], seeds)[0])
+        return seen
+
+    def _move_at_random(self, end: End) -> None:
+        """Move at random, before anything is learnt: see which observations and rewards there are."""
+        env = self.environments
+        if self._explored:
+            return
+        env.actions.seed(self.seed)
+        seen, least = [env.reset(self._seeds())], self._explore
+        sums, rewards, some = Sums(env.n), list[float](), False
+        while self.steps < (least if some else SPARSE * least) and not end.reached(self.log):
+            if end.steps is not None and self.steps >= end.steps:
+                break
+            begins = env.over
+            drawn = np.stack([env.actions.sample() for _ in range(env.n)])
+            now, reward, _, _ = env.step(drawn, self._seeds(begins))
+            seen.append(now)
+            self._count(begins)
+            sums.add(self.log, self.steps, reward, begins, env.over)
+            rewards += reward[~begins].tolist()
+            some |= bool(reward.any())
+        self.pilot.explored(np.concatenate(seen), rewards, self.log.returns.tolist())
+        self._explored = self.steps >= least  # a run that ends before has learnt nothing: the next explores anew
+
+    def _one_block(self, end: End, bar: Bar | None) -> None:
+        """Go on for a block of control steps, or to the end."""
+        pilot, env = self.pilot, self.environments
+        most = self._block * env.n if end.steps is None else min(self._block * env.n, end.steps - self.steps)
+        pilot.begin(env.n, self._begun[1])
+        self._begun[1] += 1
+        seen = env.reset(self._seeds())
+        sums, time = Sums(env.n), self.steps // env.n * self._step_ms
+        first = np.ones(env.n, dtype=np.bool_)
+        self.actions.clear()
+        self.rewards.clear()
+        for k in range(-(-most // env.n)):
+            actions = pilot.act(seen, env.infos)
+            last = env.over
+            seen, rewards, ended, _ = env.step(actions, self._seeds(last))
+            self._count(last)
+            if self._keep:
+                self.actions.append(actions)
+                self.rewards.append(rewards)
+            time += self._step_ms
+            over = sums.add(self.log, self.steps, rewards, last, env.over)
+            if self._learns:
+                counts: Mapping[str, Ints] = getattr(pilot, "counts", {})
+                returns = self.log._returns
+                pilot.teach(Moment(counts, first, last, rewards, ended, env.infos, time, self.steps, returns))
+                if env.n > 1 and k % MERGE == MERGE - 1:
+                    pilot.merge()
+            first = last
+            if over:
+                if bar is not None:
+                    mean = f"mean return of the last {min(len(self.log), end.window)}: {self.log.mean(end.window):g}"
+                    bar.show(self.steps, end.steps or self.steps, f"{len(self.log)} episodes, {mean}")
+                if end.reached(self.log):
+                    break
+        if env.n > 1 and self._learns:
+            pilot.merge()
+
+    def test(self, episodes: int = 100, seed: int = 0, most: int = MOST) -> Test:
+        """Play episodes without learning, of seeds that no training has; the loop must not learn.
+
+        Args:
+            episodes: how many.
+            seed: of the episodes.
+            most: control steps after which an episode is cut off.
+
+        Raises:
+            ModelError: the loop learns, or has several environments; or as of `run`.
+        """
+        episodes = int(argument("test: episodes", episodes, kind="integer", at_least=1))
+        if self._learns or self.environments.n > 1:
+            raise ModelError(
+                "test: the loop learns, or has copies: expected a frozen one", hint="learns=False, copies=1"
+            )
+        env, pilot = self.environments, self.pilot
+        returns, lengths = np.zeros(episodes), np.zeros(episodes, dtype=np.int64)
+        pilot.begin(1, 0)
+        with env.watched():
+            for k in range(episodes):
+                seen = env.reset([episode_seed(seed, TESTS + k)])
+                while not env.over[0] and lengths[k] < most:
+                    seen, reward, _, _ = env.step(pilot.act(seen, env.infos), [0])
+                    returns[k] += reward[0]
+                    lengths[k] += 1
+        return Test(returns, lengths)
+
+
+def closed_loop(
+    net: Network,
+    environment: Any = None,
+    *,
+    backend: Any = "event",
+    seed: int = 0,
+    copies: int = 1,
+    learns: bool = True,
+    record: bool = False,
+    patience: float = 60.0,
+    **options: Any,
+) -> ClosedLoop:
+    """Join a network with its world.
+
+    Args:
+        net: a network whose description has a `world`.
+        environment: in place of the described one: a gymnasium.Env, a VectorEnv, or a class of environments.
+        backend: that runs the network.
+        seed: of everything random.
+        copies: environments side by side, each with a copy of the network.
+        learns: whether signals are set.
+        record: whether spikes and traces of the present block, its actions and its rewards are kept.
+        patience: seconds within which the environment must answer.
+        options: of the backend.
+
+    Raises:
+        ModelError: the network has no world, there is no such environment, or encoders, decoder and signals do not fit
+            the network and the spaces of the environment.
+    """
+    world = net.world_section
+    if world is None:
+        raise ModelError(f"network '{net.name}' has no world: expected the section 'world'", hint="net.world(...)")
+    copies = int(argument("copies", copies, kind="integer", at_least=1))
+    try:
+        made = environment_of(world, environment, copies)
+    except ModelError as error:
+        raise error.at(net.world_origin, "world").but(path=("world", "environment", *error.path)) from None
+    environments = Environments(made, patience)
+    pilot = NetworkPilot(
+        net,
+        environments,
+        backend=backend,
+        seed=seed,
+        learns=learns and bool(world.reward),
+        record=record,
+        options=options,
+    )
+    words: dict[str, Any] = {"explore": world.explore, "block": world.block, "learns": learns, "keep": record}
+    return ClosedLoop(pilot, environments, step=world.step, seed=seed, **words)
