@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from neuro.model.neurons.builtin import *  # noqa: F403
     from neuro.model.parts import (
         Readout as Readout,
-        World as World,
         Trials as Trials,
+        World as World,
         dropout as dropout,
         labels as labels,
         lateral_reset as lateral_reset,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import sys
 import time
@@ -20,8 +21,10 @@ from neuro.cli.options import (
     Set,
     Threads,
     assignments,
+    at_least,
     milliseconds,
     moment,
+    refuse_unused,
     stoppable,
 )
 
@@ -40,7 +43,24 @@ ResultsOut = Annotated[Path, typer.Option(metavar="FILE", help="The HDF5 file to
 AllWeights = Annotated[bool, typer.Option("--all-weights", help="Keep also static weights above a million synapses.")]
 
 
+Steps = Annotated[int | None, typer.Option(metavar="N", parser=at_least(1), help="Control steps in its world.")]
+Episodes = Annotated[int | None, typer.Option(metavar="N", parser=at_least(1), help="Episodes in its world.")]
+Until = Annotated[float | None, typer.Option(metavar="R", help="Mean return of 100 episodes to stop at.")]
+Frozen = Annotated[bool, typer.Option("--frozen", help="Act in its world without learning.")]
+CopiesOf = Annotated[int, typer.Option("--copies", metavar="N", parser=at_least(1), help="Worlds side by side.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on with a run that was interrupted or killed.")]
+SaveFrozen = Annotated[
+    Path | None, typer.Option("--save-frozen", metavar="FILE", help="Write the network with what it learnt, static.")
+]
+
+
+def control_steps(duration: float, step: float) -> int:
+    """Return how many control steps a duration has, both in ms; a part of one counts as one."""
+    return max(1, math.ceil(duration / step - 1e-9))
+
+
 def run(
+    context: typer.Context,
     file: NetworkFile,
     duration: Duration = 1000.0,
     backend: Backend = "event",
@@ -50,8 +70,18 @@ def run(
     record: Record = [],  # noqa: B006
     out: ResultsOut = Path("out.h5"),
     all_weights: AllWeights = False,
+    steps: Steps = None,
+    episodes: Episodes = None,
+    until: Until = None,
+    frozen: Frozen = False,
+    copies: CopiesOf = 1,
+    resume: Resume = False,
+    save_frozen: SaveFrozen = None,
 ) -> None:
-    """Run a network and write its spikes, traces and weights, and the network itself, to one HDF5 file."""
+    """Run a network and write its spikes, traces and weights, and the network itself, to one HDF5 file.
+
+    Where it has a world, it acts there and learns until --for, --steps, --episodes or --until, whichever comes first.
+    """
     from neuro.core.clock import Clock
     from neuro.core.outputs import check_output
     from neuro.core.progress import advance
@@ -62,23 +92,39 @@ def run(
 
     together(backend)
     net = load(file, params=assignments(set))
-    steps = Clock(net.resolution).step(duration, "--for")
     keep_spikes(net, record)
     check_output(out, KIND)
+    if net.world_section is not None:
+        from neuro.cli.world import run_world
+
+        given = context.get_parameter_source("duration")
+        if (given is not None and given.name == "COMMANDLINE") or (steps, episodes, until) == (None, None, None):
+            asked = control_steps(duration, net.world_section.step)
+            steps = asked if steps is None else min(steps, asked)
+        words: dict[str, Any] = {"threads": threads, "record": record, "all_weights": all_weights}
+        ends: dict[str, Any] = {"steps": steps, "episodes": episodes, "until": until, "resume": resume}
+        run_world(
+            net, out, **ends, frozen=frozen, copies=copies, seed=seed, backend=backend, save_frozen=save_frozen, **words
+        )
+        return
+    refuse_unused(context, "a network with a world", "steps", "episodes", "until", "frozen", "copies", "resume")
+    ticks = Clock(net.resolution).step(duration, "--for")
     with stoppable(lambda: _left_of(out)) as bar:
         bar.say("preparing")
         sim = compiled(net, backend=backend, seed=seed, threads=threads)
-        words: dict[str, Any] = {"threads": threads, "record": record, "all_weights": all_weights}
+        words = {"threads": threads, "record": record, "all_weights": all_weights}
         began = time.perf_counter()
         if shared() or (out.exists() and not out.is_file()):
-            results, first_s = _at_the_end(sim, net, steps, bar, out, words)
+            results, first_s = _at_the_end(sim, net, ticks, bar, out, words)
         else:
             with sim.record_to(out, **words):
-                first_s = advance(sim, steps, bar)
+                first_s = advance(sim, ticks, bar)
                 bar.say("writing")
             results = read(out)
         taken = time.perf_counter() - began - first_s
         silent = silent_inputs(sim)
+        if save_frozen is not None:
+            sim.network(frozen=True).save(save_frozen)
     if speaks():
         print_results(results, out)
         tell_silence(silent)

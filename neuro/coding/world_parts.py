@@ -277,7 +277,7 @@ class difference(Decoder):
     Source: Mosca, MSc thesis, 2020, eq. 129.
     """
 
-    gain: Any = quantity(1.0, "", "factor, one for all or one for each number", kind="array", above=0, arrays=True)
+    gain: Any = quantity(1.0, "", "factor, one for all or one for each number", above=0, arrays=True)
 
     def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
         """Make the decoder: neurons 0 and 1 are the pair of the first number."""

@@ -17,6 +17,7 @@
     pre, post       int64; not of a grid
     weight          float64 as stored at the end; of a grid (maps, channels, height, width)
     delay_ms        float64 at the end, of rules that change delays
+/world              of a closed loop: returns, lengths, steps (of the episodes), rewards, actions (of the last block)
 /traces/NAME        attributes: population or projection, state, unit, probe, mean
     times_ms        float64
     values          float64, (times, columns); of a rate or a mean, and at pre spikes, (times,)
@@ -91,6 +92,8 @@ class Results:
         path: of the file, None of what is in memory only.
         fed: what event cameras were fed while the run was recorded, by name; `sim.replay(results)` feeds it again.
         live: of a run in real time its latencies, misses and drops, by name.
+        world: of a closed loop by name: returns, lengths and steps, (episodes,), and of the last block, whose spikes
+            these are, rewards (steps, copies) and actions (steps, copies, ...).
     """
 
     about: dict[str, Any]
@@ -101,6 +104,7 @@ class Results:
     path: Path | None = None
     fed: dict[str, Fed] = field(default_factory=dict)
     live: dict[str, Any] = field(default_factory=dict)
+    world: dict[str, Any] = field(default_factory=dict)
 
     @property
     def duration_ms(self) -> float:
@@ -351,6 +355,8 @@ def write(results: Results, path: str | PathLike[str], weights: Iterable[tuple[s
                 write_part(file[section].create_group(name), part)
         for name, projection in weights:
             write_part(file["projections"][name], projection)
+        for name, values in results.world.items():
+            file[f"world/{name}"] = np.asarray(values)
 
 
 def write_head(file: h5py.File, about: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
@@ -434,6 +440,7 @@ def read_file(file: h5py.File, opener: Opener, path: Path | None = None) -> Resu
         path,
         {name: _read_part(Fed, group, opener) for name, group in file.get("fed", {}).items()},
         {name: _plain(value) for name, value in file["live"].attrs.items()} if "live" in file else {},
+        {name: data[()] for name, data in file.get("world", {}).items()},
     )
 
 

@@ -42,6 +42,10 @@ def block_seed(seed: int, block: int) -> int:
     return int(np.random.SeedSequence([seed, block, 1]).generate_state(1)[0])
 
 
+_TAKES = {"spikes": ("listed", "a spike_generator"), "rates": ("poisson", "a poisson_generator")}
+"""By what an encoder gives: the kind of population that takes it, and its name in messages."""
+
+
 class Pilot(Protocol):
     """What acts in the loop and learns: a network, or something else for comparison."""
 
@@ -146,22 +150,18 @@ class NetworkPilot:
         made = {}
         for name, encoder in self._world.observe.items():
             part = program.populations[self._part(program, name, "observe", name)]
-            kind = {"spikes": "listed", "rates": "poisson"}[encoder.gives]
+            kind, expected = _TAKES[encoder.gives]
             if part.kind != kind:
-                expected = {"spikes": "a spike_generator", "rates": "a poisson_generator"}[encoder.gives]
-                message = (
-                    f"population '{name}' is {part.said}: {encoder.name} gives {encoder.gives}: expected {expected}"
-                )
+                given = f"{encoder.name} gives {encoder.gives}"
+                message = f"population '{name}' is {part.said}: {given}: expected {expected}"
                 raise self._wrong(ModelError(message), "observe", name)
             try:
                 shown = encoder.made(self._environments.observations, part.shape)
             except ModelError as error:
                 raise self._wrong(error, "observe", name, encoder.name) from None
             if shown.size and shown.size != part.size:
-                message = (
-                    f"population '{name}' has {part.size:,} neurons: {encoder.name} of {self._environments.observations}"
-                    f" needs {shown.size:,}"
-                )
+                seen = self._environments.observations
+                message = f"population '{name}' has {part.size:,} neurons: {encoder.name} of {seen} needs {shown.size:,}"
                 raise self._wrong(ModelError(message, hint=f"shape: {shown.size}"), "observe", name)
             made[name] = encoder.gives, shown
         return made
@@ -343,6 +343,13 @@ class ClosedLoop:
         self._begun = [0, 0]  # episodes and blocks
         self._explored = not explore
         self._first_episode = 0
+
+    def recorded(self) -> dict[str, npt.NDArray[Any]]:
+        """Return returns, lengths and steps of all episodes, and rewards and actions of the present block, by name."""
+        episodes = {"returns": self.log.returns, "lengths": self.log.lengths, "steps": self.log.steps}
+        if not self.rewards:
+            return episodes
+        return episodes | {"rewards": np.array(self.rewards), "actions": np.array(self.actions)}
 
     def network(self, frozen: bool = False) -> Network:
         """Return the network with the weights of now; `frozen`: with static synapses and no signals."""

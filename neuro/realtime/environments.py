@@ -27,7 +27,9 @@ from neuro.coding.spaces import States, flat
 from neuro.core.checks import check
 from neuro.core.errors import ModelError, unknown
 from neuro.core.extension import extensions
+from neuro.core.lazy import taken_away
 from neuro.core.quantities import Quantity
+from neuro.core.registry import installed
 from neuro.model.sections import World
 
 for _name, _value in (("PYGAME_HIDE_SUPPORT_PROMPT", "1"), ("SDL_VIDEODRIVER", "dummy"), ("SDL_AUDIODRIVER", "dummy")):
@@ -78,9 +80,23 @@ def find(name: str, classes: Mapping[str, Any]) -> Any:
     if name in known:
         return known[name]
     if name not in gymnasium.registry:
+        _load_plugins(name.partition("/")[0])
+    if name not in gymnasium.registry:
         error = unknown("environment", name, [*known, *gymnasium.registry])
         raise error if error.suggestion else error.but(hint=f"--with FILE.py, if a file of yours has the class {name}")
     return name
+
+
+def _load_plugins(namespace: str) -> None:
+    """Let installed packages register their environments: gymnasium 1.0 and later load no plug-ins by themselves."""
+    for entry in installed("gymnasium.envs"):
+        if entry.name in (namespace, "__root__") and not taken_away(entry):
+            try:
+                plugin = entry.load()
+                if callable(plugin):
+                    plugin()
+            except Exception as error:
+                warnings.warn(f"the plug-in {entry.value} of gymnasium cannot be loaded: {_line(error)}", stacklevel=2)
 
 
 def made(kind: Any, name: str, options: Mapping[str, Any] | None = None, frames: bool = False) -> Any:

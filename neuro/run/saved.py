@@ -46,7 +46,8 @@ def learnt_network(run: Run, frozen: bool = False) -> Network:
         copy.projections[projection.name] = _projection(net.projections[projection.name], run, index)
     if frozen:
         for name, part in copy.projections.items():
-            copy.projections[name] = replace(part, synapse=static())
+            receptor = getattr(part.synapse, "receptor", None)
+            copy.projections[name] = replace(part, synapse=static(receptor=receptor))
     copy.signals, copy.groups = {} if frozen else dict(net.signals), dict(net.groups)
     for name, probe in net.probes.items():
         view, pre, post = (

@@ -1,0 +1,92 @@
+"""A network in its world: what `neuro run` does where the description has a `world`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from neuro.model.network import Network
+    from neuro.realtime.closed_loop import ClosedLoop
+    from neuro.realtime.episodes import Log
+
+
+def run_world(
+    net: Network,
+    out: Path,
+    *,
+    steps: int | None,
+    episodes: int | None,
+    until: float | None,
+    frozen: bool,
+    copies: int,
+    resume: bool,
+    seed: int,
+    backend: str,
+    threads: int,
+    record: list[str],
+    all_weights: bool,
+    save_frozen: Path | None,
+) -> None:
+    """Run the closed loop and write its results, with the episodes beside the spikes of the last block.
+
+    Raises:
+        ModelError: the loop cannot be made or cannot go on, or an unfinished run lies beside `out`.
+    """
+    from neuro.cli.options import stoppable
+    from neuro.core.errors import ModelError
+    from neuro.core.outputs import output
+    from neuro.files.results import KIND, write
+    from neuro.realtime.closed_loop import closed_loop
+    from neuro.run.collect import collect, files_of
+
+    learns = not frozen and net.world_section is not None and bool(net.world_section.reward)
+    with stoppable(lambda: _left(loop, out, learns)) as bar:
+        bar.say("preparing")
+        loop = closed_loop(net, backend=backend, seed=seed, copies=copies, learns=learns, record=True, threads=threads)
+        if learns:
+            import hashlib
+
+            digest = hashlib.blake2b(b"".join(files_of(net).values()), digest_size=16).hexdigest()
+            told = {"network": digest, "backend": backend, "threads": threads}
+            kept = loop.checkpoint(out, told)
+            if kept.path.exists() and not resume:
+                message = f"{kept.path} has an unfinished run"
+                raise ModelError(message, hint="--resume goes on with it; delete it to begin anew")
+            log = loop.run(steps=steps, episodes=episodes, until=until, out=out, told=told, progress=True)
+        else:
+            log = loop.run(steps=steps, episodes=episodes, until=until, progress=True)
+        bar.say("writing")
+        words: dict[str, Any] = {"threads": threads, "record": record, "all_weights": all_weights}
+        results = collect(loop.sim, net, **words)
+        results.world.update(loop.recorded())
+        with output(out, KIND) as part:
+            write(results, part)
+        if save_frozen is not None:
+            loop.network(frozen=True).save(save_frozen)
+        if learns:
+            kept.remove()
+    from neuro.cli.run import print_results
+
+    print_results(results, out)
+    typer.echo(summary(log))
+    if save_frozen is not None:
+        typer.echo(f"{save_frozen}: the network with what it has learnt, frozen; neuro run {save_frozen} tests it")
+
+
+def summary(log: Log) -> str:
+    """Return what came of the episodes, in a line."""
+    if not len(log):
+        return "no episode ended"
+    n = min(len(log), 100)
+    solved = {None: "", False: "; not reached", True: "; reached"}[log.solved]
+    return f"{len(log):,} episodes, {log.steps[-1]:,} steps; mean return of the last {n}: {log.mean(n):g}{solved}"
+
+
+def _left(loop: ClosedLoop, out: Path, learns: bool) -> str:
+    """Say what an interrupted run has left."""
+    if learns and Path(f"{out}.training").exists():
+        return f"{loop.steps:,} steps; the same command with --resume goes on from the last whole block"
+    return f"{out} is not written"
