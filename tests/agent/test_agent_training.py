@@ -11,10 +11,10 @@ from gymnasium import spaces
 import neuro_agent
 from neuro.coding import PERIOD, Places
 from neuro_agent import deployed, training
-from neuro_agent.environments import Environments
+from neuro.apps import Environments
 from neuro_agent.learner import ErrorScale, RewardScale
 from neuro_agent.network import TAU
-from neuro_agent.spaces import actions_of, dimensions_of, flat
+from neuro.apps import actions_of, dimensions_of, flat
 from refused import refusals_of, refused
 
 
