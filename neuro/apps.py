@@ -53,6 +53,7 @@ if TYPE_CHECKING:
         flat as flat,
     )
     from neuro.coding.values import SOME as SOME, RewardScale as RewardScale
+    from neuro.coding.world import Moment as Moment
     from neuro.compare.runs import chip_of as chip_of
     from neuro.compiler import compile_network as compile_network
     from neuro.compiler.cameras import CameraInput as CameraInput
@@ -175,6 +176,7 @@ if TYPE_CHECKING:
         unreadable as unreadable,
     )
     from neuro.program.counts import difference as difference, fan_out as fan_out
+    from neuro.realtime.closed_loop import MOST as MOST, TESTS as TESTS
     from neuro.realtime.environments import (
         Environments as Environments,
         find as find,
@@ -184,7 +186,6 @@ if TYPE_CHECKING:
     from neuro.realtime.episodes import (
         End as End,
         Log as Log,
-        Sums as Sums,
         Test as Test,
         episode_seed as episode_seed,
     )

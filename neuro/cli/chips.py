@@ -217,6 +217,7 @@ def energy(
     from neuro.core.clock import Clock
     from neuro.core.progress import advance
     from neuro.model.language import load
+    from neuro.realtime.closed_loop import lived
     from neuro.run.compiled import compile as compiled
 
     if per[0] < 1:
@@ -226,9 +227,14 @@ def energy(
     steps = Clock(net.resolution).step(duration, "--for")
     with stoppable("nothing is priced") as bar:
         bar.say("preparing")
-        sim = compiled(net, backend=backend, seed=seed, threads=threads)
-        placements = [placed(sim.program, each) for each in targets]
-        advance(sim, steps, bar)
+        if net.world_section is not None:
+            loop = lived(net, duration, progress=True, backend=backend, seed=seed, threads=threads)
+            sim, per = loop.sim, (max(1, round(loop.sim.time / net.world_section.step)), "step") if per[0] == 1 else per
+            placements = [placed(sim.program, each) for each in targets]
+        else:
+            sim = compiled(net, backend=backend, seed=seed, threads=threads)
+            placements = [placed(sim.program, each) for each in targets]
+            advance(sim, steps, bar)
     counts = sim._engine.counts()
     step_s = None if step_time is None else step_time * 1e-3
     bills = [

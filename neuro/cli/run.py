@@ -54,11 +54,6 @@ SaveFrozen = Annotated[
 ]
 
 
-def control_steps(duration: float, step: float) -> int:
-    """Return how many control steps a duration has, both in ms; a part of one counts as one."""
-    return max(1, math.ceil(duration / step - 1e-9))
-
-
 def run(
     context: typer.Context,
     file: NetworkFile,
@@ -95,17 +90,19 @@ def run(
     keep_spikes(net, record)
     check_output(out, KIND)
     if net.world_section is not None:
-        from neuro.cli.world import run_world
+        from neuro.cli.world import run_world, summary
 
         given = context.get_parameter_source("duration")
         if (given is not None and given.name == "COMMANDLINE") or (steps, episodes, until) == (None, None, None):
-            asked = control_steps(duration, net.world_section.step)
+            asked = max(1, math.ceil(duration / net.world_section.step - 1e-9))
             steps = asked if steps is None else min(steps, asked)
         words: dict[str, Any] = {"threads": threads, "record": record, "all_weights": all_weights}
         ends: dict[str, Any] = {"steps": steps, "episodes": episodes, "until": until, "resume": resume}
-        run_world(
+        results, log = run_world(
             net, out, **ends, frozen=frozen, copies=copies, seed=seed, backend=backend, save_frozen=save_frozen, **words
         )
+        print_results(results, out)
+        typer.echo(summary(log))
         return
     refuse_unused(context, "a network with a world", "steps", "episodes", "until", "frozen", "copies", "resume")
     ticks = Clock(net.resolution).step(duration, "--for")

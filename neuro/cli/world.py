@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 if TYPE_CHECKING:
+    from neuro.files.results import Results
     from neuro.model.network import Network
     from neuro.realtime.closed_loop import ClosedLoop
     from neuro.realtime.episodes import Log
@@ -29,7 +28,7 @@ def run_world(
     record: list[str],
     all_weights: bool,
     save_frozen: Path | None,
-) -> None:
+) -> tuple[Results, Log]:
     """Run the closed loop and write its results, with the episodes beside the spikes of the last block.
 
     Raises:
@@ -68,12 +67,7 @@ def run_world(
             loop.network(frozen=True).save(save_frozen)
         if learns:
             kept.remove()
-    from neuro.cli.run import print_results
-
-    print_results(results, out)
-    typer.echo(summary(log))
-    if save_frozen is not None:
-        typer.echo(f"{save_frozen}: the network with what it has learnt, frozen; neuro run {save_frozen} tests it")
+    return results, log
 
 
 def summary(log: Log) -> str:

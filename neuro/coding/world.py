@@ -42,6 +42,7 @@ class Moment:
         rewards: of the environment's step, 0 where an episode began with it.
         ended: whether that step ended an episode by itself, and did not cut it off.
         infos: what the environment said beside, one for each copy.
+        seen: the observations after the step, (copies, dimensions).
         time: of the network since learning began, ms.
         steps: of all environments so far.
         returns: of the episodes that are over.
@@ -53,6 +54,7 @@ class Moment:
     rewards: Floats
     ended: Bools
     infos: Infos
+    seen: Floats
     time: float
     steps: int
     returns: Sequence[float]

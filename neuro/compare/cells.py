@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from neuro.chips.energy import COLUMNS
+from neuro.chips.energy import COLUMNS, quantity
 from neuro.compare.differences import Divergence
 from neuro.compare.result import Bill, Comparison, Run
 from neuro.core.tables import table
@@ -17,6 +17,7 @@ SUMMARY = ("backend", *COUNTS, ">distance", "first difference")
 POPULATIONS = ("population", "backend", ">neurons", ">spikes", ">rate Hz", "first difference", ">distance")
 PROJECTIONS = ("projection", "backend", ">largest", ">rms", ">relative rms", ">by rounding")
 ENERGY = ("chip", "counts of", *COLUMNS)
+WORLD = ("backend", ">steps", ">episodes", ">mean return", ">decisions alike", ">a step")
 NATIVE = ("backend", "counted on it only", ">count")
 
 
@@ -94,6 +95,17 @@ def natives(comparison: Comparison) -> Iterator[tuple[str, ...]]:
             yield (run.backend, name, f"{count:,}")
 
 
+def worlds(comparison: Comparison) -> Iterator[tuple[str, ...]]:
+    """A row for each backend of a network with a world."""
+    for run in comparison.ran:
+        if (world := run.world) is not None:
+            mean = "-" if world.mean_return is None else f"{world.mean_return:.5g}"
+            alike = "-" if run is comparison.first else f"{world.alike:.1%}"
+            own = run.own
+            joules = "-" if own is None or own.refused else quantity(own.total_j / max(world.steps, 1), "J")
+            yield (run.backend, f"{world.steps:,}", f"{world.episodes:,}", mean, alike, joules)
+
+
 def far(per_spike: float | None) -> str:
     """A distance per spike."""
     return "-" if per_spike is None else f"{per_spike:.3f}" if per_spike == 0 or per_spike >= 0.0005 else "<0.001"
@@ -115,6 +127,7 @@ def show(comparison: Comparison, out: Any) -> None:
     out.print(table(POPULATIONS, populations(comparison)))
     out.print(DISTANCE, markup=False)
     for columns, rows in (
+        (WORLD, worlds(comparison)),
         (PROJECTIONS, projections(comparison)),
         (NATIVE, natives(comparison)),
         (ENERGY, bills(comparison)),

@@ -93,6 +93,8 @@ def _numbers(comparison: Comparison) -> Html:
     counts = f"Counts that all backends share; - where nothing is compared. Input spikes: {'; '.join(inputs)}."
     natives = list(cells.natives(comparison))
     parts = [tag("h2", "In numbers"), tag("p", counts), table(cells.SUMMARY, cells.summary(comparison))]
+    worlds = list(cells.worlds(comparison))
+    parts += [table(cells.WORLD, worlds)] if worlds else []
     return join([*parts, table(cells.NATIVE, natives) if natives else None])
 
 

@@ -46,6 +46,23 @@ class PopulationResult:
 
 
 @dataclass(frozen=True, slots=True)
+class WorldResult:
+    """What a backend's network did in its world.
+
+    Attributes:
+        steps: control steps that the network decided in.
+        episodes: that ended.
+        mean_return: of these; None where none ended.
+        alike: share of the decisions that are those of the first run, step by step.
+    """
+
+    steps: int
+    episodes: int
+    mean_return: float | None
+    alike: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
 class Bill:
     """What a run would take on a target.
 
@@ -86,6 +103,7 @@ class Run:
         trains: the spikes.
         final: final weights of each projection, one for each synapse; `final_delays` in ms, where they learn.
         program: the network as the backend saw it.
+        world: what it did in its world; None of a network without one. `actions` are its decisions.
     """
 
     backend: str
@@ -105,6 +123,8 @@ class Run:
     final: Mapping[str, Floats] = field(default_factory=dict)
     final_delays: Mapping[str, Floats] = field(default_factory=dict)
     program: Program | None = None
+    world: WorldResult | None = None
+    actions: Floats | None = None
 
     @property
     def own(self) -> Energy | None:
@@ -151,6 +171,7 @@ class Run:
             "weight_rounding": self.rounding and {name: asdict(part) for name, part in self.rounding.items()},
             "rounding": self.fixed.as_dict() if self.fixed else None,
             "placement": self.placement.as_dict() if self.placement else None,
+            **({} if self.world is None else {"world": asdict(self.world)}),
         }
 
 

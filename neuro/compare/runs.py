@@ -10,6 +10,8 @@ from dataclasses import replace
 from os import PathLike
 from typing import Any
 
+import numpy as np
+
 from neuro.chips.description import Chip
 from neuro.chips.fixed_program import FixedProgram
 from neuro.chips.placing import Placement, place
@@ -25,7 +27,7 @@ from neuro.compare.differences import (
     rounding,
     same_steps,
 )
-from neuro.compare.result import Bill, Comparison, PopulationResult, Run
+from neuro.compare.result import Bill, Comparison, PopulationResult, Run, WorldResult
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.extras import install
@@ -33,6 +35,7 @@ from neuro.model.network import Network
 from neuro.model.neurons import CurrentGenerator, Generator
 from neuro.program.backend import OverflowWarning, find_backend
 from neuro.program.program import Program
+from neuro.realtime.closed_loop import ClosedLoop, lived
 from neuro.run.collect import record_of
 from neuro.run.compiled import ApproximationWarning, compile
 from neuro.run.simulation import Simulation
@@ -80,15 +83,21 @@ def compare(
         first = next((run for run in runs if not run.refused), None)
         with _warnings() as caught:
             try:
-                sim = compile(watched, backend=name, seed=seed, threads=threads)
-                if advance is None:
-                    sim.run(Clock(sim.program.resolution).ms(steps))
+                loop = None
+                if watched.world_section is not None:
+                    loop = lived(watched, ms, backend=name, seed=seed, threads=threads, record=True)
+                    sim = loop.sim
                 else:
-                    advance(sim, steps)
+                    sim = compile(watched, backend=name, seed=seed, threads=threads)
+                    if advance is None:
+                        sim.run(Clock(sim.program.resolution).ms(steps))
+                    else:
+                        advance(sim, steps)
             except ModelError as error:
                 run = Run(name, refused=str(error), reason=next(iter(error.others), error).alone())
             else:
                 run = _against(_gather(sim, name, first is None), first, sim.time)
+                run = run if loop is None else _in_world(run, loop, first)
         runs.append(replace(run, warnings=tuple(caught)))
     record = record_of(net, backend=", ".join(names), threads=threads, seed=seed)
     return _comparison(net, ms, seed, runs, record)
@@ -216,6 +225,20 @@ def _against(run: Run, first: Run | None, duration_ms: float) -> Run:
         delays={name: difference(first.final_delays[name], delays) for name, delays in run.final_delays.items()},
         inputs="same" if not inputs else "merged" if merged else "other",
     )
+
+
+def _in_world(run: Run, loop: ClosedLoop, first: Run | None) -> Run:
+    """A run with what it did in its world."""
+    kept = loop.recorded()
+    actions = np.asarray(kept["actions"], dtype=np.float64)
+    alike = 1.0
+    if first is not None and first.actions is not None:
+        n = min(len(actions), len(first.actions))
+        same = (actions[:n] == first.actions[:n]).reshape(n, -1).all(axis=1)
+        alike = float(same.mean()) if n else 1.0
+    returns = kept["returns"]
+    mean_return = float(np.mean(returns)) if len(returns) else None
+    return replace(run, actions=actions, world=WorldResult(len(actions), len(returns), mean_return, alike))
 
 
 def _bills(sim: Simulation, backend: str, first: bool) -> tuple[Bill, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
+from math import ceil
 from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol
@@ -161,7 +162,9 @@ class NetworkPilot:
                 raise self._wrong(error, "observe", name, encoder.name) from None
             if shown.size and shown.size != part.size:
                 seen = self._environments.observations
-                message = f"population '{name}' has {part.size:,} neurons: {encoder.name} of {seen} needs {shown.size:,}"
+                message = (
+                    f"population '{name}' has {part.size:,} neurons: {encoder.name} of {seen} needs {shown.size:,}"
+                )
                 raise self._wrong(ModelError(message, hint=f"shape: {shown.size}"), "observe", name)
             made[name] = encoder.gives, shown
         return made
@@ -401,17 +404,25 @@ class ClosedLoop:
         end, kept = End(until, steps, episodes, window), None
         if out is not None:
             kept = self.checkpoint(Path(out), told or {})
-            self._go_on(kept.resume())
+            self.go_on(kept.resume())
             self._check_repeatable()
+
+        def keep(loop: ClosedLoop) -> None:
+            if kept is not None:
+                kept.keep(**self.arrays())
+            if after is not None:
+                after(self)
+
+        self.until(end, progress=progress, after=keep)
+        return self.log
+
+    def until(self, end: End, *, progress: bool = False, after: Callable[[ClosedLoop], object]) -> None:
+        """Act, and learn if it learns, until an end; `after` is called after each block."""
         with self.environments.watched(), Bar() if progress else nullcontext() as bar:
             self._move_at_random(end)
             while not end.reached(self.log) and (end.steps is None or self.steps < end.steps):
                 self._one_block(end, bar)
-                if kept is not None:
-                    kept.keep(**self.arrays())
-                if after is not None:
-                    after(self)
-        return self.log
+                after(self)
 
     def checkpoint(self, out: Path, told: Mapping[str, Any]) -> Checkpoint:
         """Return the checkpoint beside a file."""
@@ -423,12 +434,20 @@ class ClosedLoop:
         counts = np.array([self.steps, *self._begun, self._explored], dtype=np.int64)
         return {"counts": counts, "log": self.log.arrays(), **self.pilot.arrays()}
 
-    def _go_on(self, arrays: Mapping[str, Any]) -> None:
+    @property
+    def begun(self) -> tuple[tuple[int, int], bool]:
+        """Episodes and blocks that have begun, each with a seed of its own; and whether random moves are over."""
+        return (self._begun[0], self._begun[1]), self._explored
+
+    def go_on(self, arrays: Mapping[str, Any], begun: tuple[int, int, bool] | None = None) -> None:
+        """Go on from what `arrays` gave, if that is anything; else from what has `begun` before."""
         if arrays:
             self.steps, *self._begun = (int(each) for each in arrays["counts"][:3])
             self._explored = bool(arrays["counts"][3])
             self.log = Log.of(arrays["log"])
             self.pilot.put(arrays)
+        elif begun is not None:
+            *self._begun, self._explored = begun
 
     def _seeds(self, begins: Bools | None = None) -> list[int]:
         """Seeds of the episodes that begin."""
@@ -486,7 +505,6 @@ class ClosedLoop:
     def _one_block(self, end: End, bar: Bar | None) -> None:
         """Go on for a block of control steps, or to the end."""
         pilot, env = self.pilot, self.environments
-        most = self._block * env.n if end.steps is None else min(self._block * env.n, end.steps - self.steps)
         pilot.begin(env.n, self._begun[1])
         self._begun[1] += 1
         seen = env.reset(self._seeds())
@@ -494,7 +512,8 @@ class ClosedLoop:
         first = np.ones(env.n, dtype=np.bool_)
         self.actions.clear()
         self.rewards.clear()
-        for k in range(-(-most // env.n)):
+        k = 0
+        while k < self._block and (end.steps is None or self.steps < end.steps):
             actions = pilot.act(seen, env.infos)
             last = env.over
             seen, rewards, ended, _ = env.step(actions, self._seeds(last))
@@ -503,15 +522,14 @@ class ClosedLoop:
                 self.actions.append(actions)
                 self.rewards.append(rewards)
             time += self._step_ms
-            over = sums.add(self.log, self.steps, rewards, last, env.over)
             if self._learns:
                 counts: Mapping[str, Ints] = getattr(pilot, "counts", {})
                 returns = self.log._returns
-                pilot.teach(Moment(counts, first, last, rewards, ended, env.infos, time, self.steps, returns))
+                pilot.teach(Moment(counts, first, last, rewards, ended, env.infos, seen, time, self.steps, returns))
                 if env.n > 1 and k % MERGE == MERGE - 1:
                     pilot.merge()
-            first = last
-            if over:
+            first, k = last, k + 1
+            if sums.add(self.log, self.steps, rewards, last, env.over):
                 if bar is not None:
                     mean = f"mean return of the last {min(len(self.log), end.window)}: {self.log.mean(end.window):g}"
                     bar.show(self.steps, end.steps or self.steps, f"{len(self.log)} episodes, {mean}")
@@ -559,6 +577,7 @@ def closed_loop(
     learns: bool = True,
     record: bool = False,
     patience: float = 60.0,
+    block: int | None = None,
     **options: Any,
 ) -> ClosedLoop:
     """Join a network with its world.
@@ -572,6 +591,7 @@ def closed_loop(
         learns: whether signals are set.
         record: whether spikes and traces of the present block, its actions and its rewards are kept.
         patience: seconds within which the environment must answer.
+        block: control steps of a block, in place of those of the description.
         options: of the backend.
 
     Raises:
@@ -596,5 +616,21 @@ def closed_loop(
         record=record,
         options=options,
     )
-    words: dict[str, Any] = {"explore": world.explore, "block": world.block, "learns": learns, "keep": record}
+    words: dict[str, Any] = {"explore": world.explore, "block": block or world.block, "learns": learns, "keep": record}
     return ClosedLoop(pilot, environments, step=world.step, seed=seed, **words)
+
+
+def lived(net: Network, ms: float, progress: bool = False, **words: Any) -> ClosedLoop:
+    """Join a network with its world, and let it act there for so many ms in one block, of which all is counted.
+
+    Args:
+        net: the network.
+        ms: time of the network.
+        progress: whether to show how far it is on stderr.
+        words: as of `closed_loop`.
+    """
+    world = net.world_section
+    steps = 1 if world is None else max(1, ceil(ms / world.step - 1e-9))
+    loop = closed_loop(net, block=2 * steps, **words)  # each step may begin an episode, which is none for the world
+    loop.run(steps=steps + (world.explore if world is not None else 0), progress=progress)
+    return loop
