@@ -176,7 +176,7 @@ if TYPE_CHECKING:
         unreadable as unreadable,
     )
     from neuro.program.counts import difference as difference, fan_out as fan_out
-    from neuro.realtime.closed_loop import MOST as MOST, TESTS as TESTS
+    from neuro.realtime.closed_loop import MOST as MOST, TESTS as TESTS, lived_again as lived_again
     from neuro.realtime.environments import (
         Environments as Environments,
         find as find,

@@ -24,6 +24,7 @@ from neuro.apps import Registry, is_number, named_by_user, shown, unknown, varia
 
 if TYPE_CHECKING:
     from neuro import Simulation
+    from neuro.apps import Log
 
 Metric = Callable[["Simulation"], Any]
 
@@ -34,11 +35,14 @@ TOTALS = ("spikes", "synaptic_ops", "neuron_updates", "neuron_updates_active", "
 _OF_POPULATIONS = ("rate", "spikes", "cv")
 _OF_PROJECTIONS = ("weight", "weight_sd")
 _OF_CHIPS = ("energy", "energy_real_time")
+_OF_WORLDS = ("return", "episodes")
 UNITS = {"rate": "Hz", "energy": "J", "energy_real_time": "J"}
 """Of metrics of one part, by their first word."""
 
 
-def check_metrics(names: Iterable[str], populations: Collection[str], projections: Collection[str]) -> None:
+def check_metrics(
+    names: Iterable[str], populations: Collection[str], projections: Collection[str], world: bool = False
+) -> None:
     """See whether metrics have a meaning, before the first run.
 
     Raises:
@@ -54,14 +58,26 @@ def check_metrics(names: Iterable[str], populations: Collection[str], projection
             from neuro.chips import chip
 
             chip(of)
-        if not (dot and word in (*_OF_POPULATIONS, *_OF_PROJECTIONS, *_OF_CHIPS)) and name not in (*TOTALS, *METRICS):
+        if not (dot and word in (*_OF_POPULATIONS, *_OF_PROJECTIONS, *_OF_CHIPS)) and name not in (
+            *TOTALS,
+            *(_OF_WORLDS if world else ()),
+            *METRICS,
+        ):
             of_parts = [f"{each}.{part}" for each in _OF_POPULATIONS for part in populations]
             of_parts += [f"{each}.{part}" for each in _OF_PROJECTIONS for part in projections]
-            known = (*TOTALS, *of_parts, *(f"{each}.CHIP" for each in _OF_CHIPS), *METRICS)
+            known = (
+                *TOTALS,
+                *(_OF_WORLDS if world else ()),
+                *of_parts,
+                *(f"{each}.CHIP" for each in _OF_CHIPS),
+                *METRICS,
+            )
             raise unknown("metric", name, known, path=("metrics",))
 
 
-def measured(sim: Simulation, names: Iterable[str], tables: Mapping[str, str] | None = None) -> dict[str, Any]:
+def measured(
+    sim: Simulation, names: Iterable[str], tables: Mapping[str, str] | None = None, log: Log | None = None
+) -> dict[str, Any]:
     """Metrics of a simulation that has run, by name.
 
     Args:
@@ -69,12 +85,16 @@ def measured(sim: Simulation, names: Iterable[str], tables: Mapping[str, str] | 
         names: `spikes` and other totals; `rate.POPULATION` in Hz a neuron, `spikes.POPULATION`, `cv.POPULATION`, the
             mean coefficient of variation of the intervals; `weight.PROJECTION`, their mean at the end, and
             `weight_sd.PROJECTION`; `energy.CHIP` in J, as fast as the chip can, and `energy_real_time.CHIP`; or
-            that of a registered function.
+            that of a registered function. In a world `return`, the mean of the last 100 episodes, and `episodes`.
         tables: of chips by name, where the sweep changes their figures.
+        log: the episodes of a network in a world.
     """
     found: dict[str, Any] = {}
     for name in names:
-        value = METRICS[name](sim) if name in METRICS else _own(sim, name, tables or {})
+        if log is not None and name in _OF_WORLDS:
+            value: Any = log.mean(100) if name == "return" else len(log)
+        else:
+            value = METRICS[name](sim) if name in METRICS else _own(sim, name, tables or {})
         found |= numbers(value, name)
     return found
 

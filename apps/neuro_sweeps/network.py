@@ -111,7 +111,7 @@ class NetworkRun:
             ModelError: a parameter or a metric is unknown, or the network cannot be so.
         """
         net, run = self.described(point)
-        check_metrics(self.metrics, net.populations, net.projections)
+        check_metrics(self.metrics, net.populations, net.projections, net.world_section is not None)
         find_backend(str(run.get("backend", self.backend)))
         Clock(net.resolution).step(self._ms(run), "for")
 
@@ -146,8 +146,10 @@ class NetworkRun:
         figures = {name.partition(".")[2]: run[name] for name in run if name.startswith("chip.")}
         options = {name.partition(".")[2]: run[name] for name in run if name.startswith("backend.")}
         with _table(backend, figures) as target:
-            sim = compile(net, backend=target, seed=seed or 0, threads=self.threads, **options)
             tables = {backend: target}
+            if net.world_section is not None:
+                return self._in_world(net, ms, backend, tables, seed or 0, options)
+            sim = compile(net, backend=target, seed=seed or 0, threads=self.threads, **options)
             for k, time in enumerate(self.at, 1):
                 sim.run(time - sim.time)
                 report_step(measured(sim, [self.reports], tables)[self.reports], k)
@@ -155,6 +157,24 @@ class NetworkRun:
             found = measured(sim, self.metrics, tables)
         about = {"backend": backend, "threads": self.threads, "seed": seed or 0, "network": fingerprint(sim.program)}
         return found, self._fill(sim, net) if self.keep == "results" else None, about
+
+    def _in_world(
+        self, net: Network, ms: float, backend: str, tables: dict[str, str], seed: int, options: Mapping[str, Any]
+    ) -> Made:
+        """Run a network in its world, as `__call__` does one without."""
+        from neuro import closed_loop
+        from neuro.apps import fingerprint, results as files
+
+        words: dict[str, Any] = {"backend": tables[backend], "seed": seed, "threads": self.threads}
+        loop = closed_loop(net, record=self.keep == "results", **words, **options)
+        for k, time in enumerate(self.at, 1):
+            loop.run(ms=time)
+            report_step(measured(loop.sim, [self.reports], tables, loop.log)[self.reports], k)
+        loop.run(ms=ms)
+        found = measured(loop.sim, self.metrics, tables, loop.log)
+        about = {"backend": backend, "threads": self.threads, "seed": seed, "network": fingerprint(loop.sim.program)}
+        fill = lambda folder: files.write(loop.results(threads=self.threads), folder / "results.h5")  # noqa: E731
+        return found, fill if self.keep == "results" else None, about
 
     def _fill(self, sim: Simulation, net: Network) -> Fill:
         from neuro.apps import collect, results as files

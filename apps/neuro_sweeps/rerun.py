@@ -35,6 +35,7 @@ from neuro.apps import (
     extensions,
     file_path,
     hdf5,
+    lived_again,
     plain,
     provenance,
     read as read_yaml,
@@ -250,6 +251,9 @@ def _run(then: files.Results, net: Network, record: Mapping[str, Any], backend: 
     from neuro.apps import advance, collect
 
     on, threads = backend or str(then.about["backend"]), int(then.about["threads"])
+    keep = {"record": record.get("record", ()), "all_weights": record.get("all_weights", False), "threads": threads}
+    if "world" in record:
+        return lived_again(net, record["world"], on, **keep)
     sim = compile(net, backend=on, seed=int(then.about["seed"]), threads=threads)
     steps = Clock(net.resolution).step(then.duration_ms, "run")
     sim.replay(then)
@@ -257,7 +261,6 @@ def _run(then: files.Results, net: Network, record: Mapping[str, Any], backend: 
         advance(sim, steps, bar)
     else:
         sim.run(then.duration_ms)
-    keep = {"record": record.get("record", ()), "all_weights": record.get("all_weights", False), "threads": threads}
     return collect(sim, net, **keep)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from neuro.files.results import Results
@@ -39,7 +39,7 @@ def run_world(
     from neuro.core.outputs import output
     from neuro.files.results import KIND, write
     from neuro.realtime.closed_loop import closed_loop
-    from neuro.run.collect import collect, files_of
+    from neuro.run.collect import files_of
 
     learns = not frozen and net.world_section is not None and bool(net.world_section.reward)
     with stoppable(lambda: _left(loop, out, learns)) as bar:
@@ -58,9 +58,7 @@ def run_world(
         else:
             log = loop.run(steps=steps, episodes=episodes, until=until, progress=True)
         bar.say("writing")
-        words: dict[str, Any] = {"threads": threads, "record": record, "all_weights": all_weights}
-        results = collect(loop.sim, net, **words)
-        results.world.update(loop.recorded())
+        results = loop.results(threads=threads, record=record, all_weights=all_weights)
         with output(out, KIND) as part:
             write(results, part)
         if save_frozen is not None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import nullcontext
 from math import ceil
 from os import PathLike
@@ -17,11 +18,14 @@ from neuro.coding.world import Act, Infos, Moment, Shown, Taught, Teacher
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError, unknown
 from neuro.core.progress import Bar
+from neuro.core.provenance import ATTRIBUTE
+from neuro.files.results import Results
 from neuro.files.state import Checkpoint
 from neuro.model.network import Network
 from neuro.program.program import Program
 from neuro.realtime.environments import Environments, environment_of
 from neuro.realtime.episodes import Bools, End, Floats, Ints, Log, Sums, Test, episode_seed
+from neuro.run.collect import collect
 from neuro.run.compiled import compile as compiled
 from neuro.run.copies import Copies
 from neuro.run.stepper import Stepper
@@ -344,6 +348,7 @@ class ClosedLoop:
         self.actions: list[npt.NDArray[Any]] = []
         self.rewards: list[Floats] = []
         self._begun = [0, 0]  # episodes and blocks
+        self._asked: dict[str, Any] = {}
         self._explored = not explore
         self._first_episode = 0
 
@@ -353,6 +358,16 @@ class ClosedLoop:
         if not self.rewards:
             return episodes
         return episodes | {"rewards": np.array(self.rewards), "actions": np.array(self.actions)}
+
+    def results(self, *, threads: int = 1, record: Collection[str] = (), all_weights: bool = False) -> Results:
+        """Return the results of the present block, with the episodes of all, and what makes them again."""
+        pilot = self._network_pilot("results")
+        made = collect(self.sim, pilot.net, threads=threads, record=record, all_weights=all_weights)
+        made.world.update(self.recorded())
+        asked = {**self._asked, "seed": self.seed, "copies": self.environments.n, "learns": self._learns}
+        about = json.loads(made.about[ATTRIBUTE]) | {"steered": [], "world": asked}
+        made.about[ATTRIBUTE] = json.dumps(about)
+        return made
 
     def network(self, frozen: bool = False) -> Network:
         """Return the network with the weights of now; `frozen`: with static synapses and no signals."""
@@ -373,6 +388,7 @@ class ClosedLoop:
         self,
         *,
         steps: int | None = None,
+        ms: float | None = None,
         episodes: int | None = None,
         until: float | None = None,
         window: int = 100,
@@ -385,6 +401,7 @@ class ClosedLoop:
 
         Args:
             steps: control steps of all environments, those before this call included.
+            ms: in place of steps the time of the network that they take; a part of a step counts as one.
             episodes: episodes, likewise.
             until: the mean return of the last `window` episodes.
             window: episodes of that mean.
@@ -401,7 +418,10 @@ class ClosedLoop:
             ModelError: no end is given, the environment raises, hangs or gives NaN, or the network cannot go on; the
                 last checkpoint is kept.
         """
+        if ms is not None:
+            steps = max(1, ceil(ms / self._step_ms - 1e-9)) * self.environments.n
         end, kept = End(until, steps, episodes, window), None
+        self._asked = {"until": until, "steps": steps, "episodes": episodes, "window": window}
         if out is not None:
             kept = self.checkpoint(Path(out), told or {})
             self.go_on(kept.resume())
@@ -634,3 +654,19 @@ def lived(net: Network, ms: float, progress: bool = False, **words: Any) -> Clos
     loop = closed_loop(net, block=2 * steps, **words)  # each step may begin an episode, which is none for the world
     loop.run(steps=steps + (world.explore if world is not None else 0), progress=progress)
     return loop
+
+
+def lived_again(net: Network, asked: Mapping[str, Any], backend: str, **keep: Any) -> Results:
+    """Run once more what the record of results asks for, and return the results.
+
+    Args:
+        net: the network.
+        asked: the words `world` of the record.
+        backend: that runs it.
+        keep: what to keep, as of `ClosedLoop.results`.
+    """
+    ends = {word: asked[word] for word in ("until", "steps", "episodes", "window")}
+    words = {word: asked[word] for word in ("seed", "copies", "learns")}
+    loop = closed_loop(net, backend=backend, record=True, threads=keep["threads"], **words)
+    loop.run(**ends)
+    return loop.results(**keep)
