@@ -21,11 +21,13 @@ class Choice:
 
     Class attributes:
         file_of: the parameter that `file` and `key` among the words in YAML stand for, "" if they do not.
+        strays: words that may be expected among the parameters and are none, with what to do instead.
     """
 
     kind: ClassVar[str] = "choice"
     word: ClassVar[str] = ""
     file_of: ClassVar[str] = ""
+    strays: ClassVar[Mapping[str, str]] = {}
 
     def __init_subclass__(cls) -> None:
         cls.__repr__ = Choice.__repr__  # type: ignore[method-assign]  # or @dataclass would make its own

@@ -47,11 +47,17 @@ def run_extension(file: Any) -> None:
     before = registered()
     _execute(path, text)
     _run[place] = text
-    if registered() == before:
+    if registered() == before and not _has_environment(sys.modules[path.stem]):
         warnings.warn(
             f"{path}: registers nothing\n  hint: write @neuro.register above a class, or neuro.register(part)",
             stacklevel=2,
         )
+
+
+def _has_environment(module: ModuleType) -> bool:
+    """Whether a file has a class of environments, which is used by its name and registered nowhere."""
+    bases = (base for kind in vars(module).values() if isinstance(kind, type) for base in kind.__mro__)
+    return any(base.__module__ == "gymnasium.core" and base.__name__ == "Env" for base in bases)
 
 
 def extensions() -> tuple[str, ...]:

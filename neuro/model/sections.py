@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -117,6 +118,9 @@ class Surroundings(Choice):
 
     kind: ClassVar[str] = "environment"
     word: ClassVar[str] = "environment"
+    strays: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("python", "file", "module", "class"), "a description imports nothing: {id: CLASS}, and --with FILE.py"
+    )
     id: str = quantity(
         doc="its id as gymnasium or an installed package registers it, or the name of a class", kind="name"
     )

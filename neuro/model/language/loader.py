@@ -93,6 +93,8 @@ def with_parameters(cls: type[C], node: Node) -> C:
         raise mistake(node, f"{name}: {found(node)}: expected its parameters, {{word: value}}", hint)
     if cls.file_of:
         node = _with_array(cls, node)
+    for word in cls.strays.keys() & node.value.keys():
+        raise mistake(node.value[word], f"unknown parameter of {name} '{word}'", cls.strays[word])
     said = words(node, known, name, kind=f"parameter of {name}")
     values = {word: value(known[word], inner, f"{name}.{word}") for word, inner in said.items()}
     with about(node):
@@ -382,6 +384,24 @@ class _Builder:
         for section in (self.net.trials_section, self.net.readout_section):
             if section is not None:
                 self.names(section, self.sections[section.word], section.word)
+
+        self.world()
+
+    def world(self) -> None:
+        """Check the names of populations and signals in the section `world`."""
+        world, net = self.net.world_section, self.net
+        if world is None:
+            return
+        critics = {name: each.critic for name, each in (world.reward or {}).items() if hasattr(each, "critic")}
+        said: list[tuple[tuple[str, ...], str, str]]
+        said = [(("observe", name), "population", name) for name in world.observe]
+        said += [(("act", world.act.name, "of"), "population", name) for name in world.act.of]
+        said += [(("reward", name), "signal", name) for name in world.reward or {}]
+        said += [(("reward", name, world.reward[name].name), "population", each) for name, each in critics.items()]
+        for path, kind, name in said:
+            known: Mapping[str, Part] = net.signals if kind == "signal" else net.populations
+            if name not in known:
+                raise unknown(kind, name, known, follow(self.sections["world"], path).label).at(None, "world")
 
     def names(self, choice: Choice, node: Node, context: str) -> None:
         for word, name in choice.parameters().items():

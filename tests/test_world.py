@@ -1,0 +1,199 @@
+"""A network in its world: the loop is that of an agent, goes on after a kill, and tells each mistake."""
+
+import inspect
+
+import gymnasium
+import numpy as np
+import pytest
+
+import neuro
+import neuro_models
+from neuro_agent import ActorCritic
+from refused import refused
+
+LINE = """
+neuro: 1
+name: line
+resolution: 1.0
+populations:
+  fields: {model: poisson_generator, shape: 9}
+  motors: {model: {iaf_psc_exp: {t_ref: 2.0}}, shape: 2}
+projections:
+  steer:
+    from: fields
+    to: motors
+    rule: all_to_all
+    weight: 1500.0
+    synapse: {stdp_dopa: {A_minus: 0.5, tau_c: 200.0, tau_n: 200.0, Wmax: 3000.0, signal: dopamine}}
+signals:
+  dopamine: {to: motors}
+world:
+  environment: {id: Line}
+  step: 50.0
+  observe: {fields: {shares: {total: 200.0}}}
+  act: {difference: {of: motors, gain: 2.0}}
+  reward: {dopamine: {info: {key: error, scale: 0.3, opposed: true}}}
+  block: 300
+"""
+
+
+class Line(gymnasium.Env):
+    """A dot drifts on a line; the cart shall stay under it."""
+
+    observation_space = gymnasium.spaces.Box(0.0, 1.0, (9,), np.float64)
+    action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float64)
+    fault = None
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.offset, self.drift, self.left = self.np_random.uniform(-0.8, 0.8), self.np_random.uniform(-0.05, 0.05), 50
+        return self._seen(), {"error": self.offset}
+
+    def step(self, action):
+        self.offset = float(np.clip(self.offset + self.drift - 0.3 * float(action[0]), -1, 1))
+        self.left -= 1
+        reward = 1.0 - abs(self.offset)
+        info = {"error": self.offset}
+        if self.fault == "raises":
+            raise ValueError("out of paint")
+        if self.fault == "info":
+            info = {"eror": self.offset}
+        seen = self._seen()[:5] if self.fault == "shape" else self._seen()
+        return seen * (np.nan if self.fault == "nan" else 1.0), reward, False, self.left == 0, info
+
+    def _seen(self):
+        return np.exp(-((np.linspace(-1, 1, 9) - self.offset) ** 2) / 0.02)
+
+
+@pytest.fixture
+def line(tmp_path, monkeypatch):
+    """Load the network of a text, with some of it replaced."""
+    monkeypatch.chdir(tmp_path)
+
+    def load(*changes):
+        text = LINE
+        for before, after in changes:
+            assert before in text
+            text = text.replace(before, after)
+        (tmp_path / "line.yaml").write_text(text)
+        return neuro.load("line.yaml")
+
+    return load
+
+
+def weights(loop):
+    return loop.sim.weights("steer")[2]
+
+
+def test_the_agent_of_a_file_is_the_agent_bit_for_bit():
+    loop = neuro.closed_loop(neuro.load(neuro_models.path("cartpole")), seed=101)
+    loop.run(steps=3000)
+    env = gymnasium.make("CartPole-v1")
+    agent = ActorCritic(env.observation_space, env.action_space, seed=101)
+    agent.train(env, steps=3000)
+    assert loop.log.returns.tolist() == agent.log.returns.tolist()
+    for name, values in agent.weights.items():
+        assert np.array_equal(loop.sim.get(name, "weight"), values.ravel()), name
+
+
+def test_it_learns_and_acts_frozen(line):
+    loop = neuro.closed_loop(line(), Line, seed=1)
+    loop.run(steps=1500)
+    frozen = loop.network(frozen=True)
+    assert not frozen.signals
+    assert frozen.world_section.reward is None
+    before, after = (neuro.closed_loop(net, Line, learns=False).test(10).mean for net in (line(), frozen))
+    assert after > 45 > 30 > before
+
+
+def test_a_run_that_was_stopped_goes_on_to_the_same_bits(line, tmp_path):
+    whole = neuro.closed_loop(line(), Line, seed=2)
+    whole.run(steps=800)
+
+    def stop(loop):
+        raise KeyboardInterrupt
+
+    for after in (stop, stop, None):
+        loop = neuro.closed_loop(line(), Line, seed=2)
+        if after is None:
+            loop.run(steps=800, out=tmp_path / "out.h5")
+        else:
+            with pytest.raises(KeyboardInterrupt):
+                loop.run(steps=800, out=tmp_path / "out.h5", after=after)
+    assert np.array_equal(weights(whole), weights(loop))
+    assert whole.log.returns.tolist() == loop.log.returns.tolist()
+    other = neuro.closed_loop(line(), Line, seed=3)
+    assert "seed = 2" in refused(other.run, steps=800, out=tmp_path / "out.h5")
+
+
+def test_event_acts_as_the_reference(line):
+    loops = [neuro.closed_loop(line(), Line, backend=backend, record=True) for backend in ("event", "reference")]
+    for loop in loops:
+        loop.run(steps=150)
+    assert np.array_equal(*(loop.recorded()["actions"] for loop in loops))
+    assert np.allclose(*map(weights, loops), rtol=1e-12)
+
+
+def test_copies_add_up_what_moves_taught_and_no_other_rule_has_copies(line):
+    loop = neuro.closed_loop(neuro.load(neuro_models.path("cartpole")), copies=3)
+    loop.run(steps=1500)
+    assert len(loop.log) > 20
+    each = [sim.get("value", "weight") for sim in loop.pilot.copies]
+    assert all(np.array_equal(each[0], one) for one in each)
+    assert "'steer' learns from spike to spike" in refused(neuro.closed_loop, line(), Line, copies=2)
+
+
+def test_a_world_is_written_as_it_was_said(line, tmp_path):
+    net = line()
+    net.save(tmp_path / "again.yaml")
+    assert neuro.load(tmp_path / "again.yaml") == net
+
+
+MISTAKES = {
+    "population": ("observe: {fields:", "observe: {field:"),
+    "motors": ("of: motors, gain", "of: motor, gain"),
+    "signal": ("reward: {dopamine", "reward: {dopamin"),
+    "critic": ("{info: {key: error,", "{td: {critic: motor,"),
+    "module": ("{id: Line}", "{id: 'evil:Line'}"),
+    "file": ("{id: Line}", "{id: evil.py}"),
+    "python": ("{id: Line}", "{python: evil.py}"),
+    "encoder": ("shares:", "sharse:"),
+    "decoder": ("act: {difference:", "act: {diference:"),
+    "teacher": ("{info: {key", "{infos: {key"),
+    "option": ("total: 200.0", "totel: 200.0"),
+}
+JOINED = {
+    "size": ("shape: 9", "shape: 8"),
+    "pairs": ("shape: 2}", "shape: 4}"),
+    "kind": ("{shares: {total: 200.0}}", "pulse"),
+    "unknown": ("{id: Line}", "{id: Lime}"),
+}
+
+
+def test_mistakes_of_a_description(line, messages):
+    found = {name: refused(line, change) for name, change in MISTAKES.items()}
+    for name, change in JOINED.items():
+        net = line(change)
+        found[name] = refused(neuro.closed_loop, net, None if name == "unknown" else Line)
+    messages(found)
+
+
+def test_mistakes_of_an_environment(line, messages, monkeypatch):
+    found = {}
+    for fault in ("raises", "info", "shape", "nan"):
+        monkeypatch.setattr(Line, "fault", fault)
+        found[fault] = refused(neuro.closed_loop(line(), Line).run, steps=10)
+    messages(found)
+
+
+def test_commands_know_the_world(line, tmp_path, answer):
+    line()
+    (tmp_path / "mine.py").write_text(f"import gymnasium\nimport numpy as np\n\n\n{inspect.getsource(Line)}")
+    own = ("line.yaml", "--with", "mine.py")
+    assert answer("run", *own, "--steps", 700, "--out", "a.h5", "--save-frozen", "frozen.yaml").status == 0
+    assert answer("run", "frozen.yaml", "--with", "mine.py", "--episodes", 4, "--out", "b.h5").status == 0
+    returns = [neuro.results.read(tmp_path / f"{name}.h5").world["returns"] for name in "ab"]
+    assert returns[1].mean() > returns[0][:4].mean()
+    assert answer("rerun", "a.h5", "--with", "mine.py").out == "a.h5: the same bits\n"
+    assert "decisions alike" in answer("compare", *own, "--backends", "event,reference", "--for", 5000).out
+    assert "energy per step" in answer("energy", *own, "--chips", "loihi", "--for", 5000).out
