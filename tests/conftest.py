@@ -1,5 +1,6 @@
 """Fixtures for all tests."""
 
+import gc
 import os
 import shutil
 import signal
@@ -126,6 +127,12 @@ def registries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     yield
     for name in [name for name in sys.modules if name.startswith("my_")]:
         del sys.modules[name]
+
+
+def pytest_collection_finish() -> None:
+    """Leave modules and items out of collections of garbage, which many tests ask for and which would look at them."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture

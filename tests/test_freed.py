@@ -48,9 +48,11 @@ def living() -> set[int]:
 @pytest.fixture
 def uncollected() -> Iterator[None]:
     gc.collect()
+    gc.freeze()  # what is there is of other tests
     gc.disable()
     yield
     gc.enable()
+    gc.unfreeze()
 
 
 @pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")

@@ -50,7 +50,7 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 (NEEDS,) = beside(__file__, "NEEDS")
 """What blocks may need, and the module that shows that it is there; None: never asked for by a test."""
 
-EDITS, KINDS = beside(__file__, "EDITS", "KINDS")
+EDITS, KINDS, BY_NIGHT = beside(__file__, "EDITS", "KINDS", "BY_NIGHT")
 
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
 _FILE = re.compile(r"# ([\w./-]+\.(?:py|yaml))\n")
@@ -295,7 +295,11 @@ def change(block: Block) -> None:
 """A change of a third-party file after which the page's first command prints something else."""
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=[pytest.mark.slow] * (page.stem in BY_NIGHT)) for page in PAGES],
+    ids=lambda page: str(page.relative_to(ROOT)),
+)
 def test_page(page, reader):
     wrong = ""
     try:

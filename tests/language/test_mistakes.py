@@ -6,13 +6,12 @@ import pytest
 import yaml
 
 TABLE = yaml.safe_load((Path(__file__).parent / "mistakes.yaml").read_text(encoding="utf-8"))
-CASES = [
-    (f"{part['frame'][0]}{text}{part['frame'][1]}", expected)
-    for part in TABLE.values()
-    for text, expected in part["cases"].items()
-]
 
 
-@pytest.mark.parametrize(("text", "expected"), CASES)
-def test_message(message, text, expected):
-    assert message(text) == f"net.yaml:{expected}"
+@pytest.mark.parametrize("part", TABLE)
+def test_messages(message, part):
+    before, after = TABLE[part]["frame"]
+    cases = TABLE[part]["cases"]
+    assert {text: message(f"{before}{text}{after}") for text in cases} == {
+        text: f"net.yaml:{expected}" for text, expected in cases.items()
+    }
