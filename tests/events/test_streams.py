@@ -383,8 +383,7 @@ def test_a_first_datagram_is_not_waited_for_for_ever():
         assert not stream.ended
 
 
-def test_a_listener_that_is_dropped_frees_its_thread_and_its_port():
-    gc.collect()  # what other tests left must not be closed between the two counts
+def test_a_listener_that_is_dropped_frees_its_thread_and_its_port(frozen_heap):
     stream = open_udp("faery8")
     url, thread = stream.url, stream._receiver._thread
     before = len(os.listdir("/proc/self/fd")) if sys.platform == "linux" else 0

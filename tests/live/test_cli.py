@@ -17,6 +17,7 @@ from neuro.events import Events
 from neuro.realtime import Loop
 from running_page import Running
 
+pytestmark = pytest.mark.usefixtures("frozen_heap")
 NETWORK = """
 neuro: 1
 name: small
