@@ -353,7 +353,7 @@ def test_a_tick_without_a_browser_takes_microseconds(websockets):
 def test_an_instability_pauses_the_run(websockets):
     net = neuro.Network("wild", resolution=0.1)
     net.population("cells", 1, neuro.hh_psc_alpha())
-    sim = neuro.compile(net)
+    sim = neuro.compile(net, "reference")
     sim.set("cells", V_m=1e4)
     with neuro.live.Page(sim, speed=math.inf) as page:
         thread = threading.Thread(target=page.run)
