@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from event_tests import refusal, refusals
+from event_tests import refusal
 from neuro.events import EventFileError, EventFileWarning, Events, load, save
 
 ROWS = [(-7, 3, 2, 1), (0, 3, 40000, 0), (10, 5, 0, 1), (10, 65535, 9, 0), (1 << 62, 0, 0, 1)]
@@ -102,17 +102,10 @@ def test_known_by_content():
 
 
 GOOD = "t,x,y,p\n1,2,3,1\n2,3,4,0\n"
-WRONG = [
-    GOOD + "3,abc,4,1\n", GOOD + "nan,1,4,1\n", GOOD + "3,1,-inf,1\n", GOOD + "3,1,0x12,1\n", GOOD + "3,1,1e,1\n",
-    GOOD + "3,-1,4,1\n", GOOD + "3,1,65536,1\n", GOOD + "3,1.5,4,1\n", GOOD + "3,1,4,2\n",
-    GOOD + "99999999999999999999,1,4,1\n", GOOD + "3,1,4\n", GOOD + "3,1,4,1,1\n", GOOD + "0,1,4,1\n",
-    GOOD + "\n#  x\n" + "0,1,4,1\n", "1,2,3\n", "a,b,c\n1,2,3\n", "t,x,y,p\na,b,c,d\n", "t,x,y,p\n1,2,3\n",
-    "0 480\n1 2 3 1\n"
-]  # fmt: skip
 
 
 def test_messages(messages):
-    messages(refusals(of, WRONG))
+    messages.calls(globals())
 
 
 def test_a_fraction_after_whole_times():

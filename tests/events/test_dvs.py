@@ -285,17 +285,13 @@ def test_a_wrong_first_image_is_forgotten():
 
 
 HALF = np.full((2, 2), 0.5)
-WRONG = [
-    (HALF, 5), (HALF, 6.5), (np.ones((2, 3)), 6), (np.ones((2, 2, 3)), 6), (np.ones((2, 2), int), 6),
-    (HALF.astype("f4"), 6), (-HALF, 6), (np.array([[1.0, 1.0], [1.0, np.nan]]), 6), (np.full((2, 2), np.inf), 6)
-]  # fmt: skip
 
 
 def test_messages(messages):
     camera, other = (DVS((2, 2), pure()) for _ in range(2))
     for one in (camera, other):
         one.see(np.ones((2, 2)), 5)
-    messages({f"{k}": refusal(camera.see, *wrong) for k, wrong in enumerate(WRONG)})
+    messages.calls(globals() | locals())
     assert camera.see(HALF, 1005) == other.see(HALF, 1005)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from event_tests import read_pieces, refusal, refusals, rows
+from event_tests import read_pieces, refusal, rows
 from neuro.events import EventFileError, EventFileWarning, Events, load, save
 from neuro.events.formats.event_stream import LONGEST_GAP, Bin, EventStream, generic
 from neuro.events.source import Source
@@ -106,19 +106,8 @@ def test_what_event_stream_cannot_hold(messages, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-WRONG = [
-    b"", DVS[:14], DVS[:18], b"Event Stream\x01\x00\x00\x01", b"Event Stream\x02\x00\x00\x07",
-    b"Event Stream\x02\x00\x00\x02", GENERIC, DVS[:16] + b"\0\0\x05\0", DVS + event(1, 2, 3) + OVERFLOW + b"abc",
-    DVS + event(1, 2, 3) + RESET + event(1, 30, 3)
-]  # fmt: skip
-WRONG_GENERIC = [
-    b"abc", DVS, GENERIC + b"\x05\x06abc\x01", GENERIC + b"\x05\x06abc\x01\x03\x03", GENERIC + b"\x05\x06abc\x01\x08ab",
-    GENERIC + b"\x05" + b"\xff" * 100_000, GENERIC + b"\x05" + b"\x01" * 90_000
-]  # fmt: skip
-
-
 def test_messages(messages):
-    messages(refusals(load, WRONG, name="a.es") | refusals(generic, WRONG_GENERIC, name="generic.es"))
+    messages.calls(globals())
 
 
 @pytest.mark.parametrize(("read", "data", "name", "message", "count"), [
