@@ -51,7 +51,7 @@ HALF, THREE = np.full((2, 2), 0.5), np.arange(3)
 
 def test_calls(messages):
     rooms = pictures, representations, events, filters
-    messages.calls({name: part for room in rooms for name, part in vars(room).items()} | globals())
+    messages.calls({name: getattr(room, name) for room in rooms for name in dir(room)} | globals())
 
 
 NO_EVENTS = (None, Events, [1, 2], [ONE, None], "abc")
