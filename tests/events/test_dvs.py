@@ -32,15 +32,6 @@ def still(size, parameters, *, light=0.5, us=10_000_000, seed=0):
     return camera.record([(0, wall), (us, wall)])
 
 
-def test_a_ramp_has_one_event_per_threshold():
-    events = dvs_events([0, 1_000_000], log_ramp([-3.0, -1.0 + 1e-6]), pure())
-    np.testing.assert_allclose(events.t, np.arange(1, 11) * 100_000, atol=1)
-    assert events.p.all()
-    down = dvs_events([0, 1_000_000], log_ramp([-1.0, -2.9]), pure())
-    assert len(down) == 9
-    assert not down.p.any()
-
-
 def test_thresholds_of_their_own():
     p = pure(pos_thres=0.5, neg_thres=0.25)
     events = dvs_events([0, 1000, 2000], log_ramp([-3.0, -1.9, -3.0]), p)
@@ -88,13 +79,6 @@ def test_attenuation_and_phase(ratio):
     (s, c, _), *_ = np.linalg.lstsq(np.stack([np.sin(angle), np.cos(angle), np.ones(len(angle))], 1), level[late])
     assert np.hypot(s, c) / amplitude == pytest.approx(1 / np.hypot(1, ratio), rel=0.02)
     assert np.arctan2(c, s) == pytest.approx(-np.arctan(ratio), abs=0.03)
-
-
-def test_refractory_pixels_are_blind():
-    p = pure(refractory_period_s=0.05)
-    events = dvs_events([0, 1_000_000], log_ramp([-3.0, -1.0]), p)
-    np.testing.assert_allclose(np.diff(events.t), 150_000, atol=1)
-    assert len(dvs_events([0, 10_000, 500_000], log_ramp([-3.0, -1.0, -1.0]), p)) == 1
 
 
 def test_refractory_period_is_a_smallest_interval():

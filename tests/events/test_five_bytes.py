@@ -63,12 +63,6 @@ def test_fields_of_event_stream():
     assert load(data[:32]).metadata == {"format": "event_stream", "t0": 130, "version": "2.0.0"}
 
 
-def test_gaps_of_whole_overflows(tmp_path):
-    for gap in (126, 127, 128, 254):
-        save(events := Events([0, gap], [1, 2], [3, 4], [1, 1], (30, 30)), tmp_path / "a.es", replace=True)
-        assert load(tmp_path / "a.es") == events
-
-
 def test_rows_are_those_of_the_same_recording_in_other_files(shared):
     club = load(shared / "data" / "formats" / "es_poker_club_trcl0.es")
     arrays = np.load(shared / "data" / "poker_dvs" / "poker_dvs_shared.npz")

@@ -121,13 +121,6 @@ def test_any_recording_comes_back(timed, events, datagram):
     assert (got.t[0] - events.t[0]) % WRAP[timed.format] == 0
 
 
-@pytest.mark.parametrize("format", ["spif-timed", "faery8"])
-def test_clock_of_32_bits_goes_on_where_it_begins_again(format):
-    events = some(500, start=(1 << 32) - 5000)
-    with open_udp(format) as stream:
-        assert through(stream, events, format) == events
-
-
 def test_events_of_before_a_wrap_are_late_after_it():
     early = faery8((1 << 32) - 10)
     with open_udp("faery8") as stream:

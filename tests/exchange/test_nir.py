@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 import neuro
 from neuro.cli.commands import app
+from refused import mistakes_of
 
 nir = pytest.importorskip("nir", reason="nir is not installed")
 
@@ -104,22 +105,8 @@ def test_a_file_of_another_tool_is_not_replaced(content, tmp_path):
     assert str(done.exception) == f"{file}: exists and is not a NIR file of neuro: expected a new name"
 
 
-@pytest.mark.parametrize(
-    ("words", "ends"),
-    [
-        ("a.yaml b.yaml --resolution 1", "IN to end in .nir, or OUT to end in .nir"),
-        ("a.yaml b.nir --from norse", "IN to end in .nir"),
-        ("a.nir b.yaml --resolution 1 --to norse", "OUT to end in .nir"),
-        ("a.py b.yaml --run-script --reset subtract", "IN to end in .nir, or IN to end in .net"),
-        ("a.yaml b.nir --seed 1", "OUT to end in .py, or --to c"),
-        ("a.yaml b.py --network 2", "IN to end in .py"),
-    ],
-)
-def test_an_option_that_neither_file_uses_is_refused(words, ends):
-    word, source, destination = words.split()[-2], *words.split()[:2]
-    error = CliRunner().invoke(app, ["convert", *words.split()]).exception
-    assert isinstance(error, neuro.ModelError)
-    assert str(error) == f"{word}: has no use from {source} to {destination}: expected {ends}"
+def test_an_option_that_neither_file_uses_is_refused(messages, answer):
+    messages(mistakes_of(answer, messages.cases))
 
 
 def test_a_step_in_seconds_is_told():
