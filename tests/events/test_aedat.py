@@ -207,12 +207,6 @@ def test_the_name_of_the_camera_may_be_given(name, size, header):
     assert load(one(5, 30, 20, 1, size=size), format=f"aedat2:{name}", sensor_size=(400, 400)).x.tolist() == [30]
 
 
-def test_a_mistaken_name_of_a_camera():
-    told = refusal(load, one(5, 30, 20, 1), format="aedat2:davis", name="a.aedat")
-    names = "dvs128, davis240, davis346, davis640, davis128, davis208, dvs640"
-    assert told == f"a.aedat: the camera is given as 'davis', expected one of {names}"
-
-
 @pytest.mark.parametrize("title", ["SBret20", "SBret21", "DVXplorer", "dvs346", "DAVIS192", "DAVIS240C", "DVS128"])
 def test_the_size_overrides_a_chip_that_is_unknown_or_wrong(title):
     data = one(5, 100, 50, 1, header=chip(title))

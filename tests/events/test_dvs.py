@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from event_tests import refusal
 from neuro import ModelError
 from neuro.events import DVS, DVSParameters, dvs_events, frames_of
 
@@ -322,12 +321,8 @@ def test_few_and_many_events_are_in_the_same_order():
             assert np.array_equal(np.lexsort((e.x, e.y, e.t)), np.arange(len(e)))
 
 
-EXPECTED = "expected x0, y0, x1, y1 with 0 <= x0 <= x1 <= 3 and 0 <= y0 <= y1 <= 2"
-
-
-@pytest.mark.parametrize("box", [(-1, 0, 1, 1), (0, 0, 4, 1), (0, 0, 1, 3), (2, 0, 1, 1), (0, 2, 1, 1), (0, 0, 1.5, 1)])
-def test_the_part_must_be_on_the_image(box):
+def test_the_part_must_be_on_the_image(messages):
     camera = DVS((3, 2))
     camera.see(np.ones((2, 3)), 0)
-    assert refusal(camera.see, np.ones((2, 3)), 10, changed=box) == f"image at 10 us: changed is {box}, {EXPECTED}"
+    messages.calls(globals() | locals())
     assert len(camera.see(0.5 * np.ones((2, 3)), 10)) > 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
 
-from event_tests import random_events, read_pieces, refusal, rows
+from event_tests import random_events, read_pieces, rows
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
 from neuro.events.formats import FORMATS
 from neuro.events.formats.evt import EVT21, SLICE
@@ -306,15 +306,6 @@ def test_evt3_is_saved_in_slices_and_vectors(tmp_path):
 
 def test_messages(messages):
     messages.calls(globals())
-
-
-@pytest.mark.parametrize(("data", "name", "message"), [
-    (b"% evt 3.0\n", "dat", "header: evt is '3.0', expected none, this being that of a RAW file"),
-    (EVT2, "evt21", "header: format is 'EVT2;height=480;width=640', expected that of EVT 2.1"),
-    (b"", "evt2", "is empty, expected a header or words of EVT 2.0")
-])  # fmt: skip
-def test_another_coding_than_asked_for(data, name, message):
-    assert refusal(load, data, format=name).endswith(message)
 
 
 @pytest.mark.parametrize(("data", "what", "t"), [

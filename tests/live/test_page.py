@@ -392,19 +392,11 @@ def test_a_run_ends_with_the_process_that_serves_it(websockets):
         page.tick()
 
 
-def test_what_cannot_be_served_is_refused(websockets, monkeypatch):
+def test_what_cannot_be_served_is_refused(websockets, monkeypatch, messages):
     net = neuro.Network("n", resolution=1.0)
     net.population("cells", 1, neuro.iaf_psc_exp())
     sim = neuro.compile(net)
-    with pytest.raises(ModelError, match="Page: found 3: expected a Simulation"):
-        neuro.live.Page(3)
-    with pytest.raises(ModelError, match="port = 70000"):
-        neuro.live.Page(sim, port=70000)
-    with pytest.raises(ModelError, match="speed"):
-        neuro.live.Page(sim, speed=0.0)
-    for word in ("restart", "figures"):
-        with pytest.raises(ModelError, match=f"Page: {word} = 3: expected a function"):
-            neuro.live.Page(sim, **{word: 3})
+    messages.calls({"sim": sim})
     with neuro.live.Page(sim, speed=math.inf) as page:
         page.run("3 ms")
         assert sim.time == 3.0
