@@ -40,15 +40,18 @@ def numbers(frame):
 
 
 def test_frames_follow_each_other_without_a_gap(client):
-    frames = [client.frame() for _ in range(8)]
+    frames, fired = [client.frame() for _ in range(8)], 0
     for (before, _), frame in pairwise(frames):
         head = frame[0]
         assert head["began"] == before["time"] < head["time"]
         spikes, traces, _, _ = numbers(frame)
-        steps, ids = spikes[1]
-        assert 0 < steps.min() <= steps.max() <= (head["time"] - head["began"]) / 0.5
-        assert ids.max() < 40
         assert len(traces) == 1
+        if 1 in spikes:  # a frame of few steps has none, where the machine has much else to do
+            steps, ids = spikes[1]
+            assert 0 < steps.min() <= steps.max() <= (head["time"] - head["began"]) / 0.5
+            assert ids.max() < 40
+            fired += 1
+    assert fired > 3
     assert sum("watched" in head for head, _ in frames) > 2
     assert np.mean([head["rates"][0] for head, _ in frames]) == pytest.approx(80.0, rel=0.3)
 
