@@ -53,6 +53,16 @@ def progress_is_not_told() -> None:
     progress.EVERY_S = float("inf")
 
 
+@pytest.fixture
+def frozen_heap() -> Iterator[None]:
+    """What all tests before left is neither looked at nor freed in this test: it takes a collection seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        gc.freeze()
+        patch.setattr(gc, "unfreeze", lambda: None)
+        yield
+    gc.unfreeze()
+
+
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
