@@ -1,5 +1,6 @@
 """Generators whose current or rate changes: their statistics, what they refuse, and that a run may be cut anywhere."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
