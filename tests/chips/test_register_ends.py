@@ -36,6 +36,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro.testing.verify import verify
 
 GOLDEN = Path(__file__).parent / "loihi2_ends"
@@ -53,24 +54,7 @@ def test_golden_cases_of_lava_at_the_ends():
     assert ends["learning_ends_mixed_down__tag_1"][0] == -256
 
 
-SENT = [
-    ("mixed", 8, 7, -256, -(2**21 - 64)),
-    ("mixed", 8, 7, 254, 64 * 254 * 128),
-    ("mixed", 8, 0, -256, 64 * -256),
-    ("mixed", 1, 0, -255, 0),
-    ("mixed", 1, 0, -256, 64 * -256),
-    ("mixed", 1, 0, 254, 0),
-    ("mixed", 7, 0, -254, 64 * -252),
-    ("excitatory", 8, 7, 255, 64 * 255 * 128),
-    ("excitatory", 8, -8, 255, 0),
-    ("excitatory", 8, -7, 255, 64),
-    ("excitatory", 1, 0, 127, 0),
-    ("excitatory", 1, 0, 255, 64 * 128),
-    ("inhibitory", 8, 7, -255, -64 * 255 * 128),
-    ("inhibitory", 8, -8, -255, -64),
-    ("inhibitory", 1, 0, -127, 0),
-    ("inhibitory", 1, 0, -255, -64 * 128),
-]
+(SENT,) = beside(__file__, "sent")
 """Sign mode, weight bits, exponent, mantissa, and what a spike adds to u."""
 
 

@@ -119,16 +119,6 @@ def test_gradients_are_finite_differences_of_smooth_neurons(name, monkeypatch):
             assert float(each.grad[i]) == pytest.approx((sides[1] - sides[0]) / (2.0 * step), rel=1e-5, abs=1e-5)
 
 
-def gradients(part: Program, events: torch.Tensor) -> list[torch.Tensor]:
-    weights, _ = learnt(part)
-    total = 0.0
-    stepper = Stepper(part, batch=len(events), surrogate=ArcTan(slope=SLOPE), weights=weights)
-    for k in range(events.shape[1]):
-        total = total + stepper.step({"in": events[:, k]})["out"].sum()
-    total.backward()
-    return [w.grad for w in weights.values()]
-
-
 def delayed(part: Program, events: torch.Tensor, ms: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
     stepper = Stepper(part)
     stepper.begin(batch=BATCH, weights={"ih": weights}, delays={"ih": ms})
