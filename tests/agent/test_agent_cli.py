@@ -246,7 +246,7 @@ def test_actions_that_do_not_start_at_zero_are_those_of_the_space(walk, name):
         pytest.skip("stable-baselines3 is not installed: pip install stable-baselines3")
     with Path("my_walk.py").open("a") as file:
         file.write(STARTS)
-    found = compare.run(compare.Plan(f"my_walk:{name}", 2048, (1,), 2, {}, ("ppo",)))
+    found = compare.run(compare.Plan(f"my_walk:{name}", 256, (1,), 2, {}, ("ppo",)))
     assert (found.failed, found.mean("ppo")) == ({}, 10.0)
 
 

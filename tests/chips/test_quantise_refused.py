@@ -9,7 +9,7 @@ import yaml
 import neuro
 from neuro.chips import chip, quantise
 from one_projection import delta, exp, one, refusals
-from refused import refused as refused_by
+from refused import refusals_of
 
 CASES = yaml.safe_load((Path(__file__).with_name("refusals.yaml")).read_text())
 OWN = {"exp": exp, "delta": delta}
@@ -101,21 +101,10 @@ def test_thresholds_that_adapted_elsewhere_are_taken():
 
 # options
 
-OPTIONS = [
-    *(("loihi", {"scales": scales}) for scales in (3.0, {"aut": 1.0}, {"in": 1.0})),
-    *(("loihi", {"scales": {"out": value}}) for value in (0.0, np.nan, np.inf, "big")),
-    *(("loihi", {"exponents": {"in_out": value}}) for value in (8, -9, 1.0)),
-    *(("loihi", words) for words in ({"scale": {}}, {"shifts": {"out": (1, 1)}}, {"signals": {"in_out": 0.0}})),
-    *(
-        ("spinnaker", words)
-        for words in ({"exponents": {"in_out": 1}}, {"shifts": {"out": (0, 16)}}, {"shifts": {"out": 3}})
-    ),
-    ("truenorth", {}),
-]
-
 
 def test_options(messages):
-    messages({f"{name} {words}": refused_by(quantise, one(delta()), chip(name), **words) for name, words in OPTIONS})
+    program, loihi, spinnaker = one(delta()), chip("loihi"), chip("spinnaker")
+    messages(refusals_of(messages.cases, globals() | locals()))
 
 
 def test_options_at_their_bounds():

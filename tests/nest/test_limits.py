@@ -10,7 +10,7 @@ from neuro.core.errors import ModelError, Where
 from neuro.model.neurons import MODELS, Neuron
 from neuro.model.synapses import Synapse
 from neuro_nest.tables import NODES
-from refused import refused
+from refused import refusals_of, refused
 
 NEURONS = [name for name in NODES if MODELS[name].role == "neuron" and name != "parrot_neuron"]
 
@@ -25,16 +25,7 @@ def net_of(model: Any) -> neuro.Network:
 
 
 def test_a_value_that_nest_refuses(nest, messages):
-    models = [
-        *(neuro.aeif_cond_exp(Delta_T=1e-4), neuro.aeif_psc_exp(Delta_T=[2.0, 1e-4]), neuro.mat2_psc_exp(t_ref=0.0)),
-        *(
-            neuro.mat2_psc_exp(tau_syn_in=5.0, tau_m=5.0),
-            neuro.mat2_psc_exp(t_ref=1e-12),
-            neuro.iaf_psc_delta(E_L=1e300),
-        ),
-        *(neuro.iaf_psc_delta(E_L=1e300), neuro.iaf_psc_alpha(tau_syn_ex=1e-4), neuro.iaf_psc_exp(tau_syn_in=1e-4)),
-    ]
-    messages({f"{k} {model.name}": refused(neuro.compile, net_of(model), "nest") for k, model in enumerate(models)})
+    messages(refusals_of(messages.cases, globals()))
 
 
 def test_a_change_that_nest_refuses(nest, messages):

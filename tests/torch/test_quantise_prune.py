@@ -5,7 +5,7 @@ import pytest
 
 import neuro
 from neuro.chips import chip, quantise
-from refused import refused
+from refused import refusals_of, refused
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro_torch  # noqa: E402
@@ -172,11 +172,7 @@ def test_a_state_dict_brings_back_the_grid():
 
 
 def test_mistakes(messages):
-    wrong = [(0, "loihi"), (9, "loihi"), (4, "lohi"), (4, "truenorth")]
-    told = {str(words): refused(neuro_torch.quantised, module_of(), *words) for words in wrong}
-    told |= {str(share): refused(neuro_torch.prune, module_of(), share) for share in (1.0, {"on": 0.5})}
-    unlearnt = neuro_torch.Module(network(), {"hidden": "tau_m"})
-    messages(told | {"no weights": refused(neuro_torch.quantised, unlearnt, 4)})
+    messages(refusals_of(messages.cases, globals()))
 
 
 def test_pruned_synapses_are_gone_and_the_rest_is_as_it_was():
