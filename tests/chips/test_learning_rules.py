@@ -12,7 +12,7 @@ import neuro
 from neuro.chips.loihi_learning import COARSE_UPDATE, SMALLEST_UPDATE, fading, nearest_fit, rule_of
 from neuro.chips.loihi_registers import bounds, grain_of
 from neuro.core import keyed_random
-from neuro.model.synapses import r_stdp, stdp, stdp_dopa
+from neuro.model.synapses import stdp, stdp_dopa
 from neuro.model.synapses.loihi_registers import SIGN_MODES, loihi_learning, parse
 from neuro.model.synapses.loihi_rule import (
     FACTORS,
@@ -27,7 +27,7 @@ from neuro.model.synapses.loihi_rule import (
     text,
 )
 from neuro_chip.plastic import Plastic
-from refused import error_of, refused
+from refused import refusals_of, refused
 
 TRACES = {"x1_impulse": 20, "x1_tau": 10, "y1_impulse": 20, "y1_tau": 10}
 
@@ -88,10 +88,7 @@ def test_synapse_keeps_the_normal_form_and_makes_the_rule():
 
 
 def test_synapse_mistakes(messages):
-    wrong = [{"dw": "x1*y0"}, {"dw": "x9*y0", **TRACES}, {"dt": "r1*x0", **TRACES}, {"epoch": 64}]
-    wrong += [{"x1_impulse": 128}, {"rounding": "up"}]
-    told = {str(words): error_of(loihi_learning, **words) for words in wrong}
-    messages({case: f"{error.message}\n{error.hint or ''}" for case, error in told.items()})
+    messages(refusals_of(messages.cases, globals()))
 
 
 @given(st.floats(0.2, 200.0))
@@ -107,12 +104,7 @@ def test_the_tag_fades_with_its_time_constant(tau):
 
 
 def test_what_the_engine_cannot_do(messages):
-    powers, changes = ({"mu_plus": 0.4}, {"mu_minus": 3.0}, {"Wmax": 300.0}, {"Wmax": 0.3}), (1e-5, 1e6)
-    rules = [stdp(**words) for words in (*powers, *({"lambda_": change, "mu_plus": 0.0} for change in changes))]
-    rules += [stdp_dopa(A_plus=0.0, A_minus=0.0), stdp_dopa(b=90.0), r_stdp(), stdp_dopa()]
-    scales = [*[1.0] * 9, 1e5]
-    answers = [refused(rule_of, rule, 1.0, 20.0, scale) for rule, scale in zip(rules, scales, strict=True)]
-    messages({str(k): answer for k, answer in enumerate(answers)})
+    messages(refusals_of(messages.cases, globals()))
 
 
 def test_what_is_approximated_is_said():

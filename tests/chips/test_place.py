@@ -18,7 +18,7 @@ from neuro.chips.incoming import block_bits, synapse_bits
 from neuro.chips.mesh import exchange, lay_out
 from neuro.chips.quantising import refusals
 from neuro.compiler import compile_network
-from refused import refused
+from refused import refusals_of
 from to_place import LOIHI, SPINNAKER, limited, network, sources
 
 
@@ -210,8 +210,7 @@ def test_what_fits_one_chip_has_no_problem_wherever_it_lies(sizes, neurons, axon
 
 
 def test_arguments(messages):
-    wrong = [{"order": "conected"}, *({"neurons_per_core": n} for n in (0, 2.0, 1025))]
-    messages({str(words): refused(place, network(("a", 1)), LOIHI, **words) for words in wrong})
+    messages(refusals_of(messages.cases, globals()))
 
 
 def test_report(messages):

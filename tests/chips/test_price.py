@@ -16,7 +16,7 @@ from neuro.chips.pricing import RULES_APPLIED
 from neuro.core.errors import ModelError, Where
 from neuro.program.backend import EngineCounts, Problem
 from neuro.program.counts import Tally
-from refused import refused
+from refused import refusals_of, refused
 
 
 @pytest.fixture(scope="module")
@@ -279,10 +279,8 @@ def test_per_part(run):
 
 def test_mistakes(run, tmp_path, messages):
     (tmp_path / "bare.yaml").write_text("limits:\n  cores_per_chip: {value: 128, source: me}\n")
-    told = {"bare": refused(price, *run, None, chip(tmp_path / "bare.yaml"))}
-    told["loihi"] = refused(price, *run, None, chip("loihi"))
-    whole = price(*run, placed(), chip("loihi"))
-    messages(told | {f"per {n}": refused(whole.per, n, "step") for n in (0, -1, 2.5, True)})
+    bare, whole = chip(tmp_path / "bare.yaml"), price(*run, placed(), chip("loihi"))
+    messages(refusals_of(messages.cases, globals() | locals()))
 
 
 @settings(max_examples=25, deadline=None)

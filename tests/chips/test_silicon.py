@@ -14,7 +14,6 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "reference" / "silicon.md").read_text()
 
 (FACTORS,) = beside(__file__, "factors")
-"""Predicted by measured. A table that changes by a tenth of a row moves it; what is drawn moves it by less."""
 
 
 silicon = script("silicon")
