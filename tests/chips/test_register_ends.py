@@ -6,7 +6,7 @@
 | Loihi: what a spike adds | +-(2^21 - 64) | `test_what_a_spike_adds_on_loihi` |
 | Loihi: weights that learn | as mantissas | `test_what_is_learnt_stops_at_both_ends` |
 | Loihi: tags | -256..255 | `test_what_is_learnt_stops_at_both_ends` |
-| Loihi: traces | 0..127 | `test_traces_stop_at_127`; r1, r2: test_learning_kernel |
+| Loihi: traces | 0..127 | `test_traces_stop_at_127`; r1, r2: test_learning_rules |
 | Loihi: accumulator | -32768..32767 | `test_the_accumulator_holds_16_bits` |
 | Loihi: input, u, drive | 22, 24, 24 bits, wrap | test_overflows |
 | Loihi: v | +-(2^23 - 1) | `test_voltages_of_loihi`; upwards a spike comes first, as no vth is as high |

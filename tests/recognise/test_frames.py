@@ -42,8 +42,6 @@ def random_events(n=2000, seed=0, size=(34, 34), low=0):
     return Events(t, x, y, rng.integers(0, 2, n), size)
 
 
-
-
 def test_banks():
     bank = Gabors().filters
     assert bank.shape == (4, 4, 9, 9)
@@ -104,8 +102,6 @@ def test_any_recording(seed, n, resolution):
     assert ((times >= 0) & (times < 64)).all()
     np.testing.assert_array_equal(times / resolution, np.rint(times / resolution))
     assert ((ids >= 0) & (ids < 4 * 17 * 17)).all()
-
-
 
 
 def test_polarity_does_not_matter_and_few_events_outside_are_left_out():
