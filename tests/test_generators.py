@@ -1,5 +1,6 @@
 """Generators whose current or rate changes: their statistics, what they refuse, and that a run may be cut anywhere."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -159,34 +160,29 @@ def test_a_state_on_event_continues(tmp_path):
     assert np.array_equal(sims[0].get("cells", "V_m"), sims[1].get("cells", "V_m"))
 
 
+def noisy(backend: str, steps: int, ms: float, change: Callable[[neuro.Simulation, int], None], **words: float):
+    """Potentials of cells with noise, after so many stretches, each of which begins with a change."""
+    net = neuro.Network("noisy", resolution=0.1)
+    net.population("noise", 1, neuro.noise_generator(std=50.0, **words))
+    net.population("cells", 3, neuro.iaf_psc_exp())
+    net.connect("noise", "cells", neuro.all_to_all(), delay=0.2, name="w")
+    sim = neuro.compile(net, backend, seed=2)
+    for k in range(steps):
+        change(sim, k)
+        sim.run(ms)
+    return sim.get("cells", "V_m")
+
+
 def test_numbers_set_at_every_step_are_those_of_the_draw_that_holds():
-    v = {}
-    for backend in ("reference", "event"):
-        net = neuro.Network("steered", resolution=0.1)
-        net.population("noise", 1, neuro.noise_generator(std=50.0, dt=5.0))
-        net.population("cells", 3, neuro.iaf_psc_exp())
-        net.connect("noise", "cells", neuro.all_to_all(), delay=0.2)
-        sim = neuro.compile(net, backend, seed=2)
-        for k in range(120):
-            sim.set("noise", mean=float(k))
-            sim.run(0.1)
-        v[backend] = sim.get("cells", "V_m")
-    assert np.array_equal(v["event"], v["reference"])
+    stretches = 120, 0.1, lambda sim, k: sim.set("noise", mean=float(k))
+    v = [noisy(backend, *stretches, dt=5.0) for backend in ("reference", "event")]
+    assert np.array_equal(*v)
 
 
 def test_weights_of_noise_that_are_set_hold_from_the_next_step_on():
-    v = {}
-    for backend in ("reference", "event"):
-        net = neuro.Network("weighted", resolution=0.1)
-        net.population("noise", 1, neuro.noise_generator(mean=300.0, std=50.0))
-        net.population("cells", 3, neuro.iaf_psc_exp())
-        net.connect("noise", "cells", neuro.all_to_all(), delay=0.2, name="w")
-        sim = neuro.compile(net, backend, seed=2)
-        for weight in (1.0, 2.0, 0.5):
-            sim.set_weights("w", weight)
-            sim.run(2.0)
-        v[backend] = sim.get("cells", "V_m")
-    assert np.abs(v["event"] - v["reference"]).max() < 1e-12
+    stretches = 3, 2.0, lambda sim, k: sim.set_weights("w", (1.0, 2.0, 0.5)[k])
+    v = [noisy(backend, *stretches, mean=300.0) for backend in ("reference", "event")]
+    assert np.abs(v[0] - v[1]).max() < 1e-12
 
 
 def test_chips_take_listed_currents_and_rates_and_refuse_what_changes_at_every_step():

@@ -99,29 +99,19 @@ def test_a_few_of_each_kind(written):
     assert judge(cases, *written[1:], "few") == []
 
 
-@pytest.mark.slow
-def test_pages(written):
-    assert judge(of_kind(written, "page"), *written[1:], "pages") == []
+PARTS = {
+    "pages": ("page",),
+    "results": ("results", "state"),
+    "models": ("model",),
+    "sweeps": ("sweep", "journal"),
+    "descriptions": ("description", "recording", "exchange"),
+}
 
 
 @pytest.mark.slow
-def test_results_and_states(written):
-    assert judge(of_kind(written, "results", "state"), *written[1:], "results") == []
-
-
-@pytest.mark.slow
-def test_models(written):
-    assert judge(of_kind(written, "model"), *written[1:], "models") == []
-
-
-@pytest.mark.slow
-def test_sweeps_and_journals(written):
-    assert judge(of_kind(written, "sweep", "journal"), *written[1:], "sweeps") == []
-
-
-@pytest.mark.slow
-def test_descriptions_recordings_and_networks_of_other_tools(written):
-    assert judge(of_kind(written, "description", "recording", "exchange"), *written[1:], "descriptions") == []
+@pytest.mark.parametrize("part", PARTS)
+def test_all_of_each_kind(written, part):
+    assert judge(of_kind(written, *PARTS[part]), *written[1:], part) == []
 
 
 def test_optimisers_hold_no_code(torch, tmp_path):

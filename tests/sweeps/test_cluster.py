@@ -83,17 +83,23 @@ def test_limits_hold_on_a_cluster(runs, cluster, tmp_path):
     ]
 
 
+def killer(process, killed):
+    """What kills a process once five jobs are done, and notes it."""
+
+    def kill(table):
+        if not killed and table.counts()["done"] >= 5:
+            killed.append(True)
+            os.killpg(process.pid, signal.SIGKILL)
+
+    return kill
+
+
 @pytest.mark.slow
 def test_a_killed_worker_loses_nothing(runs, cluster, tmp_path, notes):
     cluster.add()
     cluster.add()
     killed = []
-
-    def kill(table):
-        if not killed and table.counts()["done"] >= 5:
-            killed.append(True)
-            os.killpg(cluster.workers[0].pid, signal.SIGKILL)
-
+    kill = killer(cluster.workers[0], killed)
     words = {"set": {"notes": notes.path, "pause": 0.05}, "on": cluster.file, "each": kill}
     table = sweep(runs.noting, {"a": list(range(60))}, tmp_path / "out", **words)
     assert killed
@@ -106,13 +112,7 @@ def test_a_killed_worker_loses_nothing(runs, cluster, tmp_path, notes):
 def test_a_killed_scheduler_loses_nothing(runs, cluster, tmp_path, notes):
     out = tmp_path / "out"
     cluster.add()
-    killed = []
-
-    def kill(table):
-        if not killed and table.counts()["done"] >= 5:
-            killed.append(True)
-            os.killpg(cluster.scheduler.pid, signal.SIGKILL)
-
+    kill = killer(cluster.scheduler, [])
     words = {"set": {"notes": notes.path, "pause": 0.02}}
     with pytest.raises(neuro.ModelError) as told:
         sweep(runs.noting, {"a": list(range(400))}, out, **words, on=cluster.file, each=kill)
