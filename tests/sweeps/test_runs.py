@@ -195,31 +195,6 @@ def test_of_those_who_take_over_a_claim_one_gets_it(tmp_path):
             )
 
 
-def test_a_flipped_bit_is_no_other_number(runs, tmp_path):
-    """Of a run, which counts as not there, and is done again, also where it was cut; of what a sweep is it is told."""
-    out, space = tmp_path / "out", {"a": [1, 2]}
-    table = sweep(runs.add, space, out)
-    before, file = table.csv(), out / "runs" / table.keys[0] / "run.json"
-    whole = file.read_bytes()
-    for place in range(0, len(whole), 7):
-        file.write_bytes(flipped(whole, place))
-        assert table.csv() == before or table.counts()["left"] == 1
-    for damaged in (flipped(whole, whole.index(b'"sum": 1') + 7), whole[:50]):
-        file.write_bytes(damaged)
-        assert table.counts()["left"] == 1
-        assert sweep(runs.add, space, out).csv() == before
-    whole = (out / "sweep.json").read_bytes()
-    for place in range(0, len(whole), 7):
-        (out / "sweep.json").write_bytes(flipped(whole, place))
-        with pytest.raises(neuro.ModelError) as error:
-            raise neuro.ModelError("the same") if table_of(out).csv() == before else AssertionError
-        assert str(error.value).startswith(("the same", f"{out}/sweep.json: "))
-
-
-def flipped(content, place):
-    return content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :]
-
-
 MISTAKES = yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text("utf-8"))["run"]
 
 
