@@ -146,7 +146,7 @@ def test_an_interrupted_run_leaves_what_was_recorded(network):
     running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while not any(name.endswith("out.h5.part") for name in os.listdir()) and running.poll() is None:
         time.sleep(0.05)
-    time.sleep(1.0)
+    time.sleep(0.2)
     running.send_signal(signal.SIGINT)
     out, err = running.communicate(timeout=60)
     results = read("out.h5.part")
