@@ -241,15 +241,6 @@ def test_every_kind_of_probe_is_told_drawn_and_shown(neuro, tmp_path, monkeypatc
     assert "weight of 4 of 12 synapses of into, as pre spikes leave it" in (tmp_path / "out.html").read_text()
 
 
-def test_a_report_is_a_page(neuro, network):
-    neuro("run", network, "--for", 1)
-    answer = neuro("report", "out.h5", "--out", "x.pdf")
-    expected = "error: --out x.pdf: a report is a page of HTML: expected a name ending in .html\n"
-    assert (answer.status, answer.err) == (2, expected)
-    assert not Path("x.pdf").exists()
-    assert neuro("report", "out.h5", "--out", "x.HTML").status == 0
-
-
 def test_equal_weights_do_not_vary():
     net = framework.Network("equal")
     net.population("in", 3, framework.spike_generator(spike_times=[[1.0]] * 3))
