@@ -19,6 +19,8 @@ differs from run to run and is compared as if equal.
 
 **What cannot run here says so** in the first line of its block, `# needs WHAT`, with one of the words of `NEEDS`. Any
 other is a fault of the page, so that nothing is left out in silence. New pages are found by themselves.
+
+**What takes seconds**, `SLOW`, is done by `make test-slow`, which follows those pages as a whole.
 """
 
 import doctest

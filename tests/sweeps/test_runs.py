@@ -280,10 +280,9 @@ def test_pictures_hide_no_parameter(tmp_path):
 def test_a_full_disk(runs, mounted, on):
     """It ends with one error, what is kept is whole, and once there is room the same call goes on."""
     space, out = {"a": list(range(100))}, mounted("size=200k") / "out"
-    with pytest.raises(neuro.ModelError) as told:
-        sweep(runs.add, space, out, on=on)
-    assert "cannot be written: No space left on device" in str(told.value)
-    assert "what was done is kept: the same command goes on" in str(told.value)
+    told = refused(sweep, runs.add, space, out, on=on)
+    assert "cannot be written: No space left on device" in told
+    assert "what was done is kept: the same command goes on" in told
     there = [path for path in (out / "runs").iterdir() if not path.name.startswith(".")]
     assert there
     assert all(json.loads((path / "run.json").read_text())["outcome"] == "done" for path in there)
@@ -307,6 +306,4 @@ def test_a_claim_for_which_there_is_no_room_is_not_left(runs, mounted):
 
 def test_a_read_only_folder(runs, mounted):
     out = mounted("ro") / "out"
-    with pytest.raises(neuro.ModelError) as told:
-        sweep(runs.add, {"a": [1]}, out)
-    assert str(told.value) == f"{out}: cannot be made: Read-only file system"
+    assert refused(sweep, runs.add, {"a": [1]}, out) == f"{out}: cannot be made: Read-only file system"
