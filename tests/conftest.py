@@ -141,12 +141,6 @@ def registries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         del sys.modules[name]
 
 
-def pytest_collection_finish() -> None:
-    """Leave modules and items out of collections of garbage, which many tests ask for and which would look at them."""
-    gc.collect()
-    gc.freeze()
-
-
 @pytest.fixture
 def messages(request: pytest.FixtureRequest) -> Messages:
     """Compare messages by case with those of this test in tests/messages.yaml."""
