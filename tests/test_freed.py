@@ -47,8 +47,9 @@ def living() -> set[int]:
 
 @pytest.fixture
 def uncollected() -> Iterator[None]:
+    """No garbage is collected but when a test asks for it; what other tests left is not looked at again."""
     gc.collect()
-    gc.freeze()  # what is there is of other tests
+    gc.freeze()
     gc.disable()
     yield
     gc.enable()
