@@ -1,11 +1,12 @@
 """Fixtures for all tests."""
 
+import gc
 import os
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -31,6 +32,18 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Tests and their modules stay, so garbage is not looked for among them: that takes seconds."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.enable()
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--bounds", action="store_true", help="compile kernels that look at every index; slow")
     parser.addoption("--renew-golden", action="store_true", help="run ../shared/reference anew into tests/golden")
@@ -50,6 +63,16 @@ def progress_is_not_told() -> None:
     from neuro.core import progress
 
     progress.EVERY_S = float("inf")
+
+
+@pytest.fixture
+def frozen_heap() -> Iterator[None]:
+    """What all tests before left is neither looked at nor freed in this test: it takes a collection seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        gc.freeze()
+        patch.setattr(gc, "unfreeze", lambda: None)
+        yield
+    gc.unfreeze()
 
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"

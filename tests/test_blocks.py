@@ -17,6 +17,7 @@ from neuro.model.rules import Rule
 from neuro.program.compact import SharedProjection
 from neuro.program.counts import Tally
 from neuro.program.program import Program, Projection, Share
+from refused import refused
 
 PLACES = np.random.default_rng(0).random((60, 2))
 RULES: dict[str, Rule] = evaluated(__file__, "RULES", globals())
@@ -220,11 +221,6 @@ def test_a_mistake_in_one_share_is_raised_in_all():
     rule = neuro.pairs(pre=[3, 1, 2, 3], post=[0, 5, 5, 50])
     net = network(rule, "normal", synapse=neuro.stdp(Wmax=10.0), weight=weight, delay=1.0)
 
-    def refused(share: Share) -> str:
-        with pytest.raises(neuro.ModelError) as found:
-            compile_network(net, 1, share=share)
-        return str(found.value)
-
-    message, *others = of_shares(3, refused)
+    message, *others = of_shares(3, lambda share: refused(compile_network, net, 1, share=share))
     assert "projection 'p': weight of synapse 3 -> 50 = -1: expected" in message
     assert others == [message] * 2

@@ -41,7 +41,7 @@ SCRIPTS = [path for path in sorted((ROOT / "examples").glob("*.py")) if path.ste
 """All but that of `test_first_hour.py`."""
 
 
-SLOW = ("diehl_cook_2015", "masquelier_thorpe_2007", "recognisers", "vogels_abbott_2005")
+SLOW = ("diehl_cook_2015", "firing_patterns", "masquelier_thorpe_2007", "neurons", "recognisers", "vogels_abbott_2005")
 """Their kernels take seconds to compile, and other tests run what they show."""
 
 

@@ -47,10 +47,13 @@ def living() -> set[int]:
 
 @pytest.fixture
 def uncollected() -> Iterator[None]:
+    """No garbage is collected but when a test asks for it; what other tests left is not looked at again."""
     gc.collect()
+    gc.freeze()
     gc.disable()
     yield
     gc.enable()
+    gc.unfreeze()
 
 
 @pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")

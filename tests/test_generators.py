@@ -1,5 +1,6 @@
 """Generators whose current or rate changes: their statistics, what they refuse, and that a run may be cut anywhere."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -157,6 +158,19 @@ def test_a_state_on_event_continues(tmp_path):
     for sim in sims:
         sim.run(20.0)
     assert np.array_equal(sims[0].get("cells", "V_m"), sims[1].get("cells", "V_m"))
+
+
+def noisy(backend: str, steps: int, ms: float, change: Callable[[neuro.Simulation, int], None], **words: float):
+    """Potentials of cells with noise, after so many stretches, each of which begins with a change."""
+    net = neuro.Network("noisy", resolution=0.1)
+    net.population("noise", 1, neuro.noise_generator(std=50.0, **words))
+    net.population("cells", 3, neuro.iaf_psc_exp())
+    net.connect("noise", "cells", neuro.all_to_all(), delay=0.2, name="w")
+    sim = neuro.compile(net, backend, seed=2)
+    for k in range(steps):
+        change(sim, k)
+        sim.run(ms)
+    return sim.get("cells", "V_m")
 
 
 def test_numbers_set_at_every_step_are_those_of_the_draw_that_holds():

@@ -100,28 +100,13 @@ def test_a_few_of_each_kind(written):
 
 
 @pytest.mark.slow
-def test_pages(written):
-    assert judge(of_kind(written, "page"), *written[1:], "pages") == []
-
-
-@pytest.mark.slow
-def test_results_and_states(written):
-    assert judge(of_kind(written, "results", "state"), *written[1:], "results") == []
-
-
-@pytest.mark.slow
-def test_models(written):
-    assert judge(of_kind(written, "model"), *written[1:], "models") == []
-
-
-@pytest.mark.slow
-def test_sweeps_and_journals(written):
-    assert judge(of_kind(written, "sweep", "journal"), *written[1:], "sweeps") == []
-
-
-@pytest.mark.slow
-def test_descriptions_recordings_and_networks_of_other_tools(written):
-    assert judge(of_kind(written, "description", "recording", "exchange"), *written[1:], "descriptions") == []
+@pytest.mark.parametrize(
+    "kinds",
+    [("page",), ("results", "state"), ("model",), ("sweep", "journal"), ("description", "recording", "exchange")],
+    ids=" and ".join,
+)
+def test_all_of_each_kind(written, kinds):
+    assert judge(of_kind(written, *kinds), *written[1:], kinds[0]) == []
 
 
 def test_optimisers_hold_no_code(torch, tmp_path):

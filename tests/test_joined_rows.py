@@ -149,19 +149,17 @@ def test_a_state_of_before_there_were_joined_rows(tmp_path: Path):
 
 
 def test_weights_that_are_set_before_the_first_step_and_kept_by_a_reset():
-    found = []
-    for backend in ("reference", "event"):
-        sim = neuro.compile(network(EVERY), backend, seed=1)
+    sims = [neuro.compile(network(EVERY), backend, seed=1) for backend in ("reference", "event")]
+    for sim in sims:
         sim._engine.run(0)  # rows are laid out before the weight is set
         sim.set("wires4", weight=0.0)
         run_on(sim, 6.0)
-        before = observe(sim)
+    same(*sims, exact=False)
+    for sim in sims:
         sim.set("wires5", weight=1.0)
         sim.reset(weights=False)
         run_on(sim, 6.0)
-        found.append((before, observe(sim)))
-    for expected, seen in zip(*found, strict=True):
-        assert differences(expected, seen, exact=False) == []
+    same(*sims, exact=False)
 
 
 def test_parrots_and_named_receptors():

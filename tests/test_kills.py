@@ -47,7 +47,7 @@ FEW_WRITERS = ("run", "sonata", "save", "checkpoint", "listen dat", "listen npz"
 
 
 @pytest.mark.parametrize(
-    ("count", "writers"), [("24", FEW_WRITERS), pytest.param("1000", (), marks=pytest.mark.slow)], ids=["few", "all"]
+    ("count", "writers"), [("16", FEW_WRITERS), pytest.param("1000", (), marks=pytest.mark.slow)], ids=["few", "all"]
 )
 def test_writers_that_are_stopped_keep_what_was_complete(count, writers):
     """`NEURO_STOPS` is how often; `helpers/stopped_writers.py` has the table of writers."""

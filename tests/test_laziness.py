@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 import neuro
+from alike import alike
 from neuro.run.simulation import Simulation
 
 
@@ -55,12 +56,8 @@ def test_a_long_silence_leaves_what_steps_would_leave(model, pause):
 
 
 def test_a_neuron_fires_after_a_long_silence():
-    spikes = [sim.spikes("cells")[0] for sim in both(one_cell(neuro.iaf_psc_exp(), [5.0, 2010.0, 2011.0, 2012.0], 3e3))]
-    for sim in both(one_cell(neuro.iaf_psc_exp(), [5.0, 2010.0, 2011.0, 2012.0], 3e3)):
-        sim.run(2050.0)
-        spikes.append(sim.spikes("cells")[0])
-    assert len(spikes[2]) > 1
-    assert np.array_equal(spikes[2], spikes[3])
+    sims = alike(one_cell(neuro.iaf_psc_exp(), [5.0, 2010.0, 2011.0, 2012.0], 3e3), 2050.0)
+    assert len(sims[0].spikes("cells")[0]) > 1
 
 
 def plastic(t_ref: float, delay: float, **rule: float) -> neuro.Network:
@@ -75,16 +72,15 @@ def plastic(t_ref: float, delay: float, **rule: float) -> neuro.Network:
 
 @pytest.mark.parametrize("delay", [1.0, 25.0, 60.0])
 def test_histories_hold_the_spikes_of_a_shorter_refractoriness(delay):
-    for sims in [both(plastic(2.0, delay))]:
-        for sim in sims:
-            sim.run(100.0)
-            sim.set("cells", t_ref=0.0)
-            sim.run(350.0)
-            sim.set("cells", t_ref=[5.0, 0.0])
-            sim.run(150.0)
-        reference, event = sims
-        assert np.array_equal(event.spikes("cells")[1], reference.spikes("cells")[1])
-        assert event.weights("learnt")[2] == pytest.approx(reference.weights("learnt")[2], rel=1e-12)
+    reference, event = both(plastic(2.0, delay))
+    for sim in (reference, event):
+        sim.run(100.0)
+        sim.set("cells", t_ref=0.0)
+        sim.run(350.0)
+        sim.set("cells", t_ref=[5.0, 0.0])
+        sim.run(150.0)
+    assert np.array_equal(event.spikes("cells")[1], reference.spikes("cells")[1])
+    assert event.weights("learnt")[2] == pytest.approx(reference.weights("learnt")[2], rel=1e-12)
 
 
 def test_wider_histories_are_kept_by_reset_and_files(tmp_path):

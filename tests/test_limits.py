@@ -1,10 +1,6 @@
 """Values that are finite but beyond what a simulator can hold."""
 
-import subprocess
-import sys
-
 import neuro
-from beside import beside
 from refused import refused
 
 
@@ -23,16 +19,6 @@ def alone(model):
 
 def test_values_beyond_what_a_simulator_can_hold(messages):
     messages.calls(globals())
-
-
-(VAST,) = beside(__file__, "VAST")
-
-
-def test_memory():
-    told = subprocess.run([sys.executable, "-c", VAST], capture_output=True, text=True, check=True).stdout
-    assert (
-        "network 'vast' needs about 168,000,000,000 bytes (168.0 GB) of memory: expected at most what is free" in told
-    )
 
 
 def test_weights_of_a_dopamine_rule_stay_within_its_bounds(messages):

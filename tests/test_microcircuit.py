@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 import neuro
 import neuro_models
+from alike import alike, same
 from neuro.cli.commands import app
 from neuro.compiler import compile_network, memory
 from neuro.compiler.shapes import resolve_shapes
@@ -72,14 +73,11 @@ def test_a_smaller_circuit_makes_up_for_the_input_that_it_loses():
 
 def test_event_equals_reference():
     net = circuit(scale=0.01, indegree=0.05)
-    found = []
-    for backend, threads in (("reference", 1), ("event", 1), ("event", 2)):
-        sim = neuro.compile(net, backend, seed=3, threads=threads)
-        sim.run(12.0)
-        found.append(observe(sim))
-    assert sim.counts().spikes > 200
-    assert differences(found[0], found[1], exact=False) == []
-    assert differences(found[1], found[2], exact=True) == []
+    one = alike(net, 12.0, seed=3)[1]
+    two = neuro.compile(net, seed=3, threads=2)
+    two.run(12.0)
+    assert two.counts().spikes > 200
+    same(one, two)
 
 
 @pytest.mark.usefixtures("nest")

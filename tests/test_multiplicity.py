@@ -108,7 +108,7 @@ def seen_after(sim: neuro.Simulation, ms: float) -> dict | None:
         return None
 
 
-@pytest.mark.parametrize("times", [1, 2, 3, 1000])
+@pytest.mark.parametrize("times", [3, 1000])
 @pytest.mark.parametrize(
     ("kind", "listens"), PAIRS, ids=[f"{kind.__name__} {'+'.join(words)}".strip() for kind, words in PAIRS]
 )

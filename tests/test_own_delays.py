@@ -63,22 +63,21 @@ def _sane(rule: Any, delay: Any, weight: Any, model: Any) -> Network:
     return wired(rule, delay, scaled, model)
 
 
-def steered(sim: Simulation, again: Path | None = None, ms: float = 8.0) -> dict[str, np.ndarray]:
-    """Weights are set twice while spikes are under way, once of some synapses; a state is saved and taken up."""
+def steered(sim: Simulation) -> dict[str, np.ndarray]:
+    """Weights are set twice while spikes are under way, once of some synapses."""
     w = sim.get("wires", "weight")
-    run_on(sim, ms / 4)
+    run_on(sim, 2.0)
     sim.set("wires", weight=np.linspace(1.5, 0.5, w.size) * w)
     run_on(sim, 0.5)
     sim.set("wires", weight=0.5 * w)
-    if again is not None:
-        sim.save(again)
-    run_on(sim, ms / 4)
-    if again is not None:
-        sim.run(2.0)
-        sim.restore(again)
-        run_on(sim, ms / 4)
-    run_on(sim, ms / 2)
+    run_on(sim, 6.0)
     return observe(sim)
+
+
+def agreed(net: Network) -> None:
+    """Steered alike, event does what the reference does."""
+    found = [steered(neuro.compile(net, backend, seed=1)) for backend in ("reference", "event")]
+    assert differences(*found, exact=False) == []
 
 
 @SETTINGS
@@ -105,18 +104,15 @@ def test_a_state_goes_on_bit_for_bit(backend: str, tmp_path: Path):
 
 def test_a_reset_takes_up_the_weights_that_were_set():
     net = wired(neuro.fixed_indegree(n=7), neuro.uniform(low=0.1, high=3.0), NORMAL)
-    found = []
-    for backend in ("reference", "event"):
-        sim = neuro.compile(net, backend, seed=1)
-        sim.run(2.0)
+    sims = alike(net, 2.0)
+    for sim in sims:
         sim.set("wires", weight=0.3 * sim.get("wires", "weight"))
         sim.reset(weights=False)
         sim.run(6.0)
-        found.append(observe(sim))
-        program = sim.program
+    same(*sims, exact=False)
+    for sim in sims:
         sim.reset(weights=True)
-        assert np.array_equal(sim.get("wires", "weight"), program.projections[1].weight)
-    assert differences(*found, exact=False) == []
+        assert np.array_equal(sim.get("wires", "weight"), sim.program.projections[1].weight)
 
 
 def test_what_a_trial_drops():
@@ -166,8 +162,7 @@ def test_very_many_lie_by_delay(rule: Any, tmp_path: Path):
     part = next(p for p in program.projections if p.name == "wires")
     pre, post = program.connections(1)
     assert np.array_equal(np.lexsort((post, part.delay, pre)), np.arange(part.size))
-    found = [steered(neuro.compile(net, backend, seed=1)) for backend in ("reference", "event")]
-    assert differences(*found, exact=False) == []
+    agreed(net)
     twin = compile_network(net, 1, threads=2)
     for one, two in zip(program.projections, twin.projections, strict=True):
         for name in ("row_ends", "targets", "weight", "delay"):
@@ -255,8 +250,7 @@ def test_delays_of_very_many_take_a_byte_where_it_holds_them(longest: float, kep
     part = compile_network(net, 1).projections[1]
     assert part.delay.dtype == kept
     assert part.delay_span == (part.delay.min(), part.delay.max()) == (round(10 * longest) - 1, round(10 * longest))
-    found = [steered(neuro.compile(net, backend, seed=1)) for backend in ("reference", "event")]
-    assert differences(*found, exact=False) == []
+    agreed(net)
     assert lag(compile_network(net, 1), 1).max() == round(10 * longest) + 1
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import neuro
+from alike import alike, same
 from beside import beside
 from neuro.extend import Distribution, Neuron, Rule, State, Synapse, Trace, quantity
-from neuro.testing.case import differences, observe
 from refused import refused
 
 
@@ -53,16 +53,12 @@ def on_pre(y, e, c, pre, post):
 
 
 def test_times_of_pre_spikes_are_alike():
-    found = []
-    for backend in ("reference", "event"):
-        net = network(synapse=since_pre(), model=neuro.iaf_psc_exp(I_e=500.0))
-        sim = neuro.compile(net, backend)
-        sim.run(60.0)
+    sims = alike(network(synapse=since_pre(), model=neuro.iaf_psc_exp(I_e=500.0)), 60.0)
+    for sim in sims:
         sim.set("w", window=4.0)
         sim.run(60.0)
-        found.append(observe(sim))
-    assert np.ptp(found[0]["weight of w"]) > 0.1
-    assert differences(*found, exact=False) == []
+    assert np.ptp(sims[0].get("w", "weight")) > 0.1
+    same(*sims, exact=False)
 
 
 @pytest.mark.parametrize("backend", ["reference", "event"])

@@ -19,6 +19,8 @@ differs from run to run and is compared as if equal.
 
 **What cannot run here says so** in the first line of its block, `# needs WHAT`, with one of the words of `NEEDS`. Any
 other is a fault of the page, so that nothing is left out in silence. New pages are found by themselves.
+
+**What takes seconds**, `SLOW`, is done by `make test-slow`, which follows those pages as a whole.
 """
 
 import doctest
@@ -31,6 +33,7 @@ import subprocess
 import sys
 import traceback
 import warnings
+from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import cache
@@ -47,10 +50,10 @@ from neuro.cli.start import shipped
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-(NEEDS,) = beside(__file__, "NEEDS")
-"""What blocks may need, and the module that shows that it is there; None: never asked for by a test."""
-
-EDITS, KINDS = beside(__file__, "EDITS", "KINDS")
+NEEDS, KINDS, EDITS, SLOW = beside(__file__, "NEEDS", "KINDS", "EDITS", "SLOW")
+"""What blocks may need, with the module that shows that it is there (None: never asked for by a test); what blocks may
+be; changes of a third-party file after which the page's first command prints something else; by page, words of the
+commands and blocks of Python that take seconds and of which nothing below them is made: `make test-slow` does them."""
 
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
 _FILE = re.compile(r"# ([\w./-]+\.(?:py|yaml))\n")
@@ -132,8 +135,8 @@ def reader(tmp_path, monkeypatch, registries):
             del sys.modules[name]
 
 
-def followed(page: Path) -> dict[str, str]:
-    """Do all that a page says, in the current folder.
+def followed(page: Path, left_out: Sequence[str] = ()) -> dict[str, str]:
+    """Do all that a page says, in the current folder, but the commands and blocks of Python that have some words.
 
     Returns:
         What each of its command lines printed.
@@ -141,20 +144,24 @@ def followed(page: Path) -> dict[str, str]:
     Raises:
         Fault: something does not do what the page says.
     """
-    space, printed, by_line = {"__name__": "page"}, "", {}
+    space, printed, done, by_line = {"__name__": "page"}, "", True, {}
     whole = page.read_text("utf-8")
+    for words in left_out:
+        assert words in whole, f"{page}: {words}"
     for block in blocks(page):
         named = _FILE.match(block.text)
         if not block.runs:
             continue
         if block.kind in ("sh", "console"):
             for place, line, told in commands(block):
-                by_line[line] = check_command(block, place, line, told)
+                if not any(words in line for words in left_out):
+                    by_line[line] = check_command(block, place, line, told)
         elif block.kind == "python" and named:
             Path(named[1]).write_text(block.text)
         elif block.kind == "python":
-            printed = run_python(block, space)
-        elif block.kind == "text" and not alike(block.text, printed):
+            done = not any(words in block.text for words in left_out)
+            printed = run_python(block, space) if done else ""
+        elif block.kind == "text" and done and not alike(block.text, printed):
             raise block.fault(f"the block above prints\n{printed}")
         elif block.kind == "pycon":
             run_session(block, space)
@@ -292,15 +299,22 @@ def change(block: Block) -> None:
     path.write_text("\n".join(text) + "\n")
 
 
-"""A change of a third-party file after which the page's first command prints something else."""
+def name_of(page: Path) -> str:
+    return str(page.relative_to(ROOT))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_page(page, reader):
+@pytest.mark.parametrize(
+    ("page", "left_out"),
+    [
+        *(pytest.param(page, SLOW.get(name_of(page), []), id=name_of(page)) for page in PAGES),
+        *(pytest.param(ROOT / name, [], id=f"all of {name}", marks=pytest.mark.slow) for name in SLOW),
+    ],
+)
+def test_page(page, left_out, reader):
     wrong = ""
     try:
-        printed = followed(page)
-        if page.stem in EDITS:
+        printed = followed(page, left_out)
+        if page.stem in EDITS and not left_out:
             check_edited(page, reader, printed)
     except Fault as fault:
         wrong = str(fault)

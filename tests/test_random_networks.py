@@ -9,6 +9,7 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
+from alike import alike
 from neuro.model.network import Network
 from neuro.run.simulation import Simulation
 from neuro.testing import observe
@@ -63,9 +64,4 @@ def test_a_generator_of_many_rates_has_no_table_of_probabilities():
     net.population("cells", 70, neuro.iaf_psc_exp())
     net.connect("noise", "cells", neuro.one_to_one(), weight=50.0, delay=1.0)
     net.probe("v", "cells", "V_m", every=1.0)
-    found = []
-    for backend in ("reference", "event"):
-        sim = neuro.compile(net, backend, seed=1)
-        sim.run(5.0)
-        found.append(observe(sim))
-    assert differences(*found, exact=False) == []
+    alike(net, 5.0)

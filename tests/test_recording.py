@@ -15,7 +15,6 @@ import pytest
 
 import neuro
 from beside import beside
-from neuro import ModelError
 from neuro.core import growing
 from neuro.core.growing import JournaledFile, JournalReader
 from neuro.core.hdf5 import FRONT
@@ -123,10 +122,8 @@ def test_a_killed_run_leaves_what_it_has_committed(path, monkeypatch, messages):
         child.stdout.readline()
     os.kill(child.pid, signal.SIGKILL)
     child.communicate()
-    with pytest.raises(ModelError) as error:
-        neuro.results.read("run.h5")
     hint = "run.h5.part has what a run recorded that did not come to its end"
-    assert str(error.value) == f"run.h5: there is no such file\n  hint: {hint}"
+    assert refused(neuro.results.read, "run.h5") == f"run.h5: there is no such file\n  hint: {hint}"
     results = neuro.results.read("run.h5.part")
     assert results.time >= 5.0
     assert not results.finished
@@ -228,10 +225,8 @@ def test_what_cannot_be_recorded_to(path):
             "reset": sim.reset,
             "restore": lambda: sim.restore("nothing.h5"),
         }.items():
-            with pytest.raises(ModelError) as error:
-                call()
             told = f"{word}: found a simulation that records to {path}.part: expected the end of 'record_to'"
-            assert str(error.value) == told
+            assert refused(call) == told
         assert refused(other.run, 1.0, out=path) == f"{path}.part: another run writes it: expected another name"
     path.write_text("a letter")
     assert refused(other.run, 1.0, out=path) == f"{path}: exists and is not a file of results: expected a new name"

@@ -6,7 +6,6 @@ import h5py
 import numpy as np
 import pytest
 
-from neuro import ModelError
 from neuro.core.hdf5 import FRONT, seal
 from neuro.files.parts import Trace, Train, Weights
 from neuro.files.results import YAML, Results, read, write
@@ -59,8 +58,6 @@ def test_other_files_are_refused(tmp_path, content):
 
 
 def test_a_damaged_file_is_refused(results, tmp_path):
-    import h5py
-
     write(results, tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "a") as file:
         del file["populations/z/steps"]
@@ -72,10 +69,8 @@ def test_a_damaged_file_is_refused(results, tmp_path):
 def test_without_a_digest_it_is_refused(results, tmp_path):
     write(results, tmp_path / "a.h5")
     (tmp_path / "a.h5").write_bytes((tmp_path / "a.h5").read_bytes()[FRONT:])
-    with pytest.raises(ModelError) as error:
-        read(tmp_path / "a.h5")
     told = "not a file of results, as 'neuro run' writes it\n  hint: it has no digest, as files of other tools and of"
-    assert str(error.value) == f"{tmp_path}/a.h5: {told} versions before digests: make it again"
+    assert refused(read, tmp_path / "a.h5") == f"{tmp_path}/a.h5: {told} versions before digests: make it again"
 
 
 @pytest.mark.parametrize("absolute", [True, False])
@@ -90,12 +85,10 @@ def test_a_network_file_outside_the_network_is_refused(results, tmp_path, absolu
     data = (tmp_path / "a.h5").read_bytes()
     (tmp_path / "a.h5").write_bytes(data.replace(name.replace("/", "%").encode(), name.encode()))
     seal(tmp_path / "a.h5")
-    with pytest.raises(ModelError) as error:
-        read(tmp_path / "a.h5").network()
     lack = (
         "it has a name that leads to no part of it"
         if absolute
         else f"{name!r} is not the name of a file of the network"
     )
-    assert str(error.value) == f"{tmp_path / 'a.h5'}: damaged: {lack}"
+    assert refused(lambda: read(tmp_path / "a.h5").network()) == f"{tmp_path / 'a.h5'}: damaged: {lack}"
     assert not (tmp_path / "written").exists()

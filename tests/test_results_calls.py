@@ -27,6 +27,12 @@ def both(tmp_path_factory):
     return net, live, neuro.results.read(path)
 
 
+def equal(live, left):
+    for mine, theirs in zip(live, left, strict=True):
+        assert mine.size
+        assert np.array_equal(mine, theirs)
+
+
 def test_spikes_between_any_two_of_them(both):
     _, live, left = both
     times = np.unique(live.spikes("drive")[0])[::7]
@@ -34,7 +40,7 @@ def test_spikes_between_any_two_of_them(both):
         kept = live.spikes("drive", since=since, until=until)
         assert kept[0].min() > since
         assert kept[0].max() == until
-        assert np.array_equal(kept, left.spikes("drive", since=since, until=until))
+        equal(kept, left.spikes("drive", since=since, until=until))
 
 
 @pytest.mark.parametrize("words", [{}, {"delays": True}, {"pre": [0, 3]}, {"post": 2, "delays": True}, {"post": [5]}])
@@ -42,10 +48,8 @@ def test_spikes_between_any_two_of_them(both):
 def test_weights(both, name, words):
     net, live, left = both
     mine, theirs = live.weights(name, **words), left.weights(net.projections[name], **words)
-    assert len(mine) == len(theirs) == 3 + words.get("delays", False)
-    for a, b in zip(mine, theirs, strict=True):
-        assert a.size
-        assert np.array_equal(a, b)
+    assert len(mine) == 3 + words.get("delays", False)
+    equal(mine, theirs)
 
 
 def test_weights_of_views_and_pairs(both):
@@ -53,9 +57,7 @@ def test_weights_of_views_and_pairs(both):
     cells = net.populations["cells"]
     for words in ({"post": cells[1]}, {"pre": net.populations["drive"][:4]}, {"of": [(2, 5), (0, 1)]}):
         name = "back" if "of" in words else "w"
-        for a, b in zip(live.weights(name, **words), left.weights(name, **words), strict=True):
-            assert a.size
-            assert np.array_equal(a, b)
+        equal(live.weights(name, **words), left.weights(name, **words))
     for what in ("weight", "delay"):
         assert np.array_equal(live.get("w", what, post=cells[0]), left.get("w", what, post=cells[0]))
 
@@ -68,10 +70,8 @@ def test_wrong_ends(both, messages):
 @pytest.mark.parametrize("name", ["all_spikes", "some_spikes", "v"])
 def test_traces(both, name):
     net, live, left = both
-    for a, b, c in zip(live.trace(name), left.trace(name), left.trace(net.probes[name]), strict=True):
-        assert a.size
-        assert np.array_equal(a, b)
-        assert np.array_equal(a, c)
+    equal(live.trace(name), left.trace(name))
+    equal(live.trace(name), left.trace(net.probes[name]))
 
 
 def test_a_file_has_no_states(both, messages):

@@ -71,26 +71,24 @@ def numbers(model):
     return {word: float(model.defaults()[word]) for word in model.quantities()}
 
 
-def test_a_silence_at_once_that_is_no_silence_step_by_step_is_refused():
-    model = type("late", (late_lif,), {"arithmetic": Arithmetic})
-    expected = (
-        r"^neuron model 'late': 16 steps without input bring V_m to \S+, one step of their length to \S+: "
-        "expected the same, as it is linear and `quiet` is true$"
-    )
-    with pytest.raises(TypeError, match=expected):
-        check_sleep(model, numbers(model))
-    check_sleep(neuro.cuba_lif, numbers(neuro.cuba_lif))
+AT_ONCE = (
+    r"^neuron model 'late': 16 steps without input bring V_m to \S+, one step of their length to \S+: "
+    "expected the same, as it is linear and `quiet` is true$"
+)
 
 
-def test_a_neuron_that_changes_while_it_sleeps_is_refused():
-    model = type("late", (late_lif,), {"arithmetic": Arithmetic, "linear": False})
-    with pytest.raises(TypeError, match=r"V_m to .*, none of them to .*: expected the same, as `quiet` is true$"):
-        check_sleep(model, numbers(model))
-
-
-def test_a_neuron_that_fires_while_it_sleeps_is_refused():
-    model = type("late", (late_lif,), {"arithmetic": Restless})
-    with pytest.raises(TypeError, match="fires without input where `quiet` is true: expected it to be false there"):
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ({"arithmetic": Arithmetic}, AT_ONCE),
+        ({"arithmetic": Arithmetic, "linear": False}, "V_m to .*, none of them to .*: expected the same, as `quiet`"),
+        ({"arithmetic": Restless}, "fires without input where `quiet` is true: expected it to be false there"),
+    ],
+    ids=["no silence step by step", "changes", "fires"],
+)
+def test_a_neuron_that_does_else_while_it_sleeps_is_refused(words, told):
+    model = type("late", (late_lif,), words)
+    with pytest.raises(TypeError, match=told):
         check_sleep(model, numbers(model))
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import neuro
 from neuro.events.representations import hats
-from neuro_bench import METHODS, TASKS, Costs, Examples, Fold, Method, Request, Spikes, Task, report, run
+from neuro_bench import METHODS, TASKS, Costs, Examples, Method, Request, Spikes, Task, report, run
 from neuro_bench.artificial import learnt, members, summed
 from neuro_bench.costs import break_even, on_chips
 from neuro_bench.features import surfaces
@@ -178,46 +178,45 @@ def test_tuning_never_sees_the_test_part():
     assert len(found["folds"][0]["tries"]) == 3
 
 
-def test_folds_that_are_done_are_kept(tmp_path):
+@pytest.fixture
+def failing():
+    """Register a method that fails at its second fold; which values of its setting were fitted."""
+
+    def of(error):
+        fitted = []
+
+        class Failing(Method):
+            called_by, title, settings = "failing", "fails once", {"x": 0}
+
+            def fit(self, train, settings, seed):
+                fitted.append(settings["x"])
+                if len(fitted) == 2:
+                    raise error
+                return Majority().fit(train, settings, seed)
+
+        neuro.register(Failing)
+        return fitted
+
+    return of
+
+
+def test_folds_that_are_done_are_kept(tmp_path, failing):
     """A run that ends early goes on behind its last fold; with other settings it begins anew."""
-    fitted = []
-
-    class Failing(Method):
-        called_by, title, settings = "failing", "fails once", {"x": 0}
-
-        def fit(self, train, settings, seed):
-            fitted.append(settings["x"])
-            if len(fitted) == 2:
-                raise KeyboardInterrupt
-            return Majority().fit(train, settings, seed)
-
-    neuro.register(Failing)
+    fitted = failing(KeyboardInterrupt())
     kept, asked = tmp_path / "folds.json", Request(task="bars", method="failing")
     with pytest.raises(KeyboardInterrupt):
         run(asked, kept=kept)
     found = run(asked, kept=kept)
     assert (len(fitted), len(found["folds"])) == (4, 3)
     assert [one["score"] for one in found["folds"]] == [one["score"] for one in run(asked)["folds"]]
-    fitted.clear()
-    fitted += [0, 0]
+    fitted[:] = [0, 0]
     run(Request(task="bars", method="failing", changes={"x": 1}), kept=kept)
     assert fitted[2:] == [1, 1, 1]
 
 
-def test_an_unfinished_run_is_no_result_to_compare(bench, tmp_path, monkeypatch):
+def test_an_unfinished_run_is_no_result_to_compare(bench, tmp_path, monkeypatch, failing):
     """What it leaves is not among `bars-random-*.json`, and the same command goes on behind it."""
-    fitted = []
-
-    class Failing(Method):
-        called_by, title = "failing", "fails once"
-
-        def fit(self, train, settings, seed):
-            fitted.append(seed)
-            if len(fitted) == 2:
-                raise neuro.ModelError("it fails")
-            return Majority().fit(train, settings, seed)
-
-    neuro.register(Failing)
+    fitted = failing(neuro.ModelError("it fails"))
     monkeypatch.chdir(tmp_path)
     bench("run", "bars", "--method", "majority")
     assert bench("run", "bars", "--method", "failing")[0]
@@ -323,10 +322,6 @@ def test_a_chip_without_room_has_no_bill():
     found = on_chips(sim, sim.taken(), 1)
     assert [name.split(",")[0] for name in found["joules"]] == ["SpiNNaker", "SpiNNaker"]
     assert "the spikes of 5,000 neurons reach it" in found["refused"]["Loihi"]
-
-
-def test_a_fold_has_named_parts():
-    assert Fold.__slots__ == ("name", "train", "validation", "both", "test")
 
 
 def test_the_task_of_the_page_is_trained_compared_and_priced(tmp_path, capsys):

@@ -9,7 +9,7 @@ import pytest
 
 import neuro
 from neuro.chips import chip, neurobench, price
-from refused import refused
+from refused import refusals_of
 
 SIZES = (34, 16, 4)
 SAMPLES, TICKS = 8, 20
@@ -240,8 +240,5 @@ def test_a_grid_is_a_convolution(stride, padding):
 
 
 def test_mistakes(run, messages):
-    sim, eight = run[2], {"samples": 8, "steps": 20}
-    wrong = [{"samples": 0}, {"samples": 3}, {"samples": 8, "steps": 23}, eight | {"potentials": {}}]
-    wrong.append(eight | {"potentials": {"hidden": np.zeros((8, 20, 4))}})
-    counts = sim._engine.counts()
-    messages({str(k): refused(neurobench, sim.program, counts, **words) for k, words in enumerate(wrong)})
+    program, counts = run[2].program, run[2]._engine.counts()
+    messages(refusals_of(messages.cases, globals() | locals()))

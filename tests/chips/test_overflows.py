@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro.chips import chip, filled, quantise
 
 
@@ -64,44 +65,14 @@ def test_an_overflow_stops_a_strict_run():
         sim.run(400.0)
 
 
-WRAPPED = {
-    "input": (
-        (254.0, [2, 0, 1, 0, 0], {"du": 2047, "dv": 1024}),
-        [-32768, -16384, 2072576, 1036288, 518144],
-        [-32768, -40960, 2041856, 2567680, 2443904],
-        {"input wraps of out": 1},
-    ),
-    "input twice": (
-        (254.0, [5, 1, 0], {"du": 2047, "dv": 1024}),
-        [2015232, 3088384, 1544192],
-        [2015232, 4599808, 4994048],
-        {"input wraps of out": 1},
-    ),
-    "negative input": (
-        (-254.0, [2, 0, 0], {"du": 2047, "dv": 1024}),
-        [32768, 16384, 8192],
-        [32768, 40960, 38912],
-        {"input wraps of out": 1},
-    ),
-    "drive and current": (
-        (254.0, [1] * 5, {"du": 0, "dv": 1024, "bias_mant": 4095, "bias_exp": 7}),
-        [2080768, 4161028, 6240780, 8320024, -6378456],
-        [2998048, 6933724, 0, -7933032, -8388607],
-        {"current wraps of out": 1, "drive wraps of out": 1, "voltage clips of out": 2},
-    ),
-    "negative drive and current": (
-        (-254.0, [1] * 5, {"du": 0, "dv": 4095, "bias_mant": -4096, "bias_exp": 7}),
-        [-2080768, -4161028, -6240780, -8320024, 6378456],
-        [-2605184, -4685952, -6766212, 7931253, 5856104],
-        {"current wraps of out": 1, "drive wraps of out": 1},
-    ),
-}
+(WRAPPED,) = beside(__file__, "wrapped")
 """Mantissa, spikes of each step and registers; u and v of nengo-loihi 1.1.0's `CompartmentState`; what is counted."""
 
 
 @pytest.mark.parametrize("case", WRAPPED)
 def test_sums_wrap_as_in_nengo_loihi_and_are_counted(case):
-    (weight, arriving, registers), u, v, native = WRAPPED[case]
+    words = ("weight", "arriving", "registers", "u", "v", "native")
+    weight, arriving, registers, u, v, native = (WRAPPED[case][word] for word in words)
     net = neuro.Network("wraps", resolution=1.0)
     times = [[k + 1.0 for k, spikes in enumerate(arriving) if spikes > i] for i in range(5)]
     net.population("in", 5, neuro.spike_generator(spike_times=times))

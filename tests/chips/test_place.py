@@ -1,6 +1,9 @@
 """Placing: limits to the neuron, memory and hops against counts by hand, refusals by their text."""
 
 import json
+import math
+from dataclasses import fields
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -8,17 +11,18 @@ from hypothesis import given, settings, strategies as st
 
 import neuro
 import neuro_models
-from neuro.chips import chip, place, quantise
+from neuro.chips import chip, place, quantise, splitting as split
 from neuro.chips.description import Chip, Mesh
 from neuro.chips.fitting import cut, fits_one_chip, too_late
 from neuro.chips.incoming import block_bits, synapse_bits
+from neuro.chips.mesh import exchange, lay_out
+from neuro.chips.quantising import refusals
 from neuro.compiler import compile_network
-from refused import refused
+from refused import refusals_of
 from to_place import LOIHI, SPINNAKER, limited, network, sources
 
+
 # limits, to the neuron
-
-
 @pytest.mark.parametrize(("size", "cores"), [(1, 1), (1024, 1), (1025, 2), (2048, 2), (2049, 3)])
 def test_neurons_of_a_core(size, cores):
     placed = place(network(("a", size)), LOIHI)
@@ -77,8 +81,6 @@ def test_a_chip_without_mesh_or_limits():
 
 
 # memory
-
-
 @pytest.mark.parametrize(
     ("synapses", "bits", "expected"), [(0, 15, 0), (1, 8, 64), (64, 9, 640), (65, 9, 704), (54, 1, 64), (55, 1, 128)]
 )
@@ -110,8 +112,6 @@ def test_the_host_learns_for_a_grid():
 
 
 # refusals
-
-
 def told(placed):
     assert all(problem.refused for problem in placed.problems)
     return "\n".join(f"{p.what}: {p.why}\n{p.way_out}" for p in placed.problems)
@@ -210,8 +210,7 @@ def test_what_fits_one_chip_has_no_problem_wherever_it_lies(sizes, neurons, axon
 
 
 def test_arguments(messages):
-    wrong = [{"order": "conected"}, *({"neurons_per_core": n} for n in (0, 2.0, 1025))]
-    messages({str(words): refused(place, network(("a", 1)), LOIHI, **words) for words in wrong})
+    messages(refusals_of(messages.cases, globals()))
 
 
 def test_report(messages):
@@ -221,3 +220,201 @@ def test_report(messages):
     plain = json.loads(json.dumps(placed.as_dict()))
     assert plain["cores"][1]["parts"] == [{"population": "b", "first": 0, "last": 2}]
     assert plain["hops_per_spike"]["a_b"] == {"cores": 1, "local": 1, "east_west": 0, "north_south": 0, "chip": 0}
+
+
+LOIHI = chip("loihi")
+
+
+def each(program, target, **words):
+    """Look at each synapse."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(split, "_within", lambda found, limits: False)
+        return place(program, target, **words)
+
+
+def test_by_hand():
+    """2,100 cores of one neuron each: 17 chips on a square of 5 x 5, whose tiles are filled row by row."""
+    net = neuro.Network("wide", resolution=1.0)
+    net.population("in", 2100, neuro.spike_generator())
+    net.population("out", 2100, neuro.iaf_psc_delta())
+    net.connect("in", "out", neuro.one_to_one(), weight=1.0, delay=1.0, name="first")
+    net.connect("out", "out", neuro.pairs([0, 0, 0], [0, 1, 2099]), weight=1.0, delay=1.0, name="second")
+    placed = place(compile_network(net, 0), LOIHI, order="declared", neurons_per_core=1)
+    number, within = np.divmod(np.arange(2100), 128)
+    tile = within // 4
+    column, row = number % 5 * 8 + tile % 8, number // 5 * 4 + tile // 8
+    assert [(core.column, core.row) for core in placed.cores] == list(zip(column, row, strict=True))
+    assert (placed.chips_used, len(placed.cores)) == (17, 2100)
+    first, second = placed.ways
+    assert first.east_west.tolist() == column.tolist()
+    assert first.north_south.tolist() == row.tolist()
+    assert first.chip.tolist() == (number % 5 + number // 5).tolist()
+    assert first.local.sum() == 4  # the four cores of the tile at which the host's spikes enter
+    assert (second.cores[0], second.local[0], second.cores[1:].sum()) == (3, 2, 0)
+    assert (second.east_west[0], second.north_south[0], second.chip[0]) == (column[-1], row[-1], 1 + 3)
+    assert [core.axons_in for core in placed.cores[:2]] == [2, 2]
+    assert [core.axons_out for core in placed.cores[:2]] == [3, 0]
+    assert {core.synapse_bytes for core in placed.cores[2:-1]} == {8}  # a block of one synapse
+    assert [placed.cores[i].synapse_bytes for i in (0, 1, -1)] == [16, 16, 16]
+
+
+def same(one, other):
+    assert one.as_dict() == other.as_dict()
+    for a, b in zip(one.ways, other.ways, strict=True):
+        for name in (field.name for field in fields(a)):
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+
+
+@settings(deadline=None, max_examples=12)
+@given(
+    sizes=st.tuples(st.integers(1, 40), st.integers(1, 60), st.integers(1, 60)),
+    degree=st.integers(1, 30),
+    per_core=st.integers(1, 20),
+    seed=st.integers(0, 5),
+)
+def test_filled_alike(sizes, degree, per_core, seed):
+    n_in, n_a, n_b = sizes
+    net = neuro.Network("random", resolution=1.0)
+    net.population("in", n_in, neuro.spike_generator())
+    net.population("a", n_a, neuro.iaf_psc_exp())
+    net.population("b", n_b, neuro.iaf_psc_exp())
+    delays = neuro.uniform_int(low=1, high=9) if hasattr(neuro, "uniform_int") else 3.0
+    net.connect("in", "a", neuro.all_to_all(), weight=1.0, delay=1.0, name="dense")
+    net.connect("in", "b", neuro.fixed_indegree(degree), weight=1.0, delay=delays, name="twice")
+    net.connect("a", "b", neuro.fixed_total_number(degree * n_b), neuro.stdp(), weight=1.0, delay=2.0, name="learns")
+    net.connect("b", "a", neuro.fixed_indegree(degree), weight=1.0, delay=1.0, name="back")
+    net.connect("a", "b", neuro.fixed_total_number(degree), weight=1.0, delay=1.0, name="again")
+    program = compile_network(net, seed)
+    for target in (LOIHI, chip("spinnaker")):
+        for order in ("declared", "connected"):
+            words = {"order": order, "neurons_per_core": per_core}
+            same(place(program, target, **words), each(program, target, **words))
+
+
+def test_grids_are_filled_alike():
+    net = neuro.Network("grid", resolution=1.0)
+    net.population("image", (2, 8, 8), neuro.spike_generator())
+    net.population("maps", (3, 6, 6), neuro.iaf_psc_delta())
+    net.connect("image", "maps", neuro.grid((3, 3), 1, 0), weight=1.0, delay=1.0)
+    program = compile_network(net, 0)
+    words = {"order": "declared", "neurons_per_core": 7}
+    same(place(program, LOIHI, **words), each(program, LOIHI, **words))
+
+
+def test_what_does_not_fit_is_told_alike():
+    net = neuro.Network("full", resolution=1.0)
+    net.population("in", 5000, neuro.spike_generator())
+    net.population("out", 3, neuro.iaf_psc_delta())
+    net.connect("in", "out", neuro.all_to_all(), weight=1.0, delay=1.0)
+    program = compile_network(net, 0)
+    assert each(program, LOIHI, order="declared").problems == place(program, LOIHI, order="declared").problems != ()
+
+
+def test_refusals_are_those_of_quantising():
+    net = neuro.Network("odd", resolution=1.0)
+    net.population("in", 3, neuro.spike_generator())
+    net.population("one", 4, neuro.izhikevich())
+    net.population("two", 4, neuro.iaf_psc_exp(tau_m=float("inf"), tau_syn_ex=2.0, tau_syn_in=3.0))
+    net.connect("in", "two", neuro.all_to_all(), neuro.stdp(), weight=1.0, delay=90.0)
+    net.connect("in", "two", neuro.fixed_indegree(2), weight=-1.0, delay=150.0, name="late")
+    for name in ("loihi", "spinnaker"):
+        bare = refusals(compile_network(net, 0), chip(name))
+        full = [problem for problem in quantise(compile_network(net, 0), chip(name)).problems if problem.refused]
+        assert list(bare) == full != []
+        program = compile_network(net, 0)
+        quantise(program, chip(name))
+        assert refusals(program, chip(name)) == bare
+
+
+REMUS = neuro_models.path("remus")
+
+# hops
+
+
+# close together
+def chain():
+    """Twelve layers, declared in another order than they are connected in."""
+    net = neuro.Network("chain", resolution=1.0)
+    layers = [f"layer{i}" for i in range(12)]
+    net.population("input", 600, neuro.spike_generator())
+    for i in (7, 2, 10, 0, 5, 11, 3, 8, 1, 6, 9, 4):
+        net.population(layers[i], 600, neuro.iaf_psc_exp())
+    net.connect("input", layers[0], neuro.one_to_one(), weight=1.0, delay=1.0)
+    for source, target in pairwise(layers):
+        net.connect(source, target, neuro.fixed_indegree(60), weight=1.0, delay=1.0)
+    return net
+
+
+def balanced():
+    """Brunel's network of `benchmarks/networks.py` with 5,000 neurons."""
+    net = neuro.Network("balanced", resolution=0.1)
+    cell = neuro.iaf_psc_delta()
+    for name, size in (("exc", 4000), ("inh", 1000)):
+        net.population(name, size, cell)
+        net.population(f"noise_{name}", size, neuro.poisson_generator())
+        net.connect(f"noise_{name}", name, neuro.one_to_one(), weight=1.0, delay=1.5)
+    for target in ("exc", "inh"):
+        for source, count in (("exc", 80), ("inh", 20)):
+            net.connect(source, target, neuro.fixed_indegree(count), weight=1.0, delay=1.5)
+    return net
+
+
+def remus():
+    return neuro.load(REMUS)
+
+
+@pytest.mark.parametrize(("make", "at_most"), [(chain, 0.2), (balanced, 0.95), (remus, 0.7)])
+def test_connected_parts_lie_close_together(make, at_most):
+    program = compile_network(make(), 0)
+    close, declared = (place(program, LOIHI, order=order) for order in ("connected", "declared"))
+    assert 0 < close.total_hops < at_most * declared.total_hops
+    assert len(close.cores) <= len(declared.cores)
+
+
+def test_neurons_at_one_place_of_a_grid_share_a_core():
+    program = compile_network(remus(), 0)
+    core_of = place(program, LOIHI).core_of[1].reshape(20, 7, 7)
+    assert (core_of == core_of[0]).mean() > 0.8
+    declared = place(program, LOIHI, order="declared").core_of[1].reshape(20, 7, 7)
+    assert (declared[0] == declared[0, 0, 0]).all()
+
+
+def test_unused_tiles_that_are_closer_are_taken():
+    """Four tiles, each of whose cores every source reaches: (0, 0), its two neighbours and one at two hops."""
+    program = network(sources(8), ("a", 16), connect=[("in", "a", neuro.all_to_all())])
+    assert place(program, LOIHI, neurons_per_core=1).total_hops == 8 * 4 * (0 + 1 + 1 + 2)
+    assert place(program, LOIHI, neurons_per_core=1, order="declared").total_hops == 8 * 4 * (0 + 1 + 2 + 3)
+
+
+@pytest.mark.parametrize("cores", [1, 4, 24, 25, 24 * 7])
+def test_a_snake_takes_neighbours(cores):
+    target = limited(mesh=Mesh(4, 6, 1), cores_per_chip=24)
+    places = lay_out(target, np.zeros(cores, dtype=np.int64), snake=True)
+    steps = np.abs(np.diff(places.column)) + np.abs(np.diff(places.row))
+    assert (steps[np.diff(places.chip) == 0] == 1).all()
+    over = np.abs(np.diff(places.chip_column)) + np.abs(np.diff(places.chip_row))
+    assert (over == np.diff(places.chip)).all()
+    side = math.ceil(math.sqrt(math.ceil(cores / 24)))
+    assert max(places.chip_column.max(), places.chip_row.max()) < side
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(1, 9), st.randoms(use_true_random=False))
+def test_exchange_leaves_no_pair_that_would_save_hops(n, draw):
+    traffic = np.array([[draw.randint(0, 9) for _ in range(n)] for _ in range(n)], dtype=np.float64)
+    traffic = np.triu(traffic, 1) + np.triu(traffic, 1).T
+    pull = np.array([draw.randint(0, 9) for _ in range(n)], dtype=np.float64)
+    column, row = (np.array([draw.randint(0, 4) for _ in range(n)]) for _ in range(2))
+
+    def hops(at):
+        x, y = column[at], row[at]
+        way = np.abs(x[:, None] - x) + np.abs(y[:, None] - y)
+        return (traffic * way).sum() / 2 + pull @ (x + y)
+
+    at = exchange(traffic, pull, column, row)
+    assert sorted(at) == list(range(n))
+    assert hops(at) <= hops(np.arange(n))
+    for i, j in combinations(range(n), 2):
+        swapped = at.copy()
+        swapped[[i, j]] = swapped[[j, i]]
+        assert hops(swapped) >= hops(at)

@@ -16,7 +16,7 @@ from neuro.chips.pricing import RULES_APPLIED
 from neuro.core.errors import ModelError, Where
 from neuro.program.backend import EngineCounts, Problem
 from neuro.program.counts import Tally
-from refused import refused
+from refused import refusals_of, refused
 
 
 @pytest.fixture(scope="module")
@@ -279,10 +279,8 @@ def test_per_part(run):
 
 def test_mistakes(run, tmp_path, messages):
     (tmp_path / "bare.yaml").write_text("limits:\n  cores_per_chip: {value: 128, source: me}\n")
-    told = {"bare": refused(price, *run, None, chip(tmp_path / "bare.yaml"))}
-    told["loihi"] = refused(price, *run, None, chip("loihi"))
-    whole = price(*run, placed(), chip("loihi"))
-    messages(told | {f"per {n}": refused(whole.per, n, "step") for n in (0, -1, 2.5, True)})
+    bare, whole = chip(tmp_path / "bare.yaml"), price(*run, placed(), chip("loihi"))
+    messages(refusals_of(messages.cases, globals() | locals()))
 
 
 @settings(max_examples=25, deadline=None)
@@ -330,3 +328,111 @@ def test_bills_of_one_network_quantise_it_once(monkeypatch, backend):
     bills = [sim.energy("loihi") for _ in range(3)]
     assert len(made) == 1
     assert bills[0] == bills[1] == bills[2]
+
+
+def test_a_bill_in_json(run):
+    energy = price(*counted(learns=False), placed(), chip("spinnaker"))
+    told = json.loads(json.dumps(energy.as_dict()))
+    assert told["total_j"] == energy.total_j == told["dynamic_j"] + told["static_j"]
+    assert sum(item["joules"] or 0.0 for item in told["items"]) == pytest.approx(energy.total_j, rel=1e-12)
+    assert (told["target"], told["of"], told["chips"], told["steps"]) == ("spinnaker", "run", 1, 10)
+    assert told["items"][-1]["source"].startswith("Painkras")
+    assert told["notes"] == list(energy.notes)
+
+
+def test_what_is_not_known_is_null_in_json(run, tmp_path):
+    dense = price(*run, None, chip("cpu"))
+    assert (dense.static_j, dense.static_known) == (0.0, False)
+    told = json.loads(json.dumps(dense.as_dict()))
+    assert (told["static_j"], told["chip_time_s"], told["chips"]) == (None, None, None)
+    assert told["total_j"] == told["dynamic_j"] == dense.total_j > 0.0
+    (tmp_path / "free.yaml").write_text("like: truenorth\ncosts: {static_per_chip: {value: 0, source: me}}\n")
+    free = price(*run, None, chip(tmp_path / "free.yaml"))  # its figure is 0 and published
+    assert free.static_known
+    assert (free.as_dict()["static_j"], free.as_dict()["chips"]) == (0.0, 1)
+    assert [energy.cells()[-2:] for energy in (dense, free)] == [("-", "-"), ("10 ms of 10 ms", "1")]
+
+
+def test_the_text(run, messages):
+    energy = price(*run, None, chip("spinnaker2")).per(2, "half")
+    messages({"plain": str(energy), "with sources": energy.told(sources=True)})
+    hand = price(*run, placed(), chip("loihi"))
+    messages({"times of loihi": "\n".join(hand.notes[:6])})
+
+
+def test_prefixes():
+    values = {23.6e-12: "23.6 pJ", 0.0: "0 J", 1.0: "1 J", 0.0009999999: "1 mJ", 1.7e-17: "0.017 fJ"}
+    for value, text in (values | {12345.6: "1.235e+04 J", 999.94e-9: "999.9 nJ"}).items():
+        assert quantity(value, "J") == text
+
+
+REAL = STEPS * 1e-3
+
+"""Seconds that the run lasts."""
+
+
+def table(folder, text):
+    path = folder / "mine.yaml"
+    path.write_text(text)
+    return chip(path)
+
+
+def test_a_fast_chip_waits_in_real_time(run):
+    bill = price(*run, placed(), chip("loihi"))
+    real = bill.real_time
+    assert (bill.clock, real.clock) == ("as fast as the chip can", "in real time")
+    assert bill.duration_s == real.duration_s == real.chip_time_s == pytest.approx(REAL)
+    assert bill.chip_time_s < 1e-5
+    assert real.dynamic_j == bill.dynamic_j
+    assert real.static_j == pytest.approx(REAL * 0.104)
+    low, high = bill.as_dict()["dynamic_low_j"], bill.as_dict()["dynamic_high_j"]
+    assert (real.low_j, real.high_j) == pytest.approx((low + REAL * 0.029, high + REAL * 0.171))
+    assert real.real_time is real
+    assert not bill.late
+
+
+def test_a_chip_of_real_time_has_one_clock():
+    bill = price(*counted(learns=False), placed(), chip("spinnaker"))
+    assert bill.real_time is bill
+    assert bill.totals() == "3.602 mJ (3.6 to 10 mJ) as fast as the chip can, the same in real time"
+
+
+def test_a_late_chip_does_not_wait_and_says_so(run, tmp_path):
+    slow = table(tmp_path, "like: truenorth\nstep_s: {value: 2.0e-3, low: 0.5e-3, high: 3.0e-3, source: x}\n")
+    bill = price(*run, None, slow)
+    assert bill.late
+    assert bill.real_time.chip_time_range_s == pytest.approx((REAL, 3 * REAL))
+    assert bill.real_time.static_j == bill.static_j == pytest.approx(2 * REAL * 0.0644)
+    assert "late: real time is not kept, the chip takes 20 ms for 10 ms" in bill.notes
+    assert bill.cells()[2].endswith(" late")
+
+
+def test_a_chip_without_times_is_priced_in_real_time_only(run, tmp_path):
+    bill = price(*run, None, table(tmp_path, "costs: {static_per_chip: {value: 2, low: 1, high: 4, source: x}}"))
+    assert (bill.static_known, bill.chip_time_s) == (False, None)
+    assert (bill.real_time.low_j, bill.real_time.total_j, bill.real_time.high_j) == pytest.approx(
+        (1 * REAL, 2 * REAL, 4 * REAL)
+    )
+    assert "static power is in the sums in real time only: no time of a step is published" in bill.notes
+
+
+def test_all_that_is_told_has_both_with_their_range(run):
+    whole = price(*run, placed(), chip("loihi"))
+    bill = whole.per(4, "recording")
+    assert bill.real_time.total_j == pytest.approx(whole.real_time.total_j / 4)
+    assert bill.duration_s == whole.duration_s / 4
+    told = json.loads(json.dumps(bill.as_dict()))
+    for figures, clock in ((told, bill), (told["real_time"], bill.real_time)):
+        assert [figures[f"total{end}_j"] for end in ("_low", "", "_high")] == [clock.low_j, clock.total_j, clock.high_j]
+    lines = str(bill).splitlines()
+    end = next(k for k, line in enumerate(lines) if line.startswith("total"))
+    head, _, _, static, total = lines[end - 4 : end + 1]
+    assert head.split() == ["as", "fast", "as", "the", "chip", "can", "in", "real", "time"]
+    assert static.split()[3:] == ["260", "uJ"]
+    assert total.endswith("260 uJ (72.5 to 428 uJ)")
+    assert bill.cells()[2] == "260 uJ (72.5 to 428 uJ)"
+    assert bill.cells()[3] == f"{bill.chip_time_s * 1e9:.3g} ns of 2.5 ms"
+    joules = neurobench(*run, samples=2, energy=whole)["energy_j"]
+    assert joules["clock"] == "as fast as the chip can"
+    ends = (whole.real_time.total_j, whole.real_time.low_j, whole.real_time.high_j)
+    assert tuple(joules["real_time"].values()) == pytest.approx([each / 2 for each in ends])

@@ -13,24 +13,15 @@ from neuro.compiler import compile_network
 GRAINS = {"excitatory": (0, 255, 1), "inhibitory": (-255, 0, 1), "mixed": (-256, 254, 2)}
 
 
-def network(weights, model=None, n_out=None, rule=None, synapse=None):
+def network(weights, model=None, n_out=1, synapse=None):
     """Projections p0, p1, ... of the given weights from as many sources onto one population."""
     net = neuro.Network("scale", resolution=1.0)
-    model = model or neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=20.0)
-    n_out = n_out or 1
-    net.population("out", n_out, model)
+    net.population("out", n_out, model or neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=20.0))
+    synapse = synapse or neuro.static()
     for k, weight in enumerate(weights):
         weight = np.asarray(weight, dtype=float)
         net.population(f"in{k}", weight.size // n_out, neuro.spike_generator())
-        net.connect(
-            f"in{k}",
-            "out",
-            rule or neuro.all_to_all(),
-            synapse or neuro.static(),
-            weight=weight,
-            delay=1.0,
-            name=f"p{k}",
-        )
+        net.connect(f"in{k}", "out", neuro.all_to_all(), synapse, weight=weight, delay=1.0, name=f"p{k}")
     return compile_network(net, 0)
 
 

@@ -11,7 +11,7 @@ import neuro
 from neuro.chips import chip, chips, place, price
 from neuro.chips.description import Figure
 from neuro.chips.pricing import run_of
-from refused import refused
+from refused import refusals_of
 
 STEPS = 20
 
@@ -166,8 +166,7 @@ def test_the_machine_as_given(sim):
 
 
 def test_a_machine_that_cannot_be(sim, messages):
-    wrong = [{"chips": chips} for chips in (0, True, 1.5)] + [{"step_s": step} for step in (0.0, -1.0, float("nan"))]
-    messages({str(words): refused(sim.energy, "loihi", **words) for words in wrong})
+    messages(refusals_of(messages.cases, locals()))
 
 
 def test_the_rate_of_a_run_is_in_hertz(sim):

@@ -6,7 +6,7 @@
 | Loihi: what a spike adds | +-(2^21 - 64) | `test_what_a_spike_adds_on_loihi` |
 | Loihi: weights that learn | as mantissas | `test_what_is_learnt_stops_at_both_ends` |
 | Loihi: tags | -256..255 | `test_what_is_learnt_stops_at_both_ends` |
-| Loihi: traces | 0..127 | `test_traces_stop_at_127`; r1, r2: test_learning_kernel |
+| Loihi: traces | 0..127 | `test_traces_stop_at_127`; r1, r2: test_learning_rules |
 | Loihi: accumulator | -32768..32767 | `test_the_accumulator_holds_16_bits` |
 | Loihi: input, u, drive | 22, 24, 24 bits, wrap | test_overflows |
 | Loihi: v | +-(2^23 - 1) | `test_voltages_of_loihi`; upwards a spike comes first, as no vth is as high |
@@ -36,6 +36,7 @@ import numpy as np
 import pytest
 
 import neuro
+from beside import beside
 from neuro.testing.verify import verify
 
 GOLDEN = Path(__file__).parent / "loihi2_ends"
@@ -53,24 +54,7 @@ def test_golden_cases_of_lava_at_the_ends():
     assert ends["learning_ends_mixed_down__tag_1"][0] == -256
 
 
-SENT = [
-    ("mixed", 8, 7, -256, -(2**21 - 64)),
-    ("mixed", 8, 7, 254, 64 * 254 * 128),
-    ("mixed", 8, 0, -256, 64 * -256),
-    ("mixed", 1, 0, -255, 0),
-    ("mixed", 1, 0, -256, 64 * -256),
-    ("mixed", 1, 0, 254, 0),
-    ("mixed", 7, 0, -254, 64 * -252),
-    ("excitatory", 8, 7, 255, 64 * 255 * 128),
-    ("excitatory", 8, -8, 255, 0),
-    ("excitatory", 8, -7, 255, 64),
-    ("excitatory", 1, 0, 127, 0),
-    ("excitatory", 1, 0, 255, 64 * 128),
-    ("inhibitory", 8, 7, -255, -64 * 255 * 128),
-    ("inhibitory", 8, -8, -255, -64),
-    ("inhibitory", 1, 0, -127, 0),
-    ("inhibitory", 1, 0, -255, -64 * 128),
-]
+(SENT,) = beside(__file__, "sent")
 """Sign mode, weight bits, exponent, mantissa, and what a spike adds to u."""
 
 

@@ -8,27 +8,12 @@ from pathlib import Path
 import pytest
 
 from benchmark_scripts import script
+from beside import beside
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "reference" / "silicon.md").read_text()
 
-FACTORS = {
-    "Loihi, nearest neighbours, energy of a query": 1.27,
-    "Loihi, nearest neighbours, time of a query": 0.35,
-    "Loihi, keyword spotter, power": 0.96,
-    "CPU (Xeon E5-2630), keyword spotter, energy of an inference": 0.24,
-    "GPU (Quadro K4000), keyword spotter, energy of an inference": 0.0017,
-    "SpiNNaker, cortical circuit on 4 chips, power": 0.97,
-    "SpiNNaker, 250,000 neurons on 48 chips, power": 1.31,
-    "SpiNNaker, microcircuit at 0.1 ms, 20 times slower, energy of a synaptic event": 0.38,
-    "SpiNNaker, microcircuit at 0.1 ms in real time, energy of a synaptic event": 0.42,
-    "TrueNorth, recurrent network at 11.58 Hz and 0.8 V, power": 1.0,
-    "TrueNorth, recurrent network at 20.07 Hz and 0.8 V, power": 0.99,
-    "TrueNorth, recurrent network at 95.93 Hz and 0.8 V, power": 1.0,
-    "TrueNorth, recurrent network at 20 Hz and 0.775 V, power": 0.98,
-    "TrueNorth, recurrent network at 20 Hz and 0.75 V, power": 1.09,
-}
-"""Predicted by measured. A table that changes by a tenth of a row moves it; what is drawn moves it by less."""
+(FACTORS,) = beside(__file__, "factors")
 
 
 silicon = script("silicon")

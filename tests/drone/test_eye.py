@@ -451,9 +451,3 @@ def test_a_gimbal_ignores_the_lean_and_a_fixed_camera_shares_it(x, yaw):
     assert np.array_equal(level.matrix, free.matrix)
     fixed.look(Pose(x, 1.0, 2.0, yaw))
     assert fixed.matrix == pytest.approx(level.matrix, abs=1e-12)
-
-
-# against PyBullet's renderer, which tells for each pixel's middle what is seen there
-
-
-"""PyBullet's picture has so many pixels for each of the eye's: its outlines are whole pixels, off by up to one."""

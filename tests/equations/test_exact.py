@@ -36,8 +36,7 @@ def network(model, weight):
     return net
 
 
-@pytest.mark.parametrize("backend", ["reference", "event"])
-@pytest.mark.parametrize("name", TWINS)
+@pytest.mark.parametrize(("name", "backend"), [*((name, "reference") for name in TWINS), ("iaf_psc_alpha", "event")])
 def test_a_built_in_written_as_equations_gives_its_spikes_and_potential(name, backend):
     weight, near = TWINS[name]
     found = []

@@ -9,7 +9,7 @@ import neuro
 from beside import beside
 from neuro.model.language import schema
 from neuro.model.neurons import MODELS
-from refused import refused
+from refused import error_of, refused
 
 (NET,) = beside(__file__, "NET")
 
@@ -39,9 +39,8 @@ def test_two_models_of_one_name_cannot_be_saved(tmp_path):
     for k, text in enumerate(("(E_L - V_m)/tau", "(2*E_L - V_m)/tau")):
         words = {"equations": {"V_m": text}, "parameters": {"E_L": "0 mV", "tau": "10 ms"}}
         net.population(f"p{k}", 1, neuro.equations("one", **words)())
-    with pytest.raises(neuro.ModelError) as raised:
-        net.save(tmp_path / "net.yaml")
-    assert raised.value.message == "population 'p1': another model of the network is called 'one', too"
+    error = error_of(net.save, tmp_path / "net.yaml")
+    assert error.message == "population 'p1': another model of the network is called 'one', too"
 
 
 def test_the_schema_takes_them():

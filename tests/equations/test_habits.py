@@ -3,16 +3,14 @@
 import pytest
 
 import neuro
-from neuro import ModelError
+from refused import error_of
 
 PARAMETERS = {"E_L": "-70 mV", "tau": "10 ms", "V_th": "-50 mV", "sigma": "2 mV"}
 LEAK = {"V_m": "(E_L - V_m)/tau"}
 
 
 def refused(**words):
-    with pytest.raises(ModelError) as raised:
-        neuro.equations("m", **{"parameters": PARAMETERS, **words})
-    return raised.value
+    return error_of(neuro.equations, "m", **{"parameters": PARAMETERS, **words})
 
 
 TRACES = {"K_plus": {"of": "pre", "tau": "tau_plus"}}

@@ -29,11 +29,10 @@ def found(rule, backend, rewards=(2.0, -1.0, 0.3)):
     return sim.weights("learnt")[2], sim.get("learnt", state), sim.spikes("cells")[0]
 
 
-@pytest.mark.parametrize("backend", ["reference", "event"])
 @pytest.mark.parametrize(
-    ("built_in", "words", "numbers"),
+    ("built_in", "words", "numbers", "backend"),
     evaluated(__file__, "TWINS", globals()),
-    ids=["mstdpet", "mstdpet at its bounds", "stdp_dopa"],
+    ids=["mstdpet", "mstdpet at its bounds", "stdp_dopa", "stdp_dopa on event"],
 )
 def test_a_rule_written_as_equations_gives_its_twins_weights(built_in, words, numbers, backend):
     twin = found(built_in(signal="reward", **numbers), backend)

@@ -15,6 +15,7 @@ from beside import beside
 from neuro.model.equations import EquationNeuron, EquationSynapse
 from neuro.model.equations.functions import ARGUMENTS, PUBLIC
 from neuro.model.equations.rule import _Between
+from refused import error_of
 
 PYTHON = (*keyword.kwlist, *keyword.softkwlist, "self", "cls", "object", "MISSING", "field", "print", "float", "exec")
 ATTRIBUTES = sorted({*dir(EquationNeuron), *dir(_Between), *EquationSynapse.__annotations__, "divisions"})
@@ -123,9 +124,7 @@ def test_every_name_works_or_is_refused(place, tmp_path):
 
 
 def refusal(words: dict[str, Any]) -> str:
-    with pytest.raises(neuro.ModelError) as error:
-        neuro.equations("m", **words)
-    return error.value.message
+    return error_of(neuro.equations, "m", **words).message
 
 
 @pytest.mark.parametrize("name", ["definition", "divisions", "name", "equation", "twin", "states", "tau_minus"])

@@ -1,6 +1,5 @@
 """No file stays open after an error, or where not all of it was read: a good one in its place is then read right."""
 
-import gc
 import os
 
 import h5py
@@ -39,8 +38,7 @@ BEFORE = {"count": 0}
 
 
 @pytest.fixture(autouse=True)
-def held_before():
-    gc.collect()
+def held_before(frozen_heap):
     BEFORE["count"] = in_hdf5()
 
 

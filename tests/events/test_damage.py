@@ -100,7 +100,7 @@ def test_damaged(format, sample):
     whole = sample(format)
 
     @given(st.data())
-    @settings(max_examples=20, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=12, suppress_health_check=list(HealthCheck))
     def run(data):
         check(data.draw(damaged(whole)), f"a{KNOWN[format].suffixes[0]}")
 
@@ -112,7 +112,7 @@ def test_any_bytes(format, sample):
     head = sample(format)[:200]
 
     @given(st.integers(0, len(head)), st.binary(max_size=200))
-    @settings(max_examples=20)
+    @settings(max_examples=12)
     def run(kept, rest):
         check(head[:kept] + rest, f"a{KNOWN[format].suffixes[0]}")
         check(head[:kept] + rest, "a", format)

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies
 
-from event_tests import refusal
 from neuro.events import EVENT, Events
 
 
@@ -86,25 +85,8 @@ def test_sums_of_lists_and_arrays():
         3 + a
 
 
-IMPOSSIBLE = [
-    {"x": (0, 3, 9)}, {"x": (0, -1, 9)}, {"y": (0, 1, 2)}, {"p": (2, 1, 1)}, {"t": (1, 2, 1)}, {"y": (0, 1)},
-    {"t": (3, 2, 1), "x": (0, 0, 7)}, {"t": (0.0, 0.5, 1.0)}, {"size": (0, 2)}, {"size": (3.5, 2)}, {"size": 3},
-    {"size": (3, 2, 2)}, {"size": "32"}, {"size": None}, {"t": [1, 2, 1 << 64]},
-    {"t": np.array([1, 1 << 63, 1 << 63], np.uint64)},
-]  # fmt: skip
-NO_INDEX = [1, np.int64(1), "t", None, [[0, 1]], [0.0, 1.0], (0, 1, slice(None))]
-
-
 def test_what_is_refused(messages):
-    told = {f"events {k:02}": refusal(make, **change) for k, change in enumerate(IMPOSSIBLE)}
-    told |= {f"index {k}": refusal(make().__getitem__, index) for k, index in enumerate(NO_INDEX)}
-    for times in (("1", 2), (0, 2.5), (0, float("nan"))):
-        told[f"between {times}"] = refusal(make().between, *times)
-    for k, wrong in enumerate((np.zeros(3), np.zeros(2, [("t", int), ("x", int)]), make(size=(4, 2)))):
-        told[f"sum {k}"] = refusal(lambda wrong=wrong: make() + wrong)
-        told[f"other sum {k}"] = refusal(lambda wrong=wrong: wrong + make())
-    told["polarity"], told["copy"] = refusal(make().of_polarity, 2), refusal(lambda: np.array(make(), copy=False))
-    messages(told)
+    messages.calls(globals())
     assert Events(np.array([(1 << 63) - 1], np.uint64), [0], [0], [0], (3, 2)).t.tolist() == [(1 << 63) - 1]
 
 

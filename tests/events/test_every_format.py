@@ -127,12 +127,6 @@ def test_what_cannot_be_held(messages, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ENDINGS)
-def test_nothing_is_saved_and_loaded(tmp_path, name):
-    save(Events([], [], [], [], (34, 34)), tmp_path / "a", format=name)
-    assert len(load(tmp_path / "a", format=name)) == 0
-
-
 def test_a_named_pipe_is_read_like_an_open_file(tmp_path):
     whole = Events(np.arange(500), np.arange(500) % 34, np.arange(500) % 30, np.arange(500) % 2, (34, 34))
     for ending in (".bin", ".csv", ".aedat", ".npz"):

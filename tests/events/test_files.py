@@ -3,7 +3,6 @@ import io
 import numpy as np
 import pytest
 
-from event_tests import refusal
 from neuro.events import Events, load, save, stream
 from neuro.events.parts import windows
 
@@ -45,16 +44,7 @@ def test_what_is_refused(messages, tmp_path, monkeypatch):
     (tmp_path / "folder").mkdir()
     empty, far = load(b"", format="nmnist"), Events([0, 10**12], [0, 1], [0, 1], [1, 0], (4, 4))
     once = io.BytesIO(event(1, 2, 3))
-    messages({
-        "load nothing": refusal(load, "no.bin"), "load a folder": refusal(load, "folder"),
-        "save by ending": refusal(save, empty, "a.nothing"), "save nothing": refusal(save, [], "a.h5"),
-        "save as": refusal(save, empty, "a.bin", format="aedat3"), "save there": refusal(save, empty, "none/a.bin"),
-        "ending of several": refusal(save, empty, "a", format="raw"),
-        "load as": refusal(load, b"", name="a.bin", format="nothing"), "several": refusal(load, b"", format="aedat"),
-        "load by ending": refusal(load, b"", name="a.nothing"), "once": refusal(list, stream(once, name="a.bin")),
-        "jump": refusal(list, windows([far], 1000, path="a.h5")),
-        "byte": refusal(load, COUNTED, name="a.bin", sensor_size=(34, 34)),
-    })  # fmt: skip
+    messages.calls(globals() | locals() | {"windows": windows})
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]
     assert len(list(stream(io.BytesIO(event(1, 2, 3)), name="a.bin", sensor_size=(34, 34)))) == 1
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from event_tests import read_pieces, refusal, refusals, rows
+from event_tests import read_pieces, refusal, rows
 from neuro.events import EventFileError, EventFileWarning, Events, load, save
 from neuro.events.formats.event_stream import LONGEST_GAP, Bin, EventStream, generic
 from neuro.events.source import Source
@@ -63,12 +63,6 @@ def test_fields_of_event_stream():
     assert load(data[:32]).metadata == {"format": "event_stream", "t0": 130, "version": "2.0.0"}
 
 
-def test_gaps_of_whole_overflows(tmp_path):
-    for gap in (126, 127, 128, 254):
-        save(events := Events([0, gap], [1, 2], [3, 4], [1, 1], (30, 30)), tmp_path / "a.es", replace=True)
-        assert load(tmp_path / "a.es") == events
-
-
 def test_rows_are_those_of_the_same_recording_in_other_files(shared):
     club = load(shared / "data" / "formats" / "es_poker_club_trcl0.es")
     arrays = np.load(shared / "data" / "poker_dvs" / "poker_dvs_shared.npz")
@@ -106,19 +100,8 @@ def test_what_event_stream_cannot_hold(messages, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-WRONG = [
-    b"", DVS[:14], DVS[:18], b"Event Stream\x01\x00\x00\x01", b"Event Stream\x02\x00\x00\x07",
-    b"Event Stream\x02\x00\x00\x02", GENERIC, DVS[:16] + b"\0\0\x05\0", DVS + event(1, 2, 3) + OVERFLOW + b"abc",
-    DVS + event(1, 2, 3) + RESET + event(1, 30, 3)
-]  # fmt: skip
-WRONG_GENERIC = [
-    b"abc", DVS, GENERIC + b"\x05\x06abc\x01", GENERIC + b"\x05\x06abc\x01\x03\x03", GENERIC + b"\x05\x06abc\x01\x08ab",
-    GENERIC + b"\x05" + b"\xff" * 100_000, GENERIC + b"\x05" + b"\x01" * 90_000
-]  # fmt: skip
-
-
 def test_messages(messages):
-    messages(refusals(load, WRONG, name="a.es") | refusals(generic, WRONG_GENERIC, name="generic.es"))
+    messages.calls(globals())
 
 
 @pytest.mark.parametrize(("read", "data", "name", "message", "count"), [

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from event_tests import damage_is_told, refusal, refusals
+from event_tests import damage_is_told, refusal
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
 from neuro.events.info import info
 
@@ -152,26 +152,16 @@ def test_info_says_what_was_never_tried(tmp_path):
 
 FEW = np.array([[5, 3, 2, 1]])
 BOTH = {"davis__left__events": mvsec(), "davis__right__events": mvsec()}
-WRONG = [
-    ({"a__events": FEW}, None), ({"events": np.array([[5, 3, 2, 7]])}, None), (BOTH, None), (BOTH, "hdf5:/davis/up"),
-    ({"a__b": np.zeros(3)}, "hdf5:/a"), ({"a__b": np.zeros(3)}, "hdf5:/a/b"), ({"a__poses": FEW}, None),
-    ({"events": np.array([[1, 70000, 20, 1], [9, 3, 10, 1], [3, 3, 30, 0]])[:, [0, 2, 1, 3]]}, None)
-]  # fmt: skip
 
 
 def test_messages(messages):
-    messages(refusals(lambda wrong: load(hdf5(**wrong[0]), name="f", format=wrong[1]), WRONG))
+    messages.calls(globals())
 
 
 def test_damage_is_told():
     damage_is_told(
         [v2e(), hdf5(davis__left__events=mvsec()[:40]), hdf5({"sensor_resolution": [260, 346]}, **m3ed())], "hdf5"
     )
-
-
-def test_sizes_that_cannot_be(messages):
-    of = lambda size: load(hdf5({"sensor_resolution": size}, **E2VID), name="f")  # noqa: E731
-    messages(refusals(of, [[260], [260, 346.5], [0, 346]]))
 
 
 def test_a_place_in_a_format_without_places():

@@ -1,5 +1,6 @@
 """What came before is kept: after a full disk, a kill, damage in a pipe, and events for which a format has no room."""
 
+import io
 import signal
 import subprocess
 import sys
@@ -164,18 +165,19 @@ def test_event_stream_leaves_out_what_follows_a_gap_that_is_too_long(tmp_path):
     assert (load(tmp_path / "a.es").t.tolist(), counts) == ([5, 6], [1, 1])
 
 
-def test_a_pipe_that_breaks_off_leaves_what_came(events, tmp_path, monkeypatch):
+def test_a_pipe_that_breaks_off_leaves_what_came(events, tmp_path, monkeypatch, answer):
     """Events from standard input cannot be had again; those of a file can, so nothing is left of their copy."""
+    monkeypatch.chdir(tmp_path)
     save(events, tmp_path / "in.dat")
     cut = (tmp_path / "in.dat").read_bytes()[:-3]
-    neuro = [sys.executable, "-c", "from neuro.cli import main; main()", "events"]
     for words in (["convert", "-", "out.es"], ["filter", "-", "out.es", "refractory: {period_us: 1}"]):
-        done = subprocess.run([*neuro, *words], input=cut, cwd=tmp_path, capture_output=True, check=False)
-        assert done.returncode == 2
-        assert b"5 bytes left over" in done.stderr
-        assert b"what came before is kept: 'neuro events info out.es.part --from event_stream'" in done.stderr
+        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(cut)))
+        status, _, err = answer("events", *words)
+        assert status == 2
+        assert "5 bytes left over" in err
+        assert "what came before is kept: 'neuro events info out.es.part --from event_stream'" in err
         assert 0 < len(load(tmp_path / "out.es.part")) <= len(events) - 1
         (tmp_path / "out.es.part").unlink()
     (tmp_path / "cut.dat").write_bytes(cut)
-    done = subprocess.run([*neuro, "convert", "cut.dat", "out.es"], cwd=tmp_path, capture_output=True, check=False)
-    assert (done.returncode, sorted(file.name for file in tmp_path.iterdir())) == (2, ["cut.dat", "in.dat"])
+    assert answer("events", "convert", "cut.dat", "out.es").status == 2
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["cut.dat", "in.dat"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
 
-from event_tests import random_events, read_pieces, refusal, refusals, rows
+from event_tests import random_events, read_pieces, rows
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
 from neuro.events.formats import FORMATS
 from neuro.events.formats.evt import EVT21, SLICE
@@ -304,32 +304,8 @@ def test_evt3_is_saved_in_slices_and_vectors(tmp_path):
     assert (tmp_path / "b.raw").read_bytes() == EVT3 + words3(HIGH, LOW, ROW, BASE | ON, *[VECT_12 | 0xFFF] * 3)
 
 
-WRONG_DAT = [
-    b"", b"abc", DAT[:40], b"%", DAT[:-2], DAT[:-2] + b"\x0e\x08" + bytes(8), DAT[:-2] + b"\x0c\x09" + bytes(9),
-    DAT + cd(1) + b"abc", DAT + cd(1) + cd(2, 0, 0, 2) + cd(3), DAT + cd(1) + cd(2, 640), DAT + cd(9) + cd(8),
-    b"% Version 3\n\x0c\x08", b"% Version 2\n% Width -4\n% Height 3\n\x0c\x08", b"% Version 2\n% Width 4\n\x0c\x08"
-]  # fmt: skip
-WRONG_RAW = [
-    EVT2 + words(high(1), event(1)) + b"a", EVT2 + words(event(1)), EVT2 + words(high(1), event(1), event(1, 640)),
-    EVT2 + words(high(2), event(1), high(1), event(1)), EVT2[:30], b"% format EVT4\n", b"% evt 4.0\n",
-    b"% format EVT2;endianness=big\n", b"% evt 2.0\n% geometry 640\n", b"", b"% Date 2018\n", bytes(range(40)),
-    EVT3 + words3(HIGH, ROW) + b"a", EVT3 + words3(ROW, SINGLE), EVT3 + words3(HIGH, ROW, SINGLE, SINGLE | 1280),
-    EVT3 + words3(HIGH, ROW | 720, SINGLE), EVT3 + words3(HIGH, LOW | 9, ROW, SINGLE, LOW | 8, SINGLE),
-    EVT3 + words3(HIGH | 2048, ROW, SINGLE, HIGH | 1, SINGLE)
-]  # fmt: skip
-
-
 def test_messages(messages):
-    messages(refusals(load, WRONG_DAT, name="a.dat") | refusals(load, WRONG_RAW, name="a.raw"))
-
-
-@pytest.mark.parametrize(("data", "name", "message"), [
-    (b"% evt 3.0\n", "dat", "header: evt is '3.0', expected none, this being that of a RAW file"),
-    (EVT2, "evt21", "header: format is 'EVT2;height=480;width=640', expected that of EVT 2.1"),
-    (b"", "evt2", "is empty, expected a header or words of EVT 2.0")
-])  # fmt: skip
-def test_another_coding_than_asked_for(data, name, message):
-    assert refusal(load, data, format=name).endswith(message)
+    messages.calls(globals())
 
 
 @pytest.mark.parametrize(("data", "what", "t"), [

@@ -272,14 +272,6 @@ def test_leaky_surface_is_algorithm_15(decay, order, events, later):
     assert leaky_surface(events, **words, **F8) == pytest.approx(one, abs=1e-12)
 
 
-def test_the_order_of_algorithm_15_takes_from_an_event_what_passed_before_it():
-    events = Events([0, 100], [0, 1], [0, 0], [1, 1], (WIDTH, HEIGHT))
-    assert leaky_surface(events, tau_us=50, **F8)[1, 0][:2].tolist() == [np.exp(-2), 1.0]
-    late = leaky_surface(events, tau_us=50, order="increment_first", **F8)[1, 0]
-    assert late[:2].tolist() == [np.exp(-2), np.exp(-2)]
-    assert not leaky_surface(events, tau_us=50, decay="linear", order="increment_first").any()
-
-
 @pytest.mark.parametrize("decay", DECAYS)
 @given(events=RECORDINGS, later=st.integers(0, 100))
 @settings(max_examples=25)

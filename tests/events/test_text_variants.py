@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
 
-from event_tests import damage_is_told, damaged, refusal, refusals, rows
+from event_tests import damage_is_told, damaged, refusal, rows
 from neuro.events import EventFileError, load, stream
 from neuro.events.formats._columns import ORDERS
 from neuro.events.formats.table import SAMPLE, Table
@@ -95,19 +95,8 @@ def test_cr_alone(shared):
     assert load(b"0,1,2,1\r5,1,2,0\r", name="events").metadata["format"] == "csv"
 
 
-GARBAGE = [
-    b"t,x,y,p\r1,2,3,1\r2,2\r,3,1\r", b"1,2,3,1\n2,2,3\r,1\n", b"1,2,3,1\rgarbage\n2,3,4,1\n",
-    b"1,2,3,1\r\ngarbage\r\n", b"1,2,3,1\r9\r",
-]  # fmt: skip
-PLACES = ["xyt", "txyq", "txyp:txyp", "s:ms", "h", "txyp:"]
-
-
-def test_messages(messages, shared):
-    told = refusals(of, GARBAGE) | {place: refusal(of, b"1,2,3,1\n", format=f"csv:{place}") for place in PLACES}
-    told["five columns"] = refusal(of, b"1,2,3,1,9\n", format="csv:txyp")
-    for sort in (False, True):
-        told[f"two orders, {sort}"] = refusal(of, b"5,1,2,1\n3,1,4,0\n", sort=sort)
-    messages(told)
+def test_messages(messages):
+    messages.calls(globals())
 
 
 BACK = "time runs back from 5 to 3 us"

@@ -11,7 +11,6 @@ import pytest
 from matplotlib.image import imread
 from PIL import Image
 
-from event_tests import refusal
 from neuro.events import Events, save
 from neuro.events.info import info
 from neuro.events.pictures import gif, view
@@ -61,14 +60,8 @@ def test_a_recording_of_days_has_times_that_fit(tmp_path):
 def test_what_is_refused(messages, moving, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     empty, wide = Events([], [], [], [], (2, 2)), Events([0], [9000], [9000], [1], (9001, 9001))
-    colours = {"colours": ("blu", "red", "white")}
-    told = {"none": refusal(view, empty, "v.html", title="e"), "gif": refusal(gif, empty, "g.gif")}
-    told["most"] = refusal(view, empty, "v.html", title="e", most=0)
-    told["wide"] = refusal(view, wide, "v.html", title="w")
-    for words in ({"fps": 60}, {"fps": 0}, {"scale": 205}, {"window_us": 0}, colours):
-        told[f"{words}"] = refusal(gif, moving, "g.gif", **words)
     monkeypatch.setattr("neuro.events.pictures.MOST_FRAMES", 50)
-    messages(told | {"many": refusal(gif, moving, "g.gif", window_us=1000)})
+    messages.calls(globals() | locals())
     assert list(tmp_path.iterdir()) == []
 
 

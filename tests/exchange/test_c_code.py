@@ -25,7 +25,7 @@ from neuro.program.backend import Trial
 from neuro_exchange.c_code.export import _digest, without_learning
 from neuro_exchange.c_code.source import source_of
 from random_c import STEPS, random_network
-from refused import refused
+from refused import mistakes_of, refused
 
 
 def pair(before: int, after: int, rule=None, weight: float = 8.0, delay: float = 1.0, **words) -> neuro.Network:
@@ -212,25 +212,17 @@ def one(chip: str, tmp_path: Path) -> Loaded:
     return Loaded(save(pair(3, 1, weight=4.0, V_th=20.0, tau_m=float("inf")), tmp_path / chip, chip=chip))
 
 
-def cannot_be_written() -> dict[str, neuro.Network]:
-    """Networks with a part that is not written as C."""
-    sheet = small()
-    sheet.population("maps", (2, 3, 3), neuro.iaf_psc_exp(tau_syn_ex=5.0, tau_syn_in=5.0))
-    sheet.group("choice", neuro.local_winners(of="maps", radius=1))
-    nets = {"current": with_current(), "dopamine": that_learns(by="dopamine"), "rule": that_learns(), "winners": sheet}
-    for record, of in (("I_syn_ex", "cells"), ("weight", "wires")):
-        nets[record] = small()
-        nets[record].probe("seen", of, record)
-    return nets
+def of_winners() -> neuro.Network:
+    net = small()
+    net.population("maps", (2, 3, 3), neuro.iaf_psc_exp(tau_syn_ex=5.0, tau_syn_in=5.0))
+    net.group("choice", neuro.local_winners(of="maps", radius=1))
+    return net
 
 
-WORDS = [
-    *({"chip": chip} for chip in ("cpu", "lohi")),
-    *({"name": name} for name in ("Net", "a" * 50, "loihi", "integers", "learning", "m4", "net_test", 3, "")),
-    *({word: size} for word, size in (("ram", 20), ("flash", 20), ("ram", -1), ("duration", 0.5), ("duration", 1e9))),
-    *({"given": given} for given in ({"inn": (np.ones(1), np.zeros(1))}, 5, {"in": 5}, {"in": ([1],)})),
-    *({"given": {"in": given}} for given in (([1, 2], [0]), ([1.5], [0]), ([1], [3]))),
-]
+def probed(of: str, record: str) -> neuro.Network:
+    net = small()
+    net.probe("seen", of, record)
+    return net
 
 
 def test_an_input_that_comes_twice_in_a_step_is_one_spike_where_spikes_are_bits(tmp_path: Path):
@@ -303,8 +295,7 @@ def test_a_rule_that_is_left_out_leaves_the_weights(tmp_path: Path):
 
 def test_what_cannot_be_is_refused(tmp_path: Path, messages):
     out = tmp_path / "out"
-    messages({name: refused(save, net, out) for name, net in cannot_be_written().items()})
-    messages({repr(words): refused(save, small(), out, **words) for words in WORDS})
+    messages.calls(globals() | locals())
     assert not out.exists()
 
 
@@ -335,10 +326,7 @@ def test_the_files_are_replaced_together(tmp_path: Path):
 def test_options_of_the_command(answer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, messages):
     monkeypatch.chdir(tmp_path)
     small().save("net.yaml")
-    wrong = ("out --to d", "out.yaml --ram 64K", "out --to c --ram 64Q", "out --to c --resolution 1", "out")
-    answers = {words: answer("convert", "net.yaml", *words.split()) for words in wrong}
-    assert {each.status for each in answers.values()} == {2}
-    messages({words: each.err for words, each in answers.items()})
+    messages(mistakes_of(answer, messages.cases))
 
 
 def test_a_recording_is_the_input_of_the_test(tmp_path: Path):

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 import neuro
 from neuro.cli.commands import app
+from refused import mistakes_of
 
 nir = pytest.importorskip("nir", reason="nir is not installed")
 
@@ -72,11 +73,6 @@ def test_a_network_that_is_written_and_read_fires_at_the_same_steps(tool, tmp_pa
     assert np.array_equal(run(net, counts, "lif_1"), run(again, counts, "lif_1"))
 
 
-def test_where_nothing_tells_the_tool_it_is_asked_for():
-    with pytest.raises(neuro.ModelError, match="nothing says which tool wrote it"):
-        neuro.from_nir(layers(), dt=1.0)
-
-
 def test_the_command_converts_both_ways(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     nir.write("a.nir", layers())
@@ -104,28 +100,8 @@ def test_a_file_of_another_tool_is_not_replaced(content, tmp_path):
     assert str(done.exception) == f"{file}: exists and is not a NIR file of neuro: expected a new name"
 
 
-@pytest.mark.parametrize(
-    ("words", "ends"),
-    [
-        ("a.yaml b.yaml --resolution 1", "IN to end in .nir, or OUT to end in .nir"),
-        ("a.yaml b.nir --from norse", "IN to end in .nir"),
-        ("a.nir b.yaml --resolution 1 --to norse", "OUT to end in .nir"),
-        ("a.py b.yaml --run-script --reset subtract", "IN to end in .nir, or IN to end in .net"),
-        ("a.yaml b.nir --seed 1", "OUT to end in .py, or --to c"),
-        ("a.yaml b.py --network 2", "IN to end in .py"),
-    ],
-)
-def test_an_option_that_neither_file_uses_is_refused(words, ends):
-    word, source, destination = words.split()[-2], *words.split()[:2]
-    error = CliRunner().invoke(app, ["convert", *words.split()]).exception
-    assert isinstance(error, neuro.ModelError)
-    assert str(error) == f"{word}: has no use from {source} to {destination}: expected {ends}"
-
-
-def test_a_step_in_seconds_is_told():
-    with pytest.raises(neuro.ModelError, match=r"dt = 0\.0001 ms: the shortest time constant is 100,000 steps") as told:
-        neuro.from_nir(layers(), dt=1e-4, from_="norse")
-    assert told.value.hint == "dt is in ms: dt=0.1 for steps of 0.0001 s"
+def test_an_option_that_neither_file_uses_is_refused(messages, answer):
+    messages(mistakes_of(answer, messages.cases))
 
 
 @pytest.mark.parametrize(
@@ -169,7 +145,6 @@ def test_a_current_that_begins_later_is_no_exact_bias():
     assert '"begins 50 steps later here"' in graph.metadata["neuro_verdicts"]
 
 
-def test_a_current_that_changes_is_refused():
-    model = neuro.step_current_generator(amplitude_times=[1.0], amplitude_values=[2.0])
-    with pytest.raises(neuro.ModelError, match=r"node 'dc' .*is a current that changes"):
-        neuro.to_nir(driven(model, neuro.all_to_all()))
+def test_what_is_refused(messages):
+    changing = neuro.step_current_generator(amplitude_times=[1.0], amplitude_values=[2.0])
+    messages.calls(globals() | locals())

@@ -159,25 +159,13 @@ def test_delays_behind_weights_that_differ_from_neuron_to_neuron(tmp_path):
     assert fed(again) == fed(net)
 
 
-def test_delays_between_two_nodes_of_weights_that_differ_are_refused():
-    nodes = two_layers() | {"x": nir.Linear(np.eye(2)), "d": delay([1, 4], 2)}
-    with pytest.raises(
-        neuro.ModelError, match=r"node 'd' \(Delay\): its delays differ from neuron to neuron between two"
-    ):
-        neuro.from_nir(graph("input>x x>d d>w w>a a>v v>b b>out", **nodes), dt=1.0, from_="nir")
+def late(edges, **nodes):
+    """The network of a graph in which delays are."""
+    return neuro.from_nir(graph(edges, **two_layers() | nodes), dt=1.0, from_="nir")
 
 
-@pytest.mark.parametrize(
-    ("steps", "message"),
-    [
-        (2.5, "is no multiple of the step"),
-        (100_000.4, "is no multiple of the step"),
-        (-1.0, "is -0.001 s, below 0"),
-    ],
-)
-def test_delays_that_are_no_steps_are_refused(steps, message):
-    with pytest.raises(neuro.ModelError, match=rf"node 'd' \(Delay\): {message}"):
-        neuro.from_nir(graph("input>d d>w w>a a>v v>b b>out", **two_layers(), d=delay(steps, 2)), dt=1.0, from_="nir")
+def test_delays_that_cannot_be_are_refused(messages):
+    messages.calls(globals())
     longer = graph("input>d d>w w>a a>v v>b b>out", **two_layers(), d=nir.Delay(np.full(2, 100.0, np.float32) * 1e-3))
     assert neuro.check_nir(longer, dt=0.1, from_="nir").exact
 

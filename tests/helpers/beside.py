@@ -14,7 +14,8 @@ import neuro
 
 def beside(test: str, *names: str) -> list[Any]:
     """Some of the entries of that file; `test` is the `__file__` of the test."""
-    entries = yaml.safe_load(Path(test).with_suffix(".yaml").read_text("utf-8"))
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # that of C is ten times as fast
+    entries = yaml.load(Path(test).with_suffix(".yaml").read_text("utf-8"), Loader=loader)
     return [entries[name] for name in names]
 
 

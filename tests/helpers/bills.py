@@ -50,15 +50,8 @@ def pair(learns=True):
     net.population("a", 3, lif)
     net.population("b", 3, lif)
     net.connect("input", "a", neuro.all_to_all(), weight=1.5, delay=1.0, name="in")
-    net.connect(
-        "a",
-        "b",
-        neuro.one_to_one(),
-        neuro.stdp(Wmax=10.0) if learns else neuro.static(),
-        weight=1.5,
-        delay=1.0,
-        name="ab",
-    )
+    rule = neuro.stdp(Wmax=10.0) if learns else neuro.static()
+    net.connect("a", "b", neuro.one_to_one(), rule, weight=1.5, delay=1.0, name="ab")
     return net
 
 

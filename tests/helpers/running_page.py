@@ -110,7 +110,7 @@ class Client:
 
     def until(self, test):
         """Hear until something holds."""
-        end = time.monotonic() + 15.0
+        end = time.monotonic() + 60.0
         while not test(self.kept):
             assert time.monotonic() < end, self.kept.keys()
             self.hear()

@@ -19,50 +19,21 @@ from typing import Any, TypeVar
 import numpy as np
 from hypothesis import strategies as st
 
+import neuro
 from built_in import INTEGRATED
 from neuro.core.choice import Choice
 from neuro.core.quantities import word_of
 from neuro.model.distributions import uniform
 from neuro.model.network import Network
-from neuro.model.neurons import (
-    Model,
-    ac_generator,
-    aeif_cond_exp,
-    aeif_psc_exp,
-    dc_generator,
-    hh_psc_alpha,
-    iaf_cond_alpha,
-    iaf_cond_exp,
-    iaf_psc_alpha,
-    iaf_psc_delta,
-    iaf_psc_exp,
-    izhikevich,
-    mat2_psc_exp,
-    noise_generator,
-    parrot_neuron,
-    poisson_generator,
-    spike_generator,
-    step_current_generator,
-)
+from neuro.model.neurons import Model
 from neuro.model.parts import Projection
-from neuro.model.rules import Rule, all_to_all, fixed_indegree, one_to_one, pairs
-from neuro.model.synapses import (
-    Synapse,
-    static,
-    stdp,
-    stdp_dopa,
-    stdp_nn_pre_centered,
-    stdp_nn_restr,
-    stdp_nn_symm,
-    stdp_pl_hom,
-    stdp_triplet,
-    tsodyks2,
-    vogels_sprekeler,
-)
+from neuro.model.rules import Rule
+from neuro.model.synapses import Synapse
 from neuro.run.simulation import Simulation
 from neuro.testing.case import Found, run_on
 
-PLAIN: tuple[type[Model], ...] = (iaf_psc_delta, iaf_psc_exp, iaf_psc_alpha, izhikevich, parrot_neuron, mat2_psc_exp)
+PLAIN: tuple[type[Model], ...] = (neuro.iaf_psc_delta, neuro.iaf_psc_exp, neuro.iaf_psc_alpha, neuro.izhikevich)
+PLAIN += (neuro.parrot_neuron, neuro.mat2_psc_exp)
 """Cells without an integrator, which the reference runs quickly."""
 
 MUS = (0.0, 0.3, 1.0, 2.0)
@@ -70,10 +41,10 @@ MUS = (0.0, 0.3, 1.0, 2.0)
 EXTREME = (1e-3, 1e6)
 """Time constants far from all steps, ms."""
 
-ADAPTIVE = (aeif_cond_exp, aeif_psc_exp)
+ADAPTIVE = (neuro.aeif_cond_exp, neuro.aeif_psc_exp)
 """Of several spikes within a step NEST sends all and ours one, so they are refractory for a step at least."""
 
-CONDUCTANCES = (iaf_cond_exp, iaf_cond_alpha, aeif_cond_exp)
+CONDUCTANCES = (neuro.iaf_cond_exp, neuro.iaf_cond_alpha, neuro.aeif_cond_exp)
 
 
 @st.composite
@@ -81,12 +52,12 @@ def cells(draw: st.DrawFn, h: float, kinds: tuple[type[Model], ...]) -> Model:
     """A model of some kinds, for a network of resolution h."""
     kind = draw(st.sampled_from(kinds))
     tau_minus = draw(st.sampled_from([20.0, 1.0, uniform(low=5.0, high=40.0), *EXTREME]))
-    if kind is parrot_neuron:
-        return parrot_neuron(tau_minus=tau_minus)
-    if kind is izhikevich:
+    if kind is neuro.parrot_neuron:
+        return neuro.parrot_neuron(tau_minus=tau_minus)
+    if kind is neuro.izhikevich:
         a, b, c, d = draw(st.sampled_from([(0.02, 0.2, -65.0, 8.0), (0.1, 0.2, -50.0, 2.0), (0.02, 0.25, -65.0, 0.05)]))
-        return izhikevich(a=a, b=b, c=c, d=d, I_e=draw(st.sampled_from([0.0, 4.0, 10.0])), tau_minus=tau_minus)
-    if kind is mat2_psc_exp:
+        return neuro.izhikevich(a=a, b=b, c=c, d=d, I_e=draw(st.sampled_from([0.0, 4.0, 10.0])), tau_minus=tau_minus)
+    if kind is neuro.mat2_psc_exp:
         return draw(_two_thresholds(h, tau_minus))
     return draw(_integrated(h, kind, tau_minus) if kind in INTEGRATED else _leaky(h, kind, tau_minus))
 
@@ -105,20 +76,20 @@ def _leaky(draw: st.DrawFn, h: float, kind: type[Model], tau_minus: Any) -> Mode
         "I_e": draw(st.sampled_from([0.0, 0.0, 400.0, 1e5, uniform(low=0.0, high=500.0)])),
         "tau_minus": tau_minus,
     }
-    if kind is not iaf_psc_exp:
+    if kind is not neuro.iaf_psc_exp:
         words["V_min"] = draw(st.sampled_from([-np.inf, rest - 6.0]))
-    if kind is iaf_psc_delta:
-        return iaf_psc_delta(**words, refractory_input=draw(st.booleans()))
+    if kind is neuro.iaf_psc_delta:
+        return neuro.iaf_psc_delta(**words, refractory_input=draw(st.booleans()))
     near = tau_m * (1.0 + draw(st.sampled_from([0.0, 1e-13, -1e-11, 1e-9, -1e-7, 1e-5, -1e-3])))
     words["tau_syn_ex"] = draw(st.one_of(st.just(near), st.sampled_from([0.2, 2.0, 60.0, h / 600.0, 1e6])))
     words["tau_syn_in"] = draw(st.one_of(st.just(near), st.sampled_from([0.2, 2.0, 60.0, h / 600.0, 1e6])))
-    return iaf_psc_exp(**words) if kind is iaf_psc_exp else iaf_psc_alpha(**words)
+    return neuro.iaf_psc_exp(**words) if kind is neuro.iaf_psc_exp else neuro.iaf_psc_alpha(**words)
 
 
 @st.composite
 def _two_thresholds(draw: st.DrawFn, h: float, tau_minus: Any) -> Model:
     """NEST wants a refractory step at least, and synapses that are not as fast as the membrane."""
-    return mat2_psc_exp(
+    return neuro.mat2_psc_exp(
         tau_m=draw(st.sampled_from([5.0, 0.7, 100.0])),
         t_ref=draw(st.sampled_from([1, 3, 25])) * h,
         I_e=draw(st.sampled_from([0.0, 500.0, 1e4, uniform(low=0.0, high=800.0)])),
@@ -141,7 +112,7 @@ def _integrated(draw: st.DrawFn, h: float, kind: type[Model], tau_minus: Any) ->
         "I_e": draw(st.sampled_from([0.0, 0.0, 350.0, 900.0, uniform(low=0.0, high=700.0)])),
         "tau_minus": tau_minus,
     }
-    if kind in (iaf_cond_exp, iaf_cond_alpha):
+    if kind in (neuro.iaf_cond_exp, neuro.iaf_cond_alpha):
         words["V_th"] = draw(st.sampled_from([-55.0, -69.0, uniform(low=-59.0, high=-50.0)]))
         words["V_reset"] = draw(st.sampled_from([-60.0, -75.0])) - 10.0 * (words["V_th"] == -69.0)
     if kind in ADAPTIVE:
@@ -160,25 +131,25 @@ def kick(net: Network, post: str) -> float:
     shortest = min(float(words["tau_syn_ex"]), float(words["tau_syn_in"]))
     if isinstance(model, CONDUCTANCES):
         return 100.0 / shortest
-    if isinstance(model, aeif_psc_exp | hh_psc_alpha):  # NEST gives up where V_m leaves -1000 mV
+    if isinstance(model, neuro.aeif_psc_exp | neuro.hh_psc_alpha):  # NEST gives up where V_m leaves -1000 mV
         return 150.0 / shortest
     return 30.0 * float(words["C_m"]) / shortest
 
 
 def changes_of_currents(model: Model) -> dict[str, list[float]]:
     """What may be set of a generator of currents while it runs, each with some values."""
-    if isinstance(model, dc_generator):
+    if isinstance(model, neuro.dc_generator):
         return {"amplitude": [0.0, 300.0, -2.0]}
-    if isinstance(model, ac_generator):
+    if isinstance(model, neuro.ac_generator):
         return {"amplitude": [0.0, 300.0], "offset": [-2.0], "frequency": [0.0, 30.0]}
-    return {"mean": [-2.0, 100.0], "std": [2.0, 50.0]} if isinstance(model, noise_generator) else {}
+    return {"mean": [-2.0, 100.0], "std": [2.0, 50.0]} if isinstance(model, neuro.noise_generator) else {}
 
 
 def changes(model: Model, h: float) -> dict[str, list[float]]:
     """What may be set of cells while they run, each with some values."""
-    if isinstance(model, parrot_neuron):
+    if isinstance(model, neuro.parrot_neuron):
         return {}
-    if isinstance(model, izhikevich):
+    if isinstance(model, neuro.izhikevich):
         return {"I_e": [12.0], "V_m": [-60.0]}
     rest = float(model.parameters()["E_L"])
     found = {
@@ -187,7 +158,7 @@ def changes(model: Model, h: float) -> dict[str, list[float]]:
         "t_ref": [0.0, 2.0 * h, 30.0 * h],
         "C_m": [200.0],
     }
-    if isinstance(model, mat2_psc_exp):
+    if isinstance(model, neuro.mat2_psc_exp):
         return found | {"omega": [-60.0, -45.0], "tau_m": [0.7, 10.0, 300.0], "V_th_alpha_1": [0.0, 5.0]}
     if isinstance(model, INTEGRATED):
         upper = [-52.0, -45.0] if "V_th" in model.parameters() else []
@@ -204,17 +175,19 @@ def currents(draw: st.DrawFn, h: float) -> Model:
         case 3:
             steps = sorted(draw(st.sets(st.integers(1, 150), min_size=1, max_size=4)))
             values = [draw(st.sampled_from([1.0, -2.0, 0.0, 0.5])) for _ in steps]
-            return step_current_generator(amplitude_times=[k * h for k in steps], amplitude_values=values, **window)
+            return neuro.step_current_generator(
+                amplitude_times=[k * h for k in steps], amplitude_values=values, **window
+            )
         case 4:
             frequency = draw(st.sampled_from([5.0, 80.0])) / h
-            return ac_generator(
+            return neuro.ac_generator(
                 amplitude=uniform(low=0.5, high=2.0), offset=0.3, frequency=frequency, phase=40.0, **window
             )
         case 5:
             own, dt = draw(st.booleans()), draw(st.sampled_from([1, 3])) * h
             mod = {"std_mod": draw(st.sampled_from([0.0, 1.0])), "frequency": 10.0 / h}
-            return noise_generator(mean=0.5, std=1.5, dt=dt, individual_noise=own, **mod, **window)
-    return dc_generator(amplitude=1.0, **window)
+            return neuro.noise_generator(mean=0.5, std=1.5, dt=dt, individual_noise=own, **mod, **window)
+    return neuro.dc_generator(amplitude=1.0, **window)
 
 
 def _each(draw: st.DrawFn, value: float) -> Any:
@@ -229,14 +202,14 @@ def synapses(draw: st.DrawFn, net: Network, ends: tuple[str, str], shortest: int
     w_max = draw(st.sampled_from([1.0, 0.1])) * kick(net, post)
     match draw(st.integers(0, 4)):
         case 0:
-            return static()
+            return neuro.static()
         case 1:
             mus = {word: _each(draw, draw(st.sampled_from(MUS))) for word in ("mu_plus", "mu_minus")}
             tau_plus, step = (
                 draw(st.sampled_from([20.0, 2.0, *EXTREME])),
                 _each(draw, draw(st.sampled_from([0.01, 0.5, 0.0]))),
             )
-            return stdp(lambda_=step, alpha=_each(draw, 1.1), tau_plus=tau_plus, Wmax=w_max, **mus)
+            return neuro.stdp(lambda_=step, alpha=_each(draw, 1.1), tau_plus=tau_plus, Wmax=w_max, **mus)
         case 2 | 3:
             return draw(_pair_rules(w_max))
     source: dict[str, Any] = {}
@@ -249,7 +222,7 @@ def synapses(draw: st.DrawFn, net: Network, ends: tuple[str, str], shortest: int
         if net.populations[spiking].shape == net.populations[post].shape and draw(st.booleans()):
             source["dopamine_rule"] = "one_to_one"
     step = draw(st.sampled_from([0.01, 0.3])) * w_max
-    return stdp_dopa(
+    return neuro.stdp_dopa(
         A_plus=step,
         A_minus=draw(st.sampled_from([0.0, 1.5])) * step,
         tau_plus=draw(st.sampled_from([20.0, 2.0])),
@@ -269,27 +242,32 @@ def _pair_rules(draw: st.DrawFn, w_max: float) -> Synapse:
     signed, step = w_max * draw(st.sampled_from([1.0, -1.0])), draw(st.sampled_from([0.01, 0.5]))
     tau = draw(st.sampled_from([20.0, 2.0, *EXTREME]))
     mus = {word: _each(draw, draw(st.sampled_from(MUS))) for word in ("mu_plus", "mu_minus")}
-    pairs: dict[str, Any] = {"lambda_": _each(draw, step), "alpha": _each(draw, 1.1), "tau_plus": tau, "Wmax": signed}
+    pairs: dict[str, Any] = {
+        "lambda_": _each(draw, step),
+        "alpha": _each(draw, 1.1),
+        "tau_plus": tau,
+        "Wmax": signed,
+    }
     pairs |= mus
     a = step * w_max
     match draw(st.integers(0, 6)):
         case 0:
-            return stdp_nn_symm(**pairs, pre_at_start=True)
+            return neuro.stdp_nn_symm(**pairs, pre_at_start=True)
         case 1:
-            return stdp_nn_restr(**pairs, pre_at_start=True)
+            return neuro.stdp_nn_restr(**pairs, pre_at_start=True)
         case 2:
-            return stdp_nn_pre_centered(**pairs)
+            return neuro.stdp_nn_pre_centered(**pairs)
         case 3:
-            return stdp_pl_hom(lambda_=step, alpha=0.1, tau_plus=tau, mu=draw(st.sampled_from([0.4, 1.0])))
+            return neuro.stdp_pl_hom(lambda_=step, alpha=0.1, tau_plus=tau, mu=draw(st.sampled_from([0.4, 1.0])))
         case 4:
-            return vogels_sprekeler(tau=tau, eta=_each(draw, a), Wmax=signed)
+            return neuro.vogels_sprekeler(tau=tau, eta=_each(draw, a), Wmax=signed)
         case 5:
             u, fac = draw(st.sampled_from([0.1, 0.8, 0.0, 1.0])), draw(st.sampled_from([0.0, 50.0, 1e6]))
-            return tsodyks2(U=_each(draw, u), tau_rec=draw(st.sampled_from([800.0, 10.0, *EXTREME])), tau_fac=fac)
+            return neuro.tsodyks2(U=_each(draw, u), tau_rec=draw(st.sampled_from([800.0, 10.0, *EXTREME])), tau_fac=fac)
     slow = {"tau_plus": tau, "tau_plus_triplet": draw(st.sampled_from([100.0, 2.0, *EXTREME]))}
     shares = {"Aplus": 0.5, "Aplus_triplet": 0.2, "Aminus": 0.6, "Aminus_triplet": 0.2}
     sizes = {word: _each(draw, share * a) for word, share in shares.items()}
-    return stdp_triplet(**sizes, **slow, Wmax=signed)
+    return neuro.stdp_triplet(**sizes, **slow, Wmax=signed)
 
 
 SILENCE = 10_000
@@ -461,26 +439,28 @@ def _add_sources(draw: st.DrawFn, net: Network) -> None:
     """Noise, listed spikes, a current, and parrots that say what the noise says."""
     h = net.resolution
     per_step = draw(st.sampled_from([0.002, 0.03, 0.2, 1.5]))
-    net.population("noise", 3, poisson_generator(rate=per_step * 1000.0 / h))
+    net.population("noise", 3, neuro.poisson_generator(rate=per_step * 1000.0 / h))
     rows = draw(st.lists(st.lists(st.integers(1, 90), max_size=8), min_size=3, max_size=3))
-    net.population("listed", 3, spike_generator(spike_times=[[k * h for k in sorted(row)] for row in rows]))
+    net.population("listed", 3, neuro.spike_generator(spike_times=[[k * h for k in sorted(row)] for row in rows]))
     net.population("current", 2, draw(currents(h)))
-    net.population("relay", 3, parrot_neuron())
+    net.population("relay", 3, neuro.parrot_neuron())
 
 
 def _drive(draw: st.DrawFn, net: Network, names: list[str], shortest: int) -> None:
     """Every population hears something; one delay is the shortest, so that it is known."""
     h = net.resolution
-    net.connect("noise", "relay", one_to_one(), delay=shortest * h, name="noise_relay")
+    net.connect("noise", "relay", neuro.one_to_one(), delay=shortest * h, name="noise_relay")
     for name in names:
         heard = draw(st.sampled_from(["noise", "listed", "relay"]))
         unit = kick(net, name)
         weight: Any = draw(st.sampled_from([unit, 0.3 * unit, -0.5 * unit, uniform(low=-unit, high=1.5 * unit)]))
-        net.connect(heard, name, all_to_all(), weight=weight, delay=draw(_delays(h, shortest)), name=f"drive_{name}")
+        net.connect(
+            heard, name, neuro.all_to_all(), weight=weight, delay=draw(_delays(h, shortest)), name=f"drive_{name}"
+        )
         wanted = draw(st.booleans())
         if wanted and net.populations[name].model.states:
             amount = draw(st.sampled_from([0.5, -2.0, 20.0]))
-            net.connect("current", name, all_to_all(), weight=amount, delay=draw(_delays(h, shortest)))
+            net.connect("current", name, neuro.all_to_all(), weight=amount, delay=draw(_delays(h, shortest)))
 
 
 @st.composite
@@ -493,11 +473,11 @@ def _delays(draw: st.DrawFn, h: float, shortest: int) -> Any:
 def _rules(draw: st.DrawFn, n_pre: int, n_post: int) -> Rule:
     ids = st.tuples(st.integers(0, n_pre - 1), st.integers(0, n_post - 1))
     listed = draw(st.lists(ids, min_size=1, max_size=10))
-    choices: list[Rule] = [fixed_indegree(n=draw(st.integers(1, 4)))]
-    choices.append(pairs(pre=[pre for pre, _ in listed], post=[post for _, post in listed]))
+    choices: list[Rule] = [neuro.fixed_indegree(n=draw(st.integers(1, 4)))]
+    choices.append(neuro.pairs(pre=[pre for pre, _ in listed], post=[post for _, post in listed]))
     if n_pre * n_post <= MANY:  # the reference takes long
-        choices.insert(0, all_to_all())
-    return draw(st.sampled_from([*choices, one_to_one()] if n_pre == n_post else choices))
+        choices.insert(0, neuro.all_to_all())
+    return draw(st.sampled_from([*choices, neuro.one_to_one()] if n_pre == n_post else choices))
 
 
 def _connect(draw: st.DrawFn, net: Network, names: list[str], shortest: int, interval: int) -> None:

@@ -104,26 +104,23 @@ total = made()
 """
 
 
-@pytest.mark.parametrize(
-    "source",
-    [
-        DEEP.format(imported="deep.er.numbers", read="deep.er.numbers.EXTRA"),
-        DEEP.format(imported="deep", read="deep.other.er.numbers.EXTRA"),
-        CLOSED,
-    ],
-    ids=["three", "in a circle", "closure"],
-)
-def test_an_edit_of_a_number_in_a_module_of_modules_is_seen(source, files, python):
+def test_an_edit_of_a_number_in_a_module_of_modules_is_seen(files, python):
+    sources = {
+        "three": DEEP.format(imported="deep.er.numbers", read="deep.er.numbers.EXTRA"),
+        "circle": DEEP.format(imported="deep", read="deep.other.er.numbers.EXTRA"),
+        "closure": CLOSED,
+    }
+
     def numbers(extra):
         text = f"EXTRA = {extra}\n"
-        files(far__numbers=text, deep__er__numbers=text, near__kernels=source)
+        files(far__numbers=text, deep__er__numbers=text, **sources)
         files(**{"deep/__init__": "import deep as other\nfrom deep import er\n"})
 
-    numbers(0)
-    code = "import deep.er.numbers; " + RUN
-    assert python(code) == ("3", SAYS)
-    numbers(10)
-    assert python(code) == ("13", SAYS)
+    code = "import deep.er.numbers, numpy as np; import three, circle, closure; values = np.array([1, 2])\n"
+    code += "print(*(module.total(values) for module in (three, circle, closure)))"
+    for extra, told in ((0, "3 3 3"), (10, "13 13 13")):
+        numbers(extra)
+        assert python(code) == (told, SAYS.replace("1 kernel", "3 kernels"))
 
 
 PLAIN = """

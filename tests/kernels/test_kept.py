@@ -32,12 +32,15 @@ def test_the_first_folder_that_can_be_written(places, tmp_path):
     assert (tmp_path / "other").stat().st_mode & 0o777 == 0o700
 
 
-def test_a_folder_into_which_others_can_write_is_not_trusted(places, tmp_path):
-    """What lies there would be run."""
+def test_a_folder_into_which_others_can_write_and_a_link_are_not_trusted(places, tmp_path):
+    """What lies there would be run; who made the link says what lies there, and what is removed."""
     (tmp_path / "open").mkdir()
     (tmp_path / "open").chmod(0o777)
-    places(tmp_path / "open")
-    assert kept.folder() is None
+    (tmp_path / "safe").mkdir(mode=0o700)
+    (tmp_path / "link").symlink_to(tmp_path / "safe")
+    for name in ("open", "link"):
+        places(tmp_path / name)
+        assert kept.folder() is None
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can give a folder to someone else")
@@ -62,14 +65,6 @@ def test_kernels_run_where_nothing_can_be_kept(places, tmp_path, capsys):
         "neuro: compiling kernels for this machine, once; they cannot be kept, as no cache folder can be written: "
         "set XDG_CACHE_HOME to one\n"
     )
-
-
-def test_a_link_to_a_folder_is_not_trusted(places, tmp_path):
-    """Who made the link says what lies there, and what is removed."""
-    (tmp_path / "theirs").mkdir(mode=0o700)
-    (tmp_path / "link").symlink_to(tmp_path / "theirs")
-    places(tmp_path / "link")
-    assert kept.folder() is None
 
 
 def _file(path, age):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import neuro
+from alike import alike, same
 from neuro.extend import Neuron, Synapse, Trace, quantity
 from neuro.testing import observe
 from neuro.testing.case import differences
@@ -46,12 +47,12 @@ def found(net, backend, threads=1):
     return {"between": between, **observe(sim)}
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-def test_by_address_as_compiled_in(threads):
+def test_by_address_as_compiled_in():
     ours = found(network(neuro.iaf_psc_exp, neuro.stdp), "event")
-    theirs = found(network(my_cell, my_rule), "event", threads)
     assert np.ptp(ours["between"]) > 10.0
-    assert differences(ours, theirs, exact=False) == []
+    for threads in (1, 2):
+        theirs = found(network(my_cell, my_rule), "event", threads)
+        assert differences(ours, theirs, exact=False) == []
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,11 +80,11 @@ def under_dopamine(rule, backend, threads=1):
     return observe(sim)
 
 
-@pytest.mark.parametrize(("backend", "rule", "threads"), [("event", my_dopa, 2), ("reference", my_dopa, 1)])
-def test_under_dopamine_by_address_as_compiled_in(backend, rule, threads):
+def test_under_dopamine_by_address_as_compiled_in():
     ours = under_dopamine(neuro.stdp_dopa, "event")
     assert np.ptp(ours["weight of w"]) > 10.0
-    assert differences(ours, under_dopamine(rule, backend, threads), exact=False) == []
+    for backend, threads in (("event", 2), ("reference", 1)):
+        assert differences(ours, under_dopamine(my_dopa, backend, threads), exact=False) == []
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -232,12 +233,9 @@ def test_a_model_says_how_many_numbers_it_has():
     net.population("theirs", 70, wide(tau_m=neuro.uniform(low=5.0, high=15.0)))
     for name in ("ours", "theirs"):
         net.connect("noise", name, neuro.fixed_indegree(n=10), weight=2.0, delay=1.0)
-    outcomes = []
-    for backend in ("reference", "event"):
-        sim = neuro.compile(net, backend)
-        sim.run(40.0)
+    sims = alike(net, 40.0)
+    for sim in sims:
         sim.set("theirs", V_th=np.linspace(-60.0, -55.0, 70))
         sim.run(40.0)
-        outcomes.append(observe(sim))
-    assert outcomes[0]["spikes of theirs: steps"].size > 10
-    assert differences(*outcomes, exact=False) == []
+    assert sims[0].counts().populations["theirs"].spikes > 10
+    same(*sims, exact=False)

@@ -69,7 +69,7 @@ def together(text: str, catalogue: Planted, names: set[str]) -> list[str]:
     return told(text)
 
 
-ANY = settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+ANY = settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def independent(catalogue: Planted) -> st.SearchStrategy[set[str]]:
@@ -101,7 +101,7 @@ def test_all_of_a_network_with_trials(folder, singles, names):
 
 @pytest.mark.parametrize(("text", "catalogue"), [(PAIRS, IN_PAIRS), (TRIALS, IN_TRIALS)])
 @given(data=st.data())
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_program_reads_the_messages(folder, data, text, catalogue):
     for name in data.draw(independent(catalogue)):
         part, word, instead, _ = catalogue[name]

@@ -107,19 +107,16 @@ projections:
     assert net.projections["p"].delay == uniform(high=3.0)
 
 
-@pytest.mark.parametrize("value", [2000.0, 2000, np.float64(2000.0), np.array(2000)])
-def test_overrides(load, value):
-    assert load(FOLLOWER, {"w_max": value}).projections["cells_motors"].synapse.Wmax == 2000.0
+def test_overrides(load):
+    def weight(value):
+        return load(FOLLOWER, {"w_init": value}).projections["cells_motors"].weight
 
-
-@pytest.mark.parametrize("value", [[1.0, 2.0], (1.0, 2.0), np.array([1.0, 2.0])])
-def test_overrides_by_arrays(load, value):
-    assert load(FOLLOWER, {"w_init": value}).projections["cells_motors"].weight.tolist() == [1.0, 2.0]
-
-
-@pytest.mark.parametrize("value", [uniform(high=2.0), {"uniform": {"high": 2.0}}])
-def test_overrides_by_distributions(load, value):
-    assert load(FOLLOWER, {"w_init": value}).projections["cells_motors"].weight == uniform(high=2.0)
+    for number in (2000.0, 2000, np.float64(2000.0), np.array(2000)):
+        assert load(FOLLOWER, {"w_max": number}).projections["cells_motors"].synapse.Wmax == 2000.0
+    for values in ([1.0, 2.0], (1.0, 2.0), np.array([1.0, 2.0])):
+        assert weight(values).tolist() == [1.0, 2.0]
+    for drawn in (uniform(high=2.0), {"uniform": {"high": 2.0}}):
+        assert weight(drawn) == uniform(high=2.0)
 
 
 def test_messages_about_overrides(message, messages):

@@ -206,7 +206,7 @@ def saved(folder, name):
     return [path.read_bytes() for path in sorted(folder.glob(f"{name}.*"))]
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(net=networks())
 def test_a_saved_network_loads_to_an_equal_one(tmp_path_factory, net):
     folder = tmp_path_factory.mktemp("net")

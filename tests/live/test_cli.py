@@ -17,6 +17,7 @@ from neuro.events import Events
 from neuro.realtime import Loop
 from running_page import Running
 
+pytestmark = pytest.mark.usefixtures("frozen_heap")
 NETWORK = """
 neuro: 1
 name: small
@@ -87,15 +88,8 @@ def test_a_stream_is_shown_without_a_network(answer, websockets):
     assert "--page: expected neither OUT nor --until-silent" in refused.err
 
 
-WRONG = [
-    ("--speed", 2), ("--page", "--speed", 2, "--out", "a.h5"), ("--host", "localhost"), ("--port", 8000),
-    ("--no-browser",), ("--record", "cells"), ("--page", "--tick", 1), ("--page", "--late", "skip"),
-    ("--page", "--from", "spif"), ("--page", "--speed", 0), ("--page", "--port", 70000, "--no-browser"),
-]  # fmt: skip
-
-
 def test_what_does_not_go_together_is_refused(messages, answer, network):
-    found = {" ".join(map(str, words)): answer("live", network, *words) for words in WRONG}
+    found = {case: answer("live", network, *case.split()) for case in messages.cases}
     assert all(each.status for each in found.values())
     messages({case: " ".join(each.err.replace("│", " ").split()) for case, each in found.items()})
 

@@ -40,15 +40,18 @@ def numbers(frame):
 
 
 def test_frames_follow_each_other_without_a_gap(client):
-    frames = [client.frame() for _ in range(8)]
+    frames, fired = [client.frame() for _ in range(8)], 0
     for (before, _), frame in pairwise(frames):
         head = frame[0]
         assert head["began"] == before["time"] < head["time"]
         spikes, traces, _, _ = numbers(frame)
-        steps, ids = spikes[1]
-        assert 0 < steps.min() <= steps.max() <= (head["time"] - head["began"]) / 0.5
-        assert ids.max() < 40
         assert len(traces) == 1
+        if 1 in spikes:  # a frame of few steps has none, where the machine has much else to do
+            steps, ids = spikes[1]
+            assert 0 < steps.min() <= steps.max() <= (head["time"] - head["began"]) / 0.5
+            assert ids.max() < 40
+            fired += 1
+    assert fired > 3
     assert sum("watched" in head for head, _ in frames) > 2
     assert np.mean([head["rates"][0] for head, _ in frames]) == pytest.approx(80.0, rel=0.3)
 
@@ -353,7 +356,7 @@ def test_a_tick_without_a_browser_takes_microseconds(websockets):
 def test_an_instability_pauses_the_run(websockets):
     net = neuro.Network("wild", resolution=0.1)
     net.population("cells", 1, neuro.hh_psc_alpha())
-    sim = neuro.compile(net)
+    sim = neuro.compile(net, "reference")
     sim.set("cells", V_m=1e4)
     with neuro.live.Page(sim, speed=math.inf) as page:
         thread = threading.Thread(target=page.run)
@@ -392,19 +395,11 @@ def test_a_run_ends_with_the_process_that_serves_it(websockets):
         page.tick()
 
 
-def test_what_cannot_be_served_is_refused(websockets, monkeypatch):
+def test_what_cannot_be_served_is_refused(websockets, monkeypatch, messages):
     net = neuro.Network("n", resolution=1.0)
     net.population("cells", 1, neuro.iaf_psc_exp())
     sim = neuro.compile(net)
-    with pytest.raises(ModelError, match="Page: found 3: expected a Simulation"):
-        neuro.live.Page(3)
-    with pytest.raises(ModelError, match="port = 70000"):
-        neuro.live.Page(sim, port=70000)
-    with pytest.raises(ModelError, match="speed"):
-        neuro.live.Page(sim, speed=0.0)
-    for word in ("restart", "figures"):
-        with pytest.raises(ModelError, match=f"Page: {word} = 3: expected a function"):
-            neuro.live.Page(sim, **{word: 3})
+    messages.calls({"sim": sim})
     with neuro.live.Page(sim, speed=math.inf) as page:
         page.run("3 ms")
         assert sim.time == 3.0

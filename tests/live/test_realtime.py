@@ -12,6 +12,7 @@ from neuro.events import Events, save, send
 
 NET = Path(__file__).with_name("camera.yaml").read_text("utf-8")
 LIVE = ("live", "net.yaml", "--tick", "2 ms", "--for", "0.3 s")
+pytestmark = pytest.mark.usefixtures("frozen_heap")
 
 
 @pytest.fixture

@@ -33,7 +33,7 @@ def test_of_every_model():
             continue
         with suppress(neuro.ModelError, TypeError):  # what has no default
             net.population(name, 2, model())
-    sim = neuro.compile(net)
+    sim = neuro.compile(net, "reference")
     assert len(net.populations) > 20
     assert [text for name in net.populations for text in moved(sim, name)] == []
 
@@ -45,7 +45,7 @@ def test_of_every_synapse_model():
         cells = net.population("cells", 3, neuro.iaf_psc_exp())
         try:
             net.connect(cells, cells, neuro.all_to_all(), model(), weight=1.0, name="synapses")
-            sim = neuro.compile(net)
+            sim = neuro.compile(net, "reference")
         except (neuro.ModelError, TypeError):  # it has no default, or needs more of the network
             continue
         assert moved(sim, "synapses") == [], name
@@ -58,7 +58,7 @@ def test_of_values_at_the_limits_of_floats(value):
     net = neuro.Network("two", resolution=1.0)
     cells = net.population("cells", 3, neuro.iaf_psc_exp())
     net.connect(cells, cells, neuro.all_to_all(), weight=1.0, name="synapses")
-    sim = neuro.compile(net)
+    sim = neuro.compile(net, "reference")
     sim.set("synapses", weight=value)
     sim.set("cells", I_e=value)
     for each in (*sliders(sim, "synapses"), *sliders(sim, "cells")):

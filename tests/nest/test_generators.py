@@ -10,7 +10,9 @@ import neuro
 pytestmark = pytest.mark.usefixtures("nest")
 
 CELL = {"tau_syn_ex": 3.0, "tau_syn_in": 5.0, "I_e": 250.0}
+
 STEPS = {"amplitude_times": [0.1, 7.3, 20.0], "amplitude_values": [300.0, -200.0, 450.0]}
+
 WAVES = {"amplitude": 300.0, "offset": 120.0, "frequency": 37.0, "phase": 70.0}
 
 
@@ -100,3 +102,125 @@ def test_the_variance_of_noise_is_nests():
     parameters = {word: np.array([value]) for word, value in words.items()}
     drawn = Emission(program, 0).at(np.arange(1, 40000, 10), parameters)
     assert np.var(drawn) == pytest.approx(nest_variance(words), rel=0.03)
+
+
+STDP = {"tau_plus": 18.0, "lambda": 0.05, "alpha": 1.1, "mu_plus": 0.4, "mu_minus": 0.6, "Wmax": 400.0}
+
+INTO = np.sort(np.random.default_rng(4).choice(np.arange(10, 2000), (4, 60), replace=False)) / 10.0
+
+WEIGHTS = np.array([[90.0, 150.0, 60.0], [120.0, 80.0, 40.0], [200.0, 30.0, 70.0], [55.0, 45.0, 310.0]])
+
+DELAY, MS = 1.3, 210.0
+
+
+def recorded_by_nest():
+    """What its weight_recorder shows: times, senders, targets and weights, by time, sender and target."""
+    import nest
+
+    nest.ResetKernel()
+    nest.set(resolution=0.1, print_time=False)
+    sources = nest.Create("spike_generator", 4, [{"spike_times": times} for times in INTO])
+    parrots, cells = nest.Create("parrot_neuron", 4), nest.Create("iaf_psc_exp", 3, {"I_e": 380.0, "tau_minus": 22.0})
+    recorder = nest.Create("weight_recorder")
+    nest.CopyModel("stdp_synapse", "recorded", {"weight_recorder": recorder})
+    nest.Connect(sources, parrots, "one_to_one", {"delay": 1.0})
+    weights = {"synapse_model": "recorded", "weight": WEIGHTS.T, "delay": DELAY, **STDP}
+    nest.Connect(parrots, cells, "all_to_all", weights)
+    nest.Simulate(MS)
+    events = recorder.events
+    senders, targets = events["senders"] - parrots[0].global_id, events["targets"] - cells[0].global_id
+    steps = np.rint(events["times"] * 10.0).astype(int)
+    order = np.lexsort((targets, senders, steps))
+    nest.ResetKernel()
+    return steps[order], senders[order], targets[order], events["weights"][order]
+
+
+@pytest.mark.parametrize("backend", ["reference", "event"])
+def test_weights_at_pre_spikes(backend):
+    net = neuro.Network("recorded")
+    net.population("sources", 4, neuro.spike_generator(spike_times=[list(times) for times in INTO]))
+    net.population("parrots", 4, neuro.parrot_neuron())
+    net.population("cells", 3, neuro.iaf_psc_exp(I_e=380.0, tau_minus=22.0))
+    net.connect("sources", "parrots", neuro.one_to_one(), delay=1.0)
+    words = {word if word != "lambda" else "lambda_": value for word, value in STDP.items()}
+    learning = net.connect(
+        "parrots", "cells", neuro.all_to_all(), neuro.stdp(**words), weight=WEIGHTS, delay=DELAY, name="learning"
+    )
+    net.probe("sent", learning, "weight", at="pre_spikes")
+    sim = neuro.compile(net, backend)
+    for _ in range(3):
+        sim.run(MS / 3)
+    times, sent = sim.trace("sent")
+    steps, senders, targets, weights = recorded_by_nest()
+    arrived = np.rint(times * 10.0).astype(int)
+    kept = arrived < steps.max() + 1
+    assert np.array_equal(arrived[kept], steps)
+    assert np.array_equal(sent["pre"][kept], senders)
+    assert np.array_equal(sent["post"][kept], targets)
+    assert np.abs(sent["weight"][kept] - weights).max() < 1e-9
+    assert np.ptp(weights) > 100.0
+    assert steps.size > 600
+
+
+PARAMETERS = {"tau_m": 8.0, "C_m": 100.0, "dead_time": 2.0, "I_e": 20.0}
+
+TIMES, WEIGHT = [3.0, 5.5, 5.6, 9.0], 4.0
+
+
+def ours(n, ms, **parameters):
+    net = neuro.Network("point", resolution=0.1)
+    net.population("in", 1, neuro.spike_generator(spike_times=[TIMES]))
+    net.population("cells", n, neuro.pp_psc_delta(**PARAMETERS, **parameters))
+    net.connect("in", "cells", neuro.all_to_all(), weight=WEIGHT, delay=1.0)
+    net.probe("v", "cells", record="V_m", every=0.1)
+    sim = neuro.compile(net, seed=3)
+    sim.run(ms)
+    return sim
+
+
+def theirs(nest, n, ms, **parameters):
+    nest.resolution, nest.rng_seed = 0.1, 3
+    lists = {name: [value] for name, value in parameters.items() if name in ("tau_sfa", "q_sfa")}
+    cells = nest.Create("pp_psc_delta", n, params=PARAMETERS | parameters | lists)
+    source = nest.Create("spike_generator", params={"spike_times": TIMES})
+    nest.Connect(source, cells, syn_spec={"weight": WEIGHT, "delay": 1.0})
+    meter = nest.Create("multimeter", params={"record_from": ["V_m"], "interval": 0.1})
+    recorder = nest.Create("spike_recorder")
+    nest.Connect(meter, cells[0])
+    nest.Connect(cells, recorder)
+    nest.Simulate(ms)
+    return meter.get("events", "V_m"), recorder.n_events
+
+
+def test_the_potential_is_that_of_nest(own_nest):
+    rates = {"c_1": 0.0, "c_2": 0.0, "c_3": 0.0}
+    v, spikes = theirs(own_nest, 1, 30.0, **rates)
+    sim = ours(1, 30.0, **rates)
+    assert spikes == len(sim.spikes("cells")[0]) == 0
+    np.testing.assert_allclose(sim.trace("v")[1][: len(v), 0], v, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "rates",
+    [
+        {"c_1": 30.0, "c_2": 40.0, "c_3": 0.0, "with_reset": False},
+        {"c_1": 0.0, "c_2": 20.0, "c_3": 0.8, "with_reset": True},
+        {"c_1": -50.0, "c_2": 10.0, "c_3": 0.0, "with_reset": False},
+        {"c_1": 300.0, "c_2": 400.0, "c_3": 0.0, "with_reset": False, "tau_sfa": 12.0, "q_sfa": 0.8},
+    ],
+)
+def test_rates_are_those_of_nest(own_nest, rates):
+    n, ms = 400, 200.0
+    _, spikes = theirs(own_nest, n, ms, **rates)
+    found = len(ours(n, ms, **rates).spikes("cells")[0])
+    # Counts of a process with a dead time vary less than those of a Poisson process.
+    assert found == pytest.approx(spikes, abs=4.0 * np.sqrt(found + spikes) + 4.0)
+
+
+def test_the_threshold_adapts_as_in_nest(own_nest):
+    """Spikes that are sure, so that both have the same: the threshold after each, and its decay."""
+    rates = {"c_1": 1e6, "c_2": 0.0, "c_3": 0.0, "with_reset": False, "tau_sfa": 5.0, "q_sfa": 6.0}
+    v, spikes = theirs(own_nest, 1, 30.0, **rates)
+    sim = ours(1, 30.0, **rates)
+    assert len(sim.spikes("cells")[0]) == spikes > 3
+    np.testing.assert_allclose(sim.trace("v")[1][: len(v), 0], v, rtol=1e-12)

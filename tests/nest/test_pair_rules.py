@@ -7,7 +7,6 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 
 import neuro
-from neuro.core.errors import ModelError
 from neuro.model.synapses import Synapse
 from neuro.testing.case import Found, observe
 from scenarios import differences
@@ -94,48 +93,3 @@ def test_event_and_reference_do_what_nest_does():
     check()
     assert len(moved) >= NETWORKS
     assert np.mean(np.array(moved) > 0.0) > 0.9
-
-
-def refusal(net: neuro.Network) -> str:
-    with pytest.raises(ModelError) as told:
-        neuro.compile(net, "nest")
-    return str(told.value).partition("\n")[2]
-
-
-def wired(*rules: Synapse) -> neuro.Network:
-    net = neuro.Network("net")
-    net.population("source", 2, neuro.spike_generator(spike_times=[[1.0, 5.0], [2.0, 6.0]]))
-    net.population("cells", 2, neuro.iaf_psc_exp())
-    for k, rule in enumerate(rules):
-        net.connect("source", "cells", neuro.all_to_all(), rule, weight=10.0, delay=1.0, name=f"wires_{k}")
-    return net
-
-
-def test_a_start_that_is_not_nests():
-    assert "projection 'wires_0': stdp_nn_symm.pre_at_start = false: NEST acts as if it were true" in refusal(
-        wired(neuro.stdp_nn_symm())
-    )
-
-
-def test_rules_that_want_other_traces_of_the_same_neurons():
-    told = refusal(wired(neuro.stdp_triplet(), neuro.stdp_triplet(tau_minus_triplet=50.0)))
-    assert (
-        "projection 'wires_1': stdp_triplet.tau_minus_triplet = 50: it is the neuron's in NEST, and 'wires_0' onto the "
-        "same population has 125\n  hint: give both the same, or backend 'event' runs them"
-    ) in told
-
-
-def test_a_trace_of_the_neuron_stays():
-    sim = neuro.compile(wired(neuro.stdp_triplet()), "nest")
-    sim.set("wires_0", Aplus=0.1)
-    with pytest.raises(ModelError) as told:
-        sim.set("wires_0", tau_minus_triplet=50.0)
-    assert str(told.value) == (
-        "stdp_triplet.tau_minus_triplet of 'wires_0': a trace of post spikes decays with it, so it is fixed\n"
-        "  hint: change the network and compile again"
-    )
-
-
-def test_a_rule_that_nest_does_not_have():
-    assert "projection 'wires_0': stdp_literal: NEST has no such rule" in refusal(wired(neuro.stdp_literal()))
-    assert "projection 'wires_0': stddp: NEST has no such rule" in refusal(wired(neuro.stddp()))

@@ -29,7 +29,7 @@ from neuro.model.neurons.currents import P30, set_leaky
 from neuro.testing.case import Found
 from scenarios import SILENCE, Scenario, amplifies_rounding, differences, read, scenarios
 
-NETWORKS = int(os.environ.get("NEURO_RANDOM_NETWORKS", "40"))
+NETWORKS = int(os.environ.get("NEURO_RANDOM_NETWORKS", "20"))
 PARTS = 10
 FEW = 0.1
 """The largest share of networks in which rounding may explain a difference."""

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 import neuro
+from neuro.model.neurons import Neuron
 
 pytestmark = pytest.mark.usefixtures("nest")
 
 FEW = (1, 9, 350, 700, 1_400, 33_300)
+
 TICKS = (*range(1, 120), *range(125, 1000, 15), 350, 410, 700, 820, 1_100, 2_100, 3_300, 7_300, 33_300, 64_000, 100_000)
+
 """Lengths of a step in 0.001 ms. At 9, 350, 410, 700 and 820 among others ticks x 0.001 is above the decimal number."""
 
 
@@ -75,3 +78,45 @@ def test_a_resolution_that_ended_in_a_delay_of_0():
     sim = neuro.compile(net, "nest")
     sim.run(70.0)
     assert sim.spikes("c")[0] == pytest.approx([14.0, 30.1, 46.2, 62.3])
+
+
+def found(net: neuro.Network, backend: str) -> tuple[list[tuple[float, int]], np.ndarray]:
+    sim = neuro.compile(net, backend)
+    sim.run(100.0)
+    times, ids = sim.spikes("cells")
+    return list(zip(times.tolist(), ids.tolist(), strict=True)), sim.trace("V_m")[1]
+
+
+@pytest.mark.parametrize("model", [neuro.aeif_cond_exp, neuro.aeif_psc_exp])
+@pytest.mark.parametrize(("delta_t", "resolution"), [(2.0, 0.1), (2.0, 1.0), (0.0, 0.5)])
+def test_adaptive_steps_are_those_of_nest(model: type[Neuron], resolution: float, delta_t: float, nest):
+    """A fast membrane on a coarse grid: a step is cut wherever NEST cuts it, by an error that counts by the slope."""
+    net = neuro.Network("coarse", resolution=resolution)
+    net.population("cells", 1, model(I_e=900.0, C_m=100.0, Delta_T=delta_t))
+    net.probe("V_m", "cells", "V_m")
+    expected, ours = found(net, "nest"), found(net, "event")
+    assert ours[0] == expected[0] != []
+    assert np.abs(ours[1] - expected[1]).max() <= 1e-4  # rounding grows in each upswing
+
+
+@pytest.mark.parametrize(("backend", "resolution"), [("event", 0.5), ("event", 1.0), ("reference", 1.0)])
+def test_all_spikes_of_a_step_are_sent(resolution: float, backend: str, nest):
+    """Reset above where the upswing begins, it fires again at once; plastic synapses on both ends see each spike."""
+
+    def weights_of(backend: str) -> list[float]:
+        net = neuro.Network("bursts", resolution=resolution)
+        net.population("cells", 1, neuro.aeif_cond_exp(I_e=3000.0, V_reset=-47.0, b=20.0))
+        net.population("relay", 1, neuro.parrot_neuron())
+        net.population("out", 1, neuro.iaf_psc_exp(tau_minus=10.0))
+        net.connect("cells", "relay", neuro.one_to_one(), weight=1.0)
+        net.connect("cells", "out", neuro.one_to_one(), weight=200.0)
+        net.connect("relay", "out", neuro.one_to_one(), neuro.stdp(Wmax=500.0), weight=200.0, name="to")
+        net.connect("out", "cells", neuro.one_to_one(), neuro.stdp(Wmax=500.0), weight=1.0, name="back")
+        net.probe("V_m", "out", "V_m")
+        sim = neuro.compile(net, backend)
+        sim.run(100.0)
+        times = sim.spikes("cells")[0].tolist()
+        assert len(times) > len(set(times)) > 50
+        return [*times, *sim.spikes("out")[0], *sim.weights("to")[2], *sim.weights("back")[2], *sim.trace("V_m")[1][0]]
+
+    assert weights_of(backend) == pytest.approx(weights_of("nest"), rel=1e-9)

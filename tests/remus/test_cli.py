@@ -108,20 +108,8 @@ def test_train_test_and_energy_on_other_backends(neuro, folder):
     assert figures["accuracy"] == 7 / 8
     told = json.loads(neuro("recognise", "energy", "model.h5", "--data", folder, "--backend", "spinnaker", "--json")[1])
     assert (told["backend"], told["accuracy"]) == ("spinnaker", 7 / 8)
-    more = [
-        "--backend",
-        "reference",
-        "--set",
-        "theta=40",
-        "--set",
-        "per_class=1",
-        "--set",
-        "epochs=1",
-        "--preset",
-        "adapted",
-        "--out",
-        "a.h5",
-    ]
+    settings = "--set theta=40 --set per_class=1 --set epochs=1"
+    more = f"--backend reference {settings} --preset adapted --out a.h5".split()
     assert neuro("recognise", "train", "remus", "--data", folder / "Test", *more)[0] == 0
 
 

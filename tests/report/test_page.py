@@ -240,4 +240,6 @@ def test_the_command(tmp_path, answer, monkeypatch, run, messages):
     assert answer("report", "run.h5") == (0, "run.html: written\n", "")
     assert answer("report", "run.h5", "--out", "other.html", "--chip", "cpu") == (0, "other.html: written\n", "")
     assert "energy on cpu" in (tmp_path / "other.html").read_text()
+    assert answer("report", "run.h5", "--out", "x.HTML").status == 0
     messages(mistakes_of(answer, messages.cases))
+    assert not (tmp_path / "x.pdf").exists()

@@ -11,6 +11,7 @@ import pytest
 
 import neuro
 from neuro_sweeps.table import table_of
+from refused import refused
 
 pytest.importorskip("distributed", reason="the extra dask is not installed")
 
@@ -61,12 +62,26 @@ def sweep(function, space, out, **words):
     return neuro.sweep(function, space, out=out, progress=False, **words)
 
 
-def test_the_same_table_as_on_cores(runs, cluster, tmp_path):
+def test_a_cluster_does_what_cores_do(runs, searches, cluster, tmp_path, monkeypatch):
+    """Runs of a search are pruned on workers, too, which see the journal."""
+    with monkeypatch.context() as patch:
+        patch.setattr("neuro_sweeps.executors.CONNECT_S", 1.5)
+        told = refused(sweep, runs.add, {"a": [1]}, tmp_path / "none", on=cluster.file)
+    assert told == f"on = '{cluster.file}': the cluster has no worker"
     cluster.add()
     cluster.add()
     space = {"a": list(range(12))}
     on_cluster = sweep(runs.add, space, tmp_path / "cluster", seeds=2, on=cluster.file)
     assert on_cluster.csv() == sweep(runs.add, space, tmp_path / "here", seeds=2, on="here").csv()
+    pytest.importorskip("optuna", reason="the extra tune is not installed")
+    table = neuro.tune(
+        searches.stepping, {"x": {"from": 0.0, "to": 1.0}}, objectives={"value": "maximise"}, trials=15,
+        out=tmp_path / "search", on=cluster.file, sampler="random", prune={"startup_trials": 2}, progress=False,
+    )  # fmt: skip
+    counts = table.counts()
+    assert counts["done"] + counts["pruned"] == 15
+    assert counts["pruned"] > 0
+    assert table.best()[0].point["x"] == max(table.column("x"))
 
 
 @pytest.mark.slow
@@ -83,17 +98,23 @@ def test_limits_hold_on_a_cluster(runs, cluster, tmp_path):
     ]
 
 
+def killer(process, killed):
+    """What kills a process once five jobs are done, and notes it."""
+
+    def kill(table):
+        if not killed and table.counts()["done"] >= 5:
+            killed.append(True)
+            os.killpg(process.pid, signal.SIGKILL)
+
+    return kill
+
+
 @pytest.mark.slow
 def test_a_killed_worker_loses_nothing(runs, cluster, tmp_path, notes):
     cluster.add()
     cluster.add()
     killed = []
-
-    def kill(table):
-        if not killed and table.counts()["done"] >= 5:
-            killed.append(True)
-            os.killpg(cluster.workers[0].pid, signal.SIGKILL)
-
+    kill = killer(cluster.workers[0], killed)
     words = {"set": {"notes": notes.path, "pause": 0.05}, "on": cluster.file, "each": kill}
     table = sweep(runs.noting, {"a": list(range(60))}, tmp_path / "out", **words)
     assert killed
@@ -106,32 +127,16 @@ def test_a_killed_worker_loses_nothing(runs, cluster, tmp_path, notes):
 def test_a_killed_scheduler_loses_nothing(runs, cluster, tmp_path, notes):
     out = tmp_path / "out"
     cluster.add()
-    killed = []
-
-    def kill(table):
-        if not killed and table.counts()["done"] >= 5:
-            killed.append(True)
-            os.killpg(cluster.scheduler.pid, signal.SIGKILL)
-
+    kill = killer(cluster.scheduler, [])
     words = {"set": {"notes": notes.path, "pause": 0.02}}
-    with pytest.raises(neuro.ModelError) as told:
-        sweep(runs.noting, {"a": list(range(400))}, out, **words, on=cluster.file, each=kill)
-    assert str(told.value) == (
-        f"the cluster at {cluster.file} is gone\n  hint: what was done is kept: the same command goes on"
-    )
+    told = refused(sweep, runs.noting, {"a": list(range(400))}, out, **words, on=cluster.file, each=kill)
+    assert told == f"the cluster at {cluster.file} is gone\n  hint: what was done is kept: the same command goes on"
     there = table_of(out).counts()["done"]
     assert there >= 5
     cluster.close()
     table = sweep(runs.noting, {"a": list(range(400))}, out, **words, workers=2)
     assert table.column("value") == [2 * a for a in range(400)]
     assert sum(notes().values()) <= 402
-
-
-def test_a_cluster_without_workers(runs, cluster, tmp_path, monkeypatch):
-    monkeypatch.setattr("neuro_sweeps.executors.CONNECT_S", 1.5)
-    with pytest.raises(neuro.ModelError) as told:
-        sweep(runs.add, {"a": [1]}, tmp_path / "out", on=cluster.file)
-    assert str(told.value) == f"on = '{cluster.file}': the cluster has no worker"
 
 
 def test_no_scheduler(runs, tmp_path, monkeypatch):
@@ -165,17 +170,3 @@ def test_a_worker_without_this_package_is_told_before_the_first_run(runs, tmp_pa
     finally:
         cluster.close()
     assert table_of(tmp_path / "out").counts()["left"] == 1
-
-
-def test_a_search_on_a_cluster(searches, cluster, tmp_path):
-    """Runs are pruned on workers, too, which see the journal."""
-    pytest.importorskip("optuna", reason="the extra tune is not installed")
-    cluster.add()
-    table = neuro.tune(
-        searches.stepping, {"x": {"from": 0.0, "to": 1.0}}, objectives={"value": "maximise"}, trials=15,
-        out=tmp_path / "out", on=cluster.file, sampler="random", prune={"startup_trials": 2}, progress=False,
-    )  # fmt: skip
-    counts = table.counts()
-    assert counts["done"] + counts["pruned"] == 15
-    assert counts["pruned"] > 0
-    assert table.best()[0].point["x"] == max(table.column("x"))

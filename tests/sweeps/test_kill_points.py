@@ -84,6 +84,9 @@ def test_a_search_goes_on_from_any_line(searches, tmp_path, search):
             parts = neuro.tune(getattr(searches, name), space, out=out, **words)
             assert found(parts) == found(whole), f"cut off at line {k + 1}"
             assert steps(parts) == steps(whole), f"cut off at line {k + 1}"
+        made = {path: path.stat().st_mtime_ns for path in out.glob("runs/*/run.json")}
         (out / "journal.log").write_bytes(b"".join(lines[:k]))
+        assert k or neuro.tuned(out).strays() == len(made) > 0
         again = neuro.tune(getattr(searches, name), space, out=out, **words)
+        assert {path: path.stat().st_mtime_ns for path in made} == made
         assert found(again) == found(whole), f"cut off at line {k + 1}, with all runs"

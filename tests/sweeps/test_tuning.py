@@ -296,41 +296,6 @@ def journal(out):
     return out / "journal.log"
 
 
-def test_a_flipped_bit_of_the_journal_is_told_with_its_line(searches, tmp_path):
-    out = tmp_path / "out"
-    tune(searches.bowl, RANGE, out, trials=4)
-    whole = journal(out).read_bytes()
-    draw = np.random.default_rng(0)
-    for at in draw.integers(0, len(whole) - 1, 40).tolist():
-        if whole[at] == ord("\n"):
-            continue
-        damaged = bytearray(whole)
-        damaged[at] ^= 1 << int(draw.integers(8))
-        journal(out).write_bytes(damaged)
-        line = whole[:at].count(b"\n") + 1
-        place = f"{journal(out)}: line {line}: damaged: expected what 'neuro tune run' "
-        assert refused(lambda: neuro.tuned(out).rows()).startswith(place)
-        assert refused(tune, searches.bowl, RANGE, out, trials=6).startswith(place)
-    journal(out).write_bytes(whole)
-    assert len(tune(searches.bowl, RANGE, out, trials=5)) == 5
-
-
-def test_a_journal_that_was_cut_is_gone_on_with(searches, tmp_path):
-    """Wherever it ends: trials that are lost are asked for again, and their runs are not done again."""
-    out = tmp_path / "out"
-    before = tune(searches.bowl, RANGE, out, trials=6)
-    whole, text = journal(out).read_bytes(), before.csv()
-    made = {path: path.stat().st_mtime_ns for path in (out / "runs").glob("*/run.json")}
-    for end in np.random.default_rng(1).integers(0, len(whole), 12).tolist():
-        journal(out).write_bytes(whole[:end])
-        cut = neuro.tuned(out)
-        done = sum(trial.outcome == "done" for trial in cut.trials())
-        assert cut.strays() == 6 - sum(bool(trial.point) for trial in cut.trials())
-        assert done <= 6
-        assert tune(searches.bowl, RANGE, out, trials=6).csv() == text
-    assert {path: path.stat().st_mtime_ns for path in (out / "runs").glob("*/run.json")} == made
-
-
 def test_optuna_reads_the_journal(searches, tmp_path):
     import optuna
     from optuna.storages import JournalStorage

@@ -56,7 +56,13 @@ def check_whole(tmp_path, trials):
     assert table.strays() == 0
 
 
-@pytest.mark.parametrize("words", [({}, {}), ({"share": "1/2"}, {"share": "2/2"})], ids=["free", "parts"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        pytest.param(({}, {}), id="free"),
+        pytest.param(({"share": "1/2"}, {"share": "2/2"}), id="parts", marks=pytest.mark.slow),
+    ],
+)
 def test_two_processes_ask_one_journal(start, tmp_path, words):
     running = [start(30, on="here", **each) for each in words]
     assert [process.wait(120) for process in running] == [0, 0]

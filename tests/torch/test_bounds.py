@@ -92,14 +92,8 @@ def test_what_left_its_bounds_is_put_back():
     fill(module.weights["w"], -1e6)
     module.hold()
     found = {word: module.neurons["out"][word].item() for word in words}
-    assert found == {
-        "tau_m": 1e-3,
-        "tau_syn_ex": 1e-3,
-        "tau_syn_in": 2.0,
-        "V_th": pytest.approx(-59.999),
-        "V_reset": -60.0,
-        "E_L": -500.0,
-    }
+    times = {"tau_m": 1e-3, "tau_syn_ex": 1e-3, "tau_syn_in": 2.0}
+    assert found == times | {"V_th": pytest.approx(-59.999), "V_reset": -60.0, "E_L": -500.0}
     assert (module.delays["w"].item(), module.weights["w"].item()) == (1.0, -1e6)
     potential(module).sum().backward()
     assert all(bool(torch.isfinite(p.grad).all()) for p in module.parameters() if p.grad is not None)

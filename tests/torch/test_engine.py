@@ -179,19 +179,26 @@ def quiet(s, c, i_0, lo, hi):
 '''
 
 
+def beside_the_reference(cells, weight):
+    """What the reference finds of eight neurons under noise, which this backend finds, too."""
+    net = neuro.Network("noisy")
+    net.population("noise", 12, neuro.poisson_generator(rate=800.0))
+    net.population("cells", 8, cells)
+    net.connect("noise", "cells", neuro.all_to_all(), weight=weight, delay=0.2)
+    expected, found = (neuro.compile(net, each, seed=2) for each in ("reference", backend))
+    for sim in (expected, found):
+        sim.run(30.0)
+    assert differences(observe(expected), observe(found), exact=False) == []
+    return expected
+
+
 def test_a_third_party_codes_neuron_with_branches_and_loops(tmp_path: Path, monkeypatch):
     (tmp_path / "my_ladder.py").write_text(STRANGE)
     monkeypatch.syspath_prepend(tmp_path)
     from my_ladder import ladder
 
-    net = neuro.Network("strange")
-    net.population("noise", 12, neuro.poisson_generator(rate=800.0))
-    net.population("cells", 8, ladder(V_th=neuro.uniform(low=2.0, high=5.0)))
-    net.connect("noise", "cells", neuro.all_to_all(), weight=neuro.uniform(low=0.1, high=1.5), delay=0.2)
-    expected, found = (neuro.compile(net, each, seed=2) for each in ("reference", backend))
-    for sim in (expected, found):
-        sim.run(30.0)
-    assert differences(observe(expected), observe(found), exact=False) == []
+    cells = ladder(V_th=neuro.uniform(low=2.0, high=5.0))
+    expected = beside_the_reference(cells, neuro.uniform(low=0.1, high=1.5))
     assert len(expected.spikes("cells")[0]) > 10
     assert len(set(expected.get("cells", "rungs"))) > 1
 
@@ -208,16 +215,8 @@ EQUATIONS = yaml.safe_load((Path(__file__).parents[1] / "equations" / "models.ya
     ],
 )
 def test_neurons_of_equations(name, weight, words):
-    net = neuro.Network("equations")
-    net.population("noise", 12, neuro.poisson_generator(rate=800.0))
-    net.population(
-        "cells", 8, neuro.equations(name, **{**EQUATIONS[name], **words})(I_e=neuro.uniform(low=0.0, high=9.0))
-    )
-    net.connect("noise", "cells", neuro.all_to_all(), weight=neuro.uniform(low=0.0, high=weight), delay=0.2)
-    expected, found = (neuro.compile(net, each, seed=2) for each in ("reference", backend))
-    for sim in (expected, found):
-        sim.run(30.0)
-    assert differences(observe(expected), observe(found), exact=False) == []
+    cells = neuro.equations(name, **{**EQUATIONS[name], **words})(I_e=neuro.uniform(low=0.0, high=9.0))
+    expected = beside_the_reference(cells, neuro.uniform(low=0.0, high=weight))
     assert len(expected.spikes("cells")[0]) > 5
 
 

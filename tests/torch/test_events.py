@@ -6,7 +6,7 @@ from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as arrays
 
 import neuro
-from refused import refused
+from refused import refusals_of
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro_torch  # noqa: E402
@@ -74,13 +74,4 @@ def test_a_data_loader():
 
 
 def test_refusals(messages):
-    spikes = [([0, 2], [0, 0], [0, 0]), ([0], [3], [0]), ([0], [1], [-1]), ([0], [1], [0.5]), ([0], [1, 2], [0])]
-    told = {str(each): refused(Events, 2, 3, {"a": each}) for each in spikes}
-    told["no steps"] = refused(Events, 2, 0, {})
-    for name, values in (("half", np.full((1, 2, 2), 0.5)), ("flat", np.zeros((2, 2)))):
-        told[name] = refused(Events.of_dense, {"a": values})
-    two = [Events(1, steps, {"a": ([], [], [])}) for steps in (3, 4)]
-    told |= {"join none": refused(Events.join, []), "join two": refused(Events.join, two)}
-    for shape, duration in (((2, 2), 7.0), ((3, 2, 2), 5.0)):
-        told[str(shape)] = refused(Events.of_recordings, [], "a", shape=shape, step=5.0, duration=duration)
-    messages(told)
+    messages(refusals_of(messages.cases, globals()))

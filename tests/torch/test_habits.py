@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import neuro
-from refused import refused
+from refused import refusals_of, refused
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro_torch  # noqa: E402
@@ -202,23 +202,15 @@ def test_any_name_of_a_network(name):
 
 
 def test_mistakes(messages):
-    wrong = [{"trainable": each} for each in (None, [1], {"up": []}, {"out": "weight"})]
-    wrong += [{"duration": 0.0}, {"duration": "long"}, {"dtype": torch.int64}, {"outputs": "pixels"}]
-    messages({str(words): refused(module_of, **words) for words in wrong})
+    messages(refusals_of(messages.cases, globals()))
 
 
-@pytest.mark.parametrize(
-    "given",
-    [
-        DENSE.to_sparse(),
-        DENSE.bool(),
-        DENSE.numpy().astype(bool),
-        DENSE.view(6, 20, 3, 2, 2),
-        DENSE.view(6, 20, 3, 2, 2).to_sparse(),
-        DENSE.view(6, 20, 3, 2, 2).numpy(),
-    ],
-    ids=["sparse", "bool", "numpy", "images", "sparse images", "numpy images"],
-)
+IMAGES = DENSE.view(6, 20, 3, 2, 2)
+KINDS = {"sparse": DENSE.to_sparse(), "bool": DENSE.bool(), "numpy": DENSE.numpy().astype(bool)}
+KINDS |= {"images": IMAGES, "sparse images": IMAGES.to_sparse(), "numpy images": IMAGES.numpy()}
+
+
+@pytest.mark.parametrize("given", KINDS.values(), ids=KINDS)
 def test_kinds_of_dense_input(given):
     net = network()
     net.populations["pixels"] = replace(net.populations["pixels"], shape=(3, 2, 2))
@@ -234,10 +226,8 @@ def holding(value):
 
 
 def test_dense_input_that_does_not_fit(messages):
-    nan, infinite = holding(float("nan")), holding(float("-inf"))
-    wrong = [nan, infinite, nan.to_sparse(), DENSE.to(torch.complex64), DENSE.numpy().astype(object)]
-    wrong += [DENSE[:, :, 0], DENSE[0, 0], DENSE.view(6, 20, 3, 4), DENSE[:0]]
-    messages({str(k): refused(module_of(), {"pixels": given}) for k, given in enumerate(wrong)})
+    module = module_of()
+    messages(refusals_of(messages.cases, globals() | locals()))
 
 
 @pytest.mark.parametrize("by", BY)

@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 import neuro
 from neuro.core.errors import Where
-from refused import refused
+from refused import refusals_of, refused
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro_torch  # noqa: E402
@@ -39,14 +39,9 @@ def random_network(seed, model, recurrent=False, currents=True):
     for k in range(int(rng.integers(1, 4))):
         size = int(rng.integers(1, 8))
         extra = {"V_min": -75.0} if model == "iaf_psc_delta" and rng.random() < 0.5 else {}
-        cell = kind(
-            tau_m=rng.uniform(5, 30, size) if rng.random() < 0.5 else 10.0,
-            t_ref=float(rng.integers(0, 4)),
-            V_th=-62.0,
-            V_reset=-72.0,
-            I_e=20.0 * currents,
-            **extra,
-        )
+        tau_m = rng.uniform(5, 30, size) if rng.random() < 0.5 else 10.0
+        t_ref = float(rng.integers(0, 4))
+        cell = kind(tau_m=tau_m, t_ref=t_ref, V_th=-62.0, V_reset=-72.0, I_e=20.0 * currents, **extra)
         net.population(f"n{k}", size, cell, initial={"V_m": rng.uniform(-72, -64, size)})
         names.append(f"n{k}")
     if currents:
@@ -291,23 +286,16 @@ def test_generators_in_the_network_emit_the_same_for_all_of_a_batch():
 
 
 def test_a_module_is_refused(messages):
-    wrong = [{"trainable": each} for each in ([], ["a_hiden"], {"hidden": "tau"}, {"hidden": "t_ref"})]
-    wrong += [{"outputs": ["ot"]}, {"surrogate": "atan"}, {"duration": 10.5}, {"damping": 1.5}, {"by": "kernel"}]
-    wrong.append({"net": "net.yaml"})
-    make = neuro_torch.Module
-    told = {str(words): refused(make, **({"net": layers(), "trainable": BOTH} | words)) for words in wrong}
     net = layers()
     net.place = Where("here")
     net.group("choice", neuro.winner_take_all(of="out"))
     net.connect("hidden", "out", neuro.all_to_all(), neuro.stdp(Wmax=3.0), name="plastic")
-    messages(told | {"winners that learn": refused(make, net, BOTH)})
+    messages(refusals_of(messages.cases, globals() | locals()))
 
 
 def test_a_batch_is_refused(messages):
     module = neuro_torch.Module(layers(), BOTH)
-    wrong = [neuro_torch.Events(1, 3, {"b": ([], [], [])}), neuro_torch.Events(1, 3, {"a": ([0], [0], [7])})]
-    wrong += [{"a": torch.zeros(2, 3, 6)}, torch.zeros(2, 3, 7), {}]
-    messages({str(k): refused(module, batch) for k, batch in enumerate(wrong)})
+    messages(refusals_of(messages.cases, globals() | locals()))
     huge = refused(module, {"a": torch.zeros(1).expand(10**9, 10**4, 7)})
     assert "a batch of 1000000000 recordings of 10000 steps needs" in huge
 

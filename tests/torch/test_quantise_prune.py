@@ -5,7 +5,7 @@ import pytest
 
 import neuro
 from neuro.chips import chip, quantise
-from refused import refused
+from refused import refusals_of, refused
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro_torch  # noqa: E402
@@ -129,24 +129,6 @@ def test_the_gradient_goes_straight_through():
     assert plain.weights["in"].shape == weights.shape
 
 
-def test_it_trains_to_what_fits_the_grid():
-    module = neuro_torch.quantised(module_of(dtype=torch.float32), 3)
-    before = module.weights["in"].detach().clone()
-    optimiser = torch.optim.Adam(module.parameters(), lr=0.02)
-    labels = torch.tensor([0, 1, 2, 0])
-    losses = []
-    for _ in range(60):
-        loss = neuro_torch.losses.count_cross_entropy(module(batch()).spikes["out"], labels)
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        losses.append(float(loss.detach()))
-    assert losses[-1] < 0.5 * losses[0]
-    after = module.eval()(batch()) and module.weights["in"].detach()
-    assert len(after.unique()) <= 8
-    assert not torch.equal(before, after)
-
-
 def test_quantising_again_takes_the_place_of_what_was():
     """Of weights on a grid of 2 bits a grid of 8 has few levels; so what is below the first rounding is still there."""
     again = neuro_torch.quantised(neuro_torch.quantised(module_of(), 2), 8)
@@ -190,11 +172,7 @@ def test_a_state_dict_brings_back_the_grid():
 
 
 def test_mistakes(messages):
-    wrong = [(0, "loihi"), (9, "loihi"), (4, "lohi"), (4, "truenorth")]
-    told = {str(words): refused(neuro_torch.quantised, module_of(), *words) for words in wrong}
-    told |= {str(share): refused(neuro_torch.prune, module_of(), share) for share in (1.0, {"on": 0.5})}
-    unlearnt = neuro_torch.Module(network(), {"hidden": "tau_m"})
-    messages(told | {"no weights": refused(neuro_torch.quantised, unlearnt, 4)})
+    messages(refusals_of(messages.cases, globals()))
 
 
 def test_pruned_synapses_are_gone_and_the_rest_is_as_it_was():

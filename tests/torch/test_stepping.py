@@ -7,7 +7,7 @@ import neuro
 from neuro.compiler import compile_network
 from neuro.extend import Neuron
 from neuro.program.program import Program
-from refused import error_of, refused
+from refused import refusals_of
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 
@@ -119,16 +119,6 @@ def test_gradients_are_finite_differences_of_smooth_neurons(name, monkeypatch):
             assert float(each.grad[i]) == pytest.approx((sides[1] - sides[0]) / (2.0 * step), rel=1e-5, abs=1e-5)
 
 
-def gradients(part: Program, events: torch.Tensor) -> list[torch.Tensor]:
-    weights, _ = learnt(part)
-    total = 0.0
-    stepper = Stepper(part, batch=len(events), surrogate=ArcTan(slope=SLOPE), weights=weights)
-    for k in range(events.shape[1]):
-        total = total + stepper.step({"in": events[:, k]})["out"].sum()
-    total.backward()
-    return [w.grad for w in weights.values()]
-
-
 def delayed(part: Program, events: torch.Tensor, ms: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
     stepper = Stepper(part)
     stepper.begin(batch=BATCH, weights={"ih": weights}, delays={"ih": ms})
@@ -167,20 +157,13 @@ def test_the_gradient_of_a_delay_is_a_finite_difference(start, monkeypatch):
 
 
 def test_what_cannot_be_is_told(messages):
-    part = program(*MODELS["delta"])
+    part, net = program(*MODELS["delta"]), neuro.Network("t")
+    net.population("cells", 1, neuro.aeif_cond_exp())
 
     def of(*shape):
         return torch.ones(*shape, dtype=torch.float64)
 
-    wrong = [{"weights": {"ij": of(1)}}, {"weights": {"ih": of(3)}}, {"delays": {"oe": of(3)}}]
-    wrong += [{"parameters": {"hidden": {"tau_n": of(1)}}}, {"parameters": {"in": {"tau_m": of(1)}}}]
-    told = {str(k): refused(Stepper, part, **words) for k, words in enumerate(wrong)}
-    for name, given in (("out", of(1, 3)), ("in", of(2, 5))):
-        told[f"input {name}"] = refused(Stepper(part).step, {name: given})
-    net = neuro.Network("t")
-    net.population("cells", 1, neuro.aeif_cond_exp())
-    told["model"] = error_of(Stepper, compile_network(net, 1, 1), surrogate=FastSigmoid()).message
-    messages(told)
+    messages(refusals_of(messages.cases, globals() | locals()))
 
 
 @pytest.mark.parametrize("model", ["iaf_psc_exp", "iaf_psc_alpha"])

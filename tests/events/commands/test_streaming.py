@@ -120,16 +120,7 @@ def test_counts_alone_until_an_end(run, end):
     assert err.startswith("listening at udp://127.0.0.1:")
 
 
-THERE = ("udp://127.0.0.1:9", "--to", "spif")
-WRONG = [
-    ("listen", HERE[0], "--from", "spiff", "--sensor", "34x34"), ("listen", *HERE[:3]), ("listen", *HERE, "--force"),
-    ("listen", HERE[0], "walk.es", *HERE[1:]), ("listen", *HERE, "--no-browser"), ("listen", *HERE, "--to", "es"),
-    ("send", "walk.es", "udp://127.0.0.1", "--to", "spif"), ("send", "walk.es", *THERE, "--speed", "0"),
-    ("send", "none.es", *THERE),
-]  # fmt: skip
-
-
 def test_mistakes(messages, run, walk):
-    found = {" ".join(words): run(*words) for words in WRONG}
+    found = {case: run(*case.split()) for case in messages.cases}
     assert all(status for status, _, _ in found.values())
     messages({case: err for case, (_, _, err) in found.items()})

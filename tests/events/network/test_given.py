@@ -71,15 +71,9 @@ def test_feeding_while_it_runs(messages, walk):
     messages({case: refusal(fed.feed, *given) for case, given in wrong.items()})
 
 
-NO_EVENTS = [
-    3, "walk.dat", [1, 2], [(1, 2, 3, 1)], np.zeros(3), np.zeros(3, [("t", int), ("x", int)]),
-    neuro.events.Event(7, 12, 0, 1)
-]  # fmt: skip
-
-
 def test_what_cannot_be_fed(messages):
     sim = neuro.compile(network(neuro.event_camera(), (2, 9, 12)))
-    messages({f"{k}": refusal(sim.feed, "camera", events) for k, events in enumerate(NO_EVENTS)})
+    messages.calls(globals() | locals())
 
 
 @settings(max_examples=40, deadline=None)

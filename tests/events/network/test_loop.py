@@ -24,6 +24,7 @@ from neuro.realtime.sources import Inlet
 from refused import refusals_of
 
 SIZE = 16, 12
+pytestmark = pytest.mark.usefixtures("frozen_heap")
 
 
 def rerun(file):

@@ -19,22 +19,20 @@ def refused(model, shape="auto"):
 NONE = Events([], [], [], [], (12, 9))
 
 
-WRONG = [
-    ({"polarity": "both"}, "auto"), ({"crop": {"x": [3, 40]}}, "auto"), ({"crop": {"y": [5, 5]}}, "auto"),
-    ({"scale": 0.5}, "auto"), ({"offset": 5e-4}, "auto"), ({}, (2, 12, 9)), ({"polarity": "on"}, (2, "auto")),
-    ({"file": "walk.dat"}, "auto"), ({"events": None}, "auto"), ({"events": None, "polarity": "on"}, 9),
-    ({"events": "walk.dat"}, "auto"), ({"events": NONE}, "auto")
-]  # fmt: skip
+RECORDING = Events([1000, 3000], [0, 1], [0, 1], [0, 1], (2, 2))
 
 
-def test_mistakes(messages, walk, tmp_path):
-    path, told = tmp_path / "walk.dat", {}
-    for k, (words, shape) in enumerate(WRONG):
-        told[f"{k:02}"] = refused(lambda words=words: neuro.event_camera(**{"events": walk, **words}), shape)
-    told["no file"] = refused(neuro.event_camera(file=path))
-    save(NONE, path)
-    told["no events"] = refused(neuro.event_camera(file=path))
-    messages({case: text.replace(f"{tmp_path}/", "") for case, text in told.items()})
+def test_mistakes(messages, walk, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    save(NONE, "none.dat")
+    save(RECORDING, "walk.aedat4")
+
+    def camera(shape="auto", **words):
+        neuro.compile(network(neuro.event_camera(**{"events": walk} | words), shape))
+
+    messages.calls(globals() | locals())
+    camera(events=RECORDING, offset=2)
+    camera(events=RECORDING, origin=3000)
 
 
 def test_damage_stops_the_run_before_it(tmp_path, walk, monkeypatch):

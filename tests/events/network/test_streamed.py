@@ -94,16 +94,11 @@ def test_losses_are_warned_of(walk, sent):
     thread.join()
 
 
-WRONG = [
-    {"stream": "udp://x"}, {"format": "spiff"}, {"format": None}, {"sensor": None}, {"sensor": [3]}, {"file": "a.dat"},
-    {"stream": None}, {"until_silent": 0}
-]  # fmt: skip
+SPIF = {"stream": HERE, "format": "spif", "sensor": [12, 9]}
 
 
 def test_mistakes(messages):
-    given = [{"stream": HERE, "format": "spif", "sensor": [12, 9], **words} for words in WRONG]
-    told = {f"{k}": refusal(lambda words=words: neuro.event_camera(**words)) for k, words in enumerate(given)}
-    messages({case: text[text.index("event_camera") :] for case, text in told.items()})
+    messages.calls(globals())
 
 
 def test_mistakes_of_a_file_have_places_and_none_only_follows(tmp_path, capsys, monkeypatch):
