@@ -92,7 +92,7 @@ next:
   cd {}
   python run.py
   python -m pytest     # needs pytest: pip install pytest
-  neuro run network.yaml --out out.h5
+  neuro run network.yaml{} --out out.h5
 """,
     "learn.py": """\
 next:
@@ -152,7 +152,8 @@ def new(name: Folder = None, template: Template = None, list_all: ListTemplates 
     meant = f"; did you mean 'neuro new {close[0]}'?" if close else ""
     typer.echo(f"{name}: made from {template}{meant}")
     typer.echo(f"files: {', '.join(contents)}")
-    typer.echo(NEXT[_head(known[template])].format(shlex.quote(str(name))), nl=False)
+    world = " --with world.py" if {NETWORK, "world.py"} <= set(contents) else ""
+    typer.echo(NEXT[_head(known[template])].format(shlex.quote(str(name)), world), nl=False)
 
 
 def _head(template: Traversable) -> str:

@@ -33,7 +33,8 @@ def inside(empty, monkeypatch):
         monkeypatch.syspath_prepend(Path.cwd())
 
     yield go
-    sys.modules.pop("run", None)
+    for name in ("run", "world"):
+        sys.modules.pop(name, None)
 
 
 def test_list(neuro):
@@ -49,7 +50,8 @@ def test_a_folder_runs_and_passes_as_written(neuro, inside, template):
     assert written.status == 0, written.err
     inside("mine")
     assert neuro("check", "network.yaml").status == 0
-    assert neuro("run", "network.yaml", "--for", "100").status == 0
+    world = ["--with", "world.py"] * Path("world.py").exists()
+    assert neuro("run", "network.yaml", *world, "--for", "100").status == 0
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         runpy.run_path("run.py", run_name="__main__")
