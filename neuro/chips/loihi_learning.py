@@ -410,6 +410,13 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
             f"weights in sign mode {wires.sign_mode}: expected Wmin >= 0 and weights >= 0",
             hint="set Wmin: 0" if "Wmin" in numbers else "backend 'event' runs it",
         )
+    heard = program.signals[part.signal] if part.signal >= 0 else None
+    largest = options.of("signals", part.name)
+    if heard is not None and heard.values is not None and not largest:
+        largest = heard.largest
+        if largest is None:
+            message = f"its signal '{heard.name}' is computed: the largest value is not known"
+            raise ModelError(message, hint=f"give the option signals={{'{part.name}': largest value}}")
     return rule_of(
         part.synapse,
         program.resolution,
@@ -417,5 +424,5 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
         float(wires.step[0]),
         wires.bits,
         delay=int(part.delay.max(initial=1)),
-        largest_n=float(options.of("signals", part.name) or LARGEST_SIGNAL / numbers.get("tau_n", 1.0)),
+        largest_n=float(largest or LARGEST_SIGNAL / numbers.get("tau_n", 1.0)),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,9 @@ from neuro.run.handles import Run
 from neuro.run.records import Records
 from neuro.run.streams import StreamFeeder
 from neuro.run.trials import TrialLoop
+
+if TYPE_CHECKING:
+    from neuro.run.signals import SignalFeeder
 
 
 def learnt_network(run: Run) -> Network:
@@ -112,11 +115,15 @@ class Saved:
         run: the network in execution.
         records: what it has recorded.
         inflow: what it plays, if it plays streams.
+        signals: what sets its signals, if they have values.
     """
 
-    def __init__(self, run: Run, records: Records, inflow: StreamFeeder | None) -> None:
+    def __init__(
+        self, run: Run, records: Records, inflow: StreamFeeder | None, signals: SignalFeeder | None = None
+    ) -> None:
         self._identity = Identity(run.program.name, run.backend, run.program.seed, fingerprint(run.program))
         self._engine, self._rules, self._records, self._inflow = run.engine, run.rules, records, inflow
+        self._signals = signals
 
     @property
     def fingerprint(self) -> str:
@@ -142,6 +149,8 @@ class Saved:
         arrays |= {f"rules/{index}": rule.vector() for index, rule in self._rules.items()}
         if self._inflow is not None:
             arrays |= {f"streams/{name}": step for name, step in self._inflow.state().items()}
+        if self._signals is not None:
+            arrays |= {f"signals/{name}": array for name, array in self._signals.state().items()}
         arrays["held"] = np.array(self._records.held)
         if trials is not None:
             arrays["trials"] = trials.state()
@@ -160,6 +169,8 @@ class Saved:
             self._rules[index] = settable.rule_of(rule, arrays[f"rules/{index}"])
         if self._inflow is not None:
             self._inflow.put(_below("streams/", arrays))
+        if self._signals is not None:
+            self._signals.put(_below("signals/", arrays))
         if trials is not None:
             trials.put(arrays["trials"])
 

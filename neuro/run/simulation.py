@@ -132,6 +132,8 @@ class Simulation(RunningNetwork):
         self._watch.begin()
         if self._inflow is not None:
             self._inflow.rewind()
+        if self._signals is not None:
+            self._signals.begin()
         self._records.clear()
         if self._ports is not None:
             self._ports.begin()
@@ -570,7 +572,7 @@ class Simulation(RunningNetwork):
     def _saved(self) -> Saved:
         from neuro.run.saved import Saved
 
-        return Saved(self._run, self._records, None if self._inflow is None else self._inflow.own)
+        return Saved(self._run, self._records, None if self._inflow is None else self._inflow.own, self._signals)
 
     @alone
     def save(self, path: str | PathLike[str]) -> None:

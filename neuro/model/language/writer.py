@@ -132,7 +132,7 @@ def _claimed(path: Path) -> Iterator[Path]:
 
 
 LARGEST_INLINE = 64
-NAMED = ("distribution", "code", "profile", "mask", "model", "rule", "synapse")
+NAMED = ("distribution", "code", "profile", "mask", "model", "rule", "synapse", "source")
 """Kinds of choices that are values, said by their name."""
 
 
