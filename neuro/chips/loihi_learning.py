@@ -36,7 +36,7 @@ from neuro.model.synapses.loihi_rule import (
     Term,
     Trace,
 )
-from neuro.program.backend import Problem
+from neuro.program.backend import SAVE_FROZEN, Problem
 from neuro.program.program import Program
 
 LARGEST_IMPULSE = 31
@@ -183,7 +183,7 @@ def rule_of(
     else:
         raise ModelError(
             "the learning engine runs stdp, stdp_dopa and loihi_learning",
-            hint="run it on event, or send static weights: sim.network() has what was learnt",
+            hint=f"run it on event, or send static weights: {SAVE_FROZEN}",
         )
     shared = [
         f"weights have {weight_bits} bits and change by whole steps, stochastically rounded from 2^-7 of a mantissa",

@@ -37,6 +37,10 @@ if TYPE_CHECKING:
 
 Record = Annotated[list[str], typer.Option(metavar="NAME", help="Keep only this population's spikes; repeatable.")]
 ResultsOut = Annotated[Path, typer.Option(metavar="FILE", help="The HDF5 file to write.")]
+SaveFrozen = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Also write the network in YAML with what it has learnt, as static synapses."),
+]
 AllWeights = Annotated[bool, typer.Option("--all-weights", help="Keep also static weights above a million synapses.")]
 
 
@@ -50,6 +54,7 @@ def run(
     record: Record = [],  # noqa: B006
     out: ResultsOut = Path("out.h5"),
     all_weights: AllWeights = False,
+    save_frozen: SaveFrozen = None,
 ) -> None:
     """Run a network and write its spikes, traces and weights, and the network itself, to one HDF5 file."""
     from neuro.core.clock import Clock
@@ -58,6 +63,7 @@ def run(
     from neuro.core.system import shared, speaks
     from neuro.files.results import KIND, read
     from neuro.model.language import load
+    from neuro.model.language.writer import check_network_file
     from neuro.run.compiled import compile as compiled
 
     together(backend)
@@ -65,6 +71,8 @@ def run(
     steps = Clock(net.resolution).step(duration, "--for")
     keep_spikes(net, record)
     check_output(out, KIND)
+    if save_frozen is not None:
+        check_network_file(save_frozen)
     with stoppable(lambda: _left_of(out)) as bar:
         bar.say("preparing")
         sim = compiled(net, backend=backend, seed=seed, threads=threads)
@@ -79,6 +87,8 @@ def run(
             results = read(out)
         taken = time.perf_counter() - began - first_s
         silent = silent_inputs(sim)
+        if save_frozen is not None:
+            sim.network(frozen=True).save(save_frozen)
     if speaks():
         print_results(results, out)
         tell_silence(silent)

@@ -316,6 +316,12 @@ class Network(Description):
 
         save(self, path)
 
+    def frozen(self) -> Network:
+        """The same network with the weights that it has, static synapses and no signals: nothing learns."""
+        from neuro.model.frozen import frozen
+
+        return frozen(self)
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):
             return NotImplemented

@@ -383,6 +383,9 @@ def floats_only(program: Program) -> list[Problem]:
     ]
 
 
+SAVE_FROZEN = "neuro run FILE --save-frozen learnt.yaml writes static synapses with what was learnt"
+"""The way out of a backend that cannot learn."""
+
 TAKE_PAYLOADS = "run it on event, reference, torch or loihi2"
 """The way out of a backend whose spikes carry no payloads."""
 

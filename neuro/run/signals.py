@@ -23,10 +23,16 @@ _SIGNS: Mapping[str, Callable[..., Any]] = {
     **{"+": operator.add, "-": operator.sub, "*": operator.mul, "/": functions.divided, "^": functions.power},
     **{"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge},
 }
-_REMEMBERED = {"count": 1, "mean": 1, "trace": 1, "after": 2}
+_REMEMBERED = {"count": 1, "mean": 1, "trace": 1, "after": 3}
 """How many numbers an operation keeps from one period to the next."""
 
 _NEVER = -float(NEVER)
+
+
+def signals_of(program: Program, engine: Engine) -> SignalFeeder | None:
+    """What sets the signals of a program in an engine; None if nothing does."""
+    described = any(part.values is not None for part in program.signals)
+    return SignalFeeder(program, engine) if described else None
 
 
 class SignalFeeder:
@@ -201,9 +207,14 @@ class _Expression:
         Raises:
             ModelError: it is not finite.
         """
-        self.listen()
         found: list[float] = []
         counted: dict[int, Ints] = {}
+
+        def count(population: int, ids: Ints | None) -> float:
+            if population not in counted:
+                counted[population] = self._fired(population)
+            return float(counted[population].sum() if ids is None else counted[population][ids].sum())
+
         for operation, function, at in zip(self._plan.operations, self._functions, self._places, strict=True):
             values = [found[k] for k in operation.of]
             if function is not None:
@@ -213,11 +224,8 @@ class _Expression:
                 case "number":
                     found.append(operation.number)
                 case "count":
-                    [(index, ids)] = operation.reads
-                    if index not in counted:
-                        counted[index] = self._fired(index)
-                    spikes = float(counted[index].sum() if ids is None else counted[index][ids].sum())
-                    found.append(spikes - self._memory[at])
+                    spikes = count(*operation.reads[0])
+                    found.append(spikes - float(self._memory[at]))
                     self._memory[at] = spikes
                 case "mean":
                     period = now // self._plan.every
@@ -228,8 +236,11 @@ class _Expression:
                     self._memory[at] = self._memory[at] * operation.number + values[0]
                     found.append(float(self._memory[at]))
                 case _:
+                    spikes = count(*operation.reads[1])
+                    if spikes != self._memory[at + 2]:  # to read them takes as long as many steps of a small network
+                        self.listen()
                     found.append(float(self._memory[at + 1]))
-                    self._memory[at + 1] = 0.0
+                    self._memory[at + 1 : at + 3] = 0.0, spikes
         if not math.isfinite(found[-1]):
             message = f"signal '{self.name}': its expression is {found[-1]} at {self._clock.ms(now):g} ms"
             raise ModelError(f"{message}: expected a finite number", hint="where(b > 0, a / max(b, 1), 0)")
@@ -252,7 +263,7 @@ class _Expression:
         found = self._engine.spikes(population, self._heard)
         chosen = found.steps <= now
         if ids is not None:
-            chosen &= np.isin(found.ids, ids)
+            chosen &= np.isin(found.ids, ids, kind="table")
         return found.steps[chosen].astype(np.float64), found.multiplicity[chosen]
 
     def state(self) -> dict[str, NDArray[Any]]:

@@ -511,12 +511,17 @@ class Simulation(RunningNetwork):
         return self._engine.memory()
 
     @alone
-    def network(self) -> Network:
-        """The network with what it has learnt: save it, or compile it for another backend."""
+    def network(self, frozen: bool = False) -> Network:
+        """The network with what it has learnt: save it, or compile it for another backend.
+
+        Args:
+            frozen: whether nothing learns there: synapses are static, and there are no signals.
+        """
         self._synapses.check()
         from neuro.run.saved import learnt_network
 
-        return learnt_network(self._run)
+        net = learnt_network(self._run)
+        return net.frozen() if check(_FLAG, frozen, "network: frozen") else net
 
     @alone
     def doctor(
