@@ -65,7 +65,7 @@ def _unset(seen: Observation, part: Projection, ran: float) -> Finding:
     page = "docs/how-to/reward-in-a-closed-loop.md"
     tau = part.synapse.parameters().get("tau_c")
     soon = "" if tau is None else f", within {3.0 * float(np.max(tau)):g} ms of the spikes that earn it"
-    remedy = f"set it while the network runs{soon}: sim.signal('{signal.name}', reward), or its values; see {page}"
+    remedy = f"set it while the network runs{soon}: sim.signal('{signal.name}', reward), or give it values; see {page}"
     if ran > 0.0:
         return warning("signal-not-set", part, f"signal '{signal.name}' was never set in {ran:g} ms", remedy)
     return note("signal-not-set", part, f"signal '{signal.name}' stayed at 0: it has no values", remedy)

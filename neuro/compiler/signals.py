@@ -40,9 +40,6 @@ def resolve_signals(net: Network, shapes: Mapping[str, Shape], clock: Clock, see
     names = {name: index for index, name in enumerate(net.populations)}
     found = []
     for part in net.signals.values():
-        if part.values is not None and net.trials_section is not None:
-            message = "its values are for runs, and the network has trials"
-            refuse(part, f"{message}: expected a signal that a program sets", word="values")
         values, scale = resolver.of(part, ())
         found.append(resolved.Signal(part.name, names[part.to], part.origin, values, scale))
     return tuple(found)

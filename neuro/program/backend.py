@@ -383,7 +383,7 @@ def floats_only(program: Program) -> list[Problem]:
     ]
 
 
-SAVE_FROZEN = "neuro run FILE --save-frozen learnt.yaml writes static synapses with what was learnt"
+SAVE_FROZEN = "neuro run FILE --save-frozen learnt.yaml writes what it learns as static synapses"
 """The way out of a backend that cannot learn."""
 
 TAKE_PAYLOADS = "run it on event, reference, torch or loihi2"

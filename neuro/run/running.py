@@ -224,10 +224,10 @@ class RunningNetwork:
 
         From then on `spikes` and `trace` give what came later; `spikes` refuses a `since` before it.
         """
-        self.hear()
+        self._hear()
         self._records.forget(before)
 
-    def hear(self) -> None:
+    def _hear(self) -> None:
         """Let signals that depend on times of spikes read those that are about to be forgotten."""
         if self._signals is not None:
             self._signals.listen()
