@@ -1,13 +1,12 @@
 """Which spikes were rewarded? Dopamine comes seconds later, among thousands of others, and still finds the synapse.
 
-Whenever one neuron fires within 20 ms after another, whose synapse onto it was set to 0, a reward follows 1 to 3 s
+Whenever one neuron fires within 20 ms after another, whose synapse onto it begins at 0, a reward follows 1 to 3 s
 later. The twin network has the same spikes to begin with and no reward. Source: Izhikevich, Cereb. Cortex 17:2443,
-2007, experiment 1. The network is `dopamine_conditioning.yaml` of `neuro_models`, with a tenth of the paper's neurons;
-`--neurons 1000 --seconds 3600` is the paper's. Writes conditioning.png.
+2007, experiment 1. The network and its reward are `dopamine_conditioning.yaml` of `neuro_models`, with a tenth of the
+paper's neurons; `--neurons 1000 --seconds 3600` is the paper's. Writes conditioning.png.
 """
 
 import argparse
-from dataclasses import dataclass, field
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -17,64 +16,26 @@ from matplotlib.figure import Figure
 import neuro
 import neuro_models
 
-COINCIDENCE = 20.0  # ms
-LATE = (1000.0, 3000.0)  # ms from the pair to its reward
 DOSE = 0.5  # what a reward adds to dopamine
 EVERY = 10_000.0  # ms between two looks at the weights
 
 
-def network(neurons: int) -> neuro.Network:
-    """The published network; a neuron of a smaller one has a fifth of all as targets."""
+def network(neurons: int, dose: float) -> neuro.Network:
+    """The published network with its reward; a neuron of a smaller one has a fifth of all as targets."""
     targets = 100 if neurons == 1000 else neurons // 5
     sizes = {"excitatory": neurons * 4 // 5, "inhibitory": neurons // 5}
     fans = {"to_excitatory": targets * 4 // 5, "to_inhibitory": targets // 5, "from_inhibitory": targets}
-    return neuro.load(neuro_models.path("dopamine_conditioning"), {**sizes, **fans})
-
-
-@dataclass
-class Dopamine:
-    """The concentration, which decays, and the rewards that are under way."""
-
-    dose: float
-    tau: float = 200.0
-    level: float = 0.0
-    since: float = 0.0
-    due: list[float] = field(default_factory=list)
-
-    def give(self, now: float) -> float:
-        """Add what is due; return the level."""
-        self.level = self.level * np.exp(-(now - self.since) / self.tau) + self.dose * self.due.count(now)
-        self.due = [time for time in self.due if time > now]
-        self.since = now
-        return self.level
+    return neuro.load(neuro_models.path("dopamine_conditioning"), {**sizes, **fans, "dose": dose})
 
 
 def experiment(seed: int, neurons: int, seconds: float, dose: float) -> npt.NDArray[np.float64]:
     """The rewarded weight and the mean of the others, mV, every 10 s."""
-    sim = neuro.compile(network(neurons), seed=seed)
-    pre, post, weights = sim.weights("learning")
-    weights = np.where(np.arange(pre.size) == 0, 0.0, weights)
-    sim.set_weights("learning", weights)
-    first, second = pre[0], post[0]
-    rng, dopamine, last, found = np.random.default_rng(seed), Dopamine(dose), -np.inf, []
+    sim = neuro.compile(network(neurons, dose), seed=seed)
+    found = []
     while sim.time < 1000.0 * seconds:
-        begin = sim.time
-        # No reward comes within a second of its pair, so all that are due in the next are known.
-        stops = [time for time in (*dopamine.due, (begin // 1000.0 + 1.0) * 1000.0) if time > begin]
-        sim.run(min(stops) - begin)
-        if sim.time in dopamine.due:
-            level = dopamine.give(sim.time)
-            sim.signal("dopamine", level)
-            sim.signal("dopamine_inhibitory", level)
-        for time, neuron in zip(*sim.spikes("excitatory", since=begin), strict=True):
-            if neuron == first:
-                last = time
-            elif neuron == second and 0.0 < time - last <= COINCIDENCE:
-                dopamine.due.append(time + round(rng.uniform(*LATE)))
+        sim.run(EVERY)
         sim.forget(before=sim.time)
-        if sim.time % EVERY == 0.0:
-            _, _, weights = sim.weights("learning")
-            found.append((weights[0], weights[1:].mean()))
+        found.append([sim.get(name, "weight").mean() for name in ("pair", "learning")])
     return np.array(found)
 
 

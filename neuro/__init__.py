@@ -55,6 +55,12 @@ if TYPE_CHECKING:
         pairwise_bernoulli as pairwise_bernoulli,
         symmetric_pairwise_bernoulli as symmetric_pairwise_bernoulli,
     )
+    from neuro.model.sources import (
+        computed as computed,
+        like as like,
+        population as population,
+        schedule as schedule,
+    )
     from neuro.model.space import (
         box as box,
         circular as circular,

@@ -192,6 +192,7 @@ if TYPE_CHECKING:
     from neuro.run import settable as settable
     from neuro.run.collect import collect as collect
     from neuro.run.inputs import driver as driver, outgoing as outgoing
+    from neuro.run.signals import signals_of as signals_of
     from neuro_live.cli import announce as announce
     from neuro_predict.decisions import Evaluation as Evaluation, evaluate as evaluate, wilson as wilson
     from neuro_predict.showing import Overflows as Overflows, Showing as Showing, warn_of_overflows as warn_of_overflows

@@ -43,7 +43,7 @@ def findings(wiring: Wiring, seen: Observation, ran: float, steered: bool) -> It
         if not changes_weights(part.synapse):
             continue
         pre, post = (bool(seen.populations[k].spikes.any()) for k in (part.source, part.target))
-        if part.signal >= 0 and not steered:
+        if part.signal >= 0 and not steered and seen.program.signals[part.signal].values is None:
             yield _unset(seen, part, ran)
         if part.dopamine >= 0:
             yield from _dopamine(seen, part, learnt)
@@ -65,10 +65,10 @@ def _unset(seen: Observation, part: Projection, ran: float) -> Finding:
     page = "docs/how-to/reward-in-a-closed-loop.md"
     tau = part.synapse.parameters().get("tau_c")
     soon = "" if tau is None else f", within {3.0 * float(np.max(tau)):g} ms of the spikes that earn it"
-    remedy = f"set it while the network runs{soon}: sim.signal('{signal.name}', reward); see {page}"
+    remedy = f"set it while the network runs{soon}: sim.signal('{signal.name}', reward), or give it values; see {page}"
     if ran > 0.0:
         return warning("signal-not-set", part, f"signal '{signal.name}' was never set in {ran:g} ms", remedy)
-    return note("signal-not-set", part, f"signal '{signal.name}' stayed at 0: a description cannot set it", remedy)
+    return note("signal-not-set", part, f"signal '{signal.name}' stayed at 0: it has no values", remedy)
 
 
 def _dopamine(seen: Observation, part: Projection, learnt: Learnt) -> Iterator[Finding]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from neuro.apps import are_finite, keyed_random, unreadable
+from neuro.apps import are_finite, keyed_random, signals_of, unreadable
 from neuro.extend import Engine, EngineCounts, Neuron, Population, Program, Stretch
 from neuro_doctor.wiring import MOST_SYNAPSES, Floats, Ints
 
@@ -171,6 +171,7 @@ class _Watch:
     def __init__(self, engine: Engine, program: Program, wanted: int, drive: float, keep: Iterable[int]) -> None:
         self.engine, self.program, self.wanted, self.drive = engine, program, wanted, drive
         self.steps, self.unstable = 0, ""
+        self.signals = signals_of(program, engine)
         self.bin = max(1, round(BIN_MS / program.resolution))
         self.idle = idle_inputs(program)
         self.driven = self.idle if drive > 0.0 else set[int]()
@@ -213,7 +214,8 @@ class _Watch:
     def advance(self, steps: int) -> None:
         """Run some steps and look."""
         self._feed(self.steps + steps)
-        self.engine.run(steps)
+        for stretch in [steps] if self.signals is None else self.signals.stretches(steps):
+            self.engine.run(stretch)
         before, self.steps = self.steps, self.steps + steps
         for k, part in enumerate(self.program.populations):
             if part.kind == "current":

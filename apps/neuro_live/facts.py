@@ -89,6 +89,8 @@ def is_signal(sim: Simulation, name: str) -> bool:
 def settable_words(sim: Simulation, name: str) -> dict[str, Quantity]:
     """What can be set of a population, projection or signal, by word."""
     if is_signal(sim, name):
+        if next(part for part in sim.program.signals if part.name == name).values is not None:
+            return {}
         return {"value": Quantity(unit="1/ms", doc="one for all neurons")}
     found = sim.handles.neurons_or_projection(name)
     if isinstance(found, int):

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from neuro.model.neurons import Neuron
-from neuro.program.backend import Problem, floats_only
+from neuro.program.backend import SAVE_FROZEN, Problem, floats_only
 from neuro.program.program import Population, Program
 from neuro_torch.translate import Untranslatable, translated
 
 ELSEWHERE = "backend 'event' runs it"
-LEARNT_THERE = "backend 'event' runs it; where the weights stay as they are, use static"
+LEARNT_THERE = f"backend 'event' runs it: {SAVE_FROZEN}"
 RESET = {"izhikevich": "c"}
 """The parameter that is the potential after a spike, of models that do not call it V_reset."""
 

@@ -19,7 +19,7 @@ from neuro.chips.fixed import FixedPopulation, FixedProjection, Words
 from neuro.chips.inputs import LEARN_ELSEWHERE, Inputs, Options, foreign, refused
 from neuro.core.errors import ModelError, a, nearest
 from neuro.model.neurons import Model, Neuron
-from neuro.program.backend import Problem
+from neuro.program.backend import SAVE_FROZEN, Problem
 from neuro.program.program import Floats, Population, Program
 
 Projections = dict[int, FixedProjection]
@@ -128,7 +128,7 @@ class Arithmetic(ABC):
                     part,
                     part.synapse.name,
                     f"pairwise learning is not emulated on {chip.name}",
-                    "run it on loihi or event, or send static weights: sim.network() has what was learnt",
+                    f"run it on loihi or event, or send static weights: {SAVE_FROZEN}",
                 )
 
     @abstractmethod

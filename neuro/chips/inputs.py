@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from neuro.chips.description import Chip
 from neuro.chips.fixed import Words, arriving
 from neuro.model.neurons import Model, Neuron, cuba_lif
-from neuro.program.backend import Problem
+from neuro.program.backend import SAVE_FROZEN, Problem
 from neuro.program.currents import generator_of
 from neuro.program.program import Floats, Ints, Population, Program, Projection
 
@@ -286,7 +286,7 @@ def _named(part: Population | Projection) -> str:
     return f"{'population' if isinstance(part, Population) else 'projection'} '{part.name}'"
 
 
-LEARN_ELSEWHERE = "learn on event, then give the delays of sim.network() to static synapses"
+LEARN_ELSEWHERE = f"run it on event: {SAVE_FROZEN}"
 """The way out for delays that a chip cannot learn."""
 
 

@@ -36,7 +36,7 @@ from neuro.model.synapses.loihi_rule import (
     Term,
     Trace,
 )
-from neuro.program.backend import Problem
+from neuro.program.backend import SAVE_FROZEN, Problem
 from neuro.program.program import Program
 
 LARGEST_IMPULSE = 31
@@ -183,7 +183,7 @@ def rule_of(
     else:
         raise ModelError(
             "the learning engine runs stdp, stdp_dopa and loihi_learning",
-            hint="run it on event, or send static weights: sim.network() has what was learnt",
+            hint=f"run it on event, or send static weights: {SAVE_FROZEN}",
         )
     shared = [
         f"weights have {weight_bits} bits and change by whole steps, stochastically rounded from 2^-7 of a mantissa",
@@ -410,6 +410,13 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
             f"weights in sign mode {wires.sign_mode}: expected Wmin >= 0 and weights >= 0",
             hint="set Wmin: 0" if "Wmin" in numbers else "backend 'event' runs it",
         )
+    heard = program.signals[part.signal] if part.signal >= 0 else None
+    largest = options.of("signals", part.name)
+    if heard is not None and heard.values is not None and not largest:
+        largest = heard.largest
+        if largest is None:
+            message = f"its signal '{heard.name}' is computed: the largest value is not known"
+            raise ModelError(message, hint=f"give the option signals={{'{part.name}': largest value}}")
     return rule_of(
         part.synapse,
         program.resolution,
@@ -417,5 +424,5 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
         float(wires.step[0]),
         wires.bits,
         delay=int(part.delay.max(initial=1)),
-        largest_n=float(options.of("signals", part.name) or LARGEST_SIGNAL / numbers.get("tau_n", 1.0)),
+        largest_n=float(largest or LARGEST_SIGNAL / numbers.get("tau_n", 1.0)),
     )

@@ -25,6 +25,7 @@ KINDS = {
     "masks": "Masks",
     "distributions": "Distributions",
     "codes": "Codes",
+    "sources": "Sources of signals",
     "groups": "Groups and trials",
 }
 """The title of each section of the catalogue, by the word that lists it."""
@@ -69,6 +70,7 @@ def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
     from neuro.model.neurons import MODELS, Generator
     from neuro.model.parts import GROUPS, dropout, labels, reward
     from neuro.model.rules import RULES
+    from neuro.model.signals import SOURCES
     from neuro.model.space import MASKS, PROFILES
     from neuro.model.synapses import SYNAPSES
 
@@ -82,6 +84,7 @@ def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
         "Masks": MASKS,
         "Distributions": DISTRIBUTIONS,
         "Codes": CHOICES,
+        "Sources of signals": SOURCES,
         "Groups and trials": GROUPS | {part.__name__: part for part in (labels, reward, dropout)},
     }
 

@@ -41,8 +41,6 @@ if TYPE_CHECKING:
 Record = Annotated[list[str], typer.Option(metavar="NAME", help="Keep only this population's spikes; repeatable.")]
 ResultsOut = Annotated[Path, typer.Option(metavar="FILE", help="The HDF5 file to write.")]
 AllWeights = Annotated[bool, typer.Option("--all-weights", help="Keep also static weights above a million synapses.")]
-
-
 Steps = Annotated[int | None, typer.Option(metavar="N", parser=at_least(1), help="Control steps in its world.")]
 Episodes = Annotated[int | None, typer.Option(metavar="N", parser=at_least(1), help="Episodes in its world.")]
 Until = Annotated[float | None, typer.Option(metavar="R", help="Mean return of 100 episodes to stop at.")]
@@ -50,7 +48,8 @@ Frozen = Annotated[bool, typer.Option("--frozen", help="Act in its world without
 CopiesOf = Annotated[int, typer.Option("--copies", metavar="N", parser=at_least(1), help="Worlds side by side.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with a run that was interrupted or killed.")]
 SaveFrozen = Annotated[
-    Path | None, typer.Option("--save-frozen", metavar="FILE", help="Write the network with what it learnt, static.")
+    Path | None,
+    typer.Option(metavar="FILE", help="Also write the network in YAML with what it has learnt, as static synapses."),
 ]
 
 
@@ -83,12 +82,15 @@ def run(
     from neuro.core.system import shared, speaks
     from neuro.files.results import KIND, read
     from neuro.model.language import load
+    from neuro.model.language.writer import check_network_file
     from neuro.run.compiled import compile as compiled
 
     together(backend)
     net = load(file, params=assignments(set))
     keep_spikes(net, record)
     check_output(out, KIND)
+    if save_frozen is not None:
+        check_network_file(save_frozen)
     if net.world_section is not None:
         from neuro.cli.world import run_world, summary
 

@@ -44,6 +44,7 @@ from neuro.model.neurons import (
 )
 from neuro.model.parts import Population, Projection, naming_the_part, refuse
 from neuro.model.rules import BACKEND, RULES, NamedRule, from_file, grid
+from neuro.model.signals import SOURCES
 from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, MoveRule, Synapse
 from neuro.program import program as resolved
@@ -71,7 +72,7 @@ def compile_network(
     """
     # From here on a name means the same: a part registered later under a name of this network would make its saved
     # state another network's.
-    for registry in (MODELS, SYNAPSES, RULES, DISTRIBUTIONS, PROFILES, CODES, RATE_CODES):
+    for registry in (MODELS, SYNAPSES, RULES, DISTRIBUTIONS, PROFILES, SOURCES, CODES, RATE_CODES):
         registry.close("a network was compiled")
     clock = Clock(net.resolution)
     # Recordings first: a camera's sensor decides the shape of its population, and shapes of grids follow from it.
@@ -87,6 +88,12 @@ def compile_network(
     declared = {name: part.model.name for name, part in net.populations.items()}
     sources = {p.of: net.projections[p.of].source for p in net.probes.values() if p.at and p.of in net.projections}
     heard = {sources.get(p.of, p.of) for p in net.probes.values() if p.of in sources or p.record == "spikes"}
+    signals: tuple[resolved.Signal, ...] = ()
+    if any(part.values is not None for part in net.signals.values()):
+        from neuro.compiler.signals import heard_by_signals, resolve_signals
+
+        signals = resolve_signals(net, shapes, clock, seed)
+        heard |= heard_by_signals(net, signals)
     # Codes become spikes here, so no later step and no backend knows of them; `declared` keeps the name that people
     # wrote.
     net = with_generators(net, shapes, clock, seed)
@@ -122,7 +129,7 @@ def compile_network(
         min_delay=min((d for p in projections for d in _delays(p, net.resolution)), default=1),
         populations=populations,
         projections=projections,
-        signals=tuple(resolved.Signal(s.name, names[s.to], s.origin) for s in net.signals.values()),
+        signals=signals or tuple(resolved.Signal(s.name, names[s.to], s.origin) for s in net.signals.values()),
         groups=tuple(resolved.Group(g.name, names[g.choice.of], g.choice, g.origin) for g in net.groups.values()),
         probes=resolve_probes(net, shapes, clock) if net.probes else (),
         trials=trials,

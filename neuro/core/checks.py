@@ -195,6 +195,14 @@ def _words(q: Quantity, value: Any, what: str) -> dict[str, Any]:
     return {str(name): list(given) if isinstance(given, tuple) else given for name, given in value.items()}
 
 
+@kind("expression", "an expression as text")
+def _expression(q: Quantity, value: Any, what: str) -> str:
+    """What it says is read by the part that has it."""
+    if not isinstance(value, str):
+        raise wrong(q, value, what)
+    return value
+
+
 @kind("word", "a word")
 def _word(q: Quantity, value: Any, what: str) -> str:
     if not isinstance(value, str) or value not in q.words:
@@ -246,7 +254,7 @@ def _events(q: Quantity, value: Any, what: str) -> Any:
 @kind("choice", "")
 def _choice(q: Quantity, value: Any, what: str) -> Any:
     assert q.choice is not None
-    if q.at_least is not None and is_number(value):
+    if (q.at_least is not None and is_number(value)) or (q.arrays and not isinstance(value, (q.choice, str))):
         return _number(q, value, what)
     if not isinstance(value, q.choice):
         raise wrong(q, value, what)

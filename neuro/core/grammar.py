@@ -79,6 +79,10 @@ _TOKEN = re.compile(
     r"|(?P<sign>\*\*|<=|>=|[-+*/^<>(),]))",
     re.ASCII,
 )
+_TOKEN_OR_VIEW = re.compile(
+    _TOKEN.pattern.replace("[A-Za-z][A-Za-z0-9_]*", r'(?:[A-Za-z][A-Za-z0-9_]*|"[^"]*")(?:\[(?:[^][]|\[[^][]*\])*\])?'),
+    re.ASCII,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,8 +135,14 @@ class Hints:
     shorter: str = ""
 
 
-def parse(text: object, hints: Hints = Hints()) -> Expression:
+def parse(text: object, hints: Hints = Hints(), views: bool = False) -> Expression:
     """Read an expression.
+
+    Args:
+        text: the expression.
+        hints: for what it cannot have.
+        views: whether a name may have an index, which is kept as a part of the name: `motors[0, 1]`,
+            and may be written in quotes: `"s-1"`.
 
     Raises:
         ModelError: it is none, or longer or deeper than is allowed; it names the column.
@@ -144,7 +154,7 @@ def parse(text: object, hints: Hints = Hints()) -> Expression:
     if len(text) > MAX_CHARACTERS:
         message = f"found {len(text)} characters: expected at most {MAX_CHARACTERS}"
         raise mistake(text, MAX_CHARACTERS, message, hints.shorter)
-    return Expression(text, _Parser(text, hints).whole())
+    return Expression(text, _Parser(text, hints, _TOKEN_OR_VIEW if views else _TOKEN).whole())
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,15 +165,15 @@ class _Token:
 
 
 class _Parser:
-    def __init__(self, text: str, hints: Hints) -> None:
-        self.text, self.hints, self.next = text, hints, 0
+    def __init__(self, text: str, hints: Hints, token: re.Pattern[str]) -> None:
+        self.text, self.hints, self.pattern, self.next = text, hints, token, 0
         self.tokens = self._tokens()
 
     def _tokens(self) -> list[_Token]:
         tokens: list[_Token] = []
         at, end = 0, len(self.text.rstrip())
         while at < end:
-            found = _TOKEN.match(self.text, at)
+            found = self.pattern.match(self.text, at)
             if found is None or found.lastgroup is None:
                 at += len(self.text[at:]) - len(self.text[at:].lstrip())
                 raise self.mistake(at, *self.odd(self.text[at]))

@@ -65,8 +65,9 @@ class Quantity:
             third column, the payload), "ids", "delay" (a time that is no number of the rule), "names" (a list of
             names), "words" (values by name), "part" (a `part`), "array" (numbers in a list or a file, not drawn),
             "states" (numbers by state), "neurons" (a population or some of its neurons), "codes" (of `neuro.coding`),
-            "choice" (a `choice`; with bounds also a number), "choices" (`choice`s by name), "file" (a path; in YAML
-            inside the folder of the description) or "events" (what holds events, in Python alone).
+            "choice" (a `choice`; with bounds also a number, with `arrays` also numbers), "choices" (`choice`s by name),
+            "expression" (a text), "file" (a path; in YAML inside the folder of the description) or "events" (what holds
+            events, in Python alone).
         above, at_least, below, at_most: bounds of every element.
         nonzero: whether 0 has no meaning.
         infinite: whether an infinite value has a meaning.
@@ -120,6 +121,7 @@ class Quantity:
             noun = f"the words of {self.part.__name__}"
         elif self.choice:
             noun = "a number" if self.at_least is not None else f"a {self.choice.kind}"
+            noun = f"a number, one for each, or {noun}" if self.arrays else noun
         limits = replace(self, at_least=0).bounds if self.kind == "ids" else self.bounds
         bounds = [f"{sign} {bound if isinstance(bound, int) else f'{bound:g}'}" for sign, bound, _ in limits]
         if self.nonzero:

@@ -31,6 +31,7 @@ _ROOMS = (
     "neuro.model.rules",
     "neuro.model.distributions",
     "neuro.model.space",
+    "neuro.model.signals",
     "neuro.program.backend",
     "neuro.chips.known",
     "neuro_events.filters",

@@ -220,9 +220,21 @@ class Network(Description):
             self.connect(source, brain, one_to_one(), weight=drive, delay=self.resolution)
         return brain
 
-    def signal(self, name: str, *, to: Population | str) -> Signal:
-        """Add a signal: one value per neuron of `to`, set while running by `sim.signal`."""
-        return self._add(self.signals, Signal(name, self._name_of(to, f"signal '{name}'", "to"), self._where()))
+    @naming_words
+    def signal(self, name: str, *, to: Population | str, values: Any = None) -> Signal:
+        """Add a signal: one value per neuron of `to`.
+
+        Args:
+            name: a new name.
+            to: the population.
+            values: a number, one for each neuron, or what gives them, as `neuro.computed("count(left)", every=50.0)`;
+                if not given, a program sets them by `sim.signal`.
+        """
+        what = f"signal '{check_name(name, 'signal', self._where())}'"
+        target = self._name_of(to, what, "to")
+        return self._add(
+            self.signals, Signal(name, target, self._where(), self._checked(Signal, "values", values, what))
+        )
 
     def group(self, name: str, choice: Competition) -> Group:
         """Add a group, e.g. `net.group("choice", neuro.winner_take_all(of="s2"))`."""
@@ -315,6 +327,12 @@ class Network(Description):
         from neuro.model.language.writer import save
 
         save(self, path)
+
+    def frozen(self) -> Network:
+        """The same network with the weights that it has, static synapses and no signals: nothing learns."""
+        from neuro.model.frozen import frozen
+
+        return frozen(self)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):

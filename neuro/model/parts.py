@@ -33,6 +33,7 @@ from neuro.model.sections import (
     labels as labels,
     reward as reward,
 )
+from neuro.model.signals import Source
 from neuro.model.synapses import Synapse
 from neuro.model.views import View, count, view
 from neuro.model.wiring.neurons import neuron_table
@@ -267,13 +268,23 @@ Side = Population | View | str | int | Sequence[int] | NDArray[Any] | None
 
 @dataclass(frozen=True, eq=False)
 class Signal(Part):
-    """Values set from outside, one per neuron of a population: the dopamine of synapses onto it."""
+    """Values, one per neuron of a population: the dopamine of synapses onto it.
+
+    Attributes:
+        values: what sets them while the network runs; None: a program, from outside.
+    """
 
     word: ClassVar[str] = "signal"
-    words: ClassVar[Mapping[str, Quantity]] = {"to": Quantity(doc="the population it acts on", kind="name")}
+    words: ClassVar[Mapping[str, Quantity]] = {
+        "to": Quantity(doc="the population it acts on", kind="name"),
+        "values": Quantity(
+            doc="what sets it; a program does if not given", kind="choice", choice=Source, arrays=True, optional=True
+        ),
+    }
     needs: ClassVar[tuple[str, ...]] = ("to",)
     to: str
     origin: Where | None = None
+    values: Value = None
 
 
 @dataclass(frozen=True, eq=False)

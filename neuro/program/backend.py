@@ -327,6 +327,11 @@ class Fired(Protocol):
         """Spikes since the start or the last reset, with their multiplicity, per neuron; a copy."""
 
 
+def counter(engine: Engine) -> Callable[[int], Ints]:
+    """What tells of a population how often each neuron of an engine has fired."""
+    return engine.fired if isinstance(engine, Fired) else lambda population: engine.counts().spikes[population]
+
+
 def unnoted(program: Program) -> list[Problem]:
     """The problems of a backend whose engine does not note what pre spikes leave."""
     return [
@@ -377,6 +382,9 @@ def floats_only(program: Program) -> list[Problem]:
         for what, choice, origin in parts
     ]
 
+
+SAVE_FROZEN = "neuro run FILE --save-frozen learnt.yaml writes what it learns as static synapses"
+"""The way out of a backend that cannot learn."""
 
 TAKE_PAYLOADS = "run it on event, reference, torch or loihi2"
 """The way out of a backend whose spikes carry no payloads."""

@@ -391,13 +391,64 @@ def synapse_states(part: Projection) -> list[str]:
     return names
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Operation:
+    """One operation of an expression, whose value is a number.
+
+    Attributes:
+        name: a sign or a function; "number", "count", "mean", "trace" and "after" have a number or a memory.
+        of: the operations before it that it takes.
+        number: itself; of a mean the share of a new value, 0 for that of all; the share of a trace that is left; the
+            steps within which a spike comes after another.
+        reads: whose spikes: a population and some of its neurons, None for all.
+    """
+
+    name: str
+    of: tuple[int, ...] = ()
+    number: float = 0.0
+    reads: tuple[tuple[int, Ints | None], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Computed:
+    """Values of an expression of spikes.
+
+    Attributes:
+        name: keys the draws of delays.
+        operations: of which the last gives the value.
+        every: steps between two values.
+        delay: from a value to its effect: steps, or a distribution in ms.
+        tau: with which the sum of doses decays in ms; 0: values are no doses.
+    """
+
+    name: str
+    operations: tuple[Operation, ...]
+    every: int
+    delay: int | Distribution
+    tau: float
+
+
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A signal and the index of the population it goes to."""
+    """A signal and the index of the population it goes to.
+
+    Attributes:
+        values: what sets it, the same for signals that are set together; None: what is outside.
+        scale: the factor on these values, shape (1,) or (size,).
+    """
 
     name: str
     target: int
     origin: Where | None
+    values: Schedule | Computed | None = None
+    scale: Floats | None = None
+
+    @property
+    def largest(self) -> float | None:
+        """The largest absolute value that it will have; None if that is not known."""
+        if not isinstance(self.values, Schedule) or self.scale is None:
+            return None
+        return float(np.abs(self.values.values * self.scale).max(initial=0.0))
 
 
 @dataclass(frozen=True, slots=True)

@@ -137,8 +137,18 @@ class Handles:
         return self._find("projection", Projection, of, self._projections, self._net.projections)
 
     def signal(self, of: Signal | str) -> int:
-        """The index of a signal."""
-        return self._find("signal", Signal, of, self._signals, self._net.signals)
+        """The index of a signal that a program sets.
+
+        Raises:
+            ModelError: this network has no such signal, or its values are described.
+        """
+        index = self._find("signal", Signal, of, self._signals, self._net.signals)
+        if self._program.signals[index].values is not None:
+            part = self._program.signals[index]
+            message = f"signal '{part.name}' has values, which set it while the network runs"
+            hint = "leave 'values' out where a program sets it"
+            raise ModelError(f"{message}: expected one without", where=part.origin, hint=hint)
+        return index
 
     def probe(self, of: Probe | str) -> Probe:
         """A probe, as it was said; its traces are named by `Probe.traces`."""

@@ -20,7 +20,7 @@ from neuro.core.errors import ModelError
 from neuro.core.keyed_random import LARGEST_MEAN
 from neuro.core.quantities import Quantity, word_of
 from neuro.kernels.jit import kernel
-from neuro.program.backend import Fired
+from neuro.program.backend import counter
 from neuro.program.program import Floats, Ints, synapse_states
 from neuro.run import settable
 from neuro.run.handles import Neurons, Run
@@ -203,13 +203,11 @@ class _Counts(Port):
 
     def __init__(self, net: Ports, neurons: Neurons) -> None:
         super().__init__(f"counts of {neurons.text}", net.turn)
-        self._engine, self._index, self._ids = net.engine, neurons.index, neurons.ids
-        self._reader = net.engine if isinstance(net.engine, Fired) else None
+        self._fired, self._index, self._ids = counter(net.engine), neurons.index, neurons.ids
         self.begin()
 
     def _now(self) -> Ints:
-        reader, k = self._reader, self._index
-        every = self._engine.counts().spikes[k] if reader is None else reader.fired(k)
+        every = self._fired(self._index)
         return every if self._ids is None else every[self._ids]
 
     def begin(self) -> None:

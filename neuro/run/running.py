@@ -24,6 +24,7 @@ from neuro.run.watch import Watch
 if TYPE_CHECKING:
     from neuro.run.collect import ResultsWriter
     from neuro.run.ports import Ports
+    from neuro.run.signals import SignalFeeder
     from neuro.run.streams import Inflow
 
 _FLAG = Quantity(kind="boolean")
@@ -44,6 +45,11 @@ class RunningNetwork:
         self._inflow: Inflow | None = None
         if any(part.stream is not None for part in program.populations):
             self._inflow = self._new_inflow()
+        self._signals: SignalFeeder | None = None
+        if any(part.values is not None for part in program.signals):
+            from neuro.run.signals import SignalFeeder
+
+            self._signals = SignalFeeder(program, engine)
         self.steered: dict[str, None] = {}
         self._ports: Ports | None = None
         self._calls: Turn = {}
@@ -93,8 +99,9 @@ class RunningNetwork:
                 advance(self, steps, bar)
             return
         self._records.check_room(steps)
-        for stretch in [steps] if self._inflow is None else self._inflow.stretches(steps):
-            self._records.run(stretch)
+        for stretch in [steps] if self._signals is None else self._signals.stretches(steps):
+            for part in [stretch] if self._inflow is None else self._inflow.stretches(stretch):
+                self._records.run(part)
         self._watch.look()
 
     def check_room(self, steps: int) -> None:
@@ -217,4 +224,10 @@ class RunningNetwork:
 
         From then on `spikes` and `trace` give what came later; `spikes` refuses a `since` before it.
         """
+        self._hear()
         self._records.forget(before)
+
+    def _hear(self) -> None:
+        """Let signals that depend on times of spikes read those that are about to be forgotten."""
+        if self._signals is not None:
+            self._signals.listen()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from neuro.files.state import Identity, fingerprint, read_state, write_state
 from neuro.model import parts
 from neuro.model.network import Network
 from neuro.model.rules import all_to_all, grid, pairs
-from neuro.model.synapses import static
 from neuro.model.synapses.base import steps_of
 from neuro.program.backend import Engine, Spikes
 from neuro.program.program import (
@@ -29,14 +28,16 @@ from neuro.run.records import Records
 from neuro.run.streams import StreamFeeder
 from neuro.run.trials import TrialLoop
 
+if TYPE_CHECKING:
+    from neuro.run.signals import SignalFeeder
 
-def learnt_network(run: Run, frozen: bool = False) -> Network:
+
+def learnt_network(run: Run) -> Network:
     """A copy of a network in execution that holds the present weights and parameters and nothing random in connections.
 
     Delays that learn are those that the next spikes would take, in whole steps.
     Synapses that were drawn at random become listed pairs; weights, delays and initial states that were drawn
-    become arrays, and what was encoded becomes spikes or rates. States such as V_m begin anew. `frozen` has static
-    synapses and no signals.
+    become arrays, and what was encoded becomes spikes or rates. States such as V_m begin anew.
     """
     net, program = run.net, run.program
     copy = Network(net.name, resolution=net.resolution)
@@ -44,11 +45,7 @@ def learnt_network(run: Run, frozen: bool = False) -> Network:
         copy.populations[population.name] = _population(net.populations[population.name], run, index)
     for index, projection in enumerate(program.projections):
         copy.projections[projection.name] = _projection(net.projections[projection.name], run, index)
-    if frozen:
-        for name, part in copy.projections.items():
-            receptor = getattr(part.synapse, "receptor", None)
-            copy.projections[name] = replace(part, synapse=static(receptor=receptor))
-    copy.signals, copy.groups = {} if frozen else dict(net.signals), dict(net.groups)
+    copy.signals, copy.groups = dict(net.signals), dict(net.groups)
     for name, probe in net.probes.items():
         view, pre, post = (
             None if each is None else copy.populations[each.population.name][each.index]
@@ -57,9 +54,7 @@ def learnt_network(run: Run, frozen: bool = False) -> Network:
         copy.probes[name] = replace(probe, view=view, pre=pre, post=post)
     copy.trials_section, copy.trials_origin = net.trials_section, net.trials_origin
     copy.readout_section = net.readout_section
-    world = net.world_section
-    copy.world_section = replace(world, reward=None) if world is not None and frozen else world
-    copy.world_origin = net.world_origin
+    copy.world_section, copy.world_origin = net.world_section, net.world_origin
     return copy
 
 
@@ -121,11 +116,15 @@ class Saved:
         run: the network in execution.
         records: what it has recorded.
         inflow: what it plays, if it plays streams.
+        signals: what sets its signals, if they have values.
     """
 
-    def __init__(self, run: Run, records: Records, inflow: StreamFeeder | None) -> None:
+    def __init__(
+        self, run: Run, records: Records, inflow: StreamFeeder | None, signals: SignalFeeder | None = None
+    ) -> None:
         self._identity = Identity(run.program.name, run.backend, run.program.seed, fingerprint(run.program))
         self._engine, self._rules, self._records, self._inflow = run.engine, run.rules, records, inflow
+        self._signals = signals
 
     @property
     def fingerprint(self) -> str:
@@ -151,6 +150,8 @@ class Saved:
         arrays |= {f"rules/{index}": rule.vector() for index, rule in self._rules.items()}
         if self._inflow is not None:
             arrays |= {f"streams/{name}": step for name, step in self._inflow.state().items()}
+        if self._signals is not None:
+            arrays |= {f"signals/{name}": array for name, array in self._signals.state().items()}
         arrays["held"] = np.array(self._records.held)
         if trials is not None:
             arrays["trials"] = trials.state()
@@ -169,6 +170,8 @@ class Saved:
             self._rules[index] = settable.rule_of(rule, arrays[f"rules/{index}"])
         if self._inflow is not None:
             self._inflow.put(_below("streams/", arrays))
+        if self._signals is not None:
+            self._signals.put(_below("signals/", arrays))
         if trials is not None:
             trials.put(arrays["trials"])
 

@@ -132,6 +132,8 @@ class Simulation(RunningNetwork):
         self._watch.begin()
         if self._inflow is not None:
             self._inflow.rewind()
+        if self._signals is not None:
+            self._signals.begin()
         self._records.clear()
         if self._ports is not None:
             self._ports.begin()
@@ -513,12 +515,13 @@ class Simulation(RunningNetwork):
         """The network with what it has learnt: save it, or compile it for another backend.
 
         Args:
-            frozen: with static synapses and without signals, for a backend that cannot learn.
+            frozen: whether nothing learns there: synapses are static, and there are no signals.
         """
         self._synapses.check()
         from neuro.run.saved import learnt_network
 
-        return learnt_network(self._run, frozen)
+        net = learnt_network(self._run)
+        return net.frozen() if check(_FLAG, frozen, "network: frozen") else net
 
     @alone
     def doctor(
@@ -574,7 +577,7 @@ class Simulation(RunningNetwork):
     def _saved(self) -> Saved:
         from neuro.run.saved import Saved
 
-        return Saved(self._run, self._records, None if self._inflow is None else self._inflow.own)
+        return Saved(self._run, self._records, None if self._inflow is None else self._inflow.own, self._signals)
 
     @alone
     def save(self, path: str | PathLike[str]) -> None:

@@ -34,7 +34,7 @@ class Joined:
 
     Attributes:
         engines: all as one.
-        plain: whether nothing is recorded or streamed on the way, so that all can be advanced at once.
+        plain: whether nothing is recorded, streamed or set on the way, so that all can be advanced at once.
     """
 
     def __init__(self, program: Program, handles: Handles, engines: Sequence[Engine], watches: Sequence[Watch]) -> None:
@@ -42,6 +42,7 @@ class Joined:
         self._each, self._watches, self._due = list(engines), list(watches), 0
         self.engines = together(program, engines)
         streams = any(part.stream is not None for part in program.populations)
+        streams = streams or any(part.values is not None for part in program.signals)
         self.plain = not (program.probes or program.synapse_probes or streams)
 
     def __len__(self) -> int:
@@ -112,7 +113,8 @@ class Stepper:
                 raise ModelError(f"stepper: '{part.name}' is {a(part.said)}: expected a spike_generator")
         if run is None and not joined.plain:
             raise ModelError(
-                "stepper: the network has probes or streams: expected one without", hint="use run and ports"
+                "stepper: the network has probes, streams or signals with values: expected one without",
+                hint="use run and ports",
             )
         self._run = run
         self._before = [joined.engines.fired(index) for index in self._count]

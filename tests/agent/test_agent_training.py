@@ -9,12 +9,11 @@ import pytest
 from gymnasium import spaces
 
 import neuro_agent
+from neuro.apps import Environments, actions_of, dimensions_of, flat
 from neuro.coding import PERIOD, Places
 from neuro_agent import deployed, training
-from neuro.apps import Environments
 from neuro_agent.learner import ErrorScale, RewardScale
 from neuro_agent.network import TAU
-from neuro.apps import actions_of, dimensions_of, flat
 from refused import refusals_of, refused
 
 

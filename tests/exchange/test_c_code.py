@@ -22,7 +22,7 @@ from golden_traces import stored, unpacked
 from neuro.chips import chip as known_chip, quantise
 from neuro.cli.commands import app
 from neuro.program.backend import Trial
-from neuro_exchange.c_code.export import _digest, without_learning
+from neuro_exchange.c_code.export import _digest
 from neuro_exchange.c_code.source import source_of
 from random_c import STEPS, random_network
 from refused import mistakes_of, refused
@@ -244,7 +244,7 @@ def test_trials_begin_as_on_the_emulator(chip: str, tmp_path: Path):
     """A trial begins while spikes are under way, neurons are refractory and the group is closed."""
     needs("gcc")
     models = Path(neuro.__file__).parents[1] / "models" / "neuro_models"
-    net = without_learning(neuro.load(models / "remus.yaml"))
+    net = neuro.load(models / "remus.yaml").frozen()
     code = Loaded(save(net, tmp_path, chip=chip))
     with warnings.catch_warnings(action="ignore", category=neuro.ApproximationWarning):
         sim = neuro.compile(net, chip)

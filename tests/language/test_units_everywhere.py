@@ -50,7 +50,7 @@ def inside(q: Quantity) -> float:
 
 
 KINDS: dict[str, Any] = {"name": "a", "shape": [1], "ids": [0], "number": 1.0, "integer": 3, "delay": 1.0}
-KINDS |= {"moments": [1.0], "series": [1.0], "names": ["a"]}
+KINDS |= {"moments": [1.0], "series": [1.0], "expression": "1", "names": ["a"]}
 NEEDED: dict[tuple[str, str], Any] = {("encode", "code"): (neuro.rank(),)}
 
 

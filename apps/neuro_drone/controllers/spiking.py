@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -102,7 +101,7 @@ class Spiking:
         self._scenario, self._seed, self._settings = scenario, seed, settings
         self.net = net = _load(settings, scenario.axes)
         self._signals = [s.name for s in net.signals.values() if s.to == MOTORS] if settings.learns else []
-        run = net if settings.learns else static(net)
+        run = net if settings.learns else net.frozen()
         self.sim = _compile(run, settings, seed)
         if settings.start != "equal":
             self._start_from(pattern(scenario, settings.start))
@@ -180,14 +179,6 @@ class Spiking:
         now: dict[str, Any] = {"network": self.network(), "start": "equal", "parameters": {}}
         settings = replace(self._settings, **now, learns=False, backend=backend, options={})
         return Spiking(self._scenario, self._seed, settings)
-
-
-def static(net: neuro.Network) -> neuro.Network:
-    """The same network with static synapses and without signals."""
-    other = copy.copy(net)
-    other.projections = {name: replace(p, synapse=neuro.static()) for name, p in net.projections.items()}
-    other.signals = {}
-    return other
 
 
 def _load(settings: SpikingSettings, axes: int) -> neuro.Network:

@@ -11,7 +11,7 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.resources import files
 from os import PathLike
 from pathlib import Path
@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro import ModelError, Network, OverflowWarning, Simulation, compile, loihi2_static, loihi_static, static
+from neuro import ModelError, Network, OverflowWarning, Simulation, compile
 from neuro.apps import Clock, Quantity, check, file_path, keyed_random, make_folder, output, sealed, unknown
 from neuro.chips import FixedProgram, arithmetic_of, chip, quantise
-from neuro.extend import Chip, Ints, Population, Problem, Program, Projection, Synapse
+from neuro.extend import Chip, Ints, Population, Problem, Program, Projection
 from neuro_exchange.c_code.arrays import Memory, number
 from neuro_exchange.c_code.cells import supports
 from neuro_exchange.c_code.source import FAMILIES, INPUTS, MARK, STEPS, Source, source_of
@@ -124,7 +124,7 @@ def save_c(
         hint = f"files that lie beside it are {', '.join(sorted(taken))}, and those that end in _test"
         raise ModelError(f"name = {name!r:.60}: expected small letters, digits and _, as in 'net'", hint=hint)
     target = check_chip(chip)
-    sim = compile(watched(without_learning(net) if check(_FLAG, frozen, "frozen") else net), backend=chip, seed=seed)
+    sim = compile(watched(net.frozen() if check(_FLAG, frozen, "frozen") else net), backend=chip, seed=seed)
     program = sim.program
     fixed = quantise(program, target)
     refuse(fixed)
@@ -271,23 +271,6 @@ def record(sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int
     spikes = np.zeros(steps, dtype=np.uint64)
     np.add.at(spikes, every[0] - 1, words)
     return Recorded(steps, _spikes(sim, source, inputs), _spikes(sim, source, outputs), spikes, digests)
-
-
-def without_learning(net: Network) -> Network:
-    """The network, with the weights that it has and no rule that changes them."""
-    other = copy.copy(net)
-    other.projections = {name: _frozen(part, net) for name, part in net.projections.items()}
-    return other
-
-
-def _frozen(part: Any, net: Network) -> Any:
-    if not part.synapse.learns:
-        return part
-    target = net.populations[part.target].model
-    models: dict[str, type[Synapse]] = {"loihi": loihi_static, "loihi2": loihi2_static}
-    model = models.get(part.synapse.chip or target.chip, static)
-    known = part.synapse.parameters()
-    return replace(part, synapse=model(**{word: known[word] for word in model.quantities() if word in known}))
 
 
 def watched(net: Network) -> Network:

@@ -228,6 +228,7 @@ def _accepted(q: Quantity, own: bool) -> list[Schema]:
         case "choice":
             assert q.choice is not None
             number: list[Schema] = [{"type": "number", **bounds}] if bounds else []
+            number += [{"type": "number"}, numbers, file] if q.arrays else []
             chosen: list[Schema] = [*number, {"$ref": f"#/$defs/{q.choice.kind}"}]
             if not own or q.choice.kind not in ("model", "synapse"):
                 return chosen

@@ -32,6 +32,7 @@ from neuro.model.network import Network, check_name
 from neuro.model.neurons import MODELS, Model
 from neuro.model.parts import AUTO, GROUPS, Part, Population, Probe, Projection, Readout, Signal, Trials, World
 from neuro.model.rules import RULES
+from neuro.model.signals import SOURCES
 from neuro.model.space import MASKS, PROFILES, of_distance
 from neuro.model.synapses import SYNAPSES
 from neuro.model.views import indices, view
@@ -48,6 +49,7 @@ TABLES: dict[str, Mapping[str, type[Choice]]] = {
     "encoder": ENCODERS,
     "decoder": DECODERS,
     "teacher": TEACHERS,
+    "source": SOURCES,
 }
 FILE = ("file", "key")
 """The words of an array in a file."""
@@ -121,6 +123,8 @@ def value(q: Quantity, node: Node, what: str) -> Any:
         return train(node)
     if q.kind == "choices" and q.choice is not None and isinstance(node.value, dict):
         return {name: choice(inner, q.choice.kind) for name, inner in node.value.items()}
+    if q.choice is not None and q.arrays and not (isinstance(node.value, (str, dict)) and "file" not in node.value):
+        return array(node) if isinstance(node.value, dict) else plain(node)
     if q.choice is not None and (q.at_least is None or isinstance(node.value, (str, dict))):
         return choice(node, q.choice.kind)
     if q.of_distance and isinstance(node.value, dict) and of_distance.called() in node.value:
@@ -381,6 +385,10 @@ class _Builder:
         for name, projection in self.net.projections.items():
             node = follow(self.sections["projections"], (name, "synapse", projection.synapse.name))
             self.names(projection.synapse, node, f"projection '{name}'")
+        for name, signal in self.net.signals.items():
+            if isinstance(signal.values, Choice):
+                node = follow(self.sections["signals"], (name, "values", signal.values.name))
+                self.names(signal.values, node, f"signal '{name}'")
         for section in (self.net.trials_section, self.net.readout_section):
             if section is not None:
                 self.names(section, self.sections[section.word], section.word)

@@ -17,7 +17,7 @@ from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, Where
 from neuro.core.hdf5 import has_format, new_file
 from neuro.core.inputs import file_path
-from neuro.core.outputs import Kind, Unwritable, output, sealed
+from neuro.core.outputs import Kind, Unwritable, check_output, output, sealed
 from neuro.core.quantities import word_of
 from neuro.core.values import FromFile
 from neuro.model.equations import EquationNeuron, EquationSynapse
@@ -48,10 +48,7 @@ def save(net: Description, path: str | Path, anywhere: bool = False) -> None:
     Raises:
         ModelError: the file cannot be written, or an HDF5 file of that name holds something else.
     """
-    file = file_path(path, "path")
-    where = Where(str(file))
-    if file.suffix not in ENDINGS:
-        raise ModelError("cannot be written: expected a name ending in .yaml or .yml", where=where)
+    file = check_network_file(path)
     beside = file.with_name(re.sub(r"[^\w .-]", "_", file.stem) + ".h5")
     arrays = Arrays(beside.name, None if anywhere else file.parent)
     text = to_text(describe(net, arrays))
@@ -62,6 +59,20 @@ def save(net: Description, path: str | Path, anywhere: bool = False) -> None:
                 beside_file.attrs["format"] = _ARRAYS
                 for key, array in arrays.kept.items():
                     beside_file.create_dataset(key, data=array, track_times=False)
+
+
+def check_network_file(path: str | Path) -> Path:
+    """Return the name of the file of a network that is to be written, if it can have it.
+
+    Raises:
+        ModelError: it ends otherwise, or is taken by what is no network that was saved.
+    """
+    file = file_path(path, "path")
+    if file.suffix not in ENDINGS:
+        message = "cannot be written: expected a name ending in .yaml or .yml"
+        raise ModelError(message, where=Where(str(file)))
+    check_output(file, NETWORK)
+    return file
 
 
 def to_text(sections: dict[str, Any]) -> str:
@@ -132,7 +143,9 @@ def _claimed(path: Path) -> Iterator[Path]:
 
 
 LARGEST_INLINE = 64
-NAMED = ("distribution", "code", "profile", "mask", "model", "rule", "synapse", "encoder", "decoder", "teacher")
+NAMED = (
+    *("distribution", "code", "profile", "mask", "model", "rule", "synapse", "source", "encoder", "decoder", "teacher"),
+)
 """Kinds of choices that are values, said by their name."""
 
 

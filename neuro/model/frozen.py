@@ -1,0 +1,38 @@
+"""A network that has learnt, without what learns."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from typing import TypeVar
+
+from neuro.model.parts import Description, Projection
+from neuro.model.synapses import Synapse, loihi2_static, loihi_static, static, tsodyks2
+
+D = TypeVar("D", bound=Description)
+
+
+def frozen(net: D) -> D:
+    """The network with the weights that it has, no rule that changes them, and no signal.
+
+    Probes of synapses that learnt go, too. Plasticity that passes by itself (tsodyks2) stays.
+    """
+    learns = {name for name, part in net.projections.items() if _learns(part)}
+    other = copy.copy(net)
+    other.projections = {n: _static(part, net) if n in learns else part for n, part in net.projections.items()}
+    other.probes = {name: part for name, part in net.probes.items() if part.of not in learns}
+    other.signals = {}
+    if net.world_section is not None:
+        other.world_section = replace(net.world_section, reward=None)
+    return other
+
+
+def _learns(part: Projection) -> bool:
+    return bool(part.synapse.learns) and not isinstance(part.synapse, tsodyks2)
+
+
+def _static(part: Projection, net: Description) -> Projection:
+    models: dict[str, type[Synapse]] = {"loihi": loihi_static, "loihi2": loihi2_static}
+    model = models.get(part.synapse.chip or net.populations[part.target].model.chip, static)
+    known = part.synapse.parameters()
+    return replace(part, synapse=model(**{word: known[word] for word in model.quantities() if word in known}))
