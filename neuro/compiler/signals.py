@@ -19,7 +19,7 @@ from neuro.model.equations.functions import ARGUMENTS
 from neuro.model.network import Network
 from neuro.model.neurons import CurrentGenerator
 from neuro.model.parts import Signal, naming_the_part, refuse
-from neuro.model.signals import Source
+from neuro.model.signals import SOURCES, Source
 from neuro.model.sources import computed, like, schedule
 from neuro.model.views import View, on_a_line
 from neuro.program import program as resolved
@@ -62,6 +62,7 @@ class _Resolver:
         source = part.values
         while isinstance(source, Source) and not isinstance(source, (schedule, computed, like)):
             with naming_the_part(part, "values", source.name):
+                SOURCES.check(type(source))
                 source = source.stands_for()
         if not isinstance(source, like):
             if part.name not in self.plans:
