@@ -157,14 +157,17 @@ def test_backends_agree():
 
 @pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
 def test_a_chip_has_the_largest_value_of_lists_and_asks_for_that_of_expressions(messages):
-    chip = neuro.compile(net(neuro.schedule([20.0], [[0.01, -0.02]])), "loihi", seed=1)
+    listed = neuro.schedule([20.0, 40.0], [[0.01, -0.02]] * 2)
+    known = neuro.computed("1", every=20.0, largest=1.0, scale=[0.01, -0.02])
     told = neuro.compile(net(), "loihi", seed=1, signals={"learnt": 0.02})
-    chip.run(60.0)
-    told.run(20.0)
-    told.signal("reward", [0.01, -0.02])
-    told.run(40.0)
-    assert np.array_equal(chip.get("learnt", "weight"), told.get("learnt", "weight"))
-    assert chip.get("learnt", "n").min() < -0.01
+    for ms in (20.0, 20.0, 19.0):
+        told.run(ms)
+        told.signal("reward", [0.01, -0.02])
+    for values in (listed, known):
+        chip = neuro.compile(net(values), "loihi", seed=1)
+        chip.run(59.0)
+        assert np.array_equal(chip.get("learnt", "weight"), told.get("learnt", "weight"))
+        assert chip.get("learnt", "n").min() < -0.01
     messages({"computed": refused(neuro.compile, net(neuro.computed("count(motors)")), "loihi")})
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from neuro.compiler.shapes import Shape, end_of, size
 from neuro.compiler.values import per_neuron
+from neuro.core.checks import check
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, a, nearest, unknown
 from neuro.core.grammar import Binary, Call, Name, Negative, Number, Tree
@@ -63,7 +64,7 @@ class _Resolver:
         while isinstance(source, Source) and not isinstance(source, (schedule, computed, like)):
             with naming_the_part(part, "values", source.name):
                 SOURCES.check(type(source))
-                source = source.stands_for()
+                source = check(Signal.words["values"], source.stands_for(), "stands_for")
         if not isinstance(source, like):
             if part.name not in self.plans:
                 self.plans[part.name] = None if source is None else self.plan(part, source)
@@ -106,6 +107,7 @@ class _Resolver:
                 every=every,
                 delay=self.delay(source.delay),
                 tau=source.tau or 0.0,
+                largest=source.largest,
             )
 
     def listed(self, part: Signal, source: schedule) -> Schedule:
