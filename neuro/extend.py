@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         leak as leak,
     )
     from neuro.model.rules import Rule as Rule, out_size as out_size, synapses_of as synapses_of
+    from neuro.model.signals import Source as Source
     from neuro.model.space import Profile as Profile
     from neuro.model.synapses import loihi_rule as loihi_rule
     from neuro.model.synapses.base import (

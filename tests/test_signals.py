@@ -1,5 +1,8 @@
 """Signals whose values are described: what sets them, when, and what is refused."""
 
+from contextlib import nullcontext
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -7,6 +10,8 @@ from hypothesis import given, settings, strategies as st
 import neuro
 import neuro_models
 from alike import alike, same
+from neuro.extend import Source, quantity
+from neuro.model.signals import SOURCES
 from refused import refused
 
 COUNTED = "count(motors[0]) - 2 * count(motors[1:]) + after(motors[0], motors[1], 5) + trace(rate(input), 30)"
@@ -49,9 +54,8 @@ def net(values=None, rule=None, **signals):
     net.population("input", 16, neuro.poisson_generator(rate=40.0))
     motors = net.population("motors", 2, neuro.iaf_psc_exp(tau_m=10.0))
     rule = rule or neuro.stdp_dopa(A_minus=0.5, tau_c=200.0, Wmax=1200.0, signal="reward")
-    net.connect(
-        "input", motors, neuro.all_to_all(), rule, weight=neuro.uniform(low=300.0, high=800.0), delay=1.0, name="learnt"
-    )
+    weight = neuro.uniform(low=300.0, high=800.0)
+    net.connect("input", motors, neuro.all_to_all(), rule, weight=weight, delay=1.0, name="learnt")
     net.signal("reward", to=motors, values=values)
     for name, others in signals.items():
         net.signal(name, to=motors, values=others)
@@ -110,25 +114,29 @@ def test_delayed_values_are_set_late_and_doses_add_up():
     np.testing.assert_allclose(values[:, 0], np.r_[0, 0, level[:-2]], rtol=1e-12)
 
 
+def test_delays_are_drawn_for_each_value():
+    numbered = neuro.computed("trace(1, 1e12)", every=100.0, delay=neuro.uniform(low=5.0, high=90.0))
+    values, _ = heard(held(numbered), 2000, every=1.0)
+    late = [np.argmax(values[:, 0] > k - 0.5) + 1 - 100 * k for k in range(1, 19)]
+    assert 5 <= min(late) < 30 < 60 < max(late) <= 90
+
+
 @settings(max_examples=15)
 @given(st.lists(st.integers(0, 60), min_size=1, max_size=6), st.sampled_from(["reference", "event"]))
 def test_a_run_in_parts_forgotten_saved_and_restored_has_the_same_bits(tmp_path_factory, cuts, backend):
     described = net(neuro.computed(COUNTED, every=20.0, **LATE))
     whole, parts = (neuro.compile(described, backend, seed=1) for _ in range(2))
     whole.run(sum(cuts) + 100.0)
-    for cut in cuts:
-        parts.run(cut)
-        parts.forget(before=parts.time - 3.0)
     path = tmp_path_factory.mktemp("state") / "state.h5"
+    for number, cut in enumerate(cuts):
+        with parts.record_to(path.with_name("out.h5")) if number % 2 else nullcontext():
+            parts.run(cut)
+        parts.forget(before=parts.time - 3.0)
     parts.save(path)
     restored = neuro.compile(described, backend, seed=1)
     restored.restore(path)
-    with parts.record_to(path.with_name("out.h5")):
-        parts.run(100.0)
-    restored.run(100.0)
-    whole.forget(before=np.inf)
     for each in (parts, restored):
-        each.forget(before=np.inf)
+        each.run(100.0)
         for word in ("weight", "n", "c"):
             assert np.array_equal(each.get("learnt", word), whole.get("learnt", word))
     whole.reset(weights=True)
@@ -149,14 +157,17 @@ def test_backends_agree():
 
 @pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
 def test_a_chip_has_the_largest_value_of_lists_and_asks_for_that_of_expressions(messages):
-    chip = neuro.compile(net(neuro.schedule([20.0], [[0.01, -0.02]])), "loihi", seed=1)
+    listed = neuro.schedule([20.0, 40.0], [[0.01, -0.02]] * 2)
+    known = neuro.computed("1", every=20.0, largest=1.0, scale=[0.01, -0.02])
     told = neuro.compile(net(), "loihi", seed=1, signals={"learnt": 0.02})
-    chip.run(60.0)
-    told.run(20.0)
-    told.signal("reward", [0.01, -0.02])
-    told.run(40.0)
-    assert np.array_equal(chip.get("learnt", "weight"), told.get("learnt", "weight"))
-    assert chip.get("learnt", "n").min() < -0.01
+    for ms in (20.0, 20.0, 19.0):
+        told.run(ms)
+        told.signal("reward", [0.01, -0.02])
+    for values in (listed, known):
+        chip = neuro.compile(net(values), "loihi", seed=1)
+        chip.run(59.0)
+        assert np.array_equal(chip.get("learnt", "weight"), told.get("learnt", "weight"))
+        assert chip.get("learnt", "n").min() < -0.01
     messages({"computed": refused(neuro.compile, net(neuro.computed("count(motors)")), "loihi")})
 
 
@@ -192,17 +203,11 @@ def test_the_doctor_runs_what_sets_a_signal():
 
 
 def test_a_source_of_ones_own(tmp_path, monkeypatch):
-    (tmp_path / "net.yaml").write_text("populations: {a: {model: parrot_neuron, shape: 1}}\n")
-    from dataclasses import dataclass
-
-    from neuro.core import registry
-    from neuro.core.quantities import quantity
-    from neuro.model.signals import SOURCES, Source
-
-    monkeypatch.setattr(SOURCES, "_registered", {})
+    for each in ("_parts", "_registered"):
+        monkeypatch.setattr(SOURCES, each, dict(getattr(SOURCES, each)))
     monkeypatch.setattr(SOURCES, "_closed_by", "")
 
-    @registry.register
+    @neuro.register
     @dataclass(frozen=True, eq=False)
     class twice(Source):
         """Twice a number."""
@@ -212,7 +217,15 @@ def test_a_source_of_ones_own(tmp_path, monkeypatch):
         def stands_for(self):
             return 2.0 * self.of
 
-    assert heard(held(twice(0.25)), 1)[0].tolist() == [[0.5, 0.5]]
+    held(twice(0.25)).save(tmp_path / "net.yaml")
+    assert heard(neuro.load(tmp_path / "net.yaml"), 1)[0].tolist() == [[0.5, 0.5]]
+
+    @dataclass(frozen=True, eq=False)
+    class nothing(Source):
+        """Nothing."""
+
+    told = refused(neuro.compile, held(nothing()))
+    assert "source 'nothing' has no method 'stands_for', which says of what it is made" in told
 
 
 def test_what_is_refused(messages):

@@ -416,7 +416,9 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
         largest = heard.largest
         if largest is None:
             message = f"its signal '{heard.name}' is computed: the largest value is not known"
-            raise ModelError(message, hint=f"give the option signals={{'{part.name}': largest value}}")
+            raise ModelError(
+                message, hint=f"'largest' in its values says it, or the option signals={{'{part.name}': ...}}"
+            )
     return rule_of(
         part.synapse,
         program.resolution,

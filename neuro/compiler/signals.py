@@ -10,6 +10,7 @@ import numpy as np
 
 from neuro.compiler.shapes import Shape, end_of, size
 from neuro.compiler.values import per_neuron
+from neuro.core.checks import check
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, a, nearest, unknown
 from neuro.core.grammar import Binary, Call, Name, Negative, Number, Tree
@@ -19,7 +20,7 @@ from neuro.model.equations.functions import ARGUMENTS
 from neuro.model.network import Network
 from neuro.model.neurons import CurrentGenerator
 from neuro.model.parts import Signal, naming_the_part, refuse
-from neuro.model.signals import Source
+from neuro.model.signals import SOURCES, Source
 from neuro.model.sources import computed, like, schedule
 from neuro.model.views import View, on_a_line
 from neuro.program import program as resolved
@@ -62,7 +63,8 @@ class _Resolver:
         source = part.values
         while isinstance(source, Source) and not isinstance(source, (schedule, computed, like)):
             with naming_the_part(part, "values", source.name):
-                source = source.stands_for()
+                SOURCES.check(type(source))
+                source = check(Signal.words["values"], source.stands_for(), "stands_for")
         if not isinstance(source, like):
             if part.name not in self.plans:
                 self.plans[part.name] = None if source is None else self.plan(part, source)
@@ -105,6 +107,7 @@ class _Resolver:
                 every=every,
                 delay=self.delay(source.delay),
                 tau=source.tau or 0.0,
+                largest=source.largest,
             )
 
     def listed(self, part: Signal, source: schedule) -> Schedule:

@@ -66,6 +66,7 @@ class computed(Source):
     delay: Value = quantity(0.0, "ms", "from a value to its effect, also drawn for each", at_least=0, arrays=True)
     tau: Any = quantity(None, "ms", "with which a sum of doses decays; a value holds if not given", above=0)
     scale: Value = quantity(1.0, "", "factor, one for all neurons or for each", arrays=True)
+    largest: Any = quantity(None, "", "largest absolute value before the factor, which Loihi must know", above=0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -89,12 +90,13 @@ class population(Source):
     baseline: float = quantity(0.0, "", "taken from the trace, in spikes a neuron")
     scale: Value = quantity(1.0, "", "factor, one for all neurons or for each", arrays=True)
     every: float = quantity(10.0, "ms", "between two values", above=0)
+    largest: Any = quantity(None, "", "largest absolute value before the factor, which Loihi must know", above=0)
 
     def stands_for(self) -> Source:
         """The expression."""
         spikes = f'rate("{self.population}") * {self.every / 1000.0!r}'
         text = f"trace({spikes}, {self.tau!r}) - ({self.baseline!r})"
-        return computed(expression=text, every=self.every, scale=self.scale)
+        return computed(expression=text, every=self.every, scale=self.scale, largest=self.largest)
 
 
 @dataclass(frozen=True, eq=False)

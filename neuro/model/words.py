@@ -152,7 +152,7 @@ def tables(net: Any) -> list[Table]:
             ("name", "from", "to", "rule", ">synapses", "synapse", ">weight", ">delay (ms)"),
             tuple(_projections(net)),
         ),
-        Table("signals", ("name", "to"), tuple((part.name, in_words(part.to)) for part in net.signals.values())),
+        _signals(net),
         Table("groups", ("name", "what"), tuple((part.name, in_words(part.choice)) for part in net.groups.values())),
         Table("probes", ("name", "of", "record", ">every (ms)"), tuple(_probes(net))),
         Table("trials", ("what",), _section(net.trials_section)),
@@ -166,6 +166,15 @@ def _section(section: Any) -> tuple[tuple[str], ...]:
     if section is None:
         return ()
     return ((", ".join(f"{word_of(name)}={in_words(value)}" for name, value in section.changed().items()),),)
+
+
+def _signals(net: Any) -> Table:
+    """The signals, with what sets them where a description says it."""
+    columns = (
+        ("name", "to", "values") if any(part.values is not None for part in net.signals.values()) else ("name", "to")
+    )
+    rows = (tuple(in_words(part.value(word)) for word in columns) for part in net.signals.values())
+    return Table("signals", columns, tuple(rows))
 
 
 def _populations(net: Any) -> Iterator[tuple[str, ...]]:

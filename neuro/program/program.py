@@ -419,6 +419,7 @@ class Computed:
         every: steps between two values.
         delay: from a value to its effect: steps, or a distribution in ms.
         tau: with which the sum of doses decays in ms; 0: values are no doses.
+        largest: bound of the absolute values; None where it is not known.
     """
 
     name: str
@@ -426,6 +427,7 @@ class Computed:
     every: int
     delay: int | Distribution
     tau: float
+    largest: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -446,9 +448,10 @@ class Signal:
     @property
     def largest(self) -> float | None:
         """The largest absolute value that it will have; None if that is not known."""
-        if not isinstance(self.values, Schedule) or self.scale is None:
+        if self.scale is None or self.values is None:
             return None
-        return float(np.abs(self.values.values * self.scale).max(initial=0.0))
+        largest = self.values.values if isinstance(self.values, Schedule) else self.values.largest
+        return None if largest is None else float(np.abs(largest * self.scale).max(initial=0.0))
 
 
 @dataclass(frozen=True, slots=True)

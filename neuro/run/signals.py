@@ -26,8 +26,6 @@ _SIGNS: Mapping[str, Callable[..., Any]] = {
 _REMEMBERED = {"count": 1, "mean": 1, "trace": 1, "after": 3}
 """How many numbers an operation keeps from one period to the next."""
 
-_NEVER = -float(NEVER)
-
 
 def signals_of(program: Program, engine: Engine) -> SignalFeeder | None:
     """What sets the signals of a program in an engine; None if nothing does."""
@@ -50,20 +48,20 @@ class SignalFeeder:
         if program.share.number > 1:
             raise ModelError("found signals with values, and several processes: expected one")
         self._engine = engine
-        together: dict[int, _Together] = {}
+        players: dict[int, _Listed | _Expression] = {}
         for index, part in enumerate(program.signals):
-            if part.values is not None and part.scale is not None:
-                scale = np.broadcast_to(part.scale, program.populations[part.target].size)
-                one = together.setdefault(id(part.values), _Together(part.name, engine))
-                one.heard.append((index, scale))
-        plans = {id(part.values): part.values for part in program.signals}
-        self._players: list[_Listed | _Expression] = []
-        for key, one in together.items():
-            plan = plans[key]
-            if isinstance(plan, Computed):
-                self._players.append(_Expression(plan, one, engine, program))
-            elif plan is not None:
-                self._players.append(_Listed(plan, one))
+            plan, scale = part.values, part.scale
+            if plan is None or scale is None:
+                continue
+            if id(plan) in players:
+                pass
+            elif isinstance(plan, Computed):
+                players[id(plan)] = _Expression(plan, engine, program)
+            else:
+                players[id(plan)] = _Listed(plan, engine, part.name)
+            size = program.populations[part.target].size
+            players[id(plan)].targets.append((index, np.broadcast_to(scale, size)))
+        self._players = list(players.values())
 
     def stretches(self, steps: int) -> Iterator[int]:
         """Cut a run into stretches; before each, and at the end, what is due is set."""
@@ -74,7 +72,6 @@ class SignalFeeder:
                 if player.due <= now:
                     player.set(now)
             if now >= end:
-                self.listen()
                 return
             yield min(end, *(player.due for player in self._players)) - now
 
@@ -90,94 +87,88 @@ class SignalFeeder:
 
     def state(self) -> dict[str, NDArray[Any]]:
         """What was computed so far and is under way, by signal."""
+        self.listen()
         return {f"{p.name}/{word}": array for p in self._players for word, array in p.state().items()}
 
     def put(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Go on where `state` was asked for."""
         for player in self._players:
-            words = {
-                name.rpartition("/")[2]: array for name, array in arrays.items() if name.startswith(f"{player.name}/")
-            }
-            player.put(words)
+            own = f"{player.name}/"
+            player.put({name.removeprefix(own): array for name, array in arrays.items() if name.startswith(own)})
 
 
-class _Together:
-    """Signals that are set together: the index of each and the factor for each neuron."""
-
-    def __init__(self, name: str, engine: Engine) -> None:
-        self.name, self._engine, self.heard = name, engine, list[tuple[int, Floats]]()
-
-    def set(self, values: float | Floats) -> None:
-        for index, scale in self.heard:
-            self._engine.signal(index, values * scale + 0.0)
-
-
-class _Listed:
-    """Values that are listed.
+class _Player:
+    """Sets some signals together.
 
     Attributes:
+        targets: the index of each, and the factor for each neuron.
         due: the step after which something is to be done.
     """
 
-    def __init__(self, plan: Schedule, target: _Together) -> None:
-        self._plan, self._target, self.name = plan, target, target.name
+    due: int
+
+    def __init__(self, engine: Engine, name: str) -> None:
+        self._engine, self.name, self.targets = engine, name, list[tuple[int, Floats]]()
         self.begin()
 
     def begin(self) -> None:
-        self._next = 0
-        self.due = self._due()
-
-    def _due(self) -> int:
-        return int(self._plan.steps[self._next]) if self._next < self._plan.steps.size else NEVER
-
-    def set(self, now: int) -> None:
-        self._next = int(np.searchsorted(self._plan.steps, now, side="right"))
-        self._target.set(self._plan.values[self._next - 1])
-        self.due = self._due()
+        """Back to the beginning."""
 
     def listen(self) -> None:
-        """No spikes are asked for."""
+        """Read spikes that are about to be forgotten; most ask for none."""
+
+    def _tell(self, values: float | Floats) -> None:
+        for index, scale in self.targets:
+            self._engine.signal(index, values * scale + 0.0)
+
+
+class _Listed(_Player):
+    """Sets values that are listed."""
+
+    def __init__(self, plan: Schedule, engine: Engine, name: str) -> None:
+        self._plan = plan
+        super().__init__(engine, name)
+
+    def begin(self) -> None:
+        self.due = int(self._plan.steps[0]) if self._plan.steps.size else NEVER
+
+    def set(self, now: int) -> None:
+        following = int(np.searchsorted(self._plan.steps, now, side="right"))
+        self._tell(self._plan.values[following - 1])
+        self.due = int(self._plan.steps[following]) if following < self._plan.steps.size else NEVER
 
     def state(self) -> dict[str, NDArray[Any]]:
-        return {"next": np.array(self._next)}
+        return {"due": np.array(self.due)}
 
     def put(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        self._next = int(arrays["next"])
-        self.due = self._due()
+        self.due = int(arrays["due"])
 
 
-class _Expression:
-    """Values that are computed each period, and set when their delay is over.
+class _Expression(_Player):
+    """Sets values that are computed each period, when their delay is over."""
 
-    Attributes:
-        due: the step after which something is to be done.
-    """
-
-    def __init__(self, plan: Computed, target: _Together, engine: Engine, program: Program) -> None:
-        self._plan, self._target, self.name, self._engine = plan, target, target.name, engine
-        self._seed, self._clock, self._fired = program.seed, Clock(program.resolution), counter(engine)
+    def __init__(self, plan: Computed, engine: Engine, program: Program) -> None:
+        self._plan, self._seed, self._clock = plan, program.seed, Clock(program.resolution)
+        self._fired = counter(engine)
         self._functions = [_function(operation) for operation in plan.operations]
         sizes = [_REMEMBERED.get(operation.name, 0) for operation in plan.operations]
-        self._memory = np.zeros(sum(sizes))
         self._places = [sum(sizes[:k]) for k in range(len(sizes))]
-        self._afters = [
-            (operation, place)
-            for operation, place in zip(plan.operations, self._places, strict=True)
-            if operation.name == "after"
-        ]
-        self.begin()
+        self._memory = np.zeros(sum(sizes))
+        named = zip(plan.operations, self._places, strict=True)
+        self._afters = [(operation, place) for operation, place in named if operation.name == "after"]
+        super().__init__(engine, plan.name)
 
     def begin(self) -> None:
         self._memory[:] = 0.0
         for _, place in self._afters:
-            self._memory[place] = _NEVER
-        self._next, self._level, self._since, self._heard = self._plan.every, 0.0, 0, 0
+            self._memory[place] = -NEVER
         self._coming: list[tuple[int, float]] = []  # as many as fall into the longest delay
-        self.due = self._next
+        self._next = self.due = self._plan.every
+        self._level, self._since, self._heard = 0.0, 0, 0
 
     def set(self, now: int) -> None:
         if now >= self._next:
-            self._next = now - now % self._plan.every + self._plan.every
+            self._next = now + self._plan.every
             value = self._value(now)
             if value or not self._plan.tau:
                 self._coming.append((now + self._delay(now), value))
@@ -190,7 +181,7 @@ class _Expression:
                 self._since = now
             else:
                 self._level = arrived[-1]
-            self._target.set(self._level)
+            self._tell(self._level)
         self.due = min(self._next, *(step for step, _ in self._coming), NEVER)
 
     def _delay(self, now: int) -> int:
@@ -267,19 +258,15 @@ class _Expression:
         return found.steps[chosen].astype(np.float64), found.multiplicity[chosen]
 
     def state(self) -> dict[str, NDArray[Any]]:
-        numbers = np.array([self._next, self._level, self._since, self._heard])
-        return {
-            "numbers": numbers,
-            "memory": self._memory.copy(),
-            "coming": np.array(self._coming, dtype=np.float64).reshape(-1, 2),
-        }
+        coming = np.array(self._coming, dtype=np.float64).reshape(-1, 2)
+        numbers = np.array([self.due, self._next, self._level, self._since, self._heard])
+        return {"numbers": numbers, "memory": self._memory.copy(), "coming": coming}
 
     def put(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        following, level, since, heard = arrays["numbers"].tolist()
-        self._next, self._level, self._since, self._heard = int(following), level, int(since), int(heard)
+        due, following, self._level, since, heard = arrays["numbers"].tolist()
+        self.due, self._next, self._since, self._heard = int(due), int(following), int(since), int(heard)
         self._memory[:] = arrays["memory"]
         self._coming = [(int(step), value) for step, value in arrays["coming"].tolist()]
-        self.due = min(self._next, *(step for step, _ in self._coming), NEVER)
 
 
 def _function(operation: Operation) -> Callable[..., Any] | None:
