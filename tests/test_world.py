@@ -54,6 +54,8 @@ class Line(gymnasium.Env):
         self.left -= 1
         reward = 1.0 - abs(self.offset)
         info = {"error": self.offset}
+        while self.fault == "hangs":
+            pass
         if self.fault == "raises":
             raise ValueError("out of paint")
         if self.fault == "info":
@@ -161,6 +163,7 @@ MISTAKES = {
     "decoder": ("act: {difference:", "act: {diference:"),
     "teacher": ("{info: {key", "{infos: {key"),
     "option": ("total: 200.0", "totel: 200.0"),
+    "twice": ("dopamine: {to: motors}", "dopamine: {to: motors, values: 0.1}"),
 }
 JOINED = {
     "size": ("shape: 9", "shape: 8"),
@@ -180,9 +183,9 @@ def test_mistakes_of_a_description(line, messages):
 
 def test_mistakes_of_an_environment(line, messages, monkeypatch):
     found = {}
-    for fault in ("raises", "info", "shape", "nan"):
+    for fault in ("raises", "info", "shape", "nan", "hangs"):
         monkeypatch.setattr(Line, "fault", fault)
-        found[fault] = refused(neuro.closed_loop(line(), Line).run, steps=10)
+        found[fault] = refused(neuro.closed_loop(line(), Line, patience=0.5).run, steps=10)
     messages(found)
 
 

@@ -408,8 +408,12 @@ class _Builder:
         said += [(("reward", name, world.reward[name].name), "population", each) for name, each in critics.items()]
         for path, kind, name in said:
             known: Mapping[str, Part] = net.signals if kind == "signal" else net.populations
+            where = follow(self.sections["world"], path).label
             if name not in known:
-                raise unknown(kind, name, known, follow(self.sections["world"], path).label).at(None, "world")
+                raise unknown(kind, name, known, where).at(None, "world")
+            if kind == "signal" and net.signals[name].values is not None:
+                message = f"world: signal '{name}' has values of its own: expected one that the world alone sets"
+                raise ModelError(message, where=where)
 
     def names(self, choice: Choice, node: Node, context: str) -> None:
         for word, name in choice.parameters().items():
