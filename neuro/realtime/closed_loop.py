@@ -348,6 +348,7 @@ class ClosedLoop:
         self.actions: list[npt.NDArray[Any]] = []
         self.rewards: list[Floats] = []
         self._begun = [0, 0]  # episodes and blocks
+        self._none = [0] * environments.n
         self._asked: dict[str, Any] = {}
         self._explored = not explore
         self._first_episode = 0
@@ -470,7 +471,9 @@ class ClosedLoop:
             *self._begun, self._explored = begun
 
     def _seeds(self, begins: Bools | None = None) -> list[int]:
-        """Seeds of the episodes that begin."""
+        """Seeds of the episodes that begin; of the others, which take none, 0."""
+        if begins is not None and not np.count_nonzero(begins):
+            return self._none
         seeds = []
         for k in range(self.environments.n):
             self._begun[0] += begins is None or bool(begins[k])
