@@ -104,6 +104,16 @@ def test_parameters_are_set(neuro, network):
     assert results.about["seed"] == 7
 
 
+def test_what_was_learnt_is_written_frozen(neuro, network, simulated):
+    assert neuro(*RUN, "--save-frozen", "learnt.yaml").status == 0
+    learnt = framework.load("learnt.yaml")
+    assert learnt == simulated.network(frozen=True)
+    assert learnt.projections["noise_exc"].synapse == framework.static()
+    before = Path("out.h5").stat().st_mtime_ns
+    assert "expected a name ending in .yaml" in neuro(*RUN, "--save-frozen", "learnt.txt").err
+    assert Path("out.h5").stat().st_mtime_ns == before
+
+
 def test_record_keeps_what_is_named(neuro, network):
     assert neuro(*RUN, "--record", "noise", "--record", "exc").status == 0
     trains = read("out.h5").populations
