@@ -162,12 +162,16 @@ class rates(Encoder):
 class _Pulse(Shown):
     def __init__(self, at: float, neurons: int) -> None:
         self._at, self._neurons = at, neurons
+        self._made: dict[tuple[int, int], Spikes] = {}
 
     def spikes(self, seen: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
         copies, neurons = len(seen), self._neurons
-        tick = min(ticks, max(1, round(self._at * ticks)))
-        offsets = np.arange(copies + 1) * neurons
-        return offsets, np.full(copies * neurons, tick), np.tile(np.arange(neurons), copies)
+        if (copies, ticks) not in self._made:
+            tick = min(ticks, max(1, round(self._at * ticks)))
+            offsets = np.arange(copies + 1) * neurons
+            made = offsets, np.full(copies * neurons, tick), np.tile(np.arange(neurons), copies)
+            self._made = {(copies, ticks): made}
+        return self._made[copies, ticks]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
