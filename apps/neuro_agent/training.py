@@ -113,7 +113,7 @@ class _Pilot:
         self._value, self._ended = value, moment.ended
         self._reward = moment.rewards * agent.rewards.factor
         if agent.novelty:
-            self._reward = self._reward + agent.novelty.of(moment.seen)
+            self._reward = self._reward + agent.novelty.of(moment.observations)
 
     def merge(self) -> None:
         """Let all copies have what each has learnt."""
@@ -167,6 +167,12 @@ def checkpoint(agent: Learner, out: Path, env: Any) -> Checkpoint:
     return Checkpoint(out, "neuro agent training 2", told)
 
 
+def loop_of(agent: Learner, worlds: Environments, control: str = "") -> ClosedLoop:
+    """Return the closed loop in which an agent learns."""
+    pilot: Any = _Pilot(agent, control)
+    return ClosedLoop(pilot, worlds, seed=agent.seed, explore=agent.settings.explore, block=BLOCK)
+
+
 def train(
     agent: Learner,
     env: Any,
@@ -178,10 +184,7 @@ def train(
     control: str = "",
 ) -> Log:
     """Train an agent, see `ActorCritic.train`."""
-    worlds = fitting(agent, env, patience)
-    pilot: Any = _Pilot(agent, control)
-    loop = ClosedLoop(pilot, worlds, seed=agent.seed, explore=agent.settings.explore, block=BLOCK)
-    kept = None
+    loop, kept = loop_of(agent, fitting(agent, env, patience), control), None
     if out is not None:
         check_output(out, hdf5.kind(files.FORMAT))
         kept = checkpoint(agent, out, env)
@@ -189,7 +192,7 @@ def train(
 
     def after(loop: ClosedLoop) -> None:
         agent.begun, agent.explored = loop.begun
-        pilot.end()
+        loop.pilot.end()  # type: ignore[attr-defined]  # as loop_of has made it
         if kept is not None:
             kept.keep(**loop.arrays())
 

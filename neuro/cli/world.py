@@ -49,12 +49,12 @@ def run_world(
             import hashlib
 
             digest = hashlib.blake2b(b"".join(files_of(net).values()), digest_size=16).hexdigest()
-            told = {"network": digest, "backend": backend, "threads": threads}
-            kept = loop.checkpoint(out, told)
-            if kept.path.exists() and not resume:
-                message = f"{kept.path} has an unfinished run"
+            identity = {"network": digest, "backend": backend, "threads": threads}
+            checkpoint = loop.checkpoint(out, identity)
+            if checkpoint.path.exists() and not resume:
+                message = f"{checkpoint.path} has an unfinished run"
                 raise ModelError(message, hint="--resume goes on with it; delete it to begin anew")
-            log = loop.run(steps=steps, episodes=episodes, until=until, out=out, told=told, progress=True)
+            log = loop.run(steps=steps, episodes=episodes, until=until, out=out, belongs_to=identity, progress=True)
         else:
             log = loop.run(steps=steps, episodes=episodes, until=until, progress=True)
         bar.say("writing")
@@ -64,7 +64,7 @@ def run_world(
         if save_frozen is not None:
             loop.network(frozen=True).save(save_frozen)
         if learns:
-            kept.remove()
+            checkpoint.remove()
     return results, log
 
 

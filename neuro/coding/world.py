@@ -1,4 +1,4 @@
-"""How a network meets a world: encoders of observations, decoders of actions, and what teaches its signals.
+"""A network meets a world: encoders of observations, decoders of actions, and what teaches its signals.
 
 A control step goes round once: encoders show the observation, the network runs, the decoder reads its spikes, the
 environment takes the action, and teachers set the signals for the next step.
@@ -42,7 +42,7 @@ class Moment:
         rewards: of the environment's step, 0 where an episode began with it.
         ended: whether that step ended an episode by itself, and did not cut it off.
         infos: what the environment said beside, one for each copy.
-        seen: the observations after the step, (copies, dimensions).
+        observations: those after the step, (copies, dimensions).
         time: of the network since learning began, ms.
         steps: of all environments so far.
         returns: of the episodes that are over.
@@ -54,7 +54,7 @@ class Moment:
     rewards: Floats
     ended: Bools
     infos: Infos
-    seen: Floats
+    observations: Floats
     time: float
     steps: int
     returns: Sequence[float]
@@ -69,14 +69,14 @@ class Shown:
 
     size = 0
 
-    def learn(self, seen: Floats) -> None:
+    def learn(self, observations: Floats) -> None:
         """Take the bounds of unbounded dimensions from what random moves have shown, (observations, dimensions)."""
 
-    def spikes(self, seen: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
+    def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
         """Spikes of a control step of so many ticks, for the observations of all copies."""
         raise NotImplementedError
 
-    def rates(self, seen: Floats) -> Floats:
+    def rates(self, observations: Floats) -> Floats:
         """Rates of a control step in Hz, (copies, neurons)."""
         raise NotImplementedError
 
@@ -106,7 +106,7 @@ class Encoder(Choice):
         """Make the encoder for a space of observations and a population of this shape.
 
         Raises:
-            ModelError: it does not take such observations, or needs another number of neurons.
+            ModelError: the observations are of another kind, or the number of neurons is another.
         """
 
     def columns(self, space: gymnasium.Space[Any]) -> Ints:
@@ -173,7 +173,7 @@ class Taught:
         raise NotImplementedError
 
     def share(self, moment: Moment) -> float:
-        """Which share of themselves the weights onto the critic become after this step; 1 for no change."""
+        """Return the factor on the weights onto the critic after this step; 1 for no change."""
         return 1.0
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -201,7 +201,7 @@ class Teacher(Choice):
         """The values of a signal for the neurons that hear it, (copies, 1) or (copies, size).
 
         Raises:
-            ModelError: there are neither one nor as many numbers as neurons, or pairs of them.
+            ModelError: the numbers are neither one nor as many as neurons or pairs.
         """
         factor = self.scale if self.settle is None else self.scale / (1.0 + time / self.settle)
         scaled = factor * values

@@ -22,18 +22,22 @@ if TYPE_CHECKING:
 class _OfFields(Shown):
     """An encoder of `neuro.coding.FIELDS`."""
 
-    def __init__(self, fields: Fields, columns: Ints, drawn: bool) -> None:
-        self.fields, self._columns, self._drawn, self.size = fields, columns, drawn, fields.size
+    def __init__(self, fields: Fields, columns: Ints, poisson: bool) -> None:
+        self.fields, self._columns, self._poisson, self.size = fields, columns, poisson, fields.size
         self._all = bool(np.array_equal(columns, np.arange(len(columns))))
 
-    def _seen(self, seen: Floats) -> Floats:
-        return seen if self._all and seen.shape[1] == self._columns.size else seen[:, self._columns]
+    def _columns_of(self, observations: Floats) -> Floats:
+        return (
+            observations
+            if self._all and observations.shape[1] == self._columns.size
+            else observations[:, self._columns]
+        )
 
-    def learn(self, seen: Floats) -> None:
-        self.fields.learn(self._seen(seen))
+    def learn(self, observations: Floats) -> None:
+        self.fields.learn(self._columns_of(observations))
 
-    def spikes(self, seen: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
-        return self.fields.spikes(self._seen(seen), ticks, rng if self._drawn else None)
+    def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
+        return self.fields.spikes(self._columns_of(observations), ticks, rng if self._poisson else None)
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         return {"middle": self.fields.middle, "spread": self.fields.spread}
@@ -102,13 +106,13 @@ class population(_FieldEncoder):
 
 
 class _Rates(Shown):
-    """Rates by a function of the numbers that are seen."""
+    """Rates by a function of the numbers that are observations."""
 
     def __init__(self, columns: Ints, size: int, rates: Callable[[Floats], Floats]) -> None:
         self._columns, self.size, self._rates = columns, size, rates
 
-    def rates(self, seen: Floats) -> Floats:
-        return self._rates(seen[:, self._columns])
+    def rates(self, observations: Floats) -> Floats:
+        return self._rates(observations[:, self._columns])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,14 +133,14 @@ class shares(Encoder):
         """Make the encoder; rows are those of the population."""
         columns = self.columns(space)
 
-        def rates(seen: Floats) -> Floats:
-            counts = seen
+        def rates(observations: Floats) -> Floats:
+            counts = observations
             if self.of == "peaks":
-                counts = np.maximum(seen - 2.0 * seen.mean(axis=1, keepdims=True), 0.0)
+                counts = np.maximum(observations - 2.0 * observations.mean(axis=1, keepdims=True), 0.0)
             if self.of == "rows":
-                rows = seen.reshape(len(seen), shape[0], -1)
+                rows = observations.reshape(len(observations), shape[0], -1)
                 sums = rows.sum(axis=2, keepdims=True) * shape[0]
-                spread = (rows / np.where(sums > 0.0, sums, 1.0)).reshape(seen.shape)
+                spread = (rows / np.where(sums > 0.0, sums, 1.0)).reshape(observations.shape)
             else:
                 sums = counts.sum(axis=1, keepdims=True)
                 spread = counts / np.where(sums == 0.0, 1.0, sums)
@@ -156,7 +160,7 @@ class rates(Encoder):
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
         """Make the encoder."""
         columns = self.columns(space)
-        return _Rates(columns, columns.size, lambda seen: np.clip(self.rate * seen, 0.0, self.most))
+        return _Rates(columns, columns.size, lambda observations: np.clip(self.rate * observations, 0.0, self.most))
 
 
 class _Pulse(Shown):
@@ -164,8 +168,8 @@ class _Pulse(Shown):
         self._at, self._neurons = at, neurons
         self._made: dict[tuple[int, int], Spikes] = {}
 
-    def spikes(self, seen: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
-        copies, neurons = len(seen), self._neurons
+    def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
+        copies, neurons = len(observations), self._neurons
         if (copies, ticks) not in self._made:
             tick = min(ticks, max(1, round(self._at * ticks)))
             offsets = np.arange(copies + 1) * neurons
@@ -176,7 +180,7 @@ class _Pulse(Shown):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class pulse(Encoder):
-    """One spike of each neuron in each control step, whatever is observed: it asks the actors to choose."""
+    """One spike of each neuron in each control step, which asks the actors to choose."""
 
     at: float = quantity(0.95, "", "when, as a share of the step", above=0, at_most=1)
 
@@ -189,23 +193,23 @@ class _Events(Shown):
     def __init__(self, choice: events, shape: tuple[int, ...]) -> None:
         self._choice, self._shape = choice, shape
 
-    def spikes(self, seen: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
+    def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
         parts, offsets, neurons = [], [0], int(np.prod(self._shape))
         *first, height, width = self._shape
         for info in infos:
-            shown = info.get(self._choice.info)
-            if shown is None:  # the first observation of an episode may come without
+            events = info.get(self._choice.info)
+            if events is None:  # the first observation of an episode may come without
                 offsets.append(offsets[-1])
                 continue
-            y, x = np.asarray(shown.y) // self._choice.scale, np.asarray(shown.x) // self._choice.scale
+            y, x = np.asarray(events.y) // self._choice.scale, np.asarray(events.x) // self._choice.scale
             if x.size and (int(x.max()) >= width or int(y.max()) >= height):
                 message = f"events: found an event at ({x.max()}, {y.max()}): expected a sensor of {width} x {height}"
                 raise ModelError(message)
             ids = y.astype(np.int64) * width + x
             if first:
-                ids += np.asarray(shown.p, dtype=np.int64) * height * width
+                ids += np.asarray(events.p, dtype=np.int64) * height * width
             span = max(1.0, self._choice.step_us)
-            tick = np.clip((np.asarray(shown.t) % span * ticks / span).astype(np.int64) + 1, 1, ticks)
+            tick = np.clip((np.asarray(events.t) % span * ticks / span).astype(np.int64) + 1, 1, ticks)
             one = np.unique(tick * neurons + ids)
             parts.append(one)
             offsets.append(offsets[-1] + one.size)
@@ -217,7 +221,7 @@ class _Events(Shown):
 class events(Encoder):
     """The events of an event camera, pixel by pixel, at their times in the step; twice in a tick counts once.
 
-    A population of shape [2, height, width] has one map for each polarity, one of [height, width] takes both.
+    A population of shape [2, height, width] has one map for each polarity, a population of [height, width] takes both.
     """
 
     info: str = quantity("events", "", "the word of the environment's info that has them", kind="name")

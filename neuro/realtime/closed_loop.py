@@ -52,15 +52,15 @@ _TAKES = {"spikes": ("listed", "a spike_generator"), "rates": ("poisson", "a poi
 
 
 class Pilot(Protocol):
-    """What acts in the loop and learns: a network, or something else for comparison."""
+    """The part of the loop that acts and learns: a network, or something else for comparison."""
 
     def begin(self, copies: int, block: int) -> None:
         """Begin a block of so many copies, with all that was learnt before."""
 
-    def act(self, seen: Floats, infos: Infos) -> npt.NDArray[Any]:
+    def act(self, observations: Floats, infos: Infos) -> npt.NDArray[Any]:
         """Return the action for each observation, (copies, dimensions)."""
 
-    def explored(self, seen: Floats, rewards: Sequence[float], returns: Sequence[float]) -> None:
+    def explored(self, observations: Floats, rewards: Sequence[float], returns: Sequence[float]) -> None:
         """See what random moves have brought."""
 
     def teach(self, moment: Moment) -> None:
@@ -85,7 +85,7 @@ class NetworkPilot:
         backend: that runs it.
         seed: of its draws.
         learns: whether signals are set; without them no weight changes.
-        record: whether spikes and traces of the present block are kept.
+        record: whether spikes and traces of the present block are checkpoint.
         options: of the backend.
 
     Attributes:
@@ -113,7 +113,7 @@ class NetworkPilot:
         self._time = self._block_time = 0.0
         self.copies = self._compile(environments.n, 0)
         program = self.copies.program
-        self._shown = self._encoders(program)
+        self._encoding = self._encoders(program)
         self._act, self._read = self._decoder(program)
         self._taught = self._teachers(program) if learns else {}
         self._plastic = [p.name for p in program.projections if p.synapse.learns] if learns else []
@@ -160,17 +160,16 @@ class NetworkPilot:
                 given = f"{encoder.name} gives {encoder.gives}"
                 message = f"population '{name}' is {part.said}: {given}: expected {expected}"
                 raise self._wrong(ModelError(message), "observe", name)
+            observations = self._environments.observations
             try:
-                shown = encoder.made(self._environments.observations, part.shape)
+                in_use = encoder.made(observations, part.shape)
             except ModelError as error:
                 raise self._wrong(error, "observe", name, encoder.name) from None
-            if shown.size and shown.size != part.size:
-                seen = self._environments.observations
-                message = (
-                    f"population '{name}' has {part.size:,} neurons: {encoder.name} of {seen} needs {shown.size:,}"
-                )
-                raise self._wrong(ModelError(message, hint=f"shape: {shown.size}"), "observe", name)
-            made[name] = encoder.gives, shown
+            if in_use.size and in_use.size != part.size:
+                needs = f"{encoder.name} of {observations} needs {in_use.size:,}"
+                message = f"population '{name}' has {part.size:,} neurons: {needs}"
+                raise self._wrong(ModelError(message, hint=f"shape: {in_use.size}"), "observe", name)
+            made[name] = encoder.gives, in_use
         return made
 
     def _decoder(self, program: Program) -> tuple[Act, list[str]]:
@@ -199,25 +198,25 @@ class NetworkPilot:
                 raise self._wrong(unknown("signal with a value of its own", other, known), "reward", name)
             size = program.populations[signals[name].target].size
             made[name] = teacher, teacher.made(neurons), size
-        # Those that take the value of another come after it.
+        # A teacher that takes the value of another comes after that one.
         return dict(sorted(made.items(), key=lambda item: hasattr(item[1][0], "as_")))
 
     # a block
 
     def begin(self, copies: int, block: int) -> None:
         """Begin a block: the network at time 0, with all that was learnt before."""
-        learnt, self._time = self.weights, self._time + self._block_time
+        weights, self._time = self.weights, self._time + self._block_time
         self._block_time = 0.0
         self.copies = self._compile(copies, block)
         for sim in self.copies:
-            for name, each in learnt.items():
+            for name, each in weights.items():
                 sim.set_weights(name, each)
-        spiking = [name for name, (gives, _) in self._shown.items() if gives == "spikes"]
+        spiking = [name for name, (gives, _) in self._encoding.items() if gives == "spikes"]
         self._critics = [c for c in (getattr(t, "critic", None) for t, _, _ in self._taught.values()) if c is not None]
         self._counted = list(dict.fromkeys([*self._read, *self._critics]))
         self._stepper = Stepper(self.copies._joined, self._world.step, spiking, self._counted, self._run)
         self._rates = {
-            name: self.copies.port(name, "rate") for name, (gives, _) in self._shown.items() if gives == "rates"
+            name: self.copies.port(name, "rate") for name, (gives, _) in self._encoding.items() if gives == "rates"
         }
         self._rng = np.random.default_rng([block_seed(self._seed, block), 2])
         for _, taught, _ in self._taught.values():
@@ -226,7 +225,7 @@ class NetworkPilot:
         self._infos: Infos = ()
 
     def _run(self, ticks: int) -> None:
-        """Advance all copies; what they record is forgotten unless it is asked for."""
+        """Advance all copies; records are forgotten unless they are wanted."""
         joined, copies = self.copies._joined, self.copies
         if joined.plain:
             joined.advance(ticks, forget=not self._record)
@@ -236,23 +235,23 @@ class NetworkPilot:
                 sim.forget(before=sim.time)
             sim.run(self._world.step)
 
-    def act(self, seen: Floats, infos: Infos) -> npt.NDArray[Any]:
+    def act(self, observations: Floats, infos: Infos) -> npt.NDArray[Any]:
         """Show the observations, run a control step, and return the actions."""
         lists = []
-        for name, (gives, shown) in self._shown.items():
+        for name, (gives, encoder) in self._encoding.items():
             if gives == "rates":
-                self._rates[name].set(shown.rates(seen))
+                self._rates[name].set(encoder.rates(observations))
             else:
-                lists.append(shown.spikes(seen, infos, self._stepper.ticks, self._rng))
+                lists.append(encoder.spikes(observations, infos, self._stepper.ticks, self._rng))
         counts = self._stepper.step(*lists)
         self._block_time += self._world.step
         self.counts = dict(zip(self._counted, counts, strict=True))
         return self._act(self.counts)
 
-    def explored(self, seen: Floats, rewards: Sequence[float], returns: Sequence[float]) -> None:
+    def explored(self, observations: Floats, rewards: Sequence[float], returns: Sequence[float]) -> None:
         """Take the bounds of observations and the scale of rewards from random moves."""
-        for _, shown in self._shown.values():
-            shown.learn(seen)
+        for _, encoder in self._encoding.values():
+            encoder.learn(observations)
         for _, taught, _ in self._taught.values():
             taught.explored(rewards, returns)
 
@@ -301,7 +300,7 @@ class NetworkPilot:
     def arrays(self) -> dict[str, Any]:
         """Return all that it has learnt, for a checkpoint."""
         made: dict[str, Any] = {"learnt": self.weights, "time": np.array([self.time])}
-        made |= {f"encoder.{name}": shown.arrays() for name, (_, shown) in self._shown.items()}
+        made |= {f"encoder.{name}": encoder.arrays() for name, (_, encoder) in self._encoding.items()}
         return made | {f"teacher.{name}": taught.arrays() for name, (_, taught, _) in self._taught.items()}
 
     def put(self, arrays: Mapping[str, Any]) -> None:
@@ -310,8 +309,8 @@ class NetworkPilot:
             for name, weights in arrays["learnt"].items():
                 sim.set_weights(name, weights)
         self._time, self._block_time = float(arrays["time"][0]), 0.0
-        for name, (_, shown) in self._shown.items():
-            shown.put(arrays.get(f"encoder.{name}", {}))
+        for name, (_, encoder) in self._encoding.items():
+            encoder.put(arrays.get(f"encoder.{name}", {}))
         for name, (_, taught, _) in self._taught.items():
             taught.put(arrays.get(f"teacher.{name}", {}))
 
@@ -327,7 +326,7 @@ class ClosedLoop:
         environments: in which it acts.
         log: the episodes so far.
         steps: control steps of all environments so far.
-        actions, rewards: of the steps of the present block, if they are kept.
+        actions, rewards: of the steps of the present block, if they are checkpoint.
     """
 
     def __init__(
@@ -349,7 +348,7 @@ class ClosedLoop:
         self.rewards: list[Floats] = []
         self._begun = [0, 0]  # episodes and blocks
         self._none = [0] * environments.n
-        self._asked: dict[str, Any] = {}
+        self._request: dict[str, Any] = {}
         self._explored = not explore
         self._first_episode = 0
 
@@ -365,8 +364,8 @@ class ClosedLoop:
         pilot = self._network_pilot("results")
         made = collect(self.sim, pilot.net, threads=threads, record=record, all_weights=all_weights)
         made.world.update(self.recorded())
-        asked = {**self._asked, "seed": self.seed, "copies": self.environments.n, "learns": self._learns}
-        about = json.loads(made.about[ATTRIBUTE]) | {"steered": [], "world": asked}
+        request = {**self._request, "seed": self.seed, "copies": self.environments.n, "learns": self._learns}
+        about = json.loads(made.about[ATTRIBUTE]) | {"steered": [], "world": request}
         made.about[ATTRIBUTE] = json.dumps(about)
         return made
 
@@ -394,7 +393,7 @@ class ClosedLoop:
         until: float | None = None,
         window: int = 100,
         out: str | PathLike[str] | None = None,
-        told: Mapping[str, Any] | None = None,
+        belongs_to: Mapping[str, Any] | None = None,
         progress: bool = False,
         after: Callable[[ClosedLoop], object] | None = None,
     ) -> Log:
@@ -406,9 +405,9 @@ class ClosedLoop:
             episodes: episodes, likewise.
             until: the mean return of the last `window` episodes.
             window: episodes of that mean.
-            out: the file that comes of it: beside it a checkpoint is kept after each block, from which the same call
-                goes on after a kill. Whoever writes the file removes the checkpoint.
-            told: what the checkpoint belongs to: the run goes on only from one of equal words.
+            out: the file that comes of it: beside it a checkpoint is written after each block, from which the same
+                call goes on after a kill. Whoever writes the file removes the checkpoint.
+            belongs_to: what the checkpoint belongs to: the run goes on only from one of equal words.
             progress: whether to show how far it is on stderr.
             after: called after each block.
 
@@ -417,20 +416,20 @@ class ClosedLoop:
 
         Raises:
             ModelError: no end is given, the environment raises, hangs or gives NaN, or the network cannot go on; the
-                last checkpoint is kept.
+                last checkpoint stays.
         """
         if ms is not None:
             steps = max(1, ceil(ms / self._step_ms - 1e-9)) * self.environments.n
-        end, kept = End(until, steps, episodes, window), None
-        self._asked = {"until": until, "steps": steps, "episodes": episodes, "window": window}
+        end, checkpoint = End(until, steps, episodes, window), None
+        self._request = {"until": until, "steps": steps, "episodes": episodes, "window": window}
         if out is not None:
-            kept = self.checkpoint(Path(out), told or {})
-            self.go_on(kept.resume())
+            checkpoint = self.checkpoint(Path(out), belongs_to or {})
+            self.go_on(checkpoint.resume())
             self._check_repeatable()
 
         def keep(loop: ClosedLoop) -> None:
-            if kept is not None:
-                kept.keep(**self.arrays())
+            if checkpoint is not None:
+                checkpoint.keep(**self.arrays())
             if after is not None:
                 after(self)
 
@@ -445,10 +444,10 @@ class ClosedLoop:
                 self._one_block(end, bar)
                 after(self)
 
-    def checkpoint(self, out: Path, told: Mapping[str, Any]) -> Checkpoint:
+    def checkpoint(self, out: Path, belongs_to: Mapping[str, Any]) -> Checkpoint:
         """Return the checkpoint beside a file."""
         words = {"seed": self.seed, "environment": self.environments.name, "environments": self.environments.n}
-        return Checkpoint(out, "neuro closed loop 1", {**words, "options": self.environments.options, **told})
+        return Checkpoint(out, "neuro closed loop 1", {**words, "options": self.environments.options, **belongs_to})
 
     def arrays(self) -> dict[str, Any]:
         """Return all that a run needs to go on."""
@@ -498,10 +497,10 @@ class ClosedLoop:
     def _looked_at(self) -> list[Floats]:
         env, seeds = self.environments, [episode_seed(self.seed, 0)]
         env.actions.seed(self.seed)
-        seen = [env.reset(seeds)]
-        while len(seen) < LOOKED_AT and not env.over[0]:
-            seen.append(env.step([env.actions.sample()], seeds)[0])
-        return seen
+        observations = [env.reset(seeds)]
+        while len(observations) < LOOKED_AT and not env.over[0]:
+            observations.append(env.step([env.actions.sample()], seeds)[0])
+        return observations
 
     def _move_at_random(self, end: End) -> None:
         """Move at random, before anything is learnt: see which observations and rewards there are."""
@@ -509,20 +508,20 @@ class ClosedLoop:
         if self._explored:
             return
         env.actions.seed(self.seed)
-        seen, least = [env.reset(self._seeds())], self._explore
+        observations, least = [env.reset(self._seeds())], self._explore
         sums, rewards, some = Sums(env.n), list[float](), False
         while self.steps < (least if some else SPARSE * least) and not end.reached(self.log):
             if end.steps is not None and self.steps >= end.steps:
                 break
             begins = env.over
-            drawn = np.stack([env.actions.sample() for _ in range(env.n)])
-            now, reward, _, _ = env.step(drawn, self._seeds(begins))
-            seen.append(now)
+            actions = np.stack([env.actions.sample() for _ in range(env.n)])
+            now, reward, _, _ = env.step(actions, self._seeds(begins))
+            observations.append(now)
             self._count(begins)
             sums.add(self.log, self.steps, reward, begins, env.over)
             rewards += reward[~begins].tolist()
             some |= bool(reward.any())
-        self.pilot.explored(np.concatenate(seen), rewards, self.log.returns.tolist())
+        self.pilot.explored(np.concatenate(observations), rewards, self.log.returns.tolist())
         self._explored = self.steps >= least  # a run that ends before has learnt nothing: the next explores anew
 
     def _one_block(self, end: End, bar: Bar | None) -> None:
@@ -530,16 +529,16 @@ class ClosedLoop:
         pilot, env = self.pilot, self.environments
         pilot.begin(env.n, self._begun[1])
         self._begun[1] += 1
-        seen = env.reset(self._seeds())
+        observations = env.reset(self._seeds())
         sums, time = Sums(env.n), self.steps // env.n * self._step_ms
         first = np.ones(env.n, dtype=np.bool_)
         self.actions.clear()
         self.rewards.clear()
         k = 0
         while k < self._block and (end.steps is None or self.steps < end.steps):
-            actions = pilot.act(seen, env.infos)
+            actions = pilot.act(observations, env.infos)
             last = env.over
-            seen, rewards, ended, _ = env.step(actions, self._seeds(last))
+            observations, rewards, ended, _ = env.step(actions, self._seeds(last))
             self._count(last)
             if self._keep:
                 self.actions.append(actions)
@@ -548,7 +547,9 @@ class ClosedLoop:
             if self._learns:
                 counts: Mapping[str, Ints] = getattr(pilot, "counts", {})
                 returns = self.log._returns
-                pilot.teach(Moment(counts, first, last, rewards, ended, env.infos, seen, time, self.steps, returns))
+                pilot.teach(
+                    Moment(counts, first, last, rewards, ended, env.infos, observations, time, self.steps, returns)
+                )
                 if env.n > 1 and k % MERGE == MERGE - 1:
                     pilot.merge()
             first, k = last, k + 1
@@ -582,9 +583,9 @@ class ClosedLoop:
         pilot.begin(1, 0)
         with env.watched():
             for k in range(episodes):
-                seen = env.reset([episode_seed(seed, TESTS + k)])
+                observations = env.reset([episode_seed(seed, TESTS + k)])
                 while not env.over[0] and lengths[k] < most:
-                    seen, reward, _, _ = env.step(pilot.act(seen, env.infos), [0])
+                    observations, reward, _, _ = env.step(pilot.act(observations, env.infos), [0])
                     returns[k] += reward[0]
                     lengths[k] += 1
         return Test(returns, lengths)
@@ -612,7 +613,7 @@ def closed_loop(
         seed: of everything random.
         copies: environments side by side, each with a copy of the network.
         learns: whether signals are set.
-        record: whether spikes and traces of the present block, its actions and its rewards are kept.
+        record: whether spikes and traces of the present block, its actions and its rewards are checkpoint.
         patience: seconds within which the environment must answer.
         block: control steps of a block, in place of those of the description.
         options: of the backend.
@@ -659,17 +660,17 @@ def lived(net: Network, ms: float, progress: bool = False, **words: Any) -> Clos
     return loop
 
 
-def lived_again(net: Network, asked: Mapping[str, Any], backend: str, **keep: Any) -> Results:
+def lived_again(net: Network, request: Mapping[str, Any], backend: str, **keep: Any) -> Results:
     """Run once more what the record of results asks for, and return the results.
 
     Args:
         net: the network.
-        asked: the words `world` of the record.
+        request: the words `world` of the record.
         backend: that runs it.
         keep: what to keep, as of `ClosedLoop.results`.
     """
-    ends = {word: asked[word] for word in ("until", "steps", "episodes", "window")}
-    words = {word: asked[word] for word in ("seed", "copies", "learns")}
+    ends = {word: request[word] for word in ("until", "steps", "episodes", "window")}
+    words = {word: request[word] for word in ("seed", "copies", "learns")}
     loop = closed_loop(net, backend=backend, record=True, threads=keep["threads"], **words)
     loop.run(**ends)
     return loop.results(**keep)

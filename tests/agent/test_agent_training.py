@@ -295,22 +295,18 @@ def test_the_scale_of_late_rewards_does_not_depend_on_an_interruption():
             seen, reward, ended, cut, info = super().step(action)
             return seen, reward * self.pays, ended, cut, info
 
-    def course():
-        env = Late()
-        return env, training.Course(agent(explore=1), Environments(env))
-
-    (env, whole), (again_env, again) = course(), course()
-    whole.explore(training.End(steps=50))
-    whole.block(training.End(steps=200), lambda course: None)
+    envs, agents = [Late(), Late()], [agent(explore=1), agent(explore=1)]
+    whole, again = (training.loop_of(one, Environments(env)) for one, env in zip(agents, envs, strict=True))
+    whole.until(training.End(steps=200), after=lambda loop: None)
     again.go_on(whole.arrays())
-    assert not whole.agent.rewards.known
-    env.pays = again_env.pays = True
-    for one in (whole, again):
-        one.block(training.End(steps=400), lambda course: None)
-    assert again.agent.rewards.known
-    assert vars(again.agent.rewards) == vars(whole.agent.rewards)
-    for name, weights in whole.agent.weights.items():
-        np.testing.assert_array_equal(again.agent.weights[name], weights)
+    assert not agents[0].rewards.known
+    for env, loop in zip(envs, (whole, again), strict=True):
+        env.pays = True
+        loop.until(training.End(steps=400), after=lambda loop: None)
+    assert agents[1].rewards.known
+    assert vars(agents[1].rewards) == vars(agents[0].rewards)
+    for name, weights in agents[0].weights.items():
+        np.testing.assert_array_equal(agents[1].weights[name], weights)
 
 
 @pytest.mark.parametrize("value", [-0.5, 0.0, 0.5])
