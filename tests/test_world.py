@@ -197,6 +197,8 @@ def test_commands_know_the_world(line, tmp_path, answer):
     assert answer("run", "frozen.yaml", "--with", "mine.py", "--episodes", 4, "--out", "b.h5").status == 0
     returns = [neuro.results.read(tmp_path / f"{name}.h5").world["returns"] for name in "ab"]
     assert returns[1].mean() > returns[0][:4].mean()
+    assert answer("report", "a.h5").status == 0
+    assert "mean return" in (tmp_path / "a.html").read_text()
     assert answer("rerun", "a.h5", "--with", "mine.py").out == "a.h5: the same bits\n"
     assert "decisions alike" in answer("compare", *own, "--backends", "event,reference", "--for", 5000).out
     assert "energy per step" in answer("energy", *own, "--chips", "loihi", "--for", 5000).out

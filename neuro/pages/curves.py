@@ -98,6 +98,22 @@ def traces(results: Results, of: str) -> Html:
     return _grid([_trace(name, trace, end_ms(results)) for name, trace in parts[:MOST]], len(parts), "traces")
 
 
+def world(results: Results) -> Html:
+    """Reward and action of each control step of the last block, of the first copy, along time."""
+    last, rewards = end_ms(results), results.world["rewards"][:, 0]
+    actions = results.world["actions"][:, 0].reshape(len(rewards), -1).astype(np.float64)
+    times = (np.arange(len(rewards)) + 1.0) * (last / max(len(rewards), 1))
+    chosen = actions.T[:MOST_LINES]
+    names = [f"action[{k}]" for k in range(len(chosen))] if len(chosen) > 1 else []
+    drawn = [
+        html.figure(
+            curves(times, [rewards], None, last, "reward", "reward of each step"), "reward of each step", "reward"
+        ),
+        html.figure(curves(times, list(chosen), None, last, "action", "action", names), "what was done", "action"),
+    ]
+    return _grid(drawn, len(drawn), "curves")
+
+
 def end_ms(results: Results) -> float:
     """How long a run was, or one step where it has just begun."""
     return max(results.duration_ms, float(results.about["resolution_ms"]))

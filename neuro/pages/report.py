@@ -25,7 +25,7 @@ from neuro.model.neurons import CurrentGenerator, Generator
 from neuro.model.parts import Population
 from neuro.pages import raster
 from neuro.pages.bills import joules
-from neuro.pages.curves import end_ms, rates, traces
+from neuro.pages.curves import end_ms, rates, traces, world
 from neuro.pages.histograms import drawings, histogram
 from neuro.pages.raster import Strip, window
 
@@ -69,6 +69,7 @@ def page(results: Results, file: Path, target: str = "loihi") -> str:
         tag("div", *_cards(results, said, bill, target), class_="cards"),
         *_spikes(results, said),
         *([tag("h2", "Traces"), traces(results, "population")] if has_traces else ()),
+        *([tag("h2", "World"), world(results)] if "rewards" in results.world else ()),
         *_weights(results, said),
         *_network(results, said),
         *_energy(results, bill, reason, target),
@@ -107,6 +108,12 @@ def _cards(results: Results, said: Described, bill: Energy | None, target: str) 
     carried = some(int(results.about["counts.synaptic_ops"]), "operation")
     line = f"in {some(len(projections), 'projection')} carried {carried}"
     yield html.card("synapses", f"{synapses:,}", line)
+    returns = results.world.get("returns", ())
+    if len(returns):
+        n = min(len(returns), 100)
+        yield html.card(
+            "mean return", f"{returns[-n:].mean():.5g}", f"of the last {n} of {some(len(returns), 'episode')}"
+        )
     if bill is not None:
         joules = bill.total()
         yield html.card(f"energy on {target}", joules, bill.totals().removeprefix(joules).lstrip(" :"))
