@@ -100,16 +100,16 @@ def traces(results: Results, of: str) -> Html:
 
 def world(results: Results) -> Html:
     """Reward and action of each control step of the last block, of the first copy, along time."""
-    last, rewards = end_ms(results), results.world["rewards"][:, 0]
+    last, rewards = end_ms(results), results.world["rewards"][:, 0].astype(np.float64)
     actions = results.world["actions"][:, 0].reshape(len(rewards), -1).astype(np.float64)
-    times = (np.arange(len(rewards)) + 1.0) * (last / max(len(rewards), 1))
-    chosen = actions.T[:MOST_LINES]
+    times = np.linspace(0.0, last, len(rewards) + 1, dtype=np.float64)[1:]
+    chosen: list[Floats] = [*actions.T[:MOST_LINES]]
     names = [f"action[{k}]" for k in range(len(chosen))] if len(chosen) > 1 else []
     drawn = [
         html.figure(
             curves(times, [rewards], None, last, "reward", "reward of each step"), "reward of each step", "reward"
         ),
-        html.figure(curves(times, list(chosen), None, last, "action", "action", names), "what was done", "action"),
+        html.figure(curves(times, chosen, None, last, "action", "action", names), "what was done", "action"),
     ]
     return _grid(drawn, len(drawn), "curves")
 
