@@ -6,6 +6,7 @@ import pytest
 import neuro
 from neuro.compiler.resolve import compile_network
 from neuro.model.distributions import Distribution
+from neuro_event.building import joined_rows
 from refused import without_place
 
 
@@ -40,8 +41,12 @@ def test_a_distribution_of_ones_own(registries):
     assert "hint: 'sample' must give at least 0" in told
 
 
+@pytest.mark.parametrize("joined", [True, False])
 @pytest.mark.parametrize("at", range(2, 7))
-def test_a_spike_that_has_arrived_when_weights_are_set_does_not_come_again(at):
+def test_a_spike_that_has_arrived_when_weights_are_set_does_not_come_again(at, joined, monkeypatch):
+    if not joined:
+        monkeypatch.setattr(joined_rows, "choose", lambda program: frozenset())
+
     def run(backend):
         net = neuro.Network("set", resolution=1.0)
         net.population("in", 20, neuro.spike_generator(spike_times=[[1.0]] * 20))

@@ -231,3 +231,12 @@ def test_a_bias_has_room_for_the_rounding_of_its_two_parts():
     sim = neuro.compile(net, "loihi", scales={"out": 1.0})
     sim.run(5.0)
     assert sim.get("out", "v", raw=True)[0] == pytest.approx(2 * 2001.5 + 3 * 4095.0, abs=8)
+
+
+def test_the_shift_of_inhibition_is_that_of_its_own_weights():
+    """One spike of strong inhibition fits into a slot, whatever the excitatory weights are."""
+    fixed = on("spinnaker", network([[-100.0], [0.002]]))
+    strong, weak = fixed.projections
+    assert strong.weights(strong.mantissas)[0] == pytest.approx(-100.0, rel=1e-3)
+    assert weak.weights(weak.mantissas)[0] == pytest.approx(0.002, rel=0.02)
+    assert strong.rounding.saturated == 0.0
