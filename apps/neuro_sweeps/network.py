@@ -161,7 +161,7 @@ class NetworkRun:
     def _in_world(
         self, net: Network, ms: float, backend: str, tables: dict[str, str], seed: int, options: Mapping[str, Any]
     ) -> Made:
-        """Run a network in its world, as `__call__` does one without."""
+        """Run a network with a world, as `__call__` runs a network alone."""
         from neuro import closed_loop
         from neuro.apps import fingerprint, results as files
 
@@ -171,10 +171,10 @@ class NetworkRun:
             loop.run(ms=time)
             report_step(measured(loop.sim, [self.reports], tables, loop.log)[self.reports], k)
         loop.run(ms=ms)
-        found = measured(loop.sim, self.metrics, tables, loop.log)
+        figures = measured(loop.sim, self.metrics, tables, loop.log)
         about = {"backend": backend, "threads": self.threads, "seed": seed, "network": fingerprint(loop.sim.program)}
         fill = lambda folder: files.write(loop.results(threads=self.threads), folder / "results.h5")  # noqa: E731
-        return found, fill if self.keep == "results" else None, about
+        return figures, fill if self.keep == "results" else None, about
 
     def _fill(self, sim: Simulation, net: Network) -> Fill:
         from neuro.apps import collect, results as files

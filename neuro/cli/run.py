@@ -74,7 +74,7 @@ def run(
 ) -> None:
     """Run a network and write its spikes, traces and weights, and the network itself, to one HDF5 file.
 
-    Where it has a world, it acts there and learns until --for, --steps, --episodes or --until, whichever comes first.
+    A network with a world acts there and learns until --for, --steps, --episodes or --until, whichever comes first.
     """
     from neuro.core.clock import Clock
     from neuro.core.outputs import check_output

@@ -180,7 +180,7 @@ class _Pulse(Shown):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class pulse(Encoder):
-    """One spike of each neuron in each control step, which asks the actors to choose."""
+    """A spike of each neuron in each control step: the actors choose then."""
 
     at: float = quantity(0.95, "", "when, as a share of the step", above=0, at_most=1)
 

@@ -100,10 +100,10 @@ def worlds(comparison: Comparison) -> Iterator[tuple[str, ...]]:
     for run in comparison.ran:
         if (world := run.world) is not None:
             mean = "-" if world.mean_return is None else f"{world.mean_return:.5g}"
-            alike = "-" if run is comparison.first else f"{world.alike:.1%}"
+            same = "-" if run is comparison.first else f"{world.same:.1%}"
             own = run.own
             joules = "-" if own is None or own.refused else quantity(own.total_j / max(world.steps, 1), "J")
-            yield (run.backend, f"{world.steps:,}", f"{world.episodes:,}", mean, alike, joules)
+            yield (run.backend, f"{world.steps:,}", f"{world.episodes:,}", mean, same, joules)
 
 
 def far(per_spike: float | None) -> str:

@@ -47,19 +47,19 @@ class PopulationResult:
 
 @dataclass(frozen=True, slots=True)
 class WorldResult:
-    """What a backend's network did in its world.
+    """Steps, episodes and decisions of a backend's network in a world.
 
     Attributes:
         steps: control steps that the network decided in.
         episodes: that ended.
         mean_return: of these; None where none ended.
-        alike: share of the decisions that are those of the first run, step by step.
+        same: share of the decisions that are those of the first run, step by step.
     """
 
     steps: int
     episodes: int
     mean_return: float | None
-    alike: float = 1.0
+    same: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ class Run:
         trains: the spikes.
         final: final weights of each projection, one for each synapse; `final_delays` in ms, where they learn.
         program: the network as the backend saw it.
-        world: what it did in its world; None of a network without one. `actions` are its decisions.
+        world: steps, episodes and decisions in a world; None of a network without one. `actions` are its decisions.
     """
 
     backend: str

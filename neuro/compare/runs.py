@@ -122,7 +122,7 @@ def _comparison(net: Network, ms: float, seed: int, runs: list[Run], record: Map
 
 
 def _enough(runs: list[Run]) -> None:
-    """Refuse to compare one run with nothing; what is wrong on all backends alike is reported as it is."""
+    """Refuse to compare one run with nothing; what is wrong on all backends share is reported as it is."""
     ran = sum(not run.refused for run in runs)
     refusals = dict.fromkeys(run.refused for run in runs if run.refused)
     if ran == 0 and len(refusals) == 1:
@@ -135,7 +135,7 @@ def _enough(runs: list[Run]) -> None:
 
 
 def _recording(net: Network) -> Network:
-    """The same network, whose generators record their spikes, also those of which none are kept unasked."""
+    """The same network, whose generators record their spikes, also those of which none are records unasked."""
     watched = copy.copy(net)
     watched.probes = dict(net.probes)
     probed = {probe.of for probe in net.probes.values() if probe.record == "spikes"}
@@ -228,17 +228,17 @@ def _against(run: Run, first: Run | None, duration_ms: float) -> Run:
 
 
 def _in_world(run: Run, loop: ClosedLoop, first: Run | None) -> Run:
-    """A run with what it did in its world."""
-    kept = loop.recorded()
-    actions = np.asarray(kept["actions"], dtype=np.float64)
-    alike = 1.0
+    """Return a run with steps, episodes and decisions of its world."""
+    records = loop.recorded()
+    actions = np.asarray(records["actions"], dtype=np.float64)
+    share = 1.0
     if first is not None and first.actions is not None:
         n = min(len(actions), len(first.actions))
         same = (actions[:n] == first.actions[:n]).reshape(n, -1).all(axis=1)
-        alike = float(same.mean()) if n else 1.0
-    returns = kept["returns"]
+        share = float(same.mean()) if n else 1.0
+    returns = records["returns"]
     mean_return = float(np.mean(returns)) if len(returns) else None
-    return replace(run, actions=actions, world=WorldResult(len(actions), len(returns), mean_return, alike))
+    return replace(run, actions=actions, world=WorldResult(len(actions), len(returns), mean_return, share))
 
 
 def _bills(sim: Simulation, backend: str, first: bool) -> tuple[Bill, ...]:

@@ -39,11 +39,11 @@ def resolve_signals(net: Network, shapes: Mapping[str, Shape], clock: Clock, see
     """
     resolver = _Resolver(net, shapes, clock, seed)
     names = {name: index for index, name in enumerate(net.populations)}
-    found = []
+    signals = []
     for part in net.signals.values():
         values, scale = resolver.of(part, ())
-        found.append(resolved.Signal(part.name, names[part.to], part.origin, values, scale))
-    return tuple(found)
+        signals.append(resolved.Signal(part.name, names[part.to], part.origin, values, scale))
+    return tuple(signals)
 
 
 def heard_by_signals(net: Network, signals: tuple[resolved.Signal, ...]) -> set[str]:
@@ -59,7 +59,7 @@ class _Resolver:
         self.plans: dict[str, Schedule | Computed | None] = {}
 
     def of(self, part: Signal, followers: tuple[str, ...]) -> tuple[Schedule | Computed | None, Floats]:
-        """What sets a signal, and the factor on it; `followers` are the signals that are like it."""
+        """The source of a signal and the factor on it; `followers` are the signals that are like it."""
         source = part.values
         while isinstance(source, Source) and not isinstance(source, (schedule, computed, like)):
             with naming_the_part(part, "values", source.name):
@@ -88,7 +88,7 @@ class _Resolver:
         return plan, factor * self.numbers(part, source.scale, "scale")
 
     def numbers(self, part: Signal, value: Any, what: str) -> Floats:
-        """One number for all neurons of the target, or one for each."""
+        """A number for all neurons of the target, or for each."""
         path = ("values",) if what == "values" else ("values", part.values.name)
         with naming_the_part(part, *path[what == "values" :]):
             return per_neuron(value, self.shapes[part.to], what, (self.seed, "signal", part.name))
@@ -174,8 +174,8 @@ class _Reader:
         first, *rest = tree.arguments
         period = self.every * self.clock.resolution
         if tree.name in ("mean", "trace"):
-            left = math.exp(-period / self.ms(rest[0])) if rest else 1.0
-            return self.add(tree.name, self.read(first), number=left if tree.name == "trace" else 1.0 - left)
+            share = math.exp(-period / self.ms(rest[0])) if rest else 1.0
+            return self.add(tree.name, self.read(first), number=share if tree.name == "trace" else 1.0 - share)
         if tree.name == "after":
             within = self.clock.floor(self.ms(rest[1]) if len(rest) > 1 else 20.0, "after")
             return self.add("after", number=float(within), reads=(self.neurons(first), self.neurons(rest[0])))
@@ -202,9 +202,9 @@ class _Reader:
         if not isinstance(tree, Name):
             raise self.expression.mistake(tree.at, "expected a population, or some of its neurons, as exc[:100]")
         try:
-            found = on_a_line(tree.name.replace('"', ""), self.net.populations)
-            name = found.population.name if isinstance(found, View) else found.name
-            ids = end_of(found, self.shapes[name]).ids if isinstance(found, View) else None
+            part = on_a_line(tree.name.replace('"', ""), self.net.populations)
+            name = part.population.name if isinstance(part, View) else part.name
+            ids = end_of(part, self.shapes[name]).ids if isinstance(part, View) else None
         except ModelError as error:
             raise self.expression.mistake(tree.at, error.message, error.hint) from None
         model = self.net.populations[name].model

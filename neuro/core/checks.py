@@ -197,7 +197,7 @@ def _words(q: Quantity, value: Any, what: str) -> dict[str, Any]:
 
 @kind("expression", "an expression as text")
 def _expression(q: Quantity, value: Any, what: str) -> str:
-    """What it says is read by the part that has it."""
+    """The part that has the expression reads it."""
     if not isinstance(value, str):
         raise wrong(q, value, what)
     return value

@@ -55,7 +55,7 @@ def run_extension(file: Any) -> None:
 
 
 def _has_environment(module: ModuleType) -> bool:
-    """Whether a file has a class of environments, which is used by its name and registered nowhere."""
+    """Return whether a file has a class of environments, which needs no registration."""
     bases = (base for kind in vars(module).values() if isinstance(kind, type) for base in kind.__mro__)
     return any(base.__module__ == "gymnasium.core" and base.__name__ == "Env" for base in bases)
 

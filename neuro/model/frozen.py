@@ -13,11 +13,13 @@ D = TypeVar("D", bound=Description)
 
 
 def frozen(net: D) -> D:
-    """The network with the weights that it has, no rule that changes them, and no signal.
+    """Return the network with its weights, without learning rules and signals.
 
     Probes of synapses that learnt go, too. Plasticity that passes by itself (tsodyks2) stays.
     """
-    learns = {name for name, part in net.projections.items() if _learns(part)}
+    learns = {
+        name for name, part in net.projections.items() if part.synapse.learns and not isinstance(part.synapse, tsodyks2)
+    }
     other = copy.copy(net)
     other.projections = {n: _static(part, net) if n in learns else part for n, part in net.projections.items()}
     other.probes = {name: part for name, part in net.probes.items() if part.of not in learns}
@@ -27,12 +29,9 @@ def frozen(net: D) -> D:
     return other
 
 
-def _learns(part: Projection) -> bool:
-    return bool(part.synapse.learns) and not isinstance(part.synapse, tsodyks2)
-
-
 def _static(part: Projection, net: Description) -> Projection:
     models: dict[str, type[Synapse]] = {"loihi": loihi_static, "loihi2": loihi2_static}
     model = models.get(part.synapse.chip or net.populations[part.target].model.chip, static)
-    known = part.synapse.parameters()
-    return replace(part, synapse=model(**{word: known[word] for word in model.quantities() if word in known}))
+    parameters = part.synapse.parameters()
+    words = {word: parameters[word] for word in model.quantities() if word in parameters}
+    return replace(part, synapse=model(**words))

@@ -1,4 +1,4 @@
-"""The sections of a network that say how it is used: trials, recordings that are shown to it, and its world."""
+"""The sections of a network that say how it is used: trials, recordings, world."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ class Surroundings(Choice):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class World(Choice):
-    """What the network acts in: each control step it sees, runs, acts, and is taught."""
+    """The world of a network: in each control step the network sees, runs, acts, and is taught."""
 
     kind: ClassVar[str] = "world"
     word: ClassVar[str] = "world"

@@ -1,4 +1,4 @@
-"""What may set a signal while a network runs."""
+"""The sources that may set a signal while a network runs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Source(Choice):
     kind: ClassVar[str] = "source"
 
     def stands_for(self) -> Value | Source:
-        """What it is made of: a number, an array, or one of the sources of this package."""
+        """The source in its parts: a number, an array, or one of the sources of this package."""
         raise NotImplementedError
 
 

@@ -169,7 +169,7 @@ def _section(section: Any) -> tuple[tuple[str], ...]:
 
 
 def _signals(net: Any) -> Table:
-    """The signals, with what sets them where a description says it."""
+    """The signals with their sources."""
     columns = (
         ("name", "to", "values") if any(part.values is not None for part in net.signals.values()) else ("name", "to")
     )

@@ -105,13 +105,13 @@ def world(results: Results) -> Html:
     times = np.linspace(0.0, last, len(rewards) + 1, dtype=np.float64)[1:]
     chosen: list[Floats] = [*actions.T[:MOST_LINES]]
     names = [f"action[{k}]" for k in range(len(chosen))] if len(chosen) > 1 else []
-    drawn = [
+    figures = [
         html.figure(
             curves(times, [rewards], None, last, "reward", "reward of each step"), "reward of each step", "reward"
         ),
         html.figure(curves(times, chosen, None, last, "action", "action", names), "what was done", "action"),
     ]
-    return _grid(drawn, len(drawn), "curves")
+    return _grid(figures, len(figures), "curves")
 
 
 def end_ms(results: Results) -> float:

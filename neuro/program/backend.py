@@ -328,7 +328,7 @@ class Fired(Protocol):
 
 
 def counter(engine: Engine) -> Callable[[int], Ints]:
-    """What tells of a population how often each neuron of an engine has fired."""
+    """Return a function that counts the spikes of each neuron of a population."""
     return engine.fired if isinstance(engine, Fired) else lambda population: engine.counts().spikes[population]
 
 

@@ -393,7 +393,7 @@ def synapse_states(part: Projection) -> list[str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Operation:
-    """One operation of an expression, whose value is a number.
+    """An operation of an expression; the value is a number.
 
     Attributes:
         name: a sign or a function; "number", "count", "mean", "trace" and "after" have a number or a memory.

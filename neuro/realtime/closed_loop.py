@@ -157,8 +157,8 @@ class NetworkPilot:
             part = program.populations[self._part(program, name, "observe", name)]
             kind, expected = _TAKES[encoder.gives]
             if part.kind != kind:
-                given = f"{encoder.name} gives {encoder.gives}"
-                message = f"population '{name}' is {part.said}: {given}: expected {expected}"
+                output = f"{encoder.name} gives {encoder.gives}"
+                message = f"population '{name}' is {part.said}: {output}: expected {expected}"
                 raise self._wrong(ModelError(message), "observe", name)
             observations = self._environments.observations
             try:
@@ -194,8 +194,8 @@ class NetworkPilot:
             neurons = 0 if critic is None else program.populations[self._part(program, critic, "reward", name)].size
             other = getattr(teacher, "as_", None)
             if other is not None and (other not in self._world.reward or hasattr(self._world.reward[other], "as_")):
-                known = [one for one in self._world.reward if not hasattr(self._world.reward[one], "as_")]
-                raise self._wrong(unknown("signal with a value of its own", other, known), "reward", name)
+                names = [one for one in self._world.reward if not hasattr(self._world.reward[one], "as_")]
+                raise self._wrong(unknown("signal with a value of its own", other, names), "reward", name)
             size = program.populations[signals[name].target].size
             made[name] = teacher, teacher.made(neurons), size
         # A teacher that takes the value of another comes after that one.
@@ -645,7 +645,7 @@ def closed_loop(
 
 
 def lived(net: Network, ms: float, progress: bool = False, **words: Any) -> ClosedLoop:
-    """Join a network with its world, and let it act there for so many ms in one block, of which all is counted.
+    """Join a network with its world, and act there for so many ms in a single block.
 
     Args:
         net: the network.

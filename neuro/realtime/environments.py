@@ -1,4 +1,4 @@
-"""Environments of Gymnasium: one, or a vector of them, in one form: a number of episodes side by side."""
+"""Environments of Gymnasium: a single one or a vector, in the same form: a number of episodes side by side."""
 
 from __future__ import annotations
 
@@ -38,21 +38,21 @@ for _name, _value in (("PYGAME_HIDE_SUPPORT_PROMPT", "1"), ("SDL_VIDEODRIVER", "
 _EXTRA = re.compile(r"gymnasium\[[\w-]+\]")
 
 
-def environment_of(world: World, given: Any = None, copies: int = 1) -> Any:
+def environment_of(world: World, environment: Any = None, copies: int = 1) -> Any:
     """Return the environment of a description, or a vector of some of them.
 
     Args:
         world: names an id, or a class of a file that the user has named by `--with`.
-        given: in its place an environment, a vector, or a class of environments.
+        environment: in its place an environment, a vector, or a class of environments.
         copies: how many side by side.
 
     Raises:
         ModelError: there is none of that name, it needs a package that is not installed, or it cannot be made.
     """
-    if given is not None and not isinstance(given, type):
-        return given
+    if environment is not None and not isinstance(environment, type):
+        return environment
     name, options = world.environment.id, world.environment.options or {}
-    kind = given if given is not None else find(name, _named_by_user())
+    kind = environment if environment is not None else find(name, _named_by_user())
     limit = world.episode
 
     def one() -> gymnasium.Env[Any, Any]:
@@ -76,13 +76,13 @@ def find(name: str, classes: Mapping[str, Any]) -> Any:
     Raises:
         ModelError: there is neither.
     """
-    known = {key: kind for key, kind in classes.items() if issubclass(kind, gymnasium.Env)}
-    if name in known:
-        return known[name]
+    environments = {key: kind for key, kind in classes.items() if issubclass(kind, gymnasium.Env)}
+    if name in environments:
+        return environments[name]
     if name not in gymnasium.registry:
         _load_plugins(name.partition("/")[0])
     if name not in gymnasium.registry:
-        error = unknown("environment", name, [*known, *gymnasium.registry])
+        error = unknown("environment", name, [*environments, *gymnasium.registry])
         raise error if error.suggestion else error.but(hint=f"--with FILE.py, if a file of yours has the class {name}")
     return name
 
@@ -111,7 +111,7 @@ def made(kind: Any, name: str, options: Mapping[str, Any] | None = None, frames:
     Raises:
         ModelError: it needs a package that is not installed, has no spaces, or raises.
     """
-    with told(name):
+    with reported(name):
         make: Any = partial(gymnasium.make, kind) if isinstance(kind, str) else kind
         make = partial(make, **(options or {}))
         env: gymnasium.Env[Any, Any] = make()
@@ -126,7 +126,7 @@ def made(kind: Any, name: str, options: Mapping[str, Any] | None = None, frames:
 
 
 @contextmanager
-def told(name: str) -> Iterator[None]:
+def reported(name: str) -> Iterator[None]:
     """Errors of making an environment in one line; gymnasium's warnings are of its own names and tell users nothing."""
     try:
         with warnings.catch_warnings():
@@ -200,10 +200,10 @@ class Environments:
 
     def reset(self, seeds: Sequence[int]) -> Floats:
         """Begin all episodes, by the first seed; the first observations, (n, dimensions)."""
-        found, info = self._answer("reset", "observation, info", seed=int(seeds[0]))
+        answer, info = self._answer("reset", "observation, info", seed=int(seeds[0]))
         self._hear(info)
         self.over = np.zeros(self.n, dtype=np.bool_)
-        return self._vectors(found)
+        return self._vectors(answer)
 
     def step(self, actions: npt.NDArray[Any] | list[Any], seeds: Sequence[int]) -> tuple[Floats, Floats, Bools, Bools]:
         """One step of each; of those that are over the first observation of the next episode.
@@ -217,12 +217,12 @@ class Environments:
             reward is 0.
         """
         if self._vector:
-            begun = self.over
-            found, reward, ended, cut = self._step(actions)
-            return self._taken(found, np.where(begun, 0.0, reward), ended & ~begun, cut & ~begun)
+            restarted = self.over
+            answer, reward, ended, cut = self._step(actions)
+            return self._checked(answer, np.where(restarted, 0.0, reward), ended & ~restarted, cut & ~restarted)
         if self.over[0]:
             return self.reset(seeds), np.zeros(1), np.zeros(1, np.bool_), np.zeros(1, np.bool_)
-        return self._taken(*self._step(actions[0]))
+        return self._checked(*self._step(actions[0]))
 
     def _step(self, action: Any) -> tuple[Any, ...]:
         *answer, info = self._answer("step", "observation, reward, terminated, truncated, info", action)
@@ -244,10 +244,10 @@ class Environments:
             {word: values[k] for word, values in words.items() if len(values) > k} for k in range(self.n)
         )
 
-    def _answer(self, name: str, expected: str, *given: Any, **named: Any) -> tuple[Any, ...]:
+    def _answer(self, name: str, expected: str, *arguments: Any, **words: Any) -> tuple[Any, ...]:
         self._calls += 1
         try:
-            answer = getattr(self._env, name)(*given, **named)
+            answer = getattr(self._env, name)(*arguments, **words)
         except (ModelError, KeyboardInterrupt):
             raise
         except Exception as error:
@@ -258,7 +258,7 @@ class Environments:
             raise ModelError(f"env.{name} returned {size}: expected ({expected})")
         return answer
 
-    def _taken(self, found: Any, reward: Any, ended: Any, cut: Any) -> tuple[Floats, Floats, Bools, Bools]:
+    def _checked(self, answer: Any, reward: Any, ended: Any, cut: Any) -> tuple[Floats, Floats, Bools, Bools]:
         try:
             rewards = np.asarray(reward, dtype=np.float64).reshape(self.n)
         except (TypeError, ValueError, OverflowError):
@@ -268,17 +268,17 @@ class Environments:
             raise ModelError(f"env.step returned the reward {rewards[~good][0]:g}: expected a finite number")
         ends, cuts = self._flags("terminated", ended), self._flags("truncated", cut)
         self.over = ends | cuts
-        return self._vectors(found), rewards, ends, cuts & ~ends
+        return self._vectors(answer), rewards, ends, cuts & ~ends
 
-    def _flags(self, name: str, found: Any) -> Bools:
-        flags = np.asarray(found)
+    def _flags(self, name: str, answer: Any) -> Bools:
+        flags = np.asarray(answer)
         if flags.size != self.n or flags.dtype.kind not in "bui":
-            raise ModelError(f"env.step returned {name} = {found!r}: expected True or False")
+            raise ModelError(f"env.step returned {name} = {answer!r}: expected True or False")
         return flags.astype(np.bool_).reshape(self.n)
 
-    def _vectors(self, found: Any) -> Floats:
-        self.found = found
-        return self._states.check(flat(self.observations, found, self.n if self._vector else 0))
+    def _vectors(self, answer: Any) -> Floats:
+        self.found = answer
+        return self._states.check(flat(self.observations, answer, self.n if self._vector else 0))
 
     @contextmanager
     def watched(self) -> Iterator[None]:
@@ -289,10 +289,10 @@ class Environments:
         over, hung, main = threading.Event(), threading.Event(), threading.get_ident()
 
         def look() -> None:
-            known, since = self._calls, time.monotonic()
+            calls, since = self._calls, time.monotonic()
             while not over.wait(min(1.0, self.patience / 4)):
-                if self._calls != known or self._calls % 2 == 0:
-                    known, since = self._calls, time.monotonic()
+                if self._calls != calls or self._calls % 2 == 0:
+                    calls, since = self._calls, time.monotonic()
                 elif time.monotonic() - since > self.patience:
                     hung.set()
                     # A real signal: it also ends a call that waits in the system, for a clock or a socket.

@@ -140,7 +140,7 @@ class Handles:
         """The index of a signal that a program sets.
 
         Raises:
-            ModelError: this network has no such signal, or its values are described.
+            ModelError: the network has no such signal, or the description sets it.
         """
         index = self._find("signal", Signal, of, self._signals, self._net.signals)
         if self._program.signals[index].values is not None:

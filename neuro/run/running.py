@@ -224,10 +224,6 @@ class RunningNetwork:
 
         From then on `spikes` and `trace` give what came later; `spikes` refuses a `since` before it.
         """
-        self._hear()
-        self._records.forget(before)
-
-    def _hear(self) -> None:
-        """Let signals that depend on times of spikes read those that are about to be forgotten."""
-        if self._signals is not None:
+        if self._signals is not None:  # they may depend on times of spikes that are forgotten now
             self._signals.listen()
+        self._records.forget(before)

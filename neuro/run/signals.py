@@ -28,7 +28,7 @@ _REMEMBERED = {"count": 1, "mean": 1, "trace": 1, "after": 3}
 
 
 def signals_of(program: Program, engine: Engine) -> SignalFeeder | None:
-    """What sets the signals of a program in an engine; None if nothing does."""
+    """The feeder of the signals of a program; None if nothing does."""
     described = any(part.values is not None for part in program.signals)
     return SignalFeeder(program, engine) if described else None
 
@@ -76,7 +76,7 @@ class SignalFeeder:
             yield min(end, *(player.due for player in self._players)) - now
 
     def listen(self) -> None:
-        """Read the spikes that are told by their times, before they are forgotten."""
+        """Read the spikes whose times count, before their records are forgotten."""
         for player in self._players:
             player.listen()
 
@@ -86,7 +86,7 @@ class SignalFeeder:
             player.begin()
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """What was computed so far and is under way, by signal."""
+        """Return values that were computed and are under way, by signal."""
         self.listen()
         return {f"{p.name}/{word}": array for p in self._players for word, array in p.state().items()}
 
@@ -154,8 +154,8 @@ class _Expression(_Player):
         sizes = [_REMEMBERED.get(operation.name, 0) for operation in plan.operations]
         self._places = [sum(sizes[:k]) for k in range(len(sizes))]
         self._memory = np.zeros(sum(sizes))
-        named = zip(plan.operations, self._places, strict=True)
-        self._afters = [(operation, place) for operation, place in named if operation.name == "after"]
+        operations = zip(plan.operations, self._places, strict=True)
+        self._afters = [(operation, place) for operation, place in operations if operation.name == "after"]
         super().__init__(engine, plan.name)
 
     def begin(self) -> None:
@@ -189,16 +189,16 @@ class _Expression(_Player):
         delay = self._plan.delay
         if not isinstance(delay, Distribution):
             return delay
-        drawn = delay.drawn(generator(self._seed, "signal", f"{self._plan.name}/{now}"), 1)
-        return max(0, round(float(drawn[0]) / self._clock.resolution))
+        draws = delay.drawn(generator(self._seed, "signal", f"{self._plan.name}/{now}"), 1)
+        return max(0, round(float(draws[0]) / self._clock.resolution))
 
     def _value(self, now: int) -> float:
-        """What the expression gives at the end of a period.
+        """Return the value of the expression at the end of a period.
 
         Raises:
             ModelError: it is not finite.
         """
-        found: list[float] = []
+        values: list[float] = []
         counted: dict[int, Ints] = {}
 
         def count(population: int, ids: Ints | None) -> float:
@@ -207,35 +207,35 @@ class _Expression(_Player):
             return float(counted[population].sum() if ids is None else counted[population][ids].sum())
 
         for operation, function, at in zip(self._plan.operations, self._functions, self._places, strict=True):
-            values = [found[k] for k in operation.of]
+            values = [values[k] for k in operation.of]
             if function is not None:
-                found.append(function(*values))
+                values.append(function(*values))
                 continue
             match operation.name:
                 case "number":
-                    found.append(operation.number)
+                    values.append(operation.number)
                 case "count":
                     spikes = count(*operation.reads[0])
-                    found.append(spikes - float(self._memory[at]))
+                    values.append(spikes - float(self._memory[at]))
                     self._memory[at] = spikes
                 case "mean":
                     period = now // self._plan.every
                     share = 1.0 if period == 1 else operation.number or 1.0 / period
                     self._memory[at] += share * (values[0] - self._memory[at])
-                    found.append(float(self._memory[at]))
+                    values.append(float(self._memory[at]))
                 case "trace":
                     self._memory[at] = self._memory[at] * operation.number + values[0]
-                    found.append(float(self._memory[at]))
+                    values.append(float(self._memory[at]))
                 case _:
                     spikes = count(*operation.reads[1])
                     if spikes != self._memory[at + 2]:  # to read them takes as long as many steps of a small network
                         self.listen()
-                    found.append(float(self._memory[at + 1]))
+                    values.append(float(self._memory[at + 1]))
                     self._memory[at + 1 : at + 3] = 0.0, spikes
-        if not math.isfinite(found[-1]):
-            message = f"signal '{self.name}': its expression is {found[-1]} at {self._clock.ms(now):g} ms"
+        if not math.isfinite(values[-1]):
+            message = f"signal '{self.name}': its expression is {values[-1]} at {self._clock.ms(now):g} ms"
             raise ModelError(f"{message}: expected a finite number", hint="where(b > 0, a / max(b, 1), 0)")
-        return float(found[-1])
+        return float(values[-1])
 
     def listen(self) -> None:
         if not self._afters:
@@ -251,11 +251,11 @@ class _Expression(_Player):
 
     def _heard_of(self, population: int, ids: Ints | None, now: int) -> tuple[Floats, Ints]:
         """Steps of the spikes since this was last asked, and how many in each."""
-        found = self._engine.spikes(population, self._heard)
-        chosen = found.steps <= now
+        train = self._engine.spikes(population, self._heard)
+        chosen = train.steps <= now
         if ids is not None:
-            chosen &= np.isin(found.ids, ids, kind="table")
-        return found.steps[chosen].astype(np.float64), found.multiplicity[chosen]
+            chosen &= np.isin(train.ids, ids, kind="table")
+        return train.steps[chosen].astype(np.float64), train.multiplicity[chosen]
 
     def state(self) -> dict[str, NDArray[Any]]:
         coming = np.array(self._coming, dtype=np.float64).reshape(-1, 2)
@@ -263,14 +263,14 @@ class _Expression(_Player):
         return {"numbers": numbers, "memory": self._memory.copy(), "coming": coming}
 
     def put(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        due, following, self._level, since, heard = arrays["numbers"].tolist()
-        self.due, self._next, self._since, self._heard = int(due), int(following), int(since), int(heard)
+        due, following, self._level, since, last = arrays["numbers"].tolist()
+        self.due, self._next, self._since, self._heard = int(due), int(following), int(since), int(last)
         self._memory[:] = arrays["memory"]
         self._coming = [(int(step), value) for step, value in arrays["coming"].tolist()]
 
 
 def _function(operation: Operation) -> Callable[..., Any] | None:
-    """What computes an operation that has no memory."""
+    """Return the function of an operation without memory."""
     if operation.name in _SIGNS:
         return _SIGNS[operation.name]
     if operation.name in _REMEMBERED or operation.name == "number":

@@ -62,7 +62,7 @@ def save(net: Description, path: str | Path, anywhere: bool = False) -> None:
 
 
 def check_network_file(path: str | Path) -> Path:
-    """Return the name of the file of a network that is to be written, if it can have it.
+    """Return the name of a file of a network, if it may be written.
 
     Raises:
         ModelError: it ends otherwise, or is taken by what is no network that was saved.

@@ -20,7 +20,7 @@ class Light(gymnasium.Env):
         return self._look()
 
     def step(self, action):
-        """Turn; what is seen then, the reward, whether it has ended, whether it is cut off, and what else is known."""
+        """Turn; return observation, reward, terminated, truncated and info."""
         self.heading += float(action[0])
         self.steps += 1
         seen, info = self._look()
