@@ -200,5 +200,9 @@ def test_commands_know_the_world(line, tmp_path, answer):
     assert answer("report", "a.h5").status == 0
     assert "mean return" in (tmp_path / "a.html").read_text()
     assert answer("rerun", "a.h5", "--with", "mine.py").out == "a.h5: the same bits\n"
+    pytest.importorskip("websockets")
+    words = ("--page", "--no-browser", "--speed", "inf", "--for", 2000)
+    assert answer("live", *own, *words).out.startswith("page: http://127.0.0.1:")
+    assert "expected --page" in answer("live", *own).err
     assert "decisions alike" in answer("compare", *own, "--backends", "event,reference", "--for", 5000).out
     assert "energy per step" in answer("energy", *own, "--chips", "loihi", "--for", 5000).out

@@ -37,6 +37,10 @@ if TYPE_CHECKING:
     from neuro_live import Page
 
 
+MOST_STEPS = 2**31 - 1
+"""Control steps of a run in a world that ends by Ctrl-C."""
+
+
 class Late(StrEnum):
     """What to do when an action comes too late, as of `neuro.realtime.LATE`."""
 
@@ -146,6 +150,13 @@ def live(
     if out is not None:
         check_output(out, KIND)
 
+    if net.world_section is not None:
+        if not page or input or out is not None:
+            message = f"{file}: the network has a world: expected --page, and neither --input nor --out"
+            raise ModelError(message, hint="neuro run writes what it does there")
+        _show_world(net, host, port, speed or 1.0, no_browser, duration, backend=backend, seed=seed, threads=threads)
+        return
+
     def simulation(seed: int) -> Simulation:
         return compiled(net, backend=backend, seed=seed, threads=threads)
 
@@ -177,6 +188,34 @@ def live(
     if run.ended:
         typer.echo(f"ended early: {run.ended}", err=True)
         raise typer.Exit(130 if run.ended == "interrupted" else 1)
+
+
+def _show_world(
+    net: Network, host: str, port: int, speed: float, no_browser: bool, duration: float | None, **words: Any
+) -> None:
+    """Let a network act and learn in its world, in one block, and show it on a page at a pace."""
+    from neuro import closed_loop
+    from neuro_live import Page
+    from neuro_live.page import KEPT_MS
+
+    loop = closed_loop(net, record=True, block=MOST_STEPS, **words)
+    pages: list[Page] = []
+
+    def figures() -> dict[str, str]:
+        return {"episodes": f"{len(loop.log):,}", "mean return of the last 100": f"{loop.log.mean(100):.5g}"}
+
+    def watch() -> None:
+        if not pages:  # the simulation of the block is there once it has begun
+            pages.append(stack.enter_context(Page(loop.sim, host, port, speed=speed, figures=figures)))
+            announce(pages[0], no_browser)
+        pages[0].tick()
+        loop.sim.forget(max(loop.sim.held, loop.sim.time - KEPT_MS))
+        loop.actions.clear()
+        loop.rewards.clear()
+
+    loop.watch = watch
+    with ExitStack() as stack, stoppable(lambda: f"{loop.steps:,} control steps, {len(loop.log):,} episodes"):
+        loop.run(**({"steps": MOST_STEPS} if duration is None else {"ms": duration}))
 
 
 def announce(page: Page, no_browser: bool, err: bool = False) -> None:

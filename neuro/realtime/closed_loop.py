@@ -85,7 +85,7 @@ class NetworkPilot:
         backend: that runs it.
         seed: of its draws.
         learns: whether signals are set; without them no weight changes.
-        record: whether spikes and traces of the present block are checkpoint.
+        record: whether spikes and traces of the present block are kept.
         options: of the backend.
 
     Attributes:
@@ -326,7 +326,8 @@ class ClosedLoop:
         environments: in which it acts.
         log: the episodes so far.
         steps: control steps of all environments so far.
-        actions, rewards: of the steps of the present block, if they are checkpoint.
+        watch: called after each control step, such as the `tick` of a page, which may wait.
+        actions, rewards: of the steps of the present block, if they are kept.
     """
 
     def __init__(
@@ -344,6 +345,7 @@ class ClosedLoop:
         self.pilot, self.environments, self.seed = pilot, environments, seed
         self._explore, self._block, self._learns, self._step_ms, self._keep = explore, block, learns, step, keep
         self.log, self.steps = Log(), 0
+        self.watch: Callable[[], object] | None = None
         self.actions: list[npt.NDArray[Any]] = []
         self.rewards: list[Floats] = []
         self._begun = [0, 0]  # episodes and blocks
@@ -553,6 +555,8 @@ class ClosedLoop:
                 if env.n > 1 and k % MERGE == MERGE - 1:
                     pilot.merge()
             first, k = last, k + 1
+            if self.watch is not None:
+                self.watch()
             if sums.add(self.log, self.steps, rewards, last, env.over):
                 if bar is not None:
                     mean = f"mean return of the last {min(len(self.log), end.window)}: {self.log.mean(end.window):g}"
@@ -613,7 +617,7 @@ def closed_loop(
         seed: of everything random.
         copies: environments side by side, each with a copy of the network.
         learns: whether signals are set.
-        record: whether spikes and traces of the present block, its actions and its rewards are checkpoint.
+        record: whether spikes and traces of the present block, its actions and its rewards are kept.
         patience: seconds within which the environment must answer.
         block: control steps of a block, in place of those of the description.
         options: of the backend.
