@@ -198,7 +198,7 @@ class _Expression(_Player):
         Raises:
             ModelError: it is not finite.
         """
-        values: list[float] = []
+        results: list[float] = []
         counted: dict[int, Ints] = {}
 
         def count(population: int, ids: Ints | None) -> float:
@@ -207,35 +207,35 @@ class _Expression(_Player):
             return float(counted[population].sum() if ids is None else counted[population][ids].sum())
 
         for operation, function, at in zip(self._plan.operations, self._functions, self._places, strict=True):
-            values = [values[k] for k in operation.of]
+            values = [results[k] for k in operation.of]
             if function is not None:
-                values.append(function(*values))
+                results.append(function(*values))
                 continue
             match operation.name:
                 case "number":
-                    values.append(operation.number)
+                    results.append(operation.number)
                 case "count":
                     spikes = count(*operation.reads[0])
-                    values.append(spikes - float(self._memory[at]))
+                    results.append(spikes - float(self._memory[at]))
                     self._memory[at] = spikes
                 case "mean":
                     period = now // self._plan.every
                     share = 1.0 if period == 1 else operation.number or 1.0 / period
                     self._memory[at] += share * (values[0] - self._memory[at])
-                    values.append(float(self._memory[at]))
+                    results.append(float(self._memory[at]))
                 case "trace":
                     self._memory[at] = self._memory[at] * operation.number + values[0]
-                    values.append(float(self._memory[at]))
+                    results.append(float(self._memory[at]))
                 case _:
                     spikes = count(*operation.reads[1])
                     if spikes != self._memory[at + 2]:  # to read them takes as long as many steps of a small network
                         self.listen()
-                    values.append(float(self._memory[at + 1]))
+                    results.append(float(self._memory[at + 1]))
                     self._memory[at + 1 : at + 3] = 0.0, spikes
-        if not math.isfinite(values[-1]):
-            message = f"signal '{self.name}': its expression is {values[-1]} at {self._clock.ms(now):g} ms"
+        if not math.isfinite(results[-1]):
+            message = f"signal '{self.name}': its expression is {results[-1]} at {self._clock.ms(now):g} ms"
             raise ModelError(f"{message}: expected a finite number", hint="where(b > 0, a / max(b, 1), 0)")
-        return float(values[-1])
+        return float(results[-1])
 
     def listen(self) -> None:
         if not self._afters:
