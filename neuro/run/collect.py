@@ -330,7 +330,8 @@ class ResultsWriter:
             if found.payloads is not None:
                 spikes["payloads"] = found.payloads[:end]
             self._append(f"populations/{self._sim.program.populations[index].name}", spikes)
-        self._sim.read_for_signals()
+        if self._sim._signals is not None:
+            self._sim._signals.listen()
         self._engine.forget(now)
         self.drained = now
         for name, series in self._recorder.series.items():

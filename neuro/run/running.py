@@ -224,10 +224,6 @@ class RunningNetwork:
 
         From then on `spikes` and `trace` give what came later; `spikes` refuses a `since` before it.
         """
-        self.read_for_signals()
-        self._records.forget(before)
-
-    def read_for_signals(self) -> None:
-        """Let signals that depend on times of spikes read those that are forgotten next."""
-        if self._signals is not None:
+        if self._signals is not None:  # they may depend on times of spikes that are forgotten now
             self._signals.listen()
+        self._records.forget(before)
