@@ -52,7 +52,11 @@ if TYPE_CHECKING:
         dimensions_of as dimensions_of,
         flat as flat,
     )
-    from neuro.coding.values import SOME as SOME, RewardScale as RewardScale
+    from neuro.coding.values import (
+        SOME as SOME,
+        RewardScale as RewardScale,
+        TemporalDifference as TemporalDifference,
+    )
     from neuro.coding.world import Moment as Moment
     from neuro.compare.runs import chip_of as chip_of
     from neuro.compiler import compile_network as compile_network

@@ -20,6 +20,7 @@ from neuro.apps import (
     Log,
     Moment,
     Quantity,
+    TemporalDifference,
     Test,
     check,
     check_output,
@@ -67,6 +68,7 @@ class _Pilot:
     def __init__(self, agent: Learner, control: str = "") -> None:
         self._agent, self._control = agent, control
         self._kept = np.zeros(0)
+        self._difference = TemporalDifference(agent.rewards, agent.settings.discount)
         self._rng = np.random.default_rng([agent.seed, 1])
         self._shown: deque[Floats] = deque(maxlen=SEEN)
 
@@ -74,8 +76,7 @@ class _Pilot:
         """Begin a block, with all that was learnt before."""
         self._agent.begin(copies, block=block)
         self._before = self._agent.weights if copies > 1 else None
-        self._reward, self._value = np.zeros(copies), np.zeros(copies)
-        self._ended = np.zeros(copies, dtype=np.bool_)
+        self._difference.begin(copies)
         self._shown.clear()
 
     def act(self, seen: Floats, infos: Any) -> npt.NDArray[Any]:
@@ -95,25 +96,18 @@ class _Pilot:
 
     def teach(self, moment: Moment) -> None:
         """Learn from the error of the last step but one."""
-        agent, value = self._agent, self._decision.values
-        discount = agent.settings.discount
-        # What a state is worth follows a cut-off, and nothing an end; of what has just begun nothing is known.
-        errors = (self._reward + discount * value * ~self._ended - self._value) * ~moment.first
-        agent.teach(self._taught(errors))
+        agent, difference = self._agent, self._difference
+        agent.teach(self._taught(difference.errors(self._decision.values, moment)))
         if np.count_nonzero(moment.last):
             agent.forget(moment.last)
-        if not agent.rewards.known and moment.rewards.any():  # the scale is that of the first: all before were 0
-            first = moment.rewards[~moment.last]
-            agent.rewards.learn([0.0] * (moment.steps - first.size) + first.tolist(), moment.returns)
-        share = agent.rewards.excess(value, moment.rewards)
+        share = difference.share(moment)
         if share < 1.0:
             self.merge()
             agent.shrink(share)
-            self._before, value = self._before and agent.weights, value * share
-        self._value, self._ended = value, moment.ended
-        self._reward = moment.rewards * agent.rewards.factor
+            self._before = self._before and agent.weights
+        difference.take(moment)
         if agent.novelty:
-            self._reward = self._reward + agent.novelty.of(moment.observations)
+            difference.reward = difference.reward + agent.novelty.of(moment.observations)
 
     def merge(self) -> None:
         """Let all copies have what each has learnt."""

@@ -173,7 +173,10 @@ class NetworkRun:
         loop.run(ms=ms)
         figures = measured(loop.sim, self.metrics, tables, loop.log)
         about = {"backend": backend, "threads": self.threads, "seed": seed, "network": fingerprint(loop.sim.program)}
-        fill = lambda folder: files.write(loop.results(threads=self.threads), folder / "results.h5")  # noqa: E731
+
+        def fill(folder: Path) -> None:
+            files.write(loop.results(threads=self.threads), folder / "results.h5")
+
         return figures, fill if self.keep == "results" else None, about
 
     def _fill(self, sim: Simulation, net: Network) -> Fill:

@@ -217,7 +217,6 @@ def energy(
     from neuro.core.clock import Clock
     from neuro.core.progress import advance
     from neuro.model.language import load
-    from neuro.realtime.closed_loop import lived
     from neuro.run.compiled import compile as compiled
 
     if per[0] < 1:
@@ -228,6 +227,8 @@ def energy(
     with stoppable("nothing is priced") as bar:
         bar.say("preparing")
         if net.world_section is not None:
+            from neuro.realtime.closed_loop import lived
+
             loop = lived(net, duration, progress=True, backend=backend, seed=seed, threads=threads)
             sim, per = loop.sim, (max(1, round(loop.sim.time / net.world_section.step)), "step") if per[0] == 1 else per
             placements = [placed(sim.program, each) for each in targets]

@@ -37,10 +37,13 @@ def run_world(
     from neuro.cli.options import stoppable
     from neuro.core.errors import ModelError
     from neuro.core.outputs import output
+    from neuro.core.system import shared
     from neuro.files.results import KIND, write
     from neuro.realtime.closed_loop import closed_loop
     from neuro.run.collect import files_of
 
+    if shared():
+        raise ModelError("a network in its world runs in one process: found several, of mpirun", hint="--copies N")
     learns = not frozen and net.world_section is not None and bool(net.world_section.reward)
     with stoppable(lambda: _left(loop, out, learns)) as bar:
         bar.say("preparing")

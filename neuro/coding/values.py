@@ -1,13 +1,16 @@
-"""The scale of rewards: what a reward is to a critic of spiking neurons, whose value has a narrow range."""
+"""Values of states: the scale of rewards for a critic of spiking neurons, and the error of its predictions."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from neuro.coding.world import Moment
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 
@@ -82,3 +85,49 @@ class RewardScale:
     def shrink(self, share: float) -> None:
         """Let rewards be this share of what they were."""
         self.factor, self.first, self._level = self.factor * share, self.first * share, self._level * share
+
+
+class TemporalDifference:
+    """The error of predicted values: reward + discount V(now) - V(before), 0 at the begin of an episode.
+
+    Args:
+        scale: of the rewards.
+        discount: of the value one control step later.
+        adapts: whether the scale is learnt from the rewards, and shrinks where values come to exceed their range.
+
+    Attributes:
+        reward: of the last control step, as the critic learns it, (copies,).
+    """
+
+    def __init__(self, scale: RewardScale, discount: float, adapts: bool = True) -> None:
+        self._scale, self._discount, self._adapts = scale, discount, adapts
+        self.begin(1)
+
+    def begin(self, copies: int) -> None:
+        """Begin a block of so many copies."""
+        self._scale.begin()
+        self.reward, self._value = np.zeros(copies), np.zeros(copies)
+        self._ended = np.zeros(copies, dtype=np.bool_)
+
+    def errors(self, values: Floats, moment: Moment) -> Floats:
+        """Return the errors of the last control step but one, (copies,), from the values of the present states."""
+        # What a state is worth follows a cut-off, and nothing an end; of what has just begun nothing is known.
+        errors: Floats = (self.reward + self._discount * values * ~self._ended - self._value) * ~moment.first
+        self._value, self._ended = values, moment.ended
+        return errors
+
+    def share(self, moment: Moment) -> float:
+        """Take the reward of the control step; return the factor on what the critic has learnt, 1 for no change."""
+        scale, share = self._scale, 1.0
+        if self._adapts:
+            if not scale.known and moment.rewards.any():  # the scale is that of the first rewards: all before were 0
+                first = moment.rewards[~moment.last]
+                scale.learn([0.0] * (moment.steps - first.size) + first.tolist(), moment.returns)
+            share = scale.excess(self._value, moment.rewards)
+            if share < 1.0:
+                self._value = self._value * share
+        return share
+
+    def take(self, moment: Moment) -> None:
+        """Keep the reward of the control step in the scale of now, for the next errors."""
+        self.reward = moment.rewards * self._scale.factor

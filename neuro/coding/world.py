@@ -234,10 +234,7 @@ def _table(base: type[Choice], own: Sequence[str]) -> Registry[type[Any]]:
     )
 
 
-ENCODERS = _table(
-    Encoder,
-    ("places", "tiles", "one_hot", "population", "shares", "rates", "pulse", "events"),
-)
+ENCODERS = _table(Encoder, ("places", "tiles", "one_hot", "population", "shares", "rates", "pulse", "events"))
 """Encoders by name."""
 DECODERS = _table(Decoder, ("winner", "difference", "mean", "counts"))
 """Decoders by name."""

@@ -22,22 +22,14 @@ if TYPE_CHECKING:
 class _OfFields(Shown):
     """An encoder of `neuro.coding.FIELDS`."""
 
-    def __init__(self, fields: Fields, columns: Ints, poisson: bool) -> None:
+    def __init__(self, fields: Fields, columns: Any, poisson: bool) -> None:
         self.fields, self._columns, self._poisson, self.size = fields, columns, poisson, fields.size
-        self._all = bool(np.array_equal(columns, np.arange(len(columns))))
-
-    def _columns_of(self, observations: Floats) -> Floats:
-        return (
-            observations
-            if self._all and observations.shape[1] == self._columns.size
-            else observations[:, self._columns]
-        )
 
     def learn(self, observations: Floats) -> None:
-        self.fields.learn(self._columns_of(observations))
+        self.fields.learn(observations[:, self._columns])
 
     def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
-        return self.fields.spikes(self._columns_of(observations), ticks, rng if self._poisson else None)
+        return self.fields.spikes(observations[:, self._columns], ticks, rng if self._poisson else None)
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         return {"middle": self.fields.middle, "spread": self.fields.spread}
@@ -55,7 +47,9 @@ class _FieldEncoder(Encoder):
         from neuro.coding.spaces import dimensions_of
 
         columns, dimensions = self.columns(space), dimensions_of(space)
-        return _OfFields(FIELDS[kind]([dimensions[k] for k in columns], **words), columns, self.spikes == "poisson")
+        fields = FIELDS[kind]([dimensions[k] for k in columns], **words)
+        some = self.key is not None or self.dimensions is not None
+        return _OfFields(fields, columns if some else slice(None), self.spikes == "poisson")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,7 +100,7 @@ class population(_FieldEncoder):
 
 
 class _Rates(Shown):
-    """Rates by a function of the numbers that are observations."""
+    """Rates as a function of the numbers that are observed."""
 
     def __init__(self, columns: Ints, size: int, rates: Callable[[Floats], Floats]) -> None:
         self._columns, self.size, self._rates = columns, size, rates
@@ -413,44 +407,33 @@ class info(Teacher):
 
 
 class _TD(Taught):
-    """The error of a critic's prediction; `values` and `share` keep what the last step had."""
+    """The error of a critic's prediction."""
 
     def __init__(self, choice: td, neurons: int) -> None:
-        from neuro.coding.values import RewardScale
+        from neuro.coding.values import RewardScale, TemporalDifference
 
-        self._td, self._neurons = choice, neurons
-        self.scale = RewardScale(choice.discount, 1.0 if choice.worth is None else choice.worth)
-        self._auto = choice.worth is not None
+        self._td, self._neurons, self._adapts = choice, neurons, choice.worth is not None
+        self.scale = RewardScale(choice.discount, choice.worth if self._adapts else 1.0)
+        self._difference = TemporalDifference(self.scale, choice.discount, self._adapts)
 
     def begin(self, copies: int) -> None:
-        self.scale.begin()
-        self._reward, self._value = np.zeros(copies), np.zeros(copies)
-        self._ended = np.zeros(copies, dtype=np.bool_)
+        self._difference.begin(copies)
 
     def explored(self, rewards: Sequence[float], returns: Sequence[float]) -> None:
-        if self._auto:
+        if self._adapts:
             self.scale.learn(rewards, returns)
 
     def values(self, moment: Moment) -> Floats:
         td, spikes = self._td, moment.counts[self._td.critic]
         value = self.scale.first + (spikes.sum(axis=1) / self._neurons - td.rest) / td.gain
-        errors: Floats = (self._reward + td.discount * value * ~self._ended - self._value) * ~moment.first
-        self._reward, self._ended, self._value = moment.rewards, moment.ended, value
-        return errors[:, None]
+        return self._difference.errors(value, moment)[:, None]
 
     def share(self, moment: Moment) -> float:
-        scale = self.scale
-        if self._auto:
-            if not scale.known and moment.rewards.any():  # the scale is that of the first rewards: all before were 0
-                first = moment.rewards[~moment.last]
-                scale.learn([0.0] * (moment.steps - first.size) + first.tolist(), moment.returns)
-            share = scale.excess(self._value, moment.rewards)
-            if share < 1.0:
-                scale.shrink(share)
-                self._value = self._value * share
-            self._reward = moment.rewards * scale.factor
-            return share
-        return 1.0
+        share = self._difference.share(moment)
+        if share < 1.0:
+            self.scale.shrink(share)
+        self._difference.take(moment)
+        return share
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         return {"scale": np.array([self.scale.factor, self.scale.first, self.scale.known])}

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -35,10 +35,12 @@ from neuro.model.network import Network
 from neuro.model.neurons import CurrentGenerator, Generator
 from neuro.program.backend import OverflowWarning, find_backend
 from neuro.program.program import Program
-from neuro.realtime.closed_loop import ClosedLoop, lived
 from neuro.run.collect import record_of
 from neuro.run.compiled import ApproximationWarning, compile
 from neuro.run.simulation import Simulation
+
+if TYPE_CHECKING:
+    from neuro.realtime.closed_loop import ClosedLoop
 
 TARGETS = ("loihi", "spinnaker", "cpu", "gpu")
 """What the counts of the first run are priced for, beside each chip backend's own bill."""
@@ -85,6 +87,8 @@ def compare(
             try:
                 loop = None
                 if watched.world_section is not None:
+                    from neuro.realtime.closed_loop import lived
+
                     loop = lived(watched, ms, backend=name, seed=seed, threads=threads, record=True)
                     sim = loop.sim
                 else:

@@ -109,9 +109,8 @@ class NetworkPilot:
         self.net, self._world, self._learns, self._record = net, world, learns, record
         self._backend, self._seed, self._options = backend, seed, dict(options)
         self._environments = environments
-        self._learnt: dict[str, Floats] = {}
-        self._time = self._block_time = 0.0
         self.copies = self._compile(environments.n, 0)
+        self._unused: int | None = 0  # the block that the copies were compiled for and have not begun
         program = self.copies.program
         self._encoding = self._encoders(program)
         self._act, self._read = self._decoder(program)
@@ -205,15 +204,14 @@ class NetworkPilot:
 
     def begin(self, copies: int, block: int) -> None:
         """Begin a block: the network at time 0, with all that was learnt before."""
-        weights, self._time = self.weights, self._time + self._block_time
-        self._block_time = 0.0
-        self.copies = self._compile(copies, block)
-        for sim in self.copies:
-            for name, each in weights.items():
-                sim.set_weights(name, each)
+        if self._unused != block:
+            weights = self.weights
+            self.copies = self._compile(copies, block)
+            self._set_weights(weights)
+        self._unused = None
         spiking = [name for name, (gives, _) in self._encoding.items() if gives == "spikes"]
-        self._critics = [c for c in (getattr(t, "critic", None) for t, _, _ in self._taught.values()) if c is not None]
-        self._counted = list(dict.fromkeys([*self._read, *self._critics]))
+        critics = [teacher.critic for teacher, _, _ in self._taught.values() if hasattr(teacher, "critic")]
+        self._counted = list(dict.fromkeys([*self._read, *critics]))
         self._stepper = Stepper(self.copies._joined, self._world.step, spiking, self._counted, self._run)
         self._rates = {
             name: self.copies.port(name, "rate") for name, (gives, _) in self._encoding.items() if gives == "rates"
@@ -222,7 +220,6 @@ class NetworkPilot:
         for _, taught, _ in self._taught.values():
             taught.begin(copies)
         self._before = {name: self.copies[0].weights(name)[2].ravel() for name in self._moves} if copies > 1 else {}
-        self._infos: Infos = ()
 
     def _run(self, ticks: int) -> None:
         """Advance all copies; records are forgotten unless they are wanted."""
@@ -244,7 +241,6 @@ class NetworkPilot:
             else:
                 lists.append(encoder.spikes(observations, infos, self._stepper.ticks, self._rng))
         counts = self._stepper.step(*lists)
-        self._block_time += self._world.step
         self.counts = dict(zip(self._counted, counts, strict=True))
         return self._act(self.counts)
 
@@ -260,12 +256,10 @@ class NetworkPilot:
         if not self._taught:
             return
         raw: dict[str, Floats] = {}
-        share = 1.0
         for name, (teacher, taught, size) in self._taught.items():
             other = getattr(teacher, "as_", None)
             raw[name] = taught.values(moment) if other is None else raw[other]
-            values = teacher.spread(raw[name], size, moment.time)
-            self.copies.signal(name, values)
+            self.copies.signal(name, teacher.spread(raw[name], size, moment.time))
         if np.count_nonzero(moment.last):
             for name in self._moves:
                 self.copies.clear(name, moment.last)
@@ -288,27 +282,24 @@ class NetworkPilot:
         self._before = {name: self.copies.merge(name, before) for name, before in self._before.items()}
 
     @property
-    def time(self) -> float:
-        """Time that the network has run in all blocks, ms."""
-        return self._time + self._block_time
-
-    @property
     def weights(self) -> dict[str, Any]:
         """The weights of all projections that learn, by name, as `Simulation.set_weights` takes them."""
         return {name: self.copies[0].get(name, "weight") for name in self._plastic}
 
+    def _set_weights(self, weights: Mapping[str, Any]) -> None:
+        for sim in self.copies:
+            for name, each in weights.items():
+                sim.set_weights(name, each)
+
     def arrays(self) -> dict[str, Any]:
         """Return all that it has learnt, for a checkpoint."""
-        made: dict[str, Any] = {"learnt": self.weights, "time": np.array([self.time])}
+        made: dict[str, Any] = {"learnt": self.weights}
         made |= {f"encoder.{name}": encoder.arrays() for name, (_, encoder) in self._encoding.items()}
         return made | {f"teacher.{name}": taught.arrays() for name, (_, taught, _) in self._taught.items()}
 
     def put(self, arrays: Mapping[str, Any]) -> None:
         """Go on from what `arrays` gave."""
-        for sim in self.copies:
-            for name, weights in arrays["learnt"].items():
-                sim.set_weights(name, weights)
-        self._time, self._block_time = float(arrays["time"][0]), 0.0
+        self._set_weights(arrays["learnt"])
         for name, (_, encoder) in self._encoding.items():
             encoder.put(arrays.get(f"encoder.{name}", {}))
         for name, (_, taught, _) in self._taught.items():
@@ -352,7 +343,6 @@ class ClosedLoop:
         self._none = [0] * environments.n
         self._request: dict[str, Any] = {}
         self._explored = not explore
-        self._first_episode = 0
 
     def recorded(self) -> dict[str, npt.NDArray[Any]]:
         """Return returns, lengths and steps of all episodes, and rewards and actions of the present block, by name."""
@@ -478,7 +468,7 @@ class ClosedLoop:
         seeds = []
         for k in range(self.environments.n):
             self._begun[0] += begins is None or bool(begins[k])
-            seeds.append(episode_seed(self.seed, self._first_episode + self._begun[0]))
+            seeds.append(episode_seed(self.seed, self._begun[0]))
         return seeds
 
     def _count(self, begins: Bools) -> None:

@@ -90,6 +90,13 @@ class Stepper:
 
     Spikes are not recorded in its steps, so memory does not grow; `counts` of a port and `sim.counts()` go on.
 
+    Args:
+        joined: the copies.
+        ms: the length of a control step.
+        emit: populations that are given spikes.
+        count: populations whose spikes are counted.
+        run: advances all copies by so many steps in place of the stepper, and may record.
+
     Attributes:
         ms: the length of a control step.
         ticks: in steps of the network.
