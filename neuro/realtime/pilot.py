@@ -1,0 +1,283 @@
+"""The parts of a closed loop that act and learn: a network with a world, or anything with the same methods."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.coding.world import Act, Infos, Moment, Shown, Taught, Teacher
+from neuro.core.errors import ModelError, unknown
+from neuro.model.network import Network
+from neuro.program.program import Program
+from neuro.realtime.environments import Environments
+from neuro.realtime.episodes import Floats
+from neuro.run.compiled import compile as compiled
+from neuro.run.copies import Copies
+from neuro.run.stepper import Stepper
+
+
+def block_seed(seed: int, block: int) -> int:
+    """Return the seed of the network's draws in a block."""
+    return int(np.random.SeedSequence([seed, block, 1]).generate_state(1)[0])
+
+
+_TAKES = {"spikes": ("listed", "a spike_generator"), "rates": ("poisson", "a poisson_generator")}
+"""By what an encoder gives: the kind of population that takes it, and its name in messages."""
+
+
+class Pilot(Protocol):
+    """The part of the loop that acts and learns: a network, or something else for comparison."""
+
+    def begin(self, copies: int, block: int) -> None:
+        """Begin a block of so many copies, with all that was learnt before."""
+
+    def act(self, observations: Floats, infos: Infos) -> npt.NDArray[Any]:
+        """Return the action for each observation, (copies, dimensions)."""
+
+    def explored(self, observations: Floats, rewards: Sequence[float], returns: Sequence[float]) -> None:
+        """See what random moves have brought."""
+
+    def teach(self, moment: Moment) -> None:
+        """Learn from a control step."""
+
+    def merge(self) -> None:
+        """Let all copies have what each has learnt since the last call."""
+
+    def arrays(self) -> dict[str, Any]:
+        """Return all that it has learnt, for a checkpoint."""
+
+    def put(self, arrays: Mapping[str, Any]) -> None:
+        """Go on from what `arrays` gave."""
+
+
+class NetworkPilot:
+    """The network of a description with a `world`, as the pilot of a loop.
+
+    Args:
+        net: the network.
+        environments: of the loop; the encoders and the decoder are made for their spaces.
+        backend: that runs it.
+        seed: of its draws.
+        learns: whether signals are set; without them no weight changes.
+        record: whether spikes and traces of the present block are kept.
+        options: of the backend.
+
+    Attributes:
+        copies: the network in execution, in the present block.
+        counts: spikes of the last control step by population, (copies, neurons).
+    """
+
+    def __init__(
+        self,
+        net: Network,
+        environments: Environments,
+        *,
+        backend: Any,
+        seed: int,
+        learns: bool,
+        record: bool,
+        options: Mapping[str, Any],
+    ) -> None:
+        world = net.world_section
+        assert world is not None
+        self.net, self._world, self._learns, self._record = net, world, learns, record
+        self._backend, self._seed, self._options = backend, seed, dict(options)
+        self._environments = environments
+        self.copies = self._compile(environments.n, 0)
+        self._unused: int | None = 0  # the block that the copies were compiled for and have not begun
+        program = self.copies.program
+        self._encoding = self._encoders(program)
+        self._act, self._read = self._decoder(program)
+        self._taught = self._teachers(program) if learns else {}
+        self._plastic = [p.name for p in program.projections if p.synapse.learns] if learns else []
+        self._moves = [p.name for p in program.projections if p.synapse.learns == "moves"] if learns else []
+        if environments.n > 1 and len(self._moves) < len(self._plastic):
+            other = next(name for name in self._plastic if name not in self._moves)
+            raise ModelError(
+                f"copies = {environments.n}: projection '{other}' learns from spike to spike: expected rules "
+                "that learn from move to move, whose changes add up",
+                hint="copies=1",
+            )
+
+    # what is made once
+
+    def _compile(self, copies: int, block: int) -> Copies:
+        options = self._options
+        if self._learns and str(self._backend) == "loihi" and "signals" not in options:
+            options = {**options, "signals": self._largest()}
+        seed = block_seed(self._seed, block)
+        made: Copies = compiled(self.net, backend=self._backend, seed=seed, copies=copies, **options)
+        return made
+
+    def _largest(self) -> dict[str, float]:
+        """The largest magnitude of the signal of each projection, from which a chip's units follow."""
+        scales = {name: abs(teacher.scale) for name, teacher in (self._world.reward or {}).items() if teacher.scale}
+        signals = {p.name: getattr(p.synapse, "signal", None) for p in self.net.projections.values()}
+        return {name: scales[signal] for name, signal in signals.items() if signal in scales}
+
+    def _wrong(self, error: ModelError, *path: str) -> ModelError:
+        return error.at(self.net.world_origin, "world").but(path=("world", *path, *error.path))
+
+    def _part(self, program: Program, name: str, *path: str) -> int:
+        names = [part.name for part in program.populations]
+        if name not in names:
+            raise self._wrong(unknown("population", name, names), *path)
+        return names.index(name)
+
+    def _encoders(self, program: Program) -> dict[str, tuple[str, Shown]]:
+        made = {}
+        for name, encoder in self._world.observe.items():
+            part = program.populations[self._part(program, name, "observe", name)]
+            kind, expected = _TAKES[encoder.gives]
+            if part.kind != kind:
+                output = f"{encoder.name} gives {encoder.gives}"
+                message = f"population '{name}' is {part.said}: {output}: expected {expected}"
+                raise self._wrong(ModelError(message), "observe", name)
+            observations = self._environments.observations
+            try:
+                in_use = encoder.made(observations, part.shape)
+            except ModelError as error:
+                raise self._wrong(error, "observe", name, encoder.name) from None
+            if in_use.size and in_use.size != part.size:
+                needs = f"{encoder.name} of {observations} needs {in_use.size:,}"
+                message = f"population '{name}' has {part.size:,} neurons: {needs}"
+                raise self._wrong(ModelError(message, hint=f"shape: {in_use.size}"), "observe", name)
+            made[name] = encoder.gives, in_use
+        return made
+
+    def _decoder(self, program: Program) -> tuple[Act, list[str]]:
+        decoder = self._world.act
+        parts = [program.populations[self._part(program, name, "act")] for name in decoder.of]
+        step = self._world.step
+        rests = [part.parameters["t_ref"].max() if "t_ref" in part.parameters else 0.0 for part in parts]
+        most = [max(1.0, step / max(float(rest), program.resolution)) for rest in rests]
+        try:
+            act = decoder.made(self._environments.actions, [part.size for part in parts], most)
+        except ModelError as error:
+            raise self._wrong(error, "act", decoder.name) from None
+        return act, [part.name for part in parts]
+
+    def _teachers(self, program: Program) -> dict[str, tuple[Teacher, Taught, int]]:
+        made = {}
+        signals = {signal.name: signal for signal in program.signals}
+        for name, teacher in (self._world.reward or {}).items():
+            if name not in signals:
+                raise self._wrong(unknown("signal", name, signals), "reward", name)
+            critic = getattr(teacher, "critic", None)
+            neurons = 0 if critic is None else program.populations[self._part(program, critic, "reward", name)].size
+            other = getattr(teacher, "as_", None)
+            if other is not None and (other not in self._world.reward or hasattr(self._world.reward[other], "as_")):
+                names = [one for one in self._world.reward if not hasattr(self._world.reward[one], "as_")]
+                raise self._wrong(unknown("signal with a value of its own", other, names), "reward", name)
+            size = program.populations[signals[name].target].size
+            made[name] = teacher, teacher.made(neurons), size
+        # A teacher that takes the value of another comes after that one.
+        return dict(sorted(made.items(), key=lambda item: hasattr(item[1][0], "as_")))
+
+    # a block
+
+    def begin(self, copies: int, block: int) -> None:
+        """Begin a block: the network at time 0, with all that was learnt before."""
+        if self._unused != block:
+            weights = self.weights
+            self.copies = self._compile(copies, block)
+            self._set_weights(weights)
+        self._unused = None
+        spiking = [name for name, (gives, _) in self._encoding.items() if gives == "spikes"]
+        critics = [teacher.critic for teacher, _, _ in self._taught.values() if hasattr(teacher, "critic")]
+        self._counted = list(dict.fromkeys([*self._read, *critics]))
+        self._stepper = Stepper(self.copies._joined, self._world.step, spiking, self._counted, self._run)
+        self._rates = {
+            name: self.copies.port(name, "rate") for name, (gives, _) in self._encoding.items() if gives == "rates"
+        }
+        self._rng = np.random.default_rng([block_seed(self._seed, block), 2])
+        for _, taught, _ in self._taught.values():
+            taught.begin(copies)
+        self._before = {name: self.copies[0].weights(name)[2].ravel() for name in self._moves} if copies > 1 else {}
+
+    def _run(self, ticks: int) -> None:
+        """Advance all copies; records are forgotten unless they are wanted."""
+        joined, copies = self.copies._joined, self.copies
+        if joined.plain:
+            joined.advance(ticks, forget=not self._record)
+            return
+        for sim in copies:
+            if not self._record:
+                sim.forget(before=sim.time)
+            sim.run(self._world.step)
+
+    def act(self, observations: Floats, infos: Infos) -> npt.NDArray[Any]:
+        """Show the observations, run a control step, and return the actions."""
+        lists = []
+        for name, (gives, encoder) in self._encoding.items():
+            if gives == "rates":
+                self._rates[name].set(encoder.rates(observations))
+            else:
+                lists.append(encoder.spikes(observations, infos, self._stepper.ticks, self._rng))
+        counts = self._stepper.step(*lists)
+        self.counts = dict(zip(self._counted, counts, strict=True))
+        return self._act(self.counts)
+
+    def explored(self, observations: Floats, rewards: Sequence[float], returns: Sequence[float]) -> None:
+        """Take the bounds of observations and the scale of rewards from random moves."""
+        for _, encoder in self._encoding.values():
+            encoder.learn(observations)
+        for _, taught, _ in self._taught.values():
+            taught.explored(rewards, returns)
+
+    def teach(self, moment: Moment) -> None:
+        """Set all signals for the next control step."""
+        if not self._taught:
+            return
+        raw: dict[str, Floats] = {}
+        for name, (teacher, taught, size) in self._taught.items():
+            other = getattr(teacher, "as_", None)
+            raw[name] = taught.values(moment) if other is None else raw[other]
+            self.copies.signal(name, teacher.spread(raw[name], size, moment.time))
+        if np.count_nonzero(moment.last):
+            for name in self._moves:
+                self.copies.clear(name, moment.last)
+        for teacher, taught, _ in self._taught.values():
+            share = taught.share(moment)
+            if share < 1.0:
+                self._shrink(teacher.critic, share)  # type: ignore[attr-defined]  # only a critic has a share
+
+    def _shrink(self, critic: str, share: float) -> None:
+        """Let the weights onto a critic be this share of what they are."""
+        self.merge()
+        for part in self.copies.program.projections:
+            if self.copies.program.populations[part.target].name == critic and part.name in self._plastic:
+                for sim in self.copies:
+                    sim.set_weights(part.name, share * sim.get(part.name, "weight"))
+        self._before = {name: self.copies[0].get(name, "weight") for name in self._before}
+
+    def merge(self) -> None:
+        """Let all copies have what each has learnt since the last call."""
+        self._before = {name: self.copies.merge(name, before) for name, before in self._before.items()}
+
+    @property
+    def weights(self) -> dict[str, Any]:
+        """The weights of all projections that learn, by name, as `Simulation.set_weights` takes them."""
+        return {name: self.copies[0].get(name, "weight") for name in self._plastic}
+
+    def _set_weights(self, weights: Mapping[str, Any]) -> None:
+        for sim in self.copies:
+            for name, each in weights.items():
+                sim.set_weights(name, each)
+
+    def arrays(self) -> dict[str, Any]:
+        """Return all that it has learnt, for a checkpoint."""
+        made: dict[str, Any] = {"learnt": self.weights}
+        made |= {f"encoder.{name}": encoder.arrays() for name, (_, encoder) in self._encoding.items()}
+        return made | {f"teacher.{name}": taught.arrays() for name, (_, taught, _) in self._taught.items()}
+
+    def put(self, arrays: Mapping[str, Any]) -> None:
+        """Go on from what `arrays` gave."""
+        self._set_weights(arrays["learnt"])
+        for name, (_, encoder) in self._encoding.items():
+            encoder.put(arrays.get(f"encoder.{name}", {}))
+        for name, (_, taught, _) in self._taught.items():
+            taught.put(arrays.get(f"teacher.{name}", {}))
