@@ -200,6 +200,9 @@ def _of_projection(program: Program, part: Projection) -> Iterator[Problem]:
     if part.synapse.name not in SYNAPSES:
         yield _refused(f"{message}: {part.synapse.name}", "NEST has no such rule", ELSEWHERE, part)
         return
+    if part.grid is not None and part.synapse.learns:
+        what = f"{message}: {part.synapse.name} on a shared kernel"
+        yield _refused(what, "NEST's synapses share no weight that learns", ELSEWHERE, part)
     if part.carries == "current":
         # NEST filters currents by one of the time constants only.
         name = program.populations[part.target].model.name

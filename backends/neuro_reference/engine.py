@@ -100,6 +100,9 @@ class ReferenceEngine:
         for pairs in self.net.pairs.values():
             if pairs.part.signal == signal:
                 pairs.signal(values, self.step)
+        for shared in self.net.shared.values():
+            if shared.part.signal == signal:
+                shared.signal(values)
         for moves in self.net.moves.values():
             if moves.part.gate == signal:
                 moves.gate[:] = values
@@ -137,9 +140,9 @@ class ReferenceEngine:
         """Change the numbers of a synapse model."""
         if projection in self.net.pairs:
             self.net.pairs[projection].set_rule(parameters, self.step)
-        elif projection in self.net.moves:
-            self.net.moves[projection].rule = parameters.copy()
-            self.net.moves[projection].refresh()
+        elif projection in self.net.by_numbers:
+            self.net.by_numbers[projection].rule = parameters.copy()
+            self.net.by_numbers[projection].refresh()
         else:
             self.net.rules[projection] = parameters.copy()
 
@@ -200,8 +203,8 @@ class ReferenceEngine:
         self.net.rules = before.rules
         for index, plastic in before.pairs.items():
             self.net.pairs[index].set_rule(plastic.rule, 0)
-        for index, moves in before.moves.items():
-            self.set_rule(index, moves.rule)
+        for index, learning in before.by_numbers.items():
+            self.set_rule(index, learning.rule)
         if not weights:
             for index, wires in enumerate(before.wires):
                 pairs = before.pairs.get(index)
@@ -254,8 +257,8 @@ def put(net: ReferenceNetwork, arrays: Arrays) -> None:
     net.rules = {index: arrays[f"rule/{index}"].copy() for index in net.rules}
     for pairs in net.pairs.values():
         pairs.refresh()
-    for moves in net.moves.values():
-        moves.refresh()
+    for learning in net.by_numbers.values():
+        learning.refresh()
 
 
 def _parts(net: ReferenceNetwork) -> Iterator[tuple[str, Any]]:
@@ -267,6 +270,8 @@ def _parts(net: ReferenceNetwork) -> Iterator[tuple[str, Any]]:
         yield f"local/{index}", local
     for number, moves in net.moves.items():
         yield f"moves/{number}", moves
+    for number, shared in net.shared.items():
+        yield f"shared/{number}", shared
     for number, pairs in net.pairs.items():
         yield f"pairs/{number}", pairs
         yield f"pairs/{number}/pre", pairs.pre

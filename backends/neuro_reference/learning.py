@@ -1,5 +1,7 @@
 """Learning of one projection by spike pairs, eagerly: every synapse follows every event; and by moves.
 
+A shared kernel learns from all its places at once, see `SharedLearning`.
+
 A synapse hears the spikes of its target after its delay, at once where the delay learns. So it keeps a K- of its own:
 the trace of the post spikes that have reached it, see `Traces`. By moves, eligibility is gathered step by step, and a
 signal teaches it at once.
@@ -9,17 +11,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core import keyed_random
-from neuro.model.synapses import Trace
+from neuro.model.synapses import Trace, modulated, pairs
 from neuro.model.synapses.base import DELAY, common
 from neuro.model.synapses.moves import MoveRule
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.projections import ReferenceProjection
+
+PAIRS: Any = pairs
+"""Functions of rules, which have no types."""
 
 
 class PairLearning:
@@ -197,6 +202,142 @@ class PairLearning:
             return 0.0
         passed = (step - self.n_step[target]) * self.h
         return float(self.n[target] * math.exp(-passed / self.tau_n))
+
+
+class SharedLearning:
+    """Learning of a shared kernel: the changes of all synapses of a weight, formed together in each step.
+
+    Attributes:
+        rule: the numbers of the synapse model.
+        k_plus: trace of each source; k_minus: of each target, of the spikes that arrived before the present step.
+        heard: spikes that have arrived at each target in the present step.
+        n: dopamine of each target.
+        eligibility: of each synapse.
+        change: of each weight in the present step; changed: which synapses have changed theirs.
+        posts, doses: spikes on their way, (steps, targets).
+    """
+
+    kept: ClassVar[tuple[str, ...]] = (
+        "rule", "k_plus", "k_minus", "heard", "n", "eligibility", "change", "changed", "posts", "doses",
+    )  # fmt: skip
+
+    def __init__(self, program: Program, wires: ReferenceProjection, tau_minus: Floats) -> None:
+        self.wires, self.part, self.h = wires, wires.part, program.resolution
+        grid = self.part.grid
+        assert grid is not None
+        self.mean, n_target = grid.mean, wires.n_target
+        # Places one after the other, the maps of a place together: so sums of changes have one order.
+        self.inner: Ints = np.arange(n_target).reshape(grid.maps, -1).T.ravel()
+        place = np.empty_like(self.inner)
+        place[self.inner] = np.arange(n_target)
+        weight = np.arange(self.part.size).reshape(grid.maps, -1)
+        order = np.empty(self.part.size, dtype=np.int64)
+        order[weight.T.ravel()] = np.arange(self.part.size)
+        maps, sender = grid.maps, program.populations[self.part.source]
+        sheets = [p.grid.maps for p in program.projections if p.target == self.part.source and p.grid is not None]
+        self.outer: Ints = np.arange(sender.size).reshape(sheets[0] if sheets else 1, -1).T.ravel()
+        self.by_place = np.lexsort((order[wires.slot], place[wires.target] // maps))
+        self.onto = [np.flatnonzero(wires.target == target) for target in range(n_target)]
+        self.onto = [each[np.argsort(order[wires.slot[each]])] for each in self.onto]
+        rows = [np.arange(wires.row_ends[i], wires.row_ends[i + 1]) for i in range(len(wires.row_ends) - 1)]
+        self.of = [each[np.argsort(place[wires.target[each]])] for each in rows]
+        self.left_minus: Floats = np.broadcast_to(np.exp(-self.h / tau_minus), n_target)
+        self.k_plus: Floats = np.zeros(sender.size)
+        self.k_minus, self.heard, self.n = (np.zeros(n_target) for _ in range(3))
+        self.eligibility: Floats = np.zeros(len(wires.target))
+        self.change: Floats = np.zeros(self.part.size)
+        self.changed: NDArray[np.bool_] = np.zeros(len(wires.target), dtype=bool)
+        self.posts: Ints = np.zeros((self.wires.slots, n_target), dtype=np.int64)
+        self.doses: Ints = np.zeros((self.part.dopamine_delay + 1, n_target), dtype=np.int64)
+        self.rule = self.part.synapse.vector()
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Work out the constants after a change of the rule."""
+        self.c: Floats = self.part.synapse.constants_of(self.rule, self.h)
+        numbers = dict(zip(self.part.synapse.numbers(), self.rule.tolist(), strict=True))
+        self.left_plus = math.exp(-self.h / numbers["tau_plus"])
+
+    def emit_dopamine(self, ids: Ints, multiplicity: Ints, step: int) -> None:
+        """Send spikes of the dopamine population to the targets."""
+        place = (step + self.part.dopamine_delay) % len(self.doses)
+        if self.part.dopamine_one_to_one:
+            self.doses[place, ids] += multiplicity
+        else:
+            self.doses[place] += multiplicity.sum()
+
+    def arrive(self, ids: Ints, multiplicity: Ints, step: int) -> None:
+        """Let dopamine act for a step, then the post spikes that arrive in it.
+
+        Args:
+            ids: neurons of the target that spike in this step; their spikes arrive after the delay.
+            multiplicity: how often each.
+            step: which it is.
+        """
+        self.posts[(step + int(self.part.delay.max())) % len(self.posts), ids] = multiplicity
+        self.k_plus *= self.left_plus
+        self.k_minus = (self.k_minus + self.heard) * self.left_minus
+        self.heard[:] = 0.0
+        if self.part.synapse.modulated:
+            self._integrate()
+            doses = self.doses[step % len(self.doses)]
+            self.n += doses / self.c[modulated.TAU_N]
+            doses[:] = 0
+        posts = self.posts[step % len(self.posts)]
+        for target in self.inner[posts[self.inner] > 0].tolist():
+            for e in self.onto[target].tolist():
+                k_plus, m = float(self.k_plus[self.wires.source[e]]), float(posts[target])
+                if k_plus == 0.0:
+                    continue
+                if self.part.synapse.modulated:
+                    self.eligibility[e] += m * (self.c[modulated.A_PLUS] * k_plus)
+                else:
+                    self._add(e, m * PAIRS.potentiation(self.wires.weights[self.wires.slot[e]], k_plus, self.c))
+            self.heard[target] += posts[target]
+        posts[:] = 0
+
+    def spike(self, ids: Ints, multiplicity: Ints) -> None:
+        """Let the spikes of the source in a step act, which have been sent; then the changes act on the weights."""
+        spikes: Ints = np.zeros(len(self.k_plus), dtype=np.int64)
+        spikes[ids] = multiplicity
+        for source in self.outer[spikes[self.outer] > 0].tolist():
+            m = float(spikes[source])
+            for e in self.of[source].tolist():
+                k_minus = float(self.k_minus[self.wires.target[e]])
+                if k_minus == 0.0:
+                    continue
+                if self.part.synapse.modulated:
+                    self.eligibility[e] -= m * (self.c[modulated.A_MINUS] * k_minus)
+                else:
+                    self._add(e, m * PAIRS.depression(self.wires.weights[self.wires.slot[e]], k_minus, self.c))
+            self.k_plus[source] += m
+        places = np.bincount(self.wires.slot[self.changed], minlength=self.part.size)
+        for k in np.flatnonzero(self.change).tolist():
+            w = float(self.wires.weights[k] + self.change[k] / (places[k] if self.mean else 1))
+            if self.part.synapse.modulated:
+                w = min(self.c[modulated.W_MAX], max(self.c[modulated.W_MIN], w))
+            else:
+                w = PAIRS.within(w, self.c[pairs.W_MAX])
+            self.wires.weights[k] = w + 0.0
+        self.change[:], self.changed[:] = 0.0, False
+
+    def signal(self, values: Floats) -> None:
+        """Set the dopamine of every target at the end of a step."""
+        self.n[:] = values
+
+    def _integrate(self) -> None:
+        c, left_c = self.c, modulated.DECAYS + 4
+        for e in self.by_place[self.eligibility[self.by_place] != 0.0].tolist():
+            n = self.n[self.wires.target[e]]
+            gain = n * c[modulated.TAU] * c[left_c + 3] - c[modulated.B] * c[modulated.TAU_C] * c[left_c + 2]
+            self._add(e, self.eligibility[e] * gain)
+            self.eligibility[e] *= c[left_c]
+        self.n *= c[left_c + 1]
+
+    def _add(self, e: int, by: float) -> None:
+        """Add to the change of the weight of a synapse."""
+        self.change[self.wires.slot[e]] += by
+        self.changed[e] |= by != 0.0
 
 
 NEVER = -1

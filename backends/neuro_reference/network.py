@@ -16,7 +16,7 @@ from neuro.program.backend import Outcome, Sent, Spikes, Wins
 from neuro.program.currents import filtered_current
 from neuro.program.program import Floats, Ints, Program
 from neuro.program.spikes import too_many
-from neuro_reference.learning import MoveLearning, PairLearning
+from neuro_reference.learning import MoveLearning, PairLearning, SharedLearning
 from neuro_reference.populations import ReferencePopulation
 from neuro_reference.projections import ReferenceProjection
 
@@ -41,6 +41,7 @@ class ReferenceNetwork:
             fires, by group.
         silenced: neurons of each population that must not fire.
         notes: what pre spikes leave in synapses that probes ask for.
+        pairs, moves, shared: what learns, by projection; by_numbers: those whose rule is replaced at once.
         rules: numbers of the rules for trials, by projection.
         trial_updates: weights changed at the end of trials, for each projection.
     """
@@ -54,9 +55,15 @@ class ReferenceNetwork:
         self.pairs = {
             i: PairLearning(program, wires, self.cells[wires.part.target].parameters["tau_minus"])
             for i, wires in enumerate(self.wires)
-            if wires.part.synapse.learns == "pairs"
+            if wires.part.synapse.learns == "pairs" and wires.part.grid is None
+        }
+        self.shared = {
+            i: SharedLearning(program, wires, self.cells[wires.part.target].parameters["tau_minus"])
+            for i, wires in enumerate(self.wires)
+            if wires.part.synapse.learns == "pairs" and wires.part.grid is not None
         }
         self.moves = {i: MoveLearning(program, w) for i, w in enumerate(self.wires) if w.part.synapse.learns == "moves"}
+        self.by_numbers: dict[int, MoveLearning | SharedLearning] = {**self.moves, **self.shared}
         self.notes = SynapseRecords(program)
         self.rules = {i: w.part.synapse.vector() for i, w in enumerate(self.wires) if w.part.synapse.learns == "trials"}
         self.records = [SpikeRecord(p.size, p.records, p.model.graded) for p in program.populations]
@@ -98,6 +105,8 @@ class ReferenceNetwork:
         for index, wires in enumerate(self.wires):
             if not wires.at_once:
                 self.send(index, self.step)
+        for shared in self.shared.values():  # what they send has the weights of the step
+            shared.spike(self.ids[shared.part.source], self.multiplicity[shared.part.source])
         step = self.step + 1
         inputs = [self._arrivals(index, step) for index in range(len(self.cells))]
         reached = [
@@ -129,6 +138,11 @@ class ReferenceNetwork:
             pairs.arrive(step)
             if pairs.part.dopamine >= 0:
                 pairs.emit_dopamine(self.ids[pairs.part.dopamine], self.multiplicity[pairs.part.dopamine], step)
+        for shared in self.shared.values():
+            target, dopamine = shared.part.target, shared.part.dopamine
+            shared.arrive(self.ids[target], self.multiplicity[target], step)
+            if dopamine >= 0:
+                shared.emit_dopamine(self.ids[dopamine], self.multiplicity[dopamine], step)
         for moves in self.moves.values():
             target = moves.part.target
             moves.gather(self.ids[target], self.multiplicity[target], self.cells[target].states)

@@ -291,8 +291,11 @@ LEARN_ELSEWHERE = f"run it on event: {SAVE_FROZEN}"
 
 
 def foreign(program: Program, chip: Chip, index: int) -> Problem | None:
-    """Why a synapse model cannot be on a chip: it is in the registers of another family; or None."""
+    """Why a synapse model cannot be on a chip: another family has its registers, or synapses share weights; or None."""
     part = program.projections[index]
+    if part.grid is not None and part.synapse.learns == "pairs":
+        why = "its synapses are spelled out, so each would learn a weight of its own"
+        return refused(part, part.synapse.name, f"a shared kernel that learns: {why}", LEARN_ELSEWHERE)
     other = part.synapse.chip
     if not other or other == chip.arithmetic:
         return None

@@ -30,7 +30,7 @@ from neuro.model.neurons import (
     spike_generator,
 )
 from neuro.model.parts import AnyPart, Population, Projection, naming_the_part, refuse
-from neuro.model.rules import grid
+from neuro.model.rules import LEARNING_KERNELS, grid
 from neuro.model.space import of_distance
 from neuro.model.synapses import SYNAPSES, Modulated, MoveRule, Synapse, static
 from neuro.program.program import Floats, Receptor
@@ -239,9 +239,12 @@ def _check_graded(net: Network, part: Projection) -> None:
 def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) -> None:
     synapse = part.synapse
     _check_whole(part, SYNAPSES, type(synapse))
-    if isinstance(part.rule, grid) and synapse.learns in ("pairs", "moves"):
-        text = f"{synapse.name} on a shared kernel: expected static or a rule for trials"
+    if isinstance(part.rule, grid) and synapse.learns in ("pairs", "moves") and synapse.name not in LEARNING_KERNELS:
+        text = f"{synapse.name} on a shared kernel: expected static, {', '.join(LEARNING_KERNELS)} or a rule for trials"
         refuse(part, text, "all_to_all gives each pair a weight", synapse.name)
+    if isinstance(part.rule, grid) and synapse.learns == "pairs" and (words := synapse.of_each()):
+        text = f"{synapse.name}.{words[0]} of each synapse on a shared kernel: expected a number"
+        refuse(part, text, "all_to_all gives each pair a rule of its own", synapse.name)
     if isinstance(part.rule, grid) and synapse.delays:
         text = f"{synapse.name} on a shared kernel, which has one delay: expected another rule of connections"
         refuse(part, text, "all_to_all gives each pair a delay", synapse.name)

@@ -68,6 +68,7 @@ def grid_of(part: Projection, shapes: Mapping[str, Shape]) -> Grid:
         top=_before(rule, 0, height),
         left=_before(rule, 1, width),
         depthwise=rule.depthwise,
+        mean=rule.changes == "mean",
     )
 
 

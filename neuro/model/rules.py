@@ -231,6 +231,10 @@ class from_file(Rule):
                 raise ModelError(f"from_file.signs: {word} = {sign}: expected 1, -1 or 0", path=("signs", word))
 
 
+LEARNING_KERNELS = ("stdp", "stdp_dopa")
+"""Rules of spike pairs that can teach a shared kernel."""
+
+
 @dataclass(frozen=True, eq=False)
 class grid(Rule):
     """A sheet of neurons with one kernel per map, as a convolution.
@@ -241,6 +245,10 @@ class grid(Rule):
     are those of the source divided by the stride, rounded up, and the border is spread evenly, an odd line of it at the
     end. With `depthwise` each map is reached from one channel only, as many maps from each in order, with
     kernel[m, 0, i, j].
+
+    `stdp` and `stdp_dopa` teach it: in a step the changes at all places of a weight are formed from the weight at the
+    beginning of the step, added up (or averaged over the places that changed) and clipped once. They hold from the
+    next step on.
     """
 
     kernel: tuple[int, ...] = quantity(doc="height and width", kind="shape", at_least=1)
@@ -250,6 +258,9 @@ class grid(Rule):
         None, "", "border left and right, if other than above and below", kind="integer", at_least=0
     )
     depthwise: bool = quantity(False, "", "whether a map is reached from one channel only", kind="boolean")
+    changes: str = quantity(
+        "sum", "", "what a weight that learns takes of the changes at its places", kind="word", words=("sum", "mean")
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -132,8 +132,10 @@ class Tally:
             return np.ones(n_post, dtype=np.int64)
         if part.layout == "dense":
             return np.full(n_post, n_pre, dtype=np.int64)
-        if part.grid is not None or part.synapse.learns not in ("pairs", "chip"):
+        if part.synapse.learns not in ("pairs", "chip"):
             return np.zeros(0, dtype=np.int64)
+        if part.grid is not None:
+            return np.bincount(self.program.synapses(index)[1], minlength=n_post)
         return part.share.total(np.bincount(part.targets, minlength=n_post).astype(np.int64))
 
 

@@ -233,6 +233,7 @@ class Grid:
     Attributes:
         top, left: lines of the silent border above and left of the source; what it needs below and right follows.
         depthwise: whether map m is reached from channel m // (maps / channels) only.
+        mean: whether a weight that learns takes the mean of the changes at its places, not their sum.
     """
 
     channels: int
@@ -247,6 +248,7 @@ class Grid:
     top: int
     left: int
     depthwise: bool
+    mean: bool = False
 
     @property
     def kernels(self) -> tuple[int, int, int, int]:
@@ -384,6 +386,8 @@ class Projection:
 def synapse_states(part: Projection) -> list[str]:
     """What can be read of a projection's synapses."""
     names = ["weight", *(state.name for state in part.synapse.states if not state.hidden)]
+    if part.grid is not None and part.synapse.learns == "pairs":  # a weight stands for many synapses
+        return names[:1]
     if part.synapse.learns == "pairs" and part.synapse.pre[:1] == (K_PLUS,):
         names.append("K_plus")
     if part.synapse.modulated:

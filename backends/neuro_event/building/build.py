@@ -19,7 +19,14 @@ from neuro.model.neurons import Neuron
 from neuro.model.neurons.base import PAYLOAD
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Floats, Ints, Program, drawn_for
-from neuro_event.building import joined_rows, layout, learning as pair_rules, move_rules, thread_partition
+from neuro_event.building import (
+    joined_rows,
+    layout,
+    learning as pair_rules,
+    move_rules,
+    shared_kernels,
+    thread_partition,
+)
 from neuro_event.building.layout import EventArrays, aligned_zeros, zeros
 from neuro_event.building.projections import add_projections, lay_out, list_incoming, own_weights, set_buffer
 from neuro_event.loop import tables as t
@@ -67,15 +74,20 @@ def build(
         pair_rules.add_learning(arrays, learning)
     if any(p.synapse.learns == "moves" for p in program.projections):
         move_rules.add_moves(arrays)
+    if any(map(shared_kernels.learns_shared, program.projections)):
+        shared_kernels.add_shared(arrays)
     return arrays
 
 
 def _nothing_learns(threads: int) -> dict[str, Any]:
     """The arrays of what learns in a network where nothing does."""
-    none = dict.fromkeys(("sources", "targets", "room", "moves", "move_sources", "move_marks", "move_targets"), 0)
+    shared = ("shared", *(f"shared_{of}" for of in ("sources", "targets", "entries", "positions", "pairs", "marks")))
+    moves = ("moves", "move_sources", "move_marks", "move_targets")
+    none = dict.fromkeys(("sources", "targets", "room", *moves, *shared), 0)
     sizes = {**none, "threads": threads, "states": 1, "move_width": 1, "move_traces": t.MOVE_TRACES}
-    table, moves = (np.zeros((0, columns), dtype=np.int64) for columns in (t.PLASTIC_COLUMNS, t.MOVE_COLUMNS))
-    return {**zeros(t.PLASTIC_ARRAYS, sizes), "table": table, "move_table": moves}
+    tables = {"table": t.PLASTIC_COLUMNS, "move_table": t.MOVE_COLUMNS, "shared_table": t.SHARED_COLUMNS}
+    empty = {name: np.zeros((0, columns), dtype=np.int64) for name, columns in tables.items()}
+    return {**zeros(t.PLASTIC_ARRAYS, sizes), **empty}
 
 
 def _sizes(program: Program, edges: Ints, longest: int, slice_: int, reach: int) -> dict[str, int]:
@@ -304,6 +316,7 @@ def _needed(a: EventArrays) -> Iterator[str]:
         "note": plastic[:, t.NOTED] == 1,
         "gather_moves": net["pops"][:, t.GATHERS] == 1,
         "deliver_joined": len(net["joined"]),
+        "learn_kernels": len(a.plastic["shared_table"]),
     }
     yield from (name for name, places in may.items() if np.any(places))
 

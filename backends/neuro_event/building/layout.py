@@ -138,8 +138,8 @@ def in_runs(program: Program, p: Projection) -> bool:
 
 
 def learns_pairs(p: Projection) -> bool:
-    """Whether spike pairs change its weights."""
-    return p.synapse.learns == "pairs"
+    """Whether spike pairs change each of its weights; shared kernels learn otherwise."""
+    return p.synapse.learns == "pairs" and p.grid is None
 
 
 def synapses(
@@ -248,6 +248,7 @@ class EventArrays:
     eager: bool
     joined: frozenset[int]
     moves_of: dict[int, int] = field(default_factory=dict)
+    shared_of: dict[int, int] = field(default_factory=dict)
     asked: list[tuple[Ints, int, Callable[[], Entry]]] = field(default_factory=list)
     parted: bool = True
 

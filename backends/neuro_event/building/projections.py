@@ -14,6 +14,7 @@ from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Ints
 from neuro_event.building import joined_rows, layout
 from neuro_event.building.layout import EventArrays, aligned_zeros
+from neuro_event.building.shared_kernels import learns_shared
 from neuro_event.loop import tables as t
 from neuro_event.loop.arrivals import fill_runs
 from neuro_event.loop.operations import NEURONS
@@ -52,8 +53,8 @@ def add_projections(a: EventArrays) -> None:
                 row[t.ROW] = put("rows", layout.split_rows(s.row_ends, s.targets, edges) + row[t.SYNAPSE])
         own = layout.internal_weights(program, q, s.order) if p.weight.size else np.zeros(1)
         row[t.WEIGHT] = put("weights", own)
-        moves = p.synapse.learns == "moves"
-        row[t.WEIGHT_STRIDE], row[t.SIGN] = int(own.size > 1 or moves), t.MIXED if moves else layout.sign(own)
+        learns = p.synapse.learns == "moves" or learns_shared(p)
+        row[t.WEIGHT_STRIDE], row[t.SIGN] = int(own.size > 1 or learns), t.MIXED if learns else layout.sign(own)
         delay = p.delay[s.order] if p.delay.size > 1 and s.order is not None else p.delay
         if delay.size == 0:
             delay = np.ones(1, dtype=np.int32)
@@ -80,7 +81,7 @@ def add_projections(a: EventArrays) -> None:
             row[t.CHANNELS_INSIDE] = g.channels if a.places[p.source].inside is not None else 0
         elif s.targets.size:
             row[t.WAKE_ALL] = 1 + 2 * blocks * (s.row_ends.size - 1) // s.targets.size
-        if not in_runs and (q in a.plastic_of or own_delays):
+        if not in_runs and (q in a.plastic_of or learns_shared(p) or own_delays):
             ring = _give_ring(a, row, longest, ring)
             if q not in a.plastic_of:
                 at_emission.append(q)
@@ -92,7 +93,7 @@ def add_projections(a: EventArrays) -> None:
     a.net["set_out"][:] = t.NONE
     threads = a.net["edges"].shape[1] - 1
     list(mapped(partial(_fill_runs, a), np.flatnonzero(table[:, t.RUN] >= 0).tolist(), threads))
-    if any(p.synapse.learns in ("moves", "trials") for p in program.projections):
+    if any(p.synapse.learns in ("moves", "trials") or learns_shared(p) for p in program.projections):
         own_weights(a)
     if any(p.synapse.delays and p.synapse.learns == "trials" for p in program.projections):
         a.net["late"] = a.net["delays"] * h

@@ -116,6 +116,11 @@ def _work(program: Program, index: int) -> int:
 
 
 def parts(program: Program, threads: int) -> int:
-    """Into how many parts a program is cut for some threads: one where they would meet more often than is worth it."""
+    """Into how many parts a program is cut for some threads.
+
+    One where they would meet more often than is worth it, or where a shared kernel learns from all places at once.
+    """
+    if any(p.grid is not None and p.synapse.learns == "pairs" for p in program.projections):
+        return 1
     steps = sum(p.size for p in program.populations) * max(1, program.min_delay)
     return threads if steps >= WORTH_MEETING else 1

@@ -15,7 +15,7 @@ from neuro.core.interrupts import AT_ONCE, Interruptible, end_if_stopped
 from neuro.program.backend import EngineCounts, Outcome, Sent, Trial, Wins
 from neuro.program.program import Floats, Ints, Trials
 from neuro.program.together import Engines
-from neuro_event.building import build, joined_rows, layout, learning, move_rules, thread_partition
+from neuro_event.building import build, joined_rows, layout, learning, move_rules, shared_kernels, thread_partition
 from neuro_event.host.settable import Settable
 from neuro_event.loop import steps, tables as t, trial_rules
 from neuro_event.loop.together import follow_peaks
@@ -242,6 +242,8 @@ class EventEngine(Settable):
         learning.lay_constants(self._a, self._rules)
         for q in self._a.moves_of:
             move_rules.set_move_rule(self._a, q, self._rules[q])
+        for q in self._a.shared_of:
+            shared_kernels.set_shared_rule(self._a, q, self._rules[q])
         self._record.restore(arrays)
         if self._changing is not None:
             self._changing.currents.restore(arrays)

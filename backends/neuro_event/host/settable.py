@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.program.program import Floats, Ints
-from neuro_event.building import build, layout, learning, move_rules, projections
+from neuro_event.building import build, layout, learning, move_rules, projections, shared_kernels
 from neuro_event.host import reading
 from neuro_event.host.running import Running
 from neuro_event.loop import arrivals, histories, moves, steps, tables as t
@@ -74,6 +74,12 @@ class Settable(Running):
                     self._a.plastic["move_gate"][first : first + inner.size] = inner
                 if p.signal == signal:
                     moves.teach_moves(self._view, k, inner)
+        for q, k in self._a.shared_of.items():
+            p = self._program.projections[q]
+            if p.signal == signal:
+                first = self._a.plastic["shared_table"][k, t.SHARED_TARGET]
+                here = self._a.plastic["shared_n"][first : first + self._program.populations[p.target].size]
+                here[:] = self._a.places[p.target].by_place(values)
         for q, k in self._a.plastic_of.items():
             p = self._program.projections[q]
             if p.signal == signal:
@@ -116,6 +122,8 @@ class Settable(Running):
         """Change the numbers of a synapse model."""
         if projection in self._a.moves_of:
             move_rules.set_move_rule(self._a, projection, parameters)
+        if projection in self._a.shared_of:
+            shared_kernels.set_shared_rule(self._a, projection, parameters)
         if projection in self._a.plastic_of:
             self._copy.drop()
             reading.bring_all(self._a, self._view, self._a.plastic_of[projection], self._step)
@@ -135,12 +143,16 @@ class Settable(Running):
                 arrivals.deliver_counts(self._view, q, self._step - lag + 1, self._step)
                 self._a.net["projections"][q, t.DENSE_COUNTS] = 0
             self._a.net["pops"][part.source, t.COUNTS] = t.NONE
-        elif self._step > 0 and projection not in self._a.plastic_of and projection not in self._a.moves_of:
+        elif self._step > 0 and not self._learns(projection):
             # What was sent goes into a ring, with the weights of now.
             last, lag = self._step - (not self._program.sends_at_once(part)), self._give_ring(projection)
             arrivals.deliver_between(self._view, projection, self._step - lag + 1, last, self._step)
             self._a.net["set_out"][projection] = last
         self._write_weights(projection, weights, chosen)
+
+    def _learns(self, projection: int) -> bool:
+        """Whether spikes or moves change a projection."""
+        return any(projection in of for of in (self._a.plastic_of, self._a.moves_of, self._a.shared_of))
 
     def _give_ring(self, projection: int) -> int:
         """Let a projection have a ring; return how many of the last steps may have sent what is not in it."""
@@ -185,7 +197,7 @@ class Settable(Running):
             self._pack()
         else:
             self._a.net["weights"][first : first + (p.size if stride else 1)] = inner
-        if projection not in self._a.moves_of:
+        if not self._learns(projection):
             row[t.SIGN] = layout.sign(inner)
         if projection in self._a.joined and row[t.LAG] > 0 and not self._a.parted:
             layout.part_joined_rows(self._a)

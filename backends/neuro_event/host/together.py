@@ -120,6 +120,10 @@ class EventEngines:
                 together.gate_all(views, k, inner)
             if p.signal == signal:
                 together.teach_all(views, k, inner)
+        if any(self._program.projections[q].signal == signal for q in self._at.shared_of):
+            for engine, each in zip(self._engines, values, strict=True):
+                engine.signal(signal, each)
+            return
         for q, k in self._at.plastic_of.items():
             if self._program.projections[q].signal == signal:
                 for engine in self._engines:

@@ -264,6 +264,7 @@ def deliver(view, first, last, begin, stop, step):
     | --- | --- | --- |
     | the target of a current | `generators.drive` | no spike: currents are added up along lines |
     | learns by spike pairs | ring, at emission, by the rule's entry | what is sent depends on that moment |
+    | a shared kernel that spike pairs teach | ring, `at_emission`, before it learns | the same, at a step |
     | static, own delays, shared rows (below) | `deliver_joined` | one look, long runs for all targets |
     | static, own delays, few runs (below) | `arrive` | its input stays in the cache: 5 ns an event |
     | own delays otherwise | ring, `deliver.csr_delayed` | most runs would be empty: 42 ns an event |

@@ -23,6 +23,7 @@ from neuro_event.loop.tables import (
     dopamine_arrivals,
     drive,
     gather_moves,
+    learn_kernels,
     net_of,
     note,
     plastic_of,
@@ -54,12 +55,16 @@ def act_at_emission(view, thread, upto, dopamine_upto, h):
             at_emission(view, net.at_emission[k], step, step, thread)
         # Static synapses first, in the order of `at_emission`: sums of rings then have one order, whatever the threads.
         learn_step(view, step, clock[t.DONE_DOPAMINE], thread, h, False)
+        if plastic_of(view).shared_table.shape[0] > 0:
+            learn_kernels(view, step, clock[t.DONE_DOPAMINE], 0, h)
     clock[t.DONE] = max(clock[t.DONE], upto)
     clock[t.DONE_DOPAMINE] = max(clock[t.DONE_DOPAMINE], upto)
     # At the end of a run dopamine and post spikes count one step further than pre spikes, which a read must not see
     # yet.
     for step in range(clock[t.DONE_DOPAMINE] + 1, dopamine_upto + 1):
         learn_step(view, step, clock[t.DONE_DOPAMINE], thread, h, True)
+        if plastic_of(view).shared_table.shape[0] > 0:
+            learn_kernels(view, step, clock[t.DONE_DOPAMINE], 1, h)
     clock[t.DONE_DOPAMINE] = max(clock[t.DONE_DOPAMINE], dopamine_upto)
 
 

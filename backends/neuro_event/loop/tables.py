@@ -145,6 +145,24 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     MOVE_COLUMNS,
 ) = range(7)
 
+# shared kernels that learn
+(
+    SHARED_PROJECTION,
+    SHARED_NUMBER,
+    SHARED_RULE,
+    SHARED_MEAN,
+    SHARED_SOURCE,
+    SHARED_TARGET,
+    SHARED_ENTRY,
+    SHARED_POSITION,
+    SHARED_PAIR,
+    SHARED_PLACE,
+    SHARED_DOPAMINE,
+    SHARED_ONE_TO_ONE,
+    SHARED_LATER,
+    SHARED_COLUMNS,
+) = range(14)
+
 MOVE_TRACES = 4
 """The most pre traces of a rule for moves."""
 
@@ -342,7 +360,21 @@ move_signal    f8 move_targets      step    likewise, what teaches
 move_spikes    f8 move_targets      step    likewise, how often each spiked in the present step; 0 between two
 move_seen      f8 move_targets      step    likewise, the state that the rule sees; 0 if it sees none
 move_concerned i8 move_targets      step    targets that spiked or are seen, those of each thread together
+shared_table   i8 0,0               program columns of `tables`, a row per shared kernel that learns
+shared_rule    f8 0,0               program constants of each rule
+shared_left_plus f8 shared          program what a step leaves of K+
+shared_left_minus f8 shared_targets program likewise of K-
+shared_k_plus  f8 shared_sources    run     trace of each source
+shared_k_minus f8 shared_targets    run     trace of each target, of the spikes that arrived before the present step
+shared_heard   f8 shared_targets    run     spikes that have arrived in the present step
+shared_n       f8 shared_targets    run     dopamine of each target
+shared_dose    f8 shared_targets    step    dopamine spikes of the present step, by id; 0 between two
+shared_live    u1 shared_positions  run     whether a place has any eligibility
 # synapses
+shared_change  f8 shared_entries    run     change of each weight in the present step
+shared_places  i8 shared_entries    run     places that have changed it, where the mean counts
+shared_c       f8 shared_pairs      run     eligibility of each synapse
+shared_last    i8 shared_marks      run     the last step in which a synapse has changed its weight
 rule           f8 0,0               program constants of each rule, then those of synapses that have their own
 y              f8 0,0               run     (states, synapses)
 sent           f8 0                 run     weight at the last pre spike
@@ -351,7 +383,7 @@ incoming       i8 0                 program synapses by target: ends
 in_synapse     i4 0                 program the synapses, from the first of their projection on
 in_source      i4 0                 program their sources
 """
-"""Likewise of what learns, in sizes of `building.learning` and `building.move_rules`."""
+"""Likewise of what learns, in sizes of `building.learning`, `building.move_rules` and `building.shared_kernels`."""
 
 CHANGING = {
     "pops": [CONSTANT, CONSTANT_STRIDE, COUNTS],
@@ -433,6 +465,7 @@ STAGES = {
     "note": ("together", "view, q, source, step, thread", types.void),
     "gather_moves": ("moves", "view, thread, pop, step, h", types.void),
     "deliver_joined": ("arrivals", "view, begin, stop, step", types.void),
+    "learn_kernels": ("shared_kernels", "view, step, done_arrivals, arrivals_only, h", types.void),
 }
 """By the name of the function: its module, its arguments, and what it returns."""
 
@@ -465,7 +498,9 @@ def _stage(name: str) -> Any:
 
 
 arrive, at_emission, deliver_log, add_counts, draw_counts, drive, charge = map(_stage, _STAGED[:7])
-step_collecting, settle, post_spike, dopamine_arrivals, note, gather_moves, deliver_joined = map(_stage, _STAGED[7:])
+step_collecting, settle, post_spike, dopamine_arrivals, note, gather_moves, deliver_joined, learn_kernels = map(
+    _stage, _STAGED[7:]
+)
 
 
 def stage_entry(name: str) -> Entry:

@@ -32,18 +32,28 @@ def power(share, mu):
     return share if mu == 1.0 else share**mu
 
 
-def potentiated(w, k, c):
-    """A weight after a potentiation by k, up to Wmax."""
+def potentiation(w, k, c):
+    """Return the change of a weight by a potentiation by k, whatever the bounds."""
     w_max, mu = c[W_MAX], c[MU_PLUS]
     dependence = 1.0 if mu == 0.0 else power(1.0 - w / w_max, mu)
-    return within(w + w_max * c[LAMBDA] * dependence * k, w_max)
+    return w_max * c[LAMBDA] * dependence * k
+
+
+def depression(w, k, c):
+    """Return the change of a weight by a depression by k, whatever the bounds."""
+    w_max, mu = c[W_MAX], c[MU_MINUS]
+    dependence = 1.0 if mu == 0.0 else power(w / w_max, mu)
+    return -(w_max * c[ALPHA] * c[LAMBDA] * dependence * k)
+
+
+def potentiated(w, k, c):
+    """A weight after a potentiation by k, up to Wmax."""
+    return within(w + potentiation(w, k, c), c[W_MAX])
 
 
 def depressed(w, k, c):
     """A weight after a depression by k, down to 0."""
-    w_max, mu = c[W_MAX], c[MU_MINUS]
-    dependence = 1.0 if mu == 0.0 else power(w / w_max, mu)
-    return within(w - w_max * c[ALPHA] * c[LAMBDA] * dependence * k, w_max)
+    return within(w + depression(w, k, c), c[W_MAX])
 
 
 def within(w, w_max):

@@ -1,0 +1,205 @@
+"""Learning of shared kernels: `stdp` and `stdp_dopa` on grids, step by step.
+
+A weight of a kernel stands for many synapses, one at each place of a map. In a step the changes of all of them are
+formed from the weight at the beginning of the step. Their sum (or mean over the places that changed) is clipped once,
+and holds from the next step on. Each synapse has an eligibility of its own, since dopamine differs between
+targets. A spike takes the weight of its step along: `at_emission` delivers it before the kernel learns.
+
+A step costs with the neurons at both ends and, under dopamine, with the synapses of the places that have any
+eligibility. Weights and eligibilities lie maps innermost, so the inner loops run over neighbours.
+"""
+
+# mypy: ignore-errors
+import numpy as np
+
+from neuro.kernels.jit import compiled, kernel, subkernel
+from neuro.model.synapses import modulated, pairs
+from neuro_event.loop import tables as t
+from neuro_event.loop.tables import net_of, plastic_of
+from neuro_event.loop.trial_rules import source_place
+
+STDP, STDP_DOPA = range(2)
+"""Rules, as in the column SHARED_RULE."""
+
+LEFT_C, LEFT_N, LOST_C, LOST_BOTH = range(modulated.DECAYS + 4, modulated.DECAYS + 8)
+"""Constants of `stdp_dopa` for a single step."""
+
+potentiation, depression, within = map(compiled, (pairs.potentiation, pairs.depression, pairs.within))
+
+
+@subkernel
+def change(p, table, entry, pair, by, step):
+    """Add to the change of a weight; with `mean` count its place once a step."""
+    if by == 0.0:
+        return
+    p.shared_change[table[t.SHARED_ENTRY] + entry] += by
+    if table[t.SHARED_MEAN] == 1:
+        place = table[t.SHARED_PLACE] + pair
+        if p.shared_last[place] != step:
+            p.shared_last[place] = step
+            p.shared_places[table[t.SHARED_ENTRY] + entry] += 1
+
+
+@subkernel
+def doses(view, table, step):
+    """Let the dopamine spikes that arrive in a step raise n."""
+    net, p = net_of(view), plastic_of(view)
+    emitted = step - table[t.SHARED_LATER]
+    if emitted < 1:
+        return
+    row, dopamine = net.projections[table[t.SHARED_PROJECTION]], table[t.SHARED_DOPAMINE]
+    target = net.pops[row[t.TARGET]]
+    n, first = target[t.END] - target[t.BEGIN], table[t.SHARED_TARGET]
+    slot, mask, all_doses = emitted & (net.log_ends.shape[1] - 1), net.log_ids.shape[1] - 1, 0
+    for place in range(net.log_ends[0, slot, dopamine], net.log_ends[0, slot, dopamine + 1]):
+        m = net.log_counts[0, place & mask]
+        all_doses += m
+        if table[t.SHARED_ONE_TO_ONE] == 1:
+            p.shared_dose[first + net.order[np.int64(net.log_ids[0, place & mask])]] += m
+    if all_doses == 0:
+        return
+    tau_n = p.shared_rule[table[t.SHARED_NUMBER], modulated.TAU_N]
+    for i in range(n):
+        m = all_doses
+        if table[t.SHARED_ONE_TO_ONE] == 1:
+            place = first + net.order[target[t.BEGIN] + i]
+            m = p.shared_dose[place]
+            p.shared_dose[place] = 0.0
+        p.shared_n[first + i] += m / tau_n
+
+
+@subkernel
+def integrate(view, table, c, step):
+    """Let dopamine act for the step that ends now, on the synapses of all places that have an eligibility."""
+    net, p = net_of(view), plastic_of(view)
+    row = net.projections[table[t.SHARED_PROJECTION]]
+    maps, size = row[t.MAPS], row[t.DEPTH] * row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH] * row[t.MAPS]
+    for position in range(row[t.ROWS] * row[t.COLUMNS]):
+        to = table[t.SHARED_TARGET] + position * maps
+        if p.shared_live[table[t.SHARED_POSITION] + position] == 1:
+            first = table[t.SHARED_PAIR] + position * size
+            eligibility = p.shared_c[first : first + size]
+            for entry in range(size):
+                if eligibility[entry] != 0.0:
+                    n = p.shared_n[to + entry % maps]
+                    gain = n * c[modulated.TAU] * c[LOST_BOTH] - c[modulated.B] * c[modulated.TAU_C] * c[LOST_C]
+                    change(p, table, entry, position * size + entry, eligibility[entry] * gain, step)
+                    eligibility[entry] *= c[LEFT_C]
+        for m in range(maps):
+            p.shared_n[to + m] *= c[LEFT_N]
+
+
+@subkernel
+def hear(view, table, c, target, m, step):
+    """Let m spikes of a target, by internal place, arrive at its synapses."""
+    net, p = net_of(view), plastic_of(view)
+    row = net.projections[table[t.SHARED_PROJECTION]]
+    maps, columns = row[t.MAPS], row[t.COLUMNS]
+    position, own = target // maps, target % maps
+    y, x = position // columns * row[t.STRIDE] - row[t.TOP], position % columns * row[t.STRIDE] - row[t.LEFT]
+    size, first = row[t.DEPTH] * row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH] * maps, own // row[t.REACH]
+    for channel in range(row[t.DEPTH]):
+        for i in range(row[t.KERNEL_HEIGHT]):
+            for j in range(row[t.KERNEL_WIDTH]):
+                if not (0 <= y + i < row[t.CHANNEL_HEIGHT] and 0 <= x + j < row[t.CHANNEL_WIDTH]):
+                    continue
+                k_plus = p.shared_k_plus[table[t.SHARED_SOURCE] + source_place(row, first + channel, y + i, x + j)]
+                if k_plus == 0.0:
+                    continue
+                entry = ((channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j) * maps + own
+                pair = position * size + entry
+                if table[t.SHARED_RULE] == STDP_DOPA:
+                    p.shared_c[table[t.SHARED_PAIR] + pair] += m * (c[modulated.A_PLUS] * k_plus)
+                    p.shared_live[table[t.SHARED_POSITION] + position] = 1
+                else:
+                    w = net.weights[row[t.WEIGHT] + entry]
+                    change(p, table, entry, pair, m * potentiation(w, k_plus, c), step)
+    p.shared_heard[table[t.SHARED_TARGET] + target] += m
+
+
+@subkernel
+def send(view, table, c, source, m, step):
+    """Let m spikes of a source, by internal place, teach its synapses; then its trace grows."""
+    net, p = net_of(view), plastic_of(view)
+    row = net.projections[table[t.SHARED_PROJECTION]]
+    width, sheet = row[t.CHANNEL_WIDTH], row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
+    maps, columns, stride, inside = row[t.MAPS], row[t.COLUMNS], row[t.STRIDE], row[t.CHANNELS_INSIDE]
+    size = row[t.DEPTH] * row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH] * maps
+    channel, pixel = (source % inside, source // inside) if inside > 0 else (source // sheet, source % sheet)
+    y, x = pixel // width + row[t.TOP], pixel % width + row[t.LEFT]
+    first_map, channel = channel // row[t.DEPTH] * row[t.REACH], channel % row[t.DEPTH]
+    for r in range(max(0, (y - row[t.KERNEL_HEIGHT]) // stride + 1), min(row[t.ROWS], y // stride + 1)):
+        for s in range(max(0, (x - row[t.KERNEL_WIDTH]) // stride + 1), min(columns, x // stride + 1)):
+            place = (channel * row[t.KERNEL_HEIGHT] + y - r * stride) * row[t.KERNEL_WIDTH] + x - s * stride
+            position = r * columns + s
+            for own in range(first_map, first_map + row[t.REACH]):
+                k_minus = p.shared_k_minus[table[t.SHARED_TARGET] + position * maps + own]
+                if k_minus == 0.0:
+                    continue
+                entry = place * maps + own
+                pair = position * size + entry
+                if table[t.SHARED_RULE] == STDP_DOPA:
+                    p.shared_c[table[t.SHARED_PAIR] + pair] -= m * (c[modulated.A_MINUS] * k_minus)
+                    p.shared_live[table[t.SHARED_POSITION] + position] = 1
+                else:
+                    w = net.weights[row[t.WEIGHT] + entry]
+                    change(p, table, entry, pair, m * depression(w, k_minus, c), step)
+    p.shared_k_plus[table[t.SHARED_SOURCE] + source] += m
+
+
+@subkernel
+def learn(view, table, c):
+    """Let the changes of a step act on the weights."""
+    net, p = net_of(view), plastic_of(view)
+    row = net.projections[table[t.SHARED_PROJECTION]]
+    first = table[t.SHARED_ENTRY]
+    for entry in range(row[t.DEPTH] * row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH] * row[t.MAPS]):
+        by, places = p.shared_change[first + entry], p.shared_places[first + entry]
+        p.shared_change[first + entry], p.shared_places[first + entry] = 0.0, 0
+        if by == 0.0:
+            continue
+        if table[t.SHARED_MEAN] == 1:
+            by /= places
+        w = net.weights[row[t.WEIGHT] + entry] + by
+        if table[t.SHARED_RULE] == STDP_DOPA:
+            w = min(c[modulated.W_MAX], max(c[modulated.W_MIN], w))
+        else:
+            w = within(w, c[pairs.W_MAX])
+        net.weights[row[t.WEIGHT] + entry] = w + 0.0  # -0.0 would be no input
+
+
+@kernel
+def learn_kernels(view, step, done_arrivals, arrivals_only, h):
+    """All learning of shared kernels in a step: first by arrivals, then by the spikes emitted.
+
+    Networks in which a shared kernel learns have one thread.
+    """
+    net, p = net_of(view), plastic_of(view)
+    slot, mask = step & (net.log_ends.shape[1] - 1), net.log_ids.shape[1] - 1
+    for q in range(p.shared_table.shape[0]):
+        table, c = p.shared_table[q], p.shared_rule[q]
+        row = net.projections[table[t.SHARED_PROJECTION]]
+        source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
+        if step > done_arrivals:
+            for i in range(source[t.END] - source[t.BEGIN]):
+                p.shared_k_plus[table[t.SHARED_SOURCE] + i] *= p.shared_left_plus[q]
+            for i in range(target[t.END] - target[t.BEGIN]):
+                to = table[t.SHARED_TARGET] + i
+                p.shared_k_minus[to] = (p.shared_k_minus[to] + p.shared_heard[to]) * p.shared_left_minus[to]
+                p.shared_heard[to] = 0.0
+            if table[t.SHARED_RULE] == STDP_DOPA:
+                integrate(view, table, c, step)
+                if table[t.SHARED_DOPAMINE] >= 0:
+                    doses(view, table, step)
+            emitted = step - np.int64(net.delays[row[t.DELAY]])
+            if emitted >= 1:
+                ends = net.log_ends[0, emitted & (net.log_ends.shape[1] - 1)]
+                for place in range(ends[row[t.TARGET]], ends[row[t.TARGET] + 1]):
+                    local = np.int64(net.log_ids[0, place & mask]) - target[t.BEGIN]
+                    hear(view, table, c, local, np.float64(net.log_counts[0, place & mask]), step)
+        if arrivals_only == 1:
+            continue
+        for place in range(net.log_ends[0, slot, row[t.SOURCE]], net.log_ends[0, slot, row[t.SOURCE] + 1]):
+            local = np.int64(net.log_ids[0, place & mask]) - source[t.BEGIN]
+            send(view, table, c, local, np.float64(net.log_counts[0, place & mask]), step)
+        learn(view, table, c)
