@@ -1,6 +1,7 @@
 """A network in its world: the loop is that of an agent, goes on after a kill, and tells each mistake."""
 
 import inspect
+import time
 from types import SimpleNamespace
 
 import gymnasium
@@ -148,6 +149,39 @@ def test_copies_add_up_what_moves_taught_and_no_other_rule_has_copies(line):
     assert "'steer' learns from spike to spike" in refused(neuro.closed_loop, line(), Line, copies=2)
 
 
+class Slow(Line):
+    """Its 20th step takes longer than two control steps at the pace of the test."""
+
+    def step(self, action):
+        if self.left == 31:
+            time.sleep(0.025)
+        return super().step(action)
+
+
+@pytest.mark.usefixtures("frozen_heap")
+def test_a_pace_is_that_of_the_clock_and_changes_no_bit(line):
+    """Steps of 500 ms are due every 10 ms at 50 times real time; the first, which compiles, is not counted."""
+    net = line(("step: 50.0", "step: 500.0"))
+    paced, plain = (neuro.closed_loop(net, Slow, record=True, pace=pace) for pace in (50.0, None))
+    paced.run(steps=1)  # the kernels are compiled
+    began = time.monotonic()
+    paced.run(steps=42)
+    taken, account = time.monotonic() - began, paced.account
+    plain.run(steps=1)
+    plain.run(steps=42)
+    assert np.array_equal(weights(paced), weights(plain))
+    assert np.array_equal(paced.recorded()["actions"], plain.recorded()["actions"])
+    assert plain.account is None
+    assert account.ticks == 40
+    assert account.misses >= 1
+    assert account.skipped >= 1
+    assert taken >= 0.01 * (account.ticks + account.skipped)
+    assert account.response.ms(0.5) < 10.0
+    assert account.largest_tick[1]["act"] > 24.0
+    assert paced.results().live["misses"] == account.misses
+    assert refused(neuro.closed_loop, net, Slow, pace=0) == "pace = 0: expected a number > 0"
+
+
 def test_a_world_is_written_as_it_was_said(line, tmp_path):
     net = line()
     net.save(tmp_path / "again.yaml")
@@ -197,7 +231,10 @@ def test_commands_know_the_world(line, tmp_path, answer):
     (tmp_path / "mine.py").write_text(f"import gymnasium\nimport numpy as np\n\n\n{inspect.getsource(Line)}")
     own = ("line.yaml", "--with", "mine.py")
     assert answer("run", *own, "--steps", 700, "--out", "a.h5", "--save-frozen", "frozen.yaml").status == 0
-    assert answer("run", "frozen.yaml", "--with", "mine.py", "--episodes", 4, "--out", "b.h5").status == 0
+    paced = answer("run", "frozen.yaml", "--with", "mine.py", "--episodes", 4, "--pace", 1000, "--out", "b.h5")
+    assert paced.status == 0
+    assert " steps late; due to done: p50 " in paced.err
+    assert neuro.results.read(tmp_path / "b.h5").live["ticks"] > 190
     returns = [neuro.results.read(tmp_path / f"{name}.h5").world["returns"] for name in "ab"]
     assert returns[1].mean() > returns[0][:4].mean()
     assert answer("report", "a.h5").status == 0

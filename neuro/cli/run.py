@@ -46,6 +46,9 @@ Episodes = Annotated[int | None, typer.Option(metavar="N", parser=at_least(1), h
 Until = Annotated[float | None, typer.Option(metavar="R", help="Mean return of 100 episodes to stop at.")]
 Frozen = Annotated[bool, typer.Option("--frozen", help="Act in its world without learning.")]
 CopiesOf = Annotated[int, typer.Option("--copies", metavar="N", parser=at_least(1), help="Worlds side by side.")]
+Pace = Annotated[
+    float | None, typer.Option("--pace", metavar="X", help="Times real time in its world; else as fast as it can.")
+]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with a run that was interrupted or killed.")]
 SaveFrozen = Annotated[
     Path | None,
@@ -69,6 +72,7 @@ def run(
     until: Until = None,
     frozen: Frozen = False,
     copies: CopiesOf = 1,
+    pace: Pace = None,
     resume: Resume = False,
     save_frozen: SaveFrozen = None,
 ) -> None:
@@ -98,15 +102,16 @@ def run(
         if (given is not None and given.name == "COMMANDLINE") or (steps, episodes, until) == (None, None, None):
             asked = max(1, math.ceil(duration / net.world_section.step - 1e-9))
             steps = asked if steps is None else min(steps, asked)
-        words: dict[str, Any] = {"threads": threads, "record": record, "all_weights": all_weights}
-        ends: dict[str, Any] = {"steps": steps, "episodes": episodes, "until": until, "resume": resume}
-        results, log = run_world(
-            net, out, **ends, frozen=frozen, copies=copies, seed=seed, backend=backend, save_frozen=save_frozen, **words
-        )
+        ends: dict[str, Any] = {"steps": steps, "episodes": episodes, "until": until}
+        words: dict[str, Any] = {"record": record, "all_weights": all_weights, "save_frozen": save_frozen}
+        acts: dict[str, Any] = {"backend": backend, "seed": seed, "threads": threads, "copies": copies, "pace": pace}
+        results, loop = run_world(net, out, ends=ends, frozen=frozen, resume=resume, **words, **acts)
         print_results(results, out)
-        typer.echo(summary(log))
+        typer.echo(summary(loop.log))
+        if (account := loop.account) is not None:
+            typer.echo(f"{account.misses:,} of {account.ticks:,} steps late; due to done: {account.response}", err=True)
         return
-    refuse_unused(context, "a network with a world", "steps", "episodes", "until", "frozen", "copies", "resume")
+    refuse_unused(context, "a network with a world", "steps", "episodes", "until", "frozen", "copies", "pace", "resume")
     ticks = Clock(net.resolution).step(duration, "--for")
     with stoppable(lambda: _left_of(out)) as bar:
         bar.say("preparing")

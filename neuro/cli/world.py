@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from neuro.files.results import Results
@@ -16,20 +16,26 @@ def run_world(
     net: Network,
     out: Path,
     *,
-    steps: int | None,
-    episodes: int | None,
-    until: float | None,
+    ends: dict[str, Any],
     frozen: bool,
-    copies: int,
     resume: bool,
-    seed: int,
-    backend: str,
-    threads: int,
     record: list[str],
     all_weights: bool,
     save_frozen: Path | None,
-) -> tuple[Results, Log]:
+    **words: Any,
+) -> tuple[Results, ClosedLoop]:
     """Run the closed loop and write its results, with the episodes beside the spikes of the last block.
+
+    Args:
+        net: the network.
+        out: the file of results.
+        ends: when to end, as of `ClosedLoop.run`.
+        frozen: whether nothing learns.
+        resume: whether to go on with an unfinished run.
+        record: names of the populations whose spikes to write; all if empty.
+        all_weights: whether to write all weights, as of `collect`.
+        save_frozen: where the network goes with what it has learnt, if anywhere.
+        words: as of `closed_loop`.
 
     Raises:
         ModelError: the loop cannot be made or cannot go on, or an unfinished run lies beside `out`.
@@ -47,28 +53,28 @@ def run_world(
     learns = not frozen and net.world_section is not None and bool(net.world_section.reward)
     with stoppable(lambda: _left(loop, out, learns)) as bar:
         bar.say("preparing")
-        loop = closed_loop(net, backend=backend, seed=seed, copies=copies, learns=learns, record=True, threads=threads)
+        loop = closed_loop(net, learns=learns, record=True, **words)
         if learns:
             import hashlib
 
             digest = hashlib.blake2b(b"".join(files_of(net).values()), digest_size=16).hexdigest()
-            identity = {"network": digest, "backend": backend, "threads": threads}
+            identity = {"network": digest, "backend": words["backend"], "threads": words["threads"]}
             checkpoint = loop.checkpoint(out, identity)
             if checkpoint.path.exists() and not resume:
                 message = f"{checkpoint.path} has an unfinished run"
                 raise ModelError(message, hint="--resume goes on with it; delete it to begin anew")
-            log = loop.run(steps=steps, episodes=episodes, until=until, out=out, belongs_to=identity, progress=True)
+            loop.run(**ends, out=out, belongs_to=identity, progress=True)
         else:
-            log = loop.run(steps=steps, episodes=episodes, until=until, progress=True)
+            loop.run(**ends, progress=True)
         bar.say("writing")
-        results = loop.results(threads=threads, record=record, all_weights=all_weights)
+        results = loop.results(threads=words["threads"], record=record, all_weights=all_weights)
         with output(out, KIND) as part:
             write(results, part)
         if save_frozen is not None:
             loop.network(frozen=True).save(save_frozen)
         if learns:
             checkpoint.remove()
-    return results, log
+    return results, loop
 
 
 def summary(log: Log) -> str:

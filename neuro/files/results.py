@@ -357,6 +357,8 @@ def write(results: Results, path: str | PathLike[str], weights: Iterable[tuple[s
             write_part(file["projections"][name], projection)
         for name, values in results.world.items():
             file[f"world/{name}"] = np.asarray(values)
+        if results.live:
+            file.create_group("live").attrs.update(results.live)
 
 
 def write_head(file: h5py.File, about: Mapping[str, Any], files: Mapping[str, bytes]) -> None:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
-    from neuro.realtime.loop import LATE as LATE, Loop as Loop, empty_loop as empty_loop
+    from neuro.realtime.loop import Loop as Loop
+    from neuro.realtime.pace import LATE as LATE, empty_loop as empty_loop
     from neuro.realtime.report import Histogram as Histogram, LiveRun as LiveRun
     from neuro.realtime.sources import Source as Source
     from neuro_events.player import Player as Player

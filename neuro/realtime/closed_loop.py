@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Callable, Collection, Mapping
-from contextlib import nullcontext
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from math import ceil
 from os import PathLike
 from pathlib import Path
@@ -24,7 +24,9 @@ from neuro.files.state import Checkpoint
 from neuro.model.network import Network
 from neuro.realtime.environments import Environments, environment_of
 from neuro.realtime.episodes import Bools, End, Floats, Ints, Log, Sums, Test, episode_seed
+from neuro.realtime.pace import Pace, punctual
 from neuro.realtime.pilot import NetworkPilot, Pilot
+from neuro.realtime.report import Histogram, LiveRun
 from neuro.run.collect import collect
 
 MERGE = 16
@@ -52,6 +54,7 @@ class ClosedLoop:
         steps: control steps of all environments so far.
         watch: called after each control step, such as the `tick` of a page, which may wait.
         actions, rewards: of the steps of the present block, if they are kept.
+        account: at a pace, which steps were late, and the times of all but the first of each block; else None.
     """
 
     def __init__(
@@ -65,6 +68,7 @@ class ClosedLoop:
         block: int = 10_000,
         learns: bool = True,
         keep: bool = False,
+        pace: float | None = None,
     ) -> None:
         self.pilot, self.environments, self.seed = pilot, environments, seed
         self._explore, self._block, self._learns, self._step_ms, self._keep = explore, block, learns, step, keep
@@ -76,6 +80,9 @@ class ClosedLoop:
         self._none = [0] * environments.n
         self._request: dict[str, Any] = {}
         self._explored = not explore
+        phases = {"run": Histogram(), "act": Histogram()}
+        self.account = None if pace is None else LiveRun(step / pace, phases=phases)
+        self._pace = None if self.account is None else Pace(self.account, "skip")
 
     def recorded(self) -> dict[str, npt.NDArray[Any]]:
         """Return returns, lengths and steps of all episodes, and rewards and actions of the present block, by name."""
@@ -89,6 +96,7 @@ class ClosedLoop:
         pilot = self._network_pilot("results")
         made = collect(self.sim, pilot.net, threads=threads, record=record, all_weights=all_weights)
         made.world.update(self.recorded())
+        made.live.update({} if self.account is None else self.account.kept())
         request = {**self._request, "seed": self.seed, "copies": self.environments.n, "learns": self._learns}
         about = json.loads(made.about[ATTRIBUTE]) | {"steered": [], "world": request}
         made.about[ATTRIBUTE] = json.dumps(about)
@@ -163,11 +171,40 @@ class ClosedLoop:
 
     def until(self, end: End, *, progress: bool = False, after: Callable[[ClosedLoop], object]) -> None:
         """Act, and learn if it learns, until an end; `after` is called after each block."""
-        with self.environments.watched(), Bar() if progress else nullcontext() as bar:
+        with self._watched(), Bar() if progress else nullcontext() as bar:
             self._move_at_random(end)
             while not end.reached(self.log) and (end.steps is None or self.steps < end.steps):
                 self._one_block(end, bar)
                 after(self)
+
+    @contextmanager
+    def _watched(self) -> Iterator[None]:
+        """Stop where the environment does not answer; at a pace also let sleeps end on time."""
+        with self.environments.watched(), nullcontext() if self._pace is None else punctual():
+            yield
+
+    def _reset(self, seeds: list[int]) -> Floats:
+        """Begin all episodes; the clock stands until the end of the first step, which compiles what it needs."""
+        if self._pace is not None:
+            self._pace.rest()
+        return self.environments.reset(seeds)
+
+    def _step(
+        self, observations: Floats, seeds: list[int], actions: npt.NDArray[Any] | None = None
+    ) -> tuple[npt.NDArray[Any], tuple[Floats, Floats, Bools, Bools]]:
+        """Take a control step of the pilot, or with the given actions, when it is due; return actions and answer."""
+        pace, env = self._pace, self.environments
+        if pace is not None:
+            pace.wait()
+        if actions is None:
+            actions = self.pilot.act(observations, env.infos)
+        if pace is not None:
+            pace.mark()
+        answer = env.step(actions, seeds)
+        if pace is not None:
+            pace.mark()
+            pace.end()
+        return actions, answer
 
     def checkpoint(self, out: Path, belongs_to: Mapping[str, Any]) -> Checkpoint:
         """Return the checkpoint beside a file."""
@@ -233,14 +270,14 @@ class ClosedLoop:
         if self._explored:
             return
         env.actions.seed(self.seed)
-        observations, least = [env.reset(self._seeds())], self._explore
+        observations, least = [self._reset(self._seeds())], self._explore
         sums, rewards, some = Sums(env.n), list[float](), False
         while self.steps < (least if some else SPARSE * least) and not end.reached(self.log):
             if end.steps is not None and self.steps >= end.steps:
                 break
             begins = env.over
             actions = np.stack([env.actions.sample() for _ in range(env.n)])
-            now, reward, _, _ = env.step(actions, self._seeds(begins))
+            _, (now, reward, _, _) = self._step(observations[-1], self._seeds(begins), actions)
             observations.append(now)
             self._count(begins)
             sums.add(self.log, self.steps, reward, begins, env.over)
@@ -254,16 +291,15 @@ class ClosedLoop:
         pilot, env = self.pilot, self.environments
         pilot.begin(env.n, self._begun[1])
         self._begun[1] += 1
-        observations = env.reset(self._seeds())
+        observations = self._reset(self._seeds())
         sums, time = Sums(env.n), self.steps // env.n * self._step_ms
         first = np.ones(env.n, dtype=np.bool_)
         self.actions.clear()
         self.rewards.clear()
         k = 0
         while k < self._block and (end.steps is None or self.steps < end.steps):
-            actions = pilot.act(observations, env.infos)
             last = env.over
-            observations, rewards, ended, _ = env.step(actions, self._seeds(last))
+            actions, (observations, rewards, ended, _) = self._step(observations, self._seeds(last))
             self._count(last)
             if self._keep:
                 self.actions.append(actions)
@@ -305,14 +341,14 @@ class ClosedLoop:
             raise ModelError(
                 "test: the loop learns, or has copies: expected a frozen one", hint="learns=False, copies=1"
             )
-        env, pilot = self.environments, self.pilot
+        env = self.environments
         returns, lengths = np.zeros(episodes), np.zeros(episodes, dtype=np.int64)
-        pilot.begin(1, 0)
-        with env.watched():
+        self.pilot.begin(1, 0)
+        with self._watched():
             for k in range(episodes):
-                observations = env.reset([episode_seed(seed, TESTS + k)])
+                observations = self._reset([episode_seed(seed, TESTS + k)])
                 while not env.over[0] and lengths[k] < most:
-                    observations, reward, _, _ = env.step(pilot.act(observations, env.infos), [0])
+                    _, (observations, reward, _, _) = self._step(observations, [0])
                     returns[k] += reward[0]
                     lengths[k] += 1
         return Test(returns, lengths)
@@ -329,6 +365,7 @@ def closed_loop(
     record: bool = False,
     patience: float = 60.0,
     block: int | None = None,
+    pace: float | None = None,
     **options: Any,
 ) -> ClosedLoop:
     """Join a network with its world.
@@ -343,6 +380,8 @@ def closed_loop(
         record: whether spikes and traces of the present block, its actions and its rewards are kept.
         patience: seconds within which the environment must answer.
         block: control steps of a block, in place of those of the description.
+        pace: times real time, such as 1.0, at which control steps are due; as fast as it can if None. A step that is
+            late by a whole one or more is not caught up with. The bits are the same.
         options: of the backend.
 
     Raises:
@@ -353,6 +392,7 @@ def closed_loop(
     if world is None:
         raise ModelError(f"network '{net.name}' has no world: expected the section 'world'", hint="net.world(...)")
     copies = int(argument("copies", copies, kind="integer", at_least=1))
+    pace = None if pace is None else float(argument("pace", pace, above=0))
     try:
         made = environment_of(world, environment, copies)
     except ModelError as error:
@@ -368,7 +408,7 @@ def closed_loop(
         options=options,
     )
     words: dict[str, Any] = {"explore": world.explore, "block": block or world.block, "learns": learns, "keep": record}
-    return ClosedLoop(pilot, environments, step=world.step, seed=seed, **words)
+    return ClosedLoop(pilot, environments, step=world.step, seed=seed, pace=pace, **words)
 
 
 def lived(net: Network, ms: float, progress: bool = False, **words: Any) -> ClosedLoop:

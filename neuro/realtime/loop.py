@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import ctypes
-import gc
-import sys
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Collection, Mapping
+from contextlib import nullcontext
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,103 +14,14 @@ from neuro.core.checks import argument
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.core.interrupts import ending_by
-from neuro.core.memory import free_memory
-from neuro.realtime.report import PHASES, Cost, Histogram, LiveRun
+from neuro.realtime.pace import LATE, Pace, punctual
+from neuro.realtime.report import Histogram, LiveRun
 from neuro.realtime.sources import Inlet, Source
 from neuro.run.simulation import Simulation
 
 if TYPE_CHECKING:
     from neuro.run.collect import ResultsWriter
 
-
-SPIN_NS = 60_000
-"""Before a moment so much time is spent awake: a sleep may end later than asked for."""
-
-_SET_TIMER_SLACK = 29
-_POPULATE_WRITE = 23
-
-
-def wait_until(due_ns: int) -> int:
-    """Sleep until shortly before a moment of `time.monotonic_ns`, then look at the clock; the moment of return, ns."""
-    now = time.monotonic_ns()
-    if due_ns - now > SPIN_NS:
-        time.sleep((due_ns - now - SPIN_NS) / 1e9)
-    while now < due_ns:
-        now = time.monotonic_ns()
-    return now
-
-
-@contextmanager
-def punctual() -> Iterator[None]:
-    """Let sleeps of this thread end on time, and no garbage be collected unasked, within the block.
-
-    What is in memory already is left out of collections, so that those of the loop are short. Memory that was asked for
-    and never written is fetched before.
-    """
-    was_on = gc.isenabled()
-    gc.collect()
-    _fetch_memory()
-    gc.freeze()
-    gc.disable()
-    _timer_slack(1)
-    try:
-        yield
-    finally:
-        _timer_slack(0)
-        gc.unfreeze()
-        if was_on:
-            gc.enable()
-
-
-def _timer_slack(ns: int) -> None:
-    """How late Linux may wake this thread so as to wake several at once, 0.05 ms unless set; 0 sets that again."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, ns, 0, 0, 0)
-
-
-def _fetch_memory() -> None:
-    """Let all memory of this process be there: the first write to a huge page, of 2 MB, may wait 5 ms for it.
-
-    Where that would take more than half of what is free, and on systems before Linux 5.14, nothing is done.
-    """
-    maps = Path("/proc/self/maps")
-    if not maps.exists():
-        return
-    places = []
-    for line in maps.read_text().splitlines():
-        span, access, _, _, inode, *path = line.split(maxsplit=5)
-        if access == "rw-p" and inode == "0" and path in ([], ["[heap]"]):
-            first, end = (int(each, 16) for each in span.split("-"))
-            places.append((first, end - first))
-    free = free_memory()
-    if free is None or sum(size for _, size in places) < free // 2:
-        madvise = ctypes.CDLL(None).madvise
-        for first, size in places:
-            madvise(ctypes.c_void_p(first), ctypes.c_size_t(size), _POPULATE_WRITE)
-
-
-def empty_loop(tick_ms: float, ms: float) -> Histogram:
-    """What a loop takes that does nothing: from the moment of each tick to its action.
-
-    Args:
-        tick_ms: the length of a tick.
-        ms: how long.
-
-    Raises:
-        ModelError: one of them is not a number > 0.
-    """
-    tick_ms, ms = argument("tick_ms", tick_ms, above=0), argument("ms", ms, above=0)
-    found, tick = Histogram(), round(tick_ms * 1e6)
-    with punctual():
-        due = time.monotonic_ns()
-        for _ in range(max(1, round(ms / tick_ms))):
-            due += tick
-            found.add(wait_until(due) - due)
-    return found
-
-
-LATE = ("catch_up", "skip", "stop")
-"""What to do when a tick's action comes too late."""
 
 DRAIN_S, COMMIT_S = 0.02, 10.0
 """Seconds after which what was recorded is sent to the file, and after which the file keeps it."""
@@ -170,10 +77,9 @@ class Loop:
         self._steps = self._clock.step(tick, "tick")
         if not 0 < self._steps < NEVER:
             raise ModelError(f"tick = {_said(tick)}: expected a finite time > 0 ms")
-        self._tick = round(self._clock.ms(self._steps) * 1e6)
         self._sim, self._act, self._late, self._watch = sim, act, late, watch
         self._inlets = [Inlet(sim, name, source) for name, source in (inputs or {}).items()]
-        self._stopped, self._since = "", 0
+        self._stopped = ""
 
     def stop(self, why: str = "stopped") -> None:
         """Let a run end after the present tick, from any thread."""
@@ -225,7 +131,7 @@ class Loop:
             with ending_by(lambda: self.stop("interrupted")), punctual():
                 try:
                     self._first(recording)
-                    self._go(run, ticks - 1, chores)
+                    self._go(Pace(run, self._late), ticks - 1, chores)
                 except Exception as error:
                     failure = error
                     run.ended = f"{type(error).__name__}: {error}"
@@ -255,69 +161,41 @@ class Loop:
         if recording is None:
             self._sim.forget(self._sim.time)
 
-    def _go(self, run: LiveRun, ticks: int, chores: _Chores) -> None:
+    def _go(self, pace: Pace, ticks: int, chores: _Chores) -> None:
         """Run ticks at their times."""
         for inlet in self._inlets:
             inlet.begin()
-        tick, late, self._since = self._tick, self._late, 0
-        due, number = time.monotonic_ns() + tick, 0
-        began = before = Cost.now()
-        while number < ticks:
-            number += 1
-            if time.monotonic_ns() < due:
-                run.empty.add(wait_until(due) - due)
-            done = self._one(run, due, number)
+        run = pace.account
+        pace.begin()
+        while run.ticks + run.skipped < ticks and not self._stopped:
+            pace.wait()
+            self._one(pace)
             if self._watch is not None:
                 self._watch()
             self._forget(chores.recording)
-            run.ticks += 1
-            due += tick
-            after = Cost.now()
-            if done > due:
-                run.misses += 1
-                run.missed_cost = run.missed_cost.plus(after.since(before))
-                if late == "stop":
-                    self.stop(f"the action of tick {number} was {(done - due) / 1e6:.3f} ms late")
-                elif late == "skip" and (past := min((done - due) // tick, ticks - number)):
-                    run.skipped += past
-                    number += past
-                    due += past * tick
-                    self._since = due - tick
-            before = after
-            if self._stopped:
-                run.ended = self._stopped
-                break
-            if chores.due(done):
-                run.cost = after.since(began)
+            if reason := pace.end(ticks):
+                self.stop(reason)
+            if chores.due(pace.acted):
                 run.inputs = {each.name: self._counts(each) for each in self._inlets}
-                chores.do(run, done)
-        run.cost = Cost.now().since(began)
+                chores.do(run, pace.acted)
+        run.ended = self._stopped
 
-    def _one(self, run: LiveRun, due: int, number: int) -> int:
-        """One tick, that of the events that were received before it was due; when its action was done, ns."""
+    def _one(self, pace: Pace) -> None:
+        """Run a tick on the events that were received before its moment."""
         sim, step = self._sim, self._clock.step(self._sim.time, "time")
-        start = time.monotonic_ns()
-        found = [(inlet, *inlet.take(self._since, due)) for inlet in self._inlets]
-        taken = time.monotonic_ns()
+        found = [(inlet, *inlet.take(pace.since, pace.due)) for inlet in self._inlets]
+        pace.mark()
         for inlet, events, received in found:
             if events is not None:
-                inlet.feed(events, received, due - self._tick, step, self._steps)
-        fed = time.monotonic_ns()
+                inlet.feed(events, received, pace.due - pace.tick, step, self._steps)
+        pace.mark()
         sim.run(self._clock.ms(self._steps))
-        ran = time.monotonic_ns()
+        pace.mark()
         if self._act is not None:
             self._act(sim.time)
-        done = time.monotonic_ns()
-        for word, ns in zip(PHASES, (taken - start, fed - taken, ran - fed, done - ran), strict=True):
-            run.phases[word].add(ns)
+        pace.mark()
         for _, _, received in found:
-            run.latency.add_since(received, done)
-        if done - due > run.response.largest_ns:
-            marks = (start, taken, fed, ran, done)
-            phases = {w: (b - a) / 1e6 for w, a, b in zip(PHASES, marks, marks[1:], strict=False)}
-            run.largest_tick = number, phases
-        run.response.add(done - due)
-        return done
+            pace.account.latency.add_since(received, pace.acted)
 
 
 def _said(ms: float | str) -> str:
@@ -346,6 +224,5 @@ class _Chores:
                 recording.commit()
         if now - self._looked > 1e9:
             self._looked = now
-            gc.collect()
             if self._report is not None:
                 self._report(run)

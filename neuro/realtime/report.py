@@ -127,7 +127,7 @@ class LiveRun:
     """What a live run took.
 
     Attributes:
-        tick_ms: the length of a tick.
+        tick_ms: the length of a tick on the clock.
         ticks: how many were run.
         misses: ticks whose action came after the next tick was due.
         skipped: ticks that were left out, of `late="skip"`.
