@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -16,10 +17,13 @@ from neuro.cli.options import (
     NetworkFile,
     Seed,
     Set,
+    Steps,
     Threads,
+    Until,
     assignments,
     listed,
     milliseconds,
+    refuse_unused,
     stoppable,
 )
 
@@ -27,7 +31,7 @@ if TYPE_CHECKING:
     from neuro.chips.description import Chip
     from neuro.chips.energy import Energy
     from neuro.chips.placing import Placement
-    from neuro.program.backend import Problem
+    from neuro.program.backend import EngineCounts, Problem
     from neuro.program.program import Program
     from neuro.run.simulation import Simulation
 
@@ -198,6 +202,7 @@ BillJson = Annotated[bool, typer.Option("--json", help="Print JSON, with NeuroBe
 
 
 def energy(
+    context: typer.Context,
     file: NetworkFile,
     duration: Duration = 1000.0,
     chips: Chips = PRICED,
@@ -206,46 +211,68 @@ def energy(
     threads: Threads = 1,
     set: Set = [],  # noqa: B006
     per: Per = (1, "run"),
+    until: Until = None,
+    steps: Steps = None,
     step_time: StepTime = None,
     chips_on: ChipsOn = None,
     sources: Sources = False,
     as_json: BillJson = False,
 ) -> None:
-    """Run a network and print what that would take on chips: counts, joules, sums, assumptions; then all sums."""
+    """Run a network and print what that would take on chips: counts, joules, sums, assumptions; then all sums.
+
+    With --until a network learns in its world, and the bill is that of the whole training.
+    """
     from neuro.chips.pricing import price
     from neuro.cli.run import silent_inputs, tell_silence
+    from neuro.cli.world import summary as summary_of
     from neuro.core.clock import Clock
     from neuro.core.progress import advance
     from neuro.model.language import load
+    from neuro.program.counts import total
     from neuro.run.compiled import compile as compiled
 
     if per[0] < 1:
         raise typer.BadParameter(f"'{per[0]}': expected a whole number >= 1", param_hint="'--per'")
     targets = [priceable(name) for name in chips]
     net = load(file, params=assignments(set))
-    steps = Clock(net.resolution).step(duration, "--for")
+    if net.world_section is None:
+        refuse_unused(context, "a network with a world", "until", "steps")
+    ticks, log, counts = Clock(net.resolution).step(duration, "--for"), None, None
     with stoppable("nothing is priced") as bar:
         bar.say("preparing")
-        if net.world_section is not None:
+        if until is not None:
+            from neuro.realtime.closed_loop import closed_loop
+
+            loop = closed_loop(net, backend=backend, seed=seed, threads=threads)
+            placements = [placed(loop.sim.program, each) for each in targets]
+            taken: list[EngineCounts] = []
+            log = loop.run(
+                until=until, steps=steps, progress=True, after=lambda loop: taken.append(loop.sim._engine.counts())
+            )
+            sim, counts, per = loop.sim, reduce(total, taken), (1, "training") if per == (1, "run") else per
+        elif net.world_section is not None:
             from neuro.realtime.closed_loop import lived
 
-            loop = lived(net, duration, progress=True, backend=backend, seed=seed, threads=threads)
+            ms = duration if steps is None else steps * net.world_section.step
+            loop = lived(net, ms, progress=True, backend=backend, seed=seed, threads=threads)
             sim, per = loop.sim, (max(1, round(loop.sim.time / net.world_section.step)), "step") if per[0] == 1 else per
             placements = [placed(sim.program, each) for each in targets]
         else:
             sim = compiled(net, backend=backend, seed=seed, threads=threads)
             placements = [placed(sim.program, each) for each in targets]
-            advance(sim, steps, bar)
-    counts = sim._engine.counts()
+            advance(sim, ticks, bar)
+    counts = counts or sim._engine.counts()
     step_s = None if step_time is None else step_time * 1e-3
     bills = [
         price(sim.program, counts, *where, step_s=step_s, chips=chips_on)
         for where in zip(placements, targets, strict=True)
     ]
     if as_json:
-        typer.echo(json.dumps(plain(sim, bills, placements[0], per), indent=2))
+        typer.echo(json.dumps(plain(sim, counts, bills, placements[0], per), indent=2))
     else:
         print_bills([priced.per(*per) for priced in bills], sources)
+    if log is not None:
+        typer.echo(summary_of(log), err=as_json)
     tell_silence(silent_inputs(sim))
 
 
@@ -274,11 +301,12 @@ def placed(program: Program, chip: Chip) -> Placement | None:
     return placement
 
 
-def plain(sim: Simulation, bills: list[Energy], placement: Placement | None, per: tuple[int, str]) -> dict[str, Any]:
+def plain(
+    sim: Simulation, counts: EngineCounts, bills: list[Energy], placement: Placement | None, per: tuple[int, str]
+) -> dict[str, Any]:
     """All bills for JSON, and the run as NeuroBench would report it with the first of them."""
     from neuro.chips.neurobench_report import neurobench
 
-    counts = sim._engine.counts()
     samples, steps = per[0], counts.steps // per[0]
     metrics = neurobench(sim.program, counts, samples=samples, steps=steps, placement=placement, energy=bills[0])
     about = {"network": sim.program.name, "backend": sim.backend, "seed": sim.program.seed, "ms": sim.time}

@@ -234,5 +234,7 @@ Backends = Annotated[
 ]
 Seed = Annotated[int, typer.Option("--seed", metavar="N", parser=at_least(0), help="Seed of everything random.")]
 Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
+Steps = Annotated[int | None, typer.Option(metavar="N", parser=at_least(1), help="Control steps in its world.")]
+Until = Annotated[float | None, typer.Option(metavar="R", help="Mean return of 100 episodes to stop at.")]
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the address of the page, and open no browser.")]
 Threads = Annotated[int, typer.Option("--threads", metavar="N", parser=at_least(1), help="Threads to compute with.")]

@@ -19,7 +19,9 @@ from neuro.cli.options import (
     NetworkFile,
     Seed,
     Set,
+    Steps,
     Threads,
+    Until,
     assignments,
     at_least,
     milliseconds,
@@ -41,9 +43,7 @@ if TYPE_CHECKING:
 Record = Annotated[list[str], typer.Option(metavar="NAME", help="Keep only this population's spikes; repeatable.")]
 ResultsOut = Annotated[Path, typer.Option(metavar="FILE", help="The HDF5 file to write.")]
 AllWeights = Annotated[bool, typer.Option("--all-weights", help="Keep also static weights above a million synapses.")]
-Steps = Annotated[int | None, typer.Option(metavar="N", parser=at_least(1), help="Control steps in its world.")]
 Episodes = Annotated[int | None, typer.Option(metavar="N", parser=at_least(1), help="Episodes in its world.")]
-Until = Annotated[float | None, typer.Option(metavar="R", help="Mean return of 100 episodes to stop at.")]
 Frozen = Annotated[bool, typer.Option("--frozen", help="Act in its world without learning.")]
 CopiesOf = Annotated[int, typer.Option("--copies", metavar="N", parser=at_least(1), help="Worlds side by side.")]
 Pace = Annotated[
@@ -108,6 +108,7 @@ def run(
         results, loop = run_world(net, out, ends=ends, frozen=frozen, resume=resume, **words, **acts)
         print_results(results, out)
         typer.echo(summary(loop.log))
+        tell_joules(loop.sim, "control step of the last block", round(loop.sim.time / net.world_section.step))
         if (account := loop.account) is not None:
             typer.echo(f"{account.misses:,} of {account.ticks:,} steps late; due to done: {account.response}", err=True)
         return
@@ -132,6 +133,7 @@ def run(
     if speaks():
         print_results(results, out)
         tell_silence(silent)
+        tell_joules(sim)
         # What differs from run to run is not among what can be compared.
         typer.echo(f"{duration:g} ms took {taken:.3g} s, {taken * 1000.0 / duration:.3g} x its own time", err=True)
 
@@ -185,6 +187,25 @@ def together(backend: str) -> None:
     if processes() > 1 and isinstance(find_backend(backend), Distributed):
         share()
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+
+
+def tell_joules(sim: Simulation, of: str = "", parts: int = 1) -> None:
+    """Print what the run takes on the chip that its backend emulates, in a line.
+
+    Args:
+        sim: after its run.
+        of: one of the equal parts that the run has, such as "control step"; of the whole run if empty.
+        parts: how many.
+    """
+    from neuro.chips.known import CHIPS
+    from neuro.core.errors import ModelError
+
+    if sim.backend in CHIPS:
+        try:
+            text = sim.energy(sim.backend).per(max(1, parts), of or "run").totals()
+        except ModelError as error:
+            text = f"not priced: {error.message}"
+        typer.echo(f"{sim.backend}: {text}{of and ', each '}{of}")
 
 
 def silent_inputs(sim: Simulation) -> list[str]:

@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 import neuro as framework
+import neuro_models
 from neuro.chips import chip, price
 from neuro.cli.chips import energy
 from neuro.cli.run import run as simulate
@@ -140,3 +141,20 @@ def test_silent_input_is_told(run, network):
             "warning: the input emitted no spike (noise): these are the figures of a network without input\n"
             "  hint: give it spikes or rates; a program may inject them\n"
         )
+
+
+def test_a_training_costs_what_its_blocks_do(alone, tmp_path, monkeypatch):
+    """The bill of a training to a return is that of the counts of all blocks, however they are cut."""
+    monkeypatch.chdir(tmp_path)
+    framework.load(neuro_models.path("cartpole"), {"critics": 5}).save("pole.yaml")
+    Path("pole.yaml").write_text(Path("pole.yaml").read_text() + "  block: 300\n")
+    status, out, err = alone(energy, "pole.yaml", "--until", "500", "--steps", "1000", "--chips", "cpu", "--json")
+    assert status == 0, err
+    [priced] = json.loads(out)["bills"]
+    # 400 control steps are at random, then there are two blocks of 300; the network also runs where an episode begins.
+    assert 600 < priced["steps"] / 20.0 <= 600 + int(err.split(" episodes")[0].split()[-1])
+
+
+def test_until_needs_a_world(run, network):
+    status, _, err = run(*RUN, "--until", "5")
+    assert (status, err) == (2, "error: --until: expected a network with a world as well\n")
