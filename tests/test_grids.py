@@ -119,3 +119,7 @@ def test_a_sheet_is_silenced_as_a_whole(backend):
     sim.run(100.0)
     assert sim.counts().populations["maps"].spikes == fired
     assert not sim.weights("maps_out")[2].any()
+
+
+def test_a_kernel_of_one_number_is_square():
+    assert neuro.grid(kernel=5) == neuro.grid(kernel=(5, 5))

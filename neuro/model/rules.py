@@ -251,7 +251,7 @@ class grid(Rule):
     next step on.
     """
 
-    kernel: tuple[int, ...] = quantity(doc="height and width", kind="shape", at_least=1)
+    kernel: tuple[int, ...] = quantity(doc="height and width, or a number for both", kind="shape", at_least=1)
     stride: int = quantity(1, "", "step of the kernel", kind="integer", at_least=1)
     padding: int | str = quantity(0, "", "silent border round the source", kind="integer", at_least=0, words=(SAME,))
     column_padding: int | None = quantity(
@@ -264,6 +264,8 @@ class grid(Rule):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if len(self.kernel) == 1:
+            object.__setattr__(self, "kernel", self.kernel * 2)
         if len(self.kernel) != 2:
             raise ModelError(
                 f"grid.kernel = {list(self.kernel)}: expected two numbers, height and width", path=("kernel",)
