@@ -1,6 +1,6 @@
 """Networks as C: every spike and every state of the emulated chip in every step, on this computer and on a Cortex-M4.
 
-Few networks here; `make test-c` has 300, and compiles them by clang, too.
+Few networks here; `make test-c` has 500, and compiles them by clang, too.
 """
 
 import ctypes
@@ -320,6 +320,19 @@ def test_rewards_change_weights_as_on_the_emulator(tmp_path: Path):
             assert np.array_equal(code.weights(first[name].size, of), sim.get(name, "weight", raw=True)), step
     for name, of in names.items():
         assert (code.weights(first[name].size, of) != first[name]).all()
+
+
+def test_the_program_of_the_page_learns_on_a_cortex_m4(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    needs("arm-none-eabi-gcc", "qemu-system-arm", "make")
+    monkeypatch.chdir(tmp_path)
+    page = (Path(neuro.__file__).parents[1] / "docs" / "how-to" / "run-on-a-microcontroller.md").read_text()
+    section = page.split("## Learn from rewards\n")[1].split("\n## ")[0]
+    blocks = dict(re.findall(r"^```(\w+)\n(.*?)^```$", section, re.M | re.S))
+    Path("steer.yaml").write_text(blocks["yaml"])
+    exec(blocks["python"], {"neuro": neuro, "warnings": warnings})
+    Path("steer/main.c").write_text(blocks["c"])
+    printed = run("make", "-s", "-C", "steer", "m4", "TEST=main.c")
+    assert printed == blocks["console"].split("main.c\n")[1]
 
 
 def test_what_is_learnt_outlives_a_beginning(tmp_path: Path):
