@@ -310,6 +310,7 @@ def test_rewards_change_weights_as_on_the_emulator(tmp_path: Path):
     for step in range(400):
         if step % 3 == 0:
             values = np.rint(one * draws.choice([-1.0, 1.0], 2) * 10.0 ** draws.uniform(-4.0, 1.0, 2))
+            values = values if step else np.array([-(2.0**31), 2.0**31 - 1.0])
             code.reward(values)
             sim.signal("reward", values / one)
         ids = np.flatnonzero(draws.random(3) < 0.2)

@@ -322,7 +322,7 @@ class Learning:
             n, many, impulse = self._targets, self._sent, self.rule.traces["r1"].impulse
             body += [f"uint32_t due = {self._due_slot(0)};", f"for (uint32_t i = 0; i < {n}u; i++) {{"]
             body += [f"    uint8_t *r1 = r1_{q} + slot * {n}u + i;"]
-            body += [f"    *r1 = raised(*r1, due_{q}[due{' + i' if many > 1 else ''}] * {impulse}u);", "}"]
+            body += [f"    *r1 = raised(*r1, due_{q}[due{' + i' if many > 1 else ''}] * UINT32_C({impulse}));", "}"]
             body += [f"memset(due_{q} + due, 0, sizeof *due_{q} * {many}u);"]
         return function(f"static void learn_{q}(void)", body)
 
