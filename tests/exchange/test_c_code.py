@@ -336,6 +336,34 @@ def test_the_program_of_the_page_learns_on_a_cortex_m4(tmp_path: Path, monkeypat
     assert printed == blocks["console"].split("main.c\n")[1]
 
 
+@pytest.mark.filterwarnings("ignore::neuro.OverflowWarning")
+def test_the_drone_learns_from_a_flight_as_on_the_emulator(tmp_path: Path):
+    """A run whose rates and rewards change every 50 ms, recorded, is shown to the program in C."""
+    needs("gcc")
+    net = neuro.load(Path(neuro.__file__).parents[1] / "models" / "neuro_models" / "drone.yaml")
+    net.probe("flown", "cells", "spikes")
+    words, draws, flight = {"signals": {"cells_motors": 0.1}}, np.random.default_rng(2), 50 * np.arange(30)
+    with warnings.catch_warnings(action="ignore", category=neuro.ApproximationWarning):
+        sim = neuro.compile(net, "loihi", **words)
+    rewards = np.rint(2.0**16 * draws.uniform(-0.1, 0.1, (flight.size, 4))) / 2.0**16
+    for reward in rewards:
+        sim.set("cells", rate=draws.uniform(0.0, 100.0, 64))
+        sim.signal("dopamine", reward)
+        sim.run(50.0)
+    given = {"cells": sim.spikes("cells"), "dopamine": (flight, rewards)}
+    code = save(net, tmp_path, given=given, duration=1500.0, **words)
+    assert code.input_spikes == given["cells"][0].size
+    assert "1500 steps equal" in run("make", "-s", "-C", str(tmp_path), "test")
+    replayed, at = Loaded(code), given["cells"][0].astype(int)
+    for step in range(1500):
+        if step % 50 == 0:
+            replayed.reward(2.0**16 * rewards[step // 50])
+        replayed.step(*((int(k), 1) for k in given["cells"][1][at == step + 1]))
+    learnt = sim.get("cells_motors", "weight", raw=True)
+    assert np.array_equal(replayed.weights(256), learnt)
+    assert (learnt != learnt[0]).any()
+
+
 def test_what_is_learnt_outlives_a_beginning(tmp_path: Path):
     needs("gcc")
     code = Loaded(save(that_learns(A_plus=20.0), tmp_path))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib.resources import files
@@ -20,7 +20,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro import ApproximationWarning, ModelError, Network, OverflowWarning, Simulation, compile
+from neuro import (
+    ApproximationWarning,
+    ModelError,
+    Network,
+    OverflowWarning,
+    Simulation,
+    compile,
+    poisson_generator,
+    spike_generator,
+)
 from neuro.apps import Clock, Quantity, check, file_path, keyed_random, make_folder, output, sealed, unknown
 from neuro.chips import FixedProgram, arithmetic_of, chip, quantise
 from neuro.extend import Chip, Ints, Population, Problem, Program, Projection
@@ -130,8 +139,9 @@ def save_c(
         hint = f"files that lie beside it are {', '.join(sorted(taken))}, and those that end in _run or _test"
         raise ModelError(f"name = {name!r:.60}: expected small letters, digits and _, as in 'net'", hint=hint)
     target = check_chip(chip)
-    run_as = watched(net.frozen() if check(_FLAG, frozen, "frozen") else net)
-    sim, fixed = _compiled(run_as, target, {"backend": chip, "seed": seed}, signals)
+    written = net.frozen() if check(_FLAG, frozen, "frozen") else net
+    recorded = watched(written, given if isinstance(given, Mapping) else ())
+    sim, fixed = _compiled(recorded, target, {"backend": chip, "seed": seed}, signals)
     program = sim.program
     # The populations whose spikes are output.
     neurons = [part.name for part in program.populations if part.kind == "neuron"]
@@ -348,10 +358,13 @@ def record(sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int
     return Recorded(steps, _spikes(sim, source, inputs), _spikes(sim, source, outputs), spikes, digests, rewards)
 
 
-def watched(net: Network) -> Network:
-    """The network, with all spikes recorded."""
+def watched(net: Network, shown: Container[str] = ()) -> Network:
+    """The network, with all spikes recorded; Poisson generators whose spikes are shown draw none."""
     other = copy.copy(net)
-    other.probes = dict(net.probes)
+    other.probes, other.populations = dict(net.probes), dict(net.populations)
+    for name, part in net.populations.items():
+        if name in shown and isinstance(part.model, poisson_generator):
+            other.populations[name] = replace(part, model=spike_generator())
     for name, part in net.populations.items():
         if part.model.role != "current":
             other.probe(f"{name}.spikes.c", name, "spikes")
