@@ -10,7 +10,7 @@
 | yaml | written to the file that its first line names; a network that nothing else on the page names is compiled |
 | diff | a change of the file that its first line names |
 | toml | read, not run |
-| c | compiled, where there is gcc; it may include what a command of the page has written |
+| c | written to the file that its first line names, and compiled, where there is gcc |
 
 **Printed** must be equal. `...` in a page stands for any text. What a clock measured (`in 0.21 s`, `12 steps/s`)
 differs from run to run and is compared as if equal.
@@ -56,7 +56,7 @@ be; changes of a third-party file after which the page's first command prints so
 commands and blocks of Python that take seconds and of which nothing below them is made: `make test-slow` does them."""
 
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
-_FILE = re.compile(r"# ([\w./-]+\.(?:py|yaml))\n")
+_FILE = re.compile(r"(?:# |/\* )([\w./-]+\.(?:py|yaml|c))(?: \*/)?\n")
 _MARK = re.compile(r"# needs (.+)\n")
 _SHELL = re.compile(r"[|;<>*]|&&")
 _CLOCK = re.compile(r"(?<=\bin )[\d,.]+(?= m?s\b)|\d[\d,.]*(?= steps/s)")
@@ -170,18 +170,19 @@ def followed(page: Path, left_out: Sequence[str] = ()) -> dict[str, str]:
         elif block.kind == "diff":
             change(block)
         elif block.kind == "c":
-            compile_c(block)
+            compile_c(block, Path(named[1] if named else "block.c"))
         elif block.kind not in ("text", "toml"):
             raise block.fault(f"a block of '{block.kind}' is not run: expected one of {', '.join(KINDS)}")
     return by_line
 
 
-def compile_c(block: Block) -> None:
+def compile_c(block: Block, path: Path) -> None:
     """Let a compiler look at a block of C, with all warnings."""
+    path.write_text(block.text)
     if shutil.which("gcc") is None:
         return
-    command = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-fsyntax-only", "-I.", "-x", "c", "-"]
-    done = subprocess.run(command, input=block.text, capture_output=True, text=True)
+    command = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-fsyntax-only", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         raise block.fault(f"gcc says\n{done.stderr[-1000:]}")
 

@@ -1,6 +1,6 @@
 """Networks as C: every spike and every state of the emulated chip in every step, on this computer and on a Cortex-M4.
 
-Few networks here; `make test-c` has 300, and compiles them by clang, too.
+Few networks here; `make test-c` has 500, and compiles them by clang, too.
 """
 
 import ctypes
@@ -24,7 +24,7 @@ from neuro.cli.commands import app
 from neuro.program.backend import Trial
 from neuro_exchange.c_code.export import _digest
 from neuro_exchange.c_code.source import source_of
-from random_c import STEPS, random_network
+from random_c import STEPS, random_learner, random_network
 from refused import mistakes_of, refused
 
 
@@ -67,14 +67,12 @@ def save(net: neuro.Network, folder: Path, **words) -> neuro.CCode:
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> list[neuro.CCode]:
-    """Random networks of both chips."""
+    """Random networks of all chips, and those of Loihi that learn by dopamine."""
     place = tmp_path_factory.mktemp("c")
-    numbered = [(k, chip) for k in range(NETWORKS) for chip in CHIPS]
+    nets = [(f"{chip}_{k}", chip, k, random_network(k, chip)) for k in range(NETWORKS) for chip in CHIPS]
+    nets += [(f"learner_{k}", "loihi", k, random_learner(k)) for k in range(2 * NETWORKS)]
     words = {"duration": float(STEPS)}
-    return [
-        save(random_network(k, chip), place / f"{chip}_{k}", chip=chip, name=f"{chip}_{k}", seed=k, **words)
-        for k, chip in numbered
-    ]
+    return [save(net, place / name, chip=chip, name=name, seed=k, **words) for name, chip, k, net in nets]
 
 
 def build(compiler: list[str], written: list[neuro.CCode], place: Path, *more: str) -> Path:
@@ -198,6 +196,14 @@ class Loaded:
         )
         return self._out[:n].tolist()
 
+    def reward(self, values: np.ndarray, of: str = "") -> None:
+        getattr(self._library, f"net_reward{of}")(values.astype(np.int32).ctypes.data_as(ctypes.c_void_p))
+
+    def weights(self, size: int, of: str = "") -> np.ndarray:
+        call = getattr(self._library, f"net_weights{of}")
+        call.restype = ctypes.POINTER(ctypes.c_int16)
+        return np.ctypeslib.as_array(call(), (size,))
+
     def trial(self) -> None:
         self._library.net_trial()
 
@@ -281,14 +287,111 @@ def with_current() -> neuro.Network:
 def that_learns(**words) -> neuro.Network:
     net = small()
     if words:
-        net.signal("reward", to="cells")
-    rule = neuro.stdp_dopa(signal="reward", Wmax=400.0) if words else neuro.stddp(d_max=9.0)
+        net.signal("reward", to="cells", values=words.pop("values", None))
+    rule = neuro.stdp_dopa(signal="reward", Wmax=400.0, **words) if words else neuro.stddp(d_max=9.0)
     net.connect("in", "cells", neuro.all_to_all(), rule, weight=200.0, delay=1.0, name="learns")
     return net
 
 
+@pytest.mark.filterwarnings("ignore::neuro.OverflowWarning")
+def test_rewards_change_weights_as_on_the_emulator(tmp_path: Path):
+    """Values of all sizes: each is rounded to the unit of the trace that the emulator rounds it to."""
+    needs("gcc")
+    net = that_learns(A_plus=20.0, A_minus=10.0, tau_c=50.0)
+    net.connect(
+        "cells", "cells", neuro.all_to_all(), neuro.stdp_dopa(signal="reward", Wmax=90.0, A_plus=9.0), weight=50.0
+    )
+    code = Loaded(save(net, tmp_path))
+    with warnings.catch_warnings(action="ignore", category=neuro.ApproximationWarning):
+        sim = neuro.compile(net, "loihi")
+    one = int(re.search(r"NET_REWARD_ONE (\d+)", (tmp_path / "net.h").read_text())[1])
+    draws, names = np.random.default_rng(5), {"learns": "_learns", "cells_cells": "_cells_cells"}
+    first = {name: sim.get(name, "weight", raw=True) for name in names}
+    for step in range(400):
+        if step % 3 == 0:
+            values = np.rint(one * draws.choice([-1.0, 1.0], 2) * 10.0 ** draws.uniform(-4.0, 1.0, 2))
+            values = values if step else np.array([-(2.0**31), 2.0**31 - 1.0])
+            code.reward(values)
+            sim.signal("reward", values / one)
+        ids = np.flatnonzero(draws.random(3) < 0.2)
+        sim.inject("in", np.full(ids.size, step + 1.0), ids)
+        sim.run(1.0)
+        code.step(*((int(k), 1) for k in ids))
+        for name, of in names.items():
+            assert np.array_equal(code.weights(first[name].size, of), sim.get(name, "weight", raw=True)), step
+    for name, of in names.items():
+        assert (code.weights(first[name].size, of) != first[name]).all()
+
+
+def test_the_program_of_the_page_learns_on_a_cortex_m4(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    needs("arm-none-eabi-gcc", "qemu-system-arm", "make")
+    monkeypatch.chdir(tmp_path)
+    page = (Path(neuro.__file__).parents[1] / "docs" / "how-to" / "run-on-a-microcontroller.md").read_text()
+    section = page.split("## Learn from rewards\n")[1].split("\n## ")[0]
+    blocks = dict(re.findall(r"^```(\w+)\n(.*?)^```$", section, re.M | re.S))
+    Path("steer.yaml").write_text(blocks["yaml"])
+    exec(blocks["python"], {"neuro": neuro, "warnings": warnings})
+    Path("steer/main.c").write_text(blocks["c"])
+    printed = run("make", "-s", "-C", "steer", "m4", "TEST=main.c")
+    assert printed == blocks["console"].split("main.c\n")[1]
+
+
+@pytest.mark.filterwarnings("ignore::neuro.OverflowWarning")
+def test_the_drone_learns_from_a_flight_as_on_the_emulator(tmp_path: Path):
+    """A run whose rates and rewards change every 50 ms, recorded, is shown to the program in C."""
+    needs("gcc")
+    net = neuro.load(Path(neuro.__file__).parents[1] / "models" / "neuro_models" / "drone.yaml")
+    net.probe("flown", "cells", "spikes")
+    words, draws, flight = {"signals": {"cells_motors": 0.1}}, np.random.default_rng(2), 50 * np.arange(30)
+    with warnings.catch_warnings(action="ignore", category=neuro.ApproximationWarning):
+        sim = neuro.compile(net, "loihi", **words)
+    rewards = np.rint(2.0**16 * draws.uniform(-0.1, 0.1, (flight.size, 4))) / 2.0**16
+    for reward in rewards:
+        sim.set("cells", rate=draws.uniform(0.0, 100.0, 64))
+        sim.signal("dopamine", reward)
+        sim.run(50.0)
+    given = {"cells": sim.spikes("cells"), "dopamine": (flight, rewards)}
+    code = save(net, tmp_path, given=given, duration=1500.0, **words)
+    assert code.input_spikes == given["cells"][0].size
+    assert "1500 steps equal" in run("make", "-s", "-C", str(tmp_path), "test")
+    replayed, at = Loaded(code), given["cells"][0].astype(int)
+    for step in range(1500):
+        if step % 50 == 0:
+            replayed.reward(2.0**16 * rewards[step // 50])
+        replayed.step(*((int(k), 1) for k in given["cells"][1][at == step + 1]))
+    learnt = sim.get("cells_motors", "weight", raw=True)
+    assert np.array_equal(replayed.weights(256), learnt)
+    assert (learnt != learnt[0]).any()
+
+
+def test_what_is_learnt_outlives_a_beginning(tmp_path: Path):
+    needs("gcc")
+    code = Loaded(save(that_learns(A_plus=20.0), tmp_path))
+    weights = code.weights(6)
+    learnt = weights - 20
+    weights[:] = learnt
+    code.init()
+    assert (weights != learnt).all()
+    weights[:] = learnt
+    code.step((0, 1))
+    assert (weights == learnt).all()
+
+
+def test_what_sets_a_signal_is_left_to_the_caller(tmp_path: Path):
+    """The unit of dopamine is that of the values in the description."""
+    net = that_learns(tau_n=200.0, values=neuro.schedule(times=[3.0], values=[0.5]))
+    given = {"reward": ([0, 7], [[0.5, -0.1], [0.25, 0.0]]), "in": ([1], [0])}
+    code = save(net, tmp_path / "described", given=given, duration=20.0)
+    told = save(that_learns(tau_n=200.0), tmp_path / "told", given=given, duration=20.0, signals={"learns": 0.5})
+    assert code.rewards == told.rewards == 2
+    texts = [(each.folder / "net.c").read_text().split("\n", 1)[1] for each in (code, told)]
+    assert texts[0] == texts[1]
+    needs("gcc", "make")
+    assert "20 steps equal" in run("make", "-s", "-C", str(code.folder), "test")
+
+
 def test_a_rule_that_is_left_out_leaves_the_weights(tmp_path: Path):
-    net = that_learns(by="dopamine")
+    net = that_learns(tau_n=200.0)
     assert save(net, tmp_path, frozen=True).ram == save(small(), tmp_path / "static").ram
     assert net.projections["learns"].synapse.learns
 
@@ -314,9 +417,9 @@ def test_the_files_are_replaced_together(tmp_path: Path):
     save(small(), tmp_path)
     complete = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (len(complete["net_test.c"]) - 1, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(complete["net_run.h"]) - 1, before[1]))
     try:
-        with pytest.raises(neuro.ModelError, match=r"net_test\.c: cannot be written: File too large$"):
+        with pytest.raises(neuro.ModelError, match=r"net_run\.h: cannot be written: File too large$"):
             save(small(tau_m=30.0), tmp_path, duration=2000.0)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
@@ -388,7 +491,7 @@ def test_files_of_two_networks_do_not_compile(tmp_path: Path):
     """As they lie there when writing was interrupted, or one of them was copied into firmware."""
     needs("gcc")
     code, other = save(digits(), tmp_path / "one"), save(small(), tmp_path / "two")
-    for file in ("net.c", "net_test.c"):
+    for file in ("net.c", "net_run.h"):
         before = (code.folder / file).read_bytes()
         (code.folder / file).write_bytes((other.folder / file).read_bytes())
         with pytest.raises(AssertionError, match=r"net\.h is of another network"):

@@ -252,3 +252,48 @@ def _wire(net: neuro.Network, draws: np.random.Generator, pre: str, post: str) -
     ][int(draws.integers(0, 3))]
     weight = draws.integers(-255, 255, synapses).astype(float)
     net.connect(pre, post, rule, synapse, weight=weight if draws.random() < 0.8 else 77.0, **words)
+
+
+def random_learner(seed: int) -> neuro.Network:
+    """A network of Loihi of a number that learns by dopamine: of signals, of spikes, of a baseline alone."""
+    draws = np.random.default_rng(seed)
+    net = neuro.Network(f"learner{seed}", resolution=1.0)
+    n = int(draws.integers(1, 6))
+    net.population("noise", n, neuro.poisson_generator(rate=float(draws.choice([60.0, 200.0]))))
+    for k in range(int(draws.integers(1, 4))):
+        name = f"cells{k}"
+        cell = neuro.iaf_psc_delta if draws.random() < 0.5 else neuro.iaf_psc_exp
+        t_ref = float(draws.integers(0, 3))
+        net.population(name, int(draws.choice([n, 4])), cell(E_L=0.0, V_reset=0.0, V_th=8.0, tau_m=10.0, t_ref=t_ref))
+        values = neuro.schedule(times=[3.0, 20.0], values=[0.004, -0.01]) if draws.random() < 0.3 else None
+        net.signal(f"reward.{k}", to=name, values=values)
+        for pre in draws.choice(list(net.populations), 2):
+            _taught(net, draws, str(pre), name, f"reward.{k}")
+    return net
+
+
+def _taught(net: neuro.Network, draws: np.random.Generator, pre: str, post: str, signal: str) -> None:
+    """A projection that learns by dopamine."""
+    n_pre, n_post = (len(net.populations[name]) for name in (pre, post))
+    rules = [neuro.all_to_all(), neuro.fixed_indegree(int(draws.integers(1, 4)))]
+    rules += [neuro.one_to_one()] * (n_pre == n_post)
+    of = str(draws.choice(list(net.populations)))
+    by_spikes = {"dopamine": of, "dopamine_delay": float(draws.integers(1, 20))}
+    if len(net.populations[of]) == n_post and draws.random() < 0.5:
+        by_spikes["dopamine_rule"] = "one_to_one"
+    source = [{"signal": signal}, {"signal": signal}, by_spikes, {}][int(draws.integers(0, 4))]
+    top = _unit(net, post) * float(draws.choice([1.0, 2.0]))
+    plus, minus = (float(size) * top for size in draws.choice([0.5, 1.0], 2))
+    synapse = neuro.stdp_dopa(
+        A_plus=plus,
+        A_minus=minus * float(draws.choice([-1.0, 0.0, 1.0])),
+        tau_plus=float(draws.choice([20.0, 5.0])),
+        tau_c=float(draws.choice([200.0, 10.0])),
+        tau_n=float(draws.choice([200.0, 20.0])),
+        b=float(draws.choice([0.0, 0.01, -0.01] if source else [0.01])),
+        Wmax=top,
+        **source,
+    )
+    first, name = neuro.uniform(low=0.3 * top, high=top), f"wires-{len(net.projections)}"
+    delay = float(draws.choice([1.0, 7.0]))
+    net.connect(pre, post, rules[int(draws.integers(0, len(rules)))], synapse, weight=first, delay=delay, name=name)

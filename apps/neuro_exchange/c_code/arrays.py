@@ -87,6 +87,12 @@ class Memory:
         self.constants(name, TYPES[values.dtype], [number(value) for value in values.ravel().tolist()])
         return name
 
+    def entry(self, name: str, values: NDArray[np.integer], about: str) -> str:
+        """Return number i of some constants as text: what all have in common, or an entry of a table."""
+        if np.all(values == values.flat[:1]):
+            return number(int(values.flat[0])) if values.size else "0"
+        return f"{self.table(name, values, about)}[i]"
+
     def constants(self, name: str, kind: str, words: Sequence[str]) -> None:
         """Declare constants of a type by their text."""
         self.lines += [f"static const {kind} {name}[{len(words)}] = {{", *_wrapped(words), "};"]

@@ -89,9 +89,7 @@ class Registers:
 
     def text(self, name: str, values: Ints) -> str:
         """A register: a number that all neurons share, or an entry of a table."""
-        if np.all(values == values.flat[0]):
-            return number(int(values.flat[0]))
-        return f"{self._memory.table(f'{name}_{self._cells.number}', values, f'{self._cells.fixed.name}: {name}')}[i]"
+        return self._memory.entry(f"{name}_{self._cells.number}", values, f"{self._cells.fixed.name}: {name}")
 
     def state(self, register: str) -> str:
         """A state register of 32 bits."""

@@ -6,8 +6,9 @@ have one slot more than the longest lag, so the slot that a population reads now
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 from zlib import crc32
@@ -15,8 +16,7 @@ from zlib import crc32
 import numpy as np
 
 from neuro.chips import FixedProgram, FixedProjection, arithmetic_of, longest_lag, names_of
-from neuro.extend import Population
-from neuro_exchange.c_code.arrays import TYPES, Memory, comment, narrowest
+from neuro_exchange.c_code.arrays import TYPES, Memory, comment, narrowest, number
 from neuro_exchange.c_code.cells import (
     Cells,
     Stepped,
@@ -93,11 +93,30 @@ REGISTERS = {"V_m": ("v", "hold"), "I_syn_ex": ("u", "g_exc"), "I_syn_in": ("u",
 
 MARK = "Written by neuro for a microcontroller"
 
+_LEVELS = 256
+"""Numbers of a signal that stand for one unit of a trace, at most, of the finest projection that listens."""
+LARGEST = 128 * _LEVELS
+"""Numbers of a signal that surely saturate that trace."""
+
 _POINTER = 4
 _TOGETHER = -1
 _STEP = "uint32_t NAME_step(const NAME_event *events, uint32_t n, NAME_event *out)"
 
 _TRIAL = "/* Begin a trial: drop all that is under way, and put the output back where a trial begins. */"
+
+
+class Dopamine(NamedTuple):
+    """A signal.
+
+    Attributes:
+        call: the function that sets it.
+        one: what stands for 1/ms.
+        size: neurons that hear it.
+    """
+
+    call: str
+    one: int
+    size: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +130,7 @@ class Source:
         ram: bytes of its states.
         firsts: the first neuron of each population among all, and the number of all.
         states: registers that a digest of all states is made of, by population or projection that learns, in order.
+        signals: those that a program sets, by name.
     """
 
     header: str
@@ -120,6 +140,7 @@ class Source:
     ram: int
     firsts: list[int]
     states: dict[str, tuple[str, ...]]
+    signals: dict[str, Dopamine]
 
 
 def source_of(fixed: FixedProgram, name: str, outputs: tuple[str, ...]) -> Source:
@@ -144,7 +165,11 @@ class _Writer:
         self._spiking = [
             q for q, wires in enumerate(fixed.projections) if wires is not None and self._program.projections[q].size
         ]
-        self._learns = [q for q in self._spiking if self._program.projections[q].synapse.learns]
+        self._learning = {
+            q: Learning(self._program, q, self._wires(q), self._memory)
+            for q in self._spiking
+            if self._program.projections[q].synapse.learns
+        }
         self._cells = {k: self._described(k) for k, part in enumerate(fixed.populations) if part.kind in STEPS}
         self._inputs = [k for k, part in enumerate(self._program.populations) if part.kind in INPUTS]
 
@@ -170,11 +195,7 @@ class _Writer:
 
     def _noted(self, k: int) -> tuple[str, ...]:
         """Statements with which the projections that learn hear of a spike of neuron i of a population."""
-        sides = (("x", "source"), ("y", "target"))
-        parts = self._program.projections
-        return tuple(
-            f"{x}_fired_{q}[i] = 1;" for q in self._learns for x, side in sides if getattr(parts[q], side) == k
-        )
+        return tuple(line for part in self._learning.values() for line in part.heard_from(k))
 
     def source(self) -> Source:
         """Both files."""
@@ -186,7 +207,6 @@ class _Writer:
             memory.state(f"ring_{k}", cells.slot, size, f"{name}: input to come, {cells.slots} slots")
             memory.variable(f"at_{k}", TYPES[narrowest(0, cells.slots)], f"{name}: the slot of this step")
         self._sums = self._summed()
-        self._learning = {q: Learning(self._program, q, self._wires(q), memory) for q in self._learns}
         sending = [line for q in self._spiking for line in self._delivery(q)]
         learning = [line for part in self._learning.values() for line in part.lines()]
         stepped = {k: STEPS[cells.fixed.kind](cells, memory) for k, cells in self._cells.items()}
@@ -198,7 +218,8 @@ class _Writer:
         functions = [line for part in stepped.values() for line in part.lines]
         inputs, step = self._input(), self._step()
         parts = [sending, functions, deciding, learning, inputs, self._init(stepped, opened), step]
-        parts += [self._voltage(stepped), self._digest(stepped)]
+        signals, calls, declared = self._calls()
+        parts += [self._voltage(stepped), calls, self._digest(stepped)]
         family, upper = self._family, self._name.upper()
         words = {
             "name": self._name,
@@ -212,15 +233,15 @@ class _Writer:
             "c_code/network/network.c",
             **words,
             chip=self._fixed.chip.arithmetic,
-            learning='#include "learning.h"\n' if self._learns else "",
+            learning='#include "learning.h"\n' if self._learning else "",
             memory="\n".join(memory.lines),
             value="wrap32(times)" if family.kind == "int32_t" else f"({family.kind})times",
             functions="\n".join(line for part in parts for line in [*part, ""]),
         )
         code = re.sub(r"\n{3,}", "\n\n", code).replace("NAME_", f"{self._name}_").rstrip() + "\n"
         populations = self._program.populations
-        neurons = []
-        for word, part, first in zip(_macros(populations), populations, self._firsts, strict=False):
+        neurons, macros = [], _macros(part.name for part in populations)
+        for word, part, first in zip(macros, populations, self._firsts, strict=False):
             role = "input" if part.kind in INPUTS else "output" if part.name in self._outputs else "inside"
             neurons += [
                 f"#define {upper}_FIRST_{word} {first}u /* {role} */",
@@ -235,6 +256,7 @@ class _Writer:
             neuron="uint16_t" if self._firsts[-1] <= 65536 else "uint32_t",
             event=family.about,
             trial=f"{_TRIAL}\nvoid {self._name}_trial(void);\n\n" if self._program.trials is not None else "",
+            learning=declared.replace("NAME_", f"{upper}_").replace("name_", f"{self._name}_"),
         )
         states = {self._cells[k].fixed.name: _digested(part) for k, part in stepped.items()}
         states |= {self._program.projections[q].name: list(part.states) for q, part in self._learning.items()}
@@ -247,6 +269,7 @@ class _Writer:
             memory.ram + _POINTER,
             self._firsts,
             {name: tuple(each) for name, each in states.items()},
+            signals,
         )
 
     def _wires(self, q: int) -> FixedProjection:
@@ -283,7 +306,7 @@ class _Writer:
     def _counts(self) -> bool:
         """Whether the number of the step is needed: by draws, and by resets in an interval."""
         resets = any(shared(cells.fixed.registers, "reset_interval") for cells in self._cells.values())
-        return bool(self._program.groups or self._learns or resets)
+        return bool(self._program.groups or self._learning or resets)
 
     def _input(self) -> list[str]:
         """Where the spikes of each input go; what is no neuron of an input is passed over."""
@@ -330,7 +353,7 @@ class _Writer:
             lines += [f"for (uint32_t e = 0; e < n; e++) {{ {clear} }}"]
         for k, cells in self._cells.items():
             lines += [f"step_{k}();", *([f"decide_{k}();"] if cells.group else []), *self._poured(k)]
-        lines += [f"learn_{q}();" for q in self._learns]
+        lines += [f"learn_{q}();" for q in self._learning]
         for k, cells in self._cells.items():
             kind = TYPES[narrowest(0, cells.slots)]
             lines += [f"at_{k} = ({kind})later(at_{k}, 1u, {cells.slots}u);"] if cells.slots > 1 else []
@@ -343,6 +366,28 @@ class _Writer:
             for state in list(part.states.values())[:1]:
                 lines += [f"if ({_inside(first, first + size)}) return {state}[neuron - {first}u];"]
         return function("int32_t NAME_voltage(uint32_t neuron)", [*lines, "(void)neuron;", "return 0;"])
+
+    def _calls(self) -> tuple[dict[str, Dopamine], list[str], str]:
+        """Signals, and the functions that set them and that give what was learnt, as code and as declarations."""
+        parts, populations = self._program.projections, self._program.populations
+        signals, code, declared = dict[str, Dopamine](), list[str](), ""
+        indices = sorted({parts[q].signal for q in self._learning} - {-1})
+        for call, index in _call_names("reward", [self._program.signals[index].name for index in indices], indices):
+            signal, listening = self._program.signals[index], [q for q in self._learning if parts[q].signal == index]
+            to, finest = populations[signal.target], min(self._wires(q).n_scale for q in listening)
+            one = 1 << max(0, math.floor(math.log2(_LEVELS / finest)))
+            signals[signal.name] = Dopamine(f"{self._name}_{call}", one, to.size)
+            body = ["uint32_t size = values[i] < 0 ? 0u - (uint32_t)values[i] : (uint32_t)values[i], level;"]
+            body += [line for q in listening for line in self._learning[q].set_by(one)]
+            loop = [f"for (uint32_t i = 0; i < {to.size}u; i++) {{", *indented(body), "}"]
+            code += function(f"void NAME_{call}(const int32_t *values)", loop)
+            words = {"signal": comment(signal.name), "to": comment(to.name), "size": to.size, "one": number(one)}
+            declared += filled("c_code/network/reward.h", call=call, CALL=call.upper(), **words)
+        for call, q in _call_names("weights", [parts[q].name for q in self._learning], self._learning):
+            code += function(f"int16_t *NAME_{call}(void)", [f"return w_{q};"])
+            words = {"of": comment(parts[q].name), "size": parts[q].size}
+            declared += filled("c_code/network/weights.h", call=call, CALL=call.upper(), **words)
+        return signals, code, declared
 
     def _digest(self, stepped: dict[int, Stepped]) -> list[str]:
         """What tests compare: all states after a step, and all spikes of it."""
@@ -370,11 +415,17 @@ def _digested(part: Stepped) -> list[str]:
     return [register for register in part.states if register != "hold"]
 
 
-def _macros(populations: Iterable[Population]) -> Iterator[str]:
-    """A word for each population, in capitals, that no other has."""
+def _call_names(word: str, names: Sequence[str], numbers: Iterable[int]) -> Iterator[tuple[str, int]]:
+    """The name of the call for each of some parts, which ends in that of the part where there are several."""
+    for name, index in zip(_macros(names), numbers, strict=True):
+        yield f"{word}_{name.lower()}" if len(names) > 1 else word, index
+
+
+def _macros(names: Iterable[str]) -> Iterator[str]:
+    """A word for each of some parts, in capitals, that no other has."""
     taken = set[str]()
-    for k, part in enumerate(populations):
-        word = re.sub(r"[^A-Z0-9]", "_", part.name.upper())
+    for k, name in enumerate(names):
+        word = re.sub(r"[^A-Z0-9]", "_", name.upper())
         while word in taken:
             word += f"_{k}"
         taken.add(word)

@@ -6,6 +6,7 @@ is rounded is drawn by the same keys as on the emulated chip, see `backends/neur
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from neuro.apps import keyed_random
 from neuro.chips import FixedProjection, bounds
 from neuro.extend import Program, Projection, loihi_rule
-from neuro_exchange.c_code.arrays import Memory, number, scaled
+from neuro_exchange.c_code.arrays import TYPES, Memory, narrowest, number, scaled
 from neuro_exchange.c_code.cells import Cells, function, indented
 
 
@@ -181,8 +182,8 @@ class Learning:
         # The states: weights and tags, traces of each step of an epoch, and who fired in this step and this epoch.
         q, name, slots = self._q, self._part.name, self.rule.epoch
         first = np.broadcast_to(self._wires.mantissas, self._part.size).astype(np.int64)
-        begin = self._memory.table(f"w_begin_{q}", first, f"{name}: mantissas at step 0")
-        self._state("w", "int16_t", self._part.size, f"{begin}[i]")
+        begin = memory.entry(f"w_begin_{q}", first, f"{name}: mantissas at step 0")
+        self._state("w", "int16_t", self._part.size, begin)
         self.states["weight"] = f"w_{q}", self._part.size
         if self.rule.dt:
             self._state("t", "int16_t", self._part.size, "0")
@@ -192,6 +193,11 @@ class Learning:
         for side, size in (("x", self._sources), ("y", self._targets)):
             self._state(f"{side}_fired", "uint8_t", size, "0")
             self._state(f"{side}_last", "uint8_t", size, "0")
+        if self._part.dopamine >= 0:
+            # Dopamine spikes under way, one slot for each step of the delay and for the present step.
+            self._sent = self._targets if self._part.dopamine_one_to_one else 1
+            kind = TYPES[narrowest(0, program.populations[self._part.dopamine].size)]
+            self._state("due", kind, (self._part.dopamine_delay + 1) * self._sent, "0")
 
     def _state(self, word: str, kind: str, size: int, begins: str) -> None:
         name = self._memory.state(f"{word}_{self._q}", kind, size, f"{self._part.name}: {word}")
@@ -204,6 +210,36 @@ class Learning:
     def word(self) -> str:
         """What a spike adds by synapse e."""
         return f"word_of(w_{self._q}[e], {self._grain}, {self._wires.exponent})"
+
+    def heard_from(self, k: int) -> list[str]:
+        """Statements with which the projection hears of a spike of neuron i of a population."""
+        part, q = self._part, self._q
+        sides = (("x", part.source), ("y", part.target))
+        lines = [f"{side}_fired_{q}[i] = 1;" for side, population in sides if population == k]
+        if part.dopamine == k:
+            lines.append(f"due_{q}[{self._due_slot(part.dopamine_delay)}{' + i' if self._sent > 1 else ''}]++;")
+        return lines
+
+    def _due_slot(self, steps: int) -> str:
+        """The place of the dopamine spikes that act some steps from now."""
+        lag = f"(now + {steps}u)" if steps else "now"
+        return f"(uint32_t)({lag} % {self._part.dopamine_delay + 1}u) * {self._sent}u"
+
+    def set_by(self, one: int) -> list[str]:
+        """Statements that set the dopamine of neuron i to values[i] / `one` in 1/ms, rounded as on the emulator."""
+        # Of each of the 127 values of a trace the smallest number that is rounded to it.
+        scale, q, n, most = self._wires.n_scale, self._q, self._targets, loihi_rule.TRACE_MAX
+        units = np.rint(np.arange(math.ceil(most * scale * one) + 1) / one / scale)
+        ends = np.searchsorted(units, np.arange(1, most + 1))
+        about = f"{self._part.name}: the least dopamine of each value of a trace"
+        name = self._memory.table(f"levels_{q}", ends, about, True)
+        at = f"[(uint32_t)((now + {self.rule.epoch - 1}u) % {self.rule.epoch}u) * {n}u + i]"
+        return [
+            "level = 0;",
+            f"for (uint32_t bit = 64u; bit != 0; bit /= 2u) level += size >= {name}[level + bit - 1u] ? bit : 0;",
+            f"r1_{q}{at} = (uint8_t)(values[i] > 0 ? level : 0);",
+            f"r2_{q}{at} = (uint8_t)(values[i] < 0 ? level : 0);",
+        ]
 
     @property
     def init(self) -> list[str]:
@@ -282,16 +318,30 @@ class Learning:
             body += [f"        {side}_last_{q}[i] = (uint8_t)(slot + 1u);", f"        {side}_fired_{q}[i] = 0;"]
             body += ["    }", "}"]
         body += [f"if (slot == {epoch - 1}u) {{", *indented(self._visit()), "}"]
+        if self._part.dopamine >= 0:
+            n, many, impulse = self._targets, self._sent, self.rule.traces["r1"].impulse
+            body += [f"uint32_t due = {self._due_slot(0)};", f"for (uint32_t i = 0; i < {n}u; i++) {{"]
+            body += [f"    uint8_t *r1 = r1_{q} + slot * {n}u + i;"]
+            body += [f"    *r1 = raised(*r1, due_{q}[due{' + i' if many > 1 else ''}] * UINT32_C({impulse}));", "}"]
+            body += [f"memset(due_{q} + due, 0, sizeof *due_{q} * {many}u);"]
         return function(f"static void learn_{q}(void)", body)
 
     def _visit(self) -> list[str]:
         """All synapses that a product may change; then the spikes of the epoch are forgotten."""
         q, epoch = self._q, self.rule.epoch
         swept = [term for term in (*self.rule.dw, *self.rule.dt) if term.gate == "u"]
-        due = " || ".join(f"(number & {(1 << term.every) - 1}u) == 0" for term in swept)
+        acts = " || ".join(sorted({f"(number & {(1 << term.every) - 1}u) == 0" for term in swept}))
+        # A product of a tag of 0 is 0.
+        if (
+            swept
+            and self.rule.dt
+            and all(any(each.name == "t" and not each.add for each in term.factors) for term in swept)
+        ):
+            acts = f"(t_{q}[e] != 0 && ({acts}))"
         lines = [f"uint32_t number = (uint32_t)(now / {epoch}u);"]
         lines += [f"for (uint32_t i = 0; i < {self._sources}u; i++) {{"]
-        test = f"if ({due + ' || ' if due else ''}x_last_{q}[i] != 0 || y_last_{q}[j] != 0) apply_{q}(i, j, e, number);"
+        acts += " || " if acts else ""
+        test = f"if ({acts}x_last_{q}[i] != 0 || y_last_{q}[j] != 0) apply_{q}(i, j, e, number);"
         if self._part.layout == "one_to_one":
             lines += indented(["uint32_t j = i, e = i;", test])
         elif self._part.layout == "dense":

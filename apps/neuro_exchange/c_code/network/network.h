@@ -32,7 +32,7 @@ uint32_t @name@_step(const @name@_event *events, uint32_t n, @name@_event *out);
 /* The first state register of a neuron after the last step, its voltage where it has one; 0 of what has no state. */
 int32_t @name@_voltage(uint32_t neuron);
 
-@trial@#ifdef __cplusplus
+@trial@@learning@#ifdef __cplusplus
 }
 #endif
 

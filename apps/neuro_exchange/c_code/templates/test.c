@@ -1,17 +1,10 @@
 /* A run that the emulator recorded, compared step by step: every spike, and every state by a digest. @mark@ */
-#include "@name@.h"
+#include "@name@_run.h"
 
 #include <stdio.h>
 
-#if @NAME@_ID != @id@
-#error "@name@.h is of another network"
-#endif
-
 uint64_t @name@_digest(uint64_t *spikes);
 
-#define STEPS @steps@u
-
-@data@
 static @name@_event out[@NAME@_MOST_OUT + 1u];
 
 #ifdef NEURO_COUNT
@@ -66,6 +59,7 @@ int @name@_test(void)
     for (uint32_t step = 0; step < STEPS; step++) {
         uint64_t spikes, states;
         uint32_t first = in_ends[step], n, at = out_ends[step];
+        reward(step);
         start_clock();
         n = @name@_step(in_events + first, in_ends[step + 1u] - first, out);
         count_instructions();
