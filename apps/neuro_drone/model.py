@@ -28,15 +28,13 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.apps import Environments, hdf5, provenance, record_input
-from neuro_drone.controllers import Learner, kind_of, make
-from neuro_drone.controllers.pilot import ControllerPilot
+from neuro.apps import hdf5, provenance, record_input
+from neuro_drone.controllers import kind_of, make
+from neuro_drone.controllers.pilot import BLOCK, loop_of
 from neuro_drone.controllers.spiking import Spiking
 from neuro_drone.scenario import Scenario
 
 FORMAT = "neuro drone model 2"
-BLOCK = 10_000
-"""Control steps of a block of training of a controller without a network, as of the world of the network `drone`."""
 _NETWORK = "network.yaml"
 _GROUPS = ("learnt", "history", "network", "curve")
 Arrays = Mapping[str, npt.NDArray[Any]]
@@ -120,17 +118,16 @@ class Model:
         learns, made = learns and kind_of(self.controller).learns, self.made(scenario)
         if isinstance(made, Spiking):
             return self._network_loop(made, env, learns, backend, record, block)
-        if isinstance(made, Learner):
+        if self.learnt:
             made.restore(self.learnt)
-        pilot = ControllerPilot(made if learns or not isinstance(made, Learner) else made.frozen())
-        words: dict[str, Any] = {"step": scenario.step, "seed": self.seed, "learns": learns}
-        return neuro.ClosedLoop(pilot, Environments(env), block=block or BLOCK, **words)
+            made = made if learns else made.frozen()
+        return loop_of(made, env, seed=self.seed, learns=learns, block=block or BLOCK)
 
     def _network_loop(
         self, made: Spiking, env: Any, learns: bool, backend: str, record: bool, block: int | None
     ) -> neuro.ClosedLoop:
         words: dict[str, Any] = {"seed": self.seed, "record": record, "block": block}
-        trained = neuro.closed_loop(made.net, env, backend=made.settings.backend, **words, **made.settings.options)
+        trained = made.loop(env, **words)
         if self.learnt:
             trained.pilot.put({"learnt": self.learnt, **self.world})
         if learns:
@@ -190,4 +187,6 @@ def unpacked(files: Arrays) -> neuro.Network:
     with tempfile.TemporaryDirectory() as folder:
         for name, data in files.items():
             data.tofile(Path(folder) / Path(name).name)
-        return neuro.load(Path(folder) / _NETWORK)
+        net = neuro.load(Path(folder) / _NETWORK)
+    net.world_origin = None  # what is wrong with its world is not in that file
+    return net

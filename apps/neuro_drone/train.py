@@ -131,7 +131,10 @@ def untrained(
     """The model of a controller before learning; the words are those of `train`."""
     check_whole("seed", seed, below="2^63")
     made = make(controller, scenario, seed, settings)
-    files, own = (packed(made.net), made.world.episode) if isinstance(made, Spiking) else ({}, None)
+    files, own = {}, None
+    if isinstance(made, Spiking):
+        made.loop(DroneEnv(scenario))  # what does not fit is told of the user's file
+        files, own = packed(made.net), made.world.episode
     episode = (own or EPISODES[scenario.kind]) if episode is None else episode
     check_whole("episode", episode, 1)
     return Model(controller, scenario, seed, 0, episode, settings_of(controller, scenario, settings), network=files)
@@ -292,7 +295,7 @@ def chosen(scenario: str | Path, controller: str, texts: Sequence[str]) -> tuple
     settings = {name: values[name] for name in values if name not in world}
     known = own | _WORDS
     try:
-        untrained(changed, controller, 0, None, settings).loop(DroneEnv(changed))  # mistakes are told before any work
+        untrained(changed, controller, 0, None, settings)  # mistakes are told before any work
     except ModelError as error:  # a name that is none of the network's parameters may be meant for a setting
         for name in sorted(settings.keys() - known):
             if error.kind.startswith("unknown parameter") and get_close_matches(name, known, 1):

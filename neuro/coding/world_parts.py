@@ -286,7 +286,10 @@ class difference(Decoder):
         box, pairs = _box("difference", space), sum(sizes) // 2
         _numbers("difference", space, sum(sizes), 2 * int(np.prod(box.shape)))
         low, high = box.low.astype(np.float64), box.high.astype(np.float64)
-        factor = (np.broadcast_to(np.asarray(self.gain, np.float64), (pairs,)) / most[0]).reshape(box.shape)
+        gain = np.asarray(self.gain, np.float64)
+        if gain.size not in (1, pairs):
+            raise ModelError(f"difference: gain = {gain.tolist()}: expected a number or a list of {pairs}")
+        factor = (np.broadcast_to(gain, (pairs,)) / most[0]).reshape(box.shape)
         names = self.of
 
         def act(counts: Mapping[str, Ints]) -> npt.NDArray[Any]:

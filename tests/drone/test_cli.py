@@ -33,11 +33,11 @@ def test_train_and_test(drone, tmp_path):
     assert err.splitlines()[-1].startswith("seed 0: 1,000 of 1,000 steps, ")
     assert len(err.splitlines()) == 10
     frozen = re.search(
-        r"px with frozen weights in short flights from afar; [\d.]+ px and \d+% lost in the last tenth of", out
+        r"px with frozen weights in short flights from afar; a mean reward of 0\.\d+ in the last tenth of", out
     )
     assert frozen, out
     assert out.startswith("model.h5: snn in short, 1,000 steps, seed 0: ")
-    assert "px frozen, from afar; " in err
+    assert "px frozen, from afar, reward 0." in err
     four = told(drone, "test", "model.h5", "--starts", 2)
     assert (four["starts"], four["controller"], four["scenario"], four["steps"]) == (4, "snn", "short", 1000)
     assert [one["start"] for one in four["per_start"]] == [[-35, -35], [35, -35], [-35, 35], [35, 35]]

@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.apps import Moment
+from neuro import ClosedLoop
+from neuro.apps import Environments, Moment
 
 if TYPE_CHECKING:
     from neuro_drone.controllers import Controller
 
+BLOCK = 10_000
+"""Control steps of a block of training, as of the network `drone`."""
 Floats = npt.NDArray[np.float64]
 
 
@@ -59,3 +62,17 @@ class ControllerPilot:
     def put(self, arrays: Mapping[str, Any]) -> None:
         """Go on from a state, or from what was learnt."""
         self.controller.restore(arrays.get("state", arrays["learnt"]))
+
+
+def loop_of(controller: Controller, env: Any, *, seed: int = 0, learns: bool = False, block: int = BLOCK) -> ClosedLoop:
+    """Return the closed loop in which a controller flies.
+
+    Args:
+        controller: that acts.
+        env: a `DroneEnv`, perhaps wrapped.
+        seed: of episodes.
+        learns: whether it learns.
+        block: control steps of a block of learning.
+    """
+    words: dict[str, Any] = {"step": env.unwrapped.scenario.step, "seed": seed, "learns": learns, "block": block}
+    return ClosedLoop(ControllerPilot(controller), Environments(env), **words)

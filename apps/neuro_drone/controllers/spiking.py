@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import neuro
-from neuro.apps import setting
+from neuro.apps import Where, setting
 from neuro_drone.controllers.simple import ControllerSettings, pattern
 from neuro_drone.scenario import Scenario
 from neuro_models import names, path as network_path
@@ -89,6 +89,10 @@ class Spiking:
         assert self.net.world_section is not None
         self.world = self.net.world_section = replace(self.net.world_section, step=scenario.step)
 
+    def loop(self, env: Any, **words: Any) -> neuro.ClosedLoop:
+        """Return the closed loop in which the network learns; the words are those of `neuro.closed_loop`."""
+        return neuro.closed_loop(self.net, env, backend=self.settings.backend, **words, **self.settings.options)
+
 
 def _described(scenario: Scenario, settings: SpikingSettings) -> neuro.Network:
     """The network with its world, or the usual one."""
@@ -103,6 +107,7 @@ def _described(scenario: Scenario, settings: SpikingSettings) -> neuro.Network:
         net = neuro.load(file, params={name: value for name, value in said.items() if name not in WORLD})
         if net.world_section is not None:
             return neuro.load(file, params=said)
+        net.world_origin = Where(str(file))
     if net.world_section is None:
         world = neuro.load(usual, params=defaults | {name: said[name] for name in WORLD if name in said}).world_section
         assert world is not None
