@@ -156,28 +156,31 @@ class Flights(DroneEnv):
         begins: seed and options of each `reset`.
 
     Attributes:
-        errors: after each step of the present episode: the error on each axis, and its distance in px.
-        last: what the environment said last.
+        errors: of each episode after each step: the error on each axis, and its distance in px.
+        last: what the environment said last in each episode.
     """
 
     def __init__(self, scenario: Scenario, begins: Iterable[tuple[int, dict[str, Any]]]) -> None:
         super().__init__(scenario)
         self._begins = iter(begins)
+        self.errors: list[list[tuple[tuple[float, ...], float]]] = []
+        self.last: list[dict[str, Any]] = []
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
         """Begin the next episode."""
         seed, options = next(self._begins)
-        self.errors: list[tuple[tuple[float, ...], float]] = []
-        seen, self.last = super().reset(seed=seed, options=options)
-        return seen, self.last
+        seen, info = super().reset(seed=seed, options=options)
+        self.errors.append([])
+        self.last.append(info)
+        return seen, info
 
     def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:
         """See `DroneEnv`."""
         answer = super().step(action)
-        self.last = answer[4]
-        self.errors.append((self.last["error"], self.last["error_px"]))
+        self.last[-1] = info = answer[4]
+        self.errors[-1].append((info["error"], info["error_px"]))
         return answer
 
 
@@ -234,8 +237,8 @@ def fly_lap(loop: ClosedLoop, env: Flights, start: Start, learning: bool = False
         loop.run(episodes=len(loop.log) + 1)
     else:
         loop.test(1, most=ENDLESS)
-    errors, far = np.array([error for error, _ in env.errors]), [px for _, px in env.errors]
-    lap, lost = bool(env.last["lap"]), bool(env.last["lost"])
+    errors, far = np.array([error for error, _ in env.errors[-1]]), [px for _, px in env.errors[-1]]
+    lap, lost = bool(env.last[-1]["lap"]), bool(env.last[-1]["lost"])
     return Lap(start, len(far), float(np.mean(far)), _means(errors), _means(np.abs(errors)), lap, lost, errors)
 
 

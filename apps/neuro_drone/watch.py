@@ -139,7 +139,7 @@ class _Filmed(Flights):
         return answer
 
     def _keep(self, action: npt.NDArray[Any]) -> None:
-        info = self.last
+        info = self.last[-1]
         measured = {"targets": info["target"], "errors": info["error_px"], "actions": action, "counts": info["counts"]}
         for name, value in (_where(self) | measured).items():
             self.kept.setdefault(name, []).append(value)

@@ -243,7 +243,7 @@ class ClosedLoop:
             now, reward, _, _ = env.step(actions, self._seeds(begins))
             observations.append(now)
             self._count(begins)
-            sums.add(self.log, self.steps, reward, begins, env.over)
+            sums.add(self.log, self.steps, reward, env.over)
             rewards += reward[~begins].tolist()
             some |= bool(reward.any())
         self.pilot.explored(np.concatenate(observations), rewards, self.log.returns.tolist())
@@ -263,8 +263,9 @@ class ClosedLoop:
         while k < self._block and (end.steps is None or self.steps < end.steps):
             actions = pilot.act(observations, env.infos)
             last = env.over
-            observations, rewards, ended, _ = env.step(actions, self._seeds(last))
-            self._count(last)
+            begins = int(np.count_nonzero(last))
+            observations, rewards, ended, _ = env.step(actions, self._seeds(last) if begins else self._none)
+            self.steps += env.n - begins
             if self._keep:
                 self.actions.append(actions)
                 self.rewards.append(rewards)
@@ -280,7 +281,7 @@ class ClosedLoop:
             first, k = last, k + 1
             if self.watch is not None:
                 self.watch()
-            if sums.add(self.log, self.steps, rewards, last, env.over):
+            if sums.add(self.log, self.steps, rewards, env.over):
                 if bar is not None:
                     mean = f"mean return of the last {min(len(self.log), end.window)}: {self.log.mean(end.window):g}"
                     bar.show(self.steps, end.steps or self.steps, f"{len(self.log)} episodes, {mean}")

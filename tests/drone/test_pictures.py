@@ -154,7 +154,7 @@ def test_the_page_holds_it(flight, monkeypatch, model, tmp_path):
     assert camera["first"][-1] == len(flight.x[::4])
     assert "one of every 4 events is shown" in text
     assert "training" not in tracks_of(page(flight))
-    taught = train(SHORT, "lms", steps=1100)
+    taught = train(SHORT, "lms", steps=2100)
     above, below = tracks_of(page(replace(flight, model=taught)))["training"]["lanes"]
     (frozen, lost), (episodes,) = above["lines"], below["lines"]
     assert np.array_equal(episodes["x"], taught.history["steps"])
