@@ -204,9 +204,6 @@ class ClosedLoop:
             seeds.append(episode_seed(self.seed, self._begun[0]))
         return seeds
 
-    def _count(self, begins: Bools) -> None:
-        self.steps += self.environments.n - int(np.count_nonzero(begins))
-
     def _check_repeatable(self) -> None:
         """Warn of a world that differs under the same seed and actions: after a kill it only continues."""
         if self.environments.n > 1:
@@ -242,7 +239,7 @@ class ClosedLoop:
             actions = np.stack([env.actions.sample() for _ in range(env.n)])
             now, reward, _, _ = env.step(actions, self._seeds(begins))
             observations.append(now)
-            self._count(begins)
+            self.steps += env.n - int(np.count_nonzero(begins))
             sums.add(self.log, self.steps, reward, env.over)
             rewards += reward[~begins].tolist()
             some |= bool(reward.any())

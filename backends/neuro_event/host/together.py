@@ -34,8 +34,7 @@ class EventEngines:
     @property
     def _views(self) -> Ints:
         """Where the arrays of each are now: an engine replaces some when they become too small."""
-        for k, engine in enumerate(self._engines):
-            self._at_now[k] = engine._view
+        self._at_now[:] = [engine._view for engine in self._engines]
         return self._at_now
 
     def run(self, steps: int, forget: bool) -> None:
