@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +22,7 @@ import numpy.typing as npt
 from kept import kept, markdown, spread
 
 from neuro.apps import side_by_side
-from neuro_drone.controllers import Controller, make
-from neuro_drone.env import DroneEnv
-from neuro_drone.evaluate import Start, begin
+from neuro_drone.evaluate import ENDLESS, Flights, Start, begun, fly_lap
 from neuro_drone.model import Model
 from neuro_drone.scenario import load
 from neuro_drone.train import train
@@ -109,40 +107,55 @@ CASES = {
 }
 
 
-def flown(case: Case, pilot: Callable[[], Controller], learns: float) -> dict[str, Any]:
+def flown(case: Case, model: Model, learns: float) -> dict[str, Any]:
     """The error after each step, mean of all starts, and from how many the ball was lost.
 
     Args:
         case: the change.
-        pilot: makes the controller, anew for each start.
+        model: flies; each lap begins with what it has learnt.
         learns: until when, s.
     """
-    env = DroneEnv(load(case.world, **case.change))
-    laps = [one_lap(env, case, pilot(), start, index, learns) for index, start in enumerate(STARTS)]
-    env.close()
+    laps = [one_lap(case, model, start, index, learns) for index, start in enumerate(STARTS)]
     return {"error": np.mean([track for track, _ in laps], axis=0).tolist(), "lost": sum(lost for _, lost in laps)}
 
 
-def one_lap(
-    env: DroneEnv, case: Case, controller: Controller, start: Start, index: int, learns: float
-) -> tuple[Floats, bool]:
+def one_lap(case: Case, model: Model, start: Start, index: int, learns: float) -> tuple[Floats, bool]:
     """The error after each step of a lap, and whether the ball was lost: from then on the error stays as it was."""
-    info = begin(env, start, index)
-    controller.begin()
-    seconds = env.scenario.step / 1000.0
-    steps = round(env.scenario.task.lap / env.scenario.task.speed / seconds)
-    track, lost = np.zeros(steps), False
-    for step in range(steps):
-        if lost:
-            track[step:] = track[step - 1]
-            break
-        if learns and step == round(min(learns, 1e6) / seconds):
-            controller = controller.frozen()
-            controller.begin()
-        _, _, lost, _, info = env.step(controller.act(info["counts"], info))
-        controller.learn(info)
-        track[step] = info["error_px"] if case.axis is None else abs(info["error"][case.axis])
-    return track, lost
+    world = load(case.world, **case.change)
+    env = Flights(world, [begun(start, index)])
+    loop = model.loop(env, learns=bool(learns), block=ENDLESS)
+    if 0.0 < learns < np.inf:
+        loop.pilot = Until(loop.pilot, model, env, round(1000.0 * learns / world.step))  # type: ignore[assignment]
+    lap = fly_lap(loop, env, start, bool(learns))
+    env.close()
+    error = np.array([px for _, px in env.errors[-1]]) if case.axis is None else np.abs(lap.track[:, case.axis])
+    steps = round(1000.0 * world.task.lap / world.task.speed / world.step)
+    return np.pad(error, (0, steps - len(error)), mode="edge"), lap.lost
+
+
+class Until:
+    """What learns for so many steps, and then flies on with frozen weights."""
+
+    def __init__(self, pilot: Any, model: Model, env: Flights, steps: int) -> None:
+        self._pilot, self._model, self._env, self._left = pilot, model, env, steps
+
+    def begin(self, copies: int, block: int) -> None:
+        """Begin the lap."""
+        self._pilot.begin(copies, block)
+
+    def act(self, observations: Floats, infos: Any) -> Any:
+        """Act; frozen if it is time."""
+        if self._left == 0:
+            model = replace(self._model, learnt=self._pilot.arrays()["learnt"])
+            self._pilot = model.loop(self._env).pilot
+            self._pilot.begin(1, 0)
+        self._left -= 1
+        return self._pilot.act(observations, infos)
+
+    def teach(self, moment: Any) -> None:
+        """Learn if it is not frozen."""
+        if self._left >= 0:
+            self._pilot.teach(moment)
 
 
 def measured(name: str, seed: int, folder: Path) -> dict[str, dict[str, Any]]:
@@ -157,12 +170,11 @@ def all_ways(name: str, seed: int, folder: Path) -> dict[str, dict[str, Any]]:
         if way.trained:
             out = folder / f"{case.world} {way.trained} {seed}.h5"
             model = train(load(case.world), way.trained, steps=STEPS, seed=seed, out=out)
-            pilot = pilot_of(model, case, bool(way.learns))
         elif seed == 0:
-            pilot = bound(way.controller, case)
+            model = train(load(case.world), way.controller)
         else:
             continue
-        told[way.name] = flown(case, pilot, way.learns)
+        told[way.name] = flown(case, model, way.learns)
         print(name, seed, way.name, f"{told[way.name]['error'][-1]:.2f}", told[way.name]["lost"], flush=True)
     return told
 
@@ -170,17 +182,6 @@ def all_ways(name: str, seed: int, folder: Path) -> dict[str, dict[str, Any]]:
 def one_of(job: tuple[str, int, Path], report: Callable[[Any], None]) -> dict[str, dict[str, Any]]:
     """`measured`, in a process of its own."""
     return measured(*job)
-
-
-def pilot_of(model: Model, case: Case, learning: bool) -> Callable[[], Controller]:
-    """What makes the trained controller anew."""
-    world = load(case.world, **case.change)
-    return lambda: model.learner(world) if learning else model.frozen(world)
-
-
-def bound(name: str, case: Case) -> Callable[[], Controller]:
-    """What makes a controller that needs no training."""
-    return lambda: make(name, load(case.world, **case.change))
 
 
 Runs = list[dict[str, Any]]

@@ -22,8 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from kept import kept, markdown, spread
 
-from neuro_drone.env import DroneEnv
-from neuro_drone.evaluate import Lap, Start, begin, try_out
+from neuro_drone.evaluate import Flights, Lap, Start, begun, try_out
 from neuro_drone.model import Model
 from neuro_drone.scenario import load
 from neuro_drone.train import train
@@ -61,7 +60,7 @@ ROWS = {
     "line": (
         Row("nothing"), Row("oracle"), Row("oracle", settings={"gain": [8.0, 8.0]}), Row("snn", 60_000),
         Row("centroid"), Row("static-linear"), Row("lms", 60_000), Row("snn", 20_000), Row("snn-eta0", 20_000),
-        Row("snn-flipped", 20_000), Row("snn", 60_000, {"coding": "shares"}), Row("static"),
+        Row("snn-flipped", 20_000), Row("snn", 60_000, {"coding": "all"}), Row("static"),
     ),
     "texture": (
         Row("nothing", world=TEXTURE), Row("oracle", world=TEXTURE), Row("centroid", world=TEXTURE),
@@ -121,18 +120,33 @@ def table(task: str, runs: list[dict[str, Any]]) -> str:
 
 def flown(model: Model, start: Start, noise: int, most: int) -> tuple[Floats, Floats]:
     """Events in 16 x 16 fields, (n, 16, 16), and lean, (n,), of the moments of a flight."""
-    env, pilot = DroneEnv(model.scenario), model.frozen()
-    info = begin(env, start, noise)
-    pilot.begin()
-    counts, leans, over = [], [], False
-    while not over and len(leans) < most:
-        events = info["events"]
-        counts.append(np.histogram2d(events.y, events.x, bins=16, range=((0, 128), (0, 128)))[0])
-        leans.append(info["error"][1])
-        _, _, lost, end, info = env.step(pilot.act(info["counts"], info))
-        over = lost or end
+    env = Seen(model.scenario, [begun(start, noise)])
+    model.loop(env).test(1, most=most)
     env.close()
-    return np.array(counts), np.array(leans)
+    return np.array(env.counts[:-1]), np.array(env.leans[:-1])
+
+
+class Seen(Flights):
+    """A flight that keeps events in 16 x 16 fields, and the lean, of each moment."""
+
+    def _keep(self) -> None:
+        events = self.last[-1]["events"]
+        self.counts.append(np.histogram2d(events.y, events.x, bins=16, range=((0, 128), (0, 128)))[0])
+        self.leans.append(self.last[-1]["error"][1])
+
+    def reset(self, **words: Any) -> tuple[Any, dict[str, Any]]:
+        """Begin the flight."""
+        self.counts: list[Floats] = []
+        self.leans: list[float] = []
+        answer = super().reset(**words)
+        self._keep()
+        return answer
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """A control step."""
+        answer = super().step(action)
+        self._keep()
+        return answer
 
 
 def inputs(counts: Floats, fields: int, keep: float) -> Floats:

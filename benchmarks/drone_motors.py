@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +24,11 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro_agent import ActorCritic, LinearTwin
+from neuro_drone.controllers.pilot import loop_of
 from neuro_drone.controllers.simple import centroid
 from neuro_drone.env import DroneEnv
-from neuro_drone.evaluate import fly_lap, grid
+from neuro_drone.evaluate import Flights, Start, begun, fly_lap, grid
+from neuro_drone.model import Model
 from neuro_drone.scenario import Scenario, load
 from neuro_drone.train import train
 
@@ -186,11 +188,11 @@ def turned(number: int) -> float:
     return round(float(np.random.default_rng([number, 9]).uniform(-180.0, 180.0)), 1)
 
 
-class Changing(DroneEnv):
-    """The drone's environment, whose motors' gain changes by a factor in the middle of a lap."""
+class Changing(Flights):
+    """Laps in which the motors' gain changes by a factor in the middle."""
 
-    def __init__(self, world: Scenario, factor: float) -> None:
-        super().__init__(world)
+    def __init__(self, world: Scenario, factor: float, starts: Sequence[Start]) -> None:
+        super().__init__(world, [begun(start, index) for index, start in enumerate(starts)])
         self._before, self._after = world, load(world, motors={"gain": world.motors.gain * factor})
 
     def reset(self, **words: Any) -> tuple[Any, dict[str, Any]]:
@@ -207,7 +209,7 @@ class Changing(DroneEnv):
 
 
 def controller(name: str, world: Scenario, seed: int, steps: int) -> Any:
-    """One that has learnt for so many steps, if it learns, and learns no more."""
+    """One that has learnt for so many steps, if it learns: a controller, or a model."""
     if name == "pid":
         return Pid()
     if name == "calibrated":
@@ -218,14 +220,16 @@ def controller(name: str, world: Scenario, seed: int, steps: int) -> Any:
         agent = kind(env.observation_space, env.action_space, seed=seed, **AGENT)
         agent.train(env, steps=steps)
         return Flies(agent)
-    return train(world, name, steps=steps, seed=seed).frozen()
+    return train(world, name, steps=steps, seed=seed)
 
 
 def error_px(name: str, world: Scenario, seed: int, steps: int, change: bool) -> float:
     """The mean distance in the test's laps."""
     flies = controller(name, world, seed, steps)
-    env = Changing(world, 2.0 if seed % 2 else 0.5) if change else DroneEnv(world)
-    laps = [fly_lap(env, flies, start, index) for index, start in enumerate(grid(world, 3))]
+    starts = grid(world, 3)
+    env = Changing(world, (2.0 if seed % 2 else 0.5) if change else 1.0, starts)
+    loop = flies.loop(env) if isinstance(flies, Model) else loop_of(flies, env)
+    laps = [fly_lap(loop, env, start) for start in starts]
     return float(np.mean([LOST if lap.lost else lap.error_px for lap in laps]))
 
 

@@ -9,9 +9,9 @@ DQN, DDPG, PPO (stable-baselines3) and a linear policy by random search, on the 
 2. Finals: the best settings, 150,000 steps, seeds 0 to 4. The test is that of `neuro drone test`: frozen, 25 starts,
    varied paths; and once more with `--path fixed`.
 
-Training begins within 50 px, as everywhere, see `neuro_drone.train.EPISODES`. `lms` and `snn` stand beside them with
-their defaults and 20,000 steps: they learn from the supervised error, so that their steps cannot be compared with the
-others'. Their settings were chosen earlier, on B60, from more tries than these.
+Training begins within 50 px, as everywhere. `lms` and `snn` stand beside them with their defaults and 20,000 steps:
+they learn from the supervised error, so that their steps cannot be compared with the others'. Their settings were
+chosen earlier, on B60, from more tries than these.
 
 Each run keeps its model and its result in the folder; a second start goes on, also within a run. The table of all
 runs is written to FOLDER/table.md. `--minutes` begins no run later than that; `--table` runs nothing and prints a row

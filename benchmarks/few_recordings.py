@@ -32,8 +32,8 @@ from matplotlib.figure import Figure
 import neuro
 from neuro.apps import console, make_folder, table, write_picture
 from neuro.events import Recordings, recordings
-from neuro_drone.env import DroneEnv
-from neuro_drone.evaluate import Start, fly_lap
+from neuro_drone.evaluate import ENDLESS, Flights, Start, begun, fly_lap
+from neuro_drone.model import Model
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 from neuro_models import path as network_path
@@ -280,14 +280,16 @@ def of_remus(method: Framewise, learning: Features, held: Features, seed: int) -
 def of_drone(steps: int) -> dict[str, Any]:
     """Joules on Loihi of a control step, while its engine learns and with weights frozen."""
     model = train(load("B60"), "snn-loihi", steps=steps, seed=0)
-    return {"learning": _flown(model.scenario, model.learner()), "deciding": _flown(model.scenario, model.frozen())}
+    return {"learning": _flown(model, True), "deciding": _flown(model, False)}
 
 
-def _flown(scenario: Any, pilot: Any) -> dict[str, Any]:
-    env = DroneEnv(scenario)
-    lap = fly_lap(env, pilot, Start((0.0, 0.0)))
+def _flown(model: Model, learns: bool) -> dict[str, Any]:
+    start = Start((0.0, 0.0))
+    env = Flights(model.scenario, [begun(start)])
+    loop = model.loop(env, learns=learns, block=ENDLESS)
+    lap = fly_lap(loop, env, start, learns)
     env.close()
-    return in_words(pilot.sim.energy("loihi").per(lap.steps, "control step")) | {"error_px": lap.error_px}
+    return in_words(loop.sim.energy("loihi").per(lap.steps, "control step")) | {"error_px": lap.error_px}
 
 
 def in_words(bill: Energy) -> dict[str, Any]:

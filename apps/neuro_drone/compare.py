@@ -123,7 +123,7 @@ class ComparisonJob:
             report(RowMessage(f"{row.text} seed {self.seed}", round(1000 * share), 1000, message))
 
         def learns(p: TrainingProgress) -> None:
-            say(0.6 * p.step / p.steps, f"{p.step:,} of {p.steps:,} steps, {p.error_px:.1f} px")
+            say(0.6 * p.step / p.steps, p.text)
 
         steps = max(1, row.steps)
         model = train(

@@ -13,9 +13,9 @@ from neuro import ModelError
 from neuro.apps import console, number, quantity, sourced, table
 from neuro.chips import COLUMNS, between, chip, footnotes
 from neuro_drone.controllers.deep import DQNSettings, Flier
-from neuro_drone.controllers.spiking import Spiking
-from neuro_drone.env import ACTIONS, CELLS, DroneEnv
-from neuro_drone.evaluate import Start, fly_lap
+from neuro_drone.controllers.pilot import ControllerPilot
+from neuro_drone.env import ACTIONS, CELLS
+from neuro_drone.evaluate import Flights, Start, begun, fly_lap
 from neuro_drone.model import Model
 
 if TYPE_CHECKING:
@@ -89,30 +89,24 @@ def priced(model: Model, targets: Iterable[str]) -> Bills:
     Raises:
         ModelError: it is none of these, or a target does not exist, cannot hold the network, or has no costs.
     """
-    pilot = model.frozen()
+    scenario = model.scenario
+    start = Start((0.0, 0.0), 1 if scenario.kind == "line" else 0)
+    env = Flights(scenario, [begun(start)])
+    loop = model.loop(env)
+    pilot = loop.pilot.controller if isinstance(loop.pilot, ControllerPilot) else None
     if isinstance(pilot, Flier):
-        layers = [weight.shape for weight, _ in pilot.dense.layers]
-        flown = _fly(model, pilot)
-        return Bills(model, *flown, None, (), _dense(model.controller, layers, targets))
-    if not isinstance(pilot, Spiking):
+        lap, layers = fly_lap(loop, env, start), [weight.shape for weight, _ in pilot.dense.layers]
+        return Bills(model, lap.steps, lap.error_px, None, (), _dense(model.controller, layers, targets))
+    if pilot is not None:
         raise ModelError(f"controller '{model.controller}' has no network: expected a spiking one, dqn, ddpg or ppo")
     targets = tuple(targets)
     for name in targets:
-        pilot.sim.energy(name)  # what cannot be priced is reported before the lap
-    steps, error_px = _fly(model, pilot)
-    bills = tuple(pilot.sim.energy(name).per(steps, "control step") for name in targets)
+        loop.sim.energy(name)  # what cannot be priced is reported before the lap
+    lap = fly_lap(loop, env, start)
+    bills = tuple(loop.sim.energy(name).per(lap.steps, "control step") for name in targets)
     hidden = DQNSettings().hidden
     layers = [(hidden, CELLS * CELLS), (hidden, hidden), (len(ACTIONS), hidden)]
-    return Bills(model, steps, error_px, pilot.sim.counts(), bills, _dense("dqn", layers, PROCESSORS))
-
-
-def _fly(model: Model, pilot: Any) -> tuple[int, float]:
-    """Fly a lap from the middle; gives its steps and its mean error."""
-    env = DroneEnv(model.scenario)
-    start = Start((0.0, 0.0), 1 if model.scenario.kind == "line" else 0)
-    lap = fly_lap(env, pilot, start)
-    env.close()
-    return lap.steps, lap.error_px
+    return Bills(model, lap.steps, lap.error_px, loop.sim.counts(), bills, _dense("dqn", layers, PROCESSORS))
 
 
 def _dense(name: str, layers: Iterable[tuple[int, ...]], targets: Iterable[str]) -> tuple[Dense, ...]:

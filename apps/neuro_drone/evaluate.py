@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from neuro import ModelError
-from neuro_drone.controllers import Controller
+from neuro import ClosedLoop, ModelError
 from neuro_drone.env import DroneEnv
 from neuro_drone.model import Model
 from neuro_drone.parts import Ball, Line, check_whole
 from neuro_drone.paths import FIXED, TESTS, VARIED, FlightCourse, Variation
 from neuro_drone.scenario import Scenario
+
+ENDLESS = 10**9
+"""Steps: a lap ends by itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +148,47 @@ def grid(
     return tuple(map(Start, errors, directions, ways))
 
 
+class Flights(DroneEnv):
+    """Episodes that begin as they are told, one after the other, whatever the loop asks for.
+
+    Args:
+        scenario: of the world.
+        begins: seed and options of each `reset`.
+
+    Attributes:
+        errors: of each episode after each step: the error on each axis, and its distance in px.
+        last: what the environment said last in each episode.
+    """
+
+    def __init__(self, scenario: Scenario, begins: Iterable[tuple[int, dict[str, Any]]]) -> None:
+        super().__init__(scenario)
+        self._begins = iter(begins)
+        self.errors: list[list[tuple[tuple[float, ...], float]]] = []
+        self.last: list[dict[str, Any]] = []
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
+        """Begin the next episode."""
+        seed, options = next(self._begins)
+        seen, info = super().reset(seed=seed, options=options)
+        self.errors.append([])
+        self.last.append(info)
+        return seen, info
+
+    def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:
+        """See `DroneEnv`."""
+        answer = super().step(action)
+        self.last[-1] = info = answer[4]
+        self.errors[-1].append((info["error"], info["error_px"]))
+        return answer
+
+
+def begun(start: Start, index: int = 0) -> tuple[int, dict[str, Any]]:
+    """Seed and options with which a lap of the test begins whose noise has this index."""
+    return int(np.random.default_rng((TESTS, index)).integers(2**31)), start.options()
+
+
 def try_out(
     model: Model,
     *,
@@ -170,55 +213,33 @@ def try_out(
         ModelError: a start cannot be, or the backend refuses the network.
     """
     world = scenario or model.scenario
-    controller = model.learner(scenario) if learning else model.frozen(scenario, backend)
-    env = DroneEnv(world)
-    each = []
-    for index, start in enumerate(grid(world) if starts is None else starts):
-        each.append(fly_lap(env, controller, start, index))
+    starts = grid(world) if starts is None else starts
+    env = Flights(world, (begun(start, index) for index, start in enumerate(starts)))
+    loop, each = model.loop(env, learns=learning, backend=backend, block=ENDLESS), []
+    for start in starts:
+        each.append(fly_lap(loop, env, start, learning))
         if report is not None:
             report(each[-1])
     env.close()
     return FlightTest(tuple(each), learning)
 
 
-def begin(env: DroneEnv, start: Start, index: int = 0) -> dict[str, Any]:
-    """Begin a lap whose noise is that of the test with this index; gives the environment's info."""
-    seed = int(np.random.default_rng((TESTS, index)).integers(2**31))
-    return env.reset(seed=seed, options=start.options())[1]
-
-
-def fly_lap(env: DroneEnv, controller: Controller, start: Start, index: int = 0) -> Lap:
-    """Fly one lap.
+def fly_lap(loop: ClosedLoop, env: Flights, start: Start, learning: bool = False) -> Lap:
+    """Fly the next lap of an environment, from time 0 of the controller.
 
     Args:
-        env: the world.
-        controller: what flies; it hears the supervised error, and learns if it can.
-        start: where.
-        index: of the noise, see `begin`.
+        loop: of the controller and the environment.
+        env: that begins its next episode at `start`.
+        start: for the record.
+        learning: whether the loop learns.
     """
-    track, far = [], 0.0
-    for info in flown(env, controller, begin(env, start, index)):
-        track.append(info["error"])
-        far += info["error_px"]
-    errors, lap, lost = np.array(track), bool(info["lap"]), bool(info["lost"])
-    return Lap(start, len(track), far / len(track), _means(errors), _means(np.abs(errors)), lap, lost, errors)
-
-
-def flown(env: DroneEnv, controller: Controller, info: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
-    """What the environment tells after each step of an episode that has begun, to its end.
-
-    Args:
-        env: the world.
-        controller: what flies; it hears of each step, and learns if it can.
-        info: what `reset` gave.
-    """
-    controller.begin()
-    over = False
-    while not over:
-        _, _, lost, end, info = env.step(controller.act(info["counts"], info))
-        controller.learn(info)
-        over = lost or end
-        yield info
+    if learning:
+        loop.run(episodes=len(loop.log) + 1)
+    else:
+        loop.test(1, most=ENDLESS)
+    errors, far = np.array([error for error, _ in env.errors[-1]]), [px for _, px in env.errors[-1]]
+    lap, lost = bool(env.last[-1]["lap"]), bool(env.last[-1]["lost"])
+    return Lap(start, len(far), float(np.mean(far)), _means(errors), _means(np.abs(errors)), lap, lost, errors)
 
 
 def _means(values: Any) -> tuple[float, ...]:

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro import ModelError, Simulation
+from neuro import ClosedLoop, ModelError, Simulation
+from neuro.apps import Environments
 from neuro.realtime import Histogram
-from neuro_drone.controllers import Controller
-from neuro_drone.controllers.simple import Oracle
+from neuro_drone.controllers.pilot import ControllerPilot
 from neuro_drone.env import CELLS, DroneEnv, count
-from neuro_drone.evaluate import FlightTest, Lap, Start, begin, fly_lap
+from neuro_drone.evaluate import Flights, FlightTest, Lap, Start, begun, fly_lap
 from neuro_drone.geometry import CameraView
 from neuro_drone.model import Model
 from neuro_drone.scenario import Scenario
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from neuro_live import Page
 
 
+Floats = npt.NDArray[np.float64]
 FORMAT = "faery13"
 _LOOK = struct.Struct("<?qq")  # whether an episode begins, number of the step, events that were sent so far
 _ANSWER = struct.Struct("<q3d")  # number of the step, action
@@ -77,16 +78,17 @@ class _Radio:
     _due: float = 0.0
     _t_us: int = 0
     _last_us: int = 0
-    _action: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    _action: Floats = field(default_factory=lambda: np.zeros(3))
 
-    def begin(self) -> None:
-        """An episode begins; the camera's clock goes on."""
+    def begin(self, copies: int, block: int) -> None:
+        """A lap begins; the camera's clock goes on."""
         self._begins, self._action, self._t_us = True, np.zeros(3), self._last_us
-        self._due = time.monotonic()
 
-    def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> npt.NDArray[np.float64]:
+    def act(self, observations: Floats, infos: Sequence[Mapping[str, Any]]) -> Floats:
         """Send the events of the last step, wait until this one is over, and take the action that has come."""
-        events: Events = info["events"]
+        events: Events = infos[0]["events"]
+        if self._begins:
+            self._due = time.monotonic()
         if len(events):
             shifted = Events(events.t + self._t_us, events.x, events.y, events.p, events.sensor_size)
             self._last_us = int(shifted.t[-1])
@@ -105,10 +107,7 @@ class _Radio:
                 self.missed += 1
                 break
             self._action = np.array(action)
-        return self._action[: info["supervised_error"].size]
-
-    def learn(self, info: Mapping[str, Any]) -> None:
-        """It learns nothing."""
+        return self._action[None, : infos[0]["supervised_error"].size]
 
 
 def _world(
@@ -119,11 +118,14 @@ def _world(
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
             radio.connect((_HOST, answers))
-            env, pilot = DroneEnv(scenario), _Radio(url, radio, scenario.step / 1000.0 / speed)
-            begin(env, starts[0])
+            begins = [begun(start, index) for index, start in enumerate(starts)]
+            env = Flights(scenario, [begins[0], *begins])
+            pilot: Any = _Radio(url, radio, scenario.step / 1000.0 / speed)
+            loop = ClosedLoop(pilot, Environments(env), learns=False)
+            env.reset()
             env.step(np.zeros(scenario.axes))  # all that a step needs is in memory when the laps begin
-            for index, start in enumerate(starts):
-                report.send(fly_lap(env, pilot, start, index))
+            for start in starts:
+                report.send(fly_lap(loop, env, start))
             report.send((pilot.missed, pilot.steps))
     except Exception as error:
         with suppress(OSError):
@@ -156,10 +158,10 @@ def fly_live(
             the world's process fails.
     """
     world = scenario or model.scenario
-    controller = model.frozen(scenario, backend)
-    if isinstance(controller, Oracle):
+    loop = model.loop(DroneEnv(world), backend=backend)
+    if model.controller == "oracle":
         raise ModelError("controller 'oracle' sees the true error, which no camera sends: expected another one")
-    sim: Simulation | None = getattr(controller, "sim", None)
+    sim: Simulation | None = None if isinstance(loop.pilot, ControllerPilot) else loop.sim
     if page is not None and sim is None:
         raise ModelError("the controller is no network: expected a spiking one, which a page shows")
     size = CameraView(fov=world.camera.fov, tilt=world.camera.tilt).size
@@ -168,7 +170,7 @@ def fly_live(
     with ExitStack() as stack:
         stream = stack.enter_context(listen(f"udp://{_HOST}:0", format=FORMAT, sensor=(size, size)))
         stack.enter_context(looks).bind((_HOST, 0))
-        pilot = _Pilot(controller, stream, looks, size, _LOST * world.step / 1000.0 / speed)
+        pilot = _Pilot(loop.pilot, stream, looks, size, _LOST * world.step / 1000.0 / speed)
         shown = None if page is None or sim is None else stack.enter_context(page(sim, pilot.figures))
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe(duplex=False)
@@ -204,13 +206,18 @@ def fly_live(
 class _Pilot:
     """The controller's end: looks come, actions go."""
 
-    def __init__(self, controller: Controller, stream: Any, looks: socket.socket, size: int, patience_s: float) -> None:
+    def __init__(self, controller: Any, stream: Any, looks: socket.socket, size: int, patience_s: float) -> None:
         self._controller, self._stream, self._looks, self._patience_s = controller, stream, looks, patience_s
         self._shift = (size // CELLS).bit_length() - 1
         self._counts = np.zeros((CELLS, CELLS), dtype=np.int64)
         self.latency, self.lost, self._taken = Histogram(), 0, 0
         looks.settimeout(0.1)
-        controller.act(self._counts, {})  # all that an action needs is in memory when the laps begin
+        controller.begin(1, 0)
+        self._act()  # all that an action needs is in memory when the laps begin
+
+    def _act(self) -> Floats:
+        counts = self._counts.astype(np.float64).reshape(1, -1)
+        return np.asarray(self._controller.act(counts, ({"counts": self._counts},))[0])
 
     def figures(self) -> dict[str, str]:
         """What a page shows of it."""
@@ -238,9 +245,8 @@ class _Pilot:
             self._stream.wait(left)
         self.lost, self._taken = self.lost + max(0, sent - self._taken), max(sent, self._taken)
         if begins:
-            self._controller.begin()
-        action = np.zeros(3)
-        found = self._controller.act(self._counts, {})
+            self._controller.begin(1, 0)
+        action, found = np.zeros(3), self._act()
         action[: len(found)] = found
         self._looks.sendto(_ANSWER.pack(number, *action.tolist()), world)
         self.latency.add(time.monotonic_ns() - began)

@@ -1,11 +1,12 @@
 """A trained controller in one file.
 
 ```
-/            attributes: format "neuro drone model 1", controller, seed, steps and episode, settings and scenario
+/            attributes: format "neuro drone model 2", controller, seed, steps and episode, settings and scenario
              (JSON), and the versions of neuro, python, numpy and numba
-/learnt      arrays, what the controller has learnt: of a network the weights of each projection
-/history     arrays, one value an episode of the training: steps, error_px, lost
-/curve       arrays, one value a test along the training: steps, error_px, lost; older files have none
+/learnt      arrays, what the controller has learnt: of a network the weights of each projection that learns
+/world       groups, what the encoders and teachers of the network's world have learnt, if that is anything
+/history     arrays, one value an episode of the training: returns, lengths, steps
+/curve       arrays, one value a test along the training: steps, error_px, lost
 /network     the files of the network before learning, if the controller has one
 ```
 """
@@ -16,22 +17,24 @@ import hashlib
 import json
 import platform
 import tempfile
-import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import numpy.typing as npt
 
 import neuro
 from neuro.apps import hdf5, provenance, record_input
-from neuro_drone.controllers import Controller, Learner, kind_of, make
+from neuro_drone.controllers import kind_of, make
+from neuro_drone.controllers.pilot import BLOCK, loop_of
+from neuro_drone.controllers.spiking import Spiking
 from neuro_drone.scenario import Scenario
 
-FORMAT = "neuro drone model 1"
+FORMAT = "neuro drone model 2"
 _NETWORK = "network.yaml"
 _GROUPS = ("learnt", "history", "network", "curve")
 Arrays = Mapping[str, npt.NDArray[Any]]
@@ -49,9 +52,10 @@ class Model:
         episode: most steps of one.
         settings: of the controller, all of them; of a network also the parameters that were set.
         learnt: arrays, see `Learner.learnt`.
-        history: (episodes,) each: steps, error_px (mean of the episode) and lost (whether the target was).
+        history: (episodes,) each: returns, lengths and steps, see `neuro.Log`.
         network: files of the network before learning by name, or none.
         curve: (tests,) each: steps of the training, error_px with frozen weights and lost, see `Curve`.
+        world: what encoders and teachers of the network's world have learnt, by name.
     """
 
     controller: str
@@ -64,6 +68,7 @@ class Model:
     history: Arrays = field(default_factory=dict)
     network: Arrays = field(default_factory=dict)
     curve: Arrays = field(default_factory=dict)
+    world: Mapping[str, Arrays] = field(default_factory=dict)
 
     def told(self) -> dict[str, Any]:
         """The arguments of the training without its steps, as plain data; the network as a hash."""
@@ -79,37 +84,57 @@ class Model:
             "network": digest.hexdigest(),
         }
 
-    def trained(self, steps: int, learnt: Arrays, history: Arrays, curve: Arrays) -> Model:
-        """The same with what came of a training."""
-        return replace(self, steps=steps, learnt=learnt, history=history, curve=curve)
-
-    def learner(self, scenario: Scenario | None = None) -> Controller:
-        """The controller with what it has learnt; if it can learn, it goes on.
-
-        Args:
-            scenario: another one than that of the training.
-        """
+    def made(self, scenario: Scenario) -> Any:
+        """Return the controller of `make` before learning, for a scenario."""
         settings = dict(self.settings)
         if self.network:
             own = kind_of(self.controller).settings.own()
-            settings = {name: settings[name] for name in settings.keys() & own.keys()} | {
-                "network": unpacked(self.network)
-            }
-        made = make(self.controller, scenario or self.scenario, self.seed, settings)
-        if isinstance(made, Learner):
-            made.restore(self.learnt)
-        return made
+            settings = {name: settings[name] for name in settings.keys() & own.keys()}
+            settings |= {"network": unpacked(self.network), "start": "equal"}
+        return make(self.controller, scenario, self.seed, settings)
 
-    def frozen(self, scenario: Scenario | None = None, backend: str = "event") -> Controller:
-        """The controller with what it has learnt, which learns no more.
+    def loop(
+        self,
+        env: gymnasium.Env[Any, Any],
+        *,
+        learns: bool = False,
+        backend: str = "event",
+        record: bool = False,
+        block: int | None = None,
+    ) -> neuro.ClosedLoop:
+        """Return the closed loop in which the controller flies, with what it has learnt.
 
         Args:
-            scenario: another one than that of the training.
-            backend: what runs it, if it is a spiking network.
+            env: a `DroneEnv`, perhaps wrapped, whose scenario may be another than that of the training.
+            learns: whether it goes on learning, if it can, on what it learnt on.
+            backend: what runs a spiking network that learns no more.
+            record: whether spikes of a network are kept.
+            block: control steps of a block, in place of those of the network's world.
+
+        Raises:
+            ModelError: the network does not fit the scenario, or the backend refuses it.
         """
-        with warnings.catch_warnings(action="ignore", category=neuro.ApproximationWarning):  # of learning
-            made = self.learner(scenario)
-        return made.frozen(backend) if isinstance(made, Learner) else made
+        scenario: Scenario = env.unwrapped.scenario  # type: ignore[attr-defined]  # as said above
+        learns, made = learns and kind_of(self.controller).learns, self.made(scenario)
+        if isinstance(made, Spiking):
+            return self._network_loop(made, env, learns, backend, record, block)
+        if self.learnt:
+            made.restore(self.learnt)
+            made = made if learns else made.frozen()
+        return loop_of(made, env, seed=self.seed, learns=learns, block=block or BLOCK)
+
+    def _network_loop(
+        self, made: Spiking, env: Any, learns: bool, backend: str, record: bool, block: int | None
+    ) -> neuro.ClosedLoop:
+        words: dict[str, Any] = {"seed": self.seed, "record": record, "block": block}
+        trained = made.loop(env, **words)
+        if self.learnt:
+            trained.pilot.put({"learnt": self.learnt, **self.world})
+        if learns:
+            return trained
+        frozen = neuro.closed_loop(trained.network(frozen=True), env, backend=backend, learns=False, **words)
+        frozen.pilot.put({"learnt": {}, **self.world})
+        return frozen
 
     def save(self, path: Path) -> None:
         """Write the file; another model of that name is replaced once the new one is complete.
@@ -126,6 +151,8 @@ class Model:
             file.attrs.update({name: version(name) for name in ("numpy", "numba")})
             for group in _GROUPS:
                 hdf5.put(file, group, getattr(self, group))
+            for name, arrays in self.world.items():
+                hdf5.put(file, f"world/{name}", arrays)
 
     @classmethod
     def load(cls, path: Path) -> Model:
@@ -143,7 +170,8 @@ class Model:
                 int(file.attrs["steps"]),
                 int(file.attrs["episode"]),
                 json.loads(file.attrs["settings"]),
-                *(hdf5.take(file, group) if group in file else {} for group in _GROUPS),
+                **{group: hdf5.take(file, group) for group in _GROUPS},
+                world={name: hdf5.take(file["world"], name) for name in file.get("world", ())},
             )
 
 
@@ -159,4 +187,6 @@ def unpacked(files: Arrays) -> neuro.Network:
     with tempfile.TemporaryDirectory() as folder:
         for name, data in files.items():
             data.tofile(Path(folder) / Path(name).name)
-        return neuro.load(Path(folder) / _NETWORK)
+        net = neuro.load(Path(folder) / _NETWORK)
+    net.world_origin = None  # what is wrong with its world is not in that file
+    return net

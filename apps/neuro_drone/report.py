@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections import defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,13 +12,14 @@ import numpy as np
 import numpy.typing as npt
 import typer
 
+import neuro
 from neuro.apps import console, literal, make_folder, sealed, table, write_picture, write_text
 from neuro_drone.compare import Summary
-from neuro_drone.controllers import CONTROLLERS, Learner
+from neuro_drone.controllers import CONTROLLERS
 from neuro_drone.evaluate import FlightTest, Lap
 from neuro_drone.geometry import AIM
 from neuro_drone.live import LiveTest
-from neuro_drone.model import Model
+from neuro_drone.model import Model, unpacked
 from neuro_drone.parts import Ball
 from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import NAMES, Scenario, load
@@ -31,9 +31,6 @@ if TYPE_CHECKING:
 
 MARK = "<!-- neuro drone compare -->"
 TABLE = sealed("a table of 'neuro drone compare'", MARK, "<!-- digest {} -->")
-LAST = 20
-"""Episodes of which the mean error is shown."""
-
 LINES = 10
 """Lines of each training where there is no terminal."""
 AXES = {"ball": ("right, px", "down, px", "taller, px"), "line": ("right, px", "lean, degrees")}
@@ -60,7 +57,6 @@ class Bars:
         self._bar = Progress(*columns, console=where, transient=True, disable=not self._screen)
         self._tasks: dict[str, Any] = {}
         self._said: dict[str, int] = {}
-        self._errors: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=LAST))
         self._bar.start()
         return self
 
@@ -68,14 +64,8 @@ class Bars:
         self._bar.stop()
 
     def training(self, progress: TrainingProgress) -> None:
-        """Show how far a training is, and its error of late."""
-        what = f"seed {progress.seed}"
-        errors = self._errors[what]
-        errors.append(progress.error_px)
-        frozen = "" if np.isnan(progress.frozen_px) else f"{progress.frozen_px:.1f} px frozen, from afar; "
-        learning = f"{sum(errors) / len(errors):.1f} px while it learns"
-        message = f"{progress.step:,} of {progress.steps:,} steps, {frozen}{learning}"
-        self.at(what, progress.step, progress.steps, message)
+        """Show how far a training is."""
+        self.at(f"seed {progress.seed}", progress.step, progress.steps, progress.text)
 
     def laps(self, total: int) -> Callable[[Lap], None]:
         """What shows how many laps of so many are flown; only on a terminal."""
@@ -112,13 +102,14 @@ def learnt(model: Model) -> str:
     """What came of a training: of frozen weights first, since learning disturbs the flight."""
     if not model.steps:
         return f"{model.controller} does not learn; it is kept as it is"
-    errors, lost = model.history["error_px"], model.history["lost"]
-    last = max(1, len(errors) // 10)
+    returns, lengths = model.history["returns"], model.history["lengths"]
+    last = max(1, len(lengths) // 10)
     tested = model.curve.get("error_px", np.zeros(0))
     frozen = f"{tested[-1]:.1f} px with frozen weights in short flights from afar; " if len(tested) else ""
+    reward = returns[-last:].sum() / lengths[-last:].sum() if len(lengths) else np.nan
     return (
-        f"{named(model)}: {frozen}{np.mean(errors[-last:]):.1f} px and {np.mean(lost[-last:]):.0%} lost in the last "
-        f"tenth of {len(errors):,} episodes, in which it explores and dopamine steers"
+        f"{named(model)}: {frozen}a mean reward of {reward:.3f} in the last tenth of {len(lengths):,} episodes, in "
+        "which it explores and dopamine steers"
     )
 
 
@@ -267,7 +258,7 @@ def list_controllers() -> None:
 def write_pictures(model: Model, tried: FlightTest, folder: Path) -> list[Path]:
     """Draw where the target was and, of a trained model, how the training went and the weights; gives the files."""
     figures = {"density.png": density(model, tried)}
-    if len(model.history.get("steps", ())):
+    if len(model.history.get("returns", ())):
         figures["training.png"] = training(model)
     if weight_maps(model):
         figures["weights.png"] = weights(model)
@@ -341,39 +332,37 @@ def density(model: Model, tried: FlightTest) -> Figure:
 
 
 def training(model: Model) -> Figure:
-    """Steps and error of each episode of a training, with learning on, and the error of frozen weights along it.
+    """Steps and mean reward of each episode of a training, with learning on, and the error of frozen weights along it.
 
     Args:
         model: that was trained.
 
     Source: thesis, figures 78 and 79; it has no frozen weights.
     """
-    steps, error = model.history["steps"], model.history["error_px"]
-    lost, number = model.history["lost"].astype(bool), np.arange(1, len(steps) + 1)
-    fig = _figure(7.4, 5.2)
-    above, below = fig.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": (1, 1.6), "hspace": 0.08})
-    above.axhline(model.episode, color=RED, lw=0.8)
-    above.annotate("whole", (1.0, model.episode), xycoords=("axes fraction", "data"), xytext=(4, -3),
-                   textcoords="offset points", color=RED, fontsize=9)  # fmt: skip
-    for axes, values in ((above, steps), (below, error)):
-        axes.plot(number[~lost], values[~lost], ".", ms=5, color=BLUE, alpha=0.5, mew=0)
-        axes.plot(number[lost], values[lost], "x", ms=4, color=RED, alpha=0.8)
+    at, steps = model.history["steps"], model.history["lengths"]
+    reward, short = model.history["returns"] / steps, steps < model.episode
+    fig = _figure(7.4, 5.6)
+    panels = fig.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": (1, 1.2, 1.2), "hspace": 0.1})
+    panels[0].axhline(model.episode, color=RED, lw=0.8)
+    panels[0].annotate("whole", (1.0, model.episode), xycoords=("axes fraction", "data"), xytext=(4, -3),
+                       textcoords="offset points", color=RED, fontsize=9)  # fmt: skip
+    for axes, values in zip(panels, (steps, reward), strict=False):
+        axes.plot(at[~short], values[~short], ".", ms=5, color=BLUE, alpha=0.5, mew=0)
+        axes.plot(at[short], values[short], "x", ms=4, color=RED, alpha=0.8)
         medians = [np.median(values[max(0, k + 1 - WINDOW) : k + 1]) for k in range(len(values))]
-        axes.plot(number, medians, color=INK, lw=1.2)
+        axes.plot(at, medians, color=INK, lw=1.2)
     if len(model.curve.get("steps", ())):
-        at = np.searchsorted(np.cumsum(steps), model.curve["steps"]) + 1
-        tested, fell = model.curve["error_px"], model.curve["lost"] > 0
-        below.plot(at, tested, "o-", ms=3.5, lw=1.6, color=GREEN, label="weights frozen, short flights")
-        below.plot(at[fell], tested[fell], "x", ms=7, color=GREEN)
-        below.legend(loc="upper right", frameon=False)
-    for axes in (above, below):
+        tested, fell = model.curve, model.curve["lost"] > 0
+        panels[2].plot(tested["steps"], tested["error_px"], "o-", ms=3.5, lw=1.6, color=GREEN)
+        panels[2].plot(tested["steps"][fell], tested["error_px"][fell], "x", ms=7, color=GREEN)
+    for axes, name in zip(panels, ("steps", "reward of a step", "error, px"), strict=True):
         axes.set_ylim(bottom=0.0)
-    above.set_ylabel("steps")
-    below.set_ylabel("mean error, px")
-    below.set_xlabel(f"episode ({int(steps.sum()):,} steps in all)")
+        axes.set_ylabel(name)
+    panels[2].set_xlabel(f"steps ({len(at):,} episodes)")
     fig.suptitle(literal(f"{model.controller} in {model.scenario.name}, seed {model.seed}: training"), x=0.02,
                  ha="left", fontsize=12)  # fmt: skip
-    fig.text(0.02, 0.915, f"each episode, learning on · running median of {WINDOW} · crosses: target lost", color=SOFT)
+    about = f"above: episodes, learning on, running median of {WINDOW}, crosses: ended early · below: weights frozen"
+    fig.text(0.02, 0.925, about, color=SOFT)
     return fig
 
 
@@ -386,9 +375,10 @@ def weight_maps(model: Model) -> dict[str, npt.NDArray[np.float64]]:
     Returns:
         (8, 8) by name, empty if there are none: of a network by what the motor asks for, of LMS by axis.
     """
-    pilot = model.learner()
-    learnt = pilot.learnt() if isinstance(pilot, Learner) else {}
-    names = motors(model.scenario)
+    learnt, names = dict(model.learnt), motors(model.scenario)
+    if model.network and not learnt:
+        sim = neuro.compile(unpacked(model.network))
+        learnt = {part.name: sim.get(part.name, "weight") for part in sim.program.projections}
     if "cells_motors" in learnt and learnt["cells_motors"].size == 64 * len(names):
         maps = np.asarray(learnt["cells_motors"], float).reshape(64, -1).T
         return {name: one.reshape(8, 8) for name, one in zip(names, maps, strict=True)}

@@ -1,4 +1,4 @@
-"""Training: episodes from random starts, saved between them so that it continues after a kill; `--set`."""
+"""Training in the closed loop, which goes on after a kill; the training curve; `--set`."""
 
 from __future__ import annotations
 
@@ -6,39 +6,35 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
-from itertools import islice
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from neuro import ModelError, apps
-from neuro.apps import Checkpoint, assignments, check_output, hdf5, unknown
-from neuro_drone.controllers import CONTROLLERS, Learner, kind_of, make, settings_of
+from neuro import ClosedLoop, ModelError, apps
+from neuro.apps import Checkpoint, End, assignments, check_output, hdf5, unknown
+from neuro_drone.controllers import CONTROLLERS, kind_of, make, settings_of
 from neuro_drone.controllers.deep import Deep, needed
+from neuro_drone.controllers.pilot import ControllerPilot
+from neuro_drone.controllers.spiking import EPISODES, Spiking
 from neuro_drone.env import DroneEnv
-from neuro_drone.evaluate import flown
+from neuro_drone.evaluate import Flights
 from neuro_drone.model import FORMAT, Model, packed
-from neuro_drone.parts import Ball, Line, check_whole
+from neuro_drone.parts import check_whole
 from neuro_drone.paths import drawn
 from neuro_drone.scenario import Scenario, load
 
 STEPS = 60_000
 """Steps of a training. Source: thesis, table 5."""
 
-EPISODES = {Ball: 100, Line: 1000}
-"""Most steps of an episode of training: 20,000 steps then begin at 200 places round the ball, so that all fields learn;
-on a line the first corner is 400 steps away."""
-
-KEEP = 2000
-"""Steps between two checkpoints, at least."""
-
-TEST_EVERY = 1000
+TEST_EVERY = 2000
 """Steps of training from one test of frozen weights to the next."""
 
 FLIGHTS, FLIGHT_STEPS = 2, 60
-"""Of a test: an eighth of the steps that are learnt from. The first half of a flight is the way to the target."""
+"""Of a test: a sixteenth of the steps that are learnt from. The first half of a flight is the way to the target."""
 
 TEST_SEED = 2_000_016
 """Of starts, paths and noise: the same in every test, and not those of a training or of `neuro drone test`.
@@ -47,9 +43,8 @@ It is the first from 2,000,000 on with which the two balls begin in opposite qua
 off on each axis, and the two lines on opposite sides, more than 10 px off, one in each direction.
 """
 
-Arrays = dict[str, npt.NDArray[Any]]
-_KINDS = {"steps": np.int64, "error_px": np.float64, "lost": np.bool_}
-"""Of the history of a training."""
+LAST = 20
+"""Episodes of which the mean reward is told."""
 _CURVE = {"steps": np.int64, "error_px": np.float64, "lost": np.int64}
 
 
@@ -59,20 +54,25 @@ class TrainingProgress:
 
     Attributes:
         seed: of the training.
-        episode: that has ended, from 0.
+        episodes: that have ended.
         step, steps: done, and all.
-        error_px: mean of the episode.
-        lost: whether the target was lost.
+        reward: mean of a step in the last episodes, not a number before the first; the best is 1.
         frozen_px: mean of the last test with frozen weights; not a number before the first.
     """
 
     seed: int
-    episode: int
+    episodes: int
     step: int
     steps: int
-    error_px: float
-    lost: bool
-    frozen_px: float = math.nan
+    reward: float
+    frozen_px: float
+
+    @property
+    def text(self) -> str:
+        """Steps, and how well it flies, in a few words."""
+        frozen = "" if math.isnan(self.frozen_px) else f", {self.frozen_px:.1f} px frozen, from afar"
+        learning = "" if math.isnan(self.reward) else f", reward {self.reward:.3f} a step while it learns"
+        return f"{self.step:,} of {self.steps:,} steps{frozen}{learning}"
 
 
 Report = Callable[[TrainingProgress], None]
@@ -95,8 +95,8 @@ def train(
         scenario: the world and the task, its name or its file.
         controller: a name of `CONTROLLERS`.
         steps: of control, in all.
-        episode: most steps of one; it ends before where the target is lost or the lap is over. `EPISODES` says it
-            if not given.
+        episode: most steps of one; it ends before where the target is lost or the lap is over. The network's world
+            or `EPISODES` says it if not given.
         seed: of everything random; episodes begin where it says.
         settings: of the controller, by name.
         out: file for the model. A checkpoint is kept beside it; the same call continues from there to the same bits.
@@ -109,82 +109,73 @@ def train(
     Raises:
         ModelError: a name or a setting is wrong, or `out` belongs to another training.
     """
-    scenario, settings = load(scenario), dict(settings or {})
-    episode = EPISODES[type(scenario.task)] if episode is None else episode
+    model = untrained(load(scenario), controller, seed, episode, settings or {})
     check_whole("steps", steps, 1)
-    check_whole("episode", episode, 1)
-    check_whole("seed", seed, below="2^63")
-    learner = make(controller, scenario, seed, settings)
-    settings = settings_of(controller, scenario, settings)
-    net = getattr(learner, "net", None)
-    model = Model(controller, scenario, seed, 0, episode, settings, network={} if net is None else packed(net))
-    if kind_of(controller).learns and isinstance(learner, Learner):
-        if out is not None and (made := _made(out, model, steps)) is not None:
+    words = model.told() | {"steps": steps}
+    if out is not None:
+        if out.is_file() and (made := Model.load(out)).told() | {"steps": made.steps} == words:
+            Checkpoint(out, "", {}).remove()
             return made
-        history, curve = _learn(learner, model, steps, out, report)
-        model = model.trained(steps, learner.learnt(), history, curve)
-    elif isinstance(learner, Learner):
-        model = model.trained(0, learner.learnt(), {}, {})
+        check_output(out, hdf5.kind(FORMAT))
+    if kind_of(controller).learns:
+        model = _learn(model, steps, out, words, report)
     if out is not None:
         model.save(out)
-        _checkpoint(out, model, steps).remove()
+        Checkpoint(out, "", {}).remove()
     return model
 
 
-def _checkpoint(out: Path, model: Model, steps: int) -> Checkpoint:
-    return Checkpoint(out, "neuro drone training 2", model.told() | {"steps": steps})
+def untrained(
+    scenario: Scenario, controller: str, seed: int, episode: int | None, settings: Mapping[str, Any]
+) -> Model:
+    """The model of a controller before learning; the words are those of `train`."""
+    check_whole("seed", seed, below="2^63")
+    made = make(controller, scenario, seed, settings)
+    files, own = {}, None
+    if isinstance(made, Spiking):
+        made.loop(DroneEnv(scenario))  # what does not fit is told of the user's file
+        files, own = packed(made.net), made.world.episode
+    episode = (own or EPISODES[scenario.kind]) if episode is None else episode
+    check_whole("episode", episode, 1)
+    return Model(controller, scenario, seed, 0, episode, settings_of(controller, scenario, settings), network=files)
 
 
-def _made(out: Path, model: Model, steps: int) -> Model | None:
-    """The finished model of this very training, if it is there; else see that it can be written."""
-    if out.is_file():
-        made = Model.load(out)
-        if made.told() | {"steps": made.steps} == model.told() | {"steps": steps}:
-            _checkpoint(out, model, steps).remove()
-            return made
-    check_output(out, hdf5.kind(FORMAT))
-    return None
+def _learn(model: Model, steps: int, out: Path | None, words: Mapping[str, Any], report: Report | None) -> Model:
+    """Learn in the closed loop until all steps are done, with tests on the way."""
+    env = gymnasium.wrappers.TimeLimit(DroneEnv(model.scenario), model.episode)
+    loop = model.loop(env, learns=True)
+    checkpoint = None if out is None else loop.checkpoint(out, words)
+    found = {} if checkpoint is None else checkpoint.resume()
+    loop.go_on(found)
+    curve, episodes = Curve(model, found.get("curve")), len(loop.log)
 
-
-def _learn(
-    learner: Learner, model: Model, steps: int, out: Path | None, report: Report | None
-) -> tuple[Arrays, Arrays]:
-    """Fly episodes until all steps are done; gives their history, and the tests on the way."""
-    checkpoint = None if out is None else _checkpoint(out, model, steps)
-    found = checkpoint.resume() if checkpoint else {}
-    if found:
-        learner.restore(found["state"])
-    history: dict[str, list[Any]] = {name: found["history"][name].tolist() if found else [] for name in _KINDS}
-    env, curve = DroneEnv(model.scenario), Curve(model.scenario, found.get("curve"))
-    done = kept = sum(history["steps"])
-    while done < steps:
-        index = len(history["steps"])
-        count, error_px, lost = _episode(env, learner, (model.seed, index), min(model.episode, steps - done))
-        for name, value in zip(_KINDS, (count, error_px, lost), strict=True):
-            history[name].append(value)
-        done += count
-        curve.follow(learner, done)
+    def tell() -> None:
+        log = loop.log
+        reward = log.returns[-LAST:].sum() / log.lengths[-LAST:].sum() if len(log) else math.nan
         if report is not None:
-            report(TrainingProgress(model.seed, index, done, steps, error_px, lost, curve.last_px))
-        if checkpoint and done - kept >= KEEP and done < steps:
-            checkpoint.keep(state=learner.state(), history=_arrays(history), curve=curve.arrays())
-            kept = done
+            report(TrainingProgress(model.seed, len(log), loop.steps, steps, float(reward), curve.last_px))
+
+    def watch() -> None:
+        nonlocal episodes
+        curve.follow(loop)
+        if len(loop.log) > episodes:
+            episodes = len(loop.log)
+            tell()
+
+    def after(loop: ClosedLoop) -> None:
+        if checkpoint is not None:
+            checkpoint.keep(**loop.arrays(), curve=curve.arrays())
+        tell()
+
+    loop.watch = watch
+    loop.until(End(steps=steps), after=after)
     env.close()
     curve.close()
-    return _arrays(history), curve.arrays()
-
-
-def _arrays(history: Mapping[str, list[Any]]) -> Arrays:
-    return {name: np.array(history[name], kind) for name, kind in _KINDS.items()}
-
-
-def _episode(env: DroneEnv, learner: Learner, seed: tuple[int, int], most: int) -> tuple[int, float, bool]:
-    """Fly and learn from a drawn start, for so many steps at most; gives the steps, their mean error, and lost."""
-    _, start = env.reset(seed=int(np.random.default_rng(seed).integers(2**31)))
-    steps, total, lost = 0, 0.0, False
-    for info in islice(flown(env, learner, start), most):
-        steps, total, lost = steps + 1, total + info["error_px"], info["lost"]
-    return steps, total / steps, lost
+    arrays = {name: part for name, part in loop.pilot.arrays().items() if part and name != "state"}
+    history = {name: array for name, array in loop.log.arrays().items() if name != "solved"}
+    return replace(
+        model, steps=steps, learnt=arrays.pop("learnt", {}), history=history, curve=curve.arrays(), world=arrays
+    )
 
 
 class Curve:
@@ -196,37 +187,42 @@ class Curve:
     climbs that of the ball's place. The other axes tell in the flights that are lost.
 
     Args:
-        scenario: of the training.
+        model: before learning.
         found: what `arrays` gave, to go on from there.
     """
 
-    def __init__(self, scenario: Scenario, found: Mapping[str, npt.NDArray[Any]] | None = None) -> None:
-        self._env, self._line = DroneEnv(scenario), scenario.kind == "line"
+    def __init__(self, model: Model, found: Mapping[str, npt.NDArray[Any]] | None = None) -> None:
+        line, rngs = model.scenario.kind == "line", [np.random.default_rng((TEST_SEED, k)) for k in range(FLIGHTS)]
+        begins = [(int(rng.integers(2**31)), {"path": drawn(rng, line)}) for rng in rngs]
+        self._env = Flights(model.scenario, cycle(begins))
+        self._loop = model.loop(self._env)
         self._points: dict[str, list[Any]] = {name: found[name].tolist() if found else [] for name in _CURVE}
+        self._last = self._points["steps"][-1] if self._points["steps"] else 0
 
-    def follow(self, learner: Learner, done: int) -> None:
+    def follow(self, loop: ClosedLoop) -> None:
         """Test once if a test was due since the last.
 
         Args:
-            learner: as it is after so many steps.
-            done: steps of the training.
+            loop: of the training.
         """
-        last = self._points["steps"][-1] if self._points["steps"] else 0
-        if done // TEST_EVERY == last // TEST_EVERY:
+        if loop.steps // TEST_EVERY == self._last // TEST_EVERY:
             return
-        pilot = learner.frozen()
-        errors, lost = zip(*(self._fly(pilot, index) for index in range(FLIGHTS)), strict=True)
-        for name, value in zip(_CURVE, (done, float(np.mean(errors)), sum(lost)), strict=True):
+        self._last, pilot = loop.steps, loop.pilot
+        if isinstance(pilot, ControllerPilot):
+            self._loop.pilot = ControllerPilot(pilot.controller.frozen())
+        else:
+            self._loop.pilot.put(pilot.arrays())
+        self._loop.test(FLIGHTS, most=FLIGHT_STEPS)
+        errors, lost = [], 0
+        for track, last in zip(self._env.errors, self._env.last, strict=True):
+            far = [px for _, px in track]
+            far += far[-1:] * (FLIGHT_STEPS - len(far))  # of a flight that lost the target the last error stays
+            errors.append(np.mean(far[FLIGHT_STEPS // 2 :]))
+            lost += last["lost"]
+        self._env.errors.clear()
+        self._env.last.clear()
+        for name, value in zip(_CURVE, (loop.steps, np.mean(errors), lost), strict=True):
             self._points[name].append(value)
-
-    def _fly(self, pilot: Any, index: int) -> tuple[float, bool]:
-        """Mean error of the second half of a flight, and whether the target was lost; then the last error stays."""
-        rng = np.random.default_rng((TEST_SEED, index))
-        _, start = self._env.reset(seed=int(rng.integers(2**31)), options={"path": drawn(rng, self._line)})
-        infos = list(islice(flown(self._env, pilot, start), FLIGHT_STEPS))
-        errors = [info["error_px"] for info in infos]
-        errors += errors[-1:] * (FLIGHT_STEPS - len(errors))
-        return float(np.mean(errors[FLIGHT_STEPS // 2 :])), infos[-1]["lost"]
 
     @property
     def last_px(self) -> float:
@@ -300,13 +296,14 @@ def chosen(scenario: str | Path, controller: str, texts: Sequence[str]) -> tuple
     settings = {name: values[name] for name in values if name not in world}
     known = own | _WORDS
     try:
-        made = make(controller, changed, 0, settings)  # mistakes are reported before any work
+        untrained(changed, controller, 0, None, settings)  # mistakes are told before any work
     except ModelError as error:  # a name that is none of the network's parameters may be meant for a setting
         for name in sorted(settings.keys() - known):
             if error.kind.startswith("unknown parameter") and get_close_matches(name, known, 1):
                 raise unknown(f"setting of controller '{controller}'", name, known) from None
         raise
-    if isinstance(made, Deep):
+    maker = kind_of(controller).maker
+    if isinstance(maker, type) and issubclass(maker, Deep):
         needed(controller)
     return changed, settings
 

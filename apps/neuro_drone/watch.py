@@ -16,9 +16,8 @@ import numpy.typing as npt
 
 import neuro
 from neuro.apps import html, player, sealed
-from neuro_drone.controllers import Controller
 from neuro_drone.env import DroneEnv
-from neuro_drone.evaluate import Start, begin
+from neuro_drone.evaluate import Flights, Start, begun, fly_lap
 from neuro_drone.geometry import CameraView
 from neuro_drone.model import Model, packed, unpacked
 from neuro_drone.parts import Ball, Line
@@ -41,9 +40,10 @@ CAMERA = html.Html(
     '<i style="border:1.5px solid var(--target);border-radius:50%;margin-left:6px"></i>true place'
 )
 TRAINING = html.Html(
-    'error by steps, px: <i style="background:var(--d)"></i>weights frozen, short flights from afar: what was learnt '
-    '<i style="background:var(--soft);margin-left:4px"></i>episodes with learning on: dopamine steers, and exploration '
-    'disturbs <b style="color:var(--target);margin-left:6px">×</b> target lost in one of them'
+    'by steps: <i style="background:var(--d)"></i>error, weights frozen, short flights from afar: what was learnt '
+    '<b style="color:var(--target);margin-left:6px">×</b> target lost in one of them '
+    '<i style="background:var(--soft);margin-left:4px"></i>mean reward of a step of episodes with learning on: '
+    "dopamine steers, and exploration disturbs"
 )
 
 POINTS = 600
@@ -121,76 +121,62 @@ class Flight:
     backend: str = "event"
 
 
-class _Keeping:
-    """A simulation that forgets no spikes, so that they can be had after a lap."""
+class _Filmed(Flights):
+    """A lap of which all is kept, by the names of `Flight`."""
 
-    def __init__(self, sim: neuro.Simulation) -> None:
-        self._sim = sim
+    def reset(self, **words: Any) -> tuple[npt.NDArray[Any], dict[str, Any]]:
+        """Begin the lap."""
+        self.kept: dict[str, list[Any]] = {}
+        self.seen: list[neuro.events.Events] = []
+        answer = super().reset(**words)
+        self._keep(np.zeros(self.scenario.axes))
+        return answer
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._sim, name)
+    def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:
+        """See `DroneEnv`."""
+        answer = super().step(action)
+        self._keep(np.array(action))
+        return answer
 
-    def forget(self, before: float) -> None:
-        """Forget nothing."""
-
-
-def listening(model: Model, backend: str = "event") -> Controller:
-    """A frozen controller whose spikes, also those of its inputs, are all recorded and kept.
-
-    Args:
-        model: what was learnt; of a controller without a network it is as `Model.frozen`.
-        backend: what runs the network.
-    """
-    if not model.network:
-        return model.frozen(None, backend)
-    net = unpacked(model.network)
-    for name, population in net.populations.items():
-        if isinstance(population.model, neuro.poisson_generator):
-            net.probe(f"heard_{name}", population)
-    pilot = replace(model, network=packed(net)).frozen(None, backend)
-    pilot.sim = _Keeping(pilot.sim)  # type: ignore[attr-defined]
-    return pilot
+    def _keep(self, action: npt.NDArray[Any]) -> None:
+        info = self.last[-1]
+        measured = {"targets": info["target"], "errors": info["error_px"], "actions": action, "counts": info["counts"]}
+        for name, value in (_where(self) | measured).items():
+            self.kept.setdefault(name, []).append(value)
+        self.seen.append(info["events"])
 
 
 def fly(model: Model, start: Start, backend: str = "event") -> Flight:
     """Fly a lap with frozen weights.
 
     Args:
-        model: what flies.
+        model: what flies; spikes of a network, also those of its inputs, are all kept.
         start: where.
         backend: what runs the controller's network.
 
     Raises:
         ModelError: the start cannot be, or the backend refuses the network.
     """
-    pilot, env = listening(model, backend), DroneEnv(model.scenario)
-    info = begin(env, start)
-    pilot.begin()
-    kept: dict[str, list[Any]] = {}
-    seen: list[neuro.events.Events] = []
-    action, over = np.zeros(model.scenario.axes), False
-    while True:
-        measured = {"targets": info["target"], "errors": info["error_px"], "actions": action, "counts": info["counts"]}
-        for name, value in (_where(env) | measured).items():
-            kept.setdefault(name, []).append(value)
-        seen.append(info["events"])
-        if over:
-            break
-        action = np.array(pilot.act(info["counts"], info))
-        _, _, lost, end, info = env.step(action)
-        over = lost or end
+    env, listened = _Filmed(model.scenario, [begun(start)]), model
+    if model.network:
+        net = unpacked(model.network)
+        for name, population in net.populations.items():
+            if isinstance(population.model, neuro.poisson_generator):
+                net.probe(f"heard_{name}", population)
+        listened = replace(model, network=packed(net))
+    loop = listened.loop(env, backend=backend, record=True)
+    lap = fly_lap(loop, env, start)
     env.close()
+    kept = env.kept
     whole: dict[str, Any] = {name: np.array(values) for name, values in kept.items() if name != "balls"}
     balls = np.array([ball for ball in kept["balls"] if ball is not None]).reshape(-1, 2)
-    whole |= {name: np.concatenate([getattr(part, name) for part in seen]) for name in "xyp"}
-    each = np.array([len(part) for part in seen])
-    sim = getattr(pilot, "sim", None)
-    recorded = (
-        () if sim is None else ((part, sim.spikes(part.name)) for part in sim.program.populations if part.records)
-    )
+    whole |= {name: np.concatenate([getattr(part, name) for part in env.seen]) for name in "xyp"}
+    each, recorded = np.array([len(part) for part in env.seen]), []
+    if model.network:
+        recorded = [(part, loop.sim.spikes(part.name)) for part in loop.sim.program.populations if part.records]
     spikes = tuple(FlightSpikes(part.name, part.size, *trains) for part, trains in recorded)
     whole |= {"path": env.task.path.points, "spikes": spikes, "balls": balls, "events": each}
-    return Flight(model, start, **whole, lap=bool(info["lap"]), lost=bool(info["lost"]), backend=backend)
+    return Flight(model, start, **whole, lap=lap.lap, lost=lap.lost, backend=backend)
 
 
 def _where(env: DroneEnv) -> dict[str, Any]:
@@ -289,7 +275,7 @@ def page(flight: Flight) -> str:
         player.Panel(spikes, [_raster(flight, window), _actions(flight, window)], note),
         player.Panel("Error", [_errors(flight)], "of the whole lap, px; click to go there", controls=True),
     ]
-    if len(model.history.get("steps", ())):
+    if len(model.history.get("returns", ())):
         below.append(player.Panel("Training", [_training(model)], TRAINING))
     script = files("neuro_drone").joinpath("watch.js").read_text("utf-8")
     columns = "1fr 1fr 216px"
@@ -387,17 +373,17 @@ def _errors(flight: Flight) -> player.Track:
 
 
 def _training(model: Model) -> player.Track:
-    """Errors along the training: of episodes, by the steps at their end, and with frozen weights."""
-    steps, error, curve = np.cumsum(model.history["steps"]), model.history["error_px"], model.curve
-    lines = [{"x": steps, "y": error, "style": "dots", "colour": "soft"}]
-    highest = max(10.0, np.max(error))
-    if len(curve.get("steps", ())):
-        tested, frozen, lost = (np.asarray(curve[name], float) for name in ("steps", "error_px", "lost"))
-        highest = max(highest, frozen.max())
-        lines.append({"x": tested, "y": frozen, "style": "rings", "colour": "d", "width": 1.8})
-        lines.append(
-            {"x": tested[lost > 0], "y": frozen[lost > 0], "style": "crosses", "colour": "target", "width": 1.8}
-        )
-    lane = {"low": 0, "high": highest, "marks": 4, "lines": lines}
-    data = {"lanes": [lane], "edge": EDGE, "end": steps[-1], "axis": "steps"}
-    return player.Track("curve", "training", "error along the training", data, 120)
+    """Errors with frozen weights along the training, and the mean reward of a step of each episode."""
+    history, curve = model.history, model.curve
+    tested, frozen, lost = (np.asarray(curve.get(name, ()), float) for name in ("steps", "error_px", "lost"))
+    rewards = {"x": history["steps"], "y": history["returns"] / history["lengths"], "style": "dots", "colour": "soft"}
+    lines = [
+        {"x": tested, "y": frozen, "style": "rings", "colour": "d", "width": 1.8},
+        {"x": tested[lost > 0], "y": frozen[lost > 0], "style": "crosses", "colour": "target", "width": 1.8},
+    ]
+    lanes = [
+        {"low": 0, "high": max(10.0, frozen.max(initial=0.0)), "marks": 3, "unit": " px", "lines": lines},
+        {"low": 0, "high": 1, "marks": 2, "lines": [rewards]},
+    ]
+    data = {"lanes": lanes, "edge": EDGE, "end": model.steps, "axis": "steps"}
+    return player.Track("curve", "training", "error and reward along the training", data, 160)

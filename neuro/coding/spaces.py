@@ -72,16 +72,18 @@ def flat(space: gymnasium.Space[Any], found: Any, n: int = 0) -> Floats:
     """
     ahead = (n,) if n else ()
     try:
-        if isinstance(space, (spaces.Dict, spaces.Tuple)):
+        if type(space) is not spaces.Box and isinstance(space, (spaces.Dict, spaces.Tuple)):
             vectors = np.concatenate([part.reshape(n or 1, -1) for part in _parts(space, found, ahead)], axis=1)
         else:
             vectors = _array(space, found, ahead).reshape(n or 1, -1)
-        vectors = vectors.astype(np.float64)
+        whole, vectors = vectors.dtype.kind in "biu", vectors.astype(np.float64)
     except (TypeError, ValueError, KeyError, IndexError, OverflowError):
         listed = f"{n} of {space}, one for each environment" if n else f"one of {space}"
         shape = getattr(found, "shape", None)
         form = type(found).__name__ if shape is None else f"an array of shape {list(shape)}"
         raise ModelError(f"observation: found {form}: expected {listed}") from None
+    if whole:
+        return vectors
     good = np.isfinite(vectors)
     if np.count_nonzero(good) < good.size:
         bad = int(np.argmin(good))

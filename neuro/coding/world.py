@@ -206,7 +206,9 @@ class Teacher(Choice):
         factor = self.scale if self.settle is None else self.scale / (1.0 + time / self.settle)
         scaled = factor * values
         if self.opposed:
-            scaled = np.stack([scaled, -scaled], axis=2).reshape(len(scaled), -1)
+            pairs = np.empty((len(scaled), 2 * scaled.shape[1]))
+            pairs[:, 0::2], pairs[:, 1::2] = scaled, -scaled
+            scaled = pairs
             if scaled.shape[1] == 2 and size % 2 == 0:
                 scaled = np.tile(scaled, size // 2)
         if scaled.shape[1] not in (1, size):

@@ -102,8 +102,10 @@ class population(_FieldEncoder):
 class _Rates(Shown):
     """Rates as a function of the numbers that are observed."""
 
-    def __init__(self, columns: Ints, size: int, rates: Callable[[Floats], Floats]) -> None:
-        self._columns, self.size, self._rates = columns, size, rates
+    def __init__(self, encoder: Encoder, space: gymnasium.Space[Any], rates: Callable[[Floats], Floats]) -> None:
+        columns = encoder.columns(space)
+        some = encoder.key is not None or encoder.dimensions is not None
+        self._columns, self.size, self._rates = columns if some else slice(None), columns.size, rates
 
     def rates(self, observations: Floats) -> Floats:
         return self._rates(observations[:, self._columns])
@@ -125,22 +127,22 @@ class shares(Encoder):
 
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
         """Make the encoder; rows are those of the population."""
-        columns = self.columns(space)
 
         def rates(observations: Floats) -> Floats:
             counts = observations
             if self.of == "peaks":
                 counts = np.maximum(observations - 2.0 * observations.mean(axis=1, keepdims=True), 0.0)
             if self.of == "rows":
-                rows = observations.reshape(len(observations), shape[0], -1)
-                sums = rows.sum(axis=2, keepdims=True) * shape[0]
-                spread = (rows / np.where(sums > 0.0, sums, 1.0)).reshape(observations.shape)
-            else:
-                sums = counts.sum(axis=1, keepdims=True)
-                spread = counts / np.where(sums == 0.0, 1.0, sums)
-            return np.minimum(self.most, self.total * spread)
+                counts = observations.reshape(len(observations), shape[0], -1)
+            sums = counts.sum(axis=-1, keepdims=True)
+            if self.of == "rows":
+                sums *= shape[0]
+            sums += sums == 0.0  # without events all rates are 0
+            spread: Floats = (counts / sums).reshape(observations.shape)
+            spread *= self.total
+            return np.minimum(self.most, spread, out=spread)
 
-        return _Rates(columns, columns.size, rates)
+        return _Rates(self, space, rates)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,8 +155,7 @@ class rates(Encoder):
 
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
         """Make the encoder."""
-        columns = self.columns(space)
-        return _Rates(columns, columns.size, lambda observations: np.clip(self.rate * observations, 0.0, self.most))
+        return _Rates(self, space, lambda observations: np.clip(self.rate * observations, 0.0, self.most))
 
 
 class _Pulse(Shown):
@@ -285,14 +286,19 @@ class difference(Decoder):
         """Make the decoder: neurons 0 and 1 are the pair of the first number."""
         box, pairs = _box("difference", space), sum(sizes) // 2
         _numbers("difference", space, sum(sizes), 2 * int(np.prod(box.shape)))
-        low, high = box.low.astype(np.float64), box.high.astype(np.float64)
-        factor = (np.broadcast_to(np.asarray(self.gain, np.float64), (pairs,)) / most[0]).reshape(box.shape)
+        low, high, shape = box.low.astype(np.float64), box.high.astype(np.float64), (-1, *box.shape)
+        gain = np.asarray(self.gain, np.float64)
+        if gain.size not in (1, pairs):
+            raise ModelError(f"difference: gain = {gain.tolist()}: expected a number or a list of {pairs}")
+        factor = (np.broadcast_to(gain, (pairs,)) / most[0]).reshape(box.shape)
         names = self.of
 
         def act(counts: Mapping[str, Ints]) -> npt.NDArray[Any]:
-            fired = np.concatenate([counts[name] for name in names], axis=1)
-            pulls = (fired[:, 0::2] - fired[:, 1::2]).reshape(-1, *box.shape)
-            actions: npt.NDArray[Any] = np.clip(factor * pulls, low, high)
+            each = [counts[name] for name in names]
+            fired = each[0] if len(each) == 1 else np.concatenate(each, axis=1)
+            actions: Floats = factor * (fired[:, 0::2] - fired[:, 1::2]).reshape(shape)
+            np.maximum(actions, low, out=actions)  # with the next one half as long as clip
+            np.minimum(actions, high, out=actions)
             return actions
 
         return act
@@ -385,14 +391,14 @@ class _Info(Taught):
             if self._key not in info:
                 raise unknown("word of the environment's info", self._key, map(str, info))
             try:
-                row = np.ravel(np.asarray(info[self._key], dtype=np.float64))
+                row = np.asarray(info[self._key], dtype=np.float64).reshape(-1)
             except (TypeError, ValueError):
                 row = np.array([np.nan])
-            if not np.isfinite(row).all():
+            if np.count_nonzero(np.isfinite(row)) < row.size:
                 raise ModelError(f"info['{self._key}'] is {info[self._key]!r:.60}: expected finite numbers")
             self._numbers = row.size
             rows.append(row)
-        return np.stack(rows)
+        return np.array(rows)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -83,7 +83,10 @@ class LazyModule:
         self._name = name
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(import_module(self._name), name)
+        if name == "_module":  # not imported yet; later each use would ask for it again, which takes microseconds
+            self._module = import_module(self._name)
+            return self._module
+        return getattr(self._module, name)
 
 
 def _origin() -> dict[str, Any] | None:

@@ -172,6 +172,8 @@ def check(path: Path, format: str = "", what: str = "", hint: str = "") -> str:
         disk = file.fileno()
         front = Front.of(file.read(FRONT))
         if front is None or (format and front.format != format):
+            if front is not None and front.format.rpartition(" ")[0] == format.rpartition(" ")[0]:
+                raise ModelError(f"{path}: a {front.format}, of another version: expected {what or f'a {format}'}")
             if format:
                 raise not_ours(path, what or f"a {format}")
             return ""

@@ -241,9 +241,6 @@ class ClosedLoop:
             seeds.append(episode_seed(self.seed, self._begun[0]))
         return seeds
 
-    def _count(self, begins: Bools) -> None:
-        self.steps += self.environments.n - int(np.count_nonzero(begins))
-
     def _check_repeatable(self) -> None:
         """Warn of a world that differs under the same seed and actions: after a kill it only continues."""
         if self.environments.n > 1:
@@ -279,8 +276,8 @@ class ClosedLoop:
             actions = np.stack([env.actions.sample() for _ in range(env.n)])
             _, (now, reward, _, _) = self._step(observations[-1], self._seeds(begins), actions)
             observations.append(now)
-            self._count(begins)
-            sums.add(self.log, self.steps, reward, begins, env.over)
+            self.steps += env.n - int(np.count_nonzero(begins))
+            sums.add(self.log, self.steps, reward, env.over)
             rewards += reward[~begins].tolist()
             some |= bool(reward.any())
         self.pilot.explored(np.concatenate(observations), rewards, self.log.returns.tolist())
@@ -299,8 +296,11 @@ class ClosedLoop:
         k = 0
         while k < self._block and (end.steps is None or self.steps < end.steps):
             last = env.over
-            actions, (observations, rewards, ended, _) = self._step(observations, self._seeds(last))
-            self._count(last)
+            begins = int(np.count_nonzero(last))
+            actions, (observations, rewards, ended, _) = self._step(
+                observations, self._seeds(last) if begins else self._none
+            )
+            self.steps += env.n - begins
             if self._keep:
                 self.actions.append(actions)
                 self.rewards.append(rewards)
@@ -316,7 +316,7 @@ class ClosedLoop:
             first, k = last, k + 1
             if self.watch is not None:
                 self.watch()
-            if sums.add(self.log, self.steps, rewards, last, env.over):
+            if sums.add(self.log, self.steps, rewards, env.over):
                 if bar is not None:
                     mean = f"mean return of the last {min(len(self.log), end.window)}: {self.log.mean(end.window):g}"
                     bar.show(self.steps, end.steps or self.steps, f"{len(self.log)} episodes, {mean}")

@@ -178,15 +178,18 @@ class Sums:
     """
 
     def __init__(self, n: int) -> None:
-        self._total, self._length = np.zeros(n), np.zeros(n, dtype=np.int64)
+        self._total, self._now, self._begun = np.zeros(n), 0, [0] * n
 
-    def add(self, log: Log, steps: int, reward: Floats, begins: Bools, over: Bools) -> bool:
-        """Count a control step of all; those that are over go to the log; return whether there are any."""
+    def add(self, log: Log, steps: int, reward: Floats, over: Bools) -> bool:
+        """Count a control step of all; those that are over go to the log; return whether there are any.
+
+        In the step after its end an episode begins anew, and nothing else happens.
+        """
         self._total += reward
-        self._length += ~begins
+        self._now += 1
         if not np.count_nonzero(over):
             return False
         for k in np.flatnonzero(over):
-            log.add(float(self._total[k]), int(self._length[k]), steps)
-            self._total[k], self._length[k] = 0.0, 0
+            log.add(float(self._total[k]), self._now - self._begun[k], steps)
+            self._total[k], self._begun[k] = 0.0, self._now + 1
         return True

@@ -87,7 +87,7 @@ class NetworkPilot:
         self._backend, self._seed, self._options = backend, seed, dict(options)
         self._environments = environments
         self.copies = self._compile(environments.n, 0)
-        self._unused: int | None = 0  # the block that the copies were compiled for and have not begun
+        self._block = 0  # for which the copies were compiled
         program = self.copies.program
         self._encoding = self._encoders(program)
         self._act, self._read = self._decoder(program)
@@ -181,11 +181,12 @@ class NetworkPilot:
 
     def begin(self, copies: int, block: int) -> None:
         """Begin a block: the network at time 0, with all that was learnt before."""
-        if self._unused != block:
+        if self._block == block:
+            self.copies.reset()
+        else:
             weights = self.weights
-            self.copies = self._compile(copies, block)
+            self.copies, self._block = self._compile(copies, block), block
             self._set_weights(weights)
-        self._unused = None
         spiking = [name for name, (gives, _) in self._encoding.items() if gives == "spikes"]
         critics = [teacher.critic for teacher, _, _ in self._taught.values() if hasattr(teacher, "critic")]
         self._counted = list(dict.fromkeys([*self._read, *critics]))

@@ -169,10 +169,14 @@ class CopiesPort:
             return
         if self._population is not None and self._what == "rate":
             size = self._copies.program.populations[self._population].size
-            rates = self._copies._each(values, size, self._ports[0].text)
+            rates = np.asarray(values, dtype=np.float64)
+            if rates.shape != (len(self._ports), size):
+                rates = self._copies._each(values, size, self._ports[0].text)
+            # What is not finite is not within the bounds either.
             if rates.size and rates.min() >= 0.0 and rates.max() * self._copies.program.resolution <= 1e6:
-                self._copies._joined.engines.set_rate(self._population, rates)
+                self._copies._joined.engines.set_rate(self._population, rates + 0.0)  # -0.0 is 0.0
                 return
+            self._copies._each(values, size, self._ports[0].text)
         array = np.asarray(values)
         if array.ndim and array.shape[0] != len(self._ports):
             found = f"shape {list(array.shape)}"

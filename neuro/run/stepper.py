@@ -144,8 +144,10 @@ class Stepper:
         joined.check_together()
         if len(spikes) != len(self._emit):
             raise ModelError(f"step: spikes of {len(spikes)} populations: expected {len(self._emit)}")
-        lists = [self._list(index, each) for index, each in zip(self._emit, spikes, strict=True)]
-        joined.engines.list_spikes(lists)
+        if spikes:
+            joined.engines.list_spikes(
+                [self._list(index, each) for index, each in zip(self._emit, spikes, strict=True)]
+            )
         if self._run is None:
             joined.advance(self.ticks, forget=True)
         else:

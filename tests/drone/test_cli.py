@@ -28,18 +28,18 @@ def told(drone, *words):
 
 
 def test_train_and_test(drone, tmp_path):
-    code, out, err = drone("train", "--scenario", "short.yaml", "--steps", 1000, "--set", "eta=2e-3")
+    code, out, err = drone("train", "--scenario", "short.yaml", "--steps", 2000, "--set", "eta=2e-3")
     assert code == 0
-    assert err.splitlines()[-1].startswith("seed 0: 1,000 of 1,000 steps, ")
+    assert err.splitlines()[-1].startswith("seed 0: 2,000 of 2,000 steps, ")
     assert len(err.splitlines()) == 10
     frozen = re.search(
-        r"px with frozen weights in short flights from afar; [\d.]+ px and \d+% lost in the last tenth of", out
+        r"px with frozen weights in short flights from afar; a mean reward of 0\.\d+ in the last tenth of", out
     )
     assert frozen, out
-    assert out.startswith("model.h5: snn in short, 1,000 steps, seed 0: ")
-    assert "px frozen, from afar; " in err
+    assert out.startswith("model.h5: snn in short, 2,000 steps, seed 0: ")
+    assert "px frozen, from afar, reward 0." in err
     four = told(drone, "test", "model.h5", "--starts", 2)
-    assert (four["starts"], four["controller"], four["scenario"], four["steps"]) == (4, "snn", "short", 1000)
+    assert (four["starts"], four["controller"], four["scenario"], four["steps"]) == (4, "snn", "short", 2000)
     assert [one["start"] for one in four["per_start"]] == [[-35, -35], [35, -35], [-35, 35], [35, 35]]
     assert four["error_px"] == pytest.approx(sum(one["error_px"] for one in four["per_start"]) / 4)
     assert four["laps"] == sum(one["lap"] for one in four["per_start"])
@@ -50,7 +50,7 @@ def test_train_and_test(drone, tmp_path):
     code, out, err = drone(*one, "--out", "pictures")
     assert (code, err) == (0, "")
     assert out.split()[:3] == ["pictures/density.png", "pictures/training.png", "pictures/weights.png"]
-    assert "snn in short, 1,000 steps, seed 0; weights frozen, no dopamine" in out
+    assert "snn in short, 2,000 steps, seed 0; weights frozen, no dopamine" in out
     for name in ("density", "training", "weights"):
         image = imread(tmp_path / "pictures" / f"{name}.png")
         assert min(image.shape[:2]) > 400

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, strategies as st
 
 from drones import SHORT, stop_at
-from neuro_drone import train as training
 from neuro_drone.controllers import make
 from neuro_drone.controllers.deep import Dense, observed
 from neuro_drone.env import ACTIONS, DroneEnv
@@ -35,6 +34,10 @@ def seen(n=50):
     return np.random.default_rng(0).poisson(0.3, (n, 8, 8))
 
 
+def frozen(model):
+    return model.loop(DroneEnv(model.scenario)).pilot.controller
+
+
 def actions(controller):
     return np.array([controller.act(counts, {}) for counts in seen()])
 
@@ -49,21 +52,22 @@ def test_training_changes_the_networks_and_a_file_keeps_them(name, scenario, tmp
     fresh = make(name, scenario, 0, SMALL[name])
     assert told[-1].step == 100
     assert any((a != fresh.learnt()[n]).any() for n, a in model.learnt.items())
-    again, flown = Model.load(file), actions(model.frozen())
-    assert np.array_equal(actions(again.frozen()), flown)
+    again, flown = Model.load(file), actions(frozen(model))
+    assert np.array_equal(actions(frozen(again)), flown)
     assert np.abs(flown).max() <= 1.0
     if scenario is not SHORT:
         return
     starts = grid(scenario, 1)
     assert try_out(again, starts=starts).as_words() == try_out(model, starts=starts).as_words()
-    before, learner, rng = {n: a.copy() for n, a in model.learnt.items()}, model.learner(), np.random.default_rng(1)
+    before, rng = {n: a.copy() for n, a in model.learnt.items()}, np.random.default_rng(1)
+    learner = model.loop(DroneEnv(scenario), learns=True).pilot.controller
     for counts in seen(80):
         learner.act(counts, {})
         learner.learn({"counts": counts, "reward": rng.random(), "lost": False})
     assert all((before[n] == a).all() for n, a in model.learnt.items())  # what was learnt is a copy
     assert any((before[n] != a).any() for n, a in learner.learnt().items())
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
-    assert (actions(model.frozen()) == flown).all()
+    assert (actions(frozen(model)) == flown).all()
 
 
 @every
@@ -129,9 +133,8 @@ def test_seeds_generators_and_the_reward_alone(name):
 @pytest.mark.parametrize("kept", [{}, {"buffer": 90}])
 def test_a_state_goes_on_as_if_nothing_was(name, kept, tmp_path, monkeypatch):
     settings = {**SMALL[name], **(kept if name != "ppo" else {}), "observation": "counts"}
+    monkeypatch.setattr("neuro_drone.model.BLOCK", 60)
     whole = train("B60", name, steps=200, settings=settings, episode=25)
-    monkeypatch.setattr(training, "KEEP", 60)
-
     file = tmp_path / "model.h5"
     with pytest.raises(KeyboardInterrupt):
         train("B60", name, steps=200, settings=settings, episode=25, out=file, report=stop_at(130))

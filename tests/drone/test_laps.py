@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from drones import begin_lap, lap_of
 from neuro_drone.body import Kinematic
 from neuro_drone.controllers import make
 from neuro_drone.env import ACTIONS, DroneEnv
-from neuro_drone.evaluate import Start, begin as begin_lap, fly_lap, grid
+from neuro_drone.evaluate import Start, grid
 from neuro_drone.geometry import CameraView, Pose
 from neuro_drone.parts import GRAVITY, Ball
 from neuro_drone.paths import FIXED, FlightCourse, Variation, hexagon, star
@@ -404,10 +405,10 @@ def test_jumps_rise_and_swell():
 @pytest.mark.parametrize("name", ["B60-height", "B60-rise", "B60-bounce", "B60-wind", "B60-spin"])
 def test_an_oracle_finishes_laps_of_what_changes_in_flight(name):
     world = load(name, step=100)
-    env, starts = DroneEnv(world), grid(world, 2)
+    starts = grid(world, 2)
     assert len({start.path for start in starts}) == 4
     for i in (1, 2):
-        lap = fly_lap(env, make("oracle", world), starts[i], i)
+        lap, env = lap_of(make("oracle", world), world, starts[i], i)
         assert lap.lap
         assert world.axes == 2 or lap.absolute[2] < 2.0
     turned = env.body.pose.yaw / (lap.steps * 0.1)
@@ -474,11 +475,12 @@ def test_three_axes():
     assert seen["c", "up"][2] < -1.0 < 1.0 < seen["c", "down"][2]
     assert env.action_space.n == len(ACTIONS) + 2
     world = load(HEIGHT, **{"task.ball.lap": 1.5, "task.ball.speed": 0.06})  # 500 steps
-    env, start = DroneEnv(world), Start((0.0, 0.0, 0.3 * 40))
-    follows = fly_lap(env, make("oracle", world), start)
+    start = Start((0.0, 0.0, 0.3 * 40))
+    follows, _ = lap_of(make("oracle", world), world, start)
     assert follows.lap
     assert follows.track.shape == (500, 3)
     assert follows.absolute[2] < 2.0
+    env = DroneEnv(world)
     info = begin_lap(env, start)
     flier, over, lost = make("oracle", world), False, False
     while not (over or lost):  # in the middle, but never higher

@@ -9,6 +9,7 @@ import pytest
 import neuro
 import neuro_models
 from drones import SHORT  # noqa: F401
+from neuro.core import hdf5
 from neuro.core.extras import install
 from neuro_drone.controllers import make  # noqa: F401  (named in messages.yaml, as all of these)
 from neuro_drone.energy import priced  # noqa: F401
@@ -18,7 +19,7 @@ from neuro_drone.model import Model  # noqa: F401
 from neuro_drone.parts import Drone  # noqa: F401
 from neuro_drone.paths import FlightCourse  # noqa: F401
 from neuro_drone.scenario import load
-from neuro_drone.train import train
+from neuro_drone.train import train, untrained
 from refused import mistakes_of, refusals_of, refused
 
 MODELS = Path(neuro_models.__file__).parent
@@ -42,6 +43,12 @@ def own(cells, motors):
     return net
 
 
+def joined(controller, world, network="drone", **settings):
+    """A network in the loop with its world."""
+    model = untrained(load(world), controller, 0, None, settings | {"network": network})
+    model.loop(DroneEnv(world)).test(1, most=1)
+
+
 def test_calls(tmp_path, messages):
     def loaded(text):
         (tmp_path / "text.yaml").write_text(text)
@@ -49,13 +56,16 @@ def test_calls(tmp_path, messages):
 
     env, begun, nan, inf = DroneEnv("B60", render_mode="rgb_array"), DroneEnv("B60"), float("nan"), float("inf")
     begun.reset()
+    older = tmp_path / "older.h5"
+    with hdf5.writing(older, "neuro drone model 1") as file:
+        file.attrs["controller"] = "snn"
     messages(refusals_of(messages.cases, globals() | locals(), tmp_path=tmp_path, models=MODELS))
 
 
 def test_commands(drone, tmp_path, messages):
     (tmp_path / "bad.yaml").write_text("task: ball\ncamera: {tlt: 60}\n")
     assert drone("train", "--controller", "oracle", "--scenario", "short.yaml", "--out", "oracle.h5")[0] == 0
-    messages(mistakes_of(drone, messages.cases))
+    messages(mistakes_of(drone, messages.cases, models=MODELS))
 
 
 @pytest.mark.parametrize("name", ["dqn", "ddpg", "ppo"])

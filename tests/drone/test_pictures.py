@@ -62,13 +62,14 @@ def test_density():
 
 
 def test_training_shows_each_episode_and_the_error_of_frozen_weights(lms, tmp_path):
-    above, below = training(lms).axes
-    assert len(below.lines[0].get_xdata()) + len(below.lines[1].get_xdata()) == len(lms.history["steps"])
-    assert (above.get_ylabel(), below.lines[2].get_ydata()[0]) == ("steps", lms.history["error_px"][0])
-    [frozen] = [line for line in below.lines if line.get_label() == "weights frozen, short flights"]
-    assert frozen.get_ydata() == pytest.approx(lms.curve["error_px"])
-    ends = np.cumsum(lms.history["steps"])
-    assert [ends[int(k) - 1] for k in frozen.get_xdata()] == lms.curve["steps"].tolist()
+    lengths, rewards, below = training(lms).axes
+    for axes, values in ((lengths, lms.history["lengths"]), (rewards, lms.history["returns"] / lms.history["lengths"])):
+        dots, crosses, medians = axes.lines[-3:]
+        assert len(dots.get_xdata()) + len(crosses.get_xdata()) == len(lms.history["steps"])
+        assert medians.get_xdata().tolist() == lms.history["steps"].tolist()
+        assert medians.get_ydata()[0] == values[0]
+    assert (below.lines[0].get_xdata().tolist(), below.get_ylabel()) == (lms.curve["steps"].tolist(), "error, px")
+    assert below.lines[0].get_ydata() == pytest.approx(lms.curve["error_px"])
     odd = replace(lms, scenario=replace(SHORT, name="$\\x_{^%$"))
     for picture in (density(odd, try_out(odd, starts=[Start((30.0, 0.0))])), training(odd), weights(odd)):
         picture.savefig(tmp_path / "a.png", dpi=20)
@@ -153,15 +154,14 @@ def test_the_page_holds_it(flight, monkeypatch, model, tmp_path):
     assert camera["first"][-1] == len(flight.x[::4])
     assert "one of every 4 events is shown" in text
     assert "training" not in tracks_of(page(flight))
-    taught = train(SHORT, "lms", steps=1100)
-    episodes, frozen, lost = tracks_of(page(replace(flight, model=taught)))["training"]["lanes"][0]["lines"]
-    assert np.array_equal(episodes["x"], np.cumsum(taught.history["steps"]))
-    assert episodes["y"] == pytest.approx(taught.history["error_px"])
+    taught = train(SHORT, "lms", steps=2100)
+    above, below = tracks_of(page(replace(flight, model=taught)))["training"]["lanes"]
+    (frozen, lost), (episodes,) = above["lines"], below["lines"]
+    assert np.array_equal(episodes["x"], taught.history["steps"])
+    assert episodes["y"] == pytest.approx(taught.history["returns"] / taught.history["lengths"])
     assert np.array_equal(frozen["x"], taught.curve["steps"])
     assert frozen["y"] == pytest.approx(taught.curve["error_px"])
     assert np.array_equal(lost["x"], taught.curve["steps"][np.asarray(taught.curve["lost"]) > 0])
-    older = tracks_of(page(replace(flight, model=replace(taught, curve={}))))["training"]["lanes"][0]["lines"]
-    assert [line["style"] for line in older] == ["dots"]
     refused(lambda: watch(model, tmp_path / "lap.html", (100.0, 0.0)))
     assert list(tmp_path.iterdir()) == []
 

@@ -148,12 +148,12 @@ class Training:
 class Drone:
     """The training of a spiking drone, with a checkpoint every 100 steps."""
 
-    words = {"scenario": "B60", "steps": 600, "seed": 4}
+    words = {"scenario": "B60", "steps": 600, "seed": 4, "settings": {"block": 100}}
 
     def __init__(self, place):
-        from neuro_drone import train
+        from neuro_drone import model, train
 
-        train.KEEP, self.train = 100, train.train
+        model.BLOCK, self.train = 100, train.train
 
     def do(self, out):
         self.train(**self.words, out=out / "model.h5")

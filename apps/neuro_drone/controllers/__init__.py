@@ -70,12 +70,8 @@ class Learner(Controller, Protocol):
     def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
         """Take up what `learnt` or `state` gave."""
 
-    def frozen(self, backend: str = "event") -> Controller:
-        """The same as it is now, without learning; each of its episodes is the same whatever came before.
-
-        Args:
-            backend: what runs it, if it is a spiking network.
-        """
+    def frozen(self) -> Controller:
+        """The same as it is now, without learning; each of its episodes is the same whatever came before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +87,7 @@ class ControllerKind:
     """
 
     what: str
-    maker: Callable[[Scenario, int, Any], Controller]
+    maker: Callable[[Scenario, int, Any], Controller | Spiking]
     settings: ControllerSettings
     learns: bool = True
     rewarded: bool = False
@@ -101,20 +97,20 @@ CONTROLLERS: dict[str, ControllerKind] = {
     "nothing": ControllerKind("never moves", Nothing, NothingSettings(), learns=False),
     "oracle": ControllerKind("in proportion to the true error, which no other one sees", Oracle, Gain(), learns=False),
     "centroid": ControllerKind("in proportion to where the events are on average", Centroid, Gain(), learns=False),
-    "static": ControllerKind(
-        "the network with weights by side", Spiking, SpikingSettings(start="sign", learns=False), learns=False
-    ),
+    "static": ControllerKind("the network with weights by side", Spiking, SpikingSettings(start="sign"), learns=False),
     "static-linear": ControllerKind(
-        "the network with weights by distance", Spiking, SpikingSettings(start="linear", learns=False), learns=False
+        "the network with weights by distance", Spiking, SpikingSettings(start="linear"), learns=False
     ),
     "lms": ControllerKind("linear in the counts, learnt from the same error by least mean squares", LMS, LMSSettings()),
     "snn": ControllerKind("the network, learning by dopamine from equal weights", Spiking, SpikingSettings()),
     "snn-static-init": ControllerKind(
         "the network, learning from weights by side", Spiking, SpikingSettings(start="sign")
     ),
-    "snn-eta0": ControllerKind("a check: the network without dopamine", Spiking, SpikingSettings(eta=0.0)),
+    "snn-eta0": ControllerKind(
+        "a check: the network without dopamine", Spiking, SpikingSettings(parameters={"eta": 0.0})
+    ),
     "snn-flipped": ControllerKind(
-        "a check: the network with dopamine of the wrong sign", Spiking, SpikingSettings(eta=-0.1)
+        "a check: the network with dopamine of the wrong sign", Spiking, SpikingSettings(parameters={"eta": -0.1})
     ),
     "snn-loihi": ControllerKind(
         "the network, learning on the emulated Loihi", Spiking, SpikingSettings(backend="loihi")
@@ -131,23 +127,17 @@ CONTROLLERS: dict[str, ControllerKind] = {
 LINE: dict[Any, dict[str, Any]] = {
     Oracle: {"gain": (8.0, 4.0)},
     LMS: {"gain": (8.0, 4.0), "coding": "rows", "mu": 0.005},
-    Spiking: {"gain": (8.0, 4.0), "coding": "rows", "total": 800.0, "eta": 0.03},
 }
-"""Defaults that differ for a line: a drone that turns too quickly swings its picture to the side; the lean is read
-from differences between rows, hence their equal say and more spikes."""
+"""Defaults that differ for a line, see `spiking.LINE`."""
 
 
-HEIGHT: dict[Any, dict[str, Any]] = {
-    Oracle: {"gain": 4.0},
-    Centroid: {"gain": (8.0, 2.0, 1.0)},
-    Spiking: {"axes": 3},
-}
+HEIGHT: dict[Any, dict[str, Any]] = {Oracle: {"gain": 4.0}, Centroid: {"gain": (8.0, 2.0, 1.0)}}
 """Defaults that differ for a drone that also climbs: a drone that climbs sees the ball further down, and one that flies
-forward sees it taller, so that both axes swing with gains that suit one. The network has six motors."""
+forward sees it taller, so that both axes swing with gains that suit one."""
 
 
-def make(name: str, scenario: Scenario, seed: int = 0, settings: Mapping[str, Any] | None = None) -> Controller:
-    """A controller, before learning.
+def make(name: str, scenario: Scenario, seed: int = 0, settings: Mapping[str, Any] | None = None) -> Any:
+    """A controller before learning: a `Controller`, or a `Spiking` network, which acts as its world says.
 
     Args:
         name: one of `CONTROLLERS`.
@@ -183,10 +173,7 @@ def settings_of(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> d
 def _settings(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> ControllerSettings:
     kind = kind_of(name)
     own = LINE if isinstance(scenario.task, Line) else HEIGHT if scenario.axes == 3 else {}
-    defaults = dict(own.get(kind.maker, {}))
-    if "network" in settings:
-        defaults.pop("axes", None)  # a network of the user's own has the motors that it has
-    return replace(kind.settings, name=name).changed({**defaults, **settings})
+    return replace(kind.settings, name=name).changed({**own.get(kind.maker, {}), **settings})
 
 
 def kind_of(name: str) -> ControllerKind:

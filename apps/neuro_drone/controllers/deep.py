@@ -275,8 +275,8 @@ class Deep(Fixed, ABC):
         buffer.pos, buffer.full, self._steps = words["pos"], words["full"], words["steps"]
         self._rng.bit_generator.state = words["rng"]
 
-    def frozen(self, backend: str = "event") -> Flier:
-        """The same without learning and exploration, in NumPy; `backend` makes no difference."""
+    def frozen(self) -> Flier:
+        """The same without learning and exploration, in NumPy."""
         arrays = self._learnt if self._learnt and "algorithm" not in self.__dict__ else self.learnt()
         dense = Dense(arrays, self.acts, self.activation)
         return Flier(dense, lambda out: self.command(self.best(out)), self._settings.observation)

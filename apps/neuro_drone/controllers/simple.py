@@ -289,8 +289,8 @@ class LMS(Fixed):
         """Take up weights."""
         self._weights = np.array(state["weights"])
 
-    def frozen(self, backend: str = "event") -> LMS:
-        """The same without learning; `backend` makes no difference."""
+    def frozen(self) -> LMS:
+        """The same without learning."""
         other = LMS(*self._new, self._settings, learns=False)
         other.restore(self.learnt())
         return other
@@ -422,8 +422,8 @@ class RandomSearch:
             self._episode, self._flown = words["episode"], words["flown"]
             self._rng.bit_generator.state = words["rng"]
 
-    def frozen(self, backend: str = "event") -> LinearPolicy:
-        """The policy as it is now; `backend` makes no difference."""
+    def frozen(self) -> LinearPolicy:
+        """The policy as it is now."""
         return LinearPolicy(self._weights.copy(), self._find)
 
 

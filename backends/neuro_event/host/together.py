@@ -26,6 +26,7 @@ class EventEngines:
         first = self._engines[0]
         self._program, self._at = first._program, first._a
         self._reached: Ints = np.zeros(len(engines), dtype=np.int64)
+        self._at_now: Ints = np.zeros(len(engines), dtype=np.int64)
         self._plain = all(len(e._a.net["edges"][0]) == 2 and e._changing is None and not e._stops for e in engines)
         self._run = t.stage_entry("run").address()
         self._stop = first.share_stop(self._engines)
@@ -33,7 +34,8 @@ class EventEngines:
     @property
     def _views(self) -> Ints:
         """Where the arrays of each are now: an engine replaces some when they become too small."""
-        return np.array([engine._view for engine in self._engines], dtype=np.int64)
+        self._at_now[:] = [engine._view for engine in self._engines]
+        return self._at_now
 
     def run(self, steps: int, forget: bool) -> None:
         """Advance all; with `forget` spikes are not recorded."""
