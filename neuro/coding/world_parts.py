@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from neuro.coding.world import Act, Decoder, Encoder, Floats, Infos, Ints, Moment, Shown, Spikes, Taught, Teacher
+from neuro.coding.world import Act, Bools, Decoder, Encoder, Floats, Infos, Ints, Moment, Shown, Spikes, Taught, Teacher
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import quantity
 
@@ -249,7 +249,9 @@ def _numbers(name: str, space: Any, neurons: int, expected: int) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class winner(Decoder):
-    """The neuron with most spikes of each population, the first of equal ones, is the choice for a number."""
+    """The neurons with most spikes of each population, the first of equal ones, are the choice for a number."""
+
+    votes: int = quantity(1, "", "neurons side by side that stand for one choice together", kind="integer", at_least=1)
 
     def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
         """Make the decoder; along a number of a Box the neurons stand for actions between its bounds."""
@@ -262,14 +264,29 @@ class winner(Decoder):
         circuits, rest = divmod(len(sizes), max(1, numbers))
         if box and (rest or not circuits):
             raise ModelError(f"winner: {len(sizes)} populations for actions of {space}: expected {numbers}, or more")
-        actions = actions_of(space, sizes[0] if box else 2, circuits if box else 1)
-        if tuple(sizes) != actions.sizes:
-            expected = f"{len(actions.sizes)} of {', '.join(map(str, actions.sizes))}"
+        actions = actions_of(space, sizes[0] // self.votes if box else 2, circuits if box else 1)
+        expected = [self.votes * size for size in actions.sizes]
+        if list(sizes) != expected:
+            message = f"winner: populations of {list(sizes)} neurons for actions of {space}"
+            raise ModelError(f"{message}: expected {len(expected)} of {', '.join(map(str, expected))}")
+        return lambda counts: actions.of(np.array([self._winners(counts[name]) for name in self.of]).T)
+
+    def _winners(self, fired: Ints) -> Ints:
+        """Return the choice of a population in each copy, (copies,)."""
+        if self.votes > 1:
+            fired = fired.reshape(len(fired), -1, self.votes).sum(axis=2)
+        winners: Ints = fired.argmax(axis=1)
+        return winners
+
+    def chosen(self, counts: Mapping[str, Ints], population: str) -> Bools:
+        """Return which neurons of a population voted for the action."""
+        if population not in self.of:
             raise ModelError(
-                f"winner: populations of {list(sizes)} neurons for actions of {space}: expected {expected}"
+                f"others: population '{population}' chooses no action: expected one of {', '.join(self.of)}"
             )
-        names = self.of
-        return lambda counts: actions.of(np.array([counts[name].argmax(axis=1) for name in names]).T)
+        fired = counts[population]
+        chosen: Bools = np.arange(fired.shape[1]) // self.votes == self._winners(fired)[:, None]
+        return chosen
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -455,6 +472,7 @@ class td(Teacher):
         Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013.
     """
 
+    late: ClassVar[bool] = True
     critic: str = quantity(doc="the population whose spikes say the value", kind="name")
     discount: float = quantity(0.99, "", "of the value one step later", at_least=0, below=1)
     rest: float = quantity(0.0, "", "spikes of a neuron that stand for a value of 0")
