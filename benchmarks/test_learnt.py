@@ -10,20 +10,22 @@ import numpy as np
 
 import neuro
 import neuro_models
-from neuro_models import hedonists, linear_track, orders
+from neuro_models import hedonists, orders
 from neuro_models.delays import BETWEEN, drawn_onsets, gathering, spread
+from neuro_models.worlds import Track, values
 
 TRACK_SEEDS = range(100, 120)  # none of them served to choose a number
 RUNS, EPISODES, LAST = 100, 150, 50
 
 
 def test_the_value_on_a_track(figure):
-    expected = linear_track.expected()[1]
+    expected, net = Track.expected(), neuro.load(neuro_models.path("linear_track"))
     found, took = [], []
     for seed in TRACK_SEEDS:
-        runner = linear_track.Runner(neuro.compile(linear_track.network(), seed=seed))
+        loop = neuro.closed_loop(net, seed=seed, record=True)
         began = time.perf_counter()
-        value = np.mean([runner.run() for _ in range(RUNS)][-20:], axis=0)
+        loop.run(episodes=RUNS)
+        value = values(loop)[-20:].mean(axis=0)
         took.append(time.perf_counter() - began)
         rms = np.sqrt(np.mean((value - expected) ** 2) / np.mean(expected**2))
         found.append((rms, np.corrcoef(value, expected)[0, 1]))

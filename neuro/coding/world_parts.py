@@ -430,11 +430,15 @@ class _TD(Taught):
         from neuro.coding.values import RewardScale, TemporalDifference
 
         self._td, self._neurons, self._adapts = choice, neurons, choice.worth is not None
+        self._decay: Floats = np.exp(
+            -1.0 / np.asarray(() if choice.smooth is None else choice.smooth, dtype=np.float64)
+        )
         self.scale = RewardScale(choice.discount, choice.worth if self._adapts else 1.0)
         self._difference = TemporalDifference(self.scale, choice.discount, self._adapts)
 
     def begin(self, copies: int) -> None:
         self._difference.begin(copies)
+        self._parts, self._since = np.zeros((copies, 2)), np.zeros(copies, dtype=np.int64)
 
     def explored(self, rewards: Sequence[float], returns: Sequence[float]) -> None:
         if self._adapts:
@@ -442,8 +446,21 @@ class _TD(Taught):
 
     def values(self, moment: Moment) -> Floats:
         td, spikes = self._td, moment.counts[self._td.critic]
-        value = self.scale.first + (spikes.sum(axis=1) / self._neurons - td.rest) / td.gain
-        return self._difference.errors(value, moment)[:, None]
+        fired = spikes.sum(axis=1) / self._neurons
+        if self._decay.size:
+            fired = self._smoothed(fired, moment)
+        errors = self._difference.errors(self.scale.first + (fired - td.rest) / td.gain, moment)
+        if td.wait:
+            self._since = np.where(moment.first, 0, self._since + 1)
+            errors = errors * (self._since >= td.wait)
+        return errors[:, None]
+
+    def _smoothed(self, fired: Floats, moment: Moment) -> Floats:
+        """Return the spikes of a step by a kernel that rises and falls; each comes in the middle of its step."""
+        slow, quick = self._td.smooth
+        self._parts = self._parts * ~moment.first[:, None] * self._decay + fired[:, None] * np.sqrt(self._decay)
+        smoothed: Floats = (self._parts[:, 0] - self._parts[:, 1]) / (slow - quick)
+        return smoothed
 
     def share(self, moment: Moment) -> float:
         share = self._difference.share(moment)
@@ -480,6 +497,23 @@ class td(Teacher):
     worth: Any = quantity(
         None, "", "of a typical reward in each step, for ever; rewards as they are if not given", above=0
     )
+    smooth: Any = quantity(
+        None,
+        "",
+        "steps over which spikes count, fall and rise of the kernel; those of the step if not given",
+        kind="array",
+        arrays=True,
+        above=0,
+    )
+    wait: int = quantity(
+        0, "", "steps of an episode until the value has settled, without error", kind="integer", at_least=0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.smooth is not None and (len(self.smooth) != 2 or self.smooth[0] <= self.smooth[1]):
+            message = f"td.smooth = {list(self.smooth)}: expected [fall, rise], the fall longer"
+            raise ModelError(message, path=("smooth",))
 
     def made(self, critic_size: int = 0) -> Taught:
         """Make the teacher."""
