@@ -197,7 +197,7 @@ class Teacher(Choice):
     """Base of what sets a signal after a control step."""
 
     kind: ClassVar[str] = "teacher"
-    late: ClassVar[bool] = False
+    delayed: ClassVar[bool] = False
     """Whether the value tells of the action before the last one."""
     scale: float = quantity(1.0, "", "factor on the value")
     opposed: bool = quantity(False, "", "whether neurons of a pair hear opposite signs", kind="boolean")

@@ -489,7 +489,7 @@ class td(Teacher):
         Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013.
     """
 
-    late: ClassVar[bool] = True
+    delayed: ClassVar[bool] = True
     critic: str = quantity(doc="the population whose spikes say the value", kind="name")
     discount: float = quantity(0.99, "", "of the value one step later", at_least=0, below=1)
     rest: float = quantity(0.0, "", "spikes of a neuron that stand for a value of 0")

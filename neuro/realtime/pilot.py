@@ -182,9 +182,9 @@ class NetworkPilot:
         return dict(sorted(made.items(), key=lambda item: hasattr(item[1][0], "as_")))
 
     def _check_chooses(self, heard_by: Population, signal: str, teacher: Teacher) -> None:
-        nothing = {heard_by.name: np.zeros((1, heard_by.size), dtype=np.int64)}
+        silence = {heard_by.name: np.zeros((1, heard_by.size), dtype=np.int64)}
         try:
-            self._world.act.chosen(nothing, heard_by.name)
+            self._world.act.chosen(silence, heard_by.name)
         except ModelError as error:
             raise self._wrong(error, "reward", signal, teacher.name, "others") from None
 
@@ -251,8 +251,8 @@ class NetworkPilot:
             raw[name] = taught.values(moment) if other is None else raw[other]
             values = teacher.spread(raw[name], size, moment.time)
             if name in chosen:
-                late = (teacher if other is None else self._taught[other][0]).late
-                which = self._chosen.get(name, chosen[name]) if late else chosen[name]
+                delayed = (teacher if other is None else self._taught[other][0]).delayed
+                which = self._chosen.get(name, chosen[name]) if delayed else chosen[name]
                 values = values * np.where(which, 1.0, teacher.others)
             self.copies.signal(name, values)
         self._chosen = chosen
