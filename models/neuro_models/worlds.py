@@ -46,7 +46,7 @@ class Grid(gymnasium.Env[Any, Any]):
         return self.place, {}
 
     def step(self, action: Any) -> tuple[int, float, bool, bool, dict[str, Any]]:
-        """Go to the next place; return it, the reward, and whether it is the goal."""
+        """Go to the next place; return the place, the reward, and whether the goal is reached."""
         y, x = (at + on for at, on in zip(divmod(self.place, self.side), ACTIONS[int(action)], strict=True))
         if not (0 <= y < self.side and 0 <= x < self.side):
             return self.place, self.wall, False, False, {}
