@@ -9,20 +9,23 @@ import time
 import numpy as np
 
 import neuro
-from neuro_models import grid_world, hedonists, linear_track, orders
+import neuro_models
+from neuro_models import hedonists, orders
 from neuro_models.delays import BETWEEN, drawn_onsets, gathering, spread
+from neuro_models.worlds import Track, values
 
 TRACK_SEEDS = range(100, 120)  # none of them served to choose a number
 RUNS, EPISODES, LAST = 100, 150, 50
 
 
 def test_the_value_on_a_track(figure):
-    expected = linear_track.expected()[1]
+    expected, net = Track.expected(), neuro.load(neuro_models.path("linear_track"))
     found, took = [], []
     for seed in TRACK_SEEDS:
-        runner = linear_track.Runner(neuro.compile(linear_track.network(), seed=seed))
+        loop = neuro.closed_loop(net, seed=seed, record=True)
         began = time.perf_counter()
-        value = np.mean([runner.run() for _ in range(RUNS)][-20:], axis=0)
+        loop.run(episodes=RUNS)
+        value = values(loop)[-20:].mean(axis=0)
         took.append(time.perf_counter() - began)
         rms = np.sqrt(np.mean((value - expected) ** 2) / np.mean(expected**2))
         found.append((rms, np.corrcoef(value, expected)[0, 1]))
@@ -35,8 +38,8 @@ def test_the_value_on_a_track(figure):
 
 def late_moves(seed, critic):
     """The median of moves in the last episodes."""
-    agent = grid_world.Agent(neuro.compile(grid_world.network(), seed=seed), grid_world.World(), seed, critic=critic)
-    return float(np.median([agent.episode() for _ in range(EPISODES)][-LAST:]))
+    net = neuro.load(neuro_models.path("grid_world"), {} if critic else {"gain": 1e12})  # or any value counts as 0
+    return float(np.median(neuro.closed_loop(net, seed=seed).run(episodes=EPISODES).lengths[-LAST:]))
 
 
 def test_the_way_through_a_grid(figure):

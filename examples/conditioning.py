@@ -2,7 +2,7 @@
 
 Whenever one neuron fires within 20 ms after another, whose synapse onto it begins at 0, a reward follows 1 to 3 s
 later. The twin network has the same spikes to begin with and no reward. Source: Izhikevich, Cereb. Cortex 17:2443,
-2007, experiment 1. The network and its reward are `dopamine_conditioning.yaml` of `neuro_models`, with a tenth of the
+2007, experiment 1. The network and its reward are `conditioning.yaml` of `neuro_models`, with a tenth of the
 paper's neurons; `--neurons 1000 --seconds 3600` is the paper's. Writes conditioning.png.
 """
 
@@ -25,7 +25,7 @@ def network(neurons: int, dose: float) -> neuro.Network:
     targets = 100 if neurons == 1000 else neurons // 5
     sizes = {"excitatory": neurons * 4 // 5, "inhibitory": neurons // 5}
     fans = {"to_excitatory": targets * 4 // 5, "to_inhibitory": targets // 5, "from_inhibitory": targets}
-    return neuro.load(neuro_models.path("dopamine_conditioning"), {**sizes, **fans, "dose": dose})
+    return neuro.load(neuro_models.path("conditioning"), {**sizes, **fans, "dose": dose})
 
 
 def experiment(seed: int, neurons: int, seconds: float, dose: float) -> npt.NDArray[np.float64]:

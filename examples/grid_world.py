@@ -1,7 +1,8 @@
 """An actor and a critic of spiking neurons learn the way through a grid of places.
 
 The critic learns what each place is worth, and the actor to do again what turned out better than expected. Its twin
-expects nothing, so it learns by reward alone. The network is `neuro_models.grid_world`. Writes grid_world.png.
+expects nothing, so it learns by reward alone. Network and world are `grid_world.yaml` of `neuro_models`. Writes
+grid_world.png.
 """
 
 import argparse
@@ -12,14 +13,17 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 import neuro
-from neuro_models import grid_world
+import neuro_models
+
+NOTHING = 1e12  # spikes that would stand for a value of 1: whatever the critic says is 0
 
 
 def play(side: int, seed: int, episodes: int, critic: bool) -> tuple[list[int], npt.NDArray[np.float64]]:
-    """Moves of each episode, and the values of the places at the end."""
-    sim = neuro.compile(grid_world.network(side), seed=seed)
-    agent = grid_world.Agent(sim, grid_world.World(side), seed, critic=critic)
-    return [agent.episode() for _ in range(episodes)], agent.values
+    """Moves of each episode, and the mean weight onto the critic from each place at the end, pA."""
+    net = neuro.load(neuro_models.path("grid_world"), {"side": side} | ({} if critic else {"gain": NOTHING}))
+    loop = neuro.closed_loop(net, seed=seed)
+    moves = loop.run(episodes=episodes).lengths.tolist()
+    return moves, loop.sim.weights("value")[2].reshape(side, side, -1).mean(axis=2)
 
 
 def figure(moves: list[int], twin: list[int], values: npt.NDArray[np.float64]) -> Figure:
@@ -32,10 +36,10 @@ def figure(moves: list[int], twin: list[int], values: npt.NDArray[np.float64]) -
     left.set(xlabel="episode", ylabel="moves")
     left.legend(frameon=False)
     shown = right.imshow(values, cmap="viridis")
-    drawing.colorbar(shown, ax=right, label="value (Hz)")
+    drawing.colorbar(shown, ax=right, label="weight onto the critic (pA)")
     right.text(0, 0, "start", ha="center", va="center", color="white")
     right.text(last, last, "goal", ha="center", va="center")
-    right.set(title="value when the agent was there last", xticks=[], yticks=[])
+    right.set(title="worth of the places", xticks=[], yticks=[])
     return drawing
 
 

@@ -99,6 +99,13 @@ def test_a_few_of_each_kind(written):
     assert judge(cases, *written[1:], "few") == []
 
 
+def test_a_world_imports_nothing_and_has_one_error(written):
+    cases = [case for case in written[0] if case.name.startswith("world ")]
+    assert len(cases) == len(hostile.WORLDS)
+    for ran in hostile.run(cases, written[1] / "worlds", [written[1] / "cases"], 3000.0):
+        assert (ran.did, ran.status, ran.printed.count("error:")) == ("", 2, 1), (ran.case.name, ran.printed)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "kinds",

@@ -30,7 +30,7 @@ EXPRESSIONS = {
     "mean(count(motors), 50)": lambda spikes: filtered(spikes.sum((1, 2)), 1 - np.exp(-20 / 50), np.exp(-20 / 50)),
     "trace(count(motors), 50 ms)": lambda spikes: filtered(np.r_[0, spikes.sum((1, 2))], 1.0, np.exp(-20 / 50))[1:],
     "after(motors[0], motors[1])": lambda spikes: coincidences(spikes, 20),
-    "after(motors[0], motors[1], 3)": lambda spikes: coincidences(spikes, 3),
+    "after(motors[0], motors[1], within=3)": lambda spikes: coincidences(spikes, 3),
     "after(motors, motors, 4)": lambda spikes: coincidences(spikes.sum(2, keepdims=True), 4),
 }
 
@@ -190,7 +190,7 @@ def test_the_rewarded_pair_of_a_small_network_grows():
     ends = {}
     sizes = {"excitatory": 80, "inhibitory": 20, "to_excitatory": 16, "to_inhibitory": 4, "from_inhibitory": 20}
     for dose in (0.0, 0.5):
-        sim = neuro.compile(neuro.load(neuro_models.path("dopamine_conditioning"), {**sizes, "dose": dose}), seed=5)
+        sim = neuro.compile(neuro.load(neuro_models.path("conditioning"), {**sizes, "dose": dose}), seed=5)
         sim.run(300_000.0)
         ends[dose] = [sim.get(name, "weight").mean() for name in ("pair", "learning")]
     assert ends[0.5][0] > 2.0 * ends[0.5][1] > 0.5

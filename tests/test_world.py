@@ -1,7 +1,9 @@
 """A network in its world: the loop is that of an agent, goes on after a kill, and tells each mistake."""
 
 import inspect
+import shutil
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import gymnasium
@@ -15,6 +17,7 @@ from neuro.coding import OneHot, Population, Tiles, world_parts as parts
 from neuro_agent import ActorCritic
 from refused import refused
 
+EXAMPLES = Path(__file__).parents[1] / "examples"
 LINE = """
 neuro: 1
 name: line
@@ -246,6 +249,44 @@ def test_commands_know_the_world(line, tmp_path, answer):
     assert "expected --page" in answer("live", *own).err
     assert "decisions alike" in answer("compare", *own, "--backends", "event,reference", "--for", 5000).out
     assert "energy per step" in answer("energy", *own, "--chips", "loihi", "--for", 5000).out
+
+
+SWEEP = """
+network: follower.yaml
+for: 2000 ms
+parameters:
+  dopamine: [0.0, 0.001, 0.002, 0.004]
+  w_init: [300.0, 400.0]
+seeds: 1
+metrics: [return]
+"""
+
+
+def test_an_own_environment_is_trained_frozen_compared_priced_watched_and_swept(tmp_path, monkeypatch, answer):
+    """The example: an environment of 25 lines and a network of as many, with nothing registered."""
+    for name in ("follower.yaml", "follower.py"):
+        shutil.copy(EXAMPLES / name, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sweep.yaml").write_text(SWEEP)
+    text = (tmp_path / "follower.py").read_text()
+    assert len((tmp_path / "follower.yaml").read_text().splitlines()) <= 25
+    assert text[text.index("class Light") : text.index("def main")].strip().count("\n") < 25
+    own = ("--with", "follower.py")
+    assert (
+        answer("run", "follower.yaml", *own, "--steps", 1500, "--save-frozen", "frozen.yaml", "--out", "a.h5").status
+        == 0
+    )
+    assert answer("run", "frozen.yaml", *own, "--episodes", 2, "--out", "b.h5").status == 0
+    assert answer("run", "follower.yaml", *own, "--frozen", "--episodes", 2, "--out", "c.h5").status == 0
+    after, before = (neuro.results.read(tmp_path / f"{name}.h5").world["returns"].mean() for name in "bc")
+    assert after > before + 20.0
+    assert "decisions alike" in answer("compare", "frozen.yaml", *own, "--backends", "event,loihi", "--for", 2000).out
+    assert "energy per step" in answer("energy", "frozen.yaml", *own, "--chips", "loihi", "--for", 2000).out
+    assert answer("sweep", "run", "sweep.yaml", *own, "--out", "runs", "--workers", 1).status == 0
+    assert "8 runs: 8 done" in answer("sweep", "status", "runs").out
+    pytest.importorskip("websockets")
+    page = ("--page", "--no-browser", "--speed", "inf", "--for", 1000)
+    assert answer("live", "follower.yaml", *own, *page).out.startswith("page: http://127.0.0.1:")
 
 
 EVENTS = SimpleNamespace(t=np.array([0, 24_000, 24_000, 49_999]), x=np.array([0, 1, 1, 2]), y=np.array([0, 0, 0, 1]))

@@ -80,13 +80,14 @@ def doctor(
 
 def examined(file: Path, params: dict[str, object], seed: int, options: Options) -> Diagnosis:
     """The diagnosis of a file; all its mistakes are faults, and then nothing runs."""
-    from neuro import ModelError
+    from neuro import ModelError, load
     from neuro.apps import mistakes
-    from neuro_doctor.doctor import examine, refused
+    from neuro_doctor.doctor import examine, lived, refused
 
     if not file.exists():
         raise ModelError(f"{file}: no such file")
     found = mistakes(file, params, seed)
     if found.mistakes or found.program is None:
         return refused(file.stem, found.mistakes)
-    return examine(found.program, options)
+    diagnosis = examine(found.program, options)
+    return lived(diagnosis, load(file, params=params), options, seed)

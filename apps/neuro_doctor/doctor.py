@@ -77,7 +77,16 @@ def doctor(
         program = compile_network(net, seed)
     except ModelError as error:
         return refused(net.name, [error])
-    return examine(program, options)
+    return lived(examine(program, options), net, options, seed)
+
+
+def lived(found: Diagnosis, net: Network, options: Options, seed: int) -> Diagnosis:
+    """Return a diagnosis with what a short life of the network in its world shows, if it has one."""
+    if net.world_section is None:
+        return found
+    from neuro_doctor import world
+
+    return replace(found, findings=ordered([*found.findings, *world.findings(net, options.backend, seed)]))
 
 
 def options_of(**words: Any) -> Options:

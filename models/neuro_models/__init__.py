@@ -1,8 +1,8 @@
 """Published networks, one file each with its source.
 
 Some are YAML: `path("remus")` is a file for `neuro.load`, `names()` lists them. `motion`, `delays`, `orders`,
-`hedonists`, `linear_track`, `grid_world` and `areas` are modules that build one, since their delays, inputs or rewards
-follow from a formula or from what the network does.
+`hedonists` and `areas` are modules that build one, since their delays, inputs or rewards
+follow from a formula or from what the network does. `worlds` has the environments of those with a `world`.
 """
 
 from __future__ import annotations

@@ -27,6 +27,9 @@ KINDS = {
     "codes": "Codes",
     "sources": "Sources of signals",
     "groups": "Groups and trials",
+    "encoders": "Encoders of a world",
+    "decoders": "Decoders of a world",
+    "teachers": "Teachers of a world",
 }
 """The title of each section of the catalogue, by the word that lists it."""
 
@@ -42,20 +45,24 @@ def models(name: Name = "", long: Long = False) -> None:
     from neuro.core.tables import console, table
 
     sections = catalogue()
-    known = {word: choice for section in sections.values() for word, choice in section.items()}
+    known: dict[str, list[Any]] = {}
+    for section in sections.values():
+        for word, choice in section.items():
+            known.setdefault(word, []).append(choice)
     out = console()
     if name and name not in known.keys() | KINDS.keys():
         raise unknown("model", name, known.keys() | KINDS.keys())
-    if name in known:
-        describe(known[name], out)
+    if name in KINDS and not long:
+        rows = [(word, sentence(choice)) for word, choice in sections[KINDS[name]].items()]
+        out.print(table((KINDS[name], "is"), rows))
+    elif name in known:
+        for choice in known[name]:
+            describe(choice, out)
     elif long:
         for title in [KINDS[name]] if name else sections:
             out.rule(f"[bold]{title}")
             for choice in sections[title].values():
                 describe(choice, out)
-    elif name:
-        rows = [(word, sentence(choice)) for word, choice in sections[KINDS[name]].items()]
-        out.print(table((KINDS[name], "is"), rows))
     else:
         out.print(table(("kind", "names"), [(kind, ", ".join(sections[title])) for kind, title in KINDS.items()]))
         out.print(
@@ -66,6 +73,7 @@ def models(name: Name = "", long: Long = False) -> None:
 def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
     """Everything that can be named in a network, by section."""
     from neuro.coding.codes import CHOICES
+    from neuro.coding.world import DECODERS, ENCODERS, TEACHERS
     from neuro.model.distributions import DISTRIBUTIONS
     from neuro.model.neurons import MODELS, Generator
     from neuro.model.parts import GROUPS, dropout, labels, reward
@@ -86,6 +94,9 @@ def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
         "Codes": CHOICES,
         "Sources of signals": SOURCES,
         "Groups and trials": GROUPS | {part.__name__: part for part in (labels, reward, dropout)},
+        "Encoders of a world": ENCODERS,
+        "Decoders of a world": DECODERS,
+        "Teachers of a world": TEACHERS,
     }
 
 

@@ -158,6 +158,14 @@ class Decoder(Choice):
             ModelError: the populations do not fit the space.
         """
 
+    def chosen(self, counts: Mapping[str, Ints], population: str) -> Bools:
+        """Return which neurons of a population voted for the action that the counts give, (copies, neurons).
+
+        Raises:
+            ModelError: the neurons of the population do not choose between actions.
+        """
+        raise ModelError(f"others: {self.name} chooses no action: expected the decoder winner")
+
 
 class Taught:
     """A teacher in use."""
@@ -189,8 +197,11 @@ class Teacher(Choice):
     """Base of what sets a signal after a control step."""
 
     kind: ClassVar[str] = "teacher"
+    delayed: ClassVar[bool] = False
+    """Whether the value tells of the action before the last one."""
     scale: float = quantity(1.0, "", "factor on the value")
     opposed: bool = quantity(False, "", "whether neurons of a pair hear opposite signs", kind="boolean")
+    others: float = quantity(1.0, "", "share of the value for neurons that voted for another action than was taken")
     settle: Any = quantity(None, "ms", "time of the network after which the value is halved, then 1/3, ...", above=0)
 
     @abstractmethod

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from neuro.coding.world import Act, Decoder, Encoder, Floats, Infos, Ints, Moment, Shown, Spikes, Taught, Teacher
+from neuro.coding.world import Act, Bools, Decoder, Encoder, Floats, Infos, Ints, Moment, Shown, Spikes, Taught, Teacher
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import quantity
 
@@ -250,7 +250,9 @@ def _numbers(name: str, space: Any, neurons: int, expected: int) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class winner(Decoder):
-    """The neuron with most spikes of each population, the first of equal ones, is the choice for a number."""
+    """The neurons with most spikes of each population, the first of equal ones, are the choice for a number."""
+
+    votes: int = quantity(1, "", "neurons side by side that stand for one choice together", kind="integer", at_least=1)
 
     def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
         """Make the decoder; along a number of a Box the neurons stand for actions between its bounds."""
@@ -263,14 +265,29 @@ class winner(Decoder):
         circuits, rest = divmod(len(sizes), max(1, numbers))
         if box and (rest or not circuits):
             raise ModelError(f"winner: {len(sizes)} populations for actions of {space}: expected {numbers}, or more")
-        actions = actions_of(space, sizes[0] if box else 2, circuits if box else 1)
-        if tuple(sizes) != actions.sizes:
-            expected = f"{len(actions.sizes)} of {', '.join(map(str, actions.sizes))}"
+        actions = actions_of(space, sizes[0] // self.votes if box else 2, circuits if box else 1)
+        expected = [self.votes * size for size in actions.sizes]
+        if list(sizes) != expected:
+            message = f"winner: populations of {list(sizes)} neurons for actions of {space}"
+            raise ModelError(f"{message}: expected {len(expected)} of {', '.join(map(str, expected))}")
+        return lambda counts: actions.of(np.array([self._winners(counts[name]) for name in self.of]).T)
+
+    def _winners(self, fired: Ints) -> Ints:
+        """Return the choice of a population in each copy, (copies,)."""
+        if self.votes > 1:
+            fired = fired.reshape(len(fired), -1, self.votes).sum(axis=2)
+        winners: Ints = fired.argmax(axis=1)
+        return winners
+
+    def chosen(self, counts: Mapping[str, Ints], population: str) -> Bools:
+        """Return which neurons of a population voted for the action."""
+        if population not in self.of:
             raise ModelError(
-                f"winner: populations of {list(sizes)} neurons for actions of {space}: expected {expected}"
+                f"others: population '{population}' chooses no action: expected one of {', '.join(self.of)}"
             )
-        names = self.of
-        return lambda counts: actions.of(np.array([counts[name].argmax(axis=1) for name in names]).T)
+        fired = counts[population]
+        chosen: Bools = np.arange(fired.shape[1]) // self.votes == self._winners(fired)[:, None]
+        return chosen
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -419,11 +436,15 @@ class _TD(Taught):
         from neuro.coding.values import RewardScale, TemporalDifference
 
         self._td, self._neurons, self._adapts = choice, neurons, choice.worth is not None
+        self._decay: Floats = np.exp(
+            -1.0 / np.asarray(() if choice.smooth is None else choice.smooth, dtype=np.float64)
+        )
         self.scale = RewardScale(choice.discount, choice.worth if self._adapts else 1.0)
         self._difference = TemporalDifference(self.scale, choice.discount, self._adapts)
 
     def begin(self, copies: int) -> None:
         self._difference.begin(copies)
+        self._parts, self._since = np.zeros((copies, 2)), np.zeros(copies, dtype=np.int64)
 
     def explored(self, rewards: Sequence[float], returns: Sequence[float]) -> None:
         if self._adapts:
@@ -431,8 +452,21 @@ class _TD(Taught):
 
     def values(self, moment: Moment) -> Floats:
         td, spikes = self._td, moment.counts[self._td.critic]
-        value = self.scale.first + (spikes.sum(axis=1) / self._neurons - td.rest) / td.gain
-        return self._difference.errors(value, moment)[:, None]
+        fired = spikes.sum(axis=1) / self._neurons
+        if self._decay.size:
+            fired = self._smoothed(fired, moment)
+        errors = self._difference.errors(self.scale.first + (fired - td.rest) / td.gain, moment)
+        if td.wait:
+            self._since = np.where(moment.first, 0, self._since + 1)
+            errors = errors * (self._since >= td.wait)
+        return errors[:, None]
+
+    def _smoothed(self, fired: Floats, moment: Moment) -> Floats:
+        """Return the spikes of a step by a kernel that rises and falls; each comes in the middle of its step."""
+        slow, quick = self._td.smooth
+        self._parts = self._parts * ~moment.first[:, None] * self._decay + fired[:, None] * np.sqrt(self._decay)
+        smoothed: Floats = (self._parts[:, 0] - self._parts[:, 1]) / (slow - quick)
+        return smoothed
 
     def share(self, moment: Moment) -> float:
         share = self._difference.share(moment)
@@ -461,6 +495,7 @@ class td(Teacher):
         Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013.
     """
 
+    delayed: ClassVar[bool] = True
     critic: str = quantity(doc="the population whose spikes say the value", kind="name")
     discount: float = quantity(0.99, "", "of the value one step later", at_least=0, below=1)
     rest: float = quantity(0.0, "", "spikes of a neuron that stand for a value of 0")
@@ -468,6 +503,23 @@ class td(Teacher):
     worth: Any = quantity(
         None, "", "of a typical reward in each step, for ever; rewards as they are if not given", above=0
     )
+    smooth: Any = quantity(
+        None,
+        "",
+        "steps over which spikes count, fall and rise of the kernel; those of the step if not given",
+        kind="array",
+        arrays=True,
+        above=0,
+    )
+    wait: int = quantity(
+        0, "", "steps of an episode until the value has settled, without error", kind="integer", at_least=0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.smooth is not None and (len(self.smooth) != 2 or self.smooth[0] <= self.smooth[1]):
+            message = f"td.smooth = {list(self.smooth)}: expected [fall, rise], the fall longer"
+            raise ModelError(message, path=("smooth",))
 
     def made(self, critic_size: int = 0) -> Taught:
         """Make the teacher."""

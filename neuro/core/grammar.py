@@ -80,7 +80,9 @@ _TOKEN = re.compile(
     re.ASCII,
 )
 _TOKEN_OR_VIEW = re.compile(
-    _TOKEN.pattern.replace("[A-Za-z][A-Za-z0-9_]*", r'(?:[A-Za-z][A-Za-z0-9_]*|"[^"]*")(?:\[(?:[^][]|\[[^][]*\])*\])?'),
+    _TOKEN.pattern.replace("(),]", "(),=]").replace(
+        "[A-Za-z][A-Za-z0-9_]*", r'(?:[A-Za-z][A-Za-z0-9_]*|"[^"]*")(?:\[(?:[^][]|\[[^][]*\])*\])?'
+    ),
     re.ASCII,
 )
 
@@ -129,10 +131,17 @@ def mistake(text: str, at: int, message: str, hint: str = "") -> Misread:
 
 @dataclass(frozen=True, slots=True)
 class Hints:
-    """Hints that depend on what the expression is for: by a sign that is none, and for what is too long."""
+    """What depends on what the expression is for.
+
+    Attributes:
+        signs: hints by a sign that is none.
+        shorter: the hint for what is too long.
+        names: by function the name that its last value may have, as in `after(a, b, within=20)`, and its place.
+    """
 
     signs: Mapping[str, str] = field(default_factory=dict)
     shorter: str = ""
+    names: Mapping[str, tuple[str, int]] = field(default_factory=dict)
 
 
 def parse(text: object, hints: Hints = Hints(), views: bool = False) -> Expression:
@@ -253,8 +262,11 @@ class _Parser:
     def call(self, name: _Token, depth: int) -> Call:
         self.take()
         arguments = [self.expression(0, depth + 1)]
+        word, place = self.hints.names.get(name.text, ("", 0))
         while self.token.text == ",":
             self.take()
+            if len(arguments) == place and self.token.text == word and self.tokens[self.next + 1].text == "=":
+                self.next += 2
             arguments.append(self.expression(0, depth + 1))
         self.expect(")")
         return Call(name.text, tuple(arguments), name.at)

@@ -16,13 +16,14 @@ from neuro.model.signals import Source
 _CHOICE = "write where(a > b, value, other)"
 _HINTS = Hints(
     {
-        "=": "a comparison is < <= > or >=; a function takes values without names: after(a, b, 20)",
+        "=": "a comparison is < <= > or >=; of all values only that of after has a name: after(a, b, within=20)",
         "?": _CHOICE,
         "if": _CHOICE,
         "and": "write min(a > b, c > d)",
         "or": "write max(a > b, c > d)",
     },
     "let a population relay what is meant",
+    {"after": ("within", 2)},
 )
 
 
@@ -56,8 +57,8 @@ class computed(Source):
 
     Numbers, + - * / ^, comparisons and the functions of equations, as `where(a > b, 1, -1)`. `p` is a population or
     some of its neurons, as `motors[0]`: `count(p)` are its spikes since the last time, `rate(p)` the same in Hz of a
-    neuron, `after(p, q, 20)` the spikes of q within so many ms after one of p (20 if not given). `mean(x)` is the mean
-    of all x so far, `mean(x, tau)` one that forgets with tau ms, `trace(x, tau)` a sum that decays with tau.
+    neuron, `after(p, q, within=20)` the spikes of q within so many ms after one of p (20 if not given). `mean(x)` is
+    the mean of all x so far, `mean(x, tau)` one that forgets with tau ms, `trace(x, tau)` a sum that decays with tau.
     With `tau` each value other than 0 is a dose: the signal is set to the sum of all doses, which decays with tau.
     """
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from neuro.coding.world import Act, Infos, Moment, Shown, Taught, Teacher
 from neuro.core.errors import ModelError, unknown
 from neuro.model.network import Network
-from neuro.program.program import Program
+from neuro.program.program import Population, Program
 from neuro.realtime.environments import Environments
 from neuro.realtime.episodes import Floats
 from neuro.run.compiled import compile as compiled
@@ -162,6 +162,7 @@ class NetworkPilot:
 
     def _teachers(self, program: Program) -> dict[str, tuple[Teacher, Taught, int]]:
         made = {}
+        self._choosers: dict[str, str] = {}  # of signals that not all neurons hear alike: who hears them
         signals = {signal.name: signal for signal in program.signals}
         for name, teacher in (self._world.reward or {}).items():
             if name not in signals:
@@ -172,10 +173,20 @@ class NetworkPilot:
             if other is not None and (other not in self._world.reward or hasattr(self._world.reward[other], "as_")):
                 names = [one for one in self._world.reward if not hasattr(self._world.reward[one], "as_")]
                 raise self._wrong(unknown("signal with a value of its own", other, names), "reward", name)
-            size = program.populations[signals[name].target].size
-            made[name] = teacher, teacher.made(neurons), size
+            heard_by = program.populations[signals[name].target]
+            if teacher.others != 1.0:
+                self._check_chooses(heard_by, name, teacher)
+                self._choosers[name] = heard_by.name
+            made[name] = teacher, teacher.made(neurons), heard_by.size
         # A teacher that takes the value of another comes after that one.
         return dict(sorted(made.items(), key=lambda item: hasattr(item[1][0], "as_")))
+
+    def _check_chooses(self, heard_by: Population, signal: str, teacher: Teacher) -> None:
+        silence = {heard_by.name: np.zeros((1, heard_by.size), dtype=np.int64)}
+        try:
+            self._world.act.chosen(silence, heard_by.name)
+        except ModelError as error:
+            raise self._wrong(error, "reward", signal, teacher.name, "others") from None
 
     # a block
 
@@ -195,6 +206,7 @@ class NetworkPilot:
             name: self.copies.port(name, "rate") for name, (gives, _) in self._encoding.items() if gives == "rates"
         }
         self._rng = np.random.default_rng([block_seed(self._seed, block), 2])
+        self._chosen: dict[str, npt.NDArray[np.bool_]] = {}
         for _, taught, _ in self._taught.values():
             taught.begin(copies)
         self._before = {name: self.copies[0].weights(name)[2].ravel() for name in self._moves} if copies > 1 else {}
@@ -234,10 +246,17 @@ class NetworkPilot:
         if not self._taught:
             return
         raw: dict[str, Floats] = {}
+        chosen = {name: self._world.act.chosen(self.counts, heard) for name, heard in self._choosers.items()}
         for name, (teacher, taught, size) in self._taught.items():
             other = getattr(teacher, "as_", None)
             raw[name] = taught.values(moment) if other is None else raw[other]
-            self.copies.signal(name, teacher.spread(raw[name], size, moment.time))
+            values = teacher.spread(raw[name], size, moment.time)
+            if name in chosen:
+                delayed = (teacher if other is None else self._taught[other][0]).delayed
+                which = self._chosen.get(name, chosen[name]) if delayed else chosen[name]
+                values = values * np.where(which, 1.0, teacher.others)
+            self.copies.signal(name, values)
+        self._chosen = chosen
         if np.count_nonzero(moment.last):
             for name in self._moves:
                 self.copies.clear(name, moment.last)

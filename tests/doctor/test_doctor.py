@@ -14,7 +14,7 @@ import neuro
 from neuro.compiler import compile_network
 from neuro.model.network import Network
 from neuro_doctor.wiring import Cell
-from neuro_models import areas, delays, grid_world, hedonists, linear_track, motion, orders
+from neuro_models import areas, delays, hedonists, motion, orders
 from strategies import networks
 
 
@@ -97,9 +97,7 @@ def test_no_false_alarm_on_files_that_ship(file, tmp_path):
 BUILT = {
     "areas": lambda: areas.network(areas=2, density=1.0),
     "delays": lambda: delays.gathering(delays.drawn_onsets(0, 4), 3),
-    "grid_world": grid_world.network,
     "hedonists": hedonists.network,
-    "linear_track": linear_track.network,
     "motion": motion.network,
     "orders": orders.network,
 }

@@ -42,6 +42,22 @@ projections:
 probes:
   v: {of: exc, record: V_m, every: 5.0}
 """
+WORLD = """\
+world:
+  environment: ENVIRONMENT
+  step: 10.0
+  observe: {noise: ENCODER}
+  act: {winner: {of: exc}}
+"""
+WORLDS = {
+    "of a module": ("{id: 'os:system'}", "rates"),
+    "of a file": ("{python: evil.py}", "rates"),
+    "of a module here": ("{id: evil}", "rates"),
+    "of a path": ("{id: ./evil.py}", "rates"),
+    "of a class here": ("{id: Evil}", "rates"),
+    "with an encoder": ("{id: CartPole-v1}", "evil.Encoder"),
+}
+"""Environments and encoders of worlds that only `--with` could name."""
 STREAMED = """\
 neuro: 1
 name: streamed
@@ -504,6 +520,9 @@ def _descriptions(w: Writer) -> None:
     described("yaml include", f"neuro: 1\ninclude: [{w.outside}/victim.html]\n")
     described("yaml arithmetic", NET.replace("300.0", "\"$(__import__('os').system('ls'))\""))
     described("yaml name", NET.replace("iaf_psc_exp", "evil:Neuron"))
+    for name, (environment, encoder) in WORLDS.items():
+        world = WORLD.replace("ENVIRONMENT", environment).replace("ENCODER", encoder)
+        described(f"world {name}", NET + world, "run net.yaml --steps 1 --backend reference")
     pickles = described("yaml pickle", NET.replace("300.0", "{file: w.npy}"))
     np.save(pickles / "w.npy", np.array([_Runs(w.code)], dtype=object), allow_pickle=True)
     here = w.folder("events pickle")

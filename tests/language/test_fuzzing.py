@@ -76,7 +76,7 @@ def test_any_bytes(path, data):
 
 ROOT = Path(__file__).parents[2]
 FILES = (
-    *("neuro/cli/templates/closed-loop/network.yaml", "models/neuro_models/dopamine_conditioning.yaml"),
+    *("neuro/cli/templates/closed-loop/network.yaml", "models/neuro_models/conditioning.yaml"),
     *("models/neuro_models/mozafari.yaml", "tests/equations/models.yaml"),
 )
 RICH = {path: yaml.safe_load((ROOT / path).read_text()) for path in FILES}

@@ -1,0 +1,68 @@
+"""Findings of a short life in a world: rewards that never change, come too late, or drive all weights one way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+import neuro
+from neuro import ModelError, Network
+from neuro.apps import some
+from neuro.extend import Program
+from neuro_doctor.findings import Finding, fault, figure, warning
+from neuro_doctor.learning import ONE_WAY
+from neuro_doctor.parts import LEFT
+
+STEPS = 300
+"""Control steps of a life."""
+
+
+def findings(net: Network, backend: str, seed: int) -> Iterator[Finding]:
+    """Let a network live and learn for a short time, and judge the rewards.
+
+    Args:
+        net: a network whose description has a world with rewards.
+        backend: that runs it.
+        seed: of everything random.
+    """
+    world = net.world_section
+    if world is None or not world.reward:
+        return
+    try:
+        loop = neuro.closed_loop(net, backend=backend, seed=seed, block=2 * STEPS, record=True)
+        first, infos = dict(loop.pilot.weights), list[dict[str, object]]()  # type: ignore[attr-defined]  # of a network
+        loop.watch = lambda: infos.append(dict(loop.environments.infos[0]))
+        loop.run(steps=STEPS + world.explore)
+    except ModelError as error:
+        message = f"the network did not live in it: {error.message}"
+        yield Finding("world-not-run", "note", "the world", net.world_origin, message, error.hint or "mend this first")
+        return
+    program: Program = loop.sim.program
+    for name, teacher in world.reward.items():
+        if teacher.name not in ("reward", "info"):
+            continue
+        values = np.array([info[teacher.key] for info in infos]) if teacher.name == "info" else np.array(loop.rewards)
+        signal = next(part for part in program.signals if part.name == name)
+        if np.ptp(values) == 0.0:
+            evidence = f"the reward was {np.ravel(values)[0]:g} in each of {len(values):,} control steps"
+            yield warning("reward-constant", signal, evidence, "reward what shall change, or explore more: explore")
+            continue
+        times = np.flatnonzero(np.any(values.reshape(len(values), -1) != 0.0, axis=1))
+        delay = world.step * float(np.median(np.diff(times))) if len(times) > 1 else world.step
+        for part in program.projections:
+            tau = part.synapse.parameters().get("tau_c")
+            if part.signal < 0 or program.signals[part.signal] is not signal or tau is None:
+                continue
+            remains = float(np.exp(-delay / np.max(tau)))
+            if remains < LEFT:
+                evidence = f"a reward comes {delay:g} ms after an action, when {remains:.1g} of its eligibility is left"
+                yield fault("eligibility-dies", part, evidence, f"raise tau_c to about {figure(delay)} ms")
+            moved = loop.sim.get(part.name, "weight") - first[part.name]
+            moved = moved[moved != 0.0]
+            if moved.size >= 20 and max((moved > 0.0).mean(), (moved < 0.0).mean()) >= ONE_WAY:
+                way, other = ("fell", "A_minus") if moved.mean() < 0.0 else ("grew", "A_plus")
+                ends = f"{np.min(values):g} to {np.max(values):g}"
+                evidence = f"all of {some(moved.size, 'weight')} that changed {way}, though rewards were {ends}"
+                remedy = f"lower {other}, or subtract the expected reward: less"
+                yield warning("one-way", part, evidence, remedy)
