@@ -54,7 +54,7 @@ def train(
     --set changes a setting: --set fields=8 --set decay=0.8.
     """
     from neuro_agent import ActorCritic, environments
-    from neuro_agent.training import BLOCK, checkpoint
+    from neuro_agent.training import BLOCK
 
     settings = assignments(set)
     bar = environments.bar_of(environment) if until is None else until
@@ -67,7 +67,7 @@ def train(
     try:
         log = agent.train(env, bar, steps=steps, episodes=episodes, progress=True, out=out)
     except KeyboardInterrupt:
-        if checkpoint(agent, out, env).path.exists():
+        if out.with_name(f"{out.name}.training").exists():
             message = "Interrupted. Run the same command again to resume from the last checkpoint."
         else:
             message = f"Interrupted before the first checkpoint ({BLOCK * envs:,} steps). Nothing was kept."

@@ -17,16 +17,15 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import Environments, episode_seed, html, player, sealed, why
-from neuro_agent import files
+from neuro.apps import Environments, Moment, NetworkPilot, check, episode_seed, html, player, sealed, why
 from neuro_agent.deployed import Frozen
-from neuro_agent.network import circuit
+from neuro_agent.network import CRITIC, GAIN, REST, SEED, circuit
 from neuro_agent.training import TESTS, fitting
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-    from neuro_agent.learner import Learner
+    from neuro_agent.agent import ActorCritic
 
 
 PAGE = sealed(
@@ -97,7 +96,7 @@ class Episode:
         return f"{self.moves} steps, return {sum(self.rewards):g}, {self.end}; {pictures}"
 
 
-def watch(agent: Learner, env: Any, path: str | PathLike[str], seed: int = 0, *, learning: bool = False) -> Episode:
+def watch(agent: ActorCritic, env: Any, path: str | PathLike[str], seed: int = 0, *, learning: bool = False) -> Episode:
     """Play an episode and write it as a page; the agent stays as it is.
 
     Args:
@@ -121,54 +120,67 @@ def watch(agent: Learner, env: Any, path: str | PathLike[str], seed: int = 0, *,
     return player.write(Path(path), PAGE, "an episode is written as", make)
 
 
-def played(agent: Learner, env: Any, seed: int = 0, learning: bool = False) -> Episode:
+def played(agent: ActorCritic, env: Any, seed: int = 0, learning: bool = False) -> Episode:
     """An episode: of the agent as a test has it, with values of a copy that learns nothing; or of one that learns."""
     worlds = fitting(agent, env, 60.0)
     if worlds.n != 1:
         raise ModelError(f"watch: a vector of {worlds.n} environments: expected one", hint="gymnasium.make")
-    twin = type(agent)(agent.observations, agent.actions.space, seed=seed, **agent.settings.plain())
-    files.put_arrays(twin, files.arrays_of(agent))
-    twin.begin(1)
-    if twin._copies is None:
+    pilot = agent.pilot(worlds, check(SEED, seed, "seed"))
+    if not isinstance(pilot, NetworkPilot):
         raise ModelError(f"watch: {type(agent).__name__} has no spikes to show: expected an ActorCritic")
+    pilot.put(agent.arrays())
+    pilot.begin(1, 0)
     episode = Episode(learning, worlds.name)
     camera = _Camera(env)
     with worlds.watched():
-        _play(twin, None if learning else Frozen(agent, seed, "event"), worlds, episode, camera, seed)
+        _play(agent, pilot, None if learning else Frozen(agent, seed, "event"), worlds, episode, camera, seed)
     episode.frames, episode.blank = camera.frames(), camera.blank
     return episode
 
 
 def _play(
-    twin: Learner, frozen: Frozen | None, worlds: Environments, episode: Episode, camera: _Camera, seed: int
+    agent: ActorCritic,
+    pilot: NetworkPilot,
+    frozen: Frozen | None,
+    worlds: Environments,
+    episode: Episode,
+    camera: _Camera,
+    seed: int,
 ) -> None:
-    assert twin._copies is not None
-    unit, sim = 1.0 / twin.rewards.factor, twin._copies[0] if frozen is None else frozen.sim
+    sim = pilot.copies[0] if frozen is None else frozen.sim
+    error: Any = pilot.taught["error"]
+    scale, circuits = error.scale, [circuit(k) for k in range(len(agent.actions.sizes))]
     seen = worlds.reset([episode_seed(seed, TESTS)])
     reward, before, ended, cut = 0.0, 0.0, False, False
+    first = np.ones(1, dtype=np.bool_)
     for k in range(STEPS + 1):
         camera.take(k)
-        found = twin.decide(seen)
-        winners = (found.winners if frozen is None else frozen.decide(seen))[0]
-        value = float(found.values[0])
-        error = 0.0 if k == 0 else reward / unit + (0.0 if ended else twin.settings.discount * value) - before
-        twin.teach(np.array([error if episode.learning else 0.0]))
+        pilot.act(seen, worlds.infos)
+        counts, unit = pilot.counts, 1.0 / scale.factor
+        chosen = np.array([counts[name][0].argmax() for name in circuits])
+        winners = chosen if frozen is None else frozen.decide(seen)[0]
+        value = unit * (scale.first + (counts[CRITIC].sum() / counts[CRITIC].size - REST) / GAIN)
         episode.observations.append(seen[0])
-        episode.places.append(twin.places.cells(seen[0]))
-        episode.critic.append(found.spikes[0])
+        episode.places.append(agent.places.cells(seen[0]))
+        episode.critic.append(counts[CRITIC][0])
         episode.winners.append(winners)
-        each = range(len(twin.actions.sizes))
-        episode.chances.append(np.concatenate([sim.get(circuit(i), "p") for i in each]))
-        episode.values.append(value * unit)
-        episode.errors.append(error * unit if k else math.nan)
+        episode.chances.append(np.concatenate([sim.get(name, "p") for name in circuits]))
+        episode.values.append(value)
+        after = 0.0 if ended else agent.settings.discount * value
+        episode.errors.append(reward + after - before if k else math.nan)
         episode.rewards.append(reward)
         if episode.learning or k == 0:
-            weights = twin.weights
-            _keep(episode.weights, k, np.concatenate([weights[name] for name in twin.projections[1:]], axis=1), MOMENTS)
+            policies = [pilot.weights[name].reshape(agent.places.size, -1) for name in agent.projections[1:]]
+            _keep(episode.weights, k, np.concatenate(policies, axis=1), MOMENTS)
         if worlds.over[0]:
             break
-        seen, rewards, ends, cuts = worlds.step(twin.actions.of(winners[None]), [0])
+        last = worlds.over
+        seen, rewards, ends, cuts = worlds.step(agent.actions.of(winners[None]), [0])
         reward, before, ended, cut = float(rewards[0]), value, bool(ends[0]), bool(cuts[0])
+        if episode.learning:
+            moment = Moment(counts, first, last, rewards, ends, worlds.infos, seen, 0.0, k + 1, ())
+            pilot.teach(moment)
+        first = last
     episode.end = "terminated" if ended else "cut off by the environment" if cut else f"cut off after {STEPS} steps"
 
 
@@ -245,7 +257,7 @@ def _written(image: Image, kind: str, **options: Any) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(into.getvalue()).decode('ascii')}"
 
 
-def page(agent: Learner, episode: Episode, seed: int = 0) -> str:
+def page(agent: ActorCritic, episode: Episode, seed: int = 0) -> str:
     """The page as text."""
     steps = int(agent.log.steps[-1]) if len(agent.log) else 0
     sizes = " + ".join(map(str, agent.actions.sizes))
@@ -299,7 +311,7 @@ def page(agent: Learner, episode: Episode, seed: int = 0) -> str:
     return player.page("neuro agent watch", episode.name, about, timeline, _top(agent, episode), below, columns=columns)
 
 
-def _top(agent: Learner, episode: Episode) -> list[player.Panel | list[player.Panel]]:
+def _top(agent: ActorCritic, episode: Episode) -> list[player.Panel | list[player.Panel]]:
     """The environment, or the observation where there are no frames; the policy."""
     lit = np.concatenate([np.eye(size, dtype=bool)[[one[k] for one in episode.winners]]
                           for k, size in enumerate(agent.actions.sizes)], axis=1)  # fmt: skip
@@ -322,12 +334,12 @@ def _top(agent: Learner, episode: Episode) -> list[player.Panel | list[player.Pa
     return [shown, [policy, player.Panel("Observation", [_observation(agent, episode, "state")], _bounds(agent, 12))]]
 
 
-def _bounds(agent: Learner, most: int) -> str:
+def _bounds(agent: ActorCritic, most: int) -> str:
     many = len(agent.places.dimensions)
     return "within its bounds" if many <= most else f"within its bounds, the first {most} of {many} numbers"
 
 
-def _observation(agent: Learner, episode: Episode, name: str) -> player.Track:
+def _observation(agent: ActorCritic, episode: Episode, name: str) -> player.Track:
     most, row = (24, 24) if name == "large" else (12, 19)
     dimensions, seen = agent.places.dimensions[:most], np.array(episode.observations)[:, :most]
     low = np.array([one.first if one.states else one.low for one in dimensions], dtype=np.float64)
@@ -340,14 +352,14 @@ def _observation(agent: Learner, episode: Episode, name: str) -> player.Track:
     return player.Track("bars", name, "the observation", data)
 
 
-def _actors(agent: Learner) -> tuple[list[str], list[str]]:
+def _actors(agent: ActorCritic) -> tuple[list[str], list[str]]:
     """Names and colours of the actors of all circuits."""
     labels = _labels(agent)
     names = [f"{k}: {each}" if len(labels) > 1 else each for k, one in enumerate(labels) for each in one]
     return names, [COLOURS[k % len(COLOURS)] for one in labels for k in range(len(one))]
 
 
-def _raster(agent: Learner, episode: Episode) -> player.Track:
+def _raster(agent: ActorCritic, episode: Episode) -> player.Track:
     """Active places, spikes of critics and actors, by control step."""
     names, colours = _actors(agent)
     critic, steps = np.minimum(episode.critic, 255), np.arange(episode.moves)
@@ -368,7 +380,7 @@ def _raster(agent: Learner, episode: Episode) -> player.Track:
     return player.Track("raster", "raster", "spikes by control step", data)
 
 
-def _weights(agent: Learner, episode: Episode) -> player.Panel:
+def _weights(agent: ActorCritic, episode: Episode) -> player.Panel:
     """The weights of the policy as pictures by moment, with marks at the active places."""
     names, colours = _actors(agent)
     weights = np.stack([_columns(each) for each in episode.weights.values()])
@@ -391,7 +403,7 @@ def _weights(agent: Learner, episode: Episode) -> player.Panel:
     )
 
 
-def _labels(agent: Learner) -> list[list[str]]:
+def _labels(agent: ActorCritic) -> list[list[str]]:
     """What the neurons of each circuit stand for."""
     actions = agent.actions
     if actions.values:

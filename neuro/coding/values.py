@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from neuro.coding.world import Moment
 
 Floats: TypeAlias = npt.NDArray[np.float64]
+Ints: TypeAlias = npt.NDArray[np.int64]
 
 MOST = 1.25
 """The largest magnitude of a value: at -1.6 the neurons of the critic fall silent, at 3.8 they spike in each ms."""
@@ -131,3 +132,58 @@ class TemporalDifference:
     def take(self, moment: Moment) -> None:
         """Keep the reward of the control step in the scale of now, for the next errors."""
         self.reward = moment.rewards * self._scale.factor
+
+
+class Novelty:
+    """A reward for what has seldom been seen: the mean of scale / sqrt(n), n how often each active place has been.
+
+    Dopamine neurons respond to what is new, less with each time (Kakade & Dayan, Neural Networks 15:549, 2002). The
+    form is that of Strehl & Littman, J. Comput. Syst. Sci. 74:1309, 2008.
+
+    Args:
+        scale: the reward of a state that has not been seen.
+
+    Attributes:
+        counts: how often each place has been active, (places,).
+    """
+
+    def __init__(self, scale: float) -> None:
+        self._scale = scale
+        self.counts: Ints = np.zeros(0, dtype=np.int64)
+
+    def join(self, cells: Callable[[Floats], Ints], size: int) -> None:
+        """Count from now on the active places of an observation, `cells` of it, of `size` places."""
+        self._cells, self.counts = cells, np.zeros(size, dtype=np.int64)
+
+    def of(self, observations: Floats) -> Floats:
+        """The reward of each observation, (copies, dimensions), each of which has been seen once more then."""
+        rewards = np.zeros(len(observations))
+        for k, vector in enumerate(observations):
+            cells = self._cells(vector)
+            self.counts[cells] += 1
+            rewards[k] = self._scale * float((1.0 / np.sqrt(self.counts[cells])).sum()) / cells.size
+        return rewards
+
+
+class ErrorScale:
+    """Errors as they are, or brought to a size, so that one rate of learning fits any task.
+
+    Args:
+        size: root mean square of the errors on average; None: as they are.
+    """
+
+    def __init__(self, size: float | None) -> None:
+        self._size = size
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a block of training, in which the size is measured anew."""
+        self._count, self._square = 0, 0.0
+
+    def of(self, errors: Floats) -> Floats:
+        """The errors of a control step, of all copies, scaled."""
+        if self._size is None:
+            return errors
+        self._count = min(self._count + 1, SOME)
+        self._square += (float(np.mean(errors**2)) - self._square) / self._count
+        return errors * (self._size / math.sqrt(max(self._square, 1e-12)))

@@ -31,6 +31,9 @@ class _OfFields(Shown):
     def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
         return self.fields.spikes(observations[:, self._columns], ticks, rng if self._poisson else None)
 
+    def cells(self, observation: Floats) -> Ints:
+        return self.fields.cells(observation[self._columns])
+
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         return {"middle": self.fields.middle, "spread": self.fields.spread}
 
@@ -410,11 +413,19 @@ class _TD(Taught):
     """The error of a critic's prediction."""
 
     def __init__(self, choice: td, neurons: int) -> None:
-        from neuro.coding.values import RewardScale, TemporalDifference
+        from neuro.coding.values import Novelty, RewardScale, TemporalDifference
 
         self._td, self._neurons, self._adapts = choice, neurons, choice.worth is not None
         self.scale = RewardScale(choice.discount, choice.worth if self._adapts else 1.0)
         self._difference = TemporalDifference(self.scale, choice.discount, self._adapts)
+        self.novelty = Novelty(choice.novelty * (1.0 - choice.discount))
+
+    def join(self, encoders: Mapping[str, Shown]) -> None:
+        if self._td.novelty:
+            if self._td.places not in encoders:
+                raise unknown("population that sees the observation", str(self._td.places), encoders, path=("places",))
+            encoder = encoders[self._td.places]
+            self.novelty.join(encoder.cells, encoder.size)
 
     def begin(self, copies: int) -> None:
         self._difference.begin(copies)
@@ -433,14 +444,19 @@ class _TD(Taught):
         if share < 1.0:
             self.scale.shrink(share)
         self._difference.take(moment)
+        if self._td.novelty:
+            self._difference.reward = self._difference.reward + self.novelty.of(moment.observations)
         return share
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        return {"scale": np.array([self.scale.factor, self.scale.first, self.scale.known])}
+        scale = np.array([self.scale.factor, self.scale.first, self.scale.known])
+        return {"scale": scale} | ({"visits": self.novelty.counts} if self._td.novelty else {})
 
     def put(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
         self.scale.factor, self.scale.first = arrays["scale"][:2].tolist()
         self.scale.known = bool(arrays["scale"][2])
+        if self._td.novelty:
+            self.novelty.counts[:] = arrays["visits"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -449,7 +465,9 @@ class td(Teacher):
 
     V is (mean spikes of a neuron of the critic in the step - rest) / gain. Where the reward has no scale of its own,
     `worth` gives it one: a typical reward in each step, for ever, is worth that much, so that V stays where the
-    critic's neurons can say it; see `neuro.coding.values.RewardScale`.
+    critic's neurons can say it; see `neuro.coding.values.RewardScale`. `novelty` adds a reward for what has seldom been
+    seen: (1 - discount) novelty / sqrt(n), averaged over the `places` that stand for the state, each of which has been
+    seen n times.
 
     Source: Sutton & Barto, Reinforcement Learning, 2nd ed., 2018, section 6.1; a critic of spiking neurons: Fremaux,
         Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013.
@@ -462,18 +480,36 @@ class td(Teacher):
     worth: Any = quantity(
         None, "", "of a typical reward in each step, for ever; rewards as they are if not given", above=0
     )
+    novelty: float = quantity(0.0, "", "reward for a state that has not been seen, in typical rewards", at_least=0)
+    places: Any = quantity(None, "", "the population whose neurons with fields tell what has been seen", kind="name")
 
     def made(self, critic_size: int = 0) -> Taught:
         """Make the teacher."""
         return _TD(self, critic_size)
 
 
+class _Same(Taught):
+    def __init__(self, size: float | None) -> None:
+        from neuro.coding.values import ErrorScale
+
+        self._scale = ErrorScale(size)
+
+    def begin(self, copies: int) -> None:
+        self._scale.begin()
+
+    def of(self, values: Floats) -> Floats:
+        return self._scale.of(values)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class same(Teacher):
-    """The value of another signal of the world, before its scale."""
+    """The value of another signal of the world, before its scale; with a `size` it is brought to that size."""
 
     as_: str = quantity(doc="the other signal", kind="name")
+    size: Any = quantity(
+        None, "", "root mean square of the value, from its own of late; as it is if not given", above=0
+    )
 
     def made(self, critic_size: int = 0) -> Taught:
-        """Return nothing that learns: the loop copies the value."""
-        return Taught()
+        """Make the teacher: the loop gives it the value of the other one."""
+        return _Same(self.size)
