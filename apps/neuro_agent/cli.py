@@ -47,6 +47,10 @@ def train(
         int,
         typer.Option("--envs", metavar="N", parser=at_least(1), help="Environments side by side, each with a network."),
     ] = 1,
+    save: Annotated[
+        Path | None,
+        typer.Option("--save", metavar="NET", help="Also write the untrained network with its world."),
+    ] = None,
     set: Set = [],  # noqa: B006
 ) -> None:
     """Train an agent and write it to a file; after a kill the same command goes on from the last checkpoint.
@@ -64,6 +68,8 @@ def train(
     env = environments.make_many(environment, envs)
     one: Any = env if envs == 1 else environments.make(environment)
     agent = ActorCritic(one.observation_space, one.action_space, seed=seed, **settings)
+    if save is not None:
+        agent.network(one).save(save)
     try:
         log = agent.train(env, bar, steps=steps, episodes=episodes, progress=True, out=out)
     except KeyboardInterrupt:
