@@ -21,7 +21,7 @@ from neuro_agent.network import STEP, TAU, circuit
 
 if TYPE_CHECKING:
     from neuro.extend import Program
-    from neuro_agent.agent import ActorCritic
+    from neuro_agent.learner import Learner
 
 
 DRAWING = ("event", "reference")
@@ -39,7 +39,7 @@ INHIBITION = 3.0
 Ints = npt.NDArray[np.int64]
 
 
-def draws_of(agent: ActorCritic, seed: int) -> np.random.Generator | None:
+def draws_of(agent: Learner, seed: int) -> np.random.Generator | None:
     """What draws the spikes of places; None where they are regular."""
     return np.random.default_rng([seed, 2]) if agent.settings.spikes == "poisson" else None
 
@@ -50,7 +50,7 @@ def ramp_size() -> tuple[int, float]:
     return math.ceil(1.0 / lost) + RAMP, lost
 
 
-def deployed(agent: ActorCritic) -> neuro.Network:
+def deployed(agent: Learner) -> neuro.Network:
     """The network of a frozen agent, without draws.
 
     Raises:
@@ -77,7 +77,7 @@ def deployed(agent: ActorCritic) -> neuro.Network:
     return net
 
 
-def _largest(agent: ActorCritic, weight: npt.NDArray[np.float64]) -> float:
+def _largest(agent: Learner, weight: npt.NDArray[np.float64]) -> float:
     """The largest preference in what was seen last, if each active place had just spiked."""
     sums = [float((amounts @ weight[cells]).max()) for cells, amounts in map(agent.places.activity, agent.seen)]
     return max(sums) / (1.0 - math.exp(-PERIOD / TAU))
@@ -90,7 +90,7 @@ class Frozen:
         sim: the network that runs.
     """
 
-    def __init__(self, agent: ActorCritic, seed: int, backend: str) -> None:
+    def __init__(self, agent: Learner, seed: int, backend: str) -> None:
         self._agent, self._draws = agent, draws_of(agent, seed)
         self._circuits = [circuit(k) for k in range(len(agent.actions.sizes))]
         self.sim = neuro.compile(agent.network(learns=False), backend=backend, seed=seed)
@@ -110,7 +110,7 @@ class Deployed:
         sim: the network that runs.
     """
 
-    def __init__(self, agent: ActorCritic, backend: str, seed: int = 0, **options: Any) -> None:
+    def __init__(self, agent: Learner, backend: str, seed: int = 0, **options: Any) -> None:
         self._agent, self._draws = agent, draws_of(agent, seed)
         circuits = [circuit(k) for k in range(len(agent.actions.sizes))]
         self.sim = neuro.compile(deployed(agent), backend=backend, seed=seed, **options)

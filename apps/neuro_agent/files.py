@@ -23,13 +23,13 @@ from neuro import ModelError
 from neuro.apps import Log, hdf5, provenance, record_input
 
 if TYPE_CHECKING:
-    from neuro_agent.agent import ActorCritic
+    from neuro_agent.learner import Learner
 
-A = TypeVar("A", bound="ActorCritic")
+A = TypeVar("A", bound="Learner")
 FORMAT = "neuro agent 1"
 
 
-def save(agent: ActorCritic, path: Path) -> None:
+def save(agent: Learner, path: Path) -> None:
     """Write an agent, see `ActorCritic.save`."""
     with hdf5.writing(path, FORMAT, record=provenance(seed=agent.seed)) as file:
         file.attrs["seed"] = agent.seed
@@ -56,7 +56,7 @@ def load(path: Path, kind: type[A]) -> A:
     return agent
 
 
-def plain_of(agent: ActorCritic) -> dict[str, Any]:
+def plain_of(agent: Learner) -> dict[str, Any]:
     """What an agent is made from, as plain data."""
     return {
         "kind": agent.kind,
@@ -66,7 +66,7 @@ def plain_of(agent: ActorCritic) -> dict[str, Any]:
     }
 
 
-def _arrays_of(agent: ActorCritic) -> dict[str, dict[str, Any]]:
+def _arrays_of(agent: Learner) -> dict[str, dict[str, Any]]:
     """What an agent has learnt, as arrays of a file."""
     bounds, teacher = (agent.arrays()[name] for name in ("encoder.places", "teacher.error"))
     *rewards, known = teacher["scale"]
@@ -76,7 +76,7 @@ def _arrays_of(agent: ActorCritic) -> dict[str, dict[str, Any]]:
     return {"learnt": agent.weights, "scales": scales, "seen": {"vectors": agent.seen}}
 
 
-def _put_arrays(agent: ActorCritic, arrays: dict[str, dict[str, Any]]) -> None:
+def _put_arrays(agent: Learner, arrays: dict[str, dict[str, Any]]) -> None:
     """Let an agent have learnt what `_arrays_of` gave."""
     scales = arrays["scales"]
     agent.explored, known = (bool(each) for each in scales["explored"])

@@ -23,7 +23,7 @@ from neuro.apps import (
 from neuro_agent.network import SEED, STEP
 
 if TYPE_CHECKING:
-    from neuro_agent.agent import ActorCritic
+    from neuro_agent.learner import Learner
 
 
 Floats = npt.NDArray[np.float64]
@@ -59,7 +59,7 @@ class Acting:
         control: the name of a control, see `CONTROLS`, or "".
     """
 
-    def __init__(self, agent: ActorCritic, pilot: Any, control: str = "") -> None:
+    def __init__(self, agent: Learner, pilot: Any, control: str = "") -> None:
         self._agent, self._pilot, self._control = agent, pilot, control
         self._shown: deque[Floats] = deque(maxlen=SEEN)
         self._errors = np.zeros(0)
@@ -134,7 +134,7 @@ class _Scrambled:
 class _Frozen:
     """A frozen agent in a closed loop."""
 
-    def __init__(self, agent: ActorCritic, made: Callable[[], Decides]) -> None:
+    def __init__(self, agent: Learner, made: Callable[[], Decides]) -> None:
         self._agent, self._made = agent, made
 
     def begin(self, copies: int, block: int) -> None:
@@ -146,7 +146,7 @@ class _Frozen:
         return self._agent.actions.of(self._decides.decide(observations))
 
 
-def loop_of(agent: ActorCritic, worlds: Environments, control: str = "") -> ClosedLoop:
+def loop_of(agent: Learner, worlds: Environments, control: str = "") -> ClosedLoop:
     """Return the closed loop in which an agent learns, from what it has learnt before."""
     pilot: Any = Acting(agent, agent.pilot(worlds, agent.seed), control)
     pilot.put(agent.arrays())
@@ -155,7 +155,7 @@ def loop_of(agent: ActorCritic, worlds: Environments, control: str = "") -> Clos
     return loop
 
 
-def fitting(agent: ActorCritic, env: Any, patience: float) -> Environments:
+def fitting(agent: Learner, env: Any, patience: float) -> Environments:
     """Return the environments, whose spaces must be those for which the agent was made."""
     worlds = Environments(env, patience)
     for what, known, found in (
@@ -168,7 +168,7 @@ def fitting(agent: ActorCritic, env: Any, patience: float) -> Environments:
 
 
 def test(
-    agent: ActorCritic,
+    agent: Learner,
     env: Any,
     made: Callable[[], Decides],
     episodes: int,

@@ -25,7 +25,7 @@ from neuro_agent.training import TESTS, fitting
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-    from neuro_agent.agent import ActorCritic
+    from neuro_agent.learner import Learner
 
 
 PAGE = sealed(
@@ -96,7 +96,7 @@ class Episode:
         return f"{self.moves} steps, return {sum(self.rewards):g}, {self.end}; {pictures}"
 
 
-def watch(agent: ActorCritic, env: Any, path: str | PathLike[str], seed: int = 0, *, learning: bool = False) -> Episode:
+def watch(agent: Learner, env: Any, path: str | PathLike[str], seed: int = 0, *, learning: bool = False) -> Episode:
     """Play an episode and write it as a page; the agent stays as it is.
 
     Args:
@@ -120,7 +120,7 @@ def watch(agent: ActorCritic, env: Any, path: str | PathLike[str], seed: int = 0
     return player.write(Path(path), PAGE, "an episode is written as", make)
 
 
-def played(agent: ActorCritic, env: Any, seed: int = 0, learning: bool = False) -> Episode:
+def played(agent: Learner, env: Any, seed: int = 0, learning: bool = False) -> Episode:
     """An episode: of the agent as a test has it, with values of a copy that learns nothing; or of one that learns."""
     worlds = fitting(agent, env, 60.0)
     if worlds.n != 1:
@@ -139,7 +139,7 @@ def played(agent: ActorCritic, env: Any, seed: int = 0, learning: bool = False) 
 
 
 def _play(
-    agent: ActorCritic,
+    agent: Learner,
     pilot: NetworkPilot,
     frozen: Frozen | None,
     worlds: Environments,
@@ -257,7 +257,7 @@ def _written(image: Image, kind: str, **options: Any) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(into.getvalue()).decode('ascii')}"
 
 
-def page(agent: ActorCritic, episode: Episode, seed: int = 0) -> str:
+def page(agent: Learner, episode: Episode, seed: int = 0) -> str:
     """The page as text."""
     steps = int(agent.log.steps[-1]) if len(agent.log) else 0
     sizes = " + ".join(map(str, agent.actions.sizes))
@@ -311,7 +311,7 @@ def page(agent: ActorCritic, episode: Episode, seed: int = 0) -> str:
     return player.page("neuro agent watch", episode.name, about, timeline, _top(agent, episode), below, columns=columns)
 
 
-def _top(agent: ActorCritic, episode: Episode) -> list[player.Panel | list[player.Panel]]:
+def _top(agent: Learner, episode: Episode) -> list[player.Panel | list[player.Panel]]:
     """The environment, or the observation where there are no frames; the policy."""
     lit = np.concatenate([np.eye(size, dtype=bool)[[one[k] for one in episode.winners]]
                           for k, size in enumerate(agent.actions.sizes)], axis=1)  # fmt: skip
@@ -334,12 +334,12 @@ def _top(agent: ActorCritic, episode: Episode) -> list[player.Panel | list[playe
     return [shown, [policy, player.Panel("Observation", [_observation(agent, episode, "state")], _bounds(agent, 12))]]
 
 
-def _bounds(agent: ActorCritic, most: int) -> str:
+def _bounds(agent: Learner, most: int) -> str:
     many = len(agent.places.dimensions)
     return "within its bounds" if many <= most else f"within its bounds, the first {most} of {many} numbers"
 
 
-def _observation(agent: ActorCritic, episode: Episode, name: str) -> player.Track:
+def _observation(agent: Learner, episode: Episode, name: str) -> player.Track:
     most, row = (24, 24) if name == "large" else (12, 19)
     dimensions, seen = agent.places.dimensions[:most], np.array(episode.observations)[:, :most]
     low = np.array([one.first if one.states else one.low for one in dimensions], dtype=np.float64)
@@ -352,14 +352,14 @@ def _observation(agent: ActorCritic, episode: Episode, name: str) -> player.Trac
     return player.Track("bars", name, "the observation", data)
 
 
-def _actors(agent: ActorCritic) -> tuple[list[str], list[str]]:
+def _actors(agent: Learner) -> tuple[list[str], list[str]]:
     """Names and colours of the actors of all circuits."""
     labels = _labels(agent)
     names = [f"{k}: {each}" if len(labels) > 1 else each for k, one in enumerate(labels) for each in one]
     return names, [COLOURS[k % len(COLOURS)] for one in labels for k in range(len(one))]
 
 
-def _raster(agent: ActorCritic, episode: Episode) -> player.Track:
+def _raster(agent: Learner, episode: Episode) -> player.Track:
     """Active places, spikes of critics and actors, by control step."""
     names, colours = _actors(agent)
     critic, steps = np.minimum(episode.critic, 255), np.arange(episode.moves)
@@ -380,7 +380,7 @@ def _raster(agent: ActorCritic, episode: Episode) -> player.Track:
     return player.Track("raster", "raster", "spikes by control step", data)
 
 
-def _weights(agent: ActorCritic, episode: Episode) -> player.Panel:
+def _weights(agent: Learner, episode: Episode) -> player.Panel:
     """The weights of the policy as pictures by moment, with marks at the active places."""
     names, colours = _actors(agent)
     weights = np.stack([_columns(each) for each in episode.weights.values()])
@@ -403,7 +403,7 @@ def _weights(agent: ActorCritic, episode: Episode) -> player.Panel:
     )
 
 
-def _labels(agent: ActorCritic) -> list[list[str]]:
+def _labels(agent: Learner) -> list[list[str]]:
     """What the neurons of each circuit stand for."""
     actions = agent.actions
     if actions.values:
