@@ -271,7 +271,9 @@ class winner(Decoder):
             raise ModelError(
                 f"winner: populations of {list(sizes)} neurons for actions of {space}: expected {expected}"
             )
-        names = self.of
+        names, (one, *others) = self.of, self.of
+        if not others:
+            return lambda counts: actions.of(counts[one].argmax(axis=1)[:, None])
         return lambda counts: actions.of(np.array([counts[name].argmax(axis=1) for name in names]).T)
 
 
@@ -436,8 +438,9 @@ class _TD(Taught):
 
     def values(self, moment: Moment) -> Floats:
         td, spikes = self._td, moment.counts[self._td.critic]
-        value = self.scale.first + (spikes.sum(axis=1) / self._neurons - td.rest) / td.gain
-        return self._difference.errors(value, moment)[:, None]
+        first, counts = self.scale.first, spikes.sum(axis=1).tolist()
+        values = [first + (count / self._neurons - td.rest) / td.gain for count in counts]
+        return np.array(self._difference.errors(values, moment))[:, None]
 
     def share(self, moment: Moment) -> float:
         share = self._difference.share(moment)
@@ -445,7 +448,8 @@ class _TD(Taught):
             self.scale.shrink(share)
         self._difference.take(moment)
         if self._td.novelty:
-            self._difference.reward = self._difference.reward + self.novelty.of(moment.observations)
+            gained = zip(self._difference.reward, self.novelty.of(moment.observations), strict=True)
+            self._difference.reward = [reward + new for reward, new in gained]
         return share
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:

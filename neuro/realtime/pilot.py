@@ -195,8 +195,12 @@ class NetworkPilot:
         self._unused = None
         gives = {name: self._world.observe[name].gives for name in self.encoders}
         spiking = [name for name in gives if gives[name] == "spikes"]
-        teachers = [self._world.reward[name] for name in self.taught]
-        critics = [teacher.critic for teacher in teachers if hasattr(teacher, "critic")]
+        teachers = {name: self._world.reward[name] for name in self.taught}
+        self._signals = {
+            name: (teacher, getattr(teacher, "as_", None), self.copies.port(name), self._hear[name])
+            for name, teacher in teachers.items()
+        }
+        critics = [teacher.critic for teacher in teachers.values() if hasattr(teacher, "critic")]
         self._counted = list(dict.fromkeys([*self._read, *critics]))
         self._stepper = Stepper(self.copies._joined, self._world.step, spiking, self._counted, self._run)
         self._rates = {name: self.copies.port(name, "rate") for name in gives if gives[name] == "rates"}
@@ -241,10 +245,9 @@ class NetworkPilot:
             return
         raw: dict[str, Floats] = {}
         for name, taught in self.taught.items():
-            teacher = self._world.reward[name]
-            other = getattr(teacher, "as_", None)
+            teacher, other, port, size = self._signals[name]
             raw[name] = taught.values(moment) if other is None else taught.of(raw[other])
-            self.copies.signal(name, teacher.spread(raw[name], self._hear[name], moment.time))
+            port.set(teacher.spread(raw[name], size, moment.time))
         if np.count_nonzero(moment.last):
             for name in self._moves:
                 self.copies.clear(name, moment.last)
