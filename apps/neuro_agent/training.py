@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -41,13 +41,6 @@ KEPT = 1000
 """Errors from the begin of a training that the control `shuffled` draws from."""
 SEEN = 500
 """Observations of the last control steps that an agent keeps."""
-
-
-class Decides(Protocol):
-    """A frozen agent."""
-
-    def decide(self, observations: Floats) -> Ints:
-        """The neuron of each circuit for one observation, (1, circuits)."""
 
 
 class Acting:
@@ -134,7 +127,7 @@ class _Scrambled:
 class _Frozen:
     """A frozen agent in a closed loop."""
 
-    def __init__(self, agent: Learner, made: Callable[[], Decides]) -> None:
+    def __init__(self, agent: Learner, made: Callable[[], Any]) -> None:
         self._agent, self._made = agent, made
 
     def begin(self, copies: int, block: int) -> None:
@@ -170,7 +163,7 @@ def fitting(agent: Learner, env: Any, patience: float) -> Environments:
 def test(
     agent: Learner,
     env: Any,
-    made: Callable[[], Decides],
+    made: Callable[[], Any],
     episodes: int,
     seed: int,
     patience: float,

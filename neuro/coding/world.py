@@ -81,12 +81,8 @@ class Shown:
         raise NotImplementedError
 
     def cells(self, observation: Floats) -> Ints:
-        """The neurons that stand for one observation, (dimensions,).
-
-        Raises:
-            ModelError: none does: the neurons have no fields.
-        """
-        raise ModelError("an encoder without fields: expected one with fields, such as places")
+        """The neurons that stand for one observation, (dimensions,); of an encoder with fields."""
+        raise NotImplementedError
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """All that it has learnt, for a checkpoint."""

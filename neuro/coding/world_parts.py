@@ -424,8 +424,9 @@ class _TD(Taught):
 
     def join(self, encoders: Mapping[str, Shown]) -> None:
         if self._td.novelty:
-            if self._td.places not in encoders:
-                raise unknown("population that sees the observation", str(self._td.places), encoders, path=("places",))
+            names = [name for name, one in encoders.items() if type(one).cells is not Shown.cells]
+            if self._td.places not in names:
+                raise unknown("population with fields", str(self._td.places), names, path=("places",))
             encoder = encoders[self._td.places]
             self.novelty.join(encoder.cells, encoder.size)
 
