@@ -52,12 +52,12 @@ if TYPE_CHECKING:
         dimensions_of as dimensions_of,
         flat as flat,
     )
-    from neuro.coding.values import (
-        SOME as SOME,
-        RewardScale as RewardScale,
-        TemporalDifference as TemporalDifference,
+    from neuro.coding.world import (
+        DECODERS as DECODERS,
+        ENCODERS as ENCODERS,
+        TEACHERS as TEACHERS,
+        Moment as Moment,
     )
-    from neuro.coding.world import Moment as Moment
     from neuro.compare.runs import chip_of as chip_of
     from neuro.compiler import compile_network as compile_network
     from neuro.compiler.cameras import CameraInput as CameraInput
@@ -193,6 +193,7 @@ if TYPE_CHECKING:
         Test as Test,
         episode_seed as episode_seed,
     )
+    from neuro.realtime.pilot import NetworkPilot as NetworkPilot
     from neuro.run import settable as settable
     from neuro.run.collect import collect as collect
     from neuro.run.inputs import driver as driver, outgoing as outgoing

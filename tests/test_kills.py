@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 KILLS = os.environ.get("NEURO_KILLS", "")
-FEW = {"sweep": "4", "tuning": "4", "sweep-cores": "20", "tuning-nsga2": "20"}
+FEW = {"sweep": "4", "tuning": "4", "sweep-cores": "20", "tuning-nsga2": "20", "agent": "20", "sweep-world": "20"}
 SCRIPT = Path(__file__).parent / "helpers" / "kills.py"
 NEEDS = {"tuning": "optuna", "tuning-nsga2": "optuna", "training": "torch"}
 
@@ -26,7 +26,7 @@ def test_the_same_bits_after_kills(kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["sweep-cores", "tuning-nsga2"])
+@pytest.mark.parametrize("kind", ["sweep-cores", "tuning-nsga2", "agent", "sweep-world"])
 def test_processes_that_are_killed_come_to_the_same_bits(kind):
     killed(kind)
 

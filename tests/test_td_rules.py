@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -171,8 +172,14 @@ def test_neurons_that_voted_otherwise_hear_a_share(teacher, late):
     net.world_section = replace(world, reward={**world.reward, "actor_error": teacher})
     loop = neuro.closed_loop(net, seed=1, record=True)
     heard, copies = [], loop.pilot.copies
-    set_signal = copies.signal
-    copies.signal = lambda name, values: (heard.append((name, values)), set_signal(name, values))
+    port_of = copies.port
+
+    def port(name, *what):
+        """The port of a signal, which also keeps what is set."""
+        made = port_of(name, *what)
+        return SimpleNamespace(set=lambda values: (heard.append((name, values)), made.set(values)), get=made.get)
+
+    copies.port = port
     loop.run(steps=20)
     actions = np.array(loop.actions).ravel()
     values = [each[0] for name, each in heard if name == "actor_error"]

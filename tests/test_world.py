@@ -210,6 +210,7 @@ JOINED = {
     "pairs": ("shape: 2}", "shape: 4}"),
     "kind": ("{shares: {total: 200.0}}", "pulse"),
     "unknown": ("{id: Line}", "{id: Lime}"),
+    "fields": ("{info: {key: error,", "{td: {critic: motors, novelty: 1.0, places: fields,"),
 }
 
 

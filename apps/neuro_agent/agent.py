@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from neuro.apps import End, Log, Quantity, Test, check, flat, unknown
+import neuro
+from neuro.apps import Log, Quantity, Test, check, check_output, flat, hdf5, unknown
 from neuro_agent import files, training
 from neuro_agent.deployed import DRAWING, Deployed, Frozen
 from neuro_agent.learner import Learner
-from neuro_agent.network import Weights
 from neuro_agent.watch import Episode, watch
 
 if TYPE_CHECKING:
@@ -21,6 +22,11 @@ class ActorCritic(Learner):
     """A spiking agent, see `Learner` for its arguments and attributes."""
 
     _acting: Frozen | Deployed | None = None
+
+    def put(self, arrays: Mapping[str, Any]) -> None:
+        """Have learnt what `arrays` gave."""
+        self._acting = None
+        super().put(arrays)
 
     def train(
         self,
@@ -55,14 +61,25 @@ class ActorCritic(Learner):
             ModelError: the environment has other spaces, gives NaN, raises or does not answer; what was learnt before
                 stays.
         """
-        self._acting = None
-        end = End(until, steps, episodes, window)
+        loop = training.loop_of(self, training.fitting(self, env, patience))
         path = None if out is None else Path(out)
-        self.log = training.train(self, env, end, patience=patience, progress=progress, out=path)
+        words: dict[str, Any] = {"until": until, "steps": steps, "episodes": episodes, "window": window}
+        if path is not None:
+            check_output(path, hdf5.kind(files.FORMAT))
+            words |= {"out": path, "belongs_to": files.plain_of(self)}
+        self.log = self._learn(loop, progress=progress, **words)
         if path is not None:
             self.save(path)
-            training.checkpoint(self, path, env).remove()
+            loop.checkpoint(path, {}).remove()
         return self.log
+
+    def _learn(self, loop: neuro.ClosedLoop, **words: Any) -> Log:
+        """Run a loop and keep what was learnt there, also before an error."""
+        try:
+            return loop.run(**words)
+        finally:
+            self.begun, self.explored = loop.begun
+            self.put(loop.pilot.arrays())
 
     def test(
         self,
@@ -106,7 +123,7 @@ class ActorCritic(Learner):
                 raise unknown("control", name, training.CONTROLS)
         for name in names:
             twin = type(self)(self.observations, self.actions.space, seed=self.seed, **self.settings.plain())
-            training.train(twin, env, End(steps=steps), control=name)
+            twin._learn(training.loop_of(twin, training.fitting(twin, env, 60.0), name), steps=steps)
             found[name] = twin.test(env, episodes)
         return found
 
@@ -141,11 +158,6 @@ class ActorCritic(Learner):
             self._acting = self.frozen(self.seed)
         seen = self.states.check(flat(self.observations, observation))
         return self.actions.of(self._acting.decide(seen))[0]
-
-    def learn_from(self, weights: Weights) -> None:
-        """Have learnt these weights, and go on from them."""
-        self._acting = None
-        super().learn_from(weights)
 
     def watch(self, env: Any, path: str | PathLike[str], seed: int = 0, *, learning: bool = False) -> Episode:
         """Play an episode and write it as a page, see `neuro_agent.watch.watch`."""

@@ -47,6 +47,10 @@ def train(
         int,
         typer.Option("--envs", metavar="N", parser=at_least(1), help="Environments side by side, each with a network."),
     ] = 1,
+    save: Annotated[
+        Path | None,
+        typer.Option("--save", metavar="NET", help="Also write the untrained network with its world."),
+    ] = None,
     set: Set = [],  # noqa: B006
 ) -> None:
     """Train an agent and write it to a file; after a kill the same command goes on from the last checkpoint.
@@ -54,7 +58,7 @@ def train(
     --set changes a setting: --set fields=8 --set decay=0.8.
     """
     from neuro_agent import ActorCritic, environments
-    from neuro_agent.training import BLOCK, checkpoint
+    from neuro_agent.training import BLOCK
 
     settings = assignments(set)
     bar = environments.bar_of(environment) if until is None else until
@@ -64,10 +68,12 @@ def train(
     env = environments.make_many(environment, envs)
     one: Any = env if envs == 1 else environments.make(environment)
     agent = ActorCritic(one.observation_space, one.action_space, seed=seed, **settings)
+    if save is not None:
+        agent.network(one).save(save)
     try:
         log = agent.train(env, bar, steps=steps, episodes=episodes, progress=True, out=out)
     except KeyboardInterrupt:
-        if checkpoint(agent, out, env).path.exists():
+        if out.with_name(f"{out.name}.training").exists():
             message = "Interrupted. Run the same command again to resume from the last checkpoint."
         else:
             message = f"Interrupted before the first checkpoint ({BLOCK * envs:,} steps). Nothing was kept."

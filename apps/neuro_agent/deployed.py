@@ -17,7 +17,6 @@ import numpy.typing as npt
 import neuro
 from neuro import ModelError
 from neuro.coding import PERIOD
-from neuro_agent.learner import draws_of
 from neuro_agent.network import STEP, TAU, circuit
 
 if TYPE_CHECKING:
@@ -40,10 +39,21 @@ INHIBITION = 3.0
 Ints = npt.NDArray[np.int64]
 
 
+def draws_of(agent: Learner, seed: int) -> np.random.Generator | None:
+    """What draws the spikes of places; None where they are regular."""
+    return np.random.default_rng([seed, 2]) if agent.settings.spikes == "poisson" else None
+
+
 def ramp_size() -> tuple[int, float]:
     """Neurons of the ramp, and the share of its rise in a tick that each brings: with the leak the rise is linear."""
     lost = 1.0 - math.exp(-1.0 / TAU)
     return math.ceil(1.0 / lost) + RAMP, lost
+
+
+def ramp_spikes() -> tuple[Ints, Ints]:
+    """Return ticks and ids of the ramp, one neuron more at each tick."""
+    counts = ramp_size()[0] - RAMP + np.arange(RAMP)
+    return np.repeat(np.arange(STEP, TICKS), counts), np.concatenate([np.arange(count) for count in counts])
 
 
 def deployed(agent: Learner) -> neuro.Network:
@@ -86,38 +96,39 @@ class Frozen:
         sim: the network that runs.
     """
 
-    def __init__(self, agent: Learner, seed: int, backend: str) -> None:
-        self._agent, self._draws = agent, draws_of(agent, seed)
-        self._circuits = [circuit(k) for k in range(len(agent.actions.sizes))]
-        self.sim = neuro.compile(agent.network(learns=False), backend=backend, seed=seed)
-        self._stepper = self.sim.stepper(float(STEP), emit=["places", "ask"], count=self._circuits)
+    ticks = STEP
+    beside: tuple[str, Any] = ("ask", ([STEP - 1], [0]))
+    """The population that makes the circuits decide, and its spikes by tick and id."""
+
+    def __init__(self, agent: Learner, seed: int, backend: str, **options: Any) -> None:
+        self._places, self._draws = agent.places, draws_of(agent, seed)
+        circuits = [circuit(k) for k in range(len(agent.actions.sizes))]
+        self.sim = neuro.compile(self.network(agent), backend=backend, seed=seed, **options)
+        self._stepper = self.sim.stepper(float(self.ticks), emit=["places", self.beside[0]], count=circuits)
+
+    def network(self, agent: Learner) -> neuro.Network:
+        """Return the network that decides for an agent."""
+        return agent.network(learns=False)
 
     def decide(self, observations: npt.NDArray[np.float64]) -> Ints:
         """The neuron of each circuit that spiked, (1, circuits), for one observation, (1, dimensions)."""
-        _, ticks, ids = self._agent.places.spikes(observations, STEP, self._draws)
-        chosen = self._stepper.step((ticks, ids), ([STEP - 1], [0]))
+        _, ticks, ids = self._places.spikes(observations, self.ticks, self._draws)
+        chosen = self._stepper.step((ticks, ids), self.beside[1])
         return np.stack([each.argmax(axis=1) for each in chosen], axis=1)
 
 
-class Deployed:
+class Deployed(Frozen):
     """A frozen agent on a backend, by default a chip.
 
     Attributes:
         sim: the network that runs.
     """
 
+    ticks = TICKS
+    beside = ("ramp", ramp_spikes())
+
     def __init__(self, agent: Learner, backend: str, seed: int = 0, **options: Any) -> None:
-        self._agent, self._draws = agent, draws_of(agent, seed)
-        circuits = [circuit(k) for k in range(len(agent.actions.sizes))]
-        self.sim = neuro.compile(deployed(agent), backend=backend, seed=seed, **options)
-        self._stepper = self.sim.stepper(float(TICKS), emit=["places", "ramp"], count=circuits)
-        size, _ = ramp_size()
-        first = size - RAMP
-        counts = [first + k for k in range(RAMP)]
-        self._ramp = (
-            np.repeat(np.arange(STEP, STEP + RAMP), counts),
-            np.concatenate([np.arange(count) for count in counts]),
-        )
+        super().__init__(agent, seed, backend, **options)
 
     @property
     def program(self) -> Program:
@@ -125,8 +136,6 @@ class Deployed:
         program: Program = self.sim.program
         return program
 
-    def decide(self, observations: npt.NDArray[np.float64]) -> Ints:
-        """The neuron of each circuit that spiked, (1, circuits), for one observation, (1, dimensions)."""
-        _, ticks, ids = self._agent.places.spikes(observations, TICKS, self._draws)
-        chosen = self._stepper.step((ticks, ids), self._ramp)
-        return np.stack([each.argmax(axis=1) for each in chosen], axis=1)
+    def network(self, agent: Learner) -> neuro.Network:
+        """Return the network that decides for an agent."""
+        return deployed(agent)

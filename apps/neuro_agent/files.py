@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import gymnasium
 import numpy as np
@@ -21,9 +21,11 @@ from gymnasium import spaces
 
 from neuro import ModelError
 from neuro.apps import Log, hdf5, provenance, record_input
-from neuro_agent.learner import Learner
 
-A = TypeVar("A", bound=Learner)
+if TYPE_CHECKING:
+    from neuro_agent.learner import Learner
+
+A = TypeVar("A", bound="Learner")
 FORMAT = "neuro agent 1"
 
 
@@ -33,7 +35,7 @@ def save(agent: Learner, path: Path) -> None:
         file.attrs["seed"] = agent.seed
         for name, value in plain_of(agent).items():
             file.attrs[name] = json.dumps(value)
-        for name, part in arrays_of(agent).items():
+        for name, part in _arrays_of(agent).items():
             hdf5.put(file, name, part)
         hdf5.put(file, "log", agent.log.arrays())
 
@@ -49,7 +51,7 @@ def load(path: Path, kind: type[A]) -> A:
             json.loads(file.attrs[name]) for name in ("observations", "actions", "settings")
         )
         agent = kind(space_of(observations), space_of(actions), seed=int(file.attrs["seed"]), **settings)
-        put_arrays(agent, {name: hdf5.take(file, name) for name in ("learnt", "scales", "seen")})
+        _put_arrays(agent, {name: hdf5.take(file, name) for name in ("learnt", "scales", "seen")})
         agent.log = Log.of(hdf5.take(file, "log"))
     return agent
 
@@ -64,31 +66,23 @@ def plain_of(agent: Learner) -> dict[str, Any]:
     }
 
 
-def arrays_of(agent: Learner) -> dict[str, dict[str, Any]]:
-    """What an agent has learnt, as arrays."""
-    scales = {
-        "rewards": np.array([agent.rewards.factor, agent.rewards.first]),
-        "middle": agent.places.middle,
-        "spread": agent.places.spread,
-        "explored": np.array([agent.explored, agent.rewards.known]),
-        "begun": np.array(agent.begun, dtype=np.int64),
-    }
-    if agent.novelty:
-        scales["visits"] = agent.novelty.counts
+def _arrays_of(agent: Learner) -> dict[str, dict[str, Any]]:
+    """What an agent has learnt, as arrays of a file."""
+    bounds, teacher = (agent.arrays()[name] for name in ("encoder.places", "teacher.error"))
+    *rewards, known = teacher["scale"]
+    begun = {"explored": np.array([agent.explored, known], dtype=np.bool_), "begun": np.array(agent.begun)}
+    visits = {"visits": teacher["visits"]} if "visits" in teacher else {}
+    scales = {"rewards": np.array(rewards), **bounds, **begun, **visits}
     return {"learnt": agent.weights, "scales": scales, "seen": {"vectors": agent.seen}}
 
 
-def put_arrays(agent: Learner, arrays: dict[str, dict[str, Any]]) -> None:
-    """Let an agent have learnt what `arrays_of` gave."""
+def _put_arrays(agent: Learner, arrays: dict[str, dict[str, Any]]) -> None:
+    """Let an agent have learnt what `_arrays_of` gave."""
     scales = arrays["scales"]
-    agent.rewards.factor, agent.rewards.first = scales["rewards"].tolist()
-    agent.places.middle[:], agent.places.spread[:] = scales["middle"], scales["spread"]
-    agent.explored, agent.rewards.known = (bool(each) for each in scales["explored"])
+    agent.explored, known = (bool(each) for each in scales["explored"])
     agent.begun = (int(scales["begun"][0]), int(scales["begun"][1]))
-    if agent.novelty:
-        agent.novelty.counts[:] = scales["visits"]
-    agent.seen = arrays["seen"]["vectors"]
-    agent.learn_from(arrays["learnt"])
+    teacher = {"scale": np.array([*scales["rewards"], known]), "visits": scales.get("visits")}
+    agent.put({**arrays, "encoder.places": scales, "teacher.error": teacher})
 
 
 def plain_space(space: gymnasium.Space[Any]) -> dict[str, Any]:

@@ -1,9 +1,12 @@
-"""The settings and the network of an agent: places excite a critic and, for each number of an action, a circuit."""
+"""The settings and the network of an agent: places excite a critic and, for each number of an action, a circuit.
+
+Its world says how the network sees, acts and is taught; `neuro.closed_loop` runs it as well as `ActorCritic`.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -12,7 +15,8 @@ import numpy.typing as npt
 
 import neuro
 from neuro import ModelError, apps
-from neuro.apps import Quantity, setting
+from neuro.apps import DECODERS, ENCODERS, TEACHERS, Actions, Quantity, setting
+from neuro.coding import PERIOD
 from neuro.extend import Synapse
 
 SEED = Quantity(kind="integer", at_least=0, at_most=2**63 - 1)
@@ -42,7 +46,7 @@ class Settings(apps.Settings):
         decay: of eligibility from one control step to the next beside `discount`, lambda.
         actor_rate: by how much an error of 1 changes the preference for an action in the same state, mV.
         critic_rate: which share of an error the value in the same state takes over. Both rates are those of USUAL
-            active places; of fewer they are less, see `learner.rates_of`.
+            active places; of fewer they are less, see `rates_of`.
         errors: "plain", or "normalised": scaled for the actor by their own running size.
         novelty: reward for a state that has not been seen, in typical rewards; it falls as 1 / sqrt(times seen).
         sharpness: how many times as sharply as while learning a frozen agent tells preferences apart: it need not try.
@@ -85,13 +89,16 @@ class Settings(apps.Settings):
         return self.as_words()
 
 
-Weights: TypeAlias = Mapping[str, npt.NDArray[np.float64]]
+Floats: TypeAlias = npt.NDArray[np.float64]
+Weights: TypeAlias = Mapping[str, Floats]
 
 STEP = 20
 """Ticks of 1 ms of a control step."""
 TAU = 5.0
 """Time constant of membranes and traces in ms: what one control step has left is gone in the next."""
 CRITIC = "critic"
+TYPICAL = 0.05
+"""Root mean square of an error to which errors are normalised."""
 BASE, SLOPE, FEEDBACK = 240.0, 180.0, 20.0
 """Rate of a critic's neuron at rest in Hz, by how much 1 mV changes it, and how strongly it adapts.
 
@@ -111,20 +118,32 @@ def circuit(k: int) -> str:
     return f"actor{k}"
 
 
+def encoder_of(settings: Settings) -> Any:
+    """Return the encoder that stands for observations."""
+    encoder = ENCODERS[settings.encoder]
+    return encoder(**{word: getattr(settings, word) for word in encoder.quantities() if hasattr(settings, word)})
+
+
 def network(
-    places: int, actions: Sequence[int], settings: Settings, etas: tuple[float, float], learnt: Weights | None = None
+    settings: Settings,
+    places: Any,
+    actions: Actions,
+    environment: Mapping[str, Any],
+    learnt: Weights | None = None,
 ) -> neuro.Network:
     """The network that learns, or with `learnt` one whose synapses are static and that has no critic.
 
     Args:
-        places: neurons that stand for observations.
-        actions: neurons of each circuit.
-        settings: how many neurons the critic has, the decay of eligibility, and how sharply a frozen agent chooses.
-        etas: learning rates of actor and critic, mV.
+        settings: of the network, its learning and its world.
+        places: the neurons that stand for observations, with their fields.
+        actions: what the neurons of the circuits stand for.
+        environment: words of the world's environment.
         learnt: weights by projection, mV, (places, neurons).
     """
     net = neuro.Network("actor_critic", resolution=1.0)
-    here = net.population("places", places, neuro.spike_generator())
+    etas = _etas(rates_of(settings, places.active), places.active)
+    circuits = [circuit(k) for k in range(len(actions.sizes))]
+    here = net.population("places", places.size, neuro.spike_generator())
     ask = net.population("ask", 1, neuro.spike_generator())
     common: dict[str, Any] = {"tau": TAU, "decay": settings.discount * settings.decay, "Wmin": -100.0, "Wmax": 100.0}
 
@@ -145,9 +164,9 @@ def network(
         critic = net.population(CRITIC, settings.critics, point)
         net.signal("error", to=critic)
         connect(critic, "value", neuro.td_lambda(signal="error", eta=etas[1], **common))
-    for k, size in enumerate(actions):
+    for k, size in enumerate(actions.sizes):
         width = 1.0 if learnt is None else 1.0 / settings.sharpness
-        actor = net.population(circuit(k), size, neuro.soft_wta(tau_m=TAU, Delta_V=width))
+        actor = net.population(circuits[k], size, neuro.soft_wta(tau_m=TAU, Delta_V=width))
         rule: Synapse = neuro.static(receptor="ex")
         if learnt is None:
             net.signal(f"error{k}", to=actor)
@@ -155,4 +174,42 @@ def network(
         connect(actor, f"policy{k}", rule)
         asked = neuro.static(receptor="ask")
         net.connect(ask, actor, neuro.all_to_all(), asked, weight=1.0, delay=1.0, name=f"ask{k}")
+    novelty: dict[str, Any] = {"novelty": settings.novelty, "places": "places"} if settings.novelty else {}
+    td: dict[str, Any] = {
+        "critic": CRITIC,
+        "discount": settings.discount,
+        "rest": REST,
+        "gain": GAIN,
+        "worth": settings.reward_scale,
+    }
+    same = TEACHERS["same"](as_="error", size=TYPICAL if settings.errors == "normalised" else None)
+    errors = {"error": TEACHERS["td"](**td, **novelty), **{f"error{k}": same for k in range(len(circuits))}}
+    net.world(
+        environment=environment,
+        step=float(STEP),
+        observe={"places": encoder_of(settings), "ask": ENCODERS["pulse"]()},
+        act=DECODERS["winner"](of=circuits),
+        reward=errors if learnt is None else None,
+        explore=settings.explore,
+    )
     return net
+
+
+def rates_of(settings: Settings, active: int) -> tuple[float, float]:
+    """By how much an error of 1 changes the preference for an action, and the value, in the state of `active` places.
+
+    The settings are those of USUAL places. One place that stands for a state alone takes all of an error's noise, which
+    many share; the exponent is that with which both FrozenLake (one place) and MountainCar (24) are learnt.
+    """
+    share = (active / USUAL) ** (2.0 / 3.0)
+    return settings.actor_rate * share, settings.critic_rate * share
+
+
+def _etas(rates: tuple[float, float], active: int) -> tuple[float, float]:
+    """The learning rates of the rules in mV, for the actor and the critic.
+
+    An active place brings x, which is 1 / (1 - exp(-PERIOD / tau)) at a spike and decays; the means are over a period.
+    """
+    actor, critic = rates
+    x = np.exp(-np.arange(PERIOD) / TAU) / (1.0 - math.exp(-PERIOD / TAU))
+    return actor / (active * float(np.mean(x**2))), critic / (active * REST * float(np.mean(x)) ** 2)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
+from neuro.apps import Environments, Moment
 from neuro_agent.agent import ActorCritic
-from neuro_agent.learner import Decision, rates_of
-from neuro_agent.network import Weights
+from neuro_agent.network import CRITIC, rates_of
 
 if TYPE_CHECKING:
     from neuro.chips import Energy
@@ -31,66 +32,9 @@ class LinearTwin(ActorCritic):
 
     kind: ClassVar[str] = "linear twin"
 
-    def begin(self, n: int, block: int = 0) -> None:
-        """Begin a block of training with n episodes side by side, which learn one set of weights."""
-        self.rewards.begin()
-        self.errors.begin()
-        self._rng = np.random.default_rng([self.seed, block])
-        self._choices = Choices(self.actions.sizes)
-        value, *policies = self._learnt.values()
-        self._w = np.hstack([value[:, :1], *policies])  # all neurons of a critic would learn the same
-        each = np.split(self._w, 1 + self._choices.first, axis=1)
-        each[0] = np.broadcast_to(each[0], value.shape)
-        self._learnt = dict(zip(self.projections, each, strict=True))
-        s, active = self.settings, self.places.active
-        actor, critic = rates_of(s, active)
-        self._critic = np.eye(1, self._w.shape[1])[0]  # rates of each column
-        self._critic, self._actor = critic / active * self._critic, actor / active * (1.0 - self._critic)
-        self._z = [np.zeros_like(self._w) for _ in range(n)]
-        self._e: list[tuple[Ints, Floats]] = []
-
-    def decide(self, observations: Floats, mixed: np.random.Generator | None = None) -> Decision:
-        """Judge and choose, for each observation; see `Learner.decide`."""
-        winners, values = [], []
-        self._e = []
-        for vector in observations:
-            cells, x = self.places.activity(vector)
-            cells = cells if mixed is None else mixed.permutation(self.places.size)[cells]
-            value, *_ = sums = (x[:, None] * self._w[cells]).sum(axis=0)
-            p, chosen = self._choices.draw(sums[1:], self._rng)
-            gained = np.concatenate([[1.0], -p])
-            gained[1 + self._choices.first + chosen] += 1.0
-            self._e.append((cells, x[:, None] * gained))
-            values.append(self.rewards.first + float(value))
-            winners.append(chosen)
-        return Decision(np.array(winners), np.array(values), np.zeros((len(observations), 0), dtype=np.int64))
-
-    def teach(self, errors: Floats) -> None:
-        """Learn from the errors of the last but one control step; then the last one is eligible, too."""
-        s = self.settings
-        for error, own, z, (cells, gained) in zip(errors, self.errors.of(errors), self._z, self._e, strict=True):
-            self._w += (self._critic * error + self._actor * own) * z
-            z *= s.discount * s.decay
-            z[cells] += gained
-
-    def shrink(self, share: float) -> None:
-        """Let rewards and values be this share of what they were."""
-        self.rewards.shrink(share)
-        self._w[:, 0] *= share
-
-    def forget(self, which: npt.NDArray[np.bool_]) -> None:
-        """End the episode of some."""
-        for k in np.flatnonzero(which):
-            self._z[k][...] = 0.0
-
-    def merge(self, before: Any) -> dict[str, Floats]:
-        """They have one set of weights already."""
-        return self.weights
-
-    def learn_from(self, weights: Weights) -> None:
-        """Have learnt these weights."""
-        self._acting = None
-        self._learnt = {name: weights[name].copy() for name in self.projections}
+    def pilot(self, worlds: Environments, seed: int) -> Any:
+        """Return what learns in environments, as the pilot of a closed loop that has learnt nothing yet."""
+        return _Pilot(self, seed)
 
     def frozen(self, seed: int = 0, backend: str = "event") -> Any:
         """The twin as it is, which learns no more.
@@ -113,6 +57,88 @@ class LinearTwin(ActorCritic):
 
 def _no_spikes(where: str) -> ModelError:
     return ModelError(f"'{where}': the linear twin has no spikes, so no backend runs it: expected an ActorCritic")
+
+
+class _Pilot:
+    """What the twin learns in a closed loop; several episodes side by side learn one set of weights.
+
+    Attributes:
+        encoders: those of the places.
+        taught: the errors, that for the critic and that for the actor.
+        counts: the values of the last control step in place of the critic's spikes, (copies, 1).
+    """
+
+    def __init__(self, twin: LinearTwin, seed: int) -> None:
+        world = twin.network().world_section
+        assert world is not None
+        self._twin, self._seed, self._choices = twin, seed, Choices(twin.actions.sizes)
+        self.encoders = {"places": world.observe["places"].made(twin.observations, ())}
+        error = replace(world.reward["error"], rest=0.0, gain=1.0)
+        self.taught = {"error": error.made(1), "error0": world.reward["error0"].made()}
+        self.taught["error"].join(self.encoders)
+        s, active = twin.settings, twin.places.active
+        actor, critic = rates_of(s, active)
+        self._critic = np.eye(1, 1 + sum(twin.actions.sizes))[0]  # rates of each column
+        self._critic, self._actor = critic / active * self._critic, actor / active * (1.0 - self._critic)
+
+    def begin(self, copies: int, block: int) -> None:
+        """Begin a block, with all that was learnt before."""
+        self._rng = np.random.default_rng([self._seed, block])
+        self._z = [np.zeros_like(self._w) for _ in range(copies)]
+        for taught in self.taught.values():
+            taught.begin(copies)
+
+    def act(self, observations: Floats, infos: Any) -> npt.NDArray[Any]:
+        """Judge and choose."""
+        winners, values = [], []
+        self._e: list[tuple[Ints, Floats]] = []
+        for vector in observations:
+            cells, x = self.encoders["places"].fields.activity(vector)
+            value, *_ = sums = (x[:, None] * self._w[cells]).sum(axis=0)
+            p, chosen = self._choices.draw(sums[1:], self._rng)
+            gained = np.concatenate([[1.0], -p])
+            gained[1 + self._choices.first + chosen] += 1.0
+            self._e.append((cells, x[:, None] * gained))
+            values.append(float(value))
+            winners.append(chosen)
+        self.counts = {CRITIC: np.array(values)[:, None]}
+        return self._twin.actions.of(np.array(winners))
+
+    def explored(self, observations: Floats, rewards: Sequence[float], returns: Sequence[float]) -> None:
+        """Learn bounds and scales from random moves."""
+        self.encoders["places"].learn(observations)
+        self.taught["error"].explored(rewards, returns)
+
+    def teach(self, moment: Moment) -> None:
+        """Learn from the errors of the last but one control step; then the last one is eligible, too."""
+        s, errors = self._twin.settings, self.taught["error"].values(moment)
+        scaled = self.taught["error0"].of(errors)
+        for error, own, z, (cells, gained) in zip(errors[:, 0], scaled[:, 0], self._z, self._e, strict=True):
+            self._w += (self._critic * error + self._actor * own) * z
+            z *= s.discount * s.decay
+            z[cells] += gained
+        for k in np.flatnonzero(moment.last):
+            self._z[k][...] = 0.0
+        self._w[:, 0] *= self.taught["error"].share(moment)
+
+    def merge(self) -> None:
+        """They have one set of weights already."""
+
+    def arrays(self) -> dict[str, Any]:
+        """All that it needs to go on; all neurons of a critic would learn the same."""
+        value, *policies = np.split(self._w, 1 + self._choices.first, axis=1)
+        critic = np.broadcast_to(value, (len(value), self._twin.settings.critics))
+        weights = dict(zip(self._twin.projections, (critic, *policies), strict=True))
+        places, error = self.encoders["places"].arrays(), self.taught["error"].arrays()
+        return {"learnt": weights, "encoder.places": places, "teacher.error": error}
+
+    def put(self, arrays: Mapping[str, Any]) -> None:
+        """Go on from `arrays`."""
+        size, weights = self._twin.places.size, arrays["learnt"]
+        value, *policies = (np.reshape(weights[name], (size, -1)) for name in self._twin.projections)
+        self._w = np.hstack([value[:, :1], *policies])
+        self.encoders["places"].put(arrays["encoder.places"])
+        self.taught["error"].put(arrays["teacher.error"])
 
 
 class _Frozen:

@@ -17,10 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import Environments, episode_seed, html, player, sealed, why
-from neuro_agent import files
+from neuro.apps import Environments, Moment, NetworkPilot, check, episode_seed, html, player, sealed, why
 from neuro_agent.deployed import Frozen
-from neuro_agent.network import circuit
+from neuro_agent.network import CRITIC, GAIN, REST, SEED, circuit
 from neuro_agent.training import TESTS, fitting
 
 if TYPE_CHECKING:
@@ -126,49 +125,62 @@ def played(agent: Learner, env: Any, seed: int = 0, learning: bool = False) -> E
     worlds = fitting(agent, env, 60.0)
     if worlds.n != 1:
         raise ModelError(f"watch: a vector of {worlds.n} environments: expected one", hint="gymnasium.make")
-    twin = type(agent)(agent.observations, agent.actions.space, seed=seed, **agent.settings.plain())
-    files.put_arrays(twin, files.arrays_of(agent))
-    twin.begin(1)
-    if twin._copies is None:
+    pilot = agent.pilot(worlds, check(SEED, seed, "seed"))
+    if not isinstance(pilot, NetworkPilot):
         raise ModelError(f"watch: {type(agent).__name__} has no spikes to show: expected an ActorCritic")
+    pilot.put(agent.arrays())
+    pilot.begin(1, 0)
     episode = Episode(learning, worlds.name)
     camera = _Camera(env)
     with worlds.watched():
-        _play(twin, None if learning else Frozen(agent, seed, "event"), worlds, episode, camera, seed)
+        _play(agent, pilot, None if learning else Frozen(agent, seed, "event"), worlds, episode, camera, seed)
     episode.frames, episode.blank = camera.frames(), camera.blank
     return episode
 
 
 def _play(
-    twin: Learner, frozen: Frozen | None, worlds: Environments, episode: Episode, camera: _Camera, seed: int
+    agent: Learner,
+    pilot: NetworkPilot,
+    frozen: Frozen | None,
+    worlds: Environments,
+    episode: Episode,
+    camera: _Camera,
+    seed: int,
 ) -> None:
-    assert twin._copies is not None
-    unit, sim = 1.0 / twin.rewards.factor, twin._copies[0] if frozen is None else frozen.sim
+    sim = pilot.copies[0] if frozen is None else frozen.sim
+    error: Any = pilot.taught["error"]
+    scale, circuits = error.scale, [circuit(k) for k in range(len(agent.actions.sizes))]
     seen = worlds.reset([episode_seed(seed, TESTS)])
     reward, before, ended, cut = 0.0, 0.0, False, False
+    first = np.ones(1, dtype=np.bool_)
     for k in range(STEPS + 1):
         camera.take(k)
-        found = twin.decide(seen)
-        winners = (found.winners if frozen is None else frozen.decide(seen))[0]
-        value = float(found.values[0])
-        error = 0.0 if k == 0 else reward / unit + (0.0 if ended else twin.settings.discount * value) - before
-        twin.teach(np.array([error if episode.learning else 0.0]))
+        pilot.act(seen, worlds.infos)
+        counts, unit = pilot.counts, 1.0 / scale.factor
+        chosen = np.array([counts[name][0].argmax() for name in circuits])
+        winners = chosen if frozen is None else frozen.decide(seen)[0]
+        value = unit * (scale.first + (counts[CRITIC].sum() / counts[CRITIC].size - REST) / GAIN)
         episode.observations.append(seen[0])
-        episode.places.append(twin.places.cells(seen[0]))
-        episode.critic.append(found.spikes[0])
+        episode.places.append(agent.places.cells(seen[0]))
+        episode.critic.append(counts[CRITIC][0])
         episode.winners.append(winners)
-        each = range(len(twin.actions.sizes))
-        episode.chances.append(np.concatenate([sim.get(circuit(i), "p") for i in each]))
-        episode.values.append(value * unit)
-        episode.errors.append(error * unit if k else math.nan)
+        episode.chances.append(np.concatenate([sim.get(name, "p") for name in circuits]))
+        episode.values.append(value)
+        after = 0.0 if ended else agent.settings.discount * value
+        episode.errors.append(reward + after - before if k else math.nan)
         episode.rewards.append(reward)
         if episode.learning or k == 0:
-            weights = twin.weights
-            _keep(episode.weights, k, np.concatenate([weights[name] for name in twin.projections[1:]], axis=1), MOMENTS)
+            policies = [pilot.weights[name].reshape(agent.places.size, -1) for name in agent.projections[1:]]
+            _keep(episode.weights, k, np.concatenate(policies, axis=1), MOMENTS)
         if worlds.over[0]:
             break
-        seen, rewards, ends, cuts = worlds.step(twin.actions.of(winners[None]), [0])
+        last = worlds.over
+        seen, rewards, ends, cuts = worlds.step(agent.actions.of(winners[None]), [0])
         reward, before, ended, cut = float(rewards[0]), value, bool(ends[0]), bool(cuts[0])
+        if episode.learning:
+            moment = Moment(counts, first, last, rewards, ends, worlds.infos, seen, 0.0, k + 1, ())
+            pilot.teach(moment)
+        first = last
     episode.end = "terminated" if ended else "cut off by the environment" if cut else f"cut off after {STEPS} steps"
 
 

@@ -166,7 +166,9 @@ class Actions:
             winners = np.clip(means, self.space.low, self.space.high)
             if np.issubdtype(self.space.dtype, np.integer):
                 winners = np.rint(winners)
-        elif isinstance(self.space, (spaces.Discrete, spaces.MultiDiscrete)):
+        elif isinstance(self.space, spaces.Discrete):
+            winners = winners + int(self.space.start)
+        elif isinstance(self.space, spaces.MultiDiscrete):
             winners = winners + np.ravel(self.space.start)
         return winners.reshape(-1, *(self.space.shape or ())).astype(self.space.dtype, copy=False)
 

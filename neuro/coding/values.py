@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from neuro.coding.world import Moment
 
 Floats: TypeAlias = npt.NDArray[np.float64]
+Ints: TypeAlias = npt.NDArray[np.int64]
 
 MOST = 1.25
 """The largest magnitude of a value: at -1.6 the neurons of the critic fall silent, at 3.8 they spike in each ms."""
@@ -66,7 +67,7 @@ class RewardScale:
         """Begin a block of training."""
         self._level = 0.0
 
-    def excess(self, values: Floats, rewards: Floats) -> float:
+    def excess(self, values: Sequence[float], rewards: Floats) -> float:
         """By which share rewards and values have to shrink after a control step, 1 if they need not.
 
         Random moves do not show what a good policy gets. So rewards shrink to half of MOST where values come to exceed
@@ -78,7 +79,7 @@ class RewardScale:
             rewards: as the environments gave them, (copies,).
         """
         # Of the few numbers of a control step, lists are faster than reductions of arrays.
-        self._level += (sum(values.tolist()) / len(values) - self._level) / SOME
+        self._level += (sum(values) / len(values) - self._level) / SOME
         level, largest = abs(self._level), self.factor * max(map(abs, rewards.tolist()))
         return min(MOST / 2.0 / level if level > MOST else 1.0, MOST / largest if largest > MOST else 1.0)
 
@@ -90,13 +91,15 @@ class RewardScale:
 class TemporalDifference:
     """The error of predicted values: reward + discount V(now) - V(before), 0 at the begin of an episode.
 
+    Values of the few copies of a control step are lists, with which Python is faster than calls of numpy.
+
     Args:
         scale: of the rewards.
         discount: of the value one control step later.
         adapts: whether the scale is learnt from the rewards, and shrinks where values come to exceed their range.
 
     Attributes:
-        reward: of the last control step, as the critic learns it, (copies,).
+        reward: of the last control step, as the critic learns it, one for each copy.
     """
 
     def __init__(self, scale: RewardScale, discount: float, adapts: bool = True) -> None:
@@ -106,14 +109,17 @@ class TemporalDifference:
     def begin(self, copies: int) -> None:
         """Begin a block of so many copies."""
         self._scale.begin()
-        self.reward, self._value = np.zeros(copies), np.zeros(copies)
-        self._ended = np.zeros(copies, dtype=np.bool_)
+        self.reward, self._value, self._ended = [0.0] * copies, [0.0] * copies, [False] * copies
 
-    def errors(self, values: Floats, moment: Moment) -> Floats:
-        """Return the errors of the last control step but one, (copies,), from the values of the present states."""
+    def errors(self, values: list[float], moment: Moment) -> list[float]:
+        """Return the errors of the last control step but one from the values of the present states."""
+        each = zip(self.reward, values, self._ended, self._value, moment.first.tolist(), strict=True)
         # What a state is worth follows a cut-off, and nothing an end; of what has just begun nothing is known.
-        errors: Floats = (self.reward + self._discount * values * ~self._ended - self._value) * ~moment.first
-        self._value, self._ended = values, moment.ended
+        errors = [
+            (reward + self._discount * value * (not ended) - before) * (not first)
+            for reward, value, ended, before, first in each
+        ]
+        self._value, self._ended = values, moment.ended.tolist()
         return errors
 
     def share(self, moment: Moment) -> float:
@@ -125,9 +131,64 @@ class TemporalDifference:
                 scale.learn([0.0] * (moment.steps - first.size) + first.tolist(), moment.returns)
             share = scale.excess(self._value, moment.rewards)
             if share < 1.0:
-                self._value = self._value * share
+                self._value = [value * share for value in self._value]
         return share
 
     def take(self, moment: Moment) -> None:
         """Keep the reward of the control step in the scale of now, for the next errors."""
-        self.reward = moment.rewards * self._scale.factor
+        self.reward = [reward * self._scale.factor for reward in moment.rewards.tolist()]
+
+
+class Novelty:
+    """A reward for what has seldom been seen: the mean of scale / sqrt(n), n how often each active place has been.
+
+    Dopamine neurons respond to what is new, less with each time (Kakade & Dayan, Neural Networks 15:549, 2002). The
+    form is that of Strehl & Littman, J. Comput. Syst. Sci. 74:1309, 2008.
+
+    Args:
+        scale: the reward of a state that has not been seen.
+
+    Attributes:
+        counts: how often each place has been active, (places,).
+    """
+
+    def __init__(self, scale: float) -> None:
+        self._scale = scale
+        self.counts: Ints = np.zeros(0, dtype=np.int64)
+
+    def join(self, cells: Callable[[Floats], Ints], size: int) -> None:
+        """Count from now on the active places of an observation, `cells` of it, of `size` places."""
+        self._cells, self.counts = cells, np.zeros(size, dtype=np.int64)
+
+    def of(self, observations: Floats) -> list[float]:
+        """The reward of each observation, (copies, dimensions), each of which has been seen once more then."""
+        rewards = []
+        for vector in observations:
+            cells = self._cells(vector)
+            self.counts[cells] += 1
+            rewards.append(self._scale * float((1.0 / np.sqrt(self.counts[cells])).sum()) / cells.size)
+        return rewards
+
+
+class ErrorScale:
+    """Errors as they are, or brought to a size, so that one rate of learning fits any task.
+
+    Args:
+        size: root mean square of the errors on average; None: as they are.
+    """
+
+    def __init__(self, size: float | None) -> None:
+        self._size = size
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a block of training, in which the size is measured anew."""
+        self._count, self._square = 0, 0.0
+
+    def of(self, errors: Floats) -> Floats:
+        """The errors of a control step, of all copies, scaled."""
+        if self._size is None:
+            return errors
+        self._count = min(self._count + 1, SOME)
+        self._square += (float(np.mean(errors**2)) - self._square) / self._count
+        return errors * (self._size / math.sqrt(max(self._square, 1e-12)))

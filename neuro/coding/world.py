@@ -80,6 +80,10 @@ class Shown:
         """Rates of a control step in Hz, (copies, neurons)."""
         raise NotImplementedError
 
+    def cells(self, observation: Floats) -> Ints:
+        """The neurons that stand for one observation, (dimensions,); of an encoder with fields."""
+        raise NotImplementedError
+
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """All that it has learnt, for a checkpoint."""
         return {}
@@ -170,6 +174,13 @@ class Decoder(Choice):
 class Taught:
     """A teacher in use."""
 
+    def join(self, encoders: Mapping[str, Shown]) -> None:
+        """See the encoders in use, by population, before anything is learnt.
+
+        Raises:
+            ModelError: it needs another one.
+        """
+
     def begin(self, copies: int) -> None:
         """Begin a block of so many copies."""
 
@@ -179,6 +190,10 @@ class Taught:
     def values(self, moment: Moment) -> Floats:
         """The values of its signal from now on, (copies, 1) or (copies, numbers)."""
         raise NotImplementedError
+
+    def of(self, values: Floats) -> Floats:
+        """Values of the signal that it takes as its own, (copies, 1) or (copies, numbers)."""
+        return values
 
     def share(self, moment: Moment) -> float:
         """Return the factor on the weights onto the critic after this step; 1 for no change."""

@@ -31,6 +31,9 @@ class _OfFields(Shown):
     def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
         return self.fields.spikes(observations[:, self._columns], ticks, rng if self._poisson else None)
 
+    def cells(self, observation: Floats) -> Ints:
+        return self.fields.cells(observation[self._columns])
+
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         return {"middle": self.fields.middle, "spread": self.fields.spread}
 
@@ -270,6 +273,9 @@ class winner(Decoder):
         if list(sizes) != expected:
             message = f"winner: populations of {list(sizes)} neurons for actions of {space}"
             raise ModelError(f"{message}: expected {len(expected)} of {', '.join(map(str, expected))}")
+        one, *others = self.of
+        if not others:
+            return lambda counts: actions.of(self._winners(counts[one])[:, None])
         return lambda counts: actions.of(np.array([self._winners(counts[name]) for name in self.of]).T)
 
     def _winners(self, fired: Ints) -> Ints:
@@ -433,7 +439,7 @@ class _TD(Taught):
     """The error of a critic's prediction."""
 
     def __init__(self, choice: td, neurons: int) -> None:
-        from neuro.coding.values import RewardScale, TemporalDifference
+        from neuro.coding.values import Novelty, RewardScale, TemporalDifference
 
         self._td, self._neurons, self._adapts = choice, neurons, choice.worth is not None
         self._decay: Floats = np.exp(
@@ -441,6 +447,15 @@ class _TD(Taught):
         )
         self.scale = RewardScale(choice.discount, choice.worth if self._adapts else 1.0)
         self._difference = TemporalDifference(self.scale, choice.discount, self._adapts)
+        self.novelty = Novelty(choice.novelty * (1.0 - choice.discount))
+
+    def join(self, encoders: Mapping[str, Shown]) -> None:
+        if self._td.novelty:
+            names = [name for name, one in encoders.items() if type(one).cells is not Shown.cells]
+            if self._td.places not in names:
+                raise unknown("population with fields", str(self._td.places), names, path=("places",))
+            encoder = encoders[self._td.places]
+            self.novelty.join(encoder.cells, encoder.size)
 
     def begin(self, copies: int) -> None:
         self._difference.begin(copies)
@@ -452,14 +467,16 @@ class _TD(Taught):
 
     def values(self, moment: Moment) -> Floats:
         td, spikes = self._td, moment.counts[self._td.critic]
-        fired = spikes.sum(axis=1) / self._neurons
+        counts, first = spikes.sum(axis=1), self.scale.first
         if self._decay.size:
-            fired = self._smoothed(fired, moment)
-        errors = self._difference.errors(self.scale.first + (fired - td.rest) / td.gain, moment)
+            fired = self._smoothed(counts / self._neurons, moment).tolist()
+        else:
+            fired = [count / self._neurons for count in counts.tolist()]
+        errors = self._difference.errors([first + (each - td.rest) / td.gain for each in fired], moment)
         if td.wait:
             self._since = np.where(moment.first, 0, self._since + 1)
-            errors = errors * (self._since >= td.wait)
-        return errors[:, None]
+            return np.asarray(np.array(errors) * (self._since >= td.wait))[:, None]
+        return np.array(errors)[:, None]
 
     def _smoothed(self, fired: Floats, moment: Moment) -> Floats:
         """Return the spikes of a step by a kernel that rises and falls; each comes in the middle of its step."""
@@ -473,14 +490,20 @@ class _TD(Taught):
         if share < 1.0:
             self.scale.shrink(share)
         self._difference.take(moment)
+        if self._td.novelty:
+            gained = zip(self._difference.reward, self.novelty.of(moment.observations), strict=True)
+            self._difference.reward = [reward + new for reward, new in gained]
         return share
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        return {"scale": np.array([self.scale.factor, self.scale.first, self.scale.known])}
+        scale = np.array([self.scale.factor, self.scale.first, self.scale.known])
+        return {"scale": scale} | ({"visits": self.novelty.counts} if self._td.novelty else {})
 
     def put(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
         self.scale.factor, self.scale.first = arrays["scale"][:2].tolist()
         self.scale.known = bool(arrays["scale"][2])
+        if self._td.novelty:
+            self.novelty.counts[:] = arrays["visits"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -489,7 +512,9 @@ class td(Teacher):
 
     V is (mean spikes of a neuron of the critic in the step - rest) / gain. Where the reward has no scale of its own,
     `worth` gives it one: a typical reward in each step, for ever, is worth that much, so that V stays where the
-    critic's neurons can say it; see `neuro.coding.values.RewardScale`.
+    critic's neurons can say it; see `neuro.coding.values.RewardScale`. `novelty` adds a reward for what has seldom been
+    seen: (1 - discount) novelty / sqrt(n), averaged over the `places` that stand for the state, each of which has been
+    seen n times.
 
     Source: Sutton & Barto, Reinforcement Learning, 2nd ed., 2018, section 6.1; a critic of spiking neurons: Fremaux,
         Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013.
@@ -514,6 +539,8 @@ class td(Teacher):
     wait: int = quantity(
         0, "", "steps of an episode until the value has settled, without error", kind="integer", at_least=0
     )
+    novelty: float = quantity(0.0, "", "reward for a state that has not been seen, in typical rewards", at_least=0)
+    places: Any = quantity(None, "", "the population whose neurons with fields tell what has been seen", kind="name")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -526,12 +553,28 @@ class td(Teacher):
         return _TD(self, critic_size)
 
 
+class _Same(Taught):
+    def __init__(self, size: float | None) -> None:
+        from neuro.coding.values import ErrorScale
+
+        self._scale = ErrorScale(size)
+
+    def begin(self, copies: int) -> None:
+        self._scale.begin()
+
+    def of(self, values: Floats) -> Floats:
+        return self._scale.of(values)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class same(Teacher):
-    """The value of another signal of the world, before its scale."""
+    """The value of another signal of the world, before its scale; with a `size` it is brought to that size."""
 
     as_: str = quantity(doc="the other signal", kind="name")
+    size: Any = quantity(
+        None, "", "root mean square of the value, from its own of late; as it is if not given", above=0
+    )
 
     def made(self, critic_size: int = 0) -> Taught:
-        """Return nothing that learns: the loop copies the value."""
-        return Taught()
+        """Make the teacher: the loop gives it the value of the other one."""
+        return _Same(self.size)

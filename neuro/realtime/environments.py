@@ -281,7 +281,7 @@ class Environments:
         return self._vectors(answer), rewards, ends, cuts & ~ends
 
     def _flags(self, name: str, answer: Any) -> Bools:
-        flags = np.asarray(answer)
+        flags = np.array([answer]) if isinstance(answer, bool) else np.asarray(answer)
         if flags.size != self.n or flags.dtype.kind not in "bui":
             raise ModelError(f"env.step returned {name} = {answer!r}: expected True or False")
         return flags.astype(np.bool_).reshape(self.n)

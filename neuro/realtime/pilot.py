@@ -67,6 +67,8 @@ class NetworkPilot:
 
     Attributes:
         copies: the network in execution, in the present block.
+        encoders: those in use, by population.
+        taught: teachers in use, by signal, empty where nothing is learnt.
         counts: spikes of the last control step by population, (copies, neurons).
     """
 
@@ -77,21 +79,22 @@ class NetworkPilot:
         *,
         backend: Any,
         seed: int,
-        learns: bool,
-        record: bool,
-        options: Mapping[str, Any],
+        learns: bool = True,
+        record: bool = False,
+        options: Mapping[str, Any] | None = None,
     ) -> None:
         world = net.world_section
         assert world is not None
         self.net, self._world, self._learns, self._record = net, world, learns, record
-        self._backend, self._seed, self._options = backend, seed, dict(options)
+        self._backend, self._seed, self._options = backend, seed, dict(options or {})
         self._environments = environments
         self.copies = self._compile(environments.n, 0)
         self._block = 0  # for which the copies were compiled
         program = self.copies.program
-        self._encoding = self._encoders(program)
+        self.encoders = self._encoders(program)
         self._act, self._read = self._decoder(program)
-        self._taught = self._teachers(program) if learns else {}
+        self._hear: dict[str, int] = {}  # neurons that hear a signal
+        self.taught = self._teachers(program) if learns else {}
         self._plastic = [p.name for p in program.projections if p.synapse.learns] if learns else []
         self._moves = [p.name for p in program.projections if p.synapse.learns == "moves"] if learns else []
         if environments.n > 1 and len(self._moves) < len(self._plastic):
@@ -127,7 +130,7 @@ class NetworkPilot:
             raise self._wrong(unknown("population", name, names), *path)
         return names.index(name)
 
-    def _encoders(self, program: Program) -> dict[str, tuple[str, Shown]]:
+    def _encoders(self, program: Program) -> dict[str, Shown]:
         made = {}
         for name, encoder in self._world.observe.items():
             part = program.populations[self._part(program, name, "observe", name)]
@@ -145,7 +148,7 @@ class NetworkPilot:
                 needs = f"{encoder.name} of {observations} needs {in_use.size:,}"
                 message = f"population '{name}' has {part.size:,} neurons: {needs}"
                 raise self._wrong(ModelError(message, hint=f"shape: {in_use.size}"), "observe", name)
-            made[name] = encoder.gives, in_use
+            made[name] = in_use
         return made
 
     def _decoder(self, program: Program) -> tuple[Act, list[str]]:
@@ -160,7 +163,7 @@ class NetworkPilot:
             raise self._wrong(error, "act", decoder.name) from None
         return act, [part.name for part in parts]
 
-    def _teachers(self, program: Program) -> dict[str, tuple[Teacher, Taught, int]]:
+    def _teachers(self, program: Program) -> dict[str, Taught]:
         made = {}
         self._choosers: dict[str, str] = {}  # of signals that not all neurons hear alike: who hears them
         signals = {signal.name: signal for signal in program.signals}
@@ -174,12 +177,17 @@ class NetworkPilot:
                 names = [one for one in self._world.reward if not hasattr(self._world.reward[one], "as_")]
                 raise self._wrong(unknown("signal with a value of its own", other, names), "reward", name)
             heard_by = program.populations[signals[name].target]
+            self._hear[name] = heard_by.size
             if teacher.others != 1.0:
                 self._check_chooses(heard_by, name, teacher)
                 self._choosers[name] = heard_by.name
-            made[name] = teacher, teacher.made(neurons), heard_by.size
+            made[name] = teacher.made(neurons)
+            try:
+                made[name].join(self.encoders)
+            except ModelError as error:
+                raise self._wrong(error, "reward", name, teacher.name) from None
         # A teacher that takes the value of another comes after that one.
-        return dict(sorted(made.items(), key=lambda item: hasattr(item[1][0], "as_")))
+        return dict(sorted(made.items(), key=lambda item: hasattr(self._world.reward[item[0]], "as_")))
 
     def _check_chooses(self, heard_by: Population, signal: str, teacher: Teacher) -> None:
         silence = {heard_by.name: np.zeros((1, heard_by.size), dtype=np.int64)}
@@ -198,16 +206,20 @@ class NetworkPilot:
             weights = self.weights
             self.copies, self._block = self._compile(copies, block), block
             self._set_weights(weights)
-        spiking = [name for name, (gives, _) in self._encoding.items() if gives == "spikes"]
-        critics = [teacher.critic for teacher, _, _ in self._taught.values() if hasattr(teacher, "critic")]
+        gives = {name: self._world.observe[name].gives for name in self.encoders}
+        spiking = [name for name in gives if gives[name] == "spikes"]
+        teachers = {name: self._world.reward[name] for name in self.taught}
+        self._signals = {
+            name: (teacher, getattr(teacher, "as_", None), self.copies.port(name), self._hear[name])
+            for name, teacher in teachers.items()
+        }
+        critics = [teacher.critic for teacher in teachers.values() if hasattr(teacher, "critic")]
         self._counted = list(dict.fromkeys([*self._read, *critics]))
         self._stepper = Stepper(self.copies._joined, self._world.step, spiking, self._counted, self._run)
-        self._rates = {
-            name: self.copies.port(name, "rate") for name, (gives, _) in self._encoding.items() if gives == "rates"
-        }
+        self._rates = {name: self.copies.port(name, "rate") for name in gives if gives[name] == "rates"}
         self._rng = np.random.default_rng([block_seed(self._seed, block), 2])
         self._chosen: dict[str, npt.NDArray[np.bool_]] = {}
-        for _, taught, _ in self._taught.values():
+        for taught in self.taught.values():
             taught.begin(copies)
         self._before = {name: self.copies[0].weights(name)[2].ravel() for name in self._moves} if copies > 1 else {}
 
@@ -225,8 +237,8 @@ class NetworkPilot:
     def act(self, observations: Floats, infos: Infos) -> npt.NDArray[Any]:
         """Show the observations, run a control step, and return the actions."""
         lists = []
-        for name, (gives, encoder) in self._encoding.items():
-            if gives == "rates":
+        for name, encoder in self.encoders.items():
+            if name in self._rates:
                 self._rates[name].set(encoder.rates(observations))
             else:
                 lists.append(encoder.spikes(observations, infos, self._stepper.ticks, self._rng))
@@ -236,34 +248,34 @@ class NetworkPilot:
 
     def explored(self, observations: Floats, rewards: Sequence[float], returns: Sequence[float]) -> None:
         """Take the bounds of observations and the scale of rewards from random moves."""
-        for _, encoder in self._encoding.values():
+        for encoder in self.encoders.values():
             encoder.learn(observations)
-        for _, taught, _ in self._taught.values():
+        for taught in self.taught.values():
             taught.explored(rewards, returns)
 
     def teach(self, moment: Moment) -> None:
         """Set all signals for the next control step."""
-        if not self._taught:
+        if not self.taught:
             return
         raw: dict[str, Floats] = {}
         chosen = {name: self._world.act.chosen(self.counts, heard) for name, heard in self._choosers.items()}
-        for name, (teacher, taught, size) in self._taught.items():
-            other = getattr(teacher, "as_", None)
-            raw[name] = taught.values(moment) if other is None else raw[other]
+        for name, taught in self.taught.items():
+            teacher, other, port, size = self._signals[name]
+            raw[name] = taught.values(moment) if other is None else taught.of(raw[other])
             values = teacher.spread(raw[name], size, moment.time)
             if name in chosen:
-                delayed = (teacher if other is None else self._taught[other][0]).delayed
+                delayed = (teacher if other is None else self._signals[other][0]).delayed
                 which = self._chosen.get(name, chosen[name]) if delayed else chosen[name]
                 values = values * np.where(which, 1.0, teacher.others)
-            self.copies.signal(name, values)
+            port.set(values)
         self._chosen = chosen
         if np.count_nonzero(moment.last):
             for name in self._moves:
                 self.copies.clear(name, moment.last)
-        for teacher, taught, _ in self._taught.values():
+        for name, taught in self.taught.items():
             share = taught.share(moment)
             if share < 1.0:
-                self._shrink(teacher.critic, share)  # type: ignore[attr-defined]  # only a critic has a share
+                self._shrink(self._world.reward[name].critic, share)  # only a critic has a share
 
     def _shrink(self, critic: str, share: float) -> None:
         """Let the weights onto a critic be this share of what they are."""
@@ -291,13 +303,13 @@ class NetworkPilot:
     def arrays(self) -> dict[str, Any]:
         """Return all that it has learnt, for a checkpoint."""
         made: dict[str, Any] = {"learnt": self.weights}
-        made |= {f"encoder.{name}": encoder.arrays() for name, (_, encoder) in self._encoding.items()}
-        return made | {f"teacher.{name}": taught.arrays() for name, (_, taught, _) in self._taught.items()}
+        made |= {f"encoder.{name}": encoder.arrays() for name, encoder in self.encoders.items()}
+        return made | {f"teacher.{name}": taught.arrays() for name, taught in self.taught.items()}
 
     def put(self, arrays: Mapping[str, Any]) -> None:
         """Go on from what `arrays` gave."""
         self._set_weights(arrays["learnt"])
-        for name, (_, encoder) in self._encoding.items():
+        for name, encoder in self.encoders.items():
             encoder.put(arrays.get(f"encoder.{name}", {}))
-        for name, (_, taught, _) in self._taught.items():
+        for name, taught in self.taught.items():
             taught.put(arrays.get(f"teacher.{name}", {}))

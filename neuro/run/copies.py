@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from neuro.core.errors import ModelError
+from neuro.kernels.jit import kernel
 from neuro.model.parts import Population, Projection, Signal
 from neuro.model.views import View
 from neuro.program.program import Floats, Program
@@ -129,15 +130,27 @@ class Copies:
         return Stepper(self._joined, ms, emit, count)
 
     def _each(self, values: ArrayLike, size: int, what: str) -> Floats:
-        array = np.asarray(values, dtype=np.float64)
-        if array.shape not in ((), (len(self), 1), (len(self), size)):
-            message = f"{what}: an array of shape {list(array.shape)}: expected [{len(self)}, {size}], copies first"
+        array, copies = np.asarray(values, dtype=np.float64), len(self._sims)
+        if array.shape not in ((), (copies, 1), (copies, size)):
+            message = f"{what}: an array of shape {list(array.shape)}: expected [{copies}, {size}], copies first"
             raise ModelError(message)
-        if np.count_nonzero(np.isfinite(array)) < array.size:
+        each = np.empty((copies, size))
+        # Four calls of numpy would take as long as some ticks of a small network.
+        if not _fill(each, np.ascontiguousarray(array if array.ndim else array.reshape(1, 1))):
             raise ModelError(f"{what}: a value is not finite: expected numbers")
-        each = np.empty((len(self), size))
-        np.add(array, 0.0, out=each)  # -0.0 is 0.0
         return each
+
+
+@kernel
+def _fill(each: Floats, values: Floats) -> bool:
+    """Fill the rows of `each` with as many values, or with one, -0.0 as 0.0; return whether all are finite."""
+    finite = True
+    for k in range(each.shape[0]):
+        for i in range(each.shape[1]):
+            value = values[k if values.shape[0] > 1 else 0, i if values.shape[1] > 1 else 0]
+            finite &= np.isfinite(value)
+            each[k, i] = value + 0.0
+    return finite
 
 
 class CopiesPort:
@@ -146,7 +159,9 @@ class CopiesPort:
     def __init__(self, copies: Copies, ports: Sequence[Port], of: Any, what: str | None) -> None:
         self._copies, self._ports, self._what = copies, ports, what
         handles = copies[0].handles
-        self._signal = handles.signal(of) if what is None else None
+        self._signal, self._text = handles.signal(of) if what is None else None, ports[0].text
+        if self._signal is not None:
+            self._size = copies.program.populations[copies.program.signals[self._signal].target].size
         self._population: int | None = None
         if what in ("counts", "rate"):
             neurons = handles.neurons(of)
@@ -165,7 +180,7 @@ class CopiesPort:
             ModelError: as of `Port.set`.
         """
         if self._signal is not None:
-            self._copies.signal(self._copies.program.signals[self._signal].name, values)
+            self._copies._joined.engines.signal(self._signal, self._copies._each(values, self._size, self._text))
             return
         if self._population is not None and self._what == "rate":
             size = self._copies.program.populations[self._population].size

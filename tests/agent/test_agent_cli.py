@@ -9,11 +9,13 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 from gymnasium import spaces
 
 import neuro_agent
 from neuro import ModelError
+from neuro.results import read as results_of
 from neuro_agent import compare, environments, training
 from refused import mistakes_of
 
@@ -71,6 +73,17 @@ def test_a_world_of_the_users_own_is_trained_tested_and_watched(neuro, walk):
     assert out.startswith("page.html: ")
     assert out.endswith(" steps, return 1, terminated; no frames, the environment renders no rgb_array\n")
     assert "learning goes on" in Path("page.html").read_text()
+
+
+@pytest.mark.parametrize("name", ["Acrobot-v1", "MountainCar-v0"])
+def test_its_description_learns_the_same_by_run(neuro, answer, name):
+    words = ("--steps", 2000, "--seed", 101)
+    assert neuro("train", name, "--out", "agent.h5", "--save", "net.yaml", "--set", "critics=30", *words).status == 0
+    assert answer("run", "net.yaml", "--out", "run.h5", *words).status == 0
+    results = results_of("run.h5")
+    for projection, weights in neuro_agent.ActorCritic.load("agent.h5").weights.items():
+        assert np.any(weights)
+        assert np.array_equal(results.weights(projection)[2].ravel(), weights.ravel())
 
 
 PICTURED = """

@@ -68,6 +68,19 @@ class Sweep:
         return table.csv(), [arrays(out / "runs" / "runs" / key / "results.h5") for key in table.keys]
 
 
+class SweepOfWorld(Sweep):
+    """Runs of a network that learns in its world, results kept."""
+
+    def __init__(self, place):
+        super().__init__(place)
+        import neuro_models
+
+        text = Path(neuro_models.path("cartpole")).read_text().replace("explore: 400", "explore: 50")
+        (place / "net.yaml").write_text(text)
+        said = {"network": "net.yaml", "for": "4000 ms", "keep": "results", "seeds": 2}
+        (place / "sweep.yaml").write_text(json.dumps({**said, "parameters": {"critics": [2, 5, 10]}}))
+
+
 class SweepOnCores(Sweep):
     """The same in two processes of their own, which are killed with the one that asks."""
 
@@ -169,6 +182,26 @@ class DroneSearch(Drone):
     words = {"scenario": "B60", "controller": "random-search", "steps": 600, "episode": 20, "seed": 2}
 
 
+class Agent:
+    """`neuro agent train`, with a checkpoint every 100 steps."""
+
+    def __init__(self, place):
+        from neuro_agent import ActorCritic, environments, training
+
+        training.BLOCK = 100
+        self.agent, self.environments = ActorCritic, environments
+
+    def do(self, out):
+        env = self.environments.make("CartPole-v1")
+        agent = self.agent(env.observation_space, env.action_space, seed=4, critics=5, explore=50)
+        agent.train(env, steps=1000, out=out / "agent.h5")
+        self.environments.remember(out / "agent.h5", "CartPole-v1")
+
+    def bits(self, out):
+        assert [path.name for path in out.iterdir()] == ["agent.h5"], "something was left behind"
+        return arrays(out / "agent.h5")
+
+
 class Remus:
     """The training of ReMuS, with a checkpoint after each epoch."""
 
@@ -189,10 +222,12 @@ class Remus:
 
 KINDS = {
     "sweep": Sweep,
+    "sweep-world": SweepOfWorld,
     "sweep-cores": SweepOnCores,
     "tuning": Tuning,
     "tuning-nsga2": TuningOfTwo,
     "training": Training,
+    "agent": Agent,
     "drone": Drone,
     "drone-search": DroneSearch,
     "remus": Remus,

@@ -26,16 +26,22 @@ class EventEngines:
         first = self._engines[0]
         self._program, self._at = first._program, first._a
         self._reached: Ints = np.zeros(len(engines), dtype=np.int64)
-        self._at_now: Ints = np.zeros(len(engines), dtype=np.int64)
         self._plain = all(len(e._a.net["edges"][0]) == 2 and e._changing is None and not e._stops for e in engines)
         self._run = t.stage_entry("run").address()
         self._stop = first.share_stop(self._engines)
+        self._addresses: list[int] = []
+        parts, moves = self._program.projections, self._at.moves_of.items()
+        signals = range(len(self._program.signals))
+        self._gated = [[k for q, k in moves if parts[q].gate == signal] for signal in signals]
+        self._taught = [[k for q, k in moves if parts[q].signal == signal] for signal in signals]
 
     @property
     def _views(self) -> Ints:
         """Where the arrays of each are now: an engine replaces some when they become too small."""
-        self._at_now[:] = [engine._view for engine in self._engines]
-        return self._at_now
+        addresses = [engine._view for engine in self._engines]
+        if addresses != self._addresses:
+            self._addresses, self._of_addresses = addresses, np.array(addresses, dtype=np.int64)
+        return self._of_addresses
 
     def run(self, steps: int, forget: bool) -> None:
         """Advance all; with `forget` spikes are not recorded."""
@@ -116,12 +122,10 @@ class EventEngines:
         place = self._at.places[part.target]
         inner = values if place.inside is None else np.ascontiguousarray(values[:, place.outside])
         views, step = self._views, self._engines[0]._step
-        for q, k in self._at.moves_of.items():
-            p = self._program.projections[q]
-            if p.gate == signal:
-                together.gate_all(views, k, inner)
-            if p.signal == signal:
-                together.teach_all(views, k, inner)
+        for k in self._gated[signal]:
+            together.gate_all(views, k, inner)
+        for k in self._taught[signal]:
+            together.teach_all(views, k, inner)
         if any(self._program.projections[q].signal == signal for q in self._at.shared_of):
             for engine, each in zip(self._engines, values, strict=True):
                 engine.signal(signal, each)
