@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -189,7 +190,9 @@ class NetworkPilot:
         spiking = [name for name, (gives, _) in self._encoding.items() if gives == "spikes"]
         critics = [teacher.critic for teacher, _, _ in self._taught.values() if hasattr(teacher, "critic")]
         self._counted = list(dict.fromkeys([*self._read, *critics]))
-        self._stepper = Stepper(self.copies._joined, self._world.step, spiking, self._counted, self._run)
+        advance = partial(self.copies._advance, forget=not self._record)
+        self._stepper = Stepper(self.copies._joined, self._world.step, spiking, self._counted, advance)
+        self._signals = {name: self.copies.port(name) for name in self._taught}
         self._rates = {
             name: self.copies.port(name, "rate") for name, (gives, _) in self._encoding.items() if gives == "rates"
         }
@@ -197,17 +200,6 @@ class NetworkPilot:
         for _, taught, _ in self._taught.values():
             taught.begin(copies)
         self._before = {name: self.copies[0].weights(name)[2].ravel() for name in self._moves} if copies > 1 else {}
-
-    def _run(self, ticks: int) -> None:
-        """Advance all copies; records are forgotten unless they are wanted."""
-        joined, copies = self.copies._joined, self.copies
-        if joined.plain:
-            joined.advance(ticks, forget=not self._record)
-            return
-        for sim in copies:
-            if not self._record:
-                sim.forget(before=sim.time)
-            sim.run(self._world.step)
 
     def act(self, observations: Floats, infos: Infos) -> npt.NDArray[Any]:
         """Show the observations, run a control step, and return the actions."""
@@ -236,7 +228,7 @@ class NetworkPilot:
         for name, (teacher, taught, size) in self._taught.items():
             other = getattr(teacher, "as_", None)
             raw[name] = taught.values(moment) if other is None else raw[other]
-            self.copies.signal(name, teacher.spread(raw[name], size, moment.time))
+            self._signals[name].set(teacher.spread(raw[name], size, moment.time))
         if np.count_nonzero(moment.last):
             for name in self._moves:
                 self.copies.clear(name, moment.last)
