@@ -28,6 +28,7 @@ class Copies:
         self.program: Program = sims[0].program
         self._joined = Joined(sims[0]._run, [sim._engine for sim in sims], [sim._watch for sim in sims])
         self._ports = Ports(self._sims, {}, self._joined.engines)
+        self._signals: dict[int, Port] = {}
 
     def __repr__(self) -> str:
         return f"Copies({len(self)} of {self.program.name!r}, backend={self._sims[0].backend!r}, time={self.time:g} ms)"
@@ -73,7 +74,10 @@ class Copies:
 
     def signal(self, of: Signal | str, values: ArrayLike) -> None:
         """Set a signal: a number, one for each copy (copies, 1), or for each copy and neuron (copies, neurons)."""
-        self.port(of).set(values)
+        index = self._sims[0].handles.signal(of)
+        if index not in self._signals:
+            self._signals[index] = self.port(of)
+        self._signals[index].set(values)
 
     def clear(self, of: Projection | str, which: ArrayLike | None = None) -> None:
         """Let the states of the synapses of a projection that learns by moves be 0, as at an episode's end.

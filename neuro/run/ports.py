@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from threading import get_ident
 from typing import Any
 
@@ -68,7 +68,14 @@ class Port:
         Raises:
             ModelError: a value is out of bounds, this can only be read, or a call of the simulation is under way.
         """
-        self._alone("a port's set", self._set, values)
+        turn, mine = self._turn, ("a port's set", get_ident())
+        try:
+            if turn.setdefault(NOW, mine) is not mine:
+                raise refused(f"port: {self.text}", turn)
+            self._set(values)
+        finally:
+            if turn.get(NOW) is mine:
+                del turn[NOW]
 
     def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """The values of now.
@@ -83,15 +90,11 @@ class Port:
         Raises:
             ModelError: `out` does not fit, this can only be set, or a call of the simulation is under way.
         """
-        values: NDArray[Any] = self._alone("a port's get", self._get, out)
-        return values
-
-    def _alone(self, name: str, call: Callable[[Any], Any], argument: Any) -> Any:
-        turn, mine = self._turn, (name, get_ident())
+        turn, mine = self._turn, ("a port's get", get_ident())
         try:
             if turn.setdefault(NOW, mine) is not mine:
                 raise refused(f"port: {self.text}", turn)
-            return call(argument)
+            return self._get(out)
         finally:
             if turn.get(NOW) is mine:
                 del turn[NOW]
