@@ -169,3 +169,33 @@ def test_a_merged_projection_sends_its_new_weights():
     copies.run(1.0)
     assert copies[0].get("actor", "V_m").tolist() == [0.0, 0.0]
     assert copies[1].get("actor", "V_m").max() == 3.0  # the other may have spiked
+
+
+def test_a_port_of_copies_is_the_port_of_each():
+    """Also of views, states and synapses, into arrays that are there, and after a reset."""
+    copies = neuro.compile(loop(), seed=5, copies=N)
+    cells, sources = copies.port("motors", "V_m"), neuro.compile(agent(), copies=N).port("policy", "weight")
+    some, weight, counts = (
+        copies.port("motors[1]", "V_m"),
+        copies.port("learnt", "weight"),
+        copies.port("motors[1]", "counts"),
+    )
+    new, room = np.linspace(-70.0, -60.0, N * 3).reshape(N, 3), np.zeros((N, 3), dtype=np.int64)
+    copies.run(100.0)
+    assert counts.get(room) is room
+    assert room.sum() > 0
+    copies.reset()
+    assert not counts.get(room).any()
+    cells.set(np.full((N, 1), -61.5))
+    some.set(new)
+    for k, sim in enumerate(copies):
+        np.testing.assert_array_equal(sim.get("motors", "V_m"), [-61.5] * 3 + new[k].tolist())
+        assert {"set", "reset"} <= {*sim.steered}
+    assert "copies have " in refused(weight.get)
+    assert sources.get().tolist() == [[0.5] * 16] * N
+    cells.set(-60.0)
+    assert (cells.get() == -60.0).all()
+    assert repr(some) == "Port(V_m of motors[1, :], 3 copies)"
+    assert "V_m of 'motors': an array of shape [6]: expected 3 copies first" in refused(cells.set, np.zeros(6))
+    assert "expected 'counts'" in refused(copies.port, "motors", "spikes")
+    assert "expected at most 500000 Hz" in refused(copies.port("sensors", "rate").set, np.full((N, 1), 6e5))

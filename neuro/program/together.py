@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program.backend import Engine, Fired, SettableSynapses
+from neuro.program.backend import Engine, SettableSynapses, counter
 from neuro.program.program import Floats, Ints, Program
 
 
@@ -65,7 +65,7 @@ class OneByOne:
     """Engines that are called one after the other; see `Engines`."""
 
     def __init__(self, program: Program, engines: Sequence[Engine]) -> None:
-        self._program, self._engines = program, engines
+        self._program, self._engines, self._fired = program, engines, [counter(engine) for engine in engines]
 
     def run(self, steps: int, forget: bool) -> None:
         """Advance all."""
@@ -82,11 +82,7 @@ class OneByOne:
 
     def fired(self, population: int) -> Ints:
         """How often each neuron has fired."""
-        each = [
-            engine.fired(population) if isinstance(engine, Fired) else engine.counts().spikes[population]
-            for engine in self._engines
-        ]
-        return np.stack(each)
+        return np.array([fired(population) for fired in self._fired])
 
     def set_rate(self, population: int, rates: Floats) -> None:
         """Set the rates of a poisson_generator."""

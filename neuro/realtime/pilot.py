@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -215,24 +216,14 @@ class NetworkPilot:
         }
         critics = [teacher.critic for teacher in teachers.values() if hasattr(teacher, "critic")]
         self._counted = list(dict.fromkeys([*self._read, *critics]))
-        self._stepper = Stepper(self.copies._joined, self._world.step, spiking, self._counted, self._run)
+        advance = partial(self.copies._advance, forget=not self._record)
+        self._stepper = Stepper(self.copies._joined, self._world.step, spiking, self._counted, advance)
         self._rates = {name: self.copies.port(name, "rate") for name in gives if gives[name] == "rates"}
         self._rng = np.random.default_rng([block_seed(self._seed, block), 2])
         self._chosen: dict[str, npt.NDArray[np.bool_]] = {}
         for taught in self.taught.values():
             taught.begin(copies)
         self._before = {name: self.copies[0].weights(name)[2].ravel() for name in self._moves} if copies > 1 else {}
-
-    def _run(self, ticks: int) -> None:
-        """Advance all copies; records are forgotten unless they are wanted."""
-        joined, copies = self.copies._joined, self.copies
-        if joined.plain:
-            joined.advance(ticks, forget=not self._record)
-            return
-        for sim in copies:
-            if not self._record:
-                sim.forget(before=sim.time)
-            sim.run(self._world.step)
 
     def act(self, observations: Floats, infos: Infos) -> npt.NDArray[Any]:
         """Show the observations, run a control step, and return the actions."""

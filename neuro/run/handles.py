@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.compiler.shapes import End, end_of
-from neuro.core.clock import Clock
+from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.model.network import Network
 from neuro.model.parts import Part, Population, Probe, Projection, Side, Signal
@@ -210,6 +210,17 @@ class Run:
         self.net, self.backend, self.program, self.engine = net, backend, program, engine
         self.clock, self.handles = Clock(program.resolution), Handles(net, program)
         self.rules = {index: part.synapse for index, part in enumerate(program.projections)}
+
+    def steps(self, ms: float) -> int:
+        """Return the time of a run in steps.
+
+        Raises:
+            ModelError: the time is no multiple of the resolution, or not finite.
+        """
+        steps = self.clock.step(ms, "run")
+        if not 0 <= steps < NEVER:
+            raise ModelError(f"run = {ms:g} ms: expected a finite time >= 0 ms")
+        return steps
 
 
 def _none(word: str, found: object, known: Iterable[str]) -> ModelError:

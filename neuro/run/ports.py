@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import dataclass
+from collections.abc import Sequence
 from threading import get_ident
 from typing import Any
-from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,8 +19,9 @@ from neuro.core.errors import ModelError
 from neuro.core.keyed_random import LARGEST_MEAN
 from neuro.core.quantities import Quantity, word_of
 from neuro.kernels.jit import kernel
-from neuro.program.backend import counter
+from neuro.program.backend import Engine, counter
 from neuro.program.program import Floats, Ints, synapse_states
+from neuro.program.together import Engines
 from neuro.run import settable
 from neuro.run.handles import Neurons, Run
 from neuro.run.turn import NOW, Turn, refused
@@ -31,23 +31,39 @@ _DOUBLE, _WHOLE = np.dtype(np.float64), np.dtype(np.int64)
 
 
 class Port:
-    """Something of a running network that is set or read again and again; made by `Simulation.port`.
+    """Something of a running network that is set or read again and again; made by `Simulation.port` and `Copies.port`.
+
+    Of copies all arrays have a first axis, with an entry for each copy.
+
+    Args:
+        ports: the simulations and their engines.
+        text: the name of the part and of its value, for messages.
+        size: how many values are set for each simulation.
+        low: values that are accepted at once are not below.
+        high: they are not above.
 
     Attributes:
-        text: what it is, for messages: "rate of 'cells'".
+        text: the name in messages: "rate of 'cells'".
     """
 
-    def __init__(self, text: str, turn: Turn) -> None:
-        self.text, self._turn = text, turn
+    _call = ""
+    """The call of a simulation for which `set` stands."""
+
+    def __init__(self, ports: Ports, text: str, size: int = 0, low: float = math.inf, high: float = -math.inf) -> None:
+        self.text, self._turn, self._sims, self._engines = text, ports.turn, ports.sims, ports.engines
+        self._together, n = ports.together, len(self._sims)
+        self._shapes = ((size,),) if self._together is None else ((n, size), (n, 1))
+        self._size, self._low, self._high = size, low, high
 
     def __repr__(self) -> str:
-        return f"Port({self.text})"
+        return f"Port({self.text}{'' if self._together is None else f', {len(self._sims)} copies'})"
 
     def set(self, values: ArrayLike) -> None:
         """Set the values, one for all or one for each; they act from the next step on.
 
         Args:
-            values: as `Simulation.set` and `signal` take them; fastest is an array of float64, one for each.
+            values: as `Simulation.set` and `signal` take them, of copies an array (copies, n) or (copies, 1), or one
+                value for all; fastest is an array of float64, one for each.
 
         Raises:
             ModelError: a value is out of bounds, this can only be read, or a call of the simulation is under way.
@@ -61,9 +77,6 @@ class Port:
             if turn.get(NOW) is mine:
                 del turn[NOW]
 
-    def _set(self, values: ArrayLike) -> None:
-        raise ModelError(f"port: {self.text}: it is read and not set")
-
     def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """The values of now.
 
@@ -72,7 +85,7 @@ class Port:
                 may come.
 
         Returns:
-            `out`, of spikes the part of it that is filled, or a new array.
+            `out`, of spikes the part of it that is filled, or a new array; of copies (copies, n).
 
         Raises:
             ModelError: `out` does not fit, this can only be set, or a call of the simulation is under way.
@@ -86,7 +99,54 @@ class Port:
             if turn.get(NOW) is mine:
                 del turn[NOW]
 
+    def _set(self, values: Any) -> None:
+        if (
+            type(values) is np.ndarray
+            and values.dtype == _DOUBLE
+            and values.shape in self._shapes
+            and values.flags.c_contiguous
+            and within(values if values.ndim == 1 else values.reshape(-1), self._low, self._high)
+        ):
+            if self._together is None:
+                self._accept(self._engines[0], values)
+            else:
+                full = values.shape == self._shapes[0]
+                self._accept_all(self._together, values if full else np.repeat(values, self._size, axis=1))
+            for sim in self._sims:
+                sim.steered[self._call] = None
+        elif self._together is None:
+            self._set_one(self._sims[0], values)
+        else:
+            rows, n = np.asarray(values), len(self._sims)
+            if rows.ndim and (rows.ndim == 1 or len(rows) != n):
+                found = f"an array of shape {list(rows.shape)}"
+                raise ModelError(f"port: {self.text}: {found}: expected {n} copies first, then values")
+            for k, sim in enumerate(self._sims):
+                self._set_one(sim, values if not rows.ndim else rows[k, 0] if rows.shape[1:] == (1,) else rows[k])
+
+    def _accept(self, engine: Engine, values: Floats) -> None:
+        """Set values of one engine that are within the bounds."""
+
+    def _accept_all(self, together: Engines, values: Floats) -> None:
+        """Set values of all engines that are within the bounds, (copies, n)."""
+        for engine, each in zip(self._engines, values, strict=True):
+            self._accept(engine, each)
+
+    def _set_one(self, sim: Any, values: ArrayLike) -> None:
+        """Set any values of one simulation, by the call for which the port stands."""
+        raise ModelError(f"port: {self.text}: it is read and not set")
+
     def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
+        if self._together is None:
+            return self._filled(self._read(0), out)
+        rows = [self._read(k) for k in range(len(self._sims))]
+        if len(sizes := {row.size for row in rows}) > 1:
+            message = f"port: {self.text}: copies have {min(sizes)} to {max(sizes)} values: expected as many in each"
+            raise ModelError(message, hint="copies[k].port")
+        return self._filled(np.array(rows), out)
+
+    def _read(self, copy: int) -> NDArray[Any]:
+        """Return the values of one copy."""
         raise ModelError(f"port: {self.text}: it is set and not read")
 
     def begin(self) -> None:
@@ -105,110 +165,99 @@ class Port:
         return ModelError(f"port: {self.text}: out is {found}: expected an array of {dtype} of {room}")
 
 
-@dataclass(frozen=True, slots=True)
-class _Bounds:
-    """What is accepted at once: one double for each, within [low, high]."""
-
-    shape: tuple[int, ...]
-    low: float
-    high: float
-
-    def fit(self, values: Any) -> bool:
-        """Whether values are such."""
-        return (
-            type(values) is np.ndarray
-            and values.dtype == _DOUBLE
-            and values.shape == self.shape
-            and values.flags.c_contiguous
-            and within(values, self.low, self.high)
-        )
-
-
 class _OfNeurons(Port):
     """A state or parameter of neurons."""
 
-    def __init__(self, net: Ports, plain: Any, of: Any, neurons: Neurons, word: str) -> None:
-        super().__init__(f"{word} of {neurons.text}", net.turn)
-        self._net, self._plain, self._of, self._word = net, plain, of, word
-        self._engine, self._index, self._ids = net.engine, neurons.index, neurons.ids
-        part = neurons.part
-        self._state = word in settable.states(part)
+    _call = "set"
+
+    def __init__(self, ports: Ports, of: Any, neurons: Neurons, word: str) -> None:
+        part, self._run, self._of, self._word = neurons.part, ports.run, of, word
+        self._index, self._ids = neurons.index, neurons.ids
         drawn = part.kind == "poisson" and word == "rate"
-        self._together = not (self._state or drawn)
+        self._rates = drawn and self._ids is None
+        self._partners = not (drawn or word in settable.states(part))
         q = settable.quantity_of(part, word)
-        size = part.size if self._ids is None else self._ids.size
         low, high = _closed(q) if q is not None and q.kind == "number" else (math.inf, -math.inf)
         if drawn:
-            high = min(high, LARGEST_MEAN * 1000.0 / net.clock.resolution)
-        self._bounds = _Bounds((size,), low, high)
+            high = min(high, LARGEST_MEAN * 1000.0 / self._run.clock.resolution)
+        size = part.size if self._ids is None else self._ids.size
+        super().__init__(ports, f"{word} of {neurons.text}", size, low, high)
 
-    def _set(self, values: ArrayLike) -> None:
-        if not self._bounds.fit(values):
-            self._plain.set(self._of, **{self._word: values})
-            return
-        new: Floats = values  # type: ignore[assignment]
+    def _accept(self, engine: Engine, values: Floats) -> None:
         if self._ids is not None:
-            every = self._engine.get(self._index, self._word)
-            every[self._ids] = new
-            new = every
-        named = {self._word: new}
-        if self._together:
-            settable.check_together(self._net.program, self._index, named, self._engine, self._net.clock)
-        self._engine.set(self._index, named)
-        self._plain.steered["set"] = None
+            every = engine.get(self._index, self._word)
+            every[self._ids] = values
+            values = every
+        named = {self._word: values}
+        if self._partners:
+            settable.check_together(self._run.program, self._index, named, engine, self._run.clock)
+        engine.set(self._index, named)
 
-    def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
-        return self._filled(self._engine.get(self._index, self._word, self._ids), out)
+    def _accept_all(self, together: Engines, values: Floats) -> None:
+        if self._rates:
+            together.set_rate(self._index, values)
+        else:
+            super()._accept_all(together, values)
+
+    def _set_one(self, sim: Any, values: ArrayLike) -> None:
+        sim.set(self._of, **{self._word: values})
+
+    def _read(self, copy: int) -> Floats:
+        return self._engines[copy].get(self._index, self._word, self._ids)
 
 
 class _OfSynapses(Port):
     """The weight, or another state, of the synapses of a projection."""
 
-    def __init__(self, net: Ports, plain: Any, of: Any, index: int, word: str) -> None:
-        part = net.program.projections[index]
-        super().__init__(f"{word} of '{part.name}'", net.turn)
-        self._engine, self._plain, self._of, self._index, self._word = net.engine, plain, of, index, word
-        self._held = word in synapse_states(part)
+    def __init__(self, ports: Ports, of: Any, index: int, word: str) -> None:
+        part = ports.run.program.projections[index]
+        super().__init__(ports, f"{word} of '{part.name}'")
+        self._of, self._index, self._word, self._held = of, index, word, word in synapse_states(part)
 
-    def _set(self, values: ArrayLike) -> None:
-        self._plain.set(self._of, **{self._word: values})
+    def _set_one(self, sim: Any, values: ArrayLike) -> None:
+        sim.set(self._of, **{self._word: values})
 
-    def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
-        found = self._engine.get_synapses(self._index, self._word) if self._held else None
-        if found is None or not within(found, -_HUGE, _HUGE):
-            found = self._plain.get(self._of, self._word)
-        return self._filled(found, out)
+    def _read(self, copy: int) -> Floats:
+        if self._held:
+            values = self._engines[copy].get_synapses(self._index, self._word)
+            if within(values, -_HUGE, _HUGE):
+                return values
+        checked: Floats = self._sims[copy].get(self._of, self._word)
+        return checked
 
 
 class _OfSignal(Port):
     """A signal, one value for each neuron that hears it."""
 
-    def __init__(self, net: Ports, plain: Any, of: Any, index: int) -> None:
-        part = net.program.signals[index]
-        super().__init__(f"signal '{part.name}'", net.turn)
-        self._plain, self._of, self._engine, self._index = plain, of, net.engine, index
-        size = net.program.populations[part.target].size
-        self._bounds = _Bounds((size,), -_HUGE, _HUGE)
+    _call = "signal"
 
-    def _set(self, values: ArrayLike) -> None:
-        if self._bounds.fit(values):
-            self._engine.signal(self._index, np.add(values, 0.0))
-            self._plain.steered["signal"] = None
-        else:
-            self._plain.signal(self._of, values)
+    def __init__(self, ports: Ports, of: Any, index: int) -> None:
+        part, self._of, self._index = ports.run.program.signals[index], of, index
+        size = ports.run.program.populations[part.target].size
+        super().__init__(ports, f"signal '{part.name}'", size, -_HUGE, _HUGE)
+
+    def _accept(self, engine: Engine, values: Floats) -> None:
+        engine.signal(self._index, np.add(values, 0.0))
+
+    def _accept_all(self, together: Engines, values: Floats) -> None:
+        together.signal(self._index, np.add(values, 0.0))
+
+    def _set_one(self, sim: Any, values: ArrayLike) -> None:
+        sim.signal(self._of, values)
 
 
 class _Counts(Port):
     """How often each neuron has fired since this was last read."""
 
-    def __init__(self, net: Ports, neurons: Neurons) -> None:
-        super().__init__(f"counts of {neurons.text}", net.turn)
-        self._fired, self._index, self._ids = counter(net.engine), neurons.index, neurons.ids
+    def __init__(self, ports: Ports, neurons: Neurons) -> None:
+        super().__init__(ports, f"counts of {neurons.text}")
+        self._fired = counter(self._engines[0]) if self._together is None else self._together.fired
+        self._index, self._ids = neurons.index, neurons.ids
         self.begin()
 
     def _now(self) -> Ints:
         every = self._fired(self._index)
-        return every if self._ids is None else every[self._ids]
+        return every if self._ids is None else every[..., self._ids]
 
     def begin(self) -> None:
         self._before = self._now()
@@ -223,18 +272,18 @@ class _Counts(Port):
 class _Spikes(Port):
     """Neurons that have fired since this was last read: ids in the order of time, then id."""
 
-    def __init__(self, net: Ports, plain: Any, of: Any, neurons: Neurons) -> None:
-        super().__init__(f"spikes of {neurons.text}", net.turn)
-        self._net, self._plain, self._of = net, plain, of
+    def __init__(self, ports: Ports, of: Any, neurons: Neurons) -> None:
+        super().__init__(ports, f"spikes of {neurons.text}")
+        self._run, self._of = ports.run, of
         self.begin()
 
     def begin(self) -> None:
-        self._since = self._net.clock.ms(self._net.engine.step)
+        self._since = self._run.clock.ms(self._run.engine.step)
 
     def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
         if out is not None and (type(out) is not np.ndarray or out.dtype != _WHOLE or out.ndim != 1):
             raise self._unfit(out, _WHOLE, "one axis")
-        ids = self._plain.spikes(self._of, since=self._since)[1]
+        ids: Ints = self._sims[0].spikes(self._of, since=self._since)[1]
         if out is not None and ids.size > out.size:
             raise self._unfit(out, _WHOLE, f"at least {ids.size}, the spikes since {self._since:g} ms")
         self.begin()
@@ -242,43 +291,40 @@ class _Spikes(Port):
 
 
 class Ports:
-    """Makes the ports of a simulation, and knows those in use; they hold the simulation, and it does not hold them.
+    """Makes the ports of a simulation, or of copies; a port holds simulations, which do not hold it.
 
     Args:
-        run: the network in execution.
-        turn: the call that the simulation is in.
+        sims: the simulations for whose calls a port stands.
+        turn: the call that is under way.
+        together: the engines of copies as one; None of a single simulation, whose arrays have no axis of copies.
     """
 
-    def __init__(self, run: Run, turn: Turn) -> None:
-        self.program, self.engine, self.clock = run.program, run.engine, run.clock
-        self._handles, self.turn = run.handles, turn
-        self._used: WeakSet[Port] = WeakSet()
+    def __init__(self, sims: Sequence[Any], turn: Turn, together: Engines | None = None) -> None:
+        self.sims, self.turn, self.together = sims, turn, together
+        self.run: Run = sims[0]._run
+        self.engines: list[Engine] = [sim._engine for sim in sims]
 
-    def port(self, plain: Any, of: Any, what: str | None) -> Port:
-        """A port of a simulation, whose calls it stands for; see `Simulation.port`."""
-        port: Port
+    def port(self, of: Any, what: str | None) -> Port:
+        """A port; see `Simulation.port`."""
+        handles = self.run.handles
         if what is None:
-            port = _OfSignal(self, plain, of, self._handles.signal(of))
-        elif what == "counts":
-            port = _Counts(self, self._handles.neurons(of))
-        elif what == "spikes":
-            neurons = self._handles.neurons(of)
-            plain.spikes(of, since=math.inf)  # refuses what is not recorded
-            port = _Spikes(self, plain, of, neurons)
-        else:
-            part = self._handles.neurons_or_projection(of)
-            plain.get(of, what)  # refuses an unknown word
+            return _OfSignal(self, of, handles.signal(of))
+        if what not in ("counts", "spikes"):
+            part = handles.neurons_or_projection(of)
+            self.sims[0].get(of, what)  # refuses an unknown word
             if isinstance(part, int):
-                port = _OfSynapses(self, plain, of, part, what)
-            else:
-                port = _OfNeurons(self, plain, of, part, word_of(what))
-        self._used.add(port)
+                return _OfSynapses(self, of, part, what)
+            return _OfNeurons(self, of, part, word_of(what))
+        neurons = handles.neurons(of)
+        if what == "spikes":
+            self.sims[0].spikes(of, since=math.inf)  # refuses what is not recorded
+            if self.together is not None:
+                message = "port: spikes of copies are not equally many: expected 'counts'"
+                raise ModelError(message, hint="copies[k].port")
+        port: Port = _Counts(self, neurons) if what == "counts" else _Spikes(self, of, neurons)
+        for sim in self.sims:
+            sim._ports.add(port)
         return port
-
-    def begin(self) -> None:
-        """The simulation went back, or on to another state."""
-        for each in self._used:
-            each.begin()
 
 
 def _closed(q: Quantity) -> tuple[float, float]:

@@ -6,9 +6,9 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from os import PathLike
 from typing import TYPE_CHECKING, Any, NoReturn
+from weakref import WeakSet
 
 from neuro.core.checks import check
-from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
 from neuro.model.network import Network
@@ -23,7 +23,7 @@ from neuro.run.watch import Watch
 
 if TYPE_CHECKING:
     from neuro.run.collect import ResultsWriter
-    from neuro.run.ports import Ports
+    from neuro.run.ports import Port
     from neuro.run.signals import SignalFeeder
     from neuro.run.streams import Inflow
 
@@ -51,7 +51,7 @@ class RunningNetwork:
 
             self._signals = SignalFeeder(program, engine)
         self.steered: dict[str, None] = {}
-        self._ports: Ports | None = None
+        self._ports: WeakSet[Port] = WeakSet()
         self._calls: Turn = {}
         self._turn: Turn | None = None
         inner = object.__new__(type(self))
@@ -85,9 +85,7 @@ class RunningNetwork:
         """
         if self._net.latest is not self._latest:
             self._refuse_changed()
-        steps = self._clock.step(ms, "run")
-        if not 0 <= steps < NEVER:
-            raise ModelError(f"run = {ms:g} ms: expected a finite time >= 0 ms")
+        steps = self._run.steps(ms)
         if out is not None:
             with self.record_to(out):
                 self.run(ms, progress)

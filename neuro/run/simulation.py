@@ -135,8 +135,8 @@ class Simulation(RunningNetwork):
         if self._signals is not None:
             self._signals.begin()
         self._records.clear()
-        if self._ports is not None:
-            self._ports.begin()
+        for port in self._ports:
+            port.begin()
         if self.program.trials is not None:
             self._trials.start_anew()
 
@@ -359,11 +359,9 @@ class Simulation(RunningNetwork):
         Raises:
             ModelError: there is no such part, it has nothing of that name, or its spikes are not recorded.
         """
-        if self._ports is None:
-            from neuro.run.ports import Ports
+        from neuro.run.ports import Ports
 
-            self._ports = Ports(self._run, self._calls)
-        return self._ports.port(self, of, what)
+        return Ports([self], self._calls).port(of, what)
 
     def stepper(
         self, ms: float, emit: Sequence[Population | str] = (), count: Sequence[Population | str] = ()
@@ -380,7 +378,7 @@ class Simulation(RunningNetwork):
         """
         from neuro.run.stepper import Joined, Stepper
 
-        return Stepper(Joined(self.program, self.handles, [self._engine], [self._watch]), ms, emit, count)
+        return Stepper(Joined(self._run, [self._engine], [self._watch]), ms, emit, count)
 
     @property
     def traces(self) -> dict[str, Trace]:
@@ -609,5 +607,5 @@ class Simulation(RunningNetwork):
             self._inflow.own.check_again("restore")
         self._saved.read(file_path(path, "path"), None if self.program.trials is None else self._trials)
         self._watch.begin()
-        if self._ports is not None:
-            self._ports.begin()
+        for port in self._ports:
+            port.begin()

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError, a
 from neuro.program.backend import Engine
-from neuro.program.program import Ints, Program
+from neuro.program.program import Ints
 from neuro.program.together import together
-from neuro.run.handles import Handles
+from neuro.run.handles import Run
 from neuro.run.ports import within
 from neuro.run.watch import Watch
 
@@ -27,8 +26,7 @@ class Joined:
     """Engines of one network as one, which stand at one step.
 
     Args:
-        program: the network.
-        handles: finds its parts.
+        run: the network in execution.
         engines: one for each copy.
         watches: look at the states of each.
 
@@ -37,8 +35,8 @@ class Joined:
         plain: whether nothing is recorded, streamed or set on the way, so that all can be advanced at once.
     """
 
-    def __init__(self, program: Program, handles: Handles, engines: Sequence[Engine], watches: Sequence[Watch]) -> None:
-        self.program, self.handles, self.clock = program, handles, Clock(program.resolution)
+    def __init__(self, run: Run, engines: Sequence[Engine], watches: Sequence[Watch]) -> None:
+        self.run, program = run, run.program
         self._each, self._watches, self._due = list(engines), list(watches), 0
         self.engines = together(program, engines)
         streams = any(part.stream is not None for part in program.populations)
@@ -47,17 +45,6 @@ class Joined:
 
     def __len__(self) -> int:
         return len(self._each)
-
-    def steps(self, ms: float) -> int:
-        """A time in steps.
-
-        Raises:
-            ModelError: it is no multiple of the resolution, or not finite.
-        """
-        steps = self.clock.step(ms, "run")
-        if not 0 <= steps < NEVER:
-            raise ModelError(f"run = {ms:g} ms: expected a finite time >= 0 ms")
-        return steps
 
     def advance(self, steps: int, forget: bool) -> None:
         """Run all; with `forget` spikes are not recorded, and states are looked at now and then.
@@ -81,7 +68,7 @@ class Joined:
         """
         at = [engine.step for engine in self._each]
         if len(set(at)) > 1:
-            times = ", ".join(f"{self.clock.ms(step):g}" for step in at[:4])
+            times = ", ".join(f"{self.run.clock.ms(step):g}" for step in at[:4])
             raise ModelError(f"copies: they stand at {times} ... ms: expected one time", hint="run all, or reset all")
 
 
@@ -110,8 +97,8 @@ class Stepper:
         count: Sequence[Any],
         run: Callable[[int], None] | None = None,
     ) -> None:
-        self._joined, self.ms, self.ticks = joined, ms, joined.steps(ms)
-        handles, program = joined.handles, joined.program
+        self._joined, self.ms, self.ticks = joined, ms, joined.run.steps(ms)
+        handles, program = joined.run.handles, joined.run.program
         self._emit = [handles.neurons(part).index for part in emit]
         self._count = [handles.neurons(part).index for part in count]
         for index in self._emit:
@@ -158,7 +145,7 @@ class Stepper:
         return counts
 
     def _list(self, index: int, given: Listed) -> tuple[int, Ints, Ints, Ints]:
-        part, n = self._joined.program.populations[index], len(self._joined)
+        part, n = self._joined.run.program.populations[index], len(self._joined)
         *first, ticks, ids = (np.ascontiguousarray(each, dtype=np.int64) for each in given)
         offsets = first[0] if first else np.array([0, len(ticks)], dtype=np.int64)
         if offsets.shape != (n + 1,) or offsets[0] != 0 or offsets[-1] != len(ticks) or len(ids) != len(ticks):

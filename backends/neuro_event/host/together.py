@@ -114,7 +114,7 @@ class EventEngines:
         mean = np.multiply(rates, self._program.resolution * 1e-3)
         together.rate_all(self._views, population, mean, np.exp(-mean), self._engines[0]._step)
         for engine, each in zip(self._engines, rates, strict=True):
-            engine._given[f"{population}.rate"] = each
+            engine._given[f"{population}.rate"] = each.copy()
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set a signal, (engines, targets)."""
