@@ -142,6 +142,7 @@ class LearningRule:
         epoch: steps between two applications of the rule.
         rounding: "stochastic": what is below the resolution of a weight decides by a draw; "away": to whole mantissas
             away from 0, then to the resolution towards 0, as Brian2Loihi does for products of spikes.
+        from_target: whether the target sends y1, y2 and y3, as with three factors on Loihi 2.
 
     Raises:
         ModelError: a trace that is read never rises, or the epoch is out of bounds.
@@ -152,6 +153,7 @@ class LearningRule:
     traces: Mapping[str, Trace] = field(default_factory=dict)
     epoch: int = 1
     rounding: str = "stochastic"
+    from_target: bool = False
 
     def __post_init__(self) -> None:
         if not 1 <= self.epoch <= LONGEST_EPOCH:
