@@ -26,10 +26,10 @@ from neuro.core.errors import ModelError
 from neuro.kernels.jit import compiled, kernel
 from neuro.model.synapses import loihi2_learning
 from neuro.model.synapses.base import DELAY
-from neuro.model.synapses.loihi_rule import POST, PRE, LearningRule, Trace
+from neuro.model.synapses.loihi_rule import POST, PRE, LearningRule
 from neuro.program.program import Floats, Ints, Program, Projection
 from neuro_chip import learning as kernels, tables as t
-from neuro_chip.plastic import Learner, Plastic, ThreeFactors, TwoFactors
+from neuro_chip.plastic import Learner, Plastic, ThreeFactors, TwoFactors, numbers_of
 from neuro_chip.tables import Arrays
 from neuro_chip.weights import ChipWeights
 
@@ -219,12 +219,9 @@ def _plastic(program: Program, index: int, wires: FixedProjection) -> Learner:
     synapses = row_ends, post.astype(np.int32), n_target, mantissas
     if isinstance(part.synapse, loihi2_learning):
         return TwoFactors(part.name, program.seed, wires.rule, part.synapse.parameters(), *synapses)
-    if wires.rule.from_target:
-        own = {trace: wires.rule.traces.get(trace, Trace(0, 0, 1)) for trace in PRE}
-        numbers: dict[str, Any] = {f"{name}_impulse": trace.impulse for name, trace in own.items()}
-        numbers |= {f"{name}_tau": trace.tau for name, trace in own.items()}
-        more = {"graded": "impulse", "sign_mode": wires.sign_mode, "rng_seed": -1}
-        return ThreeFactors(part.name, program.seed, wires.rule, numbers | more, *synapses)
+    if wires.rule.outgoing is not None:
+        numbers = numbers_of(wires.rule, wires.sign_mode)
+        return ThreeFactors(part.name, program.seed, wires.rule, numbers, *synapses)
     return Plastic(part.name, program.seed, wires.rule, *synapses, wires.bits, wires.sign_mode)
 
 

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from neuro.chips.loihi2 import SIGN_MODES
 from neuro.chips.loihi_registers import bounds, grain_of
-from neuro.core.keyed_random import key
+from neuro.core.keyed_random import key, uniform
 from neuro.model.synapses.loihi_rule import (
     FACTORS,
     FRACTION_BITS,
+    LEVEL,
     MANTISSA_BITS,
     MODULATORY,
     POST,
@@ -290,9 +291,10 @@ class TwoFactors(Learner):
 
     def _add(self, traces: Ints, impulses: Ints, ids: Ints) -> None:
         """Add impulses to the traces of some neurons, up to 127."""
-        raised = traces[:, ids] + impulses
-        self.saturated += np.count_nonzero(raised > TRACE_MAX)
-        traces[:, ids] = np.minimum(raised, TRACE_MAX)
+        if ids.size:
+            raised = traces[:, ids] + impulses
+            self.saturated += np.count_nonzero(raised > TRACE_MAX)
+            traces[:, ids] = np.minimum(raised, TRACE_MAX)
 
     def _history(self, traces: Ints, keep: Floats, impulses: Ints, times: Ints, draw: float) -> Ints:
         """Return the traces after each step of the epoch, shape (epoch, traces, neurons)."""
@@ -315,14 +317,15 @@ class ThreeFactors(TwoFactors):
     """A projection that learns on Loihi 2 with three factors: each target sends y1, y2 and y3 in each step.
 
     The engine is lava's (Loihi3FLearningRule): it reads what was sent in the last step of an epoch. lava leaves to the
-    program of a neuron what that is. Here y1 is a trace of its spikes before this step; y2 and y3 are the positive and
-    the negative part of a signal, which comes as a graded spike. All three decay, rounded by draws of their own.
+    program of a neuron what that is. Here y1 is a trace of its spikes before this step; y2 and y3 are made of n, which
+    a signal sets by a graded spike, see `Outgoing`. A neuron keeps y1 and both parts of n in 7 bits; all decay,
+    rounded by a draw for each neuron.
 
     Args:
         name, seed, rule, numbers, row_ends, targets, n_targets, weights: see `TwoFactors`.
 
     Attributes:
-        ys: uint8 (traces, targets), what the targets send.
+        ys: uint8 (3, targets), y1 and the positive and the negative part of n of each target.
     """
 
     def __init__(
@@ -343,17 +346,38 @@ class ThreeFactors(TwoFactors):
         used = [rule.traces.get(trace, Trace(0, 0, 1)) for trace in POST]
         self._keep: Ints = np.array([(trace.numerator, trace.denominator) for trace in used])
         self._rise: Ints = np.array([[trace.impulse] for trace in used])
+        self._rounding = key(seed, "n", name)
         self._neurons = np.array([key(seed, trace, name) for trace in POST], dtype=np.uint64)
 
     def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> None:
         """Take one step of learning."""
         kernels.decay(self.ys[np.newaxis], 0, self._keep, self._neurons, step)
-        outgoing = self.ys.copy()
+        own = self.ys.copy()
+        self.ys[1:] = self.outgoing(step)
         super().step(step, pre, post, payloads)
-        self.ys[:] = outgoing
+        self.ys[:] = own
         self._add(self.ys, self._rise, post)
 
+    def outgoing(self, step: int) -> Ints:
+        """Return y2 and y3 of all targets in a step, shape (2, targets)."""
+        assert self.rule.outgoing is not None
+        amount = (self.ys[1].astype(np.int64) - self.ys[2] << FRACTION_BITS) - self.rule.outgoing.baseline
+        draws = uniform(self._rounding, step, np.arange(amount.size))
+        levels = np.floor(abs(amount) / 2.0 ** (self.rule.outgoing.shift + FRACTION_BITS) + draws).astype(np.int64)
+        most = TRACE_MAX // LEVEL
+        self.saturated += np.count_nonzero(levels > most)
+        messages: Ints = np.minimum(levels, most) * LEVEL * np.array([amount > 0, amount < 0])
+        return messages
+
     def modulatory(self, step: int) -> NDArray[np.uint8]:
-        """Return y2 and y3 of all targets."""
+        """Return both parts of n of all targets."""
         traces: NDArray[np.uint8] = self.ys[1:]
         return traces
+
+
+def numbers_of(rule: LearningRule, sign_mode: str) -> dict[str, Any]:
+    """Return the numbers of lava's engine for a rule of three factors: x1 and x2 rise by spikes."""
+    traces = {name: rule.traces.get(name, Trace(0, 0, 1)) for name in PRE}
+    numbers: dict[str, Any] = {f"{name}_impulse": trace.impulse for name, trace in traces.items()}
+    numbers |= {f"{name}_tau": trace.tau for name, trace in traces.items()}
+    return numbers | {"graded": "impulse", "sign_mode": sign_mode, "rng_seed": -1}
