@@ -26,10 +26,10 @@ from neuro.core.errors import ModelError
 from neuro.kernels.jit import compiled, kernel
 from neuro.model.synapses import loihi2_learning
 from neuro.model.synapses.base import DELAY
-from neuro.model.synapses.loihi_rule import MODULATORY, PRE, LearningRule
+from neuro.model.synapses.loihi_rule import POST, PRE, LearningRule
 from neuro.program.program import Floats, Ints, Program, Projection
 from neuro_chip import learning as kernels, tables as t
-from neuro_chip.plastic import Learner, Plastic, TwoFactors
+from neuro_chip.plastic import Learner, Plastic, ThreeFactors, TwoFactors, numbers_of
 from neuro_chip.tables import Arrays
 from neuro_chip.weights import ChipWeights
 
@@ -102,7 +102,7 @@ class Learners:
     def signal(self, signal: int, values: Floats, step: int) -> None:
         """Set the modulatory traces of every projection that listens."""
         for index, plastic in self._parts.items():
-            if isinstance(plastic, Plastic) and self._program.projections[index].signal == signal:
+            if self._program.projections[index].signal == signal:
                 plastic.modulate(step, values, self._wires(index).n_scale)
 
     def _wires(self, index: int) -> FixedProjection:
@@ -122,15 +122,15 @@ class Learners:
         """K_plus, c, t or n of every synapse, in the units of the language."""
         plastic, rule, step = self._parts[index], self._parts[index].rule, int(self._a["clock"][t.STEP])
         pre, post = self._program.connections(index)
-        if isinstance(plastic, TwoFactors) and name != "t":
+        if name in (*PRE, *POST):
             return plastic.trace(name, step)[pre if name in PRE else post]
         if name == "K_plus":
             impulse = rule.traces["x1"].impulse if "x1" in rule.traces else 0
             units = plastic.trace("x1", step)[pre]
             return units / impulse if impulse else np.zeros(pre.size)
         if name == "n":
-            r1, r2 = (plastic.trace(each, step) for each in MODULATORY)
-            amount: Floats = (r1 - r2)[post] * self._wires(index).n_scale
+            more, less = plastic.modulatory(step).astype(np.float64)
+            amount: Floats = (more - less)[post] * self._wires(index).n_scale
             return amount
         tags: Floats = plastic.tags.astype(np.float64)
         if name == "t":
@@ -218,7 +218,10 @@ def _plastic(program: Program, index: int, wires: FixedProjection) -> Learner:
     assert isinstance(wires.rule, LearningRule)
     synapses = row_ends, post.astype(np.int32), n_target, mantissas
     if isinstance(part.synapse, loihi2_learning):
-        return TwoFactors(part.name, program.seed, wires.rule, part.synapse, *synapses)
+        return TwoFactors(part.name, program.seed, wires.rule, part.synapse.parameters(), *synapses)
+    if wires.rule.outgoing is not None:
+        numbers = numbers_of(wires.rule, wires.sign_mode)
+        return ThreeFactors(part.name, program.seed, wires.rule, numbers, *synapses)
     return Plastic(part.name, program.seed, wires.rule, *synapses, wires.bits, wires.sign_mode)
 
 

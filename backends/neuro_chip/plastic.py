@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -9,11 +10,11 @@ from numpy.typing import NDArray
 
 from neuro.chips.loihi2 import SIGN_MODES
 from neuro.chips.loihi_registers import bounds, grain_of
-from neuro.core.keyed_random import key
-from neuro.model.synapses import loihi2_learning
+from neuro.core.keyed_random import key, uniform
 from neuro.model.synapses.loihi_rule import (
     FACTORS,
     FRACTION_BITS,
+    LEVEL,
     MANTISSA_BITS,
     MODULATORY,
     POST,
@@ -21,6 +22,7 @@ from neuro.model.synapses.loihi_rule import (
     PRODUCT_BITS,
     TRACE_MAX,
     LearningRule,
+    Trace,
 )
 from neuro.program.program import Floats, Ints
 from neuro_chip import learning as kernels
@@ -114,6 +116,22 @@ class Learner:
         """Return a trace of all its neurons after a step."""
         raise NotImplementedError
 
+    def modulatory(self, step: int) -> NDArray[np.uint8]:
+        """Return what holds the positive and the negative part of n of all targets after a step."""
+        raise NotImplementedError
+
+    def modulate(self, step: int, values: Floats, scale: float) -> None:
+        """Set n of all targets after a step.
+
+        Args:
+            step: the last finished step (0 before the first).
+            values: n of every target in 1/ms.
+            scale: n of one unit of the traces.
+        """
+        units: Ints = np.rint(np.asarray(values) / scale).astype(np.int64)
+        self.saturated += np.count_nonzero(abs(units) > TRACE_MAX)
+        self.modulatory(step)[:] = np.clip((units, -units), 0, TRACE_MAX)
+
 
 class Plastic(Learner):
     """A projection that learns on Loihi 1.
@@ -179,19 +197,10 @@ class Plastic(Learner):
         self.saturated += np.count_nonzero(grown > 127)
         r1[:] = np.minimum(grown, 127)
 
-    def modulate(self, step: int, values: NDArray[np.float64], scale: float) -> None:
-        """Set the modulatory traces of all targets after a step.
-
-        Args:
-            step: the last finished step (0 before the first).
-            values: dopamine of every target in 1/ms; negative values go to r2.
-            scale: dopamine of one unit of the traces.
-        """
-        units: Ints = np.rint(np.asarray(values) / scale).astype(np.int64)
-        self.saturated += np.count_nonzero(abs(units) > 127)
-        slot, first = (step - 1) % self.epoch, len(POST)
-        self.ys[slot, first] = np.clip(units, 0, 127)
-        self.ys[slot, first + 1] = np.clip(-units, 0, 127)
+    def modulatory(self, step: int) -> NDArray[np.uint8]:
+        """Return r1 and r2 of all targets after a step."""
+        traces: NDArray[np.uint8] = self.ys[(step - 1) % self.epoch, len(POST) :]
+        return traces
 
 
 class TwoFactors(Learner):
@@ -209,7 +218,7 @@ class TwoFactors(Learner):
 
     Args:
         name, seed: of the projection and of the program, for the random numbers.
-        synapse: the numbers of the model.
+        numbers: of `loihi2_learning`: impulses and time constants of the traces, `sign_mode`, `graded`, `rng_seed`.
         rule, row_ends, targets, n_targets, weights: see `Learner`.
     """
 
@@ -218,22 +227,21 @@ class TwoFactors(Learner):
         name: str,
         seed: int,
         rule: LearningRule,
-        synapse: loihi2_learning,
+        numbers: Mapping[str, Any],
         row_ends: Ints,
         targets: NDArray[np.int32],
         n_targets: int,
         weights: Ints,
     ) -> None:
-        super().__init__(rule, row_ends, targets, n_targets, weights, (*SIGN_MODES[synapse.sign_mode], -257, 255))
-        self.graded = synapse.graded
-        numbers = synapse.parameters()
+        super().__init__(rule, row_ends, targets, n_targets, weights, (*SIGN_MODES[numbers["sign_mode"]], -257, 255))
+        self.graded = numbers["graded"]
         self._impulses = [np.array([[numbers[f"{each}_impulse"]] for each in side]) for side in (PRE, POST)]
         taus = [[numbers[f"{each}_tau"] for each in side] for side in (PRE, POST)]
         self._keeps = [np.array([[np.exp(-1.0 / tau) if tau else 0.0] for tau in side]) for side in taus]
         n_sources = row_ends.size - 1
         self.xs, self.ys = (np.zeros((k, n), dtype=np.int64) for k, n in ((2, n_sources), (3, n_targets)))
         self.tx, self.ty = np.zeros(n_sources, dtype=np.int64), np.zeros(n_targets, dtype=np.int64)
-        own = synapse.rng_seed
+        own = numbers["rng_seed"]
         # lava's number for weights is 2, whatever the seed of a rule.
         self._seeds = [key(seed, purpose, name) for purpose in ("x", "y", "w")] if own < 0 else [own, own + 2, 2]
 
@@ -283,9 +291,10 @@ class TwoFactors(Learner):
 
     def _add(self, traces: Ints, impulses: Ints, ids: Ints) -> None:
         """Add impulses to the traces of some neurons, up to 127."""
-        raised = traces[:, ids] + impulses
-        self.saturated += np.count_nonzero(raised > TRACE_MAX)
-        traces[:, ids] = np.minimum(raised, TRACE_MAX)
+        if ids.size:
+            raised = traces[:, ids] + impulses
+            self.saturated += np.count_nonzero(raised > TRACE_MAX)
+            traces[:, ids] = np.minimum(raised, TRACE_MAX)
 
     def _history(self, traces: Ints, keep: Floats, impulses: Ints, times: Ints, draw: float) -> Ints:
         """Return the traces after each step of the epoch, shape (epoch, traces, neurons)."""
@@ -302,3 +311,73 @@ class TwoFactors(Learner):
         """Return a trace of all its neurons after a step."""
         trace: Floats = (self.xs[PRE.index(name)] if name in PRE else self.ys[POST.index(name)]).astype(np.float64)
         return trace
+
+
+class ThreeFactors(TwoFactors):
+    """A projection that learns on Loihi 2 with three factors: each target sends y1, y2 and y3 in each step.
+
+    The engine is lava's (Loihi3FLearningRule): it reads what was sent in the last step of an epoch. lava leaves to the
+    program of a neuron what that is. Here y1 is a trace of its spikes before this step; y2 and y3 are made of n, which
+    a signal sets by a graded spike, see `Outgoing`. A neuron keeps y1 and both parts of n in 7 bits; all decay,
+    rounded by a draw for each neuron.
+
+    Args:
+        name, seed, rule, numbers, row_ends, targets, n_targets, weights: see `TwoFactors`.
+
+    Attributes:
+        ys: uint8 (3, targets), y1 and the positive and the negative part of n of each target.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        seed: int,
+        rule: LearningRule,
+        numbers: Mapping[str, Any],
+        row_ends: Ints,
+        targets: NDArray[np.int32],
+        n_targets: int,
+        weights: Ints,
+    ) -> None:
+        # In lava the engine adds nothing to what is sent, and lets it decay by 2^16 - 1 steps.
+        engine = {f"{trace}_{word}": value for trace in POST for word, value in (("impulse", 0), ("tau", 65535))}
+        super().__init__(name, seed, rule, {**numbers, **engine}, row_ends, targets, n_targets, weights)
+        self.ys = np.zeros((len(POST), n_targets), dtype=np.uint8)
+        used = [rule.traces.get(trace, Trace(0, 0, 1)) for trace in POST]
+        self._keep: Ints = np.array([(trace.numerator, trace.denominator) for trace in used])
+        self._rise: Ints = np.array([[trace.impulse] for trace in used])
+        self._rounding = key(seed, "n", name)
+        self._neurons = np.array([key(seed, trace, name) for trace in POST], dtype=np.uint64)
+
+    def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> None:
+        """Take one step of learning."""
+        kernels.decay(self.ys[np.newaxis], 0, self._keep, self._neurons, step)
+        own = self.ys.copy()
+        self.ys[1:] = self.outgoing(step)
+        super().step(step, pre, post, payloads)
+        self.ys[:] = own
+        self._add(self.ys, self._rise, post)
+
+    def outgoing(self, step: int) -> Ints:
+        """Return y2 and y3 of all targets in a step, shape (2, targets)."""
+        assert self.rule.outgoing is not None
+        amount = (self.ys[1].astype(np.int64) - self.ys[2] << FRACTION_BITS) - self.rule.outgoing.baseline
+        draws = uniform(self._rounding, step, np.arange(amount.size))
+        levels = np.floor(abs(amount) / 2.0 ** (self.rule.outgoing.shift + FRACTION_BITS) + draws).astype(np.int64)
+        most = TRACE_MAX // LEVEL
+        self.saturated += np.count_nonzero(levels > most)
+        messages: Ints = np.minimum(levels, most) * LEVEL * np.array([amount > 0, amount < 0])
+        return messages
+
+    def modulatory(self, step: int) -> NDArray[np.uint8]:
+        """Return both parts of n of all targets."""
+        traces: NDArray[np.uint8] = self.ys[1:]
+        return traces
+
+
+def numbers_of(rule: LearningRule, sign_mode: str) -> dict[str, Any]:
+    """Return the numbers of lava's engine for a rule of three factors: x1 and x2 rise by spikes."""
+    traces = {name: rule.traces.get(name, Trace(0, 0, 1)) for name in PRE}
+    numbers: dict[str, Any] = {f"{name}_impulse": trace.impulse for name, trace in traces.items()}
+    numbers |= {f"{name}_tau": trace.tau for name, trace in traces.items()}
+    return numbers | {"graded": "impulse", "sign_mode": sign_mode, "rng_seed": -1}

@@ -63,5 +63,6 @@ REFRACTORY_CASES = (
     "ports_do_what_calls_do",
     "ports_go_on_after_a_restore",
     "exact_views",
+    "ports_of_signals_and_weights",
 )
 """Those whose neurons have a refractory period."""

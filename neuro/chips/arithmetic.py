@@ -108,28 +108,36 @@ class Arithmetic(ABC):
     def give_rules(self, program: Program, chip: Chip, wires: Projections, options: Options) -> Iterator[Problem]:
         """Give rules to the projections that learn on the chip; yield what is refused and what is approximated.
 
-        A family has no rules but those in its own registers, unless it overrides this method: other projections that
-        learn are refused.
-
         Args:
             program: the whole network.
             chip: for which it is quantised.
             wires: the projections in words; those that learn are replaced.
             options: what users set.
         """
-        for index, part in enumerate(program.projections):
-            if (problem := foreign(program, chip, index)) is not None:
-                yield problem
-            elif part.synapse.delays:
-                why = f"delays do not change while {chip.name} runs"
-                yield refused(part, part.synapse.name, why, LEARN_ELSEWHERE)
-            elif part.synapse.learns in ("pairs", "chip") and (index not in wires or wires[index].rule is None):
-                yield refused(
-                    part,
-                    part.synapse.name,
-                    f"pairwise learning is not emulated on {chip.name}",
-                    f"run it on loihi or event, or send static weights: {SAVE_FROZEN}",
-                )
+        for index in range(len(program.projections)):
+            yield from self.give_rule(program, chip, index, wires, options)
+
+    def give_rule(
+        self, program: Program, chip: Chip, index: int, wires: Projections, options: Options
+    ) -> Iterator[Problem]:
+        """Give a rule to one projection, as `give_rules` does.
+
+        A family has no rules but those in its own registers, unless it overrides this method: other projections that
+        learn are refused.
+        """
+        part = program.projections[index]
+        if (problem := foreign(program, chip, index)) is not None:
+            yield problem
+        elif part.synapse.delays:
+            why = f"delays do not change while {chip.name} runs"
+            yield refused(part, part.synapse.name, why, LEARN_ELSEWHERE)
+        elif part.synapse.learns in ("pairs", "chip") and (index not in wires or wires[index].rule is None):
+            yield refused(
+                part,
+                part.synapse.name,
+                f"pairwise learning is not emulated on {chip.name}",
+                f"run it on loihi or event, or send static weights: {SAVE_FROZEN}",
+            )
 
     @abstractmethod
     def kept_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:

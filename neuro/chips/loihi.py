@@ -184,6 +184,9 @@ def overflows(part: Population, d: Described, volt: float) -> Iterator[Problem]:
             )
 
 
+SIGNALS = Option(
+    "signals", "projections", is_positive, "the largest dopamine that the signal sets in 1/ms, a number > 0"
+)
 SCALING = (
     Option("scales", "populations", is_positive, "units per mV, a number > 0"),
     Option(
@@ -214,12 +217,7 @@ class Loihi(Arithmetic):
     name = "loihi"
     title = "Loihi"
     models: tuple[type[Neuron], ...] = (iaf_psc_exp, iaf_psc_delta)
-    options: tuple[Option, ...] = (
-        *SCALING,
-        Option(
-            "signals", "projections", is_positive, "the largest dopamine that the signal sets in 1/ms, a number > 0"
-        ),
-    )
+    options: tuple[Option, ...] = (*SCALING, SIGNALS)
     state_limit = V_LIMIT
     register_of_one = REGISTER_OF_ONE
     one_bit = True
@@ -387,13 +385,14 @@ class Loihi(Arithmetic):
             )
         return self.wires(inputs, index, mantissas, found, per_synapse, exponent=exponent, mode=mode), problems
 
-    def give_rules(self, program: Program, chip: Chip, wires: Projections, options: Options) -> Iterator[Problem]:
-        """Give rules to the projections that learn on the chip; yield what is refused and what is approximated."""
-        if all(type(part.synapse) is static for part in program.projections):
-            return iter(())
-        from neuro.chips.loihi_learning import give_rules
+    def give_rule(
+        self, program: Program, chip: Chip, index: int, wires: Projections, options: Options
+    ) -> Iterator[Problem]:
+        """Give a rule of the learning engine to a projection; yield what is refused and what is approximated."""
+        if type(program.projections[index].synapse) is not static:
+            from neuro.chips.loihi_learning import give_rule
 
-        return give_rules(program, chip, wires, options)
+            yield from give_rule(program, chip, index, wires, options)
 
     def kept_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
         """Return the scale and the exponents that a population and the projections onto it have."""

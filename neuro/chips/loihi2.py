@@ -8,6 +8,7 @@ Any table with `arithmetic: loihi2` computes so.
 | weight of `static` onto neurons in whole numbers | m 2^e: with the largest e that is exact, else the nearest |
 | `iaf_psc_exp`, `iaf_psc_delta` | as on Loihi 1 (`neuro.chips.loihi`); without a refractory period |
 | `sigma_delta` and such | vth and bias in units of the states, 2^-(spike_exp + state_exp) |
+| `stdp_dopa` with a signal | a rule of three factors (`neuro.chips.loihi_learning`) |
 
 What differs from Loihi 1: mixed mantissas are rounded down, not towards 0; a negative exponent shifts the sum of a
 step, not each weight; a step's input has 32 bits; there is no refractory period. Source: lava 0.10.0, `src/lava/proc`.
@@ -41,7 +42,7 @@ from neuro.chips.inputs import (
     refused,
     value_at,
 )
-from neuro.chips.loihi import SCALING, Loihi, filled_current
+from neuro.chips.loihi import Loihi, filled_current
 from neuro.chips.loihi_registers import LOSSLESS, WEIGHT_BITS, WEIGHT_EXPONENTS
 from neuro.model.neurons import (
     delta_encoder,
@@ -105,7 +106,6 @@ class Loihi2(Loihi):
     name = "loihi2"
     title = "Loihi 2"
     models = (iaf_psc_exp, iaf_psc_delta, *GRADED)
-    options = SCALING
     state_limit = STATE_LIMIT
     one_bit = False
     graded = True
@@ -247,9 +247,16 @@ class Loihi2(Loihi):
             problems += more
         return fixed, found, problems
 
-    def give_rules(self, program: Program, chip: Chip, wires: Projections, options: Options) -> Iterator[Problem]:
-        """Yield what is refused: rules are given with the mantissas."""
-        return Arithmetic.give_rules(self, program, chip, wires, options)
+    def give_rule(
+        self, program: Program, chip: Chip, index: int, wires: Projections, options: Options
+    ) -> Iterator[Problem]:
+        """Give a rule of three factors; rules in registers are given with the mantissas."""
+        if program.projections[index].synapse.modulated:
+            from neuro.chips.loihi_learning import give_rule
+
+            yield from give_rule(program, chip, index, wires, options, from_target=True)
+        else:
+            yield from Arithmetic.give_rule(self, program, chip, index, wires, options)
 
     def lossless(self, wires: FixedProjection) -> str:
         """Return how mantissas that a user sets lose nothing to the bits of the memory."""

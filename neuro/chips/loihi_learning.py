@@ -7,12 +7,17 @@ for the largest pair; r1 and r2 hold the positive and the negative part of n, an
 A post spike reaches a float synapse after its delay of D >= 1 steps, on the chip at once. A pair in one step is then
 causal on both, but the window of the float model begins one step later: A_plus exp(-h / tau_plus) and A_minus give both
 windows the float model's areas, so that uncorrelated spikes drift alike.
+
+On Loihi 2 the target sends y1, y2 and y3 (lava's Loihi3FLearningRule): y1 is a trace of its spikes before this step, y2
+and y3 take the place of r1 and r2. lava has one u_k for a whole rule, and cuts the 5 lowest bits of a tag times a trace
+downwards, so that small changes of both signs would lower the weight. So the target rounds n by a draw to one of 16
+levels, multiples of 8, and the mantissa is 4: no product has such bits.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from neuro.chips.description import Chip
@@ -27,12 +32,16 @@ from neuro.model.synapses.loihi_rule import (
     LARGEST_CONSTANT,
     LARGEST_EXPONENT,
     LARGEST_U,
+    LEVEL,
     MANTISSA_BITS,
+    MODULATORY,
+    POST,
     PRODUCT_BITS,
     TRACE_MAX,
     WIDTHS,
     Factor,
     LearningRule,
+    Outgoing,
     Term,
     Trace,
 )
@@ -46,6 +55,8 @@ SMALLEST_UPDATE = 2.0**-FRACTION_BITS
 COARSE_UPDATE = 16 * SMALLEST_UPDATE
 """Below this many mantissas cutting loses up to 6 % of a change, or a trace has less than 16 levels: a warning."""
 _MANTISSAS = (1, 3, 5, 7)
+LEAST_SHIFT = 3
+"""Bits by which the modulatory trace of a target is cut at least: 7 bits have no more than 16 levels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,19 +114,27 @@ def signal_fit(gain: float, largest_n: float, b: float) -> tuple[Fit, float]:
     return Fit(0, mantissa, exponent), n_scale
 
 
-def fading(tau: float) -> tuple[tuple[Term, ...], str]:
-    """Products by which a tag decays with a time constant in steps: a share of 128ths in every 2^k-th step."""
-    found = []
-    for every in range(LARGEST_U + 1):
+def fading(tau: float, periods: Sequence[int] = range(LARGEST_U + 1)) -> tuple[tuple[Term, ...], float, str]:
+    """Products by which a tag decays with a time constant in steps: a share of 128ths in every 2^k-th step.
+
+    Args:
+        tau: the time constant.
+        periods: each k that may be.
+
+    Returns:
+        the products, by which share the time constant is off, and both in words.
+    """
+    fits = []
+    for every in periods:
         share = 1.0 - math.exp(-(2**every) / tau)
         part = max(1, round(share * 128))
         if share <= 0.25 or every == 0:
-            found.append((abs(-(2**every) / math.log1p(-min(part, 127) / 128) / tau - 1.0), every, min(part, 127)))
-    near = [entry for entry in found if entry[0] <= 0.01]
-    off, every, part = near[0] if near else min(found)
+            fits.append((abs(-(2**every) / math.log1p(-min(part, 127) / 128) / tau - 1.0), every, min(part, 127)))
+    near = [entry for entry in fits if entry[0] <= 0.01]
+    off, every, part = near[0] if near else min(fits)
     bits = [1 << k for k in range(7) if part >> k & 1]
     terms = tuple(Term(-1, bit.bit_length() - 8, "u", every, (Factor("t"),)) for bit in bits)
-    return terms, f"the eligibility loses {part}/128 {_period(every)}: tau_c is {off:.1%} off"
+    return terms, off, f"the eligibility loses {part}/128 {_period(every)}: tau_c is {off:.1%} off"
 
 
 def too_small(what: str, change: float) -> ModelError:
@@ -161,6 +180,7 @@ def rule_of(
     *,
     delay: int = 1,
     largest_n: float = 1.0,
+    from_target: bool = False,
 ) -> Mapped:
     """The rule that does on Loihi what a float synapse model does.
 
@@ -172,22 +192,25 @@ def rule_of(
         weight_bits: bits of a weight, for the messages.
         delay: delay of the projection in steps.
         largest_n: largest |n| that a signal will set, in 1/ms.
+        from_target: whether it is of Loihi 2, whose targets send y1, y2 and y3.
 
     Raises:
         ModelError: the chip cannot do it; the hint is a way out.
     """
     if isinstance(synapse, stdp_dopa):
-        mapped = _dopamine(synapse, resolution_ms, tau_minus, weight_scale, largest_n)
-    elif isinstance(synapse, stdp):
+        mapped = _dopamine(synapse, resolution_ms, tau_minus, weight_scale, largest_n, from_target)
+    elif isinstance(synapse, stdp) and not from_target:
         mapped = _pairs(synapse, resolution_ms, tau_minus, weight_scale)
     else:
+        runs = "stdp_dopa with a signal, and loihi2_learning" if from_target else "stdp, stdp_dopa and loihi_learning"
         raise ModelError(
-            "the learning engine runs stdp, stdp_dopa and loihi_learning",
+            f"the learning engine runs {runs}",
             hint=f"run it on event, or send static weights: {SAVE_FROZEN}",
         )
     shared = [
         f"weights have {weight_bits} bits and change by whole steps, stochastically rounded from 2^-7 of a mantissa",
         f"traces are 7-bit: K above {TRACE_MAX / LARGEST_IMPULSE:.3g} saturates; their decay is stochastically rounded",
+        *(["one random number rounds x1 of all sources, another one all weights and tags of a step"] * from_target),
         f"a post spike reaches its synapses at once, not after the delay ({delay} steps): the windows of pairs are "
         "shifted by it and keep their areas",
         "several spikes of a neuron in one step are one",
@@ -228,7 +251,10 @@ def _pairs(p: stdp, h: float, tau_minus: float, scale: float) -> Mapped:
     return Mapped(LearningRule(terms, traces=traces), notes, p.lambda_ * top)
 
 
-def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n: float) -> Mapped:
+def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n: float, from_target: bool) -> Mapped:
+    if p.dopamine is not None and from_target:
+        message = f"dopamine = '{p.dopamine}': no public model of Loihi 2 has a trace that spikes of a population raise"
+        raise ModelError(message, hint="name a signal, or run it on loihi or event", path=("dopamine",))
     if p.A_plus == p.A_minus == 0.0:
         raise ModelError("stdp_dopa.A_plus = A_minus = 0: nothing to learn", path=("A_plus",))
     one = _tag_of_one(abs(p.A_plus) * math.exp(-h / p.tau_plus), abs(p.A_minus))
@@ -237,35 +263,59 @@ def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n:
         (p.A_minus * one, (), -1),
         (p.tau_plus / h, tau_minus / h),
         "stdp_dopa.A_plus",
+        from_target,
     )
-    fade, factor = fading(p.tau_c / h)
     every = max(0, min(LARGEST_U, math.floor(math.log2(max(1.0, min(p.tau_c, p.tau_n) / h / 8)))))
+    if from_target:
+        fade, off, factor = fading(p.tau_c / h, range(every, -1, -1))
+        every = fade[0].every
+        if off > 0.25:
+            read = f"n is read {_period(every)}, and the nearest decay of the eligibility then is {off:.0%} off"
+            message = f"stdp_dopa.tau_c = {p.tau_c:g} ms, tau_n = {p.tau_n:g} ms: {read}"
+            raise ModelError(message, hint="bring them nearer to each other", path=("tau_c",))
+    else:
+        fade, _, factor = fading(p.tau_c / h)
     gain = 2.0**every * h / one / scale  # mantissas in one application, of one tag unit at n = 1/ms
-    if p.dopamine is None:
+    shift = 0
+    if from_target:
+        power = math.ceil(math.log2(gain * largest_n / TRACE_MAX))
+        n_scale, shift = 2.0**power / gain, max(LEAST_SHIFT, -FRACTION_BITS - power)
+        fit = Fit(0, 4, power + shift)
+    elif p.dopamine is None:
         fit, n_scale = signal_fit(gain, largest_n, p.b)
     else:
         fit = nearest_fit(gain / p.tau_n, MANTISSA_BITS + WIDTHS["t"] + WIDTHS["r1"], "stdp_dopa.A_plus")
         n_scale = 1.0 / p.tau_n / fit.impulse
         notes += (f"dopamine of one spike is {fit.value * p.tau_n / gain - 1:+.1%} off",)
-    baseline = round(p.b / n_scale)
-    if abs(baseline) > LARGEST_CONSTANT:
+    most, fraction = (TRACE_MAX, 2**FRACTION_BITS) if from_target else (LARGEST_CONSTANT, 1)
+    baseline = round(p.b / n_scale * fraction)
+    if abs(baseline) > most * fraction:
         raise ModelError(
-            f"stdp_dopa.b = {p.b:g}: {baseline} units of {n_scale:.3g}: expected at most {LARGEST_CONSTANT}",
+            f"stdp_dopa.b = {p.b:g}: {p.b / n_scale:.0f} units of {n_scale:.3g}: expected at most {most}",
             path=("b",),
         )
-    moving = (Factor("t"), Factor("r1", -baseline)), (Factor("t"), Factor("r2"))
+    more, less = POST[1:] if from_target else MODULATORY
+    moving = (Factor("t"), Factor(more, 0 if from_target else -baseline)), (Factor("t"), Factor(less))
     dw = tuple(
         Term(sign * fit.mantissa, fit.exponent, "u", every, part) for sign, part in zip((1, -1), moving, strict=True)
     )
     keep = Trace.exponential(0, p.tau_n / h)
-    traces |= {"r1": Trace(fit.impulse, keep.numerator, KEEP), "r2": keep}
+    traces |= {more: Trace(fit.impulse, keep.numerator, KEEP), less: keep}
+    described = baseline / fraction * n_scale
+    if from_target:
+        cut = f"which the target rounds by a draw to steps of {n_scale * 2**shift:.4g} 1/ms, {LEVEL} units of {more}"
+    else:
+        cut = "cut towards 0 to 2^-7 of a mantissa"
     notes += (
         factor,
-        f"n is r1 - r2 in units of {n_scale:.4g} 1/ms, 7 bits each; b = {p.b:g} is {baseline * n_scale:.4g}",
+        f"n is {more} - {less} in units of {n_scale:.4g} 1/ms, 7 bits each; b = {p.b:g} is {described:.4g}",
         f"the eligibility is a 9-bit tag, {one:.4g} for each of its units; beyond {255 / one:.4g} it saturates",
-        f"the weight moves {_period(every)} by c (n - b), cut towards 0 to 2^-7 of a mantissa",
+        f"the weight moves {_period(every)} by c (n - b), {cut}",
         f"the chip clips at 0 and 255 mantissas ({255 * scale:g}), not at Wmin = {p.Wmin:g} and Wmax = {p.Wmax:g}",
     )
+    if from_target:
+        outgoing = Outgoing(baseline, shift)
+        return Mapped(LearningRule(dw, (*dt, *fade), traces, outgoing=outgoing), notes, COARSE_UPDATE, n_scale)
     update = gain * one * max(abs(p.A_plus), abs(p.A_minus)) * (largest_n if p.dopamine is None else 1.0 / p.tau_n)
     if update < SMALLEST_UPDATE:
         raise too_small("stdp_dopa", update)
@@ -289,10 +339,12 @@ def _sides(
     minus: tuple[float, tuple[Factor, ...], int],
     taus: tuple[float, float],
     what: str,
+    from_target: bool = False,
 ) -> tuple[tuple[Term, ...], dict[str, Trace], tuple[str, ...]]:
     """Products, traces and notes of potentiation (y0 x1) and depression (x0 (y1 - y2)); y2 is a spike of this step.
 
-    Each side is its change by one pair, the factors beside its trace, and its sign; `taus` are in steps.
+    Each side is its change by one pair, the factors beside its trace, and its sign; `taus` are in steps. A target that
+    sends y1 leaves the spike of this step out.
     """
     terms: list[Term] = []
     traces: dict[str, Trace] = {}
@@ -305,7 +357,7 @@ def _sides(
         fit = nearest_fit(change, MANTISSA_BITS + WIDTHS[trace] + sum(WIDTHS[f.name] for f in more), what)
         terms.append(Term(sign * fit.mantissa, fit.exponent, gate, 0, (Factor(trace), *more)))
         traces[trace] = Trace.exponential(fit.impulse, tau)
-        if trace == "y1":
+        if trace == "y1" and not from_target:
             terms.append(Term(-sign * fit.mantissa, fit.exponent, gate, 0, (Factor("y2"), *more)))
             traces["y2"] = Trace(fit.impulse, 0, 1)
         off = fit.value / change - 1
@@ -331,37 +383,44 @@ LARGEST_SIGNAL = 4.0
 """Dopamine that a signal may set, in those of one dopamine spike, 1/tau_n, where the option `signals` says nothing."""
 
 
-def give_rules(program: Program, chip: Chip, wires: dict[int, FixedProjection], options: Options) -> Iterator[Problem]:
-    """Give rules to the projections that learn on the chip; tell what is refused and what is approximated.
+def give_rule(
+    program: Program,
+    chip: Chip,
+    index: int,
+    wires: dict[int, FixedProjection],
+    options: Options,
+    from_target: bool = False,
+) -> Iterator[Problem]:
+    """Give a rule to a projection that learns on the chip; tell what is refused and what is approximated.
 
     Args:
         program: the whole network.
         chip: for which it is quantised.
-        wires: the projections in words, by index; those that learn are replaced.
+        index: of the projection.
+        wires: the projections in words, by index; one that learns is replaced.
         options: largest dopamine by projection.
+        from_target: whether it is of Loihi 2, whose targets send y1, y2 and y3.
     """
-    for index, part in enumerate(program.projections):
-        synapse = part.synapse
-        if (problem := foreign(program, chip, index) or _no_rule(program, index)) is not None:
-            yield problem
-        elif isinstance(synapse, loihi_learning) and index in wires:
-            wires[index] = replace(wires[index], rule=synapse.rule())
-        elif synapse.delays and index in wires:
-            yield _delays(program, index)
-        elif synapse.learns == "pairs" and index in wires:
-            try:
-                mapped = _mapped(program, index, wires[index], options)
-            except ModelError as error:
-                yield refused(part, synapse.name, error.message, error.hint)
-                continue
-            wires[index] = replace(wires[index], rule=mapped.rule, n_scale=mapped.n_scale)
-            differs = "".join(f"\n    - {text}" for text in mapped.approximations)
-            yield approximated(part, synapse.name, f"the chip's learning engine runs it otherwise:{differs}")
-            if mapped.update < COARSE_UPDATE:
-                why = (
-                    f"a change is {mapped.update:.2g} of a weight step: below {COARSE_UPDATE:g} much of it is cut away"
-                )
-                yield approximated(part, synapse.name, why, "learn faster, or lower Wmax, which sets the weight step")
+    part = program.projections[index]
+    synapse = part.synapse
+    if (problem := foreign(program, chip, index) or _no_rule(program, index)) is not None:
+        yield problem
+    elif isinstance(synapse, loihi_learning) and index in wires:
+        wires[index] = replace(wires[index], rule=synapse.rule())
+    elif synapse.delays and index in wires:
+        yield _delays(program, index)
+    elif synapse.learns == "pairs" and index in wires:
+        try:
+            mapped = _mapped(program, index, wires[index], options, from_target)
+        except ModelError as error:
+            yield refused(part, synapse.name, error.message, error.hint)
+            return
+        wires[index] = replace(wires[index], rule=mapped.rule, n_scale=mapped.n_scale)
+        differs = "".join(f"\n    - {text}" for text in mapped.approximations)
+        yield approximated(part, synapse.name, f"the chip's learning engine runs it otherwise:{differs}")
+        if mapped.update < COARSE_UPDATE:
+            why = f"a change is {mapped.update:.2g} of a weight step: below {COARSE_UPDATE:g} much of it is cut away"
+            yield approximated(part, synapse.name, why, "learn faster, or lower Wmax, which sets the weight step")
 
 
 def _delays(program: Program, index: int) -> Problem:
@@ -394,7 +453,7 @@ def _no_rule(program: Program, index: int) -> Problem | None:
     return refused(part, synapse.name, why, way)
 
 
-def _mapped(program: Program, index: int, wires: FixedProjection, options: Options) -> Mapped:
+def _mapped(program: Program, index: int, wires: FixedProjection, options: Options, from_target: bool) -> Mapped:
     """The rule of the learning engine for a projection.
 
     Raises:
@@ -427,4 +486,5 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
         wires.bits,
         delay=int(part.delay.max(initial=1)),
         largest_n=float(largest or LARGEST_SIGNAL / numbers.get("tau_n", 1.0)),
+        from_target=from_target,
     )

@@ -26,7 +26,7 @@ from neuro.model.synapses.loihi_rule import (
     Trace,
     text,
 )
-from neuro_chip.plastic import Plastic
+from neuro_chip.plastic import Plastic, ThreeFactors, numbers_of
 from refused import refusals_of, refused
 
 TRACES = {"x1_impulse": 20, "x1_tau": 10, "y1_impulse": 20, "y1_tau": 10}
@@ -98,7 +98,7 @@ def test_amplitudes_are_within_two_percent(change):
 
 @given(st.floats(8.0, 3000.0))
 def test_the_tag_fades_with_its_time_constant(tau):
-    terms, _ = fading(tau)
+    terms, *_ = fading(tau)
     share = -sum(term.mantissa * 2.0**term.exponent for term in terms)
     assert -(2 ** terms[0].every) / np.log1p(-share) == pytest.approx(tau, rel=0.03)
 
@@ -121,7 +121,7 @@ def test_what_is_approximated_is_said():
 STEPS = 1000
 
 
-def float_and_chip(synapse, weight, *, signal=None, largest_n=1.0, n=30, repeats=4):
+def float_and_chip(synapse, weight, *, signal=None, largest_n=1.0, n=30, repeats=4, three=False):
     """Changes of n x n synapses under 20 Hz: by the reference backend, and by the mapped rule (mean of some seeds)."""
     net = neuro.Network("pairs", resolution=1.0)
     rng = np.random.default_rng(0)
@@ -136,7 +136,7 @@ def float_and_chip(synapse, weight, *, signal=None, largest_n=1.0, n=30, repeats
     for name in ("pre", "drive"):
         step, ids = np.nonzero(rng.random((STEPS, n)) < 0.02)
         sim.inject(name, step + 1.0, ids)
-    mapped = rule_of(synapse, 1.0, 20.0, 1.0, largest_n=largest_n)
+    mapped = rule_of(synapse, 1.0, 20.0, 1.0, largest_n=largest_n, from_target=three)
     dopamine = [np.zeros(n) if signal is None else signal(rng, n) for _ in range(STEPS // 20)]
     for values in dopamine:
         if signal is not None:
@@ -148,14 +148,16 @@ def float_and_chip(synapse, weight, *, signal=None, largest_n=1.0, n=30, repeats
         sim.run(610.0)
     changes = []
     for seed in range(repeats):
-        plastic = Plastic(
-            *("plastic", seed, mapped.rule, np.arange(0, n * n + 1, n), np.tile(np.arange(n, dtype=np.int32), n)),
-            *(n, np.full(n * n, weight), 8, "excitatory"),
-        )
+        synapses = np.arange(0, n * n + 1, n), np.tile(np.arange(n, dtype=np.int32), n), n, np.full(n * n, weight)
+        if three:
+            plastic = ThreeFactors("plastic", seed, mapped.rule, numbers_of(mapped.rule, "excitatory"), *synapses)
+        else:
+            plastic = Plastic("plastic", seed, mapped.rule, *synapses, 8, "excitatory")
         for step in range(1, STEPS + 1):
             if signal is not None and step % 20 == 1:
                 plastic.modulate(step - 1, dopamine[step // 20], mapped.n_scale)
-            plastic.step(step, *(ids[np.rint(times) == step] for times, ids in fired))
+            pre, post = (ids[np.rint(times) == step] for times, ids in fired)
+            plastic.step(step, pre, post, np.ones(pre.size))
         changes.append(plastic.weights - weight)
     return np.ravel(sim.weights("plastic")[2]) - weight, np.mean(changes, axis=0)
 
@@ -169,12 +171,15 @@ def test_stdp_learns_what_the_float_rule_learns(mu_plus, mu_minus, alpha):
     assert np.corrcoef(wanted, found)[0, 1] > 0.9
 
 
-def test_stdp_dopa_learns_what_the_float_rule_learns():
-    """Dopamine of both signs."""
+@pytest.mark.parametrize("three", [False, True])
+def test_stdp_dopa_learns_what_the_float_rule_learns(three):
+    """Dopamine of both signs; on Loihi 2 one random number rounds all weights, so their mean differs more."""
     synapse = stdp_dopa(Wmax=255.0, signal="reward", A_minus=0.3, b=0.006)
-    wanted, found = float_and_chip(synapse, 128.0, signal=lambda rng, n: rng.normal(0.0, 0.03, n), largest_n=0.1)
-    assert found.mean() == pytest.approx(wanted.mean(), abs=0.1 * wanted.std())
-    assert (wanted @ found) / (wanted @ wanted) == pytest.approx(1.0, abs=0.04)
+    wanted, found = float_and_chip(
+        synapse, 128.0, signal=lambda rng, n: rng.normal(0.0, 0.03, n), largest_n=0.1, three=three
+    )
+    assert found.mean() == pytest.approx(wanted.mean(), abs=(0.2 if three else 0.1) * wanted.std())
+    assert (wanted @ found) / (wanted @ wanted) == pytest.approx(1.0, abs=0.08 if three else 0.04)
     assert np.corrcoef(wanted, found)[0, 1] > 0.9
 
 

@@ -128,7 +128,13 @@ def test_learning_goes_on_where_it_was_saved_and_follows_the_seed(tmp_path):
 
 
 def test_rules_that_lava_does_not_take(messages):
-    wrong = ({"x1_impulse": 3}, {"y1_impulse": 0}, {"dw": "2^-9*x1*y0"}, {"dw": "x0*u1*x1"})
+    wrong = (
+        {"x1_impulse": 3},
+        {"y1_impulse": 0},
+        {"dw": "2^-9*x1*y0"},
+        {"dw": "x0*u1*x1"},
+        {"dw": "u1*t", "dt": "u2*t"},
+    )
     messages({str(words): refused(learning, **words).partition(": ")[2] for words in wrong})
 
 

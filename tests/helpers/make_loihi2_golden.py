@@ -1,6 +1,7 @@
-"""Make golden cases of Loihi 2 at the ends of its registers with lava-nc 0.10.0: `tests/chips/loihi2_ends/`.
+"""Make golden cases of Loihi 2 with lava-nc 0.10.0: at the ends of its registers, and with three factors.
 
     PYTHON tests/helpers/make_loihi2_golden.py tests/chips/loihi2_ends
+    PYTHON tests/helpers/make_loihi2_golden.py tests/chips/loihi2_three_factors
 
 PYTHON has lava-nc 0.10.0, which needs Python 3.10: `python3.10 -m venv lava && lava/bin/pip install lava-nc==0.10.0`.
 `neuro.testing.loihi2_traces` says what the arrays are called; they are in lava's order, width before height.
@@ -14,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from lava.magma.core.learning.learning_rule import Loihi2FLearningRule
+from lava.magma.core.learning.constants import GradedSpikeCfg
+from lava.magma.core.learning.learning_rule import Loihi2FLearningRule, Loihi3FLearningRule
 from lava.magma.core.run_conditions import RunSteps
 from lava.magma.core.run_configs import Loihi2SimCfg
 from lava.proc.conv.process import Conv
@@ -23,6 +25,8 @@ from lava.proc.io.sink import RingBuffer as Sink
 from lava.proc.io.source import RingBuffer as Source
 from lava.proc.lif.process import LIF, TernaryLIF
 from lava.utils.weightutils import SignMode
+
+from make_sums import drawn_sum
 
 Array = np.ndarray
 
@@ -181,13 +185,54 @@ def learn(name: str, rule: dict[str, str], mode: str, start: Array, steps: int, 
     keep(name, case, W0=start, x=x, post=post, a=found["sent"], **recorded)
 
 
+GRADED = ("USE_REGULAR_IMPULSE", "OVERWRITE", "ADD_WITH_SATURATION", "ADD_WITHOUT_SATURATION")
+SENT = ("y1", "y2", "y3")
+"""Traces that the target sends."""
+
+
+def three_factors(cases: int = 20) -> None:
+    """Random rules of three factors: what the target sends as y1, y2 and y3 is drawn."""
+    for seed in range(cases):
+        rng = np.random.default_rng(seed)
+        steps, epoch = 40, int(rng.choice([1, 1, 2, 3, 5]))
+        shape = tuple(rng.integers(1, 5, 2))
+        mode = str(rng.choice(["MIXED", "EXCITATORY", "INHIBITORY"]))
+        low, high = {"MIXED": (-128, 128), "EXCITATORY": (0, 256), "INHIBITORY": (-255, 1)}[mode]
+        start = rng.integers(low, high, shape) * (2 if mode == "MIXED" else 1)
+        graded = str(rng.choice(GRADED))
+        every = int(rng.integers(0, 4))
+        case: dict[str, Any] = {word: drawn_sum(rng, every, 4) for word in ("dw", "dt")}
+        case |= {"x1_impulse": 0 if graded != GRADED[0] else int(rng.integers(1, 128)), "x1_tau": int(rng.integers(40))}
+        case |= {"x2_impulse": int(rng.integers(1, 128)), "x2_tau": int(rng.integers(40))}
+        words = {**case, "t_epoch": epoch, "rng_seed": seed}
+        bits = 0 if graded == GRADED[0] else 8
+        x = rng.integers(1, 256, (steps, shape[1])) * (rng.random((steps, shape[1])) < 0.3)
+        post = rng.random((steps, shape[0])) < 0.3
+        sent = {word: rng.integers(0, 128, (steps, shape[0])) for word in SENT}
+        process = LearningDense(
+            weights=start,
+            learning_rule=Loihi3FLearningRule(**words),
+            sign_mode=SignMode[mode],
+            num_message_bits=bits,
+            graded_spike_cfg=GradedSpikeCfg[graded],
+        )
+        inputs = {"s_in": x, "s_in_bap": post.astype(int)} | {f"s_in_{word}": values for word, values in sent.items()}
+        found = ran(process, inputs, "a_out", ("weights", "tag_1", "x1", "x2"))
+        del found["sent"]
+        words |= {"graded": graded, "num_message_bits": bits, "sign_mode": mode}
+        keep(f"three_factors_{seed}", words, W0=start, x=x, post=post, **sent, **found)
+
+
 def main() -> None:
-    """Make all cases and write them."""
+    """Make the cases of a folder and write them."""
     folder = Path(sys.argv[1])
-    convolutions()
-    connections()
-    neurons()
-    learning()
+    if folder.name == "loihi2_three_factors":
+        three_factors()
+    else:
+        convolutions()
+        connections()
+        neurons()
+        learning()
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "lava_0_10_0.json").write_text(json.dumps(facts, indent=1) + "\n")
     np.savez_compressed(folder / "lava_0_10_0.npz", **arrays)

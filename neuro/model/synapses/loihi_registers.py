@@ -227,7 +227,7 @@ class loihi2_learning(RegisterLearning):
         """The rule with its traces.
 
         Raises:
-            ModelError: a trace that is read has no impulse and no payload raises it, or x1 has both.
+            ModelError: a trace that is read has no impulse and no payload raises it, x1 has both, or periods differ.
         """
         if self.graded != "impulse" and self.x1_impulse:
             message = f"x1_impulse = {self.x1_impulse} with graded: {self.graded}: payloads raise x1"
@@ -240,7 +240,12 @@ class loihi2_learning(RegisterLearning):
             for name, (impulse, tau) in said.items()
             if name in raised
         }
-        return LearningRule(self.parsed(self.dw, "dw"), self.parsed(self.dt, "dt"), traces, self.epoch)
+        rule = LearningRule(self.parsed(self.dw, "dw"), self.parsed(self.dt, "dt"), traces, self.epoch)
+        periods = sorted({term.every for term in (*rule.dw, *rule.dt) if term.gate == "u"})
+        if len(periods) > 1:
+            message = f"u{periods[0]} and u{periods[1]} in one rule: lava has one of them for dw and dt together"
+            raise ModelError(message, hint="use one period", path=("dt",))
+        return rule
 
 
 _TOKEN = re.compile(r"\s*(?:(\d+\.\d*|\.\d+)|(2\s*\^\s*[+-]?\d+)|(\d+)|([A-Za-z_]\w*)|(.))")

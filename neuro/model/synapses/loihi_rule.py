@@ -27,6 +27,8 @@ PRODUCT_BITS = 15
 MANTISSA_BITS = 4
 """Bits of a scale's mantissa: -8..7."""
 LARGEST_MANTISSA = 7
+LEVEL = 8
+"""Step between two values that a target sends: times a mantissa of 4 it is 2^5, which a product loses on Loihi 2."""
 LARGEST_EXPONENT = 9
 LARGEST_CONSTANT = 255
 LONGEST_EPOCH = 63
@@ -133,6 +135,21 @@ class Trace:
 
 
 @dataclass(frozen=True, slots=True)
+class Outgoing:
+    """The program by which a target sends n - baseline: as y2 where n is above the baseline, as y3 where n is below.
+
+    The difference in units of n is divided by 2^shift and rounded by a draw, to at most 15, then multiplied by `LEVEL`.
+
+    Attributes:
+        baseline: in 2^-7 units of n.
+        shift: bits that are rounded away.
+    """
+
+    baseline: int
+    shift: int
+
+
+@dataclass(frozen=True, slots=True)
 class LearningRule:
     """What a plastic projection does on Loihi.
 
@@ -142,6 +159,7 @@ class LearningRule:
         epoch: steps between two applications of the rule.
         rounding: "stochastic": what is below the resolution of a weight decides by a draw; "away": to whole mantissas
             away from 0, then to the resolution towards 0, as Brian2Loihi does for products of spikes.
+        outgoing: of Loihi 2 with three factors, where the target sends y1, y2 and y3: how it makes y2 and y3 of n.
 
     Raises:
         ModelError: a trace that is read never rises, or the epoch is out of bounds.
@@ -152,6 +170,7 @@ class LearningRule:
     traces: Mapping[str, Trace] = field(default_factory=dict)
     epoch: int = 1
     rounding: str = "stochastic"
+    outgoing: Outgoing | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.epoch <= LONGEST_EPOCH:
