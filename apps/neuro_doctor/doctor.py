@@ -86,7 +86,8 @@ def lived(found: Diagnosis, net: Network, options: Options, seed: int) -> Diagno
         return found
     from neuro_doctor import world
 
-    return replace(found, findings=ordered([*found.findings, *world.findings(net, options.backend, seed)]))
+    alone = [each for each in found.findings if not world.answers(net, each)]
+    return replace(found, findings=ordered([*alone, *world.findings(net, options.backend, seed)]))
 
 
 def options_of(**words: Any) -> Options:

@@ -18,6 +18,17 @@ STEPS = 300
 """Control steps of a life."""
 
 
+def answers(net: Network, finding: Finding) -> bool:
+    """Return whether the world of a network gives what a run without it lacks: an input, or the value of a signal."""
+    world = net.world_section
+    if world is None:
+        return False
+    if finding.name == "no-input":
+        return finding.what in {f"population '{name}'" for name in world.observe}
+    set_by_world = (f"signal '{name}'" in finding.evidence for name in world.reward or ())
+    return finding.name == "signal-not-set" and any(set_by_world)
+
+
 def findings(net: Network, backend: str, seed: int) -> Iterator[Finding]:
     """Let a network live and learn for a short time, and judge the rewards.
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import neuro
+import neuro_models
 from neuro_doctor import world
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -55,3 +56,10 @@ def test_a_world_that_is_not_there_is_a_note():
     (finding,) = world.findings(neuro.load(EXAMPLES / "follower.yaml"), "event", 1)
     assert (finding.name, finding.severity) == ("world-not-run", "note")
     assert "Light" in finding.evidence
+
+
+def test_a_world_gives_the_input_and_the_signals_that_a_run_alone_lacks():
+    net = neuro.load(neuro_models.path("grid_world"))
+    assert not neuro.doctor(net, ms=100.0).findings
+    net.world_section = None
+    assert {each.name for each in neuro.doctor(net, ms=100.0).findings} >= {"no-input", "signal-not-set"}
