@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.spinnaker_rule import SpinnakerRule
-from neuro.program.program import Ints
+from neuro.chips.spinnaker_rule import ONE, PLUS, TIMING, TIMINGS, D, SpinnakerRule
+from neuro.program.program import Floats, Ints
 from neuro_chip import spinnaker_learning as kernels
 
 _SPIKES: Ints = np.zeros(0, dtype=np.int64)
@@ -46,6 +46,8 @@ class Deferred:
         kernels.MISSED: "updates that lack dropped history entries",
         kernels.WRAPPED: "wrapped words",
         kernels.OVERFLOWN: "wrapped traces",
+        kernels.SENT: "spikes of sources for signals",
+        kernels.CUT: "signals at a bound",
     }
 
     def __init__(
@@ -67,6 +69,90 @@ class Deferred:
         self.rows: Ints = np.zeros((row_ends.size - 1, kernels.ROW_COLUMNS), dtype=np.int64)
         self.history = kernels.history_of(n_targets)
         self.counts: Ints = np.zeros(kernels.COUNTS, dtype=np.int64)
+
+    @property
+    def mantissas(self) -> NDArray[np.int32]:
+        """The words with the sign of their receptor."""
+        return (-self.weights if self.rule.inhibits else self.weights).astype(np.int32)
+
+    def sent(self, synapses: Ints | slice = slice(None)) -> NDArray[np.int32]:
+        """Return what synapses add to slots: nothing where they are not delivered."""
+        words: NDArray[np.int32] = (self.weights[synapses] * self.synapses.sent[synapses]).astype(np.int32)
+        return -words if self.rule.inhibits else words
+
+    def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> Ints:
+        """Take the post spikes of a step, then the packets of the sources.
+
+        Args:
+            step: its number, from 1; the first tick is 0.
+            pre: ids of the sources that fired, each once.
+            post: ids of the targets that fired, each once.
+            payloads: how often each source fired.
+
+        Returns:
+            The synapses whose words may have changed.
+        """
+        self.spike(post, step - 1)
+        self.packets(np.repeat(pre, payloads), step - 1)
+        begin, end = self.synapses.row_ends[pre], self.synapses.row_ends[pre + 1]
+        firsts = np.repeat(begin - np.concatenate(([0], np.cumsum(end - begin)[:-1])), end - begin)
+        synapses: Ints = firsts + np.arange(firsts.size)
+        return synapses
+
+    def release(self, step: int, ids: Ints) -> None:
+        """Append the dopamine of spikes in a step that reach the targets `ids`, before its post spikes."""
+        self.dopamine(ids, np.full(ids.size, self.rule.concentrations[0]), step - 1)
+
+    def modulate(self, step: int, values: Floats, scale: float) -> None:
+        """Bring dopamine of all targets to some values by spikes of sources of reward and punishment.
+
+        Args:
+            step: the last finished step (0 before the first).
+            values: dopamine of every target in 1/ms.
+            scale: dopamine of one unit in s4.11.
+        """
+        # The host follows the traces that its own spikes have left.
+        unit, levels = self.rule.concentrations[0], (1 << len(self.rule.concentrations)) - 1
+        wanted: Ints = np.rint((values / scale - self._level(step)) / unit).astype(np.int64)
+        self.counts[kernels.CUT] += np.count_nonzero(abs(wanted) > levels)
+        wanted = np.clip(wanted, -levels, levels)
+        for bit, amount in enumerate(self.rule.concentrations):
+            ids = np.flatnonzero(abs(wanted) >> bit & 1)
+            self.dopamine(ids, np.sign(wanted[ids]) * amount, step)
+            self.counts[kernels.SENT] += ids.size
+
+    def _level(self, tick: int) -> Floats:
+        """Return dopamine of each target at a tick, in s4.11."""
+        every, newest = np.arange(self.history.counts.size), self.history.counts - 1
+        level = self.history.traces[every, newest, kernels.DOPAMINE]
+        return np.asarray(np.floor(level * self._left(D, tick - self.history.times[every, newest])))
+
+    def read(self, name: str, step: int, pre: Ints, post: Ints, n_scale: float) -> Floats:
+        """Return a state of every synapse after a step, in the units of the language; K_plus is its trace of pairs."""
+        if name == "n":
+            return np.asarray(self._level(step - 1)[post] * n_scale)
+        if name == "c":
+            return np.asarray(self.tags * self.rule.eligibility)
+        if name == "K_plus" and self.rule.constants[TIMING] != TIMINGS.index("recurrent"):
+            passed = step - 1 - self.rows[pre, kernels.LAST]
+            return np.asarray(self.rows[pre, kernels.R1] / ONE * self._left(PLUS, passed))
+        return self.tags.astype(np.float64)
+
+    def _left(self, table: int, ticks: Ints) -> Floats:
+        """Return what a table leaves after some ticks."""
+        first, length, shift = self.rule.places[table]
+        at = np.clip(ticks >> shift, 0, length - 1)
+        return np.asarray(np.where(ticks >> shift < length, self.rule.table[first + at] / ONE, 0.0))
+
+    def native(self) -> dict[str, int]:
+        """What only the machine counts, by name."""
+        return {what: int(self.counts[k]) for k, what in self.counted.items() if self.counts[k]}
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes held."""
+        arrays = (self.rows, *self.history, *self.synapses, self.rule.table)
+        return sum(array.nbytes for array in arrays)
 
     def __getattr__(self, name: str) -> Any:
         """Return an array of the history by its name in `kept`."""

@@ -55,9 +55,9 @@ FAST, SLOW, SPIKE, DOPAMINE, TRACES = range(5)
 """Of an entry: o1 (or the window), o2, the spike that is not in o2 yet, and dopamine."""
 LAST, R1, R2, ROW_COLUMNS = range(4)
 """Of a row: the tick of its last packet, its trace (or window) and its slow trace."""
-EVALUATED, CHANGED, UNDELIVERED, MISSED, WRAPPED, OVERFLOWN, COUNTS = range(7)
+EVALUATED, CHANGED, UNDELIVERED, MISSED, WRAPPED, OVERFLOWN, SENT, CUT, COUNTS = range(9)
 """Counts: synapses that packets updated; words that changed; synapses without delivery; updates that lack entries that
-their history has dropped; words and traces that wrapped."""
+their history has dropped; words and traces that wrapped; spikes that bring signals, and signals beyond the largest."""
 i64 = np.int64
 _WORD = 65535
 _MASK = np.uint64(0xFFFFFFFF)

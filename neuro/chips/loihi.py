@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.arithmetic import Arithmetic, Option, Projections, is_positive, is_whole
+from neuro.chips.arithmetic import SIGNALS, Arithmetic, Option, Projections, is_positive, is_whole
 from neuro.chips.description import Chip
 from neuro.chips.fixed import (
     FixedPopulation,
@@ -216,9 +216,7 @@ class Loihi(Arithmetic):
     models: tuple[type[Neuron], ...] = (iaf_psc_exp, iaf_psc_delta)
     options: tuple[Option, ...] = (
         *SCALING,
-        Option(
-            "signals", "projections", is_positive, "the largest dopamine that the signal sets in 1/ms, a number > 0"
-        ),
+        SIGNALS,
     )
     state_limit = V_LIMIT
     register_of_one = REGISTER_OF_ONE
@@ -387,13 +385,15 @@ class Loihi(Arithmetic):
             )
         return self.wires(inputs, index, mantissas, found, per_synapse, exponent=exponent, mode=mode), problems
 
-    def give_rules(self, program: Program, chip: Chip, wires: Projections, options: Options) -> Iterator[Problem]:
+    def give_rules(
+        self, program: Program, chip: Chip, cells: list[FixedPopulation], wires: Projections, options: Options
+    ) -> Iterator[Problem]:
         """Give rules to the projections that learn on the chip; yield what is refused and what is approximated."""
         if all(type(part.synapse) is static for part in program.projections):
             return iter(())
         from neuro.chips.loihi_learning import give_rules
 
-        return give_rules(program, chip, wires, options)
+        return give_rules(program, chip, cells, wires, options)
 
     def kept_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
         """Return the scale and the exponents that a population and the projections onto it have."""

@@ -247,9 +247,11 @@ class Loihi2(Loihi):
             problems += more
         return fixed, found, problems
 
-    def give_rules(self, program: Program, chip: Chip, wires: Projections, options: Options) -> Iterator[Problem]:
+    def give_rules(
+        self, program: Program, chip: Chip, cells: list[FixedPopulation], wires: Projections, options: Options
+    ) -> Iterator[Problem]:
         """Yield what is refused: rules are given with the mantissas."""
-        return Arithmetic.give_rules(self, program, chip, wires, options)
+        return Arithmetic.give_rules(self, program, chip, cells, wires, options)
 
     def lossless(self, wires: FixedProjection) -> str:
         """Return how mantissas that a user sets lose nothing to the bits of the memory."""

@@ -71,6 +71,9 @@ WINDOWS = 2048
 """Entries of a table of windows."""
 
 
+_MECHANISM = ("constants", "table", "places")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SpinnakerRule:
     """A rule as its program takes it.
@@ -80,12 +83,29 @@ class SpinnakerRule:
         constants: int64, columns as above.
         table: all tables, one behind the other, int64.
         places: where each begins in `table`, its length and its index shift, shape (TABLES, 3).
+        shift: of the slots of its receptor: a unit of a word is 2^(shift - 15).
+        slots: of a neuron for the ticks to come; a delay as long is stored as 0 and never delivered.
+        inhibits: whether its words, which are magnitudes, are subtracted.
+        concentrations: of the sources of dopamine in s4.11: of the spikes that release it, or of the sources that bring
+            a signal, each of which there is for reward and for punishment and for each neuron.
+        eligibility: eligibility in the unit of the language of one unit of its word.
     """
 
     program: str
     constants: Ints
     table: Ints
     places: Ints
+    shift: int = 0
+    slots: int = 16
+    inhibits: bool = False
+    concentrations: tuple[int, ...] = ()
+    eligibility: float = 1.0
+
+    def is_as(self, other: SpinnakerRule) -> bool:
+        """Whether another is of the same program, constants and tables: the mechanism that histories follow."""
+        return self.concentrations == other.concentrations and all(
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in _MECHANISM
+        )
 
 
 def fixed_point(value: float) -> int:
