@@ -260,7 +260,7 @@ def _dopamine(p: stdp_dopa, onto: Onto) -> Mapped:
     if not 1.0 <= of_pair <= LARGEST_WORD / 4:
         way = "smaller A_plus and A_minus" if of_pair > 1.0 else "a larger A_plus, or scale weights and C_m up alike"
         raise ModelError(
-            f"stdp_dopa: the eligibility of a pair is {of_pair:.3g} units: expected 1 to {LARGEST_WORD // 4}", hint=way
+            f"the eligibility of a pair is {of_pair:.3g} units: expected 1 to {LARGEST_WORD // 4}", hint=way
         )
     n_scale = n_one / units
     one, (up, down) = onto.gain * n_scale * ONE, _windows(p.tau_plus, onto)

@@ -222,3 +222,105 @@ def by_step(sim, part):
     for time, i in zip(*sim.spikes(part), strict=True):
         found.setdefault(round(time), []).append(int(i))
     return {step: sorted(ids) for step, ids in found.items()}
+
+
+# what a run does with it
+
+TAUGHT = RULES["signal"][0]
+
+
+@pytest.fixture
+def started():
+    def start(synapse=TAUGHT, seed=1, **options):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return neuro.compile(learner(synapse, seed), "spinnaker", seed=seed, **options)
+
+    return start
+
+
+def steered(sim, *ends):
+    """Run to some times; a signal is set at two of them."""
+    for end in ends:
+        sim.run(end - sim.time)
+        if end in (150.0, 230.0):
+            sim.signal("r", 0.03 if end == 150.0 else -0.01)
+    return sim.weights("ab")[2], sim.get("ab", "c"), sim.get("ab", "n"), sim.get("ab", "K_plus")
+
+
+def test_a_run_goes_on_from_a_state_and_begins_anew(started, tmp_path):
+    whole = steered(started(), 150.0, 230.0, 400.0)
+    assert np.unique(whole[0]).size > 10
+    assert whole[1].max() > 0.0 > whole[2].min()
+    assert whole[3].max() > 0.0
+    sim = started()
+    steered(sim, 60.0, 150.0, 200.0)
+    sim.save(tmp_path / "state.h5")
+    other = started()
+    other.restore(tmp_path / "state.h5")
+    for one in (other, sim):
+        for found, expected in zip(steered(one, 230.0, 231.0, 400.0), whole, strict=True):
+            np.testing.assert_array_equal(found, expected)
+    sim.reset(weights=True)
+    for found, expected in zip(steered(sim, 150.0, 230.0, 400.0), whole, strict=True):
+        np.testing.assert_array_equal(found, expected)
+    assert {name.split(" in ")[0] for name in sim.counts().native} >= {"rules applied", "spikes of sources for signals"}
+
+
+def test_written_weights_are_sent_and_learnt_from(started):
+    sim = started(RULES["pair, additive"][0])
+    sim.set_weights("ab", np.full(48, 2.0))
+    np.testing.assert_array_equal(sim.weights("ab")[2], 2.0)
+    sim.run(200.0)
+    assert np.unique(sim.weights("ab")[2]).size > 10
+
+
+@pytest.mark.parametrize("delay", [1.0, 2.0, 3.0])
+def test_a_delay_of_all_slots_learns_and_sends_nothing(delay):
+    """Slots are 2 for delays of 1 and 2, 4 for those of 3."""
+    net = neuro.Network("slots", resolution=1.0)
+    net.population("a", 1, neuro.spike_generator(spike_times=[[10.0, 30.0, 50.0]]))
+    net.population("b", 1, neuro.iaf_psc_delta(V_th=-69.0, tau_minus=20.0))
+    net.population("c", 1, neuro.spike_generator(spike_times=[[12.0, 33.0]]))
+    net.connect("c", "b", neuro.all_to_all(), weight=9.0, delay=1.0)
+    net.connect("a", "b", neuro.all_to_all(), stdp(Wmax=8.0, lambda_=0.1), weight=4.0, delay=delay, name="ab")
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        sim = neuro.compile(net, "spinnaker")
+    sim.run(60.0)
+    lost = delay == 2.0
+    assert any("as many as there are slots" in str(one.message) for one in heard) == lost
+    assert sim.counts().native.get("undelivered synapses in ab", 0) == (3 if lost else 0)
+    assert (10.0 + delay in sim.spikes("b")[0]) != lost
+    assert sim.weights("ab")[2][0] != 4.0
+
+
+def test_learning_is_near_event_where_units_are_fine():
+    """A packet takes up to one unit, 2^-8 mV, and there are four for each synapse."""
+    for name, near in (("pair, additive", 0.02), ("pair, multiplicative", 0.02), ("triplet", 0.03), ("dopamine", 0.05)):
+        synapse = RULES[name][0]
+        learnt = {}
+        for backend in ("event", "spinnaker"):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                sim = neuro.compile(sparse(synapse), backend)
+            sim.run(1000.0)
+            learnt[backend] = sim.weights("ab")[2] - 3.0
+        scale = abs(learnt["event"]).max()
+        assert scale > 0.01
+        np.testing.assert_allclose(
+            learnt["spinnaker"], learnt["event"], rtol=0, atol=near * scale + 0.016, err_msg=name
+        )
+
+
+def sparse(synapse):
+    """Eight synapses onto a neuron that spikes when it is told to."""
+    net = neuro.Network("sparse", resolution=1.0)
+    times = [[101.0 + 8 * k, 332.0 - 5 * k, 520.0, 900.0] for k in range(8)]
+    net.population("a", 8, neuro.spike_generator(spike_times=times))
+    net.population("c", 1, neuro.spike_generator(spike_times=[[110.0, 320.0, 525.0]]))
+    net.population("b", 1, neuro.iaf_psc_delta(tau_minus=20.0, V_th=0.0))
+    net.population("d", 1, neuro.spike_generator(spike_times=[[350.0]]))
+    net.connect("c", "b", neuro.all_to_all(), weight=200.0, delay=1.0)
+    net.connect("a", "b", neuro.all_to_all(), synapse, weight=3.0, delay=3.0, name="ab")
+    return net
