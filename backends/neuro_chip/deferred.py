@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.spinnaker_rule import ONE, PLUS, TIMING, TIMINGS, D, SpinnakerRule
+from neuro.chips.spinnaker_rule import ONE, PLUS, SIGNAL_SPIKES, TIMING, TIMINGS, D, SpinnakerRule
 from neuro.program.program import Floats, Ints
 from neuro_chip import spinnaker_learning as kernels
 
@@ -46,7 +46,7 @@ class Deferred:
         kernels.MISSED: "updates that lack dropped history entries",
         kernels.WRAPPED: "wrapped words",
         kernels.OVERFLOWN: "wrapped traces",
-        kernels.SENT: "spikes of sources for signals",
+        kernels.SENT: SIGNAL_SPIKES,
         kernels.CUT: "signals at a bound",
     }
 
@@ -80,7 +80,7 @@ class Deferred:
         words: NDArray[np.int32] = (self.weights[synapses] * self.synapses.sent[synapses]).astype(np.int32)
         return -words if self.rule.inhibits else words
 
-    def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> Ints:
+    def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> tuple[Ints, Ints]:
         """Take the post spikes of a step, then the packets of the sources.
 
         Args:
@@ -90,10 +90,20 @@ class Deferred:
             payloads: how often each source fired.
 
         Returns:
-            The synapses whose words may have changed.
+            The synapses whose words may have changed, and by how much each has sent more than its last word for every
+            packet: the earlier ones of a step were sent with other words.
         """
         self.spike(post, step - 1)
-        self.packets(np.repeat(pre, payloads), step - 1)
+        synapses = self._of(pre)
+        more: Ints = np.zeros(synapses.size, dtype=np.int64)
+        times = np.repeat(payloads, self.synapses.row_ends[pre + 1] - self.synapses.row_ends[pre])
+        for packet in range(int(payloads.max(initial=0))):
+            self.packets(pre[payloads > packet], step - 1)
+            more += np.where(times > packet, self.weights[synapses], 0)
+        return synapses, (more - times * self.weights[synapses]) * self.synapses.sent[synapses]
+
+    def _of(self, pre: Ints) -> Ints:
+        """Return the synapses of some sources."""
         begin, end = self.synapses.row_ends[pre], self.synapses.row_ends[pre + 1]
         firsts = np.repeat(begin - np.concatenate(([0], np.cumsum(end - begin)[:-1])), end - begin)
         synapses: Ints = firsts + np.arange(firsts.size)

@@ -85,9 +85,11 @@ class Learners:
                     n = self._program.populations[part.target].size
                     every = np.repeat(ids, times)
                     plastic.release(step, every if part.dopamine_one_to_one else np.tile(np.arange(n), every.size))
-                synapses = plastic.step(step, pre, post, payloads)
+                synapses, more = plastic.step(step, pre, post, payloads)
                 self._weights.mantissas[index][synapses] = plastic.sent(synapses)
                 self._weights.write_some(index, synapses)
+                if more.any():
+                    self._send(index, step, synapses, more)
                 continue
             if self._fresh[index]:
                 self._weights.put(index, plastic.mantissas)
@@ -104,6 +106,15 @@ class Learners:
                     due.append((step + part.dopamine_delay, reached))
                 while due and due[0][0] <= step:
                     plastic.release(step, due.pop(0)[1])
+
+    def _send(self, index: int, step: int, synapses: Ints, words: Ints) -> None:
+        """Add words to the slots in which the spikes of a step arrive, beside what the loop will send."""
+        plastic, part, lags = self._parts[index], self._program.projections[index], self._wires(index).lag
+        assert isinstance(plastic, Deferred)
+        row, lag = self._a["pops"][part.target], lags if lags.size == 1 else lags[synapses]
+        n = row[t.END] - row[t.BEGIN]
+        slots = (step + lag) % row[t.SLOTS] + (row[t.SLOTS] if plastic.rule.inhibits else 0)
+        np.add.at(self._a["ring"], row[t.RING] + slots * n + plastic.synapses.targets[synapses], words.astype(np.int32))
 
     def signal(self, signal: int, values: Floats, step: int) -> None:
         """Set the modulatory traces of every projection that listens."""

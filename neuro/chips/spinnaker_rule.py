@@ -32,6 +32,9 @@ PROGRAMS = {
 }
 """The released programs, by timing, weight dependence and whether dopamine teaches."""
 
+SIGNAL_SPIKES = "spikes of sources for signals"
+"""What the spikes are called, in counts, that bring a signal to the machine."""
+
 ONE = 2048
 """1.0 in s4.11."""
 PARTS = 32768

@@ -324,3 +324,35 @@ def sparse(synapse):
     net.connect("c", "b", neuro.all_to_all(), weight=200.0, delay=1.0)
     net.connect("a", "b", neuro.all_to_all(), synapse, weight=3.0, delay=3.0, name="ab")
     return net
+
+
+def test_each_of_two_packets_of_a_step_sends_its_own_word():
+    net = neuro.Network("double", resolution=1.0)
+    net.population("a", 1, neuro.spike_generator(spike_times=[[5.0, 20.0, 20.0, 20.0]]))
+    net.population("c", 1, neuro.spike_generator(spike_times=[[15.0]]))
+    net.population("b", 1, neuro.iaf_psc_delta(V_th=-40.0, t_ref=0.0, tau_m=np.inf, tau_minus=20.0))
+    net.connect("c", "b", neuro.all_to_all(), weight=40.0, delay=1.0)
+    net.connect("a", "b", neuro.all_to_all(), stdp(lambda_=0.2, Wmax=8.0), weight=4.0, delay=3.0, name="ab")
+    net.probe("v", "b", "V_m")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim = neuro.compile(net, "spinnaker")
+    words = []
+    part = sim._engine._machine.learners._parts[1]
+    packets = part.packets
+    part.packets = lambda ids, tick: (packets(ids, tick), words.extend(part.weights.tolist() * len(ids)))
+    sim.run(30.0)
+    assert len({*words[1:]}) == 3
+    unit = 2.0 ** (part.rule.shift - 15)
+    v = sim.trace("v")[1][:, 0]
+    assert v[22] - v[21] == pytest.approx(sum(words[1:]) * unit, abs=1e-3)
+
+
+def test_the_spikes_that_bring_a_signal_are_priced(started):
+    sim = started()
+    steered(sim, 150.0, 230.0, 400.0)
+    (sent,) = (n for name, n in sim.counts().native.items() if name.startswith("spikes of sources for signals"))
+    lines = {(item.what, item.of): item for item in sim.energy("spinnaker").items}
+    assert lines["packet", "r"].count == lines["synaptic_op", "r"].count == sent > 0
+    assert lines["packet", "r"].joules == sent * 0.8e-9
+    assert lines["learning_update", "ab"].joules_each is None
