@@ -1,4 +1,4 @@
-"""The state of one projection that learns on SpiNNaker, and what events of a tick do to it."""
+"""The state of a projection that learns on SpiNNaker, and the effect of events on this state."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SPIKES: Ints = np.zeros(0, dtype=np.int64)
 
 
 class Deferred:
-    """A projection that learns on SpiNNaker; all that is onto one population shares what its histories hold.
+    """A projection that learns on SpiNNaker; projections onto one population have equal histories.
 
     Args:
         rule: the rule.
@@ -24,7 +24,7 @@ class Deferred:
         n_targets: neurons of the target.
         words: of the weights, magnitudes.
         delays: ticks by which events of the post neurons act late, one for each synapse.
-        sent: of each synapse whether it is delivered.
+        delivered: of each synapse whether its slots are written.
         shifts: of the receptor of each synapse.
 
     Attributes:
@@ -58,14 +58,14 @@ class Deferred:
         n_targets: int,
         words: Ints,
         delays: Ints,
-        sent: NDArray[np.bool_],
+        delivered: NDArray[np.bool_],
         shifts: Ints,
     ) -> None:
         self.rule = rule
         self.draws = kernels.SEED.copy()
         self._rule = kernels.Rule(rule.constants, rule.table, rule.places, self.draws)
         self.weights, self.tags = words.astype(np.int64), np.zeros(words.size, dtype=np.int64)
-        self.synapses = kernels.Synapses(self.weights, self.tags, row_ends, targets, delays, sent, shifts)
+        self.synapses = kernels.Synapses(self.weights, self.tags, row_ends, targets, delays, delivered, shifts)
         self.rows: Ints = np.zeros((row_ends.size - 1, kernels.ROW_COLUMNS), dtype=np.int64)
         self.history = kernels.history_of(n_targets)
         self.counts: Ints = np.zeros(kernels.COUNTS, dtype=np.int64)
@@ -75,9 +75,9 @@ class Deferred:
         """The words with the sign of their receptor."""
         return (-self.weights if self.rule.inhibits else self.weights).astype(np.int32)
 
-    def sent(self, synapses: Ints | slice = slice(None)) -> NDArray[np.int32]:
+    def words(self, synapses: Ints | slice = slice(None)) -> NDArray[np.int32]:
         """Return what synapses add to slots: nothing where they are not delivered."""
-        words: NDArray[np.int32] = (self.weights[synapses] * self.synapses.sent[synapses]).astype(np.int32)
+        words: NDArray[np.int32] = (self.weights[synapses] * self.synapses.delivered[synapses]).astype(np.int32)
         return -words if self.rule.inhibits else words
 
     def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> tuple[Ints, Ints]:
@@ -100,7 +100,7 @@ class Deferred:
         for packet in range(int(payloads.max(initial=0))):
             self.packets(pre[payloads > packet], step - 1)
             more += np.where(times > packet, self.weights[synapses], 0)
-        return synapses, (more - times * self.weights[synapses]) * self.synapses.sent[synapses]
+        return synapses, (more - times * self.weights[synapses]) * self.synapses.delivered[synapses]
 
     def _of(self, pre: Ints) -> Ints:
         """Return the synapses of some sources."""
@@ -123,19 +123,19 @@ class Deferred:
         """
         # The host follows the traces that its own spikes have left.
         unit, levels = self.rule.concentrations[0], (1 << len(self.rule.concentrations)) - 1
-        wanted: Ints = np.rint((values / scale - self._level(step)) / unit).astype(np.int64)
-        self.counts[kernels.CUT] += np.count_nonzero(abs(wanted) > levels)
-        wanted = np.clip(wanted, -levels, levels)
+        missing: Ints = np.rint((values / scale - self._level(step)) / unit).astype(np.int64)
+        self.counts[kernels.CUT] += np.count_nonzero(abs(missing) > levels)
+        missing = np.clip(missing, -levels, levels)
         for bit, amount in enumerate(self.rule.concentrations):
-            ids = np.flatnonzero(abs(wanted) >> bit & 1)
-            self.dopamine(ids, np.sign(wanted[ids]) * amount, step)
+            ids = np.flatnonzero(abs(missing) >> bit & 1)
+            self.dopamine(ids, np.sign(missing[ids]) * amount, step)
             self.counts[kernels.SENT] += ids.size
 
     def _level(self, tick: int) -> Floats:
         """Return dopamine of each target at a tick, in s4.11."""
         every, newest = np.arange(self.history.counts.size), self.history.counts - 1
         level = self.history.traces[every, newest, kernels.DOPAMINE]
-        return np.asarray(np.floor(level * self._left(D, tick - self.history.times[every, newest])))
+        return np.asarray(np.floor(level * self._decay(D, tick - self.history.times[every, newest])))
 
     def read(self, name: str, step: int, pre: Ints, post: Ints, n_scale: float) -> Floats:
         """Return a state of every synapse after a step, in the units of the language; K_plus is its trace of pairs."""
@@ -145,17 +145,17 @@ class Deferred:
             return np.asarray(self.tags * self.rule.eligibility)
         if name == "K_plus" and self.rule.constants[TIMING] != TIMINGS.index("recurrent"):
             passed = step - 1 - self.rows[pre, kernels.LAST]
-            return np.asarray(self.rows[pre, kernels.R1] / ONE * self._left(PLUS, passed))
+            return np.asarray(self.rows[pre, kernels.R1] / ONE * self._decay(PLUS, passed))
         return self.tags.astype(np.float64)
 
-    def _left(self, table: int, ticks: Ints) -> Floats:
+    def _decay(self, table: int, ticks: Ints) -> Floats:
         """Return what a table leaves after some ticks."""
         first, length, shift = self.rule.places[table]
         at = np.clip(ticks >> shift, 0, length - 1)
         return np.asarray(np.where(ticks >> shift < length, self.rule.table[first + at] / ONE, 0.0))
 
     def native(self) -> dict[str, int]:
-        """What only the machine counts, by name."""
+        """Counts of the machine alone, by name."""
         return {what: int(self.counts[k]) for k, what in self.counted.items() if self.counts[k]}
 
     @property

@@ -50,7 +50,7 @@ class Learners:
 
     On Loihi a spike is sent with the weight from before the learning of its own step, as in Brian2Loihi and lava: what
     is learnt in a step is written where the loop reads it only after the next step has sent. On SpiNNaker a spike is
-    sent with the weight after it has brought its row up to date.
+    sent with the weight after the update of the row.
 
     Args:
         fixed: the quantised program.
@@ -86,7 +86,7 @@ class Learners:
                     every = np.repeat(ids, times)
                     plastic.release(step, every if part.dopamine_one_to_one else np.tile(np.arange(n), every.size))
                 synapses, more = plastic.step(step, pre, post, payloads)
-                self._weights.mantissas[index][synapses] = plastic.sent(synapses)
+                self._weights.mantissas[index][synapses] = plastic.words(synapses)
                 self._weights.write_some(index, synapses)
                 if more.any():
                     self._send(index, step, synapses, more)
@@ -136,7 +136,7 @@ class Learners:
         plastic = self._parts[index]
         plastic.weights[:] = abs(mantissas) if isinstance(plastic, Deferred) else mantissas
         if isinstance(plastic, Deferred):
-            self._weights.put(index, plastic.sent())
+            self._weights.put(index, plastic.words())
 
     def read(self, index: int, name: str) -> Floats:
         """K_plus, c, t or n of every synapse, in the units of the language."""
@@ -170,7 +170,7 @@ class Learners:
         return self._parts[index].tags.astype(np.int64) if name in ("t", "c", "tag") else None
 
     def native(self) -> dict[str, int]:
-        """What only the chip counts."""
+        """Counts of the chip alone, by name."""
         found: dict[str, int] = {}
         for index, plastic in self._parts.items():
             name = self._program.projections[index].name
@@ -193,7 +193,7 @@ class Learners:
                 new.weights[:] = plastic.weights
             self._parts[index], self._due[index], self._fresh[index] = new, [], True
             if isinstance(new, Deferred):
-                self._weights.put(index, new.sent())
+                self._weights.put(index, new.words())
 
     def _state(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that change in place."""

@@ -112,9 +112,9 @@ class Learner:
         return self.weights.astype(np.int32)
 
     def native(self) -> dict[str, int]:
-        """What only the chip counts, by name."""
-        found = {what: int(self.counts[column]) for column, what in _COUNTED.items() if self.counts[column]}
-        return found | ({"trace saturations": int(self.saturated[0])} if self.saturated[0] else {})
+        """Counts of the chip alone, by name."""
+        counts = {what: int(self.counts[column]) for column, what in _COUNTED.items() if self.counts[column]}
+        return counts | ({"trace saturations": int(self.saturated[0])} if self.saturated[0] else {})
 
     @property
     def nbytes(self) -> int:

@@ -1,4 +1,4 @@
-"""Calls of SpiNNaker's plastic synapses, replayed as they were recorded from its programs."""
+"""Replays of recorded calls of SpiNNaker's programs for plastic synapses."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ def replay(case: Mapping[str, Any], events: NDArray[Any]) -> dict[str, NDArray[A
     skipped = saturated = 0
     ring: list[tuple[int, int, int]] = []
     states: dict[str, list[Any]] = {name: [] for name in _STATES}
-    for number, (is_spike, unit, t, late) in enumerate(events.tolist()):
+    for number, (is_spike, unit, t, lateness) in enumerate(events.tolist()):
         if is_spike:
             part.spike(np.array([unit]), t)
         elif rows[unit]["kind"] == "stdp":
-            here, emitted = slice(ends[unit], ends[unit + 1]), t - late
+            here, emitted = slice(ends[unit], ends[unit + 1]), t - lateness
             part.packets(np.array([unit]), emitted)
-            arrives = stored[here] > late
+            arrives = stored[here] > lateness
             place = ((emitted + stored[here]) % slots << bits + 1 | below[here])[arrives]
             added: dict[int, int] = {}
             for slot, word in zip(place.tolist(), part.weights[here][arrives].tolist(), strict=True):

@@ -1,14 +1,14 @@
 """SpiNNaker's plastic synapses: histories of post neurons, and rows that packets of their sources bring up to date.
 
-Learning is deferred: post spikes and dopamine are only appended to a history of their neuron. A packet works through
-the entries that came since the one before, each d ticks after its time, where d is the delay of the synapse.
+Learning is deferred: post spikes and dopamine are only appended to a history of the neuron. A packet works through
+the entries since the last packet, each d ticks after the entry's time, where d is the delay of the synapse.
 
 Weights are words of 16 bits, word << shift in s16.15 while they are updated; traces and tables are s4.11. Every product
 is floored by itself, sums wrap, and nothing is clipped but what a rule clips.
 
-Where dopamine teaches, the rule moves the eligibility, and the weight moves by K c D (E - 1): the products in the order
-in which the released programs multiply, which is not that of their source. Marks of dopamine are read as many entries
-late as entries are newer than those that a packet works through: so do the programs.
+Where dopamine teaches, the rule moves the eligibility, and the weight moves by K c D (E - 1). The order of the products
+is the order of the released programs; the source has another one. The programs read marks of dopamine n entries late,
+where n is the number of entries after the window of a packet. So do the kernels.
 
 Source: sPyNNaker 7.4.1 (released machine code).
 """
@@ -99,7 +99,7 @@ class Synapses(NamedTuple):
         row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
         targets: post neurons.
         delays: ticks by which entries act late, one for each synapse.
-        sent: whether each is delivered: its delay is not the number of slots.
+        delivered: whether each is delivered: its delay is not the number of slots.
         shifts: of the receptor of each.
     """
 
@@ -108,7 +108,7 @@ class Synapses(NamedTuple):
     row_ends: Any
     targets: Any
     delays: Any
-    sent: Any
+    delivered: Any
     shifts: Any
 
 
@@ -158,14 +158,14 @@ def scaled(a, s):
 
 
 @inlined
-def left(rule, k, ticks):
+def decay(rule, k, ticks):
     """Return what table k leaves after some ticks."""
     at = ticks >> rule.places[k, 2]
     return rule.table[rule.places[k, 0] + at] if 0 <= at < rule.places[k, 1] else i64(0)
 
 
 @subkernel
-def drawn(draws):
+def random(draws):
     """Return the next random number of the core, KISS-64."""
     draws[0] = (np.uint64(314527869) * draws[0] + np.uint64(1234567)) & _MASK
     y = draws[1]
@@ -181,7 +181,7 @@ def drawn(draws):
 @inlined
 def window(rule, k):
     """Draw the length of a window from table k."""
-    return rule.table[rule.places[k, 0] + drawn(rule.draws) % WINDOWS]
+    return rule.table[rule.places[k, 0] + random(rule.draws) % WINDOWS]
 
 
 @subkernel
@@ -191,7 +191,7 @@ def append(rule, history, j, t, concentration, dopamine, counts):
     n = history.counts[j]
     old = history.traces[j, n - 1]
     passed = t - history.times[j, n - 1]
-    fast, slow, spike = fine(old[FAST], left(rule, MINUS, passed)), old[SLOW], old[SPIKE]
+    fast, slow, spike = fine(old[FAST], decay(rule, MINUS, passed)), old[SLOW], old[SPIKE]
     if timing == NEAREST:
         fast = 0
     elif timing == RECURRENT:
@@ -200,11 +200,11 @@ def append(rule, history, j, t, concentration, dopamine, counts):
         fast += ONE
     if timing == TRIPLET:
         if spike == 0:
-            slow = fine(slow, left(rule, Y, passed))
+            slow = fine(slow, decay(rule, Y, passed))
         else:
-            slow = fine(slow + ONE, left(rule, Y, t - spike))
+            slow = fine(slow + ONE, decay(rule, Y, t - spike))
         spike = t
-    level = fine(old[DOPAMINE], left(rule, D, passed)) + concentration if rule.constants[TAUGHT] else i64(0)
+    level = fine(old[DOPAMINE], decay(rule, D, passed)) + concentration if rule.constants[TAUGHT] else i64(0)
     if timing != RECURRENT:
         counts[OVERFLOWN] += fast != half(fast)
         fast = half(fast)
@@ -253,7 +253,7 @@ def post_step(rule, w, tag, r1, history, j, k, gap, since):
                 tag = i64(0)
                 w = raised(c, w, i64(ONE), i64(0))
         return w, tag
-    x = left(rule, PLUS, gap)
+    x = decay(rule, PLUS, gap)
     if timing == NEAREST:
         return raised(c, w, x if since >= gap else i64(0), i64(0)), tag
     x = fine(r1, x)
@@ -272,7 +272,7 @@ def pre_step(rule, w, tag, r2, history, j, k, since):
                 tag = i64(0)
                 w = lowered(c, w, i64(ONE), i64(0))
         return w, tag
-    x = left(rule, MINUS, since)
+    x = decay(rule, MINUS, since)
     if timing == NEAREST:
         return lowered(c, w, x, i64(0)), tag
     x = fine(history.traces[j, k, FAST], x)
@@ -284,16 +284,16 @@ def pre_step(rule, w, tag, r2, history, j, k, since):
 @inlined
 def elapse(rule, w, eligibility, level, ticks):
     """Return the weight and the eligibility after some ticks that begin with a level of dopamine."""
-    of_c = left(rule, C, ticks)
+    of_c = decay(rule, C, ticks)
     if level != 0:
-        lost = half(fine(of_c, left(rule, D, ticks)) - ONE)
+        lost = half(fine(of_c, decay(rule, D, ticks)) - ONE)
         w = word(w + scaled(scaled(product(eligibility, rule.constants[GAIN]), level), lost))
     return w, scaled(eligibility, of_c)
 
 
 @subkernel
 def visit(rule, history, synapses, e, t, p, r1, r2, counts):
-    """Bring synapse e up to date at tick t; p and r1 are of its row's last packet, r2 of this one."""
+    """Bring synapse e up to date at tick t; p and r1 belong to the row's last packet, r2 to the present packet."""
     c, j, d, shift = rule.constants, synapses.targets[e], synapses.delays[e], synapses.shifts[e]
     taught = c[TAUGHT] != 0
     first, last = max(p - d, 0), max(t - d, 0)
@@ -309,7 +309,7 @@ def visit(rule, history, synapses, e, t, p, r1, r2, counts):
     at, level = p, i64(0)
     if taught and before > 0:
         # Without the delay, though entries act that much later everywhere else: so do the programs.
-        level = fine(history.traces[j, before, DOPAMINE], left(rule, D, p - history.times[j, before]))
+        level = fine(history.traces[j, before, DOPAMINE], decay(rule, D, p - history.times[j, before]))
     marks = history.marks[j] >> (n - (newest - before))
     for k in range(before + 1, newest + 1):
         u = history.times[j, k] + d
@@ -341,7 +341,7 @@ def visit(rule, history, synapses, e, t, p, r1, r2, counts):
     counts[EVALUATED] += 1
     counts[CHANGED] += w != synapses.weights[e]
     counts[MISSED] += history.dropped[j] > first
-    counts[UNDELIVERED] += not synapses.sent[e]
+    counts[UNDELIVERED] += not synapses.delivered[e]
     synapses.weights[e] = w
     synapses.tags[e] = tag
 
@@ -365,11 +365,11 @@ def packets(rule, rows, history, synapses, ids, t, counts):
         if rule.constants[TIMING] == RECURRENT:
             new = window(rule, PLUS)
         elif rule.constants[TIMING] != NEAREST:
-            new = fine(r1, left(rule, PLUS, t - p)) + ONE
+            new = fine(r1, decay(rule, PLUS, t - p)) + ONE
             counts[OVERFLOWN] += new != half(new)
             new = half(new)
         if rule.constants[TIMING] == TRIPLET:
-            r2 = half(fine(r2 + ONE, left(rule, X, t - p))) if p != 0 else i64(0)
+            r2 = half(fine(r2 + ONE, decay(rule, X, t - p))) if p != 0 else i64(0)
         rows[i, LAST], rows[i, R1], rows[i, R2] = t, new, r2
         for e in range(synapses.row_ends[i], synapses.row_ends[i + 1]):
             visit(rule, history, synapses, e, t, p, r1, r2, counts)

@@ -4,11 +4,11 @@ A weight w of the language is w g in the unit of the machine, nA or mV, where g 
 Additive amplitudes are absolute there: A_plus = lambda Wmax g; those of triplets are times Wmax.
 
 The delay register of `iaf_psc_exp` holds a step more than the delay, and the machine's post spikes reach a synapse by
-that register. So each pair is a step more apart or less; amplitudes make up for it, A_plus exp(h / tau_plus) and
-A_minus exp(-h / tau_minus), and the windows are those of the float model.
+that register. So each pair is a step more apart or less; amplitudes make up for the step, A_plus exp(h / tau_plus) and
+A_minus exp(-h / tau_minus), and the windows equal the float model's.
 
-Dopamine: of one of 1/tau_n a synapse of concentration k 2^-11 is made, and the eligibility of 1 is A g k' with k k' as
-large as their product must be. Their dynamic ranges are shared evenly: k is near the root of what both are in units.
+Dopamine of 1/tau_n becomes a synapse of concentration k 2^-11, and an eligibility of 1 becomes m units of a word. The
+product k m follows from the rule, and both are near its root, since both are rounded down at events.
 """
 
 from __future__ import annotations
@@ -22,7 +22,16 @@ import numpy as np
 
 from neuro.chips.description import Chip
 from neuro.chips.fixed import FixedPopulation, FixedProjection
-from neuro.chips.inputs import LEARN_ELSEWHERE, Options, approximated, foreign, largest_signal, no_rule, refused
+from neuro.chips.inputs import (
+    LEARN_ELSEWHERE,
+    Options,
+    acts_late,
+    approximated,
+    foreign,
+    largest_signal,
+    no_rule,
+    refused,
+)
 from neuro.chips.spinnaker_rule import (
     ADDITIVE,
     DOWN,
@@ -49,11 +58,11 @@ COARSE_UPDATE = 8.0
 
 @dataclass(frozen=True, slots=True)
 class Onto:
-    """What the rule of a projection follows from, beside its synapse model.
+    """The neurons and the slots that a rule is made for.
 
     Attributes:
         h: length of a step in ms.
-        late: steps by which the delay register is longer than the delay.
+        extra: steps by which the delay register is longer than the delay.
         gain: nA or mV on the machine of a weight of 1.
         shift: of the slots of its receptor.
         tau_minus: of the target in ms.
@@ -61,7 +70,7 @@ class Onto:
     """
 
     h: float
-    late: int
+    extra: int
     gain: float
     shift: int
     tau_minus: float
@@ -98,8 +107,8 @@ def mapped(synapse: Synapse, onto: Onto) -> Mapped:
         ModelError: no program does it; the hint is a way out.
     """
     if isinstance(synapse, stdp_dopa):
-        found = _dopamine(synapse, onto)
-        return replace(found, approximations=(*found.approximations, *_shared(onto)))
+        mapping = _dopamine(synapse, onto)
+        return replace(mapping, approximations=(*mapping.approximations, *_shared(onto)))
     timing, dependence, numbers, notes = _maker(synapse)(synapse, onto)
     rule = rule_of(timing, dependence, {"w_min": 0.0} | numbers, dt=onto.h)
     notes += _rounded(rule, numbers, float(numbers["w_max"]) if timing == "triplet" else 1.0)
@@ -110,7 +119,7 @@ def mapped(synapse: Synapse, onto: Onto) -> Mapped:
 
 
 def _shared(onto: Onto) -> tuple[str, ...]:
-    """What differs for all rules."""
+    """Differences of all rules."""
     return (
         f"weights are whole units of {onto.unit / onto.gain:.4g}; a packet rounds down what it has changed",
         "learning waits for the next spike of the source: post spikes after the last one change no weight",
@@ -131,17 +140,17 @@ def _maker(synapse: Synapse) -> Callable[[Any, Onto], _Made]:
 
 
 def _rounded(rule: SpinnakerRule, numbers: Mapping[str, Any], scale: float) -> tuple[str, ...]:
-    """What rounding does to amplitudes, which are numbers times a scale; those of one side must not all become 0."""
+    """Errors of rounded amplitudes, numbers times a scale; an error if all of a side become 0."""
     notes: tuple[str, ...] = ()
     for columns in ((UP, UP_TRIPLET), (DOWN, DOWN_TRIPLET)):
-        wanted = {column: abs(numbers.get(_AMPLITUDES[column], 0.0)) * scale for column in columns}
-        if any(wanted.values()) and not any(rule.constants[column] for column in columns):
-            name, largest = _AMPLITUDES[columns[0]], max(wanted.values())
+        amounts = {column: abs(numbers.get(_AMPLITUDES[column], 0.0)) * scale for column in columns}
+        if any(amounts.values()) and not any(rule.constants[column] for column in columns):
+            name, largest = _AMPLITUDES[columns[0]], max(amounts.values())
             raise ModelError(
                 f"{name} = {largest:.3g} on the machine: the smallest is {1 / PARTS:.3g}",
                 hint="learn faster, or scale weights and C_m up by the same factor",
             )
-        for column, amount in wanted.items():
+        for column, amount in amounts.items():
             off = abs(int(rule.constants[column])) / PARTS / amount - 1.0 if amount else 0.0
             notes += (f"{_AMPLITUDES[column]} is {off:+.1%} off",) if abs(off) > 1e-3 else ()
     return notes
@@ -153,7 +162,7 @@ _Made = tuple[str, str, dict[str, Any], tuple[str, ...]]
 
 def _windows(tau_plus: float, onto: Onto) -> tuple[float, float]:
     """Factors on potentiation and depression that make up for the later arrival of post spikes."""
-    return math.exp(onto.late * onto.h / tau_plus), math.exp(-onto.late * onto.h / onto.tau_minus)
+    return math.exp(onto.extra * onto.h / tau_plus), math.exp(-onto.extra * onto.h / onto.tau_minus)
 
 
 def _weight_dependent(p: Any, onto: Onto, timing: str) -> _Made:
@@ -219,8 +228,8 @@ def _vogels(p: vogels_sprekeler, onto: Onto) -> _Made:
         "a weight that falls below 0 wraps to the largest word and is sent so, once; then it is Wmax",
         "a pre spike before any post spike does not weaken",
     )
-    if onto.late:
-        notes += (f"pairs are {onto.late} step later: post before pre counts more, pre before post less",)
+    if onto.extra:
+        notes += (f"pairs are {onto.extra} step later: post before pre counts more, pre before post less",)
     return "vogels", ADDITIVE, numbers | {"alpha": p.alpha}, notes
 
 
@@ -231,12 +240,12 @@ ROOM = 16
 
 
 def _dopamine(p: stdp_dopa, onto: Onto) -> Mapped:
-    """The rule of `stdp_dopa`; its eligibility has one sign."""
+    """The rule of `stdp_dopa`, whose eligibility has one sign."""
     expected = {"b": (p.b == 0.0, "0, since dopamine has no baseline")}
     expected |= {"A_plus": (p.A_plus > 0.0, "above 0"), "A_minus": (p.A_minus >= 0.0, "at least 0")}
-    for word, (fits, wanted) in expected.items():
+    for word, (fits, what) in expected.items():
         if not fits:
-            raise ModelError(f"stdp_dopa.{word} = {getattr(p, word):g}: expected {wanted}", path=(word,))
+            raise ModelError(f"stdp_dopa.{word} = {getattr(p, word):g}: expected {what}", path=(word,))
     if p.A_minus > 0.0 and p.c_min != 0.0:
         raise ModelError(
             f"stdp_dopa.A_minus = {p.A_minus:g} with c_min = {p.c_min:g}: the words of the eligibility have no sign",
@@ -324,7 +333,7 @@ def give_rules(
         wires: the projections in words, by index; those that learn are replaced.
         options: what users set.
     """
-    given: dict[int, tuple[Projection, SpinnakerRule]] = {}
+    rules: dict[int, tuple[Projection, SpinnakerRule]] = {}
     for index, part in enumerate(program.projections):
         synapse = part.synapse
         if (problem := foreign(program, chip, index) or no_rule(program, index)) is not None:
@@ -333,28 +342,28 @@ def give_rules(
             yield refused(part, synapse.name, f"delays do not change while {chip.name} runs", LEARN_ELSEWHERE)
         elif synapse.learns == "pairs" and index in wires:
             try:
-                found = _given(program, chip, index, cells, wires, options)
+                mapping = _mapping(program, chip, index, cells, wires, options)
             except ModelError as error:
                 yield refused(part, synapse.name, error.message, error.hint)
                 continue
-            first, rule = given.setdefault(part.target, (part, found.rule))
-            if not rule.is_as(found.rule) or _released(first) != _released(part):
+            first, rule = rules.setdefault(part.target, (part, mapping.rule))
+            if not rule.is_as(mapping.rule) or _released(first) != _released(part):
                 why = f"'{first.name}' has another rule or other dopamine: all that learn onto a population share one"
                 yield refused(part, synapse.name, why, "give both one rule, or two populations")
                 continue
-            sent = wires[index].delay != found.rule.slots
+            delivered = wires[index].delay != mapping.rule.slots
             wires[index] = replace(
-                wires[index], rule=found.rule, n_scale=found.n_scale, words=wires[index].words * sent
+                wires[index], rule=mapping.rule, n_scale=mapping.n_scale, words=wires[index].words * delivered
             )
-            differs = "".join(f"\n    - {text}" for text in found.approximations)
+            differs = "".join(f"\n    - {text}" for text in mapping.approximations)
             yield approximated(part, synapse.name, f"the chip's learning runs it otherwise:{differs}")
-            yield from _undelivered(part, wires[index], found.rule.slots, program.resolution)
-            if found.update < COARSE_UPDATE:
-                why = f"a change is {found.update:.2g} units of a word, of which flooring takes up to one"
+            yield from _undelivered(program, part, wires[index], mapping.rule.slots)
+            if mapping.update < COARSE_UPDATE:
+                why = f"a change is {mapping.update:.2g} units of a word, of which flooring takes up to one"
                 yield approximated(part, synapse.name, why, "learn faster, or lower the weights that share its shift")
 
 
-def _given(
+def _mapping(
     program: Program,
     chip: Chip,
     index: int,
@@ -362,7 +371,7 @@ def _given(
     wires: Mapping[int, FixedProjection],
     options: Options,
 ) -> Mapped:
-    """The rule of a projection, with its slots and its sign.
+    """The rule of a projection, with slots and sign.
 
     Raises:
         ModelError: there is none.
@@ -387,32 +396,31 @@ def _given(
             f"Wmax = {high or low:g} is {max(high, -low) / step[0]:.0f} units of a word of 16 bits at shift {shift}",
             hint="use a larger shift, or leave it to be chosen",
         )
+    extra = int(acts_late(program.populations[part.target].model))
     slots, most = slots_of(program, chip, part.target, wires)
     longest = int(own.delay.max(initial=1))
     if longest > most:
-        late = int(own.delay.max()) - int(part.delay.max())
         raise ModelError(
             f"a delay of {longest} steps in the register: learning has {most} slots for one",
-            hint=f"use at most {(most - 1 - late) * program.resolution:g} ms",
+            hint=f"use at most {(most - 1 - extra) * program.resolution:g} ms",
         )
-    late = longest - int(part.delay.max(initial=longest))
     largest_n = largest_signal(program, index, options)
     gain = 2.0**shift / (PARTS * float(step[0]))
-    onto = Onto(program.resolution, late, gain, shift, float(tau_minus[0]), largest_n)
-    found = mapped(part.synapse, onto)
-    rule = replace(found.rule, shift=shift, slots=slots, inhibits=inhibits)
-    return replace(found, rule=rule)
+    onto = Onto(program.resolution, extra, gain, shift, float(tau_minus[0]), largest_n)
+    mapping = mapped(part.synapse, onto)
+    rule = replace(mapping.rule, shift=shift, slots=slots, inhibits=inhibits)
+    return replace(mapping, rule=rule)
 
 
 def _released(part: Projection) -> tuple[int, int, bool]:
-    """What releases the dopamine of a projection."""
+    """The sources of dopamine of a projection."""
     return part.signal, part.dopamine, part.dopamine_one_to_one
 
 
-def _undelivered(part: Projection, own: FixedProjection, slots: int, h: float) -> Iterator[Problem]:
+def _undelivered(program: Program, part: Projection, own: FixedProjection, slots: int) -> Iterator[Problem]:
     """Synapses whose delay in the register is the number of slots, which stores it as 0."""
     if np.any(own.delay == slots):
-        late = int(own.delay.max()) - int(part.delay.max())
+        h, ticks = program.resolution, slots - acts_late(program.populations[part.target].model)
         why = f"the register holds {slots} steps, as many as there are slots: such synapses learn and send nothing"
-        way = f"use another delay, or let a projection onto the same neurons have {(slots + 1 - late) * h:g} ms or more"
-        yield approximated(part, f"a delay of {(slots - late) * h:g} ms", why, way)
+        way = f"use another delay, or let a projection onto the same neurons have {(ticks + 1) * h:g} ms or more"
+        yield approximated(part, f"a delay of {ticks * h:g} ms", why, way)

@@ -1,4 +1,4 @@
-"""A learning rule of SpiNNaker as its programs take it: a program, constants in s16.15 and tables in s4.11.
+"""A learning rule in the form of SpiNNaker's programs: constants in s16.15 and tables in s4.11.
 
 Source: sPyNNaker 7.4.1, its plastic synapses.
 """
@@ -79,7 +79,7 @@ _MECHANISM = ("constants", "table", "places")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpinnakerRule:
-    """A rule as its program takes it.
+    """A rule in the form of a released program.
 
     Attributes:
         program: name of the released program.
@@ -105,7 +105,7 @@ class SpinnakerRule:
     eligibility: float = 1.0
 
     def is_as(self, other: SpinnakerRule) -> bool:
-        """Whether another is of the same program, constants and tables: the mechanism that histories follow."""
+        """Return whether another rule has the same program, constants and tables, which histories follow."""
         return self.concentrations == other.concentrations and all(
             np.array_equal(getattr(self, name), getattr(other, name)) for name in _MECHANISM
         )
@@ -150,7 +150,7 @@ def rule_of(
     dt: float,
     neuromodulation: Mapping[str, float] | None = None,
 ) -> SpinnakerRule:
-    """Return a rule as its program takes it.
+    """Return a rule in the form of a released program.
 
     Args:
         timing: one of `TIMINGS`.

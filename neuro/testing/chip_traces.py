@@ -126,10 +126,10 @@ def _spinnaker(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], back
 
 def _replayed(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend: str | Backend) -> Iterator[Result]:
     """Compare what the calls of a machine's programs leave, one after another; no network is run."""
-    found = find_backend(backend) if isinstance(backend, str) else backend
-    if not isinstance(found, Replays):
-        raise ModelError(f"backend '{found.name}' replays no calls of programs", hint="use backend 'spinnaker'")
-    states = found.replay(case, arrays[f"{case['name']}__events"])
+    replayer = find_backend(backend) if isinstance(backend, str) else backend
+    if not isinstance(replayer, Replays):
+        raise ModelError(f"backend '{replayer.name}' replays no calls of programs", hint="use backend 'spinnaker'")
+    states = replayer.replay(case, arrays[f"{case['name']}__events"])
     for name, values in states.items():
         if (key := f"{case['name']}__{name}") in arrays:
             yield equal(case["name"], name, values, arrays[key])

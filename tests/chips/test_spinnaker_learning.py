@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.chips.spinnaker_rule import PROGRAMS, fixed_point, rule_of, table_of
+from neuro.chips.spinnaker_rule import DOWN, PROGRAMS, UP, fixed_point, rule_of, table_of
 from neuro.model.synapses import stdp, stdp_dopa, stdp_nn_restr, stdp_nn_symm, stdp_triplet, vogels_sprekeler
 from neuro.testing.verify import verify
 from neuro_chip.replay import replay
@@ -356,3 +356,18 @@ def test_the_spikes_that_bring_a_signal_are_priced(started):
     assert lines["packet", "r"].count == lines["synaptic_op", "r"].count == sent > 0
     assert lines["packet", "r"].joules == sent * 0.8e-9
     assert lines["learning_update", "ab"].joules_each is None
+
+
+@pytest.mark.parametrize(("model", "extra"), [("iaf_psc_exp", 1), ("iaf_psc_delta", 0)])
+def test_amplitudes_make_up_for_a_longer_delay_register(model, extra):
+    net = neuro.Network("windows", resolution=1.0)
+    net.population("a", 1, neuro.spike_generator(spike_times=[[1.0]]))
+    net.population("b", 1, getattr(neuro, model)(tau_minus=10.0))
+    net.connect("a", "b", neuro.all_to_all(), stdp(lambda_=0.5, Wmax=8.0, tau_plus=20.0), weight=4.0, delay=4.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim = neuro.compile(net, "spinnaker")
+    wires = sim._engine.fixed.projections[0]
+    assert wires.delay.tolist() == [4 + extra]
+    assert wires.rule.constants[UP] / 16384 == pytest.approx(np.exp(extra / 20.0), abs=1e-4)
+    assert wires.rule.constants[DOWN] / 16384 == pytest.approx(np.exp(-extra / 10.0), abs=1e-4)
