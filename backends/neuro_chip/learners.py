@@ -171,11 +171,11 @@ class Learners:
 
     def native(self) -> dict[str, int]:
         """Counts of the chip alone, by name."""
-        found: dict[str, int] = {}
+        counts: dict[str, int] = {}
         for index, plastic in self._parts.items():
             name = self._program.projections[index].name
-            found |= {f"{what} in {name}": count for what, count in plastic.native().items()}
-        return found
+            counts |= {f"{what} in {name}": count for what, count in plastic.native().items()}
+        return counts
 
     def overflows(self) -> dict[str, int]:
         """Registers of the learning engine that were too small, by what they are."""

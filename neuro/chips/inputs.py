@@ -332,12 +332,12 @@ def largest_signal(program: Program, index: int, options: Options) -> float:
         ModelError: the signal is computed, and nothing says it.
     """
     part = program.projections[index]
-    heard = program.signals[part.signal] if part.signal >= 0 else None
+    signal = program.signals[part.signal] if part.signal >= 0 else None
     largest = options.of("signals", part.name)
-    if heard is not None and heard.values is not None and not largest:
-        largest = heard.largest
+    if signal is not None and signal.values is not None and not largest:
+        largest = signal.largest
         if largest is None:
-            message = f"its signal '{heard.name}' is computed: the largest value is not known"
+            message = f"its signal '{signal.name}' is computed: the largest value is not known"
             hint = f"'largest' in its values says it, or the option signals={{'{part.name}': ...}}"
             raise ModelError(message, hint=hint)
     return float(largest or LARGEST_SIGNAL / part.synapse.parameters().get("tau_n", 1.0))

@@ -385,7 +385,7 @@ class _Bill:
                 if what in self.chip.costs:  # moves of the kinds that the table prices
                     moves = int(raw.spikes[part.source] @ getattr(hops, name))
                     self.add(what, "projection", part.name, moves)
-            # Signals are spikes on some chips: the emulator counts those that bring them to the neurons.
+            # On some chips spikes bring a signal to the neurons; the emulator counts these spikes.
             if brought := raw.native.get(f"{SIGNAL_SPIKES} in {part.name}", 0):
                 for what in ("packet", "synaptic_op"):
                     self.add(what, "signal", self.program.signals[part.signal].name, brought)

@@ -157,10 +157,9 @@ def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
 
 
 def _host_shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
-    """Shifts of the two receptors as sPyNNaker's host chooses them, with which the words of its learning are equal.
+    """Shifts of the two receptors by the rule of sPyNNaker's host, which sets the units of learning.
 
-    One spike of every source fits into a slot, each with the largest weight of its projection; random delays count as
-    fixed ones.
+    A slot holds one spike of every source with the largest weight of the projection; random delays count as fixed.
     """
     shifts = []
     for sign, own in zip((1.0, -1.0), gain, strict=True):

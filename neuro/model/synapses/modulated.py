@@ -90,7 +90,7 @@ class stdp_dopa(Modulated):
         y[1, e] = max(y[1, e] + c[A_PLUS] * pre[0], c[C_MIN])
 
     def on_pre(y, e, c, pre, post):
-        """A post-pre pair lowers it, down to its smallest value."""
+        """A post-pre pair lowers the eligibility, down to c_min."""
         y[1, e] = max(y[1, e] - c[A_MINUS] * post[0], c[C_MIN])
 
     def advance(y, e, c, begin, end, n, grid):
