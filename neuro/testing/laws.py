@@ -138,7 +138,7 @@ def learning() -> Network:
     net.connect("noise", "relay", one_to_one(), delay=1.0)
     rule = stdp(Wmax=900.0, lambda_=0.1)
     net.connect("relay", "exp", all_to_all(), rule, weight=uniform(low=200.0, high=800.0), delay=2.0)
-    # On SpiNNaker an eligibility has one sign, and a population one rule.
+    # SpiNNaker takes eligibilities without a sign, and a single rule onto a population.
     taught: dict[str, Any] = {"Wmax": 9.0, "A_plus": 0.1, "A_minus": 0.0, "tau_n": 30.0, "tau_c": 100.0}
     net.connect("relay", "delta", fixed_indegree(n=5), stdp_dopa(signal="reward", **taught), weight=4.0, delay=3.0)
     by_spikes = stdp_dopa(dopamine="exp", dopamine_delay=4, **taught)
