@@ -32,7 +32,7 @@ def exact(h: float, steps: int, tau_c: float, tau_n: float, n: float, b: float) 
 def test_the_weight_moves_exactly_however_short_the_time(h, steps, tau_c, tau_n, b):
     n = 0.7
     constants, state = np.zeros(stdp_dopa.width), np.array([[0.0], [ELIGIBILITY]])
-    rule.constants(np.array([20.0, 1.0, 1.5, tau_c, tau_n, b, -1e9, 1e9]), h, constants)
+    rule.constants(np.array([20.0, 1.0, 1.5, tau_c, tau_n, b, -1e9, 1e9, 1.0, -np.inf]), h, constants)
     left = modulated.drift(state, 0, constants, steps, n)
     by_n, by_b, expected = exact(h, steps, tau_c, tau_n, n, b)
     lost = 1.0 + steps * h / min(tau_c, tau_n)  # e^-x has the rounding of x

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from numpy.typing import NDArray
+
 from neuro.chips.arithmetic import Arithmetic
 from neuro.chips.description import Chip
 from neuro.chips.fitting import cut, fits_one_chip
@@ -98,6 +100,14 @@ class ChipBackend:
 
         return ChipEngine(fixed, strict=check(_STRICT, options.get("strict", False), "strict"))
 
+    def replay(self, case: Mapping[str, Any], events: NDArray[Any]) -> Mapping[str, NDArray[Any]]:
+        """Return the states after every call of SpiNNaker's programs that a case holds."""
+        if self.family is not SPINNAKER:
+            raise ModelError(f"backend '{self.name}': calls of SpiNNaker's programs", hint="use backend 'spinnaker'")
+        from neuro_chip.replay import replay
+
+        return replay(case, events)
+
 
 def _of_quantise(options: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if name not in OWN}
@@ -115,7 +125,7 @@ loihi2 = ChipBackend(
 spinnaker = ChipBackend(
     SPINNAKER,
     "SpiNNaker 1, emulated: s16.15 neurons, 16-bit saturating ring buffers",
-    dict.fromkeys(LEARNING_CASES, "pairwise learning is not emulated on spinnaker"),
+    {},
 )
 FAMILIES = (loihi, loihi2, spinnaker)
 """One backend for each arithmetic."""

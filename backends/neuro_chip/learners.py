@@ -22,6 +22,7 @@ from neuro.chips.fixed_program import FixedProgram
 from neuro.chips.inputs import acts_late, register
 from neuro.chips.loihi_learning import FRACTIONS
 from neuro.chips.loihi_registers import REGISTER_OF_ONE
+from neuro.chips.spinnaker_rule import SpinnakerRule
 from neuro.core.errors import ModelError
 from neuro.kernels.jit import compiled, kernel
 from neuro.model.synapses import loihi2_learning
@@ -29,18 +30,12 @@ from neuro.model.synapses.base import DELAY
 from neuro.model.synapses.loihi_rule import POST, PRE, LearningRule
 from neuro.program.program import Floats, Ints, Program, Projection
 from neuro_chip import learning as kernels, tables as t
+from neuro_chip.deferred import Deferred
 from neuro_chip.plastic import Learner, Plastic, ThreeFactors, TwoFactors, numbers_of
 from neuro_chip.tables import Arrays
 from neuro_chip.weights import ChipWeights
 
-_COUNTED = {
-    kernels.EVALUATED: "rules applied",
-    kernels.CHANGED: "weight writes",
-    kernels.WEIGHT_SATURATED: "weights at a bound",
-    kernels.TAG_SATURATED: "tags at a bound",
-    kernels.OVERFLOWS: "accumulator overflows",
-}
-_TOO_SMALL = ("tags at a bound", "accumulator overflows", "trace saturations")
+_TOO_SMALL = ("tags at a bound", "accumulator overflows", "trace saturations", "wrapped words", "wrapped traces")
 
 
 def fired(arrays: Arrays, population: int) -> tuple[Ints, Ints]:
@@ -53,8 +48,9 @@ def fired(arrays: Arrays, population: int) -> tuple[Ints, Ints]:
 class Learners:
     """Every projection with a rule of the learning engine.
 
-    A spike is sent with the weight from before the learning of its own step, as in Brian2Loihi and lava: what is learnt
-    in a step is written where the loop reads it only after the next step has sent.
+    On Loihi a spike is sent with the weight from before the learning of its own step, as in Brian2Loihi and lava: what
+    is learnt in a step is written where the loop reads it only after the next step has sent. On SpiNNaker a spike is
+    sent with the weight after the update of the row.
 
     Args:
         fixed: the quantised program.
@@ -64,7 +60,7 @@ class Learners:
 
     def __init__(self, fixed: FixedProgram, weights: ChipWeights, arrays: dict[str, NDArray[Any]]) -> None:
         self._fixed, self._program, self._weights, self._a = fixed, fixed.program, weights, arrays
-        self._parts: dict[int, Learner] = {}
+        self._parts: dict[int, Learner | Deferred] = {}
         self._due: dict[int, list[tuple[int, Ints]]] = {}
         for index, wires in enumerate(fixed.projections):
             if wires is not None and wires.rule is not None:
@@ -83,8 +79,20 @@ class Learners:
         for index, plastic in self._parts.items():
             part = self._program.projections[index]
             (pre, payloads), (post, _) = fired(self._a, part.source), fired(self._a, part.target)
+            if isinstance(plastic, Deferred):
+                if part.dopamine >= 0:  # as packets that reach all, or their own
+                    ids, times = fired(self._a, part.dopamine)
+                    n = self._program.populations[part.target].size
+                    every = np.repeat(ids, times)
+                    plastic.release(step, every if part.dopamine_one_to_one else np.tile(np.arange(n), every.size))
+                synapses, more = plastic.step(step, pre, post, payloads)
+                self._weights.mantissas[index][synapses] = plastic.words(synapses)
+                self._weights.write_some(index, synapses)
+                if more.any():
+                    self._send(index, step, synapses, more)
+                continue
             if self._fresh[index]:
-                self._weights.put(index, plastic.weights.astype(np.int32))
+                self._weights.put(index, plastic.mantissas)
             before = plastic.counts[kernels.CHANGED]
             plastic.step(step, pre, post, payloads)
             self._fresh[index] = bool(plastic.counts[kernels.CHANGED] != before)
@@ -99,6 +107,15 @@ class Learners:
                 while due and due[0][0] <= step:
                     plastic.release(step, due.pop(0)[1])
 
+    def _send(self, index: int, step: int, synapses: Ints, words: Ints) -> None:
+        """Add words to the slots in which the spikes of a step arrive, beside what the loop will send."""
+        plastic, part, lags = self._parts[index], self._program.projections[index], self._wires(index).lag
+        assert isinstance(plastic, Deferred)
+        row, lag = self._a["pops"][part.target], lags if lags.size == 1 else lags[synapses]
+        n = row[t.END] - row[t.BEGIN]
+        slots = (step + lag) % row[t.SLOTS] + (row[t.SLOTS] if plastic.rule.inhibits else 0)
+        np.add.at(self._a["ring"], row[t.RING] + slots * n + plastic.synapses.targets[synapses], words.astype(np.int32))
+
     def signal(self, signal: int, values: Floats, step: int) -> None:
         """Set the modulatory traces of every projection that listens."""
         for index, plastic in self._parts.items():
@@ -112,16 +129,22 @@ class Learners:
 
     def mantissas(self, index: int) -> NDArray[np.int32]:
         """The weights that a projection has learnt."""
-        return self._parts[index].weights.astype(np.int32)
+        return self._parts[index].mantissas
 
     def set(self, index: int, mantissas: NDArray[np.int32]) -> None:
         """Replace the weights of a projection."""
-        self._parts[index].weights[:] = mantissas
+        plastic = self._parts[index]
+        plastic.weights[:] = abs(mantissas) if isinstance(plastic, Deferred) else mantissas
+        if isinstance(plastic, Deferred):
+            self._weights.put(index, plastic.words())
 
     def read(self, index: int, name: str) -> Floats:
         """K_plus, c, t or n of every synapse, in the units of the language."""
-        plastic, rule, step = self._parts[index], self._parts[index].rule, int(self._a["clock"][t.STEP])
+        plastic, step = self._parts[index], int(self._a["clock"][t.STEP])
         pre, post = self._program.connections(index)
+        if isinstance(plastic, Deferred):
+            return plastic.read(name, step, pre, post, self._wires(index).n_scale)
+        rule = plastic.rule
         if name in (*PRE, *POST):
             return plastic.trace(name, step)[pre if name in PRE else post]
         if name == "K_plus":
@@ -147,16 +170,12 @@ class Learners:
         return self._parts[index].tags.astype(np.int64) if name in ("t", "c", "tag") else None
 
     def native(self) -> dict[str, int]:
-        """What only the chip counts."""
-        found = {}
+        """Counts of the chip alone, by name."""
+        counts: dict[str, int] = {}
         for index, plastic in self._parts.items():
             name = self._program.projections[index].name
-            for column, what in _COUNTED.items():
-                if plastic.counts[column]:
-                    found[f"{what} in {name}"] = int(plastic.counts[column])
-            if plastic.saturated[0]:
-                found[f"trace saturations in {name}"] = int(plastic.saturated[0])
-        return found
+            counts |= {f"{what} in {name}": count for what, count in plastic.native().items()}
+        return counts
 
     def overflows(self) -> dict[str, int]:
         """Registers of the learning engine that were too small, by what they are."""
@@ -164,8 +183,7 @@ class Learners:
 
     def nbytes(self) -> int:
         """Bytes held."""
-        arrays = ((plastic.xs, plastic.ys, *plastic.synapses) for plastic in self._parts.values())
-        return sum(array.nbytes for held in arrays for array in held)
+        return sum(plastic.nbytes for plastic in self._parts.values())
 
     def start_anew(self, weights: bool) -> None:
         """Back to step 0, and to the initial weights if asked."""
@@ -174,6 +192,8 @@ class Learners:
             if not weights:
                 new.weights[:] = plastic.weights
             self._parts[index], self._due[index], self._fresh[index] = new, [], True
+            if isinstance(new, Deferred):
+                self._weights.put(index, new.words())
 
     def _state(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that change in place."""
@@ -208,21 +228,24 @@ class Learners:
             self._due[index] = [(int(at), rows[rows[:, 0] == at, 1].copy()) for at in np.unique(rows[:, 0])]
 
 
-def _plastic(program: Program, index: int, wires: FixedProjection) -> Learner:
+def _plastic(program: Program, index: int, wires: FixedProjection) -> Learner | Deferred:
     """The arrays of a projection as CSR."""
     part = program.projections[index]
     n_source, n_target = program.populations[part.source].size, program.populations[part.target].size
     pre, post = program.connections(index)
     row_ends = np.concatenate(([0], np.cumsum(np.bincount(pre, minlength=n_source)))).astype(np.int64)
     mantissas = np.broadcast_to(wires.mantissas, part.size).astype(np.int64)
-    assert isinstance(wires.rule, LearningRule)
+    if isinstance(rule := wires.rule, SpinnakerRule):
+        delays = np.broadcast_to(wires.delay, part.size) % rule.slots
+        ends = row_ends, post.astype(np.int32), n_target, abs(mantissas)
+        return Deferred(rule, *ends, delays.astype(np.int64), delays > 0, np.full(part.size, rule.shift))
+    assert isinstance(rule, LearningRule)
     synapses = row_ends, post.astype(np.int32), n_target, mantissas
     if isinstance(part.synapse, loihi2_learning):
-        return TwoFactors(part.name, program.seed, wires.rule, part.synapse.parameters(), *synapses)
-    if wires.rule.outgoing is not None:
-        numbers = numbers_of(wires.rule, wires.sign_mode)
-        return ThreeFactors(part.name, program.seed, wires.rule, numbers, *synapses)
-    return Plastic(part.name, program.seed, wires.rule, *synapses, wires.bits, wires.sign_mode)
+        return TwoFactors(part.name, program.seed, rule, part.synapse.parameters(), *synapses)
+    if rule.outgoing is not None:
+        return ThreeFactors(part.name, program.seed, rule, numbers_of(rule, wires.sign_mode), *synapses)
+    return Plastic(part.name, program.seed, rule, *synapses, wires.bits, wires.sign_mode)
 
 
 _NEVER = -1

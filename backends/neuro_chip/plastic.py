@@ -27,6 +27,13 @@ from neuro.model.synapses.loihi_rule import (
 from neuro.program.program import Floats, Ints
 from neuro_chip import learning as kernels
 
+_COUNTED = {
+    kernels.EVALUATED: "rules applied",
+    kernels.CHANGED: "weight writes",
+    kernels.WEIGHT_SATURATED: "weights at a bound",
+    kernels.TAG_SATURATED: "tags at a bound",
+    kernels.OVERFLOWS: "accumulator overflows",
+}
 GATES = {"x0": kernels.X0, "y0": kernels.Y0, "u": kernels.U}
 
 
@@ -100,6 +107,21 @@ class Learner:
         self.weights, self.tags = self.synapses.weights, self.synapses.tags
         self.counts: Ints = np.zeros(6, dtype=np.int64)
         self.saturated: Ints = np.zeros(1, dtype=np.int64)
+
+    @property
+    def mantissas(self) -> NDArray[np.int32]:
+        """The weights that were learnt."""
+        return self.weights.astype(np.int32)
+
+    def native(self) -> dict[str, int]:
+        """Counts of the chip alone, by name."""
+        counts = {what: int(self.counts[column]) for column, what in _COUNTED.items() if self.counts[column]}
+        return counts | ({"trace saturations": int(self.saturated[0])} if self.saturated[0] else {})
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes held."""
+        return sum(array.nbytes for array in (self.xs, self.ys, *self.synapses))
 
     def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> None:
         """Take one step of learning.

@@ -178,7 +178,7 @@ class NestNetwork:
 
         Each is of all synapses, or has a value for each.
         """
-        elsewhere = {"deliver_interval", *OF_TARGET, *FIXED_TRUE}
+        elsewhere = {"deliver_interval", "c_min", *OF_TARGET, *FIXED_TRUE}
         rules = self.rules[wires.index]
         each = rules if rules.ndim == 1 else wires.each(rules)
         numbers = dict(zip(wires.part.synapse.numbers(), each.T, strict=True))

@@ -216,6 +216,9 @@ def _of_projection(program: Program, part: Projection) -> Iterator[Problem]:
         yield _refused(
             f"{message}: weight = 0 with Wmax below 0", "NEST expects weights with the sign of Wmax", way, part
         )
+    if np.isfinite(part.synapse.parameters().get("c_min", -np.inf)):
+        what = f"{message}: {part.synapse.name}.c_min"
+        yield _refused(what, "NEST's eligibility has no bound", f"leave it out, or {ELSEWHERE}", part)
     for word in FIXED_TRUE & set(part.synapse.numbers()):
         if not part.synapse.parameters()[word]:
             what = f"{message}: {part.synapse.name}.{word} = false"

@@ -43,6 +43,15 @@ class Option:
     expected: str
 
 
+SIGNALS = Option(
+    "signals",
+    "projections",
+    lambda value: is_positive(value),
+    "the largest dopamine that the signal sets in 1/ms, a number > 0",
+)
+"""The option of families whose learning hears signals."""
+
+
 class Arithmetic(ABC):
     """The integers of a family of chips.
 
@@ -105,12 +114,15 @@ class Arithmetic(ABC):
     def relay_projection(self, inputs: Inputs, index: int) -> FixedProjection:
         """Return a projection onto parrots, which the host relays: every spike counts, whatever its weight."""
 
-    def give_rules(self, program: Program, chip: Chip, wires: Projections, options: Options) -> Iterator[Problem]:
+    def give_rules(
+        self, program: Program, chip: Chip, cells: list[FixedPopulation], wires: Projections, options: Options
+    ) -> Iterator[Problem]:
         """Give rules to the projections that learn on the chip; yield what is refused and what is approximated.
 
         Args:
             program: the whole network.
             chip: for which it is quantised.
+            cells: the populations in registers.
             wires: the projections in words; those that learn are replaced.
             options: what users set.
         """

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from neuro.chips.spinnaker_rule import SpinnakerRule
 from neuro.kernels.jit import kernel
 from neuro.model.synapses.loihi_rule import LearningRule
 from neuro.program.program import Floats, Ints
@@ -124,7 +125,7 @@ class FixedProjection:
     step_below: Floats
     lag: Words
     delay: Words
-    rule: LearningRule | None = None
+    rule: LearningRule | SpinnakerRule | None = None
     n_scale: float = 0.0
     native: bool = False
     shift: int = 0

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from neuro.chips.description import Chip
 from neuro.chips.fixed import Words, arriving
-from neuro.model.neurons import Model, Neuron, cuba_lif
+from neuro.core.errors import ModelError
+from neuro.model.neurons import Model, Neuron, cuba_lif, parrot_neuron
 from neuro.program.backend import SAVE_FROZEN, Problem
 from neuro.program.currents import generator_of
 from neuro.program.program import Floats, Ints, Population, Program, Projection
@@ -300,6 +301,49 @@ def foreign(program: Program, chip: Chip, index: int) -> Problem | None:
     if not other or other == chip.arithmetic:
         return None
     return refused(part, part.synapse.name, f"its parameters are registers of {other}", f"backend '{other}' runs it")
+
+
+def no_rule(program: Program, index: int) -> Problem | None:
+    """Why no learning engine can run a synapse model onto these neurons; None if one can."""
+    part = program.projections[index]
+    synapse, target = part.synapse, program.populations[part.target].model
+    if isinstance(target, parrot_neuron) and synapse.learns in ("pairs", "chip"):
+        why = "the host relays the spikes of parrots, so there is no weight to learn"
+        way = "learn at the next projection"
+    elif synapse.chip and not target.chip and not isinstance(target, parrot_neuron):
+        why, way = f"its weights are mantissas, but {target.name} has mV and pA", "use static or stdp, or a loihi_lif"
+    elif words := synapse.of_each():
+        why = f"{', '.join(words)} of each synapse: a rule of the chip is one for the whole projection"
+        way = "give all synapses one number, split the projection, or run on event"
+    elif synapse.learns == "pairs" and target.chip:
+        why, way = f"its weights are in mV or pA, but {target.name} has registers", "use loihi_learning"
+        if target.chip == "spinnaker":
+            way = "use iaf_psc_exp or iaf_psc_delta"
+    else:
+        return None
+    return refused(part, synapse.name, why, way)
+
+
+LARGEST_SIGNAL = 4.0
+"""Dopamine that a signal may set, in those of one dopamine spike, 1/tau_n, where nothing says more."""
+
+
+def largest_signal(program: Program, index: int, options: Options) -> float:
+    """Return the largest dopamine in 1/ms that the signal of a projection sets: an option, the signal, or a default.
+
+    Raises:
+        ModelError: the signal is computed, and nothing says it.
+    """
+    part = program.projections[index]
+    signal = program.signals[part.signal] if part.signal >= 0 else None
+    largest = options.of("signals", part.name)
+    if signal is not None and signal.values is not None and not largest:
+        largest = signal.largest
+        if largest is None:
+            message = f"its signal '{signal.name}' is computed: the largest value is not known"
+            hint = f"'largest' in its values says it, or the option signals={{'{part.name}': ...}}"
+            raise ModelError(message, hint=hint)
+    return float(largest or LARGEST_SIGNAL / part.synapse.parameters().get("tau_n", 1.0))
 
 
 def acts_late(model: Model) -> bool:

@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.arithmetic import Arithmetic, Option, Projections, is_positive, is_whole
+from neuro.chips.arithmetic import SIGNALS, Arithmetic, Option, Projections, is_positive, is_whole
 from neuro.chips.description import Chip
 from neuro.chips.fixed import (
     FixedPopulation,
@@ -184,9 +184,6 @@ def overflows(part: Population, d: Described, volt: float) -> Iterator[Problem]:
             )
 
 
-SIGNALS = Option(
-    "signals", "projections", is_positive, "the largest dopamine that the signal sets in 1/ms, a number > 0"
-)
 SCALING = (
     Option("scales", "populations", is_positive, "units per mV, a number > 0"),
     Option(

@@ -22,9 +22,8 @@ from dataclasses import dataclass, replace
 
 from neuro.chips.description import Chip
 from neuro.chips.fixed import FixedProjection
-from neuro.chips.inputs import LEARN_ELSEWHERE, Options, approximated, foreign, refused
+from neuro.chips.inputs import LEARN_ELSEWHERE, Options, approximated, foreign, largest_signal, no_rule, refused
 from neuro.core.errors import ModelError
-from neuro.model.neurons import parrot_neuron
 from neuro.model.synapses import Synapse, loihi_learning, stdp, stdp_dopa
 from neuro.model.synapses.loihi_rule import (
     FRACTION_BITS,
@@ -257,6 +256,9 @@ def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n:
         raise ModelError(message, hint="name a signal, or run it on loihi or event", path=("dopamine",))
     if p.A_plus == p.A_minus == 0.0:
         raise ModelError("stdp_dopa.A_plus = A_minus = 0: nothing to learn", path=("A_plus",))
+    if p.c_min > -math.inf:
+        message = f"stdp_dopa.c_min = {p.c_min:g}: a tag has no such bound"
+        raise ModelError(message, hint="leave it out, or run on spinnaker", path=("c_min",))
     one = _tag_of_one(abs(p.A_plus) * math.exp(-h / p.tau_plus), abs(p.A_minus))
     dt, traces, notes = _sides(
         (p.A_plus * one * math.exp(-h / p.tau_plus), (), 1),
@@ -379,9 +381,6 @@ def _bound(what: str, weight: float, scale: float) -> int:
 FRACTIONS = 256
 """Parts of a step that a tag tells apart: -128 to 127 of them, so that the register is the nearest whole step."""
 
-LARGEST_SIGNAL = 4.0
-"""Dopamine that a signal may set, in those of one dopamine spike, 1/tau_n, where the option `signals` says nothing."""
-
 
 def give_rule(
     program: Program,
@@ -403,7 +402,7 @@ def give_rule(
     """
     part = program.projections[index]
     synapse = part.synapse
-    if (problem := foreign(program, chip, index) or _no_rule(program, index)) is not None:
+    if (problem := foreign(program, chip, index) or no_rule(program, index)) is not None:
         yield problem
     elif isinstance(synapse, loihi_learning) and index in wires:
         wires[index] = replace(wires[index], rule=synapse.rule())
@@ -434,25 +433,6 @@ def _delays(program: Program, index: int) -> Problem:
     return approximated(part, part.synapse.name, f"{kept}; the host changes them by {when}")
 
 
-def _no_rule(program: Program, index: int) -> Problem | None:
-    """Why a synapse model cannot be onto these neurons; None if it can."""
-    part = program.projections[index]
-    synapse, target = part.synapse, program.populations[part.target].model
-    if isinstance(target, parrot_neuron) and synapse.learns in ("pairs", "chip"):
-        why = "the host relays the spikes of parrots, so there is no weight to learn"
-        way = "learn at the next projection"
-    elif synapse.chip and not target.chip and not isinstance(target, parrot_neuron):
-        why, way = f"its weights are mantissas, but {target.name} has mV and pA", "use static or stdp, or a loihi_lif"
-    elif words := synapse.of_each():
-        why = f"{', '.join(words)} of each synapse: a rule of the chip is one for the whole projection"
-        way = "give all synapses one number, split the projection, or run on event"
-    elif synapse.learns == "pairs" and target.chip:
-        why, way = f"its weights are in mV or pA, but {target.name} has registers", "use loihi_learning"
-    else:
-        return None
-    return refused(part, synapse.name, why, way)
-
-
 def _mapped(program: Program, index: int, wires: FixedProjection, options: Options, from_target: bool) -> Mapped:
     """The rule of the learning engine for a projection.
 
@@ -469,15 +449,6 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
             f"weights in sign mode {wires.sign_mode}: expected Wmin >= 0 and weights >= 0",
             hint="set Wmin: 0" if "Wmin" in numbers else "backend 'event' runs it",
         )
-    heard = program.signals[part.signal] if part.signal >= 0 else None
-    largest = options.of("signals", part.name)
-    if heard is not None and heard.values is not None and not largest:
-        largest = heard.largest
-        if largest is None:
-            message = f"its signal '{heard.name}' is computed: the largest value is not known"
-            raise ModelError(
-                message, hint=f"'largest' in its values says it, or the option signals={{'{part.name}': ...}}"
-            )
     return rule_of(
         part.synapse,
         program.resolution,
@@ -485,6 +456,6 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
         float(wires.step[0]),
         wires.bits,
         delay=int(part.delay.max(initial=1)),
-        largest_n=float(largest or LARGEST_SIGNAL / numbers.get("tau_n", 1.0)),
+        largest_n=largest_signal(program, index, options),
         from_target=from_target,
     )

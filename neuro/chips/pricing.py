@@ -39,6 +39,7 @@ from neuro.chips.incoming import dense_size, spiking
 from neuro.chips.known import ARITHMETICS, arithmetic_of, chip
 from neuro.chips.placing import place
 from neuro.chips.quantising import refusals
+from neuro.chips.spinnaker_rule import SIGNAL_SPIKES
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts
 from neuro.program.counts import Counts, Tally
@@ -384,6 +385,10 @@ class _Bill:
                 if what in self.chip.costs:  # moves of the kinds that the table prices
                     moves = int(raw.spikes[part.source] @ getattr(hops, name))
                     self.add(what, "projection", part.name, moves)
+            # On some chips spikes bring a signal to the neurons; the emulator counts these spikes.
+            if brought := raw.native.get(f"{SIGNAL_SPIKES} in {part.name}", 0):
+                for what in ("packet", "synaptic_op"):
+                    self.add(what, "signal", self.program.signals[part.signal].name, brought)
             by_host = part.synapse.learns == "trials" or part.synapse.delays
             self.add("weight_write" if by_host else "learning_update", "projection", part.name, made.learning_updates)
         time = chip_time(self.program, self.counts, placement, self.chip, self.run, self.step_s)

@@ -85,7 +85,7 @@ def _parts(described: Program, chip: Chip, options: Mapping[str, Any], words: bo
         problems += more
     problems += [*own_generators(program), *_unbounded(program)]
     problems += [] if arithmetic.graded else [p for p in ungraded(program) if p.what not in {q.what for q in problems}]
-    problems += arithmetic.give_rules(program, chip, projections, chosen)
+    problems += arithmetic.give_rules(program, chip, populations, projections, chosen)
     wires = tuple(projections.get(index) for index in range(len(program.projections)))
     problems += _delays(program, chip, wires)
     notes: tuple[str, ...] = ()

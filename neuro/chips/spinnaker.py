@@ -24,7 +24,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.arithmetic import Arithmetic, Option, Projections, is_whole
+from neuro.chips.arithmetic import SIGNALS, Arithmetic, Option, Projections, is_whole
+from neuro.chips.description import Chip
 from neuro.chips.fixed import (
     FixedPopulation,
     FixedProjection,
@@ -55,6 +56,7 @@ from neuro.chips.inputs import (
 )
 from neuro.core.errors import ModelError
 from neuro.model.neurons import iaf_psc_delta, iaf_psc_exp
+from neuro.model.synapses import static
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints, Program
 
@@ -154,6 +156,25 @@ def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
     return found[0], found[1]
 
 
+def _host_shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
+    """Shifts of the two receptors by the rule of sPyNNaker's host, which sets the units of learning.
+
+    A slot holds one spike of every source with the largest weight of the projection; random delays count as fixed.
+    """
+    shifts = []
+    for sign, own in zip((1.0, -1.0), gain, strict=True):
+        largest = total = 0.0
+        for index in inputs.spikes:
+            low, high = inputs.bounds(index)
+            weight = max(high if sign > 0.0 else -low, 0.0) * float(own.max())
+            counts = converging(inputs, index, 1.0, np.ones(1))
+            largest, total = max(largest, weight), total + weight * float(counts.max(initial=0.0))
+        bound = max(largest, total)
+        shift = max(0, int(np.ceil(np.log2(bound)))) if bound > 1.0 else 0
+        shifts.append(min(shift + (2.0**shift <= bound), LARGEST_SHIFT))
+    return shifts[0], shifts[1]
+
+
 def _fitting(value: float) -> int:
     """The smallest shift with which a value fits into a slot."""
     return max(0, int(np.ceil(np.log2(value / SLOT)))) if value > SLOT else 0
@@ -249,6 +270,7 @@ class SpiNNaker(Arithmetic):
             ),
             f"the shifts of excitatory and inhibitory slots, two whole numbers up to {LARGEST_SHIFT}",
         ),
+        SIGNALS,
     )
     state_limit = LARGEST
     native_volt = float(ONE)
@@ -311,7 +333,8 @@ class SpiNNaker(Arithmetic):
         """A population of `iaf_psc_delta` or `iaf_psc_exp`, and the projections onto it."""
         delta = isinstance(inputs.part.model, iaf_psc_delta)
         registers, gain, drive, errors = _delta(inputs) if delta else _exponential(inputs)
-        shifts = options.of("shifts", inputs.part.name) or _shifts(inputs, gain)
+        learns = any(inputs.program.projections[index].synapse.learns == "pairs" for index in inputs.spikes)
+        shifts = options.of("shifts", inputs.part.name) or (_host_shifts if learns else _shifts)(inputs, gain)
         registers["exc_shift"], registers["inh_shift"] = (np.full(1, shift, dtype=np.int64) for shift in shifts)
         part, p = inputs.part, inputs.part.parameters
         ampere: tuple[Floats, ...] = ()
@@ -370,6 +393,16 @@ class SpiNNaker(Arithmetic):
                 )
             )
         return self._wires(inputs, index, words, steps[0], steps[1], found), problems
+
+    def give_rules(
+        self, program: Program, chip: Chip, cells: list[FixedPopulation], wires: Projections, options: Options
+    ) -> Iterator[Problem]:
+        """Give rules to the projections that learn on the machine; yield what is refused and what is approximated."""
+        if all(type(part.synapse) is static for part in program.projections):
+            return iter(())
+        from neuro.chips.spinnaker_learning import give_rules
+
+        return give_rules(program, chip, cells, wires, options)
 
     def kept_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
         """Return the shifts that a population has."""

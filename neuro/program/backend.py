@@ -281,6 +281,18 @@ class Family(Protocol):
 
 
 @runtime_checkable
+class Replays(Protocol):
+    """A backend that can be compared with single calls of a chip's programs, beside whole networks."""
+
+    def replay(self, case: Mapping[str, Any], events: NDArray[Any]) -> Mapping[str, NDArray[Any]]:
+        """Return the states after every event of a case, by name; `neuro.testing.chip_traces` has such cases.
+
+        Raises:
+            ModelError: the chip has no such programs.
+        """
+
+
+@runtime_checkable
 class Registers(Protocol):
     """An engine whose neurons and synapses have registers that can be read."""
 

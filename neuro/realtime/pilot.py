@@ -110,7 +110,7 @@ class NetworkPilot:
 
     def _compile(self, copies: int, block: int) -> Copies:
         options = self._options
-        if self._learns and str(self._backend) in ("loihi", "loihi2") and "signals" not in options:
+        if self._learns and str(self._backend) in ("loihi", "loihi2", "spinnaker") and "signals" not in options:
             options = {**options, "signals": self._largest()}
         seed = block_seed(self._seed, block)
         made: Copies = compiled(self.net, backend=self._backend, seed=seed, copies=copies, **options)

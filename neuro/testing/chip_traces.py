@@ -6,6 +6,7 @@
 | loihi, single neurons | `cases` with `du` | u, v and spikes of every case |
 | loihi, feedforward | `params` with `du1`, arrays `w1`, `w2` | u, v and spikes of both layers, also without bias |
 | spinnaker | `cases` with `registers` | v, g_exc, g_inh and spikes of every case |
+| spinnaker, learning | `cases` with `rows` | weights and all other states after every call of the machine's programs |
 
 Step k of a file, from 0, is step k + 1 of a simulation. Where the emulators that made a case disagree it is compared
 with those that this project follows: for Loihi weights are shifted one by one and lose their lowest bits towards 0, as
@@ -24,11 +25,12 @@ from numpy.typing import NDArray
 
 import neuro.run.compiled
 import neuro.run.simulation
+from neuro.core.errors import ModelError
 from neuro.model.network import Network
 from neuro.model.neurons import loihi_lif, spike_generator, spinnaker_lif
 from neuro.model.rules import pairs
 from neuro.model.synapses import Synapse, loihi_static
-from neuro.program.backend import Backend, OverflowWarning
+from neuro.program.backend import Backend, OverflowWarning, Replays, find_backend
 from neuro.program.program import Floats
 from neuro.testing.golden import Golden, Result, equal
 from neuro.testing.loihi2_traces import compare_loihi2, is_of_loihi2
@@ -42,7 +44,7 @@ def chip_of(facts: Mapping[str, Any]) -> str:
     if is_of_loihi2(facts):
         return "loihi2"
     first = cases[0] if isinstance(cases, list) and cases and isinstance(cases[0], Mapping) else {}
-    if "registers" in first:
+    if "registers" in first or "rows" in first:
         return "spinnaker"
     params = facts.get("params")
     return "loihi" if "du" in first or (isinstance(params, Mapping) and "du1" in params) else ""
@@ -65,7 +67,7 @@ def compare_chip(golden: Golden, backend: str | Backend) -> Iterator[Result]:
                 yield from _feedforward(golden, backend, biased)
         elif chip_of(golden.facts) == "spinnaker":
             for case in golden.facts["cases"]:
-                yield from _spinnaker(case, golden.arrays, backend)
+                yield from (_replayed if "rows" in case else _spinnaker)(case, golden.arrays, backend)
         else:
             for case in golden.facts["cases"]:
                 yield from _single(case, golden.arrays, backend)
@@ -120,6 +122,17 @@ def _spinnaker(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], back
     sim = _run(net, steps, {"out": ("v", "g_exc", "g_inh")}, backend)
     for name, theirs in (("v", "v_post"), ("g_exc", "g_exc"), ("g_inh", "g_inh"), ("s", "spikes")):
         yield equal(case["name"], name, _found(sim, "out", name, steps), arrays[f"{case['name']}__{theirs}"])
+
+
+def _replayed(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend: str | Backend) -> Iterator[Result]:
+    """Compare what the calls of a machine's programs leave, one after another; no network is run."""
+    replayer = find_backend(backend) if isinstance(backend, str) else backend
+    if not isinstance(replayer, Replays):
+        raise ModelError(f"backend '{replayer.name}' replays no calls of programs", hint="use backend 'spinnaker'")
+    states = replayer.replay(case, arrays[f"{case['name']}__events"])
+    for name, values in states.items():
+        if (key := f"{case['name']}__{name}") in arrays:
+            yield equal(case["name"], name, values, arrays[key])
 
 
 def _add_sources(net: Network, spikes: Any, n: int) -> None:

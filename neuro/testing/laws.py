@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -132,14 +133,16 @@ def learning() -> Network:
     net.population("exp", 6, iaf_psc_exp(), initial={"V_m": -60.0})
     net.population("delta", 4, iaf_psc_delta(V_th=-60.0, t_ref=1.0))
     net.population("reached", 5, iaf_psc_delta(V_th=-64.0, tau_m=20.0))
+    net.population("taught", 4, iaf_psc_delta(V_th=-60.0, t_ref=1.0))
     net.signal("reward", to="delta")
     net.connect("noise", "relay", one_to_one(), delay=1.0)
     rule = stdp(Wmax=900.0, lambda_=0.1)
-    net.connect("relay", "exp", all_to_all(), rule, weight=uniform(low=200.0, high=800.0), delay=3.0)
-    by_signal = stdp_dopa(signal="reward", Wmax=9.0, A_plus=0.1, A_minus=0.08, tau_n=30.0, tau_c=100.0)
-    net.connect("relay", "delta", fixed_indegree(n=5), by_signal, weight=4.0, delay=2.0)
-    by_spikes = stdp_dopa(dopamine="exp", Wmax=9.0, A_plus=0.1, A_minus=0.08, tau_n=30.0, tau_c=100.0, dopamine_delay=4)
-    net.connect("exp", "delta", all_to_all(), by_spikes, weight=3.0, delay=1.0)
+    net.connect("relay", "exp", all_to_all(), rule, weight=uniform(low=200.0, high=800.0), delay=2.0)
+    # SpiNNaker takes eligibilities without a sign, and a single rule onto a population.
+    taught: dict[str, Any] = {"Wmax": 9.0, "A_plus": 0.1, "A_minus": 0.0, "tau_n": 30.0, "tau_c": 100.0}
+    net.connect("relay", "delta", fixed_indegree(n=5), stdp_dopa(signal="reward", **taught), weight=4.0, delay=3.0)
+    by_spikes = stdp_dopa(dopamine="exp", dopamine_delay=4, **taught)
+    net.connect("exp", "taught", all_to_all(), by_spikes, weight=6.0, delay=1.0)
     net.connect("exp", "reached", fixed_indegree(n=3), stdp(Wmax=8.0, lambda_=0.1), weight=4.0, delay=5.0)
     return net
 

@@ -283,7 +283,7 @@ def rewarded() -> Network:
     net.population("noise", 8, poisson_generator(rate=60.0))
     net.population("cells", 3, iaf_psc_exp(), initial={"V_m": -60.0})
     net.signal("reward", to="cells")
-    rule = stdp_dopa(signal="reward", Wmax=900.0, A_plus=2.0, A_minus=1.0, tau_n=30.0, tau_c=100.0)
+    rule = stdp_dopa(signal="reward", Wmax=900.0, A_plus=2.0, A_minus=0.0, tau_n=30.0, tau_c=100.0)
     net.connect("noise", "cells", all_to_all(), rule, weight=500.0, delay=2.0, name="learnt")
     return net
 

@@ -22,7 +22,7 @@ populations:
   in: {model: {poisson_generator: {rate: 1000.0}}, shape: 4}
   out: {model: {iaf_psc_exp: {V_reset: -60.0, tau_m: .inf}}, shape: 3}
 projections:
-  in_out: {from: in, to: out, rule: all_to_all, weight: 300.0, delay: 1.0, synapse: {stdp: {Wmax: 500.0}}}
+  in_out: {from: in, to: out, rule: all_to_all, weight: 300.0, delay: 1.0, synapse: {stdp: {Wmax: 500.0, mu_plus: 0.0}}}
 """
 
 

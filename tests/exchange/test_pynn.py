@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import warnings
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -118,6 +119,64 @@ def test_what_cannot_come_is_told_by_line(comes, messages):
         "p.run(10)\nfine.set(tau_m=10.0)\np.run(10)\n"
     )
     messages({"all": refused(comes, script)})
+
+
+LEARNS = """
+import pyNN.spiNNaker as p
+p.setup(timestep=1.0)
+extra = p.extra_models
+source, times = p.Population(2, p.SpikeSourcePoisson(rate=30.0)), [[10.0]]
+rules = {
+    "pair": (p.SpikePairRule(A_plus=0.02, A_minus=0.03), p.AdditiveWeightDependence(w_max=4.0)),
+    "soft": (p.SpikePairRule(A_plus=0.02, A_minus=0.03), p.MultiplicativeWeightDependence(w_max=4.0)),
+    "nearest": (extra.SpikeNearestPairRule(A_plus=0.02, A_minus=0.02), p.AdditiveWeightDependence(w_max=4.0)),
+    "triplet": (
+        extra.PfisterSpikeTriplet(tau_plus=16.8, tau_minus=33.7, tau_x=101, tau_y=114, A_plus=0.01, A_minus=0.01),
+        extra.WeightDependenceAdditiveTriplet(w_max=4.0, A3_plus=0.02, A3_minus=0.01),
+    ),
+    "vogels": (extra.Vogels2011Rule(alpha=0.2, A_plus=0.02, tau=20.0), p.AdditiveWeightDependence(w_max=4.0)),
+    "taught": (p.SpikePairRule(A_plus=1.0, A_minus=1.0), p.AdditiveWeightDependence(w_max=4.0)),
+}
+for name, parts in rules.items():
+    cells = p.Population(2, p.IF_curr_exp(), label=name)
+    kind = "inhibitory" if name == "vogels" else "excitatory"
+    learns = p.STDPMechanism(*parts, weight=2.0, delay=3.0)
+    p.Projection(source, cells, p.AllToAllConnector(), learns, receptor_type=kind)
+    if name == "taught":
+        dopamine = p.Population(1, p.SpikeSourceArray(spike_times=times), label="dopamine")
+        by = extra.Neuromodulation(weight=0.25, tau_c=500.0, tau_d=100.0, w_max=4.0)
+        p.Projection(dopamine, cells, p.AllToAllConnector(), by, receptor_type="reward")
+p.run(100)
+"""
+
+
+@needs_pynn
+def test_what_learns_on_spinnaker_comes_with_its_amplitudes(comes):
+    """Additive steps are weights there, those of triplets shares of the largest weight, in nA."""
+    net = comes(LEARNS)
+    found = {part.target: part.synapse for part in net.projections.values()}
+    wanted = {
+        "pair": neuro.stdp(lambda_=0.005, alpha=1.5, mu_plus=0.0, mu_minus=0.0, Wmax=4000.0),
+        "soft": neuro.stdp(lambda_=0.02, alpha=1.5, Wmax=4000.0),
+        "nearest": neuro.stdp_nn_symm(lambda_=0.005, mu_plus=0.0, mu_minus=0.0, Wmax=4000.0, pre_at_start=True),
+        "triplet": neuro.stdp_triplet(
+            **{"tau_plus_triplet": 101.0, "tau_minus_triplet": 114.0, "Wmax": 4000.0},
+            **{"Aplus": 40.0, "Aminus": 40.0, "Aplus_triplet": 80.0, "Aminus_triplet": 40.0},
+        ),
+        "vogels": neuro.vogels_sprekeler(eta=20.0, alpha=0.2, Wmax=-4000.0),
+        "taught": neuro.stdp_dopa(
+            **{"dopamine": "dopamine", "dopamine_delay": 1.0, "tau_c": 500.0, "tau_n": 100.0, "c_min": 0.0},
+            **{"A_plus": 25000.0, "A_minus": 25000.0, "Wmax": 4000.0},
+        ),
+    }
+    for name, synapse in wanted.items():
+        assert found[name] == synapse or found[name].parameters() == synapse.parameters(), name
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim = neuro.compile(net, "spinnaker")
+    rules = [wires.rule for wires in sim._engine.fixed.projections]
+    programs = {rule.program for rule in rules if rule is not None}
+    assert len(programs) == 6
 
 
 BEGIN = "import pyNN.nest as sim\nsim.setup()\np = sim.Population(3, sim.IF_curr_exp())\n"

@@ -2,7 +2,7 @@
 
 | folder | reference | form |
 | --- | --- | --- |
-| nest, nest-models, loihi, spinnaker, loihi2 | traces of NEST and of the chips' emulators | that of `neuro verify` |
+| nest, nest-models, loihi, loihi2, spinnaker, spinnaker-learning | traces of NEST and of chips | `neuro verify` |
 | networks | networks of lava-dl on Loihi 2, the neuron of the NIR paper | arrays; `unpacked` makes their networks |
 
 `pytest --renew-golden tests/test_golden_traces.py` runs the cases of ../shared/reference anew and writes what came out,
@@ -29,7 +29,7 @@ from neuro.testing.verify import _read
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 DIGESTS = GOLDEN / "digests.json"
-TRACES = ("nest", "nest-models", "loihi", "spinnaker", "loihi2")
+TRACES = ("nest", "nest-models", "loihi", "spinnaker", "spinnaker-learning", "loihi2")
 EVERY = 3
 """Of the rows that NEST recorded, so many apart are compared."""
 _DESCRIPTION = {

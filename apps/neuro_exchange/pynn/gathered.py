@@ -27,6 +27,8 @@ from neuro import (
     static,
     stdp,
     stdp_dopa,
+    stdp_nn_symm,
+    stdp_triplet,
     step_current_generator,
     tsodyks2,
     vogels_sprekeler,
@@ -38,6 +40,11 @@ from neuro_exchange.pynn.parts import Projection
 from neuro_exchange.pynn.session import Experiment
 from neuro_exchange.pynn.standard import delta_jump
 
+_OF_POST = {
+    **dict.fromkeys(("SpikePairRule", "SpikeNearestPairRule", "PfisterSpikeTriplet"), "tau_minus"),
+    "Vogels2011Rule": "tau",
+}
+"""What PyNN's rules call the time constant of post spikes."""
 _NEVER = 1e10
 """PyNN's default for the duration of a source; its current sources stop at 100 times that."""
 _ALMOST = 1e-6
@@ -294,7 +301,7 @@ class Gathered:
     def _learning(self, bundle: Synapses) -> None:
         """Note the time constant that rules onto a population share."""
         rule = getattr(bundle.made.synapse_type, "timing_dependence", None)
-        word = {"SpikePairRule": "tau_minus", "Vogels2011Rule": "tau"}.get(type(rule).__name__)
+        word = _OF_POST.get(type(rule).__name__)
         if word is None:
             return
         value = bundle.number(word)
@@ -323,16 +330,27 @@ class Gathered:
         timing, dependence = type(mechanism.timing_dependence).__name__, type(mechanism.weight_dependence).__name__
         modulators = [one for one in self.modulators if one.target is bundle.target]
         if modulators and factor > 0:
+            if (timing, dependence) != ("SpikePairRule", "AdditiveWeightDependence"):
+                raise Incomplete(f"{timing} with {dependence} and dopamine has no counterpart")
             return self._dopamine(bundle, modulators, factor)
         if bundle.number("w_min") != 0.0:
             raise Incomplete("'w_min' is not 0: weights that learn end at 0")
         if timing == "Vogels2011Rule" and dependence == "AdditiveWeightDependence":
             return self._vogels(bundle, factor)
-        if timing != "SpikePairRule":
+        if timing == "PfisterSpikeTriplet" and dependence == "WeightDependenceAdditiveTriplet":
+            return self._triplet(bundle, factor)
+        if timing not in ("SpikePairRule", "SpikeNearestPairRule"):
             raise Incomplete(f"{timing} with {dependence} has no counterpart")
-        return self._pair(bundle, dependence, factor)
+        return self._pair(bundle, dependence, factor, timing == "SpikeNearestPairRule")
 
-    def _pair(self, bundle: Synapses, dependence: str, factor: float) -> Any:
+    def _triplet(self, bundle: Synapses, factor: float) -> Any:
+        largest = bundle.number("w_max") * factor
+        words = {"Aplus": "A_plus", "Aminus": "A_minus", "Aplus_triplet": "A3_plus", "Aminus_triplet": "A3_minus"}
+        taus = {"tau_plus": "tau_plus", "tau_plus_triplet": "tau_x", "tau_minus_triplet": "tau_y"}
+        steps = {ours: bundle.number(word) * abs(largest) for ours, word in words.items()}
+        return stdp_triplet(Wmax=largest, **steps, **{ours: bundle.number(word) for ours, word in taus.items()})
+
+    def _pair(self, bundle: Synapses, dependence: str, factor: float, nearest: bool) -> Any:
         if dependence in DEPENDENCES:
             plus, minus = DEPENDENCES[dependence]
         elif dependence == "GutigWeightDependence":
@@ -342,14 +360,18 @@ class Gathered:
         up, down = bundle.number("A_plus"), bundle.number("A_minus")
         if up == 0.0 and down != 0.0:
             raise Incomplete("'A_plus' is 0 and 'A_minus' is not: here depression is relative to potentiation")
-        rule = {"lambda_": up, "alpha": down / up if up else 1.0, "mu_plus": plus, "mu_minus": minus}
-        largest = bundle.number("w_max") * factor
-        return stdp(tau_plus=bundle.number("tau_plus"), Wmax=largest, **rule)
+        # Since October 2021 sPyNNaker's additive steps are weights, not shares of the largest.
+        share = (
+            bundle.number("w_max") if self.experiment.spinnaker and dependence == "AdditiveWeightDependence" else 1.0
+        )
+        rule = {"lambda_": up / share, "alpha": down / up if up else 1.0, "mu_plus": plus, "mu_minus": minus}
+        rule |= {"tau_plus": bundle.number("tau_plus"), "Wmax": bundle.number("w_max") * factor}
+        return stdp_nn_symm(pre_at_start=True, **rule) if nearest else stdp(**rule)
 
     def _vogels(self, bundle: Synapses, factor: float) -> Any:
         largest = bundle.number("w_max")
-        if "alpha" in bundle.made.numbers():  # sPyNNaker's; it multiplies the step by w_max
-            eta, alpha = bundle.number("A_plus") * largest, bundle.number("alpha")
+        if "alpha" in bundle.made.numbers():  # sPyNNaker's
+            eta, alpha = bundle.number("A_plus"), bundle.number("alpha")
         else:
             eta, alpha = bundle.number("eta"), 2.0 * bundle.number("rho") * bundle.number("tau") / 1000.0
         rule = {"tau": bundle.number("tau"), "alpha": alpha, "eta": eta * abs(factor)}
@@ -374,6 +396,7 @@ class Gathered:
             A_minus=bundle.number("A_minus") * scale,
             tau_c=by.number("tau_c"),
             tau_n=tau,
+            c_min=0.0,
             Wmin=bundle.number("w_min") * factor,
             Wmax=bundle.number("w_max") * factor,
         )

@@ -19,6 +19,7 @@ from pyNN.standardmodels import (
     StandardCellType,
     StandardSynapseType,
     STDPTimingDependence,
+    STDPWeightDependence,
     build_translations,
     cells,
     electrodes,
@@ -177,9 +178,33 @@ class Neuromodulation(Delayed, StandardSynapseType):
 
 
 class Vogels2011Rule(STDPTimingDependence):
-    """The rule of Vogels et al. 2011; its step is `A_plus` x w_max."""
+    """The rule of Vogels et al. 2011; its step is `A_plus`."""
 
     default_parameters = {"tau": 20.0, "alpha": 0.12, "A_plus": 0.01, "A_minus": 0.01}
+    translations = _same(*default_parameters)
+
+
+class SpikeNearestPairRule(STDPTimingDependence):
+    """Pairs of each spike with the last of the other side; of post spikes only the first after a pre spike."""
+
+    default_parameters = {"tau_plus": 20.0, "tau_minus": 20.0, "A_plus": 0.01, "A_minus": 0.01}
+    translations = _same(*default_parameters)
+
+
+class PfisterSpikeTriplet(STDPTimingDependence):
+    """Pairs and triplets; steps are `A_plus` and so on x w_max."""
+
+    default_parameters = {
+        **{"tau_plus": 20.0, "tau_minus": 20.0, "tau_x": 101.0, "tau_y": 114.0},
+        **{"A_plus": 0.01, "A_minus": 0.01},
+    }
+    translations = _same(*default_parameters)
+
+
+class WeightDependenceAdditiveTriplet(STDPWeightDependence):
+    """The bounds of weights that learn by triplets, and the steps of these."""
+
+    default_parameters = {"w_min": 0.0, "w_max": 1.0, "A3_plus": 0.01, "A3_minus": 0.01}
     translations = _same(*default_parameters)
 
 
@@ -194,6 +219,12 @@ class SpikeSourcePoissonVariable(StandardCellType):
     conductance_based = False
     default_initial_values: dict[str, float] = {}
     units = {"spikes": "ms"}
+
+
+_ADDED = (
+    *(Neuromodulation, Vogels2011Rule, SpikeNearestPairRule, PfisterSpikeTriplet),
+    *(WeightDependenceAdditiveTriplet, SpikeSourcePoissonVariable),
+)
 
 
 def spinnaker_names() -> dict[str, Any]:
@@ -214,8 +245,9 @@ def spinnaker_names() -> dict[str, Any]:
             ours[name] = type(name, (kind,), words)
     ours["Izhikevich"] = Absent("sPyNNaker's Izhikevich, whose synaptic currents are exponential,")
     ours["IFCurDelta"] = ours["IFCurrDelta"] = ours["IF_curr_delta"]
-    ours |= {name: type(name, (kind,), {"parameter_checks": {}}) for name, kind in SYNAPSES.items()}
-    ours |= {kind.__name__: kind for kind in (Neuromodulation, Vogels2011Rule, SpikeSourcePoissonVariable)}
+    unchecked = {**SYNAPSES, "STDPMechanism": STDPMechanism}
+    ours |= {name: type(name, (kind,), {"parameter_checks": {}}) for name, kind in unchecked.items()}
+    ours |= {kind.__name__: kind for kind in _ADDED}
     return ours | {"MultapseConnector": FixedTotalNumberConnector}
 
 

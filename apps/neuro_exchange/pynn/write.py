@@ -317,7 +317,11 @@ class _Script:
         dependence = next((name for name, mus in DEPENDENCES.items() if mus == (plus, minus)), "GutigWeightDependence")
         if dependence == "GutigWeightDependence":
             bounds |= {"mu_plus": plus, "mu_minus": minus}
-        timing = f"sim.SpikePairRule({_words(pair)})"
+        words = _words(pair)
+        if dependence == "AdditiveWeightDependence":
+            steps = (f"A_{side}=additive({pair[f'A_{side}']!r}, {bounds['w_max']!r})" for side in ("plus", "minus"))
+            words = ", ".join((_words({word: pair[word] for word in ("tau_plus", "tau_minus")}), *steps))
+        timing = f"sim.SpikePairRule({words})"
         weight = f"sim.{dependence}({_words(bounds)})"
         return f"STDPMechanism({timing}, {weight}, dendritic_delay_fraction=dendritic, "
 

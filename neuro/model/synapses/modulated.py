@@ -15,12 +15,12 @@ from neuro.model.synapses.pairs import within
 
 TABLE = 1024
 """Steps over which the decays of c and n are kept in a table; beyond it they are computed."""
-TAU_PLUS, A_PLUS, A_MINUS, TAU_C, TAU_N, B, W_MIN, W_MAX, H, TAU = range(10)
+TAU_PLUS, A_PLUS, A_MINUS, TAU_C, TAU_N, B, W_MIN, W_MAX, H, TAU, C_MIN = range(11)
 GAMMA, TAU_Z = 3, 4
 Q_0, ETA, DELTA_Z, TAU_R = 1, 2, 6, 7
 """Constants; the first are those of `stdp_dopa`."""
 
-DECAYS = 10
+DECAYS = 11
 
 
 def decays(c, steps):
@@ -50,14 +50,15 @@ class stdp_dopa(Modulated):
     Dopamine comes either from the spikes of a population (`dopamine`; each adds 1/tau_n to n of every
     post neuron, or of its own with `dopamine_rule` one_to_one) or from a signal (`signal`; sets n).
     Clipping to [Wmin, Wmax] happens at events and on the grid of `deliver_interval` x the smallest delay
-    of the network. Source: NEST 3.10, `stdp_dopamine_synapse`; Izhikevich, Cereb. Cortex 17:2443, 2007;
+    of the network. With c_min = 0 the eligibility has one sign, as on SpiNNaker.
+    Source: NEST 3.10, `stdp_dopamine_synapse`; Izhikevich, Cereb. Cortex 17:2443, 2007;
     Potjans, Morrison & Diesmann, Front. Comput. Neurosci. 4:141, 2010.
     """
 
     equation: ClassVar[str] = "w' = c (n - b); c' = -c/tau_c + A_plus K+ (post) - A_minus K- (pre); n' = -n/tau_n"
     source: ClassVar[str] = "NEST 3.10 stdp_dopamine_synapse; Potjans et al., Front. Comput. Neurosci. 4:141, 2010"
     states: ClassVar[tuple[State, ...]] = (State("c", "", "eligibility trace"),)
-    width: ClassVar[int] = 10 + 4 * TABLE
+    width: ClassVar[int] = DECAYS + 4 * TABLE
 
     tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
     A_plus: float = quantity(1.0, "", "eligibility of a pre-post pair")
@@ -68,6 +69,7 @@ class stdp_dopa(Modulated):
     Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
     Wmax: float = quantity(200.0, "", "largest weight, in the unit of the weight", of_value=True)
     deliver_interval: int = quantity(1, "", "delivery grid in smallest delays", kind="integer", at_least=1)
+    c_min: float = quantity(-math.inf, "", "smallest eligibility, at which a pair stops", at_most=0, infinite=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -77,7 +79,7 @@ class stdp_dopa(Modulated):
     def constants(p, h, c):
         """The parameters, the step, T = tau_c tau_n / (tau_c + tau_n), and the decays over 0, 1, ... steps."""
         c[:8] = p[:8]
-        c[H] = h
+        c[H], c[C_MIN] = h, p[9]
         c[TAU] = p[TAU_C] * p[TAU_N] / (p[TAU_C] + p[TAU_N])
         for k in range(TABLE):
             at = DECAYS + 4 * k
@@ -85,11 +87,11 @@ class stdp_dopa(Modulated):
 
     def on_post(y, e, c, pre, post):
         """A pre-post pair raises the eligibility."""
-        y[1, e] += c[A_PLUS] * pre[0]
+        y[1, e] = max(y[1, e] + c[A_PLUS] * pre[0], c[C_MIN])
 
     def on_pre(y, e, c, pre, post):
-        """A post-pre pair lowers it."""
-        y[1, e] -= c[A_MINUS] * post[0]
+        """A post-pre pair lowers the eligibility, down to c_min."""
+        y[1, e] = max(y[1, e] - c[A_MINUS] * post[0], c[C_MIN])
 
     def advance(y, e, c, begin, end, n, grid):
         """Integrate w and c exactly from step `begin` to `end`; clip where w turns and at the end.

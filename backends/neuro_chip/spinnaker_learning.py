@@ -1,0 +1,394 @@
+"""SpiNNaker's plastic synapses: histories of post neurons, and rows that packets of their sources bring up to date.
+
+Learning is deferred: post spikes and dopamine are only appended to a history of the neuron. A packet works through
+the entries since the last packet, each d ticks after the entry's time, where d is the delay of the synapse.
+
+Weights are words of 16 bits, word << shift in s16.15 while they are updated; traces and tables are s4.11. Every product
+is floored by itself, sums wrap, and nothing is clipped but what a rule clips.
+
+Where dopamine teaches, the rule moves the eligibility, and the weight moves by K c D (E - 1). The order of the products
+is the order of the released programs; the source has another one. The programs read marks of dopamine n entries late,
+where n is the number of entries after the window of a packet. So do the kernels.
+
+Source: sPyNNaker 7.4.1 (released machine code).
+"""
+
+# mypy: ignore-errors
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from neuro.chips.spinnaker_rule import (
+    ALPHA,
+    DOWN,
+    DOWN_TRIPLET,
+    FEWEST,
+    GAIN,
+    HIGH,
+    LOW,
+    MINUS,
+    MOST,
+    OF_WEIGHT,
+    ONE,
+    PLUS,
+    TAUGHT,
+    TAUGHT_HIGH,
+    TAUGHT_LOW,
+    TIMING,
+    TIMINGS,
+    UP,
+    UP_TRIPLET,
+    WINDOWS,
+    C,
+    D,
+    X,
+    Y,
+)
+from neuro.kernels.jit import inlined, kernel, subkernel
+
+NEAREST, TRIPLET, VOGELS, RECURRENT = (TIMINGS.index(name) for name in TIMINGS[1:])
+ENTRIES = 16
+"""Entries of a history: a placeholder at tick 0, and 15 events."""
+FAST, SLOW, SPIKE, DOPAMINE, TRACES = range(5)
+"""Of an entry: o1 (or the window), o2, the spike that is not in o2 yet, and dopamine."""
+LAST, R1, R2, ROW_COLUMNS = range(4)
+"""Of a row: the tick of its last packet, its trace (or window) and its slow trace."""
+EVALUATED, CHANGED, UNDELIVERED, MISSED, WRAPPED, OVERFLOWN, SENT, CUT, COUNTS = range(9)
+"""Counts: synapses that packets updated; words that changed; synapses without delivery; updates that lack entries that
+their history has dropped; words and traces that wrapped; spikes that bring signals, and signals beyond the largest."""
+i64 = np.int64
+_WORD = 65535
+_MASK = np.uint64(0xFFFFFFFF)
+
+
+class Rule(NamedTuple):
+    """A `neuro.chips.spinnaker_rule.SpinnakerRule`, and `draws`: the state of the core's generator, uint64 (4,)."""
+
+    constants: Any
+    table: Any
+    places: Any
+    draws: Any
+
+
+class History(NamedTuple):
+    """Histories of the post neurons.
+
+    Attributes:
+        counts: entries of each, the placeholder included.
+        times: ticks, (neurons, ENTRIES).
+        traces: (neurons, ENTRIES, TRACES).
+        marks: bit k says that entry k is a dopamine event.
+        dropped: the tick of the last entry that was dropped, -1 if none was.
+    """
+
+    counts: Any
+    times: Any
+    traces: Any
+    marks: Any
+    dropped: Any
+
+
+class Synapses(NamedTuple):
+    """The synapses of a projection.
+
+    Attributes:
+        weights: words.
+        tags: words of the eligibility, or the accumulators.
+        row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
+        targets: post neurons.
+        delays: ticks by which entries act late, one for each synapse.
+        delivered: whether each is delivered: its delay is not the number of slots.
+        shifts: of the receptor of each.
+    """
+
+    weights: Any
+    tags: Any
+    row_ends: Any
+    targets: Any
+    delays: Any
+    delivered: Any
+    shifts: Any
+
+
+def history_of(neurons: int) -> History:
+    """Return empty histories: each has its placeholder."""
+    return History(
+        np.ones(neurons, dtype=np.int64),
+        np.zeros((neurons, ENTRIES), dtype=np.int64),
+        np.zeros((neurons, ENTRIES, TRACES), dtype=np.int64),
+        np.zeros(neurons, dtype=np.int64),
+        np.full(neurons, -1, dtype=np.int64),
+    )
+
+
+SEED = np.array([123456789, 234567891, 345678912, 456789123], dtype=np.uint64)
+"""The state in which the generator of every core begins."""
+
+
+@inlined
+def half(x):
+    """Keep the low 16 bits, signed."""
+    return i64(np.int16(x))
+
+
+@inlined
+def word(x):
+    """Keep the low 32 bits, signed."""
+    return i64(np.int32(x))
+
+
+@inlined
+def fine(a, b):
+    """Return the s4.11 product."""
+    return (half(a) * half(b)) >> 11
+
+
+@inlined
+def product(a, b):
+    """Return the s16.15 product."""
+    return word((a * b) >> 15)
+
+
+@inlined
+def scaled(a, s):
+    """Return a number in s16.15 times one in s4.11."""
+    return product(a, s << 4)
+
+
+@inlined
+def decay(rule, k, ticks):
+    """Return what table k leaves after some ticks."""
+    at = ticks >> rule.places[k, 2]
+    return rule.table[rule.places[k, 0] + at] if 0 <= at < rule.places[k, 1] else i64(0)
+
+
+@subkernel
+def random(draws):
+    """Return the next random number of the core, KISS-64."""
+    draws[0] = (np.uint64(314527869) * draws[0] + np.uint64(1234567)) & _MASK
+    y = draws[1]
+    y ^= (y << np.uint64(5)) & _MASK
+    y ^= y >> np.uint64(7)
+    y ^= (y << np.uint64(22)) & _MASK
+    draws[1] = y
+    m = np.uint64(4294584393) * draws[2] + draws[3]
+    draws[2], draws[3] = m & _MASK, m >> np.uint64(32)
+    return i64((draws[0] + y + draws[2]) & _MASK)
+
+
+@inlined
+def window(rule, k):
+    """Draw the length of a window from table k."""
+    return rule.table[rule.places[k, 0] + random(rule.draws) % WINDOWS]
+
+
+@subkernel
+def append(rule, history, j, t, concentration, dopamine, counts):
+    """Append a post spike, or dopamine of a signed concentration, to the history of neuron j."""
+    timing = rule.constants[TIMING]
+    n = history.counts[j]
+    old = history.traces[j, n - 1]
+    passed = t - history.times[j, n - 1]
+    fast, slow, spike = fine(old[FAST], decay(rule, MINUS, passed)), old[SLOW], old[SPIKE]
+    if timing == NEAREST:
+        fast = 0
+    elif timing == RECURRENT:
+        fast = window(rule, MINUS)
+    elif not dopamine:
+        fast += ONE
+    if timing == TRIPLET:
+        if spike == 0:
+            slow = fine(slow, decay(rule, Y, passed))
+        else:
+            slow = fine(slow + ONE, decay(rule, Y, t - spike))
+        spike = t
+    level = fine(old[DOPAMINE], decay(rule, D, passed)) + concentration if rule.constants[TAUGHT] else i64(0)
+    if timing != RECURRENT:
+        counts[OVERFLOWN] += fast != half(fast)
+        fast = half(fast)
+    counts[OVERFLOWN] += level != half(level)
+    if n == ENTRIES:
+        # The placeholder stays, so that a post neuron always has an entry to begin from.
+        history.dropped[j] = history.times[j, 1]
+        for k in range(1, ENTRIES - 1):
+            history.times[j, k] = history.times[j, k + 1]
+            for trace in range(TRACES):
+                history.traces[j, k, trace] = history.traces[j, k + 1, trace]
+        history.marks[j] >>= 1
+        n -= 1
+    history.times[j, n] = t
+    new = history.traces[j, n]
+    new[FAST], new[SLOW], new[SPIKE], new[DOPAMINE] = fast, half(slow), spike, half(level)
+    history.marks[j] |= i64(dopamine) << n
+    history.counts[j] = n + 1
+
+
+@inlined
+def raised(c, w, x, triplet):
+    """Potentiate; only the upper bound is looked at, and a multiplicative rule has none."""
+    if c[OF_WEIGHT]:
+        return word(w + scaled(product(word(c[HIGH] - w), c[UP]), x))
+    return min(word(w + scaled(c[UP], x) + scaled(c[UP_TRIPLET], triplet)), c[HIGH])
+
+
+@inlined
+def lowered(c, w, x, triplet):
+    """Depress; only the lower bound is looked at."""
+    if c[OF_WEIGHT]:
+        return word(w - scaled(product(word(w - c[LOW]), c[DOWN]), x))
+    return max(word(w - scaled(c[DOWN], x) - scaled(c[DOWN_TRIPLET], triplet)), c[LOW])
+
+
+@inlined
+def post_step(rule, w, tag, r1, history, j, k, gap, since):
+    """Return w and the accumulator after a post spike, `gap` ticks after the last packet, `since` after an entry."""
+    c, timing = rule.constants, rule.constants[TIMING]
+    if timing == RECURRENT:
+        if gap < r1:
+            if tag < c[MOST]:
+                tag += 1
+            else:
+                tag = i64(0)
+                w = raised(c, w, i64(ONE), i64(0))
+        return w, tag
+    x = decay(rule, PLUS, gap)
+    if timing == NEAREST:
+        return raised(c, w, x if since >= gap else i64(0), i64(0)), tag
+    x = fine(r1, x)
+    return raised(c, w, x, fine(x, history.traces[j, k, SLOW]) if timing == TRIPLET else i64(0)), tag
+
+
+@inlined
+def pre_step(rule, w, tag, r2, history, j, k, since):
+    """Return w and the accumulator after the packet, `since` ticks after the newest entry k."""
+    c, timing = rule.constants, rule.constants[TIMING]
+    if timing == RECURRENT:
+        if since < history.traces[j, k, FAST]:
+            if tag > c[FEWEST]:
+                tag -= 1
+            else:
+                tag = i64(0)
+                w = lowered(c, w, i64(ONE), i64(0))
+        return w, tag
+    x = decay(rule, MINUS, since)
+    if timing == NEAREST:
+        return lowered(c, w, x, i64(0)), tag
+    x = fine(history.traces[j, k, FAST], x)
+    if timing == VOGELS:  # a negative step potentiates, too: nothing keeps it above the lower bound
+        return raised(c, w, x - c[ALPHA], i64(0)), tag
+    return lowered(c, w, x, fine(x, r2) if timing == TRIPLET else i64(0)), tag
+
+
+@inlined
+def elapse(rule, w, eligibility, level, ticks):
+    """Return the weight and the eligibility after some ticks that begin with a level of dopamine."""
+    of_c = decay(rule, C, ticks)
+    if level != 0:
+        lost = half(fine(of_c, decay(rule, D, ticks)) - ONE)
+        w = word(w + scaled(scaled(product(eligibility, rule.constants[GAIN]), level), lost))
+    return w, scaled(eligibility, of_c)
+
+
+@subkernel
+def visit(rule, history, synapses, e, t, p, r1, r2, counts):
+    """Bring synapse e up to date at tick t; p and r1 belong to the row's last packet, r2 to the present packet."""
+    c, j, d, shift = rule.constants, synapses.targets[e], synapses.delays[e], synapses.shifts[e]
+    taught = c[TAUGHT] != 0
+    first, last = max(p - d, 0), max(t - d, 0)
+    n = history.counts[j]
+    before = n - 1
+    while before > 0 and history.times[j, before] > first:
+        before -= 1
+    newest = before
+    while newest + 1 < n and history.times[j, newest + 1] <= last:
+        newest += 1
+    w = i64(synapses.weights[e]) << shift
+    tag = i64(synapses.tags[e]) << (shift if taught else 0)
+    at, level = p, i64(0)
+    if taught and before > 0:
+        # Without the delay, though entries act that much later everywhere else: so do the programs.
+        level = fine(history.traces[j, before, DOPAMINE], decay(rule, D, p - history.times[j, before]))
+    marks = history.marks[j] >> (n - (newest - before))
+    for k in range(before + 1, newest + 1):
+        u = history.times[j, k] + d
+        if taught:
+            w, tag = elapse(rule, w, tag, level, u - at)
+            at, level = u, history.traces[j, k, DOPAMINE]
+        if marks & 1 == 0:
+            gap, since = u - p, u - history.times[j, k - 1]
+            if taught:
+                tag, _ = post_step(rule, tag, tag, r1, history, j, k, gap, since)
+            else:
+                w, tag = post_step(rule, w, tag, r1, history, j, k, gap, since)
+        marks >>= 1
+    if newest > 0:
+        since = t - (history.times[j, newest] + d)
+        if taught:
+            w, tag = elapse(rule, w, tag, level, t - at)
+            tag, _ = pre_step(rule, tag, tag, r2, history, j, newest, since)
+        else:
+            w, tag = pre_step(rule, w, tag, r2, history, j, newest, since)
+    if taught:
+        w = min(max(w, c[TAUGHT_LOW]), c[TAUGHT_HIGH])
+        tag >>= shift
+        counts[WRAPPED] += tag < 0 or tag > _WORD
+        tag &= _WORD
+    w >>= shift
+    counts[WRAPPED] += w < 0 or w > _WORD
+    w &= _WORD
+    counts[EVALUATED] += 1
+    counts[CHANGED] += w != synapses.weights[e]
+    counts[MISSED] += history.dropped[j] > first
+    counts[UNDELIVERED] += not synapses.delivered[e]
+    synapses.weights[e] = w
+    synapses.tags[e] = tag
+
+
+@kernel
+def packets(rule, rows, history, synapses, ids, t, counts):
+    """Bring the rows of some sources up to date, whose packets were emitted at tick t.
+
+    Args:
+        rule: see `Rule`.
+        rows: (sources, ROW_COLUMNS), changed.
+        history: of the post neurons.
+        synapses: changed.
+        ids: the sources, one after another.
+        t: the tick.
+        counts: grow.
+    """
+    for i in ids:
+        p, r1, r2 = rows[i, LAST], rows[i, R1], rows[i, R2]
+        new = i64(0)
+        if rule.constants[TIMING] == RECURRENT:
+            new = window(rule, PLUS)
+        elif rule.constants[TIMING] != NEAREST:
+            new = fine(r1, decay(rule, PLUS, t - p)) + ONE
+            counts[OVERFLOWN] += new != half(new)
+            new = half(new)
+        if rule.constants[TIMING] == TRIPLET:
+            r2 = half(fine(r2 + ONE, decay(rule, X, t - p))) if p != 0 else i64(0)
+        rows[i, LAST], rows[i, R1], rows[i, R2] = t, new, r2
+        for e in range(synapses.row_ends[i], synapses.row_ends[i + 1]):
+            visit(rule, history, synapses, e, t, p, r1, r2, counts)
+
+
+@kernel
+def events(rule, history, ids, concentrations, t, counts):
+    """Append events of tick t to the histories of some neurons, in their order.
+
+    Args:
+        rule: see `Rule`.
+        history: changed.
+        ids: the neurons.
+        concentrations: of dopamine, signed, in s4.11, one for each; none: post spikes.
+        t: the tick.
+        counts: grow.
+    """
+    for n in range(ids.size):
+        if concentrations.size:
+            append(rule, history, ids[n], t, concentrations[n], True, counts)
+        else:
+            append(rule, history, ids[n], t, i64(0), False, counts)

@@ -1,0 +1,208 @@
+"""A learning rule in the form of SpiNNaker's programs: constants in s16.15 and tables in s4.11.
+
+Source: sPyNNaker 7.4.1, its plastic synapses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from decimal import ROUND_HALF_EVEN, Decimal
+from typing import Any
+
+import numpy as np
+
+from neuro.core.errors import ModelError
+from neuro.program.program import Ints
+
+TIMINGS = ("pair", "nearest", "triplet", "vogels", "recurrent")
+ADDITIVE, MULTIPLICATIVE = "additive", "multiplicative"
+PROGRAMS = {
+    ("pair", ADDITIVE, False): "mad_pair_additive",
+    ("pair", MULTIPLICATIVE, False): "mad_pair_multiplicative",
+    ("nearest", ADDITIVE, False): "mad_nearest_pair_additive",
+    ("nearest", MULTIPLICATIVE, False): "mad_nearest_pair_multiplicative",
+    ("triplet", ADDITIVE, False): "mad_pfister_triplet_additive",
+    ("vogels", ADDITIVE, False): "mad_vogels_2011_additive",
+    ("recurrent", MULTIPLICATIVE, False): "mad_recurrent_dual_fsm_multiplicative",
+    ("pair", ADDITIVE, True): "izhikevich_neuromodulation_pair_additive",
+    ("pair", MULTIPLICATIVE, True): "izhikevich_neuromodulation_pair_multiplicative",
+    ("vogels", ADDITIVE, True): "izhikevich_neuromodulation_vogels_2011_additive",
+}
+"""The released programs, by timing, weight dependence and whether dopamine teaches."""
+
+SIGNAL_SPIKES = "spikes of sources for signals"
+"""What the spikes are called, in counts, that bring a signal to the machine."""
+
+ONE = 2048
+"""1.0 in s4.11."""
+PARTS = 32768
+"""1.0 in s16.15."""
+LONGEST_TABLE = 65534
+LARGEST_TRACE = 32767
+
+(
+    TIMING,
+    OF_WEIGHT,
+    TAUGHT,
+    LOW,
+    HIGH,
+    UP,
+    DOWN,
+    UP_TRIPLET,
+    DOWN_TRIPLET,
+    ALPHA,
+    FEWEST,
+    MOST,
+    GAIN,
+    TAUGHT_LOW,
+    TAUGHT_HIGH,
+    CONSTANTS,
+) = range(16)
+"""Constants: the place in `TIMINGS`; whether the dependence is multiplicative and dopamine teaches; bounds and steps of
+the rule, in s16.15; Vogels' alpha in s4.11; ends of the accumulator; K and the bounds of the weight with dopamine."""
+
+PLUS, MINUS, X, Y, C, D, TABLES = range(7)
+"""Tables: decay of a row's trace and of a post neuron's, the slow ones of triplets, eligibility and dopamine. The
+recurrent rule has the lengths of windows of rows and of post spikes in the first two."""
+
+INDEX_SHIFTS = (0, 0, 2, 2, 4, 2)
+"""By how many bits a time difference is shifted to the index of each table."""
+
+WINDOWS = 2048
+"""Entries of a table of windows."""
+
+
+_MECHANISM = ("constants", "table", "places")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpinnakerRule:
+    """A rule in the form of a released program.
+
+    Attributes:
+        program: name of the released program.
+        constants: int64, columns as above.
+        table: all tables, one behind the other, int64.
+        places: where each begins in `table`, its length and its index shift, shape (TABLES, 3).
+        shift: of the slots of its receptor: a unit of a word is 2^(shift - 15).
+        slots: of a neuron for the ticks to come; a delay as long is stored as 0 and never delivered.
+        inhibits: whether its words, which are magnitudes, are subtracted.
+        concentrations: of the sources of dopamine in s4.11: of the spikes that release it, or of the sources that bring
+            a signal, each of which there is for reward and for punishment and for each neuron.
+        eligibility: eligibility in the unit of the language of one unit of its word.
+    """
+
+    program: str
+    constants: Ints
+    table: Ints
+    places: Ints
+    shift: int = 0
+    slots: int = 16
+    inhibits: bool = False
+    concentrations: tuple[int, ...] = ()
+    eligibility: float = 1.0
+
+    def is_as(self, other: SpinnakerRule) -> bool:
+        """Return whether another rule has the same program, constants and tables, which histories follow."""
+        return self.concentrations == other.concentrations and all(
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in _MECHANISM
+        )
+
+
+def fixed_point(value: float) -> int:
+    """Return a number in s16.15: nearest of its shortest decimal form, ties to even."""
+    return int((Decimal(repr(float(value))) * PARTS).to_integral_value(ROUND_HALF_EVEN))
+
+
+def table_of(tau: float, dt: float, shift: int) -> Ints:
+    """Return what is left after 0, 1, ... blocks of 2^shift ticks, in s4.11; 0 beyond the end.
+
+    Args:
+        tau: time constant in ms.
+        dt: length of a tick in ms.
+        shift: ticks are counted in blocks of 2^shift.
+
+    Raises:
+        ModelError: the table has more than 65534 entries.
+    """
+    decay = dt / tau
+    length = 2 * math.ceil(math.log(ONE) / decay / 2**shift / 2)
+    if length > LONGEST_TABLE:
+        longest = LONGEST_TABLE * 2**shift * dt / math.log(ONE)
+        raise ModelError(f"a time constant of {tau:g} ms: expected at most {longest:.6g} ms, {LONGEST_TABLE} entries")
+    table: Ints = np.floor(ONE * np.exp(-decay * np.arange(length) * 2**shift)).astype(np.int64)
+    return table
+
+
+def windows_of(mean: float) -> Ints:
+    """Return the lengths of windows in ticks, of which each is as likely: exponential with a mean in ticks."""
+    lengths: Ints = np.floor(-mean * np.log(1.0 - np.arange(WINDOWS) / WINDOWS)).astype(np.int64)
+    return lengths
+
+
+def rule_of(
+    timing: str,
+    dependence: str,
+    numbers: Mapping[str, Any],
+    *,
+    dt: float,
+    neuromodulation: Mapping[str, float] | None = None,
+) -> SpinnakerRule:
+    """Return a rule in the form of a released program.
+
+    Args:
+        timing: one of `TIMINGS`.
+        dependence: "additive" or "multiplicative".
+        numbers: the parameters by PyNN's names, weights in the unit of the machine (nA or mV): w_min, w_max, A_plus,
+            A_minus; tau_plus and tau_minus; of triplets tau_x, tau_y, A3_plus and A3_minus; of Vogels tau and alpha; of
+            the recurrent rule accumulator_depression and accumulator_potentiation, mean_pre_window and
+            mean_post_window in ms.
+        dt: length of a tick in ms.
+        neuromodulation: tau_c, tau_d, w_min and w_max, where dopamine teaches.
+
+    Raises:
+        ModelError: no program was released for these, or a table would be too long.
+    """
+    program = PROGRAMS.get((timing, dependence, neuromodulation is not None))
+    if program is None:
+        taught = " with neuromodulation" if neuromodulation is not None else ""
+        raise ModelError(
+            f"{timing}, {dependence}{taught}: no SpiNNaker program was released for it",
+            hint=f"there are {', '.join(PROGRAMS.values())}",
+        )
+    scale = float(numbers["w_max"]) if timing == "triplet" else 1.0
+    c: Ints = np.zeros(CONSTANTS, dtype=np.int64)
+    c[TIMING], c[OF_WEIGHT] = TIMINGS.index(timing), dependence == MULTIPLICATIVE
+    c[LOW], c[HIGH] = fixed_point(numbers["w_min"]), fixed_point(numbers["w_max"])
+    amplitudes = {UP: "A_plus", DOWN: "A_minus", UP_TRIPLET: "A3_plus", DOWN_TRIPLET: "A3_minus"}
+    for column, name in amplitudes.items():
+        c[column] = fixed_point(numbers.get(name, 0.0) * scale)
+    taus: dict[int, float] = {}
+    tables: dict[int, Ints] = {}
+    if timing == "vogels":
+        c[ALPHA] = round(float(numbers["alpha"]) * ONE)
+        taus = dict.fromkeys((PLUS, MINUS), numbers["tau"])
+    elif timing == "recurrent":
+        c[FEWEST] = numbers["accumulator_depression"] + 1
+        c[MOST] = numbers["accumulator_potentiation"] - 1
+        tables = {
+            PLUS: windows_of(numbers["mean_pre_window"] / dt),
+            MINUS: windows_of(numbers["mean_post_window"] / dt),
+        }
+    else:
+        taus = {PLUS: numbers["tau_plus"], MINUS: numbers["tau_minus"]}
+        taus |= {X: numbers["tau_x"], Y: numbers["tau_y"]} if timing == "triplet" else {}
+    if neuromodulation is not None:
+        tau_c, tau_d = neuromodulation["tau_c"], neuromodulation["tau_d"]
+        c[TAUGHT], c[GAIN] = 1, fixed_point(1.0 / -(1.0 / tau_c + 1.0 / tau_d))
+        c[TAUGHT_LOW], c[TAUGHT_HIGH] = (fixed_point(neuromodulation[name]) for name in ("w_min", "w_max"))
+        taus |= {C: tau_c, D: tau_d}
+    tables |= {k: table_of(tau, dt, INDEX_SHIFTS[k]) for k, tau in taus.items()}
+    places: Ints = np.zeros((TABLES, 3), dtype=np.int64)
+    at = 0
+    for k, table in tables.items():
+        places[k] = at, table.size, INDEX_SHIFTS[k]
+        at += table.size
+    return SpinnakerRule(program, c, np.concatenate(list(tables.values())), places)
