@@ -244,6 +244,7 @@ def price(
     step_s: float | None = None,
     chips: int | None = None,
     duration_s: float | None = None,
+    ran_on: str = "",
 ) -> Energy:
     """The bill of a run.
 
@@ -256,6 +257,7 @@ def price(
         chips: that are on, if not those that the placement uses, e.g. all of a board.
         duration_s: how long the run lasts in real time in s, if not as long as its steps, e.g. the time of recordings
             whose frames are shown over more steps.
+        ran_on: the backend of the run: the chip that it emulates does not refuse the network.
 
     Raises:
         ModelError: no cost of the chip is published, it needs a placement, the program does not fit on it, or
@@ -272,7 +274,7 @@ def price(
     if duration_s is not None and not (isinstance(duration_s, (int, float)) and 0.0 <= duration_s < math.inf):
         raise ModelError(f"duration_s = {duration_s!r}: expected a number >= 0 in s")
     tally = Tally(program).between(None, counts)
-    bill = _Bill(program, tally, chip, placement, chips or used, step_s, duration_s)
+    bill = _Bill(program, tally, chip, placement, chips or used, step_s, duration_s, ran_on == chip.name)
     if "mac" in chip.costs:
         return bill.dense()
     if chip.mesh is not None and placement is None:
@@ -325,12 +327,14 @@ class _Bill:
         chips: int,
         step_s: float | None,
         duration_s: float | None,
+        ran: bool,
     ) -> None:
         self.program, self.counts, self.chip = program, counts, chip
         self.placement, self.chips, self.step_s = placement, chips, step_s
         self.run = run_of(program, counts, placement, chips)
         self.seconds = counts.steps * program.resolution * 1e-3 if duration_s is None else duration_s
-        self.refused = "" if "mac" in chip.costs else unrunnable(program, chip, placement is not None)
+        # What ran on the chip, perhaps with options of a user's, is not refused.
+        self.refused = "" if "mac" in chip.costs or ran else unrunnable(program, chip, placement is not None)
         self.items: list[BillItem] = []
         self.notes: list[str] = []
 
@@ -453,6 +457,7 @@ def bill(
     step_s: float | None = None,
     chips: int | None = None,
     duration_s: float | None = None,
+    ran_on: str = "",
 ) -> Energy:
     """What a run would take on a target.
 
@@ -463,6 +468,7 @@ def bill(
         step_s: how long a step takes on the chip in s, if not as its table says.
         chips: that are on, if not those that the network needs.
         duration_s: how long the run lasts in real time in s, if not as long as its steps.
+        ran_on: the backend of the run, as of `price`.
 
     Raises:
         ModelError: there is no such target, the network does not fit on it, it has no published costs, or `step_s`,
@@ -471,4 +477,4 @@ def bill(
     priced = chip(target)
     placed = priced.mesh is not None or priced.arithmetic in ARITHMETICS
     placement = place(program, priced) if placed else None
-    return price(program, counts, placement, priced, step_s=step_s, chips=chips, duration_s=duration_s)
+    return price(program, counts, placement, priced, step_s=step_s, chips=chips, duration_s=duration_s, ran_on=ran_on)

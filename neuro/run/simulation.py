@@ -501,7 +501,8 @@ class Simulation(RunningNetwork):
 
         counts = self._engine.counts() if of is None else of.raw_counts
         self.program.refuse_share("energy")
-        return bill(self.program, counts, target, step_s=step_s, chips=chips, duration_s=duration_s)
+        words: Any = {"step_s": step_s, "chips": chips, "duration_s": duration_s, "ran_on": self.backend}
+        return bill(self.program, counts, target, **words)
 
     @alone
     def memory(self) -> dict[str, int]:

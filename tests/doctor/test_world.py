@@ -52,7 +52,8 @@ def test_weights_that_fall_whatever_the_reward(named):
     assert named((INFO, "reward: {scale: 0.001}"), ("A_minus: 0.5", "A_minus: 5.0")) == {"one-way"}
 
 
-def test_a_world_that_is_not_there_is_a_note():
+def test_a_world_that_is_not_there_is_a_note(monkeypatch):
+    monkeypatch.setattr("neuro.realtime.environments._named_by_user", dict)
     (finding,) = world.findings(neuro.load(EXAMPLES / "follower.yaml"), "event", 1)
     assert (finding.name, finding.severity) == ("world-not-run", "note")
     assert "Light" in finding.evidence
