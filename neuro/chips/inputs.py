@@ -337,9 +337,9 @@ def largest_signal(program: Program, index: int, options: Options) -> float:
     part = program.projections[index]
     signal = program.signals[part.signal] if part.signal >= 0 else None
     largest = options.of("signals", part.name)
-    if signal is not None and signal.values is not None and not largest:
+    if signal is not None and not largest:
         largest = signal.largest
-        if largest is None:
+        if largest is None and signal.values is not None:
             message = f"its signal '{signal.name}' is computed: the largest value is not known"
             hint = f"'largest' in its values says it, or the option signals={{'{part.name}': ...}}"
             raise ModelError(message, hint=hint)

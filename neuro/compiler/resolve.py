@@ -44,6 +44,7 @@ from neuro.model.neurons import (
 )
 from neuro.model.parts import Population, Projection, naming_the_part, refuse
 from neuro.model.rules import BACKEND, RULES, NamedRule, from_file, grid
+from neuro.model.sections import largest_in_world
 from neuro.model.signals import SOURCES
 from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, MoveRule, Synapse
@@ -129,7 +130,11 @@ def compile_network(
         min_delay=min((d for p in projections for d in _delays(p, net.resolution)), default=1),
         populations=populations,
         projections=projections,
-        signals=signals or tuple(resolved.Signal(s.name, names[s.to], s.origin) for s in net.signals.values()),
+        signals=signals
+        or tuple(
+            resolved.Signal(s.name, names[s.to], s.origin, in_world=largest_in_world(net.world_section, s.name))
+            for s in net.signals.values()
+        ),
         groups=tuple(resolved.Group(g.name, names[g.choice.of], g.choice, g.origin) for g in net.groups.values()),
         probes=resolve_probes(net, shapes, clock) if net.probes else (),
         trials=trials,

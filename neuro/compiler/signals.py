@@ -20,6 +20,7 @@ from neuro.model.equations.functions import ARGUMENTS
 from neuro.model.network import Network
 from neuro.model.neurons import CurrentGenerator
 from neuro.model.parts import Signal, naming_the_part, refuse
+from neuro.model.sections import largest_in_world
 from neuro.model.signals import SOURCES, Source
 from neuro.model.sources import computed, like, schedule
 from neuro.model.views import View, on_a_line
@@ -42,7 +43,8 @@ def resolve_signals(net: Network, shapes: Mapping[str, Shape], clock: Clock, see
     signals = []
     for part in net.signals.values():
         values, scale = resolver.of(part, ())
-        signals.append(resolved.Signal(part.name, names[part.to], part.origin, values, scale))
+        largest = largest_in_world(net.world_section, part.name)
+        signals.append(resolved.Signal(part.name, names[part.to], part.origin, values, scale, largest))
     return tuple(signals)
 
 

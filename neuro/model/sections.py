@@ -149,3 +149,9 @@ class World(Choice):
     episode: Any = quantity(None, "", "control steps of an episode at most", kind="integer", at_least=1)
     process: bool = quantity(False, "", "whether the environment is a process of its own", kind="boolean")
     block: int = quantity(10_000, "", "control steps between two checkpoints", kind="integer", at_least=1)
+
+
+def largest_in_world(world: World | None, signal: str) -> float | None:
+    """Return the largest absolute value to which a world sets a signal, of an error or reward of 1; None if it sets none."""
+    rewards = {} if world is None else world.reward or {}
+    return abs(rewards[signal].scale) or None if signal in rewards else None

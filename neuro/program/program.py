@@ -441,6 +441,7 @@ class Signal:
     Attributes:
         values: what sets it, the same for signals that are set together; None: what is outside.
         scale: the factor on these values, shape (1,) or (size,).
+        in_world: the largest absolute value that the world of the network sets, None where it sets none.
     """
 
     name: str
@@ -448,12 +449,13 @@ class Signal:
     origin: Where | None
     values: Schedule | Computed | None = None
     scale: Floats | None = None
+    in_world: float | None = None
 
     @property
     def largest(self) -> float | None:
         """The largest absolute value that it will have; None if that is not known."""
         if self.scale is None or self.values is None:
-            return None
+            return self.in_world
         largest = self.values.values if isinstance(self.values, Schedule) else self.values.largest
         return None if largest is None else float(np.abs(largest * self.scale).max(initial=0.0))
 

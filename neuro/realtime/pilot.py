@@ -109,18 +109,9 @@ class NetworkPilot:
     # what is made once
 
     def _compile(self, copies: int, block: int) -> Copies:
-        options = self._options
-        if self._learns and str(self._backend) in ("loihi", "loihi2", "spinnaker") and "signals" not in options:
-            options = {**options, "signals": self._largest()}
         seed = block_seed(self._seed, block)
-        made: Copies = compiled(self.net, backend=self._backend, seed=seed, copies=copies, **options)
+        made: Copies = compiled(self.net, backend=self._backend, seed=seed, copies=copies, **self._options)
         return made
-
-    def _largest(self) -> dict[str, float]:
-        """The largest magnitude of the signal of each projection, from which a chip's units follow."""
-        scales = {name: abs(teacher.scale) for name, teacher in (self._world.reward or {}).items() if teacher.scale}
-        signals = {p.name: getattr(p.synapse, "signal", None) for p in self.net.projections.values()}
-        return {name: scales[signal] for name, signal in signals.items() if signal in scales}
 
     def _wrong(self, error: ModelError, *path: str) -> ModelError:
         return error.at(self.net.world_origin, "world").but(path=("world", *path, *error.path))
