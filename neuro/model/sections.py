@@ -152,6 +152,6 @@ class World(Choice):
 
 
 def largest_in_world(world: World | None, signal: str) -> float | None:
-    """Return the largest absolute value to which a world sets a signal, of an error or reward of 1; None if it sets none."""
+    """Return the largest absolute value to which a world sets a signal, of an error or reward of 1; None if none."""
     rewards = {} if world is None else world.reward or {}
     return abs(rewards[signal].scale) or None if signal in rewards else None
