@@ -61,8 +61,8 @@ def main() -> None:
     left.set(xlabel="episode", ylabel="return", title="how near the camera stays to the light")
     for motor, name in enumerate(("right", "left")):
         right.plot(COLUMNS, weights[:, motor], marker="o", label=f"onto the {name} motor")
-    right.set(xlabel="column (px from the middle)", ylabel="mean weight (pA)", title="learnt weights")
-    right.legend(frameon=False)
+    right.set(xlabel="column (px from the middle)", ylabel="mean weight (pA)", title="learnt weights", ylim=(0, 800))
+    right.legend(frameon=False, loc="lower center", ncols=2)
     figure.savefig("follower.png", dpi=100)
 
 
