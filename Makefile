@@ -38,7 +38,7 @@ C_NETWORKS := 100
 OUT := demo
 OTHER_TOOLS := brian2 'numpy<2.4' snntorch tonic
 DATA :=
-RUNNING := tests/test_conformance.py tests/test_random_networks.py tests/test_trials.py tests/test_many_targets.py tests/test_moves.py tests/test_copies.py tests/chips
+RUNNING := tests/test_conformance.py tests/test_random_networks.py tests/test_trials.py tests/test_many_targets.py tests/test_moves.py tests/test_copies.py tests/test_shared_kernels.py tests/chips
 
 PIP := -m pip install --quiet --disable-pip-version-check
 
