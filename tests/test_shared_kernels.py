@@ -46,6 +46,7 @@ RULES = {
     "stdp": neuro.stdp(lambda_=0.01, Wmax=900.0, mu_plus=0.5, mu_minus=0.3),
     "additive": neuro.stdp(lambda_=0.02, Wmax=900.0, mu_plus=0.0, mu_minus=0.0),
     "signal": neuro.stdp_dopa(signal="later", b=0.01, **DOPA),
+    "one sign": neuro.stdp_dopa(signal="later", c_min=0.0, A_plus=2.0, **DOPA),
     "population": neuro.stdp_dopa(dopamine="snc", dopamine_delay=3.0, Wmin=-200.0, **DOPA),
 }
 
@@ -149,7 +150,7 @@ def as_pairs(sheet, maps, rows, columns, stride):
 
 
 @pytest.mark.parametrize("changes", ["sum", "mean"])
-@pytest.mark.parametrize("rule", ["stdp", "additive", "signal"])
+@pytest.mark.parametrize("rule", ["stdp", "additive", "signal", "one sign"])
 @pytest.mark.parametrize("stride", [1, 2])
 def test_it_is_the_network_of_pairs_with_shared_changes(rule, changes, stride):
     """Twin of own numpy: every synapse has traces of its own, by exponentials of all spike times so far."""
@@ -177,7 +178,7 @@ def test_it_is_the_network_of_pairs_with_shared_changes(rule, changes, stride):
     eligibility, n = np.zeros(source.size), np.zeros(n_targets)
     for step in range(1, steps + 1):
         change = np.zeros(source.size)
-        if rule == "signal":
+        if model.modulated:
             n = signals[step - 1]
             both = 1.0 / (1.0 / p["tau_c"] + 1.0 / p["tau_n"])
             gain = n * both * (1.0 - np.exp(-1.0 / both)) - p["b"] * p["tau_c"] * (1.0 - np.exp(-1.0 / p["tau_c"]))
@@ -192,8 +193,9 @@ def test_it_is_the_network_of_pairs_with_shared_changes(rule, changes, stride):
         w, up, down = weight[slot], posts[target] * k_plus[source], pre[step][source] * k_minus[target]
         if step == steps:
             down[:] = 0.0  # spikes of the last step act when the next begins
-        if rule == "signal":
-            eligibility += p["A_plus"] * up - p["A_minus"] * down
+        if model.modulated:
+            eligibility = np.maximum(eligibility + p["A_plus"] * up, p["c_min"])
+            eligibility = np.maximum(eligibility - p["A_minus"] * down, p["c_min"])
         else:
             share = w / p["Wmax"]
             change += (

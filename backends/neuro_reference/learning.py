@@ -79,14 +79,6 @@ class PairLearning:
         to = np.flatnonzero(emitted[self.wires.target])
         self.posts[(step + self.back[to]) % len(self.posts), to] = emitted[self.wires.target[to]]
 
-    def emit_dopamine(self, ids: Ints, multiplicity: Ints, step: int) -> None:
-        """Send spikes of the dopamine population to the targets."""
-        place = (step + self.part.dopamine_delay) % len(self.doses)
-        if self.part.dopamine_one_to_one:
-            self.doses[place, ids] += multiplicity
-        else:
-            self.doses[place] += multiplicity.sum()
-
     def arrive(self, step: int) -> None:
         """What arrives in a step: dopamine first, then post spikes."""
         place = step % len(self.doses)
@@ -258,14 +250,6 @@ class SharedLearning:
         numbers = dict(zip(self.part.synapse.numbers(), self.rule.tolist(), strict=True))
         self.left_plus = math.exp(-self.h / numbers["tau_plus"])
 
-    def emit_dopamine(self, ids: Ints, multiplicity: Ints, step: int) -> None:
-        """Send spikes of the dopamine population to the targets."""
-        place = (step + self.part.dopamine_delay) % len(self.doses)
-        if self.part.dopamine_one_to_one:
-            self.doses[place, ids] += multiplicity
-        else:
-            self.doses[place] += multiplicity.sum()
-
     def arrive(self, ids: Ints, multiplicity: Ints, step: int) -> None:
         """Let dopamine act for a step, then the post spikes that arrive in it.
 
@@ -290,7 +274,7 @@ class SharedLearning:
                 if k_plus == 0.0:
                     continue
                 if self.part.synapse.modulated:
-                    self.eligibility[e] += m * (self.c[modulated.A_PLUS] * k_plus)
+                    self._earn(e, m * (self.c[modulated.A_PLUS] * k_plus))
                 else:
                     self._add(e, m * PAIRS.potentiation(self.wires.weights[self.wires.slot[e]], k_plus, self.c))
             self.heard[target] += posts[target]
@@ -307,7 +291,7 @@ class SharedLearning:
                 if k_minus == 0.0:
                     continue
                 if self.part.synapse.modulated:
-                    self.eligibility[e] -= m * (self.c[modulated.A_MINUS] * k_minus)
+                    self._earn(e, -m * (self.c[modulated.A_MINUS] * k_minus))
                 else:
                     self._add(e, m * PAIRS.depression(self.wires.weights[self.wires.slot[e]], k_minus, self.c))
             self.k_plus[source] += m
@@ -334,10 +318,23 @@ class SharedLearning:
             self.eligibility[e] *= c[left_c]
         self.n *= c[left_c + 1]
 
+    def _earn(self, e: int, by: float) -> None:
+        """Add to the eligibility of a synapse, down to c_min."""
+        self.eligibility[e] = max(self.eligibility[e] + by, self.c[modulated.C_MIN])
+
     def _add(self, e: int, by: float) -> None:
         """Add to the change of the weight of a synapse."""
         self.change[self.wires.slot[e]] += by
         self.changed[e] |= by != 0.0
+
+
+def emit_dopamine(learning: PairLearning | SharedLearning, ids: Ints, multiplicity: Ints, step: int) -> None:
+    """Send spikes of the dopamine population, emitted in a step, to the targets of a projection."""
+    place = (step + learning.part.dopamine_delay) % len(learning.doses)
+    if learning.part.dopamine_one_to_one:
+        learning.doses[place, ids] += multiplicity
+    else:
+        learning.doses[place] += multiplicity.sum()
 
 
 NEVER = -1

@@ -16,7 +16,7 @@ from neuro.program.backend import Outcome, Sent, Spikes, Wins
 from neuro.program.currents import filtered_current
 from neuro.program.program import Floats, Ints, Program
 from neuro.program.spikes import too_many
-from neuro_reference.learning import MoveLearning, PairLearning, SharedLearning
+from neuro_reference.learning import MoveLearning, PairLearning, SharedLearning, emit_dopamine
 from neuro_reference.populations import ReferencePopulation
 from neuro_reference.projections import ReferenceProjection
 
@@ -137,12 +137,12 @@ class ReferenceNetwork:
             pairs.emit_post(self.ids[pairs.part.target], self.multiplicity[pairs.part.target], step)
             pairs.arrive(step)
             if pairs.part.dopamine >= 0:
-                pairs.emit_dopamine(self.ids[pairs.part.dopamine], self.multiplicity[pairs.part.dopamine], step)
+                emit_dopamine(pairs, self.ids[pairs.part.dopamine], self.multiplicity[pairs.part.dopamine], step)
         for shared in self.shared.values():
             target, dopamine = shared.part.target, shared.part.dopamine
             shared.arrive(self.ids[target], self.multiplicity[target], step)
             if dopamine >= 0:
-                shared.emit_dopamine(self.ids[dopamine], self.multiplicity[dopamine], step)
+                emit_dopamine(shared, self.ids[dopamine], self.multiplicity[dopamine], step)
         for moves in self.moves.values():
             target = moves.part.target
             moves.gather(self.ids[target], self.multiplicity[target], self.cells[target].states)

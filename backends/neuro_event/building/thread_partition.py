@@ -6,6 +6,7 @@ import numpy as np
 
 from neuro.program.program import Ints, Program
 from neuro_event.building.layout import WORD, PopulationPlace, in_runs
+from neuro_event.building.shared_kernels import learns_shared
 from neuro_event.loop import tables as t
 
 WORTH_MEETING = 12_000
@@ -120,7 +121,7 @@ def parts(program: Program, threads: int) -> int:
 
     One where they would meet more often than is worth it, or where a shared kernel learns from all places at once.
     """
-    if any(p.grid is not None and p.synapse.learns == "pairs" for p in program.projections):
+    if any(map(learns_shared, program.projections)):
         return 1
     steps = sum(p.size for p in program.populations) * max(1, program.min_delay)
     return threads if steps >= WORTH_MEETING else 1

@@ -41,6 +41,14 @@ def change(p, table, entry, pair, by, step):
 
 
 @subkernel
+def earn(p, table, c, position, pair, by):
+    """Add to the eligibility of a synapse, down to c_min; its place is live from now on."""
+    place = table[t.SHARED_PAIR] + pair
+    p.shared_c[place] = max(p.shared_c[place] + by, c[modulated.C_MIN])
+    p.shared_live[table[t.SHARED_POSITION] + position] = 1
+
+
+@subkernel
 def doses(view, table, step):
     """Let the dopamine spikes that arrive in a step raise n."""
     net, p = net_of(view), plastic_of(view)
@@ -109,8 +117,7 @@ def hear(view, table, c, target, m, step):
                 entry = ((channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j) * maps + own
                 pair = position * size + entry
                 if table[t.SHARED_RULE] == STDP_DOPA:
-                    p.shared_c[table[t.SHARED_PAIR] + pair] += m * (c[modulated.A_PLUS] * k_plus)
-                    p.shared_live[table[t.SHARED_POSITION] + position] = 1
+                    earn(p, table, c, position, pair, m * (c[modulated.A_PLUS] * k_plus))
                 else:
                     w = net.weights[row[t.WEIGHT] + entry]
                     change(p, table, entry, pair, m * potentiation(w, k_plus, c), step)
@@ -139,8 +146,7 @@ def send(view, table, c, source, m, step):
                 entry = place * maps + own
                 pair = position * size + entry
                 if table[t.SHARED_RULE] == STDP_DOPA:
-                    p.shared_c[table[t.SHARED_PAIR] + pair] -= m * (c[modulated.A_MINUS] * k_minus)
-                    p.shared_live[table[t.SHARED_POSITION] + position] = 1
+                    earn(p, table, c, position, pair, -m * (c[modulated.A_MINUS] * k_minus))
                 else:
                     w = net.weights[row[t.WEIGHT] + entry]
                     change(p, table, entry, pair, m * depression(w, k_minus, c), step)
