@@ -9,7 +9,7 @@ import pytest
 
 import neuro
 import neuro_models
-from neuro.coding import world_parts as parts
+from neuro.coding import world_teachers as teachers
 from neuro.testing import check_part, observe
 from neuro.testing.case import differences
 from neuro_models.worlds import Grid, Track, values
@@ -163,7 +163,7 @@ def test_the_way_through_a_grid_is_learnt():
 
 
 @pytest.mark.parametrize(
-    ("teacher", "late"), [(parts.same(as_="critic_error", others=-0.5), 1), (parts.reward(others=-0.5), 0)]
+    ("teacher", "late"), [(teachers.same(as_="critic_error", others=-0.5), 1), (teachers.reward(others=-0.5), 0)]
 )
 def test_neurons_that_voted_otherwise_hear_a_share(teacher, late):
     """The error tells of the action before the last one, the reward of the last one."""

@@ -13,7 +13,14 @@ import pytest
 import neuro
 import neuro_models
 from neuro.apps import dimensions_of
-from neuro.coding import OneHot, Population, Tiles, world_parts as parts
+from neuro.coding import (
+    OneHot,
+    Population,
+    Tiles,
+    world_decoders as decoders,
+    world_encoders as encoders,
+    world_teachers as teachers,
+)
 from neuro_agent import ActorCritic
 from refused import refused
 
@@ -298,11 +305,11 @@ SPACE = gymnasium.spaces.Box(0.0, 4.0, (4,), np.float64)
 def test_rates_of_encoders():
     """By hand: shares of all, of rows of two, and of what is beyond twice the mean; a rate for each number."""
     for encoder, expected in (
-        (parts.shares(total=80.0), [10.0, 30.0, 0.0, 40.0]),
-        (parts.shares(total=80.0, of="rows"), [10.0, 30.0, 0.0, 40.0]),
-        (parts.shares(total=80.0, of="peaks"), [0.0, 0.0, 0.0, 0.0]),
-        (parts.shares(total=80.0, most=35.0), [10.0, 30.0, 0.0, 35.0]),
-        (parts.rates(rate=2.0, dimensions=[1, 3]), [6.0, 8.0]),
+        (encoders.shares(total=80.0), [10.0, 30.0, 0.0, 40.0]),
+        (encoders.shares(total=80.0, of="rows"), [10.0, 30.0, 0.0, 40.0]),
+        (encoders.shares(total=80.0, of="peaks"), [0.0, 0.0, 0.0, 0.0]),
+        (encoders.shares(total=80.0, most=35.0), [10.0, 30.0, 0.0, 35.0]),
+        (encoders.rates(rate=2.0, dimensions=[1, 3]), [6.0, 8.0]),
     ):
         assert encoder.made(SPACE, (2, 2)).rates(SEEN).tolist() == [expected], encoder
 
@@ -311,13 +318,17 @@ def test_spikes_of_encoders():
     """Fields are those of `neuro.coding`; events of a pixel in one tick are one spike; a pulse comes in each copy."""
     rng = np.random.default_rng(0)
     whole = gymnasium.spaces.MultiDiscrete([2, 5, 3, 5])
-    for encoder, fields in ((parts.one_hot(), OneHot), (parts.tiles(), Tiles), (parts.population(), Population)):
+    for encoder, fields in (
+        (encoders.one_hot(), OneHot),
+        (encoders.tiles(), Tiles),
+        (encoders.population(), Population),
+    ):
         shown, twin = encoder.made(whole, ()), fields(dimensions_of(whole))
         assert shown.size == twin.size
         assert all(map(np.array_equal, shown.spikes(SEEN, (), 20, rng), twin.spikes(SEEN, 20)))
-    offsets, ticks, ids = parts.events().made(SPACE, (2, 3)).spikes(SEEN, ({"events": EVENTS},), 50, rng)
+    offsets, ticks, ids = encoders.events().made(SPACE, (2, 3)).spikes(SEEN, ({"events": EVENTS},), 50, rng)
     assert (offsets.tolist(), ticks.tolist(), ids.tolist()) == ([0, 3], [1, 25, 50], [0, 1, 5])
-    offsets, ticks, ids = parts.pulse(at=0.5).made(SPACE, (2,)).spikes(np.repeat(SEEN, 2, axis=0), (), 20, rng)
+    offsets, ticks, ids = encoders.pulse(at=0.5).made(SPACE, (2,)).spikes(np.repeat(SEEN, 2, axis=0), (), 20, rng)
     assert (offsets.tolist(), ticks.tolist(), ids.tolist()) == ([0, 2, 4], [10] * 4, [0, 1, 0, 1])
 
 
@@ -325,19 +336,19 @@ def test_actions_of_decoders():
     box = gymnasium.spaces.Box(-2.0, 2.0, (2,), np.float64)
     fired = {"a": np.array([[0, 3, 1]]), "b": np.array([[0, 0, 0]]), "four": np.array([[5, 1, 0, 2]])}
     for decoder, expected in (
-        (parts.mean(of=["a", "b"]), [0.5, 0.0]),
-        (parts.winner(of=["a", "b"]), [0.0, -2.0]),
-        (parts.difference(of="four", gain=[10.0, 5.0]), [2.0, -0.5]),
+        (decoders.mean(of=["a", "b"]), [0.5, 0.0]),
+        (decoders.winner(of=["a", "b"]), [0.0, -2.0]),
+        (decoders.difference(of="four", gain=[10.0, 5.0]), [2.0, -0.5]),
     ):
         sizes = [fired[name].shape[1] for name in decoder.of]
         assert decoder.made(box, sizes, [20.0] * len(sizes))(fired).tolist() == [expected], decoder
-    two = parts.counts(of="two", gain=0.5, offset=-1.0).made(box, [2], [20.0])
+    two = decoders.counts(of="two", gain=0.5, offset=-1.0).made(box, [2], [20.0])
     assert two({"two": np.array([[1, 9]])}).tolist() == [[-0.5, 2.0]]
 
 
 def test_a_reward_less_its_mean():
     """The mean follows by a quarter of each difference; the first observation of an episode brings none."""
-    taught = parts.reward(less=4.0).made()
+    taught = teachers.reward(less=4.0).made()
     moment = SimpleNamespace(last=np.array([False]), rewards=np.array([2.0]))
     assert [taught.values(moment)[0, 0] for _ in range(3)] == [2.0, 1.5, 1.125]
     moment.last[0] = True

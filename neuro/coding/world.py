@@ -243,9 +243,6 @@ class Teacher(Choice):
         return scaled
 
 
-_PARTS = "neuro.coding.world_parts"
-
-
 def _complete(part: Any) -> Any:
     if "made" in getattr(part, "__abstractmethods__", ()) or part.made in (Encoder.made, Decoder.made, Teacher.made):
         raise TypeError(f"{part.kind} '{part.__name__}' has no 'made': expected one, see neuro.coding.{part.kind}")
@@ -255,7 +252,7 @@ def _complete(part: Any) -> Any:
 def _table(base: type[Choice], own: Sequence[str]) -> Registry[type[Any]]:
     return Registry(
         base.kind,
-        dict.fromkeys(own, _PARTS),
+        dict.fromkeys(own, f"neuro.coding.world_{base.kind}s"),
         takes=lambda part: isinstance(part, type) and issubclass(part, base),
         group=f"neuro.{base.kind}s",
         complete=_complete,

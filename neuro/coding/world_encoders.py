@@ -1,0 +1,237 @@
+"""The encoders of this package, see `neuro.coding.world`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.coding.world import Encoder, Floats, Infos, Ints, Shown, Spikes
+from neuro.core.errors import ModelError
+from neuro.core.quantities import quantity
+
+if TYPE_CHECKING:
+    import gymnasium
+
+    from neuro.coding.fields import Fields
+
+
+class _OfFields(Shown):
+    """An encoder of `neuro.coding.FIELDS`."""
+
+    def __init__(self, fields: Fields, columns: Any, poisson: bool) -> None:
+        self.fields, self._columns, self._poisson, self.size = fields, columns, poisson, fields.size
+
+    def learn(self, observations: Floats) -> None:
+        self.fields.learn(observations[:, self._columns])
+
+    def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
+        return self.fields.spikes(observations[:, self._columns], ticks, rng if self._poisson else None)
+
+    def cells(self, observation: Floats) -> Ints:
+        return self.fields.cells(observation[self._columns])
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        return {"middle": self.fields.middle, "spread": self.fields.spread}
+
+    def put(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+        self.fields.middle[:], self.fields.spread[:] = arrays["middle"], arrays["spread"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _FieldEncoder(Encoder):
+    spikes: str = quantity("regular", "", "regular or at random times", kind="word", words=("regular", "poisson"))
+
+    def _fields(self, kind: str, space: gymnasium.Space[Any], **words: Any) -> Shown:
+        from neuro.coding.fields import FIELDS
+        from neuro.coding.spaces import dimensions_of
+
+        columns, dimensions = self.columns(space), dimensions_of(space)
+        fields = FIELDS[kind]([dimensions[k] for k in columns], **words)
+        some = self.key is not None or self.dimensions is not None
+        return _OfFields(fields, columns if some else slice(None), self.spikes == "poisson")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class places(_FieldEncoder):
+    """Place cells, see `neuro.coding.Places`."""
+
+    group: int = quantity(2, "", "dimensions that a group of grids sees together", kind="integer", at_least=1)
+    fields: int = quantity(6, "", "fields of a grid along a continuous dimension", kind="integer", at_least=2)
+    active: int = quantity(24, "", "about how many neurons are active at a time", kind="integer", at_least=1)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the place cells."""
+        return self._fields("places", space, group=self.group, fields=self.fields, active=self.active)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class tiles(_FieldEncoder):
+    """Tile coding, see `neuro.coding.Tiles`."""
+
+    group: Any = quantity(None, "", "dimensions that a grid sees; all if not given", kind="integer", at_least=1)
+    fields: int = quantity(6, "", "fields of a grid along a continuous dimension", kind="integer", at_least=2)
+    active: int = quantity(8, "", "about how many neurons are active at a time", kind="integer", at_least=1)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the tiles."""
+        return self._fields("tiles", space, group=self.group, fields=self.fields, active=self.active)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class one_hot(_FieldEncoder):
+    """A neuron for each value of each dimension, see `neuro.coding.OneHot`."""
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the neurons."""
+        return self._fields("one_hot", space)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class population(_FieldEncoder):
+    """A population with tuning curves along each dimension, see `neuro.coding.Population`."""
+
+    group: int = quantity(1, "", "dimensions to which a neuron is tuned", kind="integer", at_least=1)
+    fields: int = quantity(8, "", "bells along a continuous dimension", kind="integer", at_least=3)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the neurons."""
+        return self._fields("population", space, group=self.group, fields=self.fields)
+
+
+class _Rates(Shown):
+    """Rates as a function of the numbers that are observed."""
+
+    def __init__(self, encoder: Encoder, space: gymnasium.Space[Any], rates: Callable[[Floats], Floats]) -> None:
+        columns = encoder.columns(space)
+        some = encoder.key is not None or encoder.dimensions is not None
+        self._columns, self.size, self._rates = columns if some else slice(None), columns.size, rates
+
+    def rates(self, observations: Floats) -> Floats:
+        return self._rates(observations[:, self._columns])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class shares(Encoder):
+    """Rates that share a total: each neuron has its number's share of the sum, so that few events steer like many.
+
+    Source: the coding of the drone's camera, of which a field is a number of the observation.
+    """
+
+    gives: ClassVar[str] = "rates"
+    total: float = quantity(400.0, "Hz", "rate of all neurons together", above=0)
+    of: str = quantity(
+        "all", "", "the sum of all, of its row, or beyond twice the mean", kind="word", words=("all", "rows", "peaks")
+    )
+    most: float = quantity(400.0, "Hz", "rate of a neuron at most", above=0)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the encoder; rows are those of the population."""
+
+        def rates(observations: Floats) -> Floats:
+            counts = observations
+            if self.of == "peaks":
+                counts = np.maximum(observations - 2.0 * observations.mean(axis=1, keepdims=True), 0.0)
+            if self.of == "rows":
+                counts = observations.reshape(len(observations), shape[0], -1)
+            sums = counts.sum(axis=-1, keepdims=True)
+            if self.of == "rows":
+                sums *= shape[0]
+            sums += sums == 0.0  # without events all rates are 0
+            spread: Floats = (counts / sums).reshape(observations.shape)
+            spread *= self.total
+            return np.minimum(self.most, spread, out=spread)
+
+        return _Rates(self, space, rates)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class rates(Encoder):
+    """A rate in proportion to each number; below 0 it is 0."""
+
+    gives: ClassVar[str] = "rates"
+    rate: float = quantity(20.0, "Hz", "for a number of 1", above=0)
+    most: float = quantity(400.0, "Hz", "rate of a neuron at most", above=0)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the encoder."""
+        return _Rates(self, space, lambda observations: np.clip(self.rate * observations, 0.0, self.most))
+
+
+class _Pulse(Shown):
+    def __init__(self, at: float, neurons: int) -> None:
+        self._at, self._neurons = at, neurons
+        self._made: dict[tuple[int, int], Spikes] = {}
+
+    def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
+        copies, neurons = len(observations), self._neurons
+        if (copies, ticks) not in self._made:
+            tick = min(ticks, max(1, round(self._at * ticks)))
+            offsets = np.arange(copies + 1) * neurons
+            made = offsets, np.full(copies * neurons, tick), np.tile(np.arange(neurons), copies)
+            self._made = {(copies, ticks): made}
+        return self._made[copies, ticks]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class pulse(Encoder):
+    """A spike of each neuron in each control step: the actors choose then."""
+
+    at: float = quantity(0.95, "", "when, as a share of the step", above=0, at_most=1)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the encoder."""
+        return _Pulse(self.at, int(np.prod(shape)))
+
+
+class _Events(Shown):
+    def __init__(self, choice: events, shape: tuple[int, ...]) -> None:
+        self._choice, self._shape = choice, shape
+
+    def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
+        parts, offsets, neurons = [], [0], int(np.prod(self._shape))
+        *first, height, width = self._shape
+        for info in infos:
+            events = info.get(self._choice.info)
+            if events is None:  # the first observation of an episode may come without
+                offsets.append(offsets[-1])
+                continue
+            y, x = np.asarray(events.y) // self._choice.scale, np.asarray(events.x) // self._choice.scale
+            if x.size and (int(x.max()) >= width or int(y.max()) >= height):
+                message = f"events: found an event at ({x.max()}, {y.max()}): expected a sensor of {width} x {height}"
+                raise ModelError(message)
+            ids = y.astype(np.int64) * width + x
+            if first:
+                ids += np.asarray(events.p, dtype=np.int64) * height * width
+            span = max(1.0, self._choice.step_us)
+            tick = np.clip((np.asarray(events.t) % span * ticks / span).astype(np.int64) + 1, 1, ticks)
+            one = np.unique(tick * neurons + ids)
+            parts.append(one)
+            offsets.append(offsets[-1] + one.size)
+        joined = np.concatenate(parts) if parts else np.zeros(0, np.int64)
+        return np.array(offsets), joined // neurons, joined % neurons
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class events(Encoder):
+    """The events of an event camera, pixel by pixel, at their times in the step; twice in a tick counts once.
+
+    A population of shape [2, height, width] has one map for each polarity, a population of [height, width] takes both.
+    """
+
+    info: str = quantity("events", "", "the word of the environment's info that has them", kind="name")
+    scale: int = quantity(1, "px", "in a row and in a column that are one neuron", kind="integer", at_least=1)
+    step_us: float = quantity(50_000.0, "us", "time of the camera in a control step", above=0)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the encoder.
+
+        Raises:
+            ModelError: the population has another shape.
+        """
+        if len(shape) not in (2, 3) or (len(shape) == 3 and shape[0] != 2):
+            raise ModelError(f"events: a population of shape {list(shape)}: expected [height, width] or [2, ...]")
+        return _Events(self, shape)

@@ -1,0 +1,222 @@
+"""The teachers of this package, see `neuro.coding.world`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.coding.world import Floats, Moment, Shown, Taught, Teacher
+from neuro.core.errors import ModelError, unknown
+from neuro.core.quantities import quantity
+
+
+class _Reward(Taught):
+    def __init__(self, choice: reward) -> None:
+        self._share = 0.0 if choice.less is None else 1.0 / choice.less
+        self._mean = 0.0
+
+    def values(self, moment: Moment) -> Floats:
+        excess = np.where(moment.last, 0.0, moment.rewards - self._mean)
+        for value in moment.rewards[~moment.last] if self._share else ():
+            self._mean += (float(value) - self._mean) * self._share
+        return excess[:, None]
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        return {"mean": np.array([self._mean])}
+
+    def put(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+        self._mean = float(arrays["mean"][0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class reward(Teacher):
+    """The reward of the step, or what it exceeds a running mean by."""
+
+    less: Any = quantity(None, "", "steps of the running mean that is subtracted; none if not given", at_least=1)
+
+    def made(self, critic_size: int = 0) -> Taught:
+        """Make the teacher."""
+        return _Reward(self)
+
+
+class _Info(Taught):
+    def __init__(self, key: str) -> None:
+        self._key, self._numbers = key, 1
+
+    def values(self, moment: Moment) -> Floats:
+        rows = []
+        for info, last in zip(moment.infos, moment.last, strict=True):
+            if last:
+                rows.append(np.zeros(self._numbers))
+                continue
+            if self._key not in info:
+                raise unknown("word of the environment's info", self._key, map(str, info))
+            try:
+                row = np.asarray(info[self._key], dtype=np.float64).reshape(-1)
+            except (TypeError, ValueError):
+                row = np.array([np.nan])
+            if np.count_nonzero(np.isfinite(row)) < row.size:
+                raise ModelError(f"info['{self._key}'] is {info[self._key]!r:.60}: expected finite numbers")
+            self._numbers = row.size
+            rows.append(row)
+        return np.array(rows)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class info(Teacher):
+    """A value of the environment's info, a number or several."""
+
+    key: str = quantity(doc="the word of info", kind="name")
+
+    def made(self, critic_size: int = 0) -> Taught:
+        """Make the teacher."""
+        return _Info(self.key)
+
+
+class _TD(Taught):
+    """The error of a critic's prediction."""
+
+    def __init__(self, choice: td, neurons: int) -> None:
+        from neuro.coding.values import Novelty, RewardScale, TemporalDifference
+
+        self._td, self._neurons, self._adapts = choice, neurons, choice.worth is not None
+        self._decay: Floats = np.exp(
+            -1.0 / np.asarray(() if choice.smooth is None else choice.smooth, dtype=np.float64)
+        )
+        self.scale = RewardScale(choice.discount, choice.worth if self._adapts else 1.0)
+        self._difference = TemporalDifference(self.scale, choice.discount, self._adapts)
+        self.novelty = Novelty(choice.novelty * (1.0 - choice.discount))
+
+    def join(self, encoders: Mapping[str, Shown]) -> None:
+        if self._td.novelty:
+            names = [name for name, one in encoders.items() if type(one).cells is not Shown.cells]
+            if self._td.places not in names:
+                raise unknown("population with fields", str(self._td.places), names, path=("places",))
+            encoder = encoders[self._td.places]
+            self.novelty.join(encoder.cells, encoder.size)
+
+    def begin(self, copies: int) -> None:
+        self._difference.begin(copies)
+        self._parts, self._since = np.zeros((copies, 2)), np.zeros(copies, dtype=np.int64)
+
+    def explored(self, rewards: Sequence[float], returns: Sequence[float]) -> None:
+        if self._adapts:
+            self.scale.learn(rewards, returns)
+
+    def values(self, moment: Moment) -> Floats:
+        td, spikes = self._td, moment.counts[self._td.critic]
+        counts, first = spikes.sum(axis=1), self.scale.first
+        if self._decay.size:
+            fired = self._smoothed(counts / self._neurons, moment).tolist()
+        else:
+            fired = [count / self._neurons for count in counts.tolist()]
+        errors = self._difference.errors([first + (each - td.rest) / td.gain for each in fired], moment)
+        if td.wait:
+            self._since = np.where(moment.first, 0, self._since + 1)
+            return np.asarray(np.array(errors) * (self._since >= td.wait))[:, None]
+        return np.array(errors)[:, None]
+
+    def _smoothed(self, fired: Floats, moment: Moment) -> Floats:
+        """Return the spikes of a step by a kernel that rises and falls; each comes in the middle of its step."""
+        slow, quick = self._td.smooth
+        self._parts = self._parts * ~moment.first[:, None] * self._decay + fired[:, None] * np.sqrt(self._decay)
+        smoothed: Floats = (self._parts[:, 0] - self._parts[:, 1]) / (slow - quick)
+        return smoothed
+
+    def share(self, moment: Moment) -> float:
+        share = self._difference.share(moment)
+        if share < 1.0:
+            self.scale.shrink(share)
+        self._difference.take(moment)
+        if self._td.novelty:
+            gained = zip(self._difference.reward, self.novelty.of(moment.observations), strict=True)
+            self._difference.reward = [reward + new for reward, new in gained]
+        return share
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        scale = np.array([self.scale.factor, self.scale.first, self.scale.known])
+        return {"scale": scale} | ({"visits": self.novelty.counts} if self._td.novelty else {})
+
+    def put(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+        self.scale.factor, self.scale.first = arrays["scale"][:2].tolist()
+        self.scale.known = bool(arrays["scale"][2])
+        if self._td.novelty:
+            self.novelty.counts[:] = arrays["visits"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class td(Teacher):
+    """The temporal-difference error of a critic: reward + discount V(now) - V(before), 0 at the begin of an episode.
+
+    V is (mean spikes of a neuron of the critic in the step - rest) / gain. Where the reward has no scale of its own,
+    `worth` gives it one: a typical reward in each step, for ever, is worth that much, so that V stays where the
+    critic's neurons can say it; see `neuro.coding.values.RewardScale`. `novelty` adds a reward for what has seldom been
+    seen: (1 - discount) novelty / sqrt(n), averaged over the `places` that stand for the state, each of which has been
+    seen n times.
+
+    Source: Sutton & Barto, Reinforcement Learning, 2nd ed., 2018, section 6.1; a critic of spiking neurons: Fremaux,
+        Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013.
+    """
+
+    delayed: ClassVar[bool] = True
+    critic: str = quantity(doc="the population whose spikes say the value", kind="name")
+    discount: float = quantity(0.99, "", "of the value one step later", at_least=0, below=1)
+    rest: float = quantity(0.0, "", "spikes of a neuron that stand for a value of 0")
+    gain: float = quantity(1.0, "", "spikes more that stand for a value of 1", above=0)
+    worth: Any = quantity(
+        None, "", "of a typical reward in each step, for ever; rewards as they are if not given", above=0
+    )
+    smooth: Any = quantity(
+        None,
+        "",
+        "steps over which spikes count, fall and rise of the kernel; those of the step if not given",
+        kind="array",
+        arrays=True,
+        above=0,
+    )
+    wait: int = quantity(
+        0, "", "steps of an episode until the value has settled, without error", kind="integer", at_least=0
+    )
+    novelty: float = quantity(0.0, "", "reward for a state that has not been seen, in typical rewards", at_least=0)
+    places: Any = quantity(None, "", "the population whose neurons with fields tell what has been seen", kind="name")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.smooth is not None and (len(self.smooth) != 2 or self.smooth[0] <= self.smooth[1]):
+            message = f"td.smooth = {list(self.smooth)}: expected [fall, rise], the fall longer"
+            raise ModelError(message, path=("smooth",))
+
+    def made(self, critic_size: int = 0) -> Taught:
+        """Make the teacher."""
+        return _TD(self, critic_size)
+
+
+class _Same(Taught):
+    def __init__(self, size: float | None) -> None:
+        from neuro.coding.values import ErrorScale
+
+        self._scale = ErrorScale(size)
+
+    def begin(self, copies: int) -> None:
+        self._scale.begin()
+
+    def of(self, values: Floats) -> Floats:
+        return self._scale.of(values)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class same(Teacher):
+    """The value of another signal of the world, before its scale; with a `size` it is brought to that size."""
+
+    as_: str = quantity(doc="the other signal", kind="name")
+    size: Any = quantity(
+        None, "", "root mean square of the value, from its own of late; as it is if not given", above=0
+    )
+
+    def made(self, critic_size: int = 0) -> Taught:
+        """Make the teacher: the loop gives it the value of the other one."""
+        return _Same(self.size)
