@@ -60,7 +60,7 @@ def test_a_byte_that_flipped_is_found(tmp_path):
     whole = made.path.read_bytes()
     at = whole.index(weights.tobytes()) + 100
     made.path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
-    told = r"model.h5.training: damaged my training 1: it is not what was written\n  hint: delete the file"
+    told = r"model.h5.training: damaged my training 1: the content does not match the digest\n  hint: delete the file"
     assert re.search(told, refused(made.resume))
 
 
@@ -81,7 +81,7 @@ def test_whatever_h5py_says_of_a_damaged_file_is_told(kept, monkeypatch, error):
 def test_what_it_was_told_cannot_be_mended_by_hand(kept):
     with h5py.File(kept.path, "r+") as file:
         file.attrs["told"] = json.dumps({**TOLD, "seed": 4})
-    assert "it is not what was written\n  hint: delete the file to begin anew" in refused(kept.resume)
+    assert "the content does not match the digest\n  hint: delete the file to begin anew" in refused(kept.resume)
 
 
 def test_a_way_out_of_its_own(kept, tmp_path):

@@ -61,7 +61,7 @@ def test_a_damaged_file_is_refused(results, tmp_path):
     write(results, tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "a") as file:
         del file["populations/z/steps"]
-    assert "a.h5: damaged neuro results 3: it is not what was written\n" in refused(read, tmp_path / "a.h5")
+    assert "a.h5: damaged neuro results 3: the content does not match the digest\n" in refused(read, tmp_path / "a.h5")
     seal(tmp_path / "a.h5")
     assert "a.h5: damaged: " in refused(read, tmp_path / "a.h5")
 

@@ -244,7 +244,7 @@ def test_a_damaged_state_is_refused(tmp_path: Path, backend: str, damage: str):
             file[last] = ~values if values.dtype == bool else values + 1
         elif damage == "an array is longer":
             file[last] = np.append(values, values)
-    assert "damaged neuro state 2: it is not what was written" in refused(sim.restore, tmp_path / "state.h5")
+    assert "damaged neuro state 2: the content does not match the digest" in refused(sim.restore, tmp_path / "state.h5")
     assert sim.time == 2.0
 
 

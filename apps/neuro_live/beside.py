@@ -111,7 +111,7 @@ class Beside:
         ended: list[tuple[Job, Any]] = []
         for event in events:
             if isinstance(event, Done):
-                ended.append((event.job, event.found))
+                ended.append((event.job, event.result))
             elif isinstance(event, Raised):
                 ended.append((event.job, getattr(event.error, "message", str(event.error))))
             elif isinstance(event, Lost):

@@ -126,7 +126,7 @@ class Cores:
             if not self._there(item, tell):
                 self._fail(event, tell)
         elif isinstance(event, processes.Done):
-            message: dict[str, Any] = event.found
+            message: dict[str, Any] = event.result
             if message["is"] == LOST:
                 raise ModelError(message["error"], hint=HINT)
             if message["is"] == KEPT:

@@ -1,1 +1,1 @@
-"""What every layer stands on, and nothing of networks: errors, quantities, checks, files, keyed random numbers."""
+"""Modules without knowledge of networks, on which every layer is built: errors, checks, files, processes."""

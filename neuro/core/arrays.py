@@ -85,8 +85,8 @@ def array_of(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
 
 
 def _leaves(q: Quantity, items: Any, what: str, *index: int) -> Any:
-    """The items, those with a unit as numbers; nothing is copied where none has one."""
-    found = items
+    """Return the items with those that have a unit as numbers; copy the list only if an item changes."""
+    numbers = items
     for k, item in enumerate(items):
         refuse_masked(item, f"{what}[{', '.join(map(str, (*index, k)))}]")
         leaf = item
@@ -101,9 +101,9 @@ def _leaves(q: Quantity, items: Any, what: str, *index: int) -> Any:
         elif not is_number(item) and not (isinstance(item, np.ndarray) and item.dtype.kind in "iuf"):
             raise wrong(q, item, what, *index, k)
         if leaf is not item:
-            found = list(items) if found is items else found
-            found[k] = leaf
-    return found
+            numbers = list(items) if numbers is items else numbers
+            numbers[k] = leaf
+    return numbers
 
 
 def check_each(q: Quantity, array: NDArray[np.float64], what: str) -> None:
@@ -123,18 +123,18 @@ def check_each(q: Quantity, array: NDArray[np.float64], what: str) -> None:
 
 
 def check_returned(values: Any, shape: tuple[int, ...], label: str) -> NDArray[Any]:
-    """What a third-party part returned, as numbers of a shape; they may be NaN.
+    """Return what a third-party part returned as an array of numbers; NaN is allowed.
 
     Args:
-        values: that.
-        shape: the shape they must have.
-        label: what gave them, with a verb, e.g. "normal() drew".
+        values: the returned values.
+        shape: expected shape.
+        label: source of the values with a verb, e.g. "normal() drew".
 
     Raises:
-        ModelError: they have another shape, or are not numbers.
+        ModelError: the values have another shape, or are not numbers.
     """
     array = np.asarray(values)
     if array.shape != shape or array.dtype.kind not in "fiu":
-        found = f"shape {list(array.shape)} and type {array.dtype}"
-        raise ModelError(f"{label} values of {found}: expected {math.prod(shape)} numbers")
+        shape_and_type = f"shape {list(array.shape)} and type {array.dtype}"
+        raise ModelError(f"{label} values of {shape_and_type}: expected {math.prod(shape)} numbers")
     return array

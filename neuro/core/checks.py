@@ -1,4 +1,4 @@
-"""Whether a value is what a quantity accepts, and its canonical form."""
+"""Checks of values against their quantities, and canonical forms of values."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from neuro.core.wrong import wrong as wrong
 
 
 def check(q: Quantity, value: Any, what: str, path: tuple[str, ...] = ()) -> Any:
-    """Return `value` in its canonical form, or say what is wrong with it.
+    """Return `value` in its canonical form, or raise an error.
 
     Args:
-        q: what the parameter may be.
+        q: quantity of the parameter.
         value: a number, word, list, array, distribution or `FromFile`.
-        what: the full name for the message, e.g. "iaf_psc_exp.tau_m".
-        path: the words that lead to the value inside its part; the last word of `what` if not given.
+        what: full name for the message, e.g. "iaf_psc_exp.tau_m".
+        path: words that lead to the value inside its part; by default the last word of `what`.
 
     Raises:
-        ModelError: it is none of the accepted kinds, or out of bounds (the first such element is named).
+        ModelError: the value has no accepted kind, or is out of bounds (the message has the first such element).
     """
     if value is None and q.optional:
         return None
@@ -149,7 +149,7 @@ def _integer(q: Quantity, value: Any, what: str) -> int | str:
 
 @kind("microseconds", "a whole number of us")
 def _microseconds(q: Quantity, value: Any, what: str) -> int:
-    """A float such as 1e6 is one, too."""
+    """Return a whole number of microseconds; floats such as 1e6 are accepted."""
     least = -(1 << 63) if q.at_least is None else q.at_least
     if not _is_whole(value, 1 << 63) or not least <= int(value) < 1 << 63:
         raise wrong(q, value, what)
@@ -188,11 +188,11 @@ def _words(q: Quantity, value: Any, what: str) -> dict[str, Any]:
     """Numbers and texts, or lists of these, by name; a name may be written as a number."""
     if not isinstance(value, Mapping) or not value:
         raise wrong(q, value, what)
-    for name, given in value.items():
-        for item in given if isinstance(given, (list, tuple)) else (given,):
+    for name, entry in value.items():
+        for item in entry if isinstance(entry, (list, tuple)) else (entry,):
             if not isinstance(item, str) and not is_number(item):
                 raise ModelError(f"{what}: {name} = {shown(item)}: expected a number or a text", path=(str(name),))
-    return {str(name): list(given) if isinstance(given, tuple) else given for name, given in value.items()}
+    return {str(name): list(entry) if isinstance(entry, tuple) else entry for name, entry in value.items()}
 
 
 @kind("expression", "an expression as text")
@@ -227,8 +227,8 @@ def _shape(q: Quantity, value: Any, what: str) -> tuple[int | str, ...]:
 
 def _check_count(sizes: tuple[int | str, ...], what: str) -> None:
     if math.prod(size for size in sizes if isinstance(size, int)) > LARGEST:
-        found = shown(sizes if len(sizes) > 1 else sizes[0])
-        raise ModelError(f"{what} = {found}: expected at most {LARGEST} elements")
+        sizes_text = shown(sizes if len(sizes) > 1 else sizes[0])
+        raise ModelError(f"{what} = {sizes_text}: expected at most {LARGEST} elements")
 
 
 @kind("codes", "a code, or a list of codes")
@@ -268,11 +268,11 @@ def _choices(q: Quantity, value: Any, what: str) -> dict[str, Any]:
         raise ModelError(
             f"{what} = {shown(value)}: expected a {q.choice.kind} for each name, {{name: {q.choice.kind}}}"
         )
-    for name, given in value.items():
-        if not isinstance(given, q.choice):
-            message = f"{what}: {name} = {shown(given)}: expected {'an' if q.choice.kind[0] in 'aeiou' else 'a'} "
+    for name, entry in value.items():
+        if not isinstance(entry, q.choice):
+            message = f"{what}: {name} = {shown(entry)}: expected {'an' if q.choice.kind[0] in 'aeiou' else 'a'} "
             raise ModelError(message + q.choice.kind, path=(str(name),))
-    return {str(name): given for name, given in value.items()}
+    return {str(name): entry for name, entry in value.items()}
 
 
 @kind("part", "")

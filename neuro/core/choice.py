@@ -35,13 +35,13 @@ class Choice:
     def __new__(cls, /, *args: Any, **words: Any) -> Self:
         """Refuse an unknown parameter by its nearest right name."""
         _check_class(cls)
-        known = {entry.name for entry in fields(cls)}
+        names = {entry.name for entry in fields(cls)}
         if len(args) > sum(not entry.kw_only for entry in fields(cls)):
             message = f"{cls.called()}: found {len(args)} values without a name: expected {cls.called()}(name=value)"
             raise ModelError(message, where=here(), hint=nearest("", [entry.name for entry in fields(cls)]))
         for word in words:
-            if word not in known:
-                raise unknown(f"parameter of {cls.called()}", word, known, here(), (word,))
+            if word not in names:
+                raise unknown(f"parameter of {cls.called()}", word, names, here(), (word,))
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
@@ -53,14 +53,14 @@ class Choice:
                 raise error.at(here()) from None
 
     def in_unit(self, q: Quantity, what: str) -> Self:
-        """The same with numbers in place of those parameters that were said with the unit of the value they stand for.
+        """Return a copy whose parameters with a unit are converted to the unit of the described value.
 
         Args:
-            q: what the value may be.
-            what: its name in messages.
+            q: quantity of the value.
+            what: name of the value in messages.
 
         Raises:
-            ModelError: one has another dimension; its path leads there.
+            ModelError: a parameter has another dimension; the error's path leads to the parameter.
         """
         numbers = {}
         for entry in self._measured():
@@ -70,8 +70,9 @@ class Choice:
                 if isinstance(value, str):
                     numbers[entry.name] = with_unit(q, value, label)
                 else:
-                    known = replace(own, of_value=False, taken_in="ms" if q.kind == "delay" else q.unit or q.taken_in)
-                    numbers[entry.name] = check(known, value, label)
+                    unit = "ms" if q.kind == "delay" else q.unit or q.taken_in
+                    converted = replace(own, of_value=False, taken_in=unit)
+                    numbers[entry.name] = check(converted, value, label)
             except ModelError as error:
                 inner = error.path if isinstance(value, str) else error.path[1:]
                 raise error.but(where=None, path=(self.name, word, *inner)) from None
@@ -79,7 +80,7 @@ class Choice:
 
     @property
     def measured(self) -> bool:
-        """Whether some parameters still have the unit of a value that is not known yet."""
+        """True if some parameters carry the unit of a value that is not known yet."""
         return bool(self._measured())
 
     def _measured(self) -> list[Field[Any]]:
@@ -94,7 +95,7 @@ class Choice:
 
     @classmethod
     def identity(cls) -> str:
-        """What, beside name and parameters, tells it from another when a saved state is restored; "" for ours."""
+        """Text beside name and parameters that identifies the choice in a saved state; "" for built-in choices."""
         return ""
 
     @property
@@ -114,7 +115,7 @@ class Choice:
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
-        """The default of each parameter that has one, by its word."""
+        """Return the defaults of parameters by word, of those that have a default."""
         return {word_of(f.name): f.default for f in fields(cls) if f.default is not MISSING}
 
     @classmethod
@@ -156,7 +157,7 @@ class Choice:
 
 
 def _has_unit(value: Any) -> bool:
-    """Whether a value, or what it is drawn from, is said with a unit."""
+    """Return True if a value, or a parameter of a distribution, is written with a unit."""
     return isinstance(value, (str, tuple)) or (isinstance(value, Choice) and value.measured)
 
 

@@ -1,4 +1,4 @@
-"""Milliseconds and steps: the one place where they are converted."""
+"""Conversion between milliseconds and steps."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ TOLERANCE = 1e-6
 
 
 class Clock:
-    """Converts between times in ms and whole steps.
+    """Conversion between times in ms and whole steps.
 
-    A time counts as on the grid when it is within a millionth of a step of it. Where a millisecond is a whole
-    number of steps, `ms` gives the double nearest to the decimal number (3 steps of 0.1 ms are 0.3 ms).
+    A time within a millionth of a step of a multiple of the resolution is on the grid. If a millisecond is a whole
+    number of steps, `ms` returns the double nearest to the decimal number (3 steps of 0.1 ms are 0.3 ms).
 
     Args:
         resolution: length of a step in ms.

@@ -1,8 +1,8 @@
-"""The one error that users of the language see, and words of its messages.
+"""The error class of mistakes in descriptions and calls, and text for its messages.
 
 ```
 ValueError
-└── ModelError     a network, a parameter or a call that cannot be used as it stands
+└── ModelError     a network, a parameter or a call that is invalid
 ```
 """
 
@@ -40,23 +40,22 @@ class Where(NamedTuple):
 
 
 class ModelError(ValueError):
-    """A mistake in a description or a call, with what its author needs to correct it.
+    """A mistake in a description or a call, with the facts to correct the mistake.
 
     Attributes:
-        message: what was found and what was expected, one sentence.
-        where: the place in the YAML file or the Python source, if known.
-        hint: the nearest right name or the way out, if there is one.
-        path: the words (and positions in lists) that lead to the value inside the part,
-            e.g. `("initial", "V_m", "3")`.
-        kind: a code for programs, as `"unit"`, `"unknown population"`, `"unknown word of"`; "" if none needs it.
-        found: the unknown name, or the one that has no value; "" if none.
-        expected: the known names, sorted.
-        suggestion: the nearest of them; "" if none is near.
-        missing: a required word that is not there.
+        message: what was found and what was expected, in one sentence.
+        where: place in the YAML file or the Python source, if known.
+        hint: nearest right name or a way out, if there is one.
+        path: words (and positions in lists) that lead to the value inside the part, e.g. `("initial", "V_m", "3")`.
+        kind: code for programs, e.g. `"unit"`, `"unknown population"`, `"unknown word of"`; "" if no program needs one.
+        found: the unknown name, or the name without a value; "" if none.
+        expected: known names, sorted.
+        suggestion: nearest known name; "" if none is near.
+        missing: required word that is absent.
         about: other words of the part on which the mistake depends.
-        others: mistakes found with it, as all those of units in one model, or all that a backend refuses.
+        others: mistakes reported together, e.g. all unit errors of a model, or all problems on a backend.
 
-    No program reads the text of a message: what it needs to know of a mistake is an attribute.
+    Programs use the attributes, never the text of a message.
     """
 
     def __init__(
@@ -106,7 +105,7 @@ class ModelError(ValueError):
 def unknown(
     what: str, name: object, known: Iterable[str], where: Where | None = None, path: tuple[str, ...] = ()
 ) -> ModelError:
-    """The error for an unknown name; its `kind` is "unknown " and `what`, up to and with an " of"."""
+    """Return the error for an unknown name; the error's `kind` is "unknown " and `what` up to and including " of"."""
     names, (head, of, _) = tuple(sorted(known)), what.partition(" of ")
     return ModelError(
         f"unknown {what} '{name}'",
@@ -126,15 +125,15 @@ def words_of(what: str) -> tuple[str, ...]:
 
 
 def naming_words(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, whose error about an argument that it does not have names the nearest that it has."""
-    known = function.__annotations__.keys() - {"return"}
+    """Wrap a function so that an unknown keyword argument raises an error with the nearest known one."""
+    words = function.__annotations__.keys() - {"return"}
 
     @wraps(function)
-    def call(*args: P.args, **given: P.kwargs) -> R:
-        for word in given:
-            if word not in known:
-                raise unknown(f"word of {function.__qualname__}", word, known, here())
-        return function(*args, **given)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        for word in kwargs:
+            if word not in words:
+                raise unknown(f"word of {function.__qualname__}", word, words, here())
+        return function(*args, **kwargs)
 
     return call
 

@@ -22,16 +22,16 @@ _run: dict[Path, bytes] = {}
 
 
 def run_extension(file: Any) -> None:
-    """Run a Python file as a module of its own name, so that what it registers is known.
+    """Run a Python file as a module of the same name, so that the parts that the file registers become known.
 
-    A file that was run in this process is not run again.
+    A file that has run in this process is not run again.
 
     Args:
-        file: its path.
+        file: path of the file.
 
     Raises:
-        ModelError: it cannot be read, is called like another module, was edited since it was run, or has a mistake,
-            which is reported with its line.
+        ModelError: the file cannot be read, has the name of another module, was edited since the first run, or has a
+            mistake; the error has the line of the mistake.
     """
     path = existing(file, "a Python file")
     try:
@@ -61,7 +61,7 @@ def _has_environment(module: ModuleType) -> bool:
 
 
 def extensions() -> tuple[str, ...]:
-    """The files that were run, for processes that are started: they know nothing of it."""
+    """Return the files that have run, so that new processes can run them again."""
     return tuple(map(str, _run))
 
 
@@ -109,11 +109,11 @@ def _execute(path: Path, text: bytes) -> None:
         exec(compile(text, str(path.resolve()), "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:
         del sys.modules[path.stem]
-        raise _told(error, path, module) from None
+        raise _located(error, path, module) from None
 
 
-def _told(error: BaseException, path: Path, module: ModuleType) -> ModelError:
-    """A mistake in the file, with the line that led to it."""
+def _located(error: BaseException, path: Path, module: ModuleType) -> ModelError:
+    """Return a mistake in the file as a ModelError with the line of the mistake."""
     if isinstance(error, SyntaxError) and error.filename == module.__file__:
         return ModelError(error.msg, where=Where(str(path), error.lineno or 0, error.offset or 0))
     if isinstance(error, ModelError) and error.where is not None and error.where.file != path.name:

@@ -1,4 +1,4 @@
-"""Modules that only some parts need: how to get their packages, and imports when they are first used."""
+"""Optional modules: the command that installs a missing package, and import on first use."""
 
 from __future__ import annotations
 
@@ -68,10 +68,10 @@ def app(module: str, what: str) -> Any:
 
 
 class LazyModule:
-    """A module that is imported when something of it is first used, such as one of compiled kernels.
+    """A module that is imported on first access to an attribute, e.g. a module of compiled kernels.
 
     Args:
-        name: of the module.
+        name: name of the module.
 
     Example:
         >>> json = LazyModule("json")
@@ -90,7 +90,7 @@ class LazyModule:
 
 
 def _origin() -> dict[str, Any] | None:
-    """What pip wrote down of where it took this package from: None for an index, nothing if it did not install it."""
+    """Return pip's record of the source of this package: None for an index, {} if pip did not install the package."""
     import json
     from importlib.metadata import PackageNotFoundError, distribution
 

@@ -131,12 +131,12 @@ def mistake(text: str, at: int, message: str, hint: str = "") -> Misread:
 
 @dataclass(frozen=True, slots=True)
 class Hints:
-    """What depends on what the expression is for.
+    """Hints of a parser, which depend on the purpose of the expression.
 
     Attributes:
-        signs: hints by a sign that is none.
-        shorter: the hint for what is too long.
-        names: by function the name that its last value may have, as in `after(a, b, within=20)`, and its place.
+        signs: hints by a sign that is not an operator.
+        shorter: hint for an expression that is too long.
+        names: by function the name that its last value may have, as in `after(a, b, within=20)`, and its position.
     """
 
     signs: Mapping[str, str] = field(default_factory=dict)
@@ -182,25 +182,25 @@ class _Parser:
         tokens: list[_Token] = []
         at, end = 0, len(self.text.rstrip())
         while at < end:
-            found = self.pattern.match(self.text, at)
-            if found is None or found.lastgroup is None:
+            match = self.pattern.match(self.text, at)
+            if match is None or match.lastgroup is None:
                 at += len(self.text[at:]) - len(self.text[at:].lstrip())
                 raise self.mistake(at, *self.odd(self.text[at]))
-            kind = found.lastgroup
-            tokens.append(_Token(kind, found[kind].replace("**", "^"), found.start(kind)))
+            kind = match.lastgroup
+            tokens.append(_Token(kind, match[kind].replace("**", "^"), match.start(kind)))
             if len(tokens) > MAX_TOKENS:
                 message = f"found more than {MAX_TOKENS} numbers, names and signs: expected fewer"
                 raise self.mistake(tokens[-1].at, message, self.hints.shorter)
-            at = found.end()
+            at = match.end()
         return [*tokens, _Token("end", "the end", end)]
 
     def mistake(self, at: int, message: str, hint: str = "") -> Misread:
         return mistake(self.text, at, message, hint)
 
     def odd(self, letter: str) -> tuple[str, str]:
-        """What to say of a character that begins nothing."""
-        shown = f"'{letter}'" if letter.isascii() and letter.isprintable() else f"the character U+{ord(letter):04X}"
-        message = f"found {shown}: expected a number, a name or an operator"
+        """Return message and hint for a character that begins no token."""
+        character = f"'{letter}'" if letter.isascii() and letter.isprintable() else f"the character U+{ord(letter):04X}"
+        message = f"found {character}: expected a number, a name or an operator"
         ascii_only = "" if letter.isascii() else "names are of the letters A to Z and a to z, digits and '_'"
         return message, self.hints.signs.get(letter, ascii_only)
 
@@ -216,14 +216,14 @@ class _Parser:
     def whole(self) -> Tree:
         tree = self.expression(0, 0)
         if self.token.kind != "end":
-            found = self.token.text
+            text = self.token.text
             raise self.mistake(
-                self.token.at, f"found '{found}': expected an operator or the end", self.hints.signs.get(found, "")
+                self.token.at, f"found '{text}': expected an operator or the end", self.hints.signs.get(text, "")
             )
         return tree
 
     def expression(self, binding: int, depth: int) -> Tree:
-        """What stands here up to an operator that binds no tighter than `binding`."""
+        """Parse an expression up to an operator that binds no tighter than `binding`."""
         if depth > MAX_DEPTH:
             raise self.mistake(self.token.at, f"found more than {MAX_DEPTH} levels: expected fewer")
         left = self.beginning(depth)

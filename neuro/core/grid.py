@@ -18,14 +18,14 @@ Result = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class JobResults:
-    """Files of JSON with the results of jobs.
+    """JSON files with the results of jobs.
 
-    A file is whole or not there, and one that a person edited is never replaced. A job goes by its description `of`,
-    plain data that its result follows from: a file with another description is a result of another job.
+    A file appears when it is complete, and a file edited by a person is never replaced. The description `of`, plain
+    data that decides the result, identifies a job; a file with another description is the result of another job.
 
     Attributes:
-        what: the files are, for messages, e.g. "a result of 'neuro drone compare'".
-        format: name and version of their content; files of another format count as not there.
+        what: noun for messages, e.g. "a result of 'neuro drone compare'".
+        format: name and version of the content; files of another format are ignored.
     """
 
     what: str
@@ -38,9 +38,9 @@ class JobResults:
 
     def read(self, path: Path, of: Mapping[str, Any]) -> Result:
         """Return the result of a job; {} if its file is missing, damaged, or of another job or format."""
-        result, known = kept_json(path), {"format": self.format, "of": json.loads(json.dumps(of))}
+        result, identity = kept_json(path), {"format": self.format, "of": json.loads(json.dumps(of))}
         result.pop("digest", None)
-        return result if result | known == result else {}
+        return result if result | identity == result else {}
 
     def write(self, path: Path, of: Mapping[str, Any], figures: Mapping[str, Any]) -> Result:
         """Write the result of a job and return it; errors as of `neuro.apps.write_text`."""
@@ -78,28 +78,28 @@ def grid(
     processes: int | None = None,
     report: Callable[[Any], None] | None = None,
 ) -> list[Result]:
-    """Do the jobs of a grid at the same time; those whose files have their results already are not done again.
+    """Run the jobs of a grid in parallel; jobs whose files have results are skipped.
 
     Args:
-        results: the files of the results.
-        jobs: to do; a killed grid goes on behind the last job whose file is written.
-        processes: at a time, as of `neuro.apps.side_by_side`.
-        report: called with what jobs report, and with None for each result that is there.
+        results: files of the results.
+        jobs: jobs to run; a killed grid continues after the last job whose file is complete.
+        processes: processes at a time, see `neuro.apps.side_by_side`.
+        report: called with the reports of jobs, and with None for each existing result.
 
     Returns:
-        The results in the order of the jobs.
+        results in the order of the jobs.
 
     Raises:
-        Unwritable: a file cannot be written, or has the name of something else.
-        Exception: as of `neuro.apps.side_by_side`.
+        Unwritable: a file cannot be written, or a file of another kind has its name.
+        Exception: the errors of `neuro.apps.side_by_side`.
     """
-    found = [results.read(job.file, job.of) for job in jobs]
-    for result in found:
+    existing = [results.read(job.file, job.of) for job in jobs]
+    for result in existing:
         if result and report:
             report(None)
-    left = [job for job, result in zip(jobs, found, strict=True) if not result]
-    done = iter(side_by_side(partial(_do, results), left, processes, report))
-    return [result or next(done) for result in found]
+    to_run = [job for job, result in zip(jobs, existing, strict=True) if not result]
+    new = iter(side_by_side(partial(_do, results), to_run, processes, report))
+    return [result or next(new) for result in existing]
 
 
 def _do(results: JobResults, job: GridJob, report: Callable[[Any], None]) -> Result:

@@ -1,11 +1,12 @@
-"""HDF5 files that grow while they can be read: what is on the disk is whole, and that of the last `commit`.
+"""HDF5 files that grow and can be read at any time: the disk always holds the state of the last `commit`.
 
-HDF5 changes its tables in place, so a file whose process is killed can be unreadable, and on a full disk HDF5 brings
-the process down. So it writes into `JournaledFile` instead. New bytes go behind all that was committed, where no table
-leads to them yet; changes of older bytes are held back, in pages. A commit writes these pages behind the end, then a
-mark that they are whole, then puts each in its place, and cuts the end off. A reader that finds the mark reads the
-pages from there, so a kill at any moment leaves the state before a commit or after it. The front of the file, with its
-digest, is on the first page, so it is always of the same commit as the rest; see `neuro.core.hdf5`.
+HDF5 changes its tables in place, so a file whose process is killed can be unreadable, and on a full disk HDF5 ends the
+process. `JournaledFile` stands between HDF5 and the disk. New bytes are written behind all committed bytes, where no
+table refers to them yet; changes of older bytes are kept in memory, as pages. A commit writes these pages behind the
+end of the file, then a mark that they are complete, then copies each page to its place, and truncates the file. A
+reader that finds the mark uses the pages behind the end, so a kill at any moment leaves the state before or after a
+commit. The first page holds the front of the file with its digest, so front and content belong to the same commit; see
+`neuro.core.hdf5`.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ from typing import Any
 from neuro.core.hdf5 import BLOCK, FRONT, Front, damaged, not_ours, update
 
 PAGE = 4096
-_MARK = struct.Struct("<8sQQI")  # word, where the pages begin, their length, their checksum
+_MARK = struct.Struct("<8sQQI")  # word, offset, length and checksum of the pages
 _WORD = b"neuro\0\r\n"
-_HEAD = struct.Struct("<QI")  # of a page: where it belongs, its length
+_HEAD = struct.Struct("<QI")  # header of a page: offset in the file, length
 
 
 class _Paged(io.RawIOBase):
@@ -39,11 +40,11 @@ class _Paged(io.RawIOBase):
         self._pages: Mapping[int, bytes | bytearray] = {}
 
     def readable(self) -> bool:
-        """It can be read."""
+        """Return True: the file can be read."""
         return True
 
     def seekable(self) -> bool:
-        """It can."""
+        """Return True: the file has positions."""
         return True
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
@@ -58,17 +59,17 @@ class _Paged(io.RawIOBase):
     def readinto(self, buffer: Any) -> int:
         """Read, with the pages in their places."""
         view = memoryview(buffer).cast("B")
-        found = self.at(self._at, view.nbytes)
-        view[: len(found)] = found
-        self._at += len(found)
-        return len(found)
+        data = self.at(self._at, view.nbytes)
+        view[: len(data)] = data
+        self._at += len(data)
+        return len(data)
 
     def at(self, place: int, n: int) -> bytes | bytearray:
-        """Bytes at a place, with the pages in theirs; fewer at the end."""
-        found = _read(self._disk, place, max(0, min(n, self._size - place)))
+        """Return the bytes at an offset, with the pages applied; fewer bytes at the end of the file."""
+        data = _read(self._disk, place, max(0, min(n, self._size - place)))
         if not self._pages:
-            return found
-        patched = bytearray(found)
+            return data
+        patched = bytearray(data)
         _patch(memoryview(patched), place, self._pages)
         return patched
 
@@ -102,14 +103,14 @@ class JournaledFile(_Paged):
         self.error: OSError | None = None
         try:
             os.ftruncate(disk, 0)
-            # Of a process that is killed before the first commit: the next one knows the file, and may replace it.
+            # If the process is killed before the first commit, the next process recognises the file and may replace it.
             _write(disk, 0, memoryview(Front(format, 0, "").written()))
         except OSError:
             self.close()
             raise
 
     def writable(self) -> bool:
-        """It can."""
+        """Return True: the file can be written."""
         return True
 
     def write(self, data: Any) -> int:
@@ -199,16 +200,16 @@ class JournaledFile(_Paged):
 
 
 class JournalReader:
-    """A file of ours to read, of `JournaledFile` or any other; where another takes its name it stays this one.
+    """A reader of a file in this package's format; the open file stays valid if another file takes the name.
 
     Args:
-        path: of the file.
-        what: it is to be, for messages, e.g. "a file of results".
-        formats: that it may have.
+        path: path of the file.
+        what: noun for messages, e.g. "a file of results".
+        formats: accepted formats.
 
     Raises:
-        ModelError: it is something else.
-        OSError: it cannot be read.
+        ModelError: the file has another format.
+        OSError: the file cannot be read.
     """
 
     def __init__(self, path: Path, what: str, *formats: str) -> None:
@@ -222,11 +223,11 @@ class JournalReader:
 
     @contextmanager
     def reading(self) -> Iterator[Any]:
-        """What is in it as of the last commit.
+        """Open the content of the last commit.
 
         Raises:
-            ModelError: it is something else, or damaged.
-            OSError: it cannot be read.
+            ModelError: the file has another format, or is damaged.
+            OSError: the file cannot be read.
         """
         import h5py
 
@@ -252,7 +253,7 @@ class JournalReader:
 
 
 class _Committed(_Paged):
-    """A file to read; where its last commit was cut short, with the pages that were to be put in their places."""
+    """A file opened for reading; if its last commit was interrupted, the pages of that commit are applied."""
 
     def __init__(self, disk: int) -> None:
         super().__init__(disk)
@@ -296,15 +297,15 @@ def _patch(view: memoryview, at: int, pages: Any) -> None:
 
 
 def _read(disk: int, at: int, n: int) -> bytes:
-    """Bytes of a file; behind its end zeros."""
-    parts, left = [], n
-    while left:
-        part = os.pread(disk, left, at + n - left)
+    """Return bytes of a file; zeros behind its end."""
+    parts, remaining = [], n
+    while remaining:
+        part = os.pread(disk, remaining, at + n - remaining)
         if not part:
             break
         parts.append(part)
-        left -= len(part)
-    return b"".join(parts) + bytes(left)
+        remaining -= len(part)
+    return b"".join(parts) + bytes(remaining)
 
 
 def _write(disk: int, at: int, data: memoryview) -> None:

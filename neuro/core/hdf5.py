@@ -1,7 +1,7 @@
-"""HDF5 files of ours: their front says what they are, and holds a digest that is checked before HDF5 sees the rest.
+"""HDF5 files with a format and a digest at their front, which is checked before HDF5 reads the content.
 
-HDF5 believes what it reads: a bit that is wrong changes numbers silently, or ends the process. So a file begins with a
-user block, which HDF5 leaves alone, of 512 bytes of text:
+HDF5 does not check what it reads: a wrong bit changes numbers silently, or ends the process. So a file begins with a
+user block, which HDF5 ignores, of 512 bytes of text:
 
 ```
 neuro HDF5 1
@@ -11,14 +11,14 @@ DIGEST
 ```
 
 The digest is BLAKE2b of a CRC-32 of each 64 KiB behind the front, and of the lines above. CRC-32 runs at 4 GB/s, so
-that to open a file takes little longer than to read it; it finds all changes of up to 32 bits in a row and all but one
-in 2^32 of any other. The list shows what was cut off and blocks that changed places, and a commit to a file that grows
-(`neuro.core.growing`) looks only at the blocks that it changes.
+that opening a file takes little longer than reading it. CRC-32 detects every change of up to 32 bits in a row, and
+misses one in 2^32 of all others. The list of checksums detects truncation and blocks that changed places. A commit to a
+file that grows (`neuro.core.growing`) reads only the blocks that the commit changes.
 
-HDF5 must not meet a write that fails: an object that could not be written cannot be closed, and the second attempt to
-close it ends the process with a segmentation fault. So every file is written through a Python file that keeps the first
-failure and reports it afterwards (`disk`, and `neuro.core.growing`). HDF5 closes what is still open when the process
-exits, and would call methods of Python after Python has ended; `_close_python_files` closes such files before.
+A write must not fail inside HDF5: an object that could not be written cannot be closed, and the second attempt to close
+it ends the process with a segmentation fault. So every file is written through a Python file that records the first
+failure and reports it afterwards (`disk`, and `neuro.core.growing`). HDF5 closes open files when the process exits, and
+would call methods of Python after Python has ended; `_close_python_files` closes such files before.
 """
 
 from __future__ import annotations
@@ -73,12 +73,12 @@ Read = Callable[[int, int], Any]
 
 
 class Front(NamedTuple):
-    """What the front of a file says.
+    """Front of a file.
 
     Attributes:
-        format: of the file.
-        size: its length in bytes.
-        digest: see the module.
+        format: format of the file.
+        size: length of the file in bytes.
+        digest: digest of the file, see the module.
     """
 
     format: str
@@ -87,7 +87,7 @@ class Front(NamedTuple):
 
     @classmethod
     def of(cls, head: bytes) -> Front | None:
-        """That of a file which begins so; None of one that is not ours."""
+        """Parse the front of a file; None without the front of this package."""
         if not head.startswith(WORD):
             return None
         format, size, digest, *_ = [*head[len(WORD) : FRONT].decode("utf-8", "replace").split("\n"), "", "", ""]
@@ -95,7 +95,7 @@ class Front(NamedTuple):
 
     @classmethod
     def over(cls, format: str, size: int, sums: bytes) -> Front:
-        """That of a file with these checksums."""
+        """Return the front of a file with these checksums."""
         head = f"{format}\n{size}\n".encode()
         return cls(format, size, hashlib.blake2b(head + sums, digest_size=16).hexdigest())
 
@@ -104,7 +104,7 @@ class Front(NamedTuple):
         return (WORD + f"{self.format}\n{self.size}\n{self.digest}\n".encode()).ljust(FRONT, b"\0")
 
     def fits(self, read: Read) -> bool:
-        """Whether a file is the one that was written."""
+        """Return True if a file has the length and the digest of this front."""
         return self.size > FRONT and self == Front.over(self.format, self.size, _sums(read, self.size))
 
 
@@ -124,7 +124,7 @@ def update(sums: bytearray, blocks: Iterable[int], read: Read, size: int) -> Non
 
 
 def is_hdf5(head: bytes) -> bool:
-    """Whether a file that begins so is HDF5, of ours or not."""
+    """Return True if the first bytes are those of an HDF5 file, with or without a front."""
     return head.startswith((WORD, MAGIC))
 
 
@@ -139,7 +139,7 @@ def kind(format: str, what: str = "") -> Kind:
 
 
 def has_format(path: Path, *formats: str) -> bool:
-    """Whether the front of a file says that it is of one of some formats; what is behind may be damaged."""
+    """Return True if the front of a file has one of the formats; the content may still be damaged."""
     front = _front(path)
     return front is not None and front.format in formats
 
@@ -183,7 +183,7 @@ def check(path: Path, format: str = "", what: str = "", hint: str = "") -> str:
 
 
 def is_whole(path: Path, format: str) -> bool:
-    """Whether there is a file of a format, as it was written."""
+    """Return True if the file exists, has this format, and is undamaged."""
     try:
         return check(path, format) == format
     except (ModelError, OSError):
@@ -191,7 +191,7 @@ def is_whole(path: Path, format: str) -> bool:
 
 
 def not_ours(path: Path, what: str) -> ModelError:
-    """That a file is none of ours; an HDF5 file without a front is of a version that wrote none, or of another tool."""
+    """Return the error for a file of another kind; HDF5 without a front comes from another tool or an old version."""
     with path.open("rb") as file:
         bare = file.read(len(MAGIC)) == MAGIC
     hint = "it has no digest, as files of other tools and of versions before digests: make it again"
@@ -199,19 +199,19 @@ def not_ours(path: Path, what: str) -> ModelError:
 
 
 def damaged(path: Path, front: Front, hint: str = "") -> ModelError:
-    """That a file is not what was written."""
-    message = f"{path}: damaged {front.format}: it is not what was written"
+    """Return the error for a file whose content and digest differ."""
+    message = f"{path}: damaged {front.format}: the content does not match the digest"
     return ModelError(
         message, hint=hint or "make it again, or take a copy; if you edited it: neuro.apps.hdf5.seal(path)"
     )
 
 
 def seal(path: Path) -> None:
-    """Take a file of ours as it is now for whole: after it was edited with h5py.
+    """Write a new digest into a file of this package, after an edit with h5py.
 
     Raises:
-        ModelError: it was not written by this package, so it has no room for a digest.
-        OSError: it cannot be written.
+        ModelError: the file was not written by this package, so there is no room for a digest.
+        OSError: the file cannot be written.
     """
     front = _front(path)
     if front is None:
@@ -333,17 +333,17 @@ def _close_python_files() -> None:
 
 
 def check_tree(file: Any, several_names: bool = False) -> None:
-    """Refuse an open file that is more than its own groups and arrays, as anybody may have written it.
+    """Refuse an open file with links, external arrays or cycles, since strangers may have written it.
 
-    A link or an array that lies in another file shows what that file holds, or waits for ever for a pipe. Groups that
-    hold each other have no end.
+    A link or an array that lies in another file exposes the content of that file, or waits for a pipe without end.
+    Groups that contain each other have no end.
 
     Args:
-        file: as h5py has opened it.
-        several_names: whether a part may have more than one, as in files of other tools.
+        file: file opened by h5py.
+        several_names: allow parts with more than one name, as files of other tools have.
 
     Raises:
-        ValueError: a part lies in another file, or has more than one name where it must not.
+        ValueError: a part lies in another file, or has more than one name where that is not allowed.
     """
     from h5py import h5d, h5l, h5o, h5t
 
@@ -352,7 +352,7 @@ def check_tree(file: Any, several_names: bool = False) -> None:
     def linked(name: bytes, link: Any) -> bytes | None:
         return None if link.type in links else name
 
-    def placed(name: bytes, part: Any) -> bytes | None:
+    def refused_name(name: bytes, part: Any) -> bytes | None:
         if part.type == h5o.TYPE_DATASET:
             array = h5o.open(file.id, name)
             made = array.get_create_plist()
@@ -363,7 +363,7 @@ def check_tree(file: Any, several_names: bool = False) -> None:
         return name if part.rc > 1 and not several_names else None
 
     try:
-        name = file.id.links.visit(linked, info=True) or h5o.visit(file.id, placed, info=True)
+        name = file.id.links.visit(linked, info=True) or h5o.visit(file.id, refused_name, info=True)
     except (KeyError, RuntimeError):
         raise ValueError("it has a name that leads to no part of it") from None
     if name:
@@ -457,7 +457,7 @@ class Texts:
         return place <= end <= len(content)
 
     def has(self, data: Any) -> bool:
-        """Whether a data set holds texts that are in the file; those of one that is stored in chunks are believed."""
+        """Return True if the strings of a data set are in the file; data sets stored in chunks are not checked."""
         import h5py
         import numpy as np
 
@@ -467,6 +467,6 @@ class Texts:
         if begin is None:
             return True
         reference = np.dtype(_REFERENCE)
-        said = np.frombuffer(self._content[begin : begin + reference.itemsize * data.size], reference)
-        found = ((self._lengths.get((heap, index), -1), n) for n, heap, index in said.tolist())
-        return said.size == data.size and all(not n or length >= n for length, n in found)
+        references = np.frombuffer(self._content[begin : begin + reference.itemsize * data.size], reference)
+        lengths = ((self._lengths.get((heap, index), -1), n) for n, heap, index in references.tolist())
+        return references.size == data.size and all(not n or length >= n for length, n in lengths)

@@ -171,7 +171,7 @@ _MICRO = ("\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """A hint that names the nearest of `known`, or all of them when none is near."""
+    """Return a hint with the nearest of the known names, or with all of them if none is near."""
     names = sorted(known)
     if not names:
         return "none is defined"
@@ -184,20 +184,20 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def near(name: str, known: Iterable[str]) -> str:
-    """A hint that names the nearest of `known`, "" when none is near."""
+    """Return a hint with the nearest of the known names; "" if none is near."""
     names = sorted(known)
     return nearest(name, names) if alike(name, names) or name.lower() in INSTEAD else ""
 
 
 def alike(name: str, names: Sequence[str]) -> list[str]:
-    """The nearest of some names, in the order of the alphabet; none if none is near."""
+    """Return the nearest of some names in alphabetical order; an empty list if none is near."""
     lower = name.lower()
     close = [word for word in ELSEWHERE.get(lower, ()) if word in names] or [w for w in names if w.lower() == lower]
     return close if close or lower in INSTEAD else _similar(name, list(names))
 
 
 def _similar(name: str, names: list[str]) -> list[str]:
-    """The names that look most alike, whatever their case; else those that begin or end alike."""
+    """Return the names that look most alike, ignoring case, else those with the same beginning or end."""
     import difflib
 
     lower = name.lower()
@@ -207,8 +207,8 @@ def _similar(name: str, names: list[str]) -> list[str]:
     close = difflib.get_close_matches(lower, folded, n=3)
     if close:
         best = difflib.SequenceMatcher(None, close[0], lower).ratio()
-        alike = [c for c in close if difflib.SequenceMatcher(None, c, lower).ratio() == best]
-        return sorted(word for c in alike for word in folded[c])
+        best_names = [c for c in close if difflib.SequenceMatcher(None, c, lower).ratio() == best]
+        return sorted(word for c in best_names for word in folded[c])
     if len(name) < 3:
         return []
     parts = [word for word in names if word.lower().startswith(lower) or lower.startswith(word.lower() + "_")]
@@ -216,10 +216,10 @@ def _similar(name: str, names: list[str]) -> list[str]:
 
 
 def notation(text: str) -> str:
-    """How to write the number that a piece of text seems to mean, or "".
+    """Return a hint for the notation of the number that a text seems to mean, or "".
 
     Args:
-        text: what stands where a number is expected, e.g. "10 ms".
+        text: text in place of a number, e.g. "10 ms".
     """
     word = text.strip()
     if decimal := _decimal(word):
@@ -248,14 +248,14 @@ def notation(text: str) -> str:
 
 
 def _decimal(word: str) -> str:
-    """How to write a hexadecimal, octal or binary number, or ""."""
+    """Return a hint for a hexadecimal, octal or binary number, or ""."""
     if not re.fullmatch(r"0(x[0-9a-f]+|o[0-7]+|b[01]+)", word.lower()):
         return ""
     return f"write {int(word, 0)}: numbers here are decimal"
 
 
 def axes(text: str) -> str:
-    """How to write the sizes that a piece of text seems to mean, e.g. "8x8", or ""."""
+    """Return a hint for the notation of the sizes that a text seems to mean, e.g. "8x8", or ""."""
     if decimal := _decimal(text.strip()):
         return decimal
     sizes = re.findall(r"\d+", text)

@@ -51,13 +51,13 @@ def page(
 
 
 def head(generator: str, title: str, scripts: str = "'unsafe-inline'", record: Mapping[str, Any] | None = None) -> Html:
-    """What the head of every page begins with.
+    """Return the first elements of a page's head.
 
     Args:
-        generator: the command that makes it, by which the file is known.
-        title: of the window.
-        scripts: which scripts the browser may run, in the words of its Content-Security-Policy.
-        record: where the page comes from; what this process has read so far if not given, see `neuro.core.provenance`.
+        generator: the command that makes the page, a mark of the file.
+        title: title of the window.
+        scripts: scripts that the browser may run, in the words of its Content-Security-Policy.
+        record: provenance of the page, see `neuro.core.provenance`; by default the files that this process has read.
     """
     origin = json.dumps(provenance() if record is None else record, ensure_ascii=False)
     policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src {scripts}; img-src data:"
@@ -79,7 +79,7 @@ def player_style() -> str:
 
 
 def player_script() -> str:
-    """What the scripts of these pages share: round marks on an axis."""
+    """Return the script that all pages share: round marks on an axis."""
     return (_FOLDER / "player.js").read_text("utf-8").strip()
 
 
@@ -130,7 +130,7 @@ def card(what: str, big: str, below: object) -> Html:
 
 
 def figure(picture: Html, caption: object, title: str = "", class_: str | None = None) -> Html:
-    """A picture with words: a caption above it if it has a title, else below."""
+    """Return a picture with a caption: above with a title, below without."""
     if title:
         return tag(
             "figure", tag("figcaption", tag("b", title), tag("span", caption)), tag("div", picture), class_=class_
@@ -139,11 +139,11 @@ def figure(picture: Html, caption: object, title: str = "", class_: str | None =
 
 
 def picture(drawing: Figure, label: str) -> Html:
-    """A figure of Matplotlib as an image, in its own colours, at most as wide as its place; `drawn` takes the page's.
+    """Return a Matplotlib figure as an image in its own colours, scaled to fit; `drawn` uses the colours of the page.
 
     Args:
         drawing: the figure.
-        label: for screen readers.
+        label: description for screen readers.
     """
     file = io.BytesIO()
     drawing.savefig(file, format="png", metadata={"Software": "neuro"})

@@ -1,4 +1,4 @@
-"""Files that are read: their names as users give them, and a record of them with digests."""
+"""Input files: checks of their paths, and a record of files with digests."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def recorded_inputs() -> tuple[str, ...]:
 @contextmanager
 def gathering() -> Iterator[dict[str, None]]:
     """The files that are read in a block, as keys."""
-    found: dict[str, None] = {}
-    _lists.append(found)
+    files: dict[str, None] = {}
+    _lists.append(files)
     try:
-        yield found
+        yield files
     finally:
-        _lists[:] = [each for each in _lists if each is not found]
+        _lists[:] = [each for each in _lists if each is not files]
 
 
 def _of_folder(folder: Path) -> str:
@@ -80,42 +80,42 @@ def digest_of(path: str | os.PathLike[str]) -> str:
         return ""
 
 
-def file_path(given: Any, what: str) -> Path:
-    """The path that a value is.
+def file_path(value: Any, what: str) -> Path:
+    """Return a value as a path.
 
     Args:
-        given: text or a path.
-        what: its name in the message.
+        value: text or a path.
+        what: name of the value in the message.
 
     Raises:
-        ModelError: it is neither, or no file can have that name.
+        ModelError: the value is neither text nor a path, or no file can have that name.
     """
-    if not isinstance(given, str | os.PathLike) or not isinstance(os.fspath(given), str):
-        raise ModelError(f"{what} = {given!r:.60}: expected the name of a file")
-    if "\0" in os.fspath(given):
-        raise ModelError(f"{what} = {os.fspath(given)!r:.60}: expected the name of a file, without a zero byte")
-    return Path(given)
+    if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str):
+        raise ModelError(f"{what} = {value!r:.60}: expected the name of a file")
+    if "\0" in os.fspath(value):
+        raise ModelError(f"{what} = {os.fspath(value)!r:.60}: expected the name of a file, without a zero byte")
+    return Path(value)
 
 
-def existing(given: Any, expected: str = "") -> Path:
-    """The path of a file that is there.
+def existing(value: Any, expected: str = "") -> Path:
+    """Return the path of an existing file.
 
     Args:
-        given: text or a path.
-        expected: what it should be, for the message, e.g. "a state written by sim.save".
+        value: text or a path.
+        expected: noun for the message, e.g. "a state written by sim.save".
 
     Raises:
-        ModelError: there is no such file, or it is a folder.
+        ModelError: the file does not exist, or is a folder.
     """
-    path = file_path(given, "path")
-    wanted = f": expected {expected}" if expected else ""
+    path = file_path(value, "path")
+    suffix = f": expected {expected}" if expected else ""
     try:
         if path.is_dir():
-            raise ModelError(f"{path}: is a folder{wanted or ': expected a file'}")
+            raise ModelError(f"{path}: is a folder{suffix or ': expected a file'}")
         if not path.exists():
-            raise ModelError(f"{path}: no such file{wanted}")
+            raise ModelError(f"{path}: no such file{suffix}")
         if not path.is_file():
-            raise ModelError(f"{path}: is neither file nor folder{wanted or ': expected a file'}")
+            raise ModelError(f"{path}: is neither file nor folder{suffix or ': expected a file'}")
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
     return path

@@ -21,24 +21,24 @@ from neuro.core.errors import ModelError
 
 @contextmanager
 def ending_by(end: Callable[[], object]) -> Iterator[None]:
-    """Within the block, call a function when the program is asked to end; when asked again it ends at once.
+    """Within the block, call a function on the first request to end; a second request ends at once.
 
-    It is asked by Ctrl-C, by SIGTERM, or by a terminal that closes. Signals reach the main thread only; in another
-    one this does nothing.
+    Requests are Ctrl-C, SIGTERM, and a terminal that closes. Signals reach the main thread only; in another thread
+    the block does nothing.
 
     Raises:
-        KeyboardInterrupt: it is asked again.
+        KeyboardInterrupt: a second request came.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    asked = False
+    requested = False
 
     def ask(number: int, frame: Any) -> None:
-        nonlocal asked
-        if asked:
+        nonlocal requested
+        if requested:
             raise KeyboardInterrupt
-        asked = True
+        requested = True
         end()
 
     signals = [signal.SIGINT, signal.SIGTERM]
@@ -52,10 +52,10 @@ def ending_by(end: Callable[[], object]) -> Iterator[None]:
             signal.signal(each, handler)
 
 
-# Python calls the handler of a signal between two instructions of its own, so never while compiled code runs. But the
-# signal writes its number into a pipe at once. A thread reads it there and sets a number that compiled loops look at.
+# Python calls the handler of a signal between two of its instructions, so never while compiled code runs. The signal
+# also writes its number into a pipe at once. A thread reads the pipe and sets a number that compiled loops test.
 BETWEEN_STEPS, AT_ONCE = 1, 2
-"""Where a compiled loop shall end; at once leaves a step unfinished."""
+"""Requests to a compiled loop: end between two steps, or at once, which leaves a step unfinished."""
 
 PATIENCE_S = 0.25
 """Seconds after which a loop that has not ended between two steps shall end at once."""
@@ -100,7 +100,7 @@ _AGAIN_S = 0.01
 
 
 def _forget() -> None:
-    """Let a forked process, which has no such thread, make its own."""
+    """Let a forked process, which has no watching thread, start its own."""
     global _watch
     _watch = None
 
@@ -149,10 +149,10 @@ def end_if_stopped(stop: NDArray[np.int64]) -> None:
     Raises:
         KeyboardInterrupt: a step is unfinished.
     """
-    asked = stop.item()
-    if asked == AT_ONCE:
+    request = stop.item()
+    if request == AT_ONCE:
         raise KeyboardInterrupt
-    if asked:
+    if request:
         stop[0] = 0
 
 

@@ -21,7 +21,7 @@ NTH_STRIDE = 1 << 48
 
 
 def key(seed: int, purpose: str, name: str) -> int:
-    """A 64-bit key for one purpose of one named part."""
+    """Return a 64-bit key for one purpose of a named part."""
     text = f"{seed}/{purpose}/{name}".encode()
     return int.from_bytes(hashlib.blake2b(text, digest_size=8).digest(), "little")
 
@@ -39,7 +39,7 @@ def mix(z: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def uniform(part_key: int, step: int, neurons: NDArray[np.int64]) -> NDArray[np.float64]:
-    """One number in [0, 1) per neuron, with 53 random bits, for one step."""
+    """Return a number in [0, 1) for each neuron and one step, with 53 random bits."""
     base = mix(np.array([(part_key + step * STEP_STRIDE) & 0xFFFFFFFFFFFFFFFF], dtype=np.uint64))
     words = mix(base + neurons.astype(np.uint64) * np.uint64(NEURON_STRIDE))
     return (words >> np.uint64(11)).astype(np.float64) * 2.0**-53
@@ -58,7 +58,7 @@ def uniform_table(part_key: int, steps: NDArray[np.int64], neurons: int) -> NDAr
 
 
 def uniform_pairs(part_key: int, pre: NDArray[np.int64], post: NDArray[np.int64]) -> NDArray[np.float64]:
-    """One number in [0, 1) for each pair of neurons: that of `uniform` for neuron `post` in place of step `pre`."""
+    """Return a number in [0, 1) for each pair of neurons: `uniform` of neuron `post` at step `pre`."""
     base = mix(np.uint64(part_key) + pre.astype(np.uint64) * np.uint64(STEP_STRIDE))
     words = mix(base + post.astype(np.uint64) * np.uint64(NEURON_STRIDE))
     return (words >> np.uint64(11)).astype(np.float64) * 2.0**-53
@@ -75,9 +75,9 @@ def poisson_table(mean: float) -> NDArray[np.float64]:
     while True:
         term = term * (mean / len(table))
         if total + term == total and len(table) > mean:
-            found = np.array(table)
-            found.flags.writeable = False
-            return found
+            probabilities = np.array(table)
+            probabilities.flags.writeable = False
+            return probabilities
         total += term
         table.append(total)
 

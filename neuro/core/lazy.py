@@ -1,4 +1,4 @@
-"""Public names that are imported when they are first used, so that a start pays only for what it uses."""
+"""Public names that are imported on first use, so that a start imports only what it needs."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ PACKAGES = {"neuro.events": "neuro_events", "neuro.live": "neuro_live", "neuro.s
 def public_names(
     module: str, file: str, more: Callable[[str], object] = lambda name: None
 ) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
-    """The `__getattr__`, `__dir__` and `__all__` of a public module.
+    """Return `__getattr__`, `__dir__` and `__all__` for a public module.
 
     The names are those that the module's block `if TYPE_CHECKING:` imports as themselves (`from home import name as
-    name`), and of `from home import *` those that the module `home` imports so. Type checkers read the same lines, so
-    each name is listed once.
+    name`); `from home import *` adds the names that the module `home` imports in the same way. Type checkers read the
+    same lines, so each name is listed once.
 
     Args:
-        module: its name.
-        file: its source.
-        more: finds names that are registered while the program runs; None where there is no such name.
+        module: name of the module.
+        file: path of the source of the module.
+        more: function that returns parts registered while the program runs, or None for an unknown name.
     """
     homes = homes_in(file, "if TYPE_CHECKING:\n")
 
     def getattribute(name: str) -> object:
         if name not in homes:
-            if not name.startswith("_") and (found := more(name)) is not None:
-                return found
+            if not name.startswith("_") and (part := more(name)) is not None:
+                return part
             from neuro.core.hints import near
 
             hint = "" if name.startswith("_") else near(name, list(homes))
@@ -79,9 +79,9 @@ def taken_away(entry: EntryPoint) -> str:
 
 
 class PublicModules:
-    """Finds the public modules of `neuro` that are packages of their own, with all that is in them.
+    """Finder of public modules of `neuro` that are packages of their own, and of their submodules.
 
-    `neuro.events.filters` and `neuro_events.filters` are one module. It is imported when one of its names is.
+    `neuro.events.filters` and `neuro_events.filters` are one module, which is imported on first use of either name.
     """
 
     def find_spec(
@@ -112,7 +112,7 @@ class PublicModules:
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        """Give the module its own place again, which the import by its public name has replaced."""
+        """Restore the module's own spec, which the import by its public name has replaced."""
         spec = module.__spec__
         if spec is not None:
             module.__spec__ = spec.loader_state[1]

@@ -36,7 +36,7 @@ def _ids(q: Quantity, value: Any, what: str) -> NDArray[np.int64]:
 
 @kind("times", "a list of spike times in ms for each neuron", listed=True)
 def _times(q: Quantity, value: Any, what: str) -> tuple[NDArray[np.float64], ...]:
-    """One list for each neuron; rows of a file end in NaN where they are shorter than the longest."""
+    """Return one list for each neuron; rows of a file are padded with NaN to the longest."""
     if isinstance(value, FromFile):
         table = np.atleast_2d(value.values)
         return tuple(
@@ -67,7 +67,7 @@ def _train(q: Quantity, row: Any, what: str, index: list[int]) -> NDArray[np.flo
 
 @kind("moments", "times > 0 ms, each later than the one before", listed=True)
 def _moments(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
-    times = value.values if isinstance(value, FromFile) else _listed(q, value, what)
+    times = value.values if isinstance(value, FromFile) else _rows(q, value, what)
     if times.ndim != 1:
         raise wrong(q, value, what)
     bad = np.flatnonzero(~(np.isfinite(times) & (np.diff(times, prepend=0.0) > 0)))
@@ -78,7 +78,7 @@ def _moments(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
 
 @kind("series", "a list of numbers", listed=True)
 def _series(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
-    array = value.values if isinstance(value, FromFile) else _listed(q, value, what)
+    array = value.values if isinstance(value, FromFile) else _rows(q, value, what)
     if array.ndim not in (1, 2):
         raise wrong(q, value, what)
     check_each(q, array, what)
@@ -92,7 +92,7 @@ def _series(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     listed=True,
 )
 def _spikes(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
-    rows = value.values if isinstance(value, FromFile) else _listed(q, value, what)
+    rows = value.values if isinstance(value, FromFile) else _rows(q, value, what)
     columns = 2 if q.kind == "train" else 3
     rows = rows.reshape(0, columns) if rows.size == 0 else rows
     if rows.ndim != 2 or rows.shape[1] != columns:
@@ -105,8 +105,8 @@ def _spikes(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
         k = int(np.flatnonzero(bad)[0])
         before = f" after {shown(float(times[k - 1]))} ms" if k and times[k] < times[k - 1] else ""
         carried = "".join(f" with payload {_or_beyond(payload)}" for payload in payloads[k])
-        found = f"{shown(float(times[k]))} ms of neuron {_or_beyond(ids[k])}{carried}{before}"
-        raise ModelError(f"{what}[{k}] = {found}: expected {q.expected()}", path=(str(k),))
+        spike = f"{shown(float(times[k]))} ms of neuron {_or_beyond(ids[k])}{carried}{before}"
+        raise ModelError(f"{what}[{k}] = {spike}: expected {q.expected()}", path=(str(k),))
     return rows
 
 
@@ -116,8 +116,8 @@ def _or_beyond(value: float) -> str:
     return shown(float(value)) + beyond
 
 
-def _listed(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
-    """A list or an array; a distribution is none."""
+def _rows(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
+    """Return a list or an array as an array; distributions are refused."""
     if not isinstance(value, (list, tuple, np.ndarray)):
         raise wrong(q, value, what)
     return array_of(q, value, what)

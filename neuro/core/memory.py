@@ -1,4 +1,4 @@
-"""How much memory this process may still take, and memory that it gives back."""
+"""Memory that this process may still allocate, and the return of memory to the system."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _HUGE = 1 << 21
 
 
 def free_memory() -> int | None:
-    """Bytes that this process may still take without swapping; None if unknown.
+    """Return the bytes that this process may allocate without swapping; None if unknown.
 
-    They are the least of what the machine has, of what the limits of its control groups leave, and of what the limit of
-    addresses leaves (`ulimit -v`).
+    The number is the smallest of the free memory of the machine, of the rest of the limits of control groups, and of
+    the rest of the address space (`ulimit -v`).
     """
-    known = [bytes_ for bytes_ in (_of_machine(), *map(_of_group, _groups()), _of_addresses()) if bytes_ is not None]
-    return min(known, default=None)
+    limits = [bytes_ for bytes_ in (_of_machine(), *map(_of_group, _groups()), _of_addresses()) if bytes_ is not None]
+    return min(limits, default=None)
 
 
 def _of_machine() -> int | None:
@@ -40,7 +40,7 @@ def _of_addresses() -> int | None:
 
 
 def _groups() -> list[Path]:
-    """The folders of the control groups of this process: that of a container, and those within."""
+    """Return the folders of the control groups of this process, that of a container and those within."""
     try:
         lines = _OURS.read_text().splitlines()
     except OSError:
@@ -53,13 +53,13 @@ def _groups() -> list[Path]:
 
 
 def _of_group(group: Path) -> int | None:
-    """What the limit of a control group leaves; files that are only kept ready do not count."""
+    """Return the rest of the limit of a control group; the cache of inactive files counts as free."""
     try:
-        most, taken = ((group / name).read_text().strip() for name in ("memory.max", "memory.current"))
+        limit, current = ((group / name).read_text().strip() for name in ("memory.max", "memory.current"))
     except OSError:
         return None
-    kept = _table(group / "memory.stat").get("inactive_file", 0)
-    return int(most) - int(taken) + kept if most.isdigit() and taken.isdigit() else None
+    cached = _table(group / "memory.stat").get("inactive_file", 0)
+    return int(limit) - int(current) + cached if limit.isdigit() and current.isdigit() else None
 
 
 def _table(path: Path) -> dict[str, int]:
@@ -72,10 +72,10 @@ def _table(path: Path) -> dict[str, int]:
 
 
 def discard(array: NDArray[Any], first: int, last: int) -> None:
-    """Give the system the pages on which items first:last of a flat array lie; what lies before was given before.
+    """Return the memory pages of items first:last of a flat array to the system, after those of earlier items.
 
-    The items are lost, and the array stays as large as it is; systems other than Linux may keep its pages until it is
-    freed. Huge pages are given as a whole: of one that is given in parts the system keeps all until it lacks memory.
+    The items are lost; the array keeps its size. Systems other than Linux may hold the pages until the array is
+    freed. Huge pages are returned as a whole, since the system holds a partly returned one until memory is short.
     """
     if not hasattr(mmap, "MADV_DONTNEED"):
         return

@@ -1,15 +1,14 @@
-"""What is written takes its name when it is whole, and never in the place of what is not ours.
+"""Output files: atomic, and never in place of files of others.
 
 The rule for every file that this package and its apps write:
 
-- A new name is taken when the file is whole. If the work fails or is interrupted nothing is left. Only
-  of what cannot be made again, such as events from the network, `FILE.part` is left; nothing removes or replaces that.
-- A file that stands there is replaced, at the end and at once, where it is of the same kind and was written here, which
-  its mark tells (see `Kind`), or where the user asks for it. Any other stays as it is, and so does a text that was
-  edited since.
-- Of a link the file that it leads to is replaced; the link stays.
-- A pipe, a character device and a descriptor, such as /dev/stdout, are written into, whatever is behind. A folder, a
-  disk and a socket are refused.
+- A file gets its name when it is complete. If the work fails or is interrupted, no file is left. For work that cannot
+  be repeated, such as events from the network, `FILE.part` is left; no later run removes or replaces that file.
+- An existing file is replaced atomically at the end if it has the same kind and was written by this package, as its
+  mark shows (see `Kind`), or if the user asks. Other files stay, also texts that were edited since.
+- If the name is a link, the file behind the link is replaced; the link stays.
+- Pipes, character devices and descriptors such as /dev/stdout are written to directly. Folders, disks and sockets are
+  refused.
 """
 
 from __future__ import annotations
@@ -110,15 +109,15 @@ def marked(what: str, mark: str, ask: str = "", anywhere: bool = False) -> Kind:
 
 
 def sealed(what: str, mark: str, digest: str, ask: str = "") -> Kind:
-    """A kind of text that has a mark near its beginning, and right behind it a digest of all the rest.
+    """Return a kind of text with a mark near its beginning, followed by a digest of the rest.
 
-    What a person edited has a digest that does not fit, and is never replaced.
+    An edited text has a digest that does not match, and is never replaced.
 
     Args:
-        what: as of `Kind`.
-        mark: a text that is in all of this kind.
-        digest: how it is written, with "{}" for the digits.
-        ask: as of `Kind`.
+        what: see `Kind`.
+        mark: a text that all files of this kind contain.
+        digest: format of the digest, with "{}" for the digits.
+        ask: see `Kind`.
     """
     before, after = (part.encode() for part in digest.split("{}"))
     place = re.compile(
@@ -127,8 +126,8 @@ def sealed(what: str, mark: str, digest: str, ask: str = "") -> Kind:
 
     def ours(path: Path) -> bool:
         content = path.read_bytes()
-        found = place.search(content[:HEAD])
-        return found is not None and _digest(content[: found.start(1)], content[found.end(1) :]) == found[2].decode()
+        match = place.search(content[:HEAD])
+        return match is not None and _digest(content[: match.start(1)], content[match.end(1) :]) == match[2].decode()
 
     def seal(text: str) -> str:
         head, there, rest = text.partition(mark)
@@ -144,16 +143,16 @@ def _digest(*parts: bytes) -> str:
 
 @contextmanager
 def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False, keep: bool = False) -> Iterator[Path]:
-    """A new empty file to write into, which takes the name `path` when the block ends well.
+    """Open a new empty file, which takes the name `path` when the block succeeds.
 
-    That it can be written shows at once, before the work of the block begins.
+    A name that cannot be written raises the error at once, before the work of the block.
 
     Args:
-        path: of the file.
-        kind: what is written.
-        replace: whether the user asks for the place of any other file.
-        keep: write into `path` with ".part" at its end, and leave it there, unless it is empty, if the block fails or
-            the process is killed; if such a file exists the new one gets a number, as walk.2.dat.part.
+        path: path of the file.
+        kind: kind of the file.
+        replace: the user allows to replace any other file.
+        keep: write to `path` with ".part" appended, and leave that file, unless it is empty, if the block fails or the
+            process is killed; if such a file exists the new one gets a number, e.g. walk.2.dat.part.
 
     Raises:
         Unwritable: see `check_output`; or the disk is full.
@@ -215,7 +214,7 @@ def _check_there(path: Path, mode: int) -> None:
 
 
 def _open_pipe(path: Path) -> None:
-    """Open a pipe if somebody reads it; it stays open until it is written, or its reader would see its end."""
+    """Open a pipe that has a reader; the pipe stays open until the write, or its reader would see its end."""
     state = path.stat()
     until = time.monotonic() + _READER_S
     while (state.st_dev, state.st_ino) not in _pipes:
@@ -235,9 +234,9 @@ def _descriptor(path: Path) -> int | None:
     """The open descriptor that a name, or the link of that name, stands for; None for all other names."""
     name = os.path.abspath(path)
     for _ in range(40):
-        found = _DESCRIPTOR.fullmatch(name)
-        if found:
-            return _NUMBERS[found[1]] if found[1] else int(found[2])
+        match = _DESCRIPTOR.fullmatch(name)
+        if match:
+            return _NUMBERS[match[1]] if match[1] else int(match[2])
         if not os.path.islink(name):
             return None
         name = os.path.abspath(os.path.join(os.path.dirname(name), os.readlink(name)))
@@ -258,7 +257,7 @@ def _in_the_way(path: Path, kind: Kind) -> Unwritable:
 
 
 def _mode(path: Path) -> int | None:
-    """What stands there or where a link leads to; None where nothing does."""
+    """Return the mode of a file, or of the target of a link; None if it does not exist."""
     try:
         return path.stat().st_mode
     except FileNotFoundError:
@@ -277,7 +276,7 @@ def write_text(path: Path, text: str, kind: Kind, replace: bool = False) -> None
 
 
 def kept_json(path: Path) -> dict[str, Any]:
-    """What a file of JSON has by name, of work that goes on; empty if it is not there or damaged."""
+    """Return the values in a JSON file of unfinished work; an empty dictionary if the file is missing or damaged."""
     try:
         content = json.loads(path.read_text("utf-8"))
     except (FileNotFoundError, ValueError):
@@ -286,10 +285,10 @@ def kept_json(path: Path) -> dict[str, Any]:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder, and those that it lies in, where there is none yet.
+    """Make a folder and its parents if they do not exist.
 
     Raises:
-        Unwritable: something else has its name or that of one in which it lies, or it cannot be made.
+        Unwritable: a file has the name of the folder or of a parent, or the folder cannot be made.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -376,13 +375,13 @@ def _sweep(folder: Path) -> None:
         return
     _swept.add(folder)
     with suppress(OSError), os.scandir(folder) as entries:
-        for left in entries:
-            found = _PART.fullmatch(left.name)
-            if found and not _runs(int(found[1])):
+        for entry in entries:
+            match = _PART.fullmatch(entry.name)
+            if match and not _runs(int(match[1])):
                 with suppress(OSError):
-                    state = left.stat(follow_symlinks=False)
+                    state = entry.stat(follow_symlinks=False)
                     if stat.S_ISREG(state.st_mode) and state.st_uid == os.getuid():
-                        os.unlink(left.path)
+                        os.unlink(entry.path)
 
 
 def _runs(process: int) -> bool:

@@ -32,7 +32,7 @@ def fill(label: str, model: type[Any], p: Any, c: Any) -> None:
     """Compute the constants of a model for a step of 0.1 ms.
 
     Raises:
-        TypeError: it has more of them than `c` holds.
+        TypeError: the model has more constants than `c` holds.
     """
     try:
         model.arithmetic.constants(p, 0.1, c)
@@ -44,12 +44,12 @@ def fill(label: str, model: type[Any], p: Any, c: Any) -> None:
 
 
 def check_method(part: type[T], base: type[Any], name: str, does: str) -> type[T]:
-    """Return a third-party class if it has a method of its own in place of that of a base.
+    """Return a third-party class if it overrides a method of its base.
 
     Args:
         part: the class.
-        base: of the kind of parts; its method has the right arguments.
-        name: of the method.
+        base: base class of the kind of parts; its method has the right arguments.
+        name: name of the method.
         does: what the method does, for the message.
 
     Raises:
@@ -59,8 +59,8 @@ def check_method(part: type[T], base: type[Any], name: str, does: str) -> type[T
     expected = own.__code__.co_varnames[: own.__code__.co_argcount]
     if method is own:
         raise TypeError(f"{message} has no method '{name}', which {does}")
-    taken = method.__code__.co_argcount
-    if taken != len(expected):
-        text = f"'{name}' takes {taken} arguments: expected {len(expected)}, ({', '.join(expected)})"
+    arguments = method.__code__.co_argcount
+    if arguments != len(expected):
+        text = f"'{name}' takes {arguments} arguments: expected {len(expected)}, ({', '.join(expected)})"
         raise TypeError(f"{message}: {text}")
     return part

@@ -1,4 +1,4 @@
-"""Figures as files: PNG, PDF or SVG, each with a mark by which it is known as one of ours."""
+"""Figures as PNG, PDF or SVG files, with a mark of this package."""
 
 from __future__ import annotations
 

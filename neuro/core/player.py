@@ -123,9 +123,9 @@ class Timeline:
     readouts: Sequence[Readout] = ()
 
 
-def closest(speeds: Sequence[tuple[str, float]], wanted: float) -> int:
+def closest(speeds: Sequence[tuple[str, float]], speed: float) -> int:
     """Return the index of the speed with the smallest ratio to a wanted one."""
-    return min(range(len(speeds)), key=lambda k: abs(log(speeds[k][1] / wanted)))
+    return min(range(len(speeds)), key=lambda k: abs(log(speeds[k][1] / speed)))
 
 
 def evenly(many: int, most: int) -> int:
@@ -190,20 +190,20 @@ def page(
 
 
 def write(file: Path, kind: Kind, what: str, make: Callable[[], tuple[str, T]]) -> T:
-    """Write a page; its name is checked before it is made.
+    """Write a page; the name of the file is checked before the page is made.
 
     Args:
-        file: of the page.
-        kind: of its file.
-        what: it shows, for the message, such as "a lap is written as".
-        make: returns the page as text, and a result.
+        file: path of the page.
+        kind: kind of the file.
+        what: subject for the message, such as "a lap is written as".
+        make: function that returns the page as text, and a result.
 
     Returns:
-        The result.
+        the result.
 
     Raises:
         ModelError: the name does not end in .html.
-        Unwritable: something else has this name, or it cannot be written.
+        Unwritable: a file of another kind has this name, or the file cannot be written.
     """
     if file.suffix.lower() not in (".html", ".htm"):
         raise ModelError(f"{file}: {what} a page for a browser: expected a name that ends in .html")
@@ -241,7 +241,7 @@ def _controls(timeline: Timeline) -> Html:
 
 
 def _packed(values: Any) -> dict[str, Any] | float:
-    """An object of JSON: of an array its type, and base64 of its numbers; whole numbers take the smallest type."""
+    """Return a value as JSON: an array as its type and base64 of its numbers; whole numbers get the smallest type."""
     if isinstance(values, Timeline | Readout):
         return {one.name: getattr(values, one.name) for one in fields(values)}
     if isinstance(values, np.generic):

@@ -1,7 +1,7 @@
 """Worker processes of this machine, one job at a time each. A worker that dies is restarted; its job is retried once.
 
-They read and write on a pipe of their own, see `neuro.core.worker_process`, leave Ctrl-C to the process that asked, and
-end when that does, whatever ended it. Each has a process group of its own, so that what a job forks ends with it.
+A worker communicates by a pipe, see `neuro.core.worker_process`. Ctrl-C is handled by the parent, and workers end
+with the parent, also if it is killed. Each worker has a process group, so that processes forked by a job end with it.
 """
 
 from __future__ import annotations
@@ -43,15 +43,15 @@ class JobMessage:
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """A job is done, and this has come of it."""
+    """A finished job with its result."""
 
     job: Any
-    found: Any
+    result: Any
 
 
 @dataclass(frozen=True, slots=True)
 class Raised:
-    """A job has raised an error."""
+    """A job that raised an error."""
 
     job: Any
     error: BaseException
@@ -59,14 +59,14 @@ class Raised:
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """A job is given up: its process has ended too often, or it takes longer than it may.
+    """A job that is given up: its process ended too often, or exceeded the time limit.
 
     Attributes:
         job: the job.
-        how: its last process ended, in words.
-        attempts: how often it was begun.
-        seconds: that the last attempt took.
-        late: whether it was ended since it took too long.
+        how: the end of the last process, in words.
+        attempts: number of attempts.
+        seconds: duration of the last attempt.
+        late: True if the last attempt exceeded the time limit.
     """
 
     job: Any
@@ -79,8 +79,8 @@ class Lost:
 Event: TypeAlias = JobMessage | Done | Raised | Lost
 
 
-class Elsewhere(Exception):
-    """Where an error was raised in another process, as text."""
+class RemoteTraceback(Exception):
+    """The traceback of an error in another process, as text."""
 
     def __str__(self) -> str:
         return f"\n{self.args[0]}"
@@ -100,9 +100,9 @@ class _Task:
 
 @dataclass(eq=False)
 class _Process:
-    """A process, what it works on, since when and until when.
+    """A worker process with its task, start and deadline.
 
-    Its end is waited for by `end`, a descriptor of it: the pipe may be held open by what it has forked.
+    `end` is a descriptor that becomes readable when the process ends; the pipe may be held open by forked processes.
     """
 
     process: subprocess.Popen[bytes]
@@ -115,16 +115,16 @@ class _Process:
 
 
 class Processes:
-    """Processes that do jobs; they are started when there are jobs for them, and stay until this is closed.
+    """Worker processes for jobs; they start when jobs come, and stay until `close`.
 
     Args:
-        begin: is called in each process and gives what does a job there; can be pickled, as jobs and what comes of
-            them can.
-        count: how many processes at most.
-        seconds: that a job may take; None for as long as it likes.
+        begin: function called in each process; it returns the function that runs a job. `begin`, jobs and results
+            must be picklable.
+        count: largest number of processes.
+        seconds: time limit of a job; None for no limit.
 
     Raises:
-        ModelError: a script asks for them where other processes would do so, too; the system is not Linux.
+        ModelError: a script starts processes outside of its main block, or the system is not Linux.
     """
 
     def __init__(self, begin: Callable[[], Work], count: int, seconds: float | None = None) -> None:
@@ -153,17 +153,17 @@ class Processes:
 
     @property
     def waiting(self) -> int:
-        """How many jobs no process has begun."""
+        """Number of jobs that no process has begun."""
         return len(self._waiting)
 
     @property
     def free(self) -> int:
-        """How many more jobs could be begun at once."""
+        """Number of further jobs that could begin at once."""
         return self._count - sum(bool(each.task) for each in self._processes) - len(self._waiting)
 
     @property
     def busy(self) -> bool:
-        """Whether there is a job that is not done."""
+        """True if a job is waiting or running."""
         return bool(self._waiting) or any(each.task for each in self._processes)
 
     def put(self, job: Any) -> None:
@@ -183,13 +183,13 @@ class Processes:
         self._hand_out()
         events: list[Event] = []
         ends: list[Any] = [end for each in self._processes for end in (each.pipe, each.end)]
-        ready = set(connection.wait(ends, self._patience(seconds)))
+        signalled = set(connection.wait(ends, self._patience(seconds)))
         for each in list(self._processes):
-            if each.pipe in ready:
-                events += self._heard(each)
-            elif each.end in ready:
-                events += self._heard(each) if each.pipe.poll() else self._ended(each)
-        events += self._late()
+            if each.pipe in signalled:
+                events += self._receive(each)
+            elif each.end in signalled:
+                events += self._receive(each) if each.pipe.poll() else self._retry(each)
+        events += self._end_overdue()
         self._hand_out()
         return events
 
@@ -212,7 +212,9 @@ class Processes:
             process_group=0,
         )
         its.close()
-        os.environ["NEURO_COMPILING_REPORTED"] = "1"  # one process reports it, see `neuro.kernels.compile_report`
+        os.environ["NEURO_COMPILING_REPORTED"] = (
+            "1"  # this process reports compilation, see `neuro.kernels.compile_report`
+        )
         each = _Process(process, mine, os.pidfd_open(process.pid))
         self._processes.append(each)
         script = {word: value for word, value in spawn.get_preparation_data("").items() if word.startswith("init_main")}
@@ -230,14 +232,14 @@ class Processes:
         task.attempt += 1
         _send(each, (task.attempt, task.job))
 
-    def _heard(self, each: _Process) -> list[Event]:
+    def _receive(self, each: _Process) -> list[Event]:
         try:
             is_, what = pickle.loads(each.pipe.recv_bytes())
         except (EOFError, ConnectionResetError):
-            return self._ended(each)
+            return self._retry(each)
         if is_ in ("refused", "raised"):
             error, trace = what
-            error.__cause__ = Elsewhere(trace)
+            error.__cause__ = RemoteTraceback(trace)
             if is_ == "refused":
                 raise error
             what = error
@@ -255,8 +257,8 @@ class Processes:
         each.task, each.deadline = None, float("inf")
         return [Done(job, what) if is_ == "done" else Raised(job, what)]
 
-    def _ended(self, each: _Process) -> list[Event]:
-        """A process is gone: its job waits again, unless it was tried often enough."""
+    def _retry(self, each: _Process) -> list[Event]:
+        """Queue the job of a dead process again, unless it has had all its attempts."""
         connection.wait([each.end], END_S)  # a pipe is closed a little before
         how, task = self._terminate(each), each.task
         if task is None:
@@ -269,8 +271,8 @@ class Processes:
             return [Lost(task.job, how, task.attempt, time.monotonic() - each.began, False)]
         return []
 
-    def _late(self) -> list[Event]:
-        """End processes whose job takes longer than it may."""
+    def _end_overdue(self) -> list[Event]:
+        """End the processes whose job exceeds the time limit."""
         now, events = time.monotonic(), list[Event]()
         for each in [one for one in self._processes if one.deadline < now]:
             how, task = self._terminate(each), each.task
@@ -298,7 +300,7 @@ class Processes:
 
 
 def _kill(each: _Process) -> None:
-    """End a process and all of its group, which may outlive it."""
+    """Kill a process and its group, which may outlive it."""
     with suppress(ProcessLookupError):
         os.killpg(each.process.pid, signal.SIGKILL)
 
@@ -310,7 +312,7 @@ def _send(each: _Process, what: Any) -> None:
 
 
 def cores(threads: int = 1) -> int:
-    """How many processes of so many threads the cores are enough for that this one may use."""
+    """Return the number of processes with so many threads for which this process has cores."""
     return max(1, usable_cores() // threads)
 
 
@@ -322,31 +324,30 @@ Run = Callable[[Job, Callable[[Any], None]], Found]
 def side_by_side(
     run: Run[Job, Found], jobs: Sequence[Job], processes: int | None = None, report: Callable[[Any], None] | None = None
 ) -> list[Found]:
-    """Do jobs at the same time on the cores of this machine; one alone is done in this process.
+    """Run jobs in parallel on the cores of this machine; a single job runs in this process.
 
-    A process that is killed is started anew and its job tried once more, so a job should go on where it was. An
-    interruption ends all, and so does the end of this process, whatever ended it. What was run with `--with` is run in
-    the processes, too.
+    A process that is killed is restarted and its job retried once, so a job should continue from its own checkpoint.
+    An interrupt, or the end of this process, ends all. Files given by `--with` run in the workers, too.
 
     Args:
-        run: does a job, and tells of it by its second argument; a function of a module or of a script, as jobs,
-            reports and results it can be pickled.
-        jobs: what to do.
-        processes: at a time; as many as there are cores if not given.
-        report: is called with every report, in this process.
+        run: function of a job and of a function to report with; a function of a module or script. Jobs, reports and
+            results must be picklable.
+        jobs: jobs to run.
+        processes: processes at a time; by default the number of cores.
+        report: called in this process with every report.
 
     Returns:
-        The results, in the order of the jobs.
+        results in the order of the jobs.
 
     Raises:
-        ModelError: a job's process was killed twice.
-        Exception: the first that a job raises, once all have ended.
+        ModelError: the process of a job was killed twice.
+        Exception: the first exception of a job, once all jobs have ended.
     """
     tell = report or _ignore
     count = min(len(jobs), processes or cores())
     if count <= 1:
         return [run(job, tell) for job in jobs]
-    found: dict[int, Found] = {}
+    results: dict[int, Found] = {}
     failed: dict[int, BaseException] = {}
     with Processes(partial(_work, run), count) as pool:
         for numbered in enumerate(jobs):
@@ -357,7 +358,7 @@ def side_by_side(
                 if isinstance(event, JobMessage):
                     tell(event.what)
                 elif isinstance(event, Done):
-                    found[number] = event.found
+                    results[number] = event.result
                 elif isinstance(event, Raised):
                     failed[number] = event.error
                 else:
@@ -365,7 +366,7 @@ def side_by_side(
                     failed[number] = ModelError(message, hint="the same command goes on where it was")
     if failed:
         raise failed[min(failed)]
-    return [found[number] for number in range(len(jobs))]
+    return [results[number] for number in range(len(jobs))]
 
 
 def _ignore(message: Any) -> None:

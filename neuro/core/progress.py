@@ -1,4 +1,4 @@
-"""How far long work is, on stderr: a bar on a terminal, elsewhere a line every ten seconds."""
+"""Progress of long work on stderr: a bar on a terminal, else a line every ten seconds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ STRETCH_S = 0.2
 
 
 def _is_terminal() -> bool:
-    """Whether stderr is one; it is None where it was closed before the start."""
+    """Return True if stderr is a terminal; stderr is None if it was closed before the start."""
     return sys.stderr is not None and sys.stderr.isatty()
 
 
@@ -50,18 +50,18 @@ class Bar:
         self._line(text)
 
     def begin(self, done: float) -> None:
-        """Let the clock start here, where so much is done: what was before tells nothing of what is left."""
+        """Start the clock at this amount of work; the time before is left out of the estimate."""
         self._bar.reset(self._task)
         self._began, self._done, self._from = time.monotonic(), done, done
 
     def show(self, done: float, total: float, text: str, line: bool = True) -> None:
-        """Show how much is done of how much, and what it is; less than before is the begin of something else.
+        """Show the progress; an amount below the last one starts new work.
 
         Args:
-            done: how much.
-            total: of how much.
-            text: what it is.
-            line: whether it is also a line where stderr is no terminal; not if a line is kept of it anyway.
+            done: completed amount.
+            total: total amount.
+            text: description.
+            line: also print a line if stderr is no terminal; False if the work is logged otherwise.
         """
         if done < self._done:
             self._bar.reset(self._task)
@@ -69,9 +69,9 @@ class Bar:
         self._done = done
         self._bar.update(self._task, description=text, completed=done, total=total)
         since = done - self._from
-        left = (time.monotonic() - self._began) * (total - done) / since if since else 0.0
+        remaining_s = (time.monotonic() - self._began) * (total - done) / since if since else 0.0
         if line:
-            self._line(f"{text}, {left:,.0f} s left" if left >= 1 else text)
+            self._line(f"{text}, {remaining_s:,.0f} s left" if remaining_s >= 1 else text)
 
     def keep(self, text: str) -> None:
         """A line that stays."""
@@ -110,13 +110,13 @@ def advance(sim: Any, steps: int, bar: Bar) -> float:
         stretch = min(stretch, steps - done)
         began = time.perf_counter()
         sim.run(clock.ms(stretch))
-        taken = time.perf_counter() - began
+        elapsed_s = time.perf_counter() - began
         done += stretch
         if done == 1 < steps:
-            first_s = taken
+            first_s = elapsed_s
             bar.begin(done)
         else:
-            rate = clock.ms(stretch) / taken
+            rate = clock.ms(stretch) / elapsed_s
             bar.show(done, steps, f"{clock.ms(done):,.0f} of {clock.ms(steps):,.0f} ms, {rate:,.0f} ms/s")
-        stretch = max(1, int(stretch * min(10.0, STRETCH_S / taken)))
+        stretch = max(1, int(stretch * min(10.0, STRETCH_S / elapsed_s)))
     return first_s

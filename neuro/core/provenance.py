@@ -1,16 +1,16 @@
-"""Where a file comes from: all that is needed to make it again, and to tell what is no longer the same.
+"""Provenance of files: the facts to make a file again, and to tell what has changed since.
 
 A record is plain data, written as JSON into every file of results, states, models and reports:
 
-| word | is |
+| word | content |
 | --- | --- |
-| neuro, commit | the version of this package, and the commit of its sources where they are a checkout |
-| versions | of Python, of the packages that compute, and of the backend's simulator |
+| neuro, commit | version of this package, and commit of the sources in a checkout |
+| versions | versions of Python, of the packages that compute, and of the backend's simulator |
 | backend, threads, seed | of a run |
-| network | the hash of the network as resolved |
-| inputs | hashes of all files that were read, by their absolute paths |
-| command | as it was typed, in the words of a shell, and the folder in which it was |
-| machine | in words: system, processor, cores |
+| network | hash of the resolved network |
+| inputs | hashes of all input files, by absolute path |
+| command | command line and working folder |
+| machine | system, processor, cores |
 """
 
 from __future__ import annotations
@@ -65,14 +65,14 @@ def provenance(files: Iterable[str] | None = None, /, **of_a_run: Any) -> dict[s
 
 
 def _outermost(files: Iterable[str]) -> list[str]:
-    """Without our own tables, and without files in folders that are inputs as a whole; many of one folder are it."""
+    """Remove this package's tables and files within folders that are inputs; many files of a folder become one."""
     own, every = str(_FOLDER / "neuro") + os.sep, list(dict.fromkeys(files))
     every = [name for name in every if not name.startswith(own)]
     if len(every) > _MANY:
-        beside: dict[str, list[str]] = {}
+        by_folder: dict[str, list[str]] = {}
         for name in every:
-            beside.setdefault(os.path.dirname(name), []).append(name)
-        every = [name for folder, names in beside.items() for name in ([folder] if len(names) > _MANY else names)]
+            by_folder.setdefault(os.path.dirname(name), []).append(name)
+        every = [name for folder, names in by_folder.items() for name in ([folder] if len(names) > _MANY else names)]
     folders = {name + os.sep for name in every if os.path.isdir(name)}
     return [name for name in every if not any(name.startswith(folder) for folder in folders)]
 
@@ -83,8 +83,8 @@ def commit() -> str:
     if not (_FOLDER / ".git").exists():
         return ""
     try:
-        asked = ("git", "-C", str(_FOLDER), "describe", "--always", "--abbrev=12", "--dirty=+", "--exclude=*")
-        answer = subprocess.run(asked, capture_output=True, text=True, timeout=10)
+        arguments = ("git", "-C", str(_FOLDER), "describe", "--always", "--abbrev=12", "--dirty=+", "--exclude=*")
+        answer = subprocess.run(arguments, capture_output=True, text=True, timeout=10)
     except (OSError, subprocess.TimeoutExpired):
         return ""
     return answer.stdout.strip() if answer.returncode == 0 else ""
@@ -105,7 +105,7 @@ def _version(name: str) -> str:
 
 
 def command() -> str:
-    """How this process was called, in the words of a shell: `neuro run net.yaml`, or `python script.py`."""
+    """Return the command line of this process: `neuro run net.yaml`, or `python script.py`."""
     name = Path(sys.argv[0]).name if sys.argv and sys.argv[0] else "python"
     first = ["neuro"] if name in ("neuro", "__main__.py") else ["python", *sys.argv[:1]]
     return shlex.join([*first, *sys.argv[1:]])
@@ -121,14 +121,14 @@ def machine() -> str:
 
 def _processor() -> str:
     try:
-        found = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.M)
+        model_name = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.M)
     except OSError:
-        found = None
-    return found[1].strip() if found else platform.machine()
+        model_name = None
+    return model_name[1].strip() if model_name else platform.machine()
 
 
 def differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What is not the same in two records, in words; the command and the folder do not matter."""
+    """Return the differences between two records as text; command and folder are ignored."""
     lines = []
     for word in ("neuro", "commit", "backend", "threads", "seed", "network", "machine"):
         if word in then and word in now and then[word] != now[word]:

@@ -1,4 +1,4 @@
-"""Parameters that know their unit and their bounds: the fields of models, synapses, rules and groups."""
+"""Quantities: parameters with unit and bounds, the fields of models, synapses, rules and groups."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ def kind(name: str, noun: str, listed: bool = False) -> Callable[[_Check], _Chec
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What a parameter may be.
+    """Type, unit and bounds of a parameter.
 
     Attributes:
         unit: physical unit, "" for none.
-        doc: one line on its meaning.
+        doc: meaning in one line.
         kind: "number", "integer", "microseconds" (time of an event, 64 bits), "boolean", "name" (of a part of the
             network), "receptor" (of neurons), "word" (one of `words`), "shape" (a list of integers), "times" (spike
             times, a list per neuron), "moments" (times at which something changes), "series" (values at moments, in a
@@ -65,23 +65,23 @@ class Quantity:
             third column, the payload), "ids", "delay" (a time that is no number of the rule), "names" (a list of
             names), "words" (values by name), "part" (a `part`), "array" (numbers in a list or a file, not drawn),
             "states" (numbers by state), "neurons" (a population or some of its neurons), "codes" (of `neuro.coding`),
-            "choice" (a `choice`; with bounds also a number, with `arrays` also numbers), "choices" (`choice`s by name),
-            "expression" (a text), "file" (a path; in YAML inside the folder of the description) or "events" (what holds
-            events, in Python alone).
+            "choice" (a `choice`; with bounds also a number, with `arrays` also numbers), "choices" (`choice`s by
+            name), "expression" (a text), "file" (a path; in YAML inside the folder of the description) or "events"
+            (an object with events, in Python only).
         above, at_least, below, at_most: bounds of every element.
-        nonzero: whether 0 has no meaning.
-        infinite: whether an infinite value has a meaning.
-        whole: whether a number, and every element of an array, must be a whole one.
-        arrays: whether one value per element (an array or a distribution) is accepted.
-        optional: whether it may be left out for good (None).
-        words: the accepted words of kind "word", and those accepted beside numbers by "integer" and "shape".
-        part: the class of kind "part", a `Choice`.
-        choice: of kinds "choice" and "choices": the base of what may be chosen, a `Choice`.
-        of_value: whether its unit is that of what it belongs to: of the value which the distribution or function that
-            has it stands for, of the weight of a synapse. Until that is known a number with its unit is a text.
-        taken_in: the unit in which numbers with a unit are taken, where `unit` does not tell it.
-        of_distance: whether a function of the distance between two neurons is accepted.
-        bounds: of each bound the sign, the number, and the comparison that holds within.
+        nonzero: 0 is refused.
+        infinite: infinite values are accepted.
+        whole: a number, and every element of an array, must be whole.
+        arrays: one value per element (an array or a distribution) is accepted.
+        optional: None is accepted.
+        words: accepted words of kind "word", and those accepted beside numbers by "integer" and "shape".
+        part: class of kind "part", a `Choice`.
+        choice: base class of the choices of kinds "choice" and "choices".
+        of_value: the parameter takes the unit of the value that its distribution or function describes, e.g. `low` of
+            `uniform` is in pA where the weight is. Until that unit is known, a number with a unit stays a text.
+        taken_in: unit of numbers with a unit, if `unit` does not give it.
+        of_distance: a function of the distance between two neurons is accepted.
+        bounds: sign, number and comparison of each bound.
     """
 
     unit: str = ""
@@ -105,8 +105,8 @@ class Quantity:
     bounds: tuple[tuple[str, float, Callable[[Any, float], Any]], ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        said = ((sign, getattr(self, word), holds) for word, sign, holds in _BOUNDS)
-        object.__setattr__(self, "bounds", tuple(one for one in said if one[1] is not None))
+        bounds = ((sign, getattr(self, word), holds) for word, sign, holds in _BOUNDS)
+        object.__setattr__(self, "bounds", tuple(one for one in bounds if one[1] is not None))
 
     def expected(self) -> str:
         """The sentence part that says what is accepted, e.g. "a number > 0 ms"."""
@@ -152,10 +152,10 @@ def field_of(word: str) -> str:
 
 
 def with_unit(q: Quantity, value: str, what: str) -> float:
-    """A number that is written with its unit, in the unit of the quantity.
+    """Convert a number written with its unit to the unit of the quantity.
 
     Raises:
-        ModelError: it has another dimension, or there is no such unit.
+        ModelError: the number has another dimension, or the unit does not exist.
     """
     from neuro.core.units import converted
 
@@ -169,10 +169,10 @@ def with_unit(q: Quantity, value: str, what: str) -> float:
 
 
 def in_ms(value: Any, what: str) -> Any:
-    """A time that is said with its unit, as a number of ms; all else as it is.
+    """Convert a time written with its unit to ms; other values are returned unchanged.
 
     Raises:
-        ModelError: it has another dimension, or there is no such unit.
+        ModelError: the value has another dimension, or the unit does not exist.
     """
     try:
         return with_unit(Quantity("ms"), value, what) if is_written(value) else value
@@ -181,7 +181,7 @@ def in_ms(value: Any, what: str) -> Any:
 
 
 def is_written(value: Any) -> bool:
-    """Whether a value is a text that says a number and a unit."""
+    """Return True if a value is a text of a number and a unit."""
     if not isinstance(value, str):
         return False
     from neuro.core.units import is_measure

@@ -1,7 +1,7 @@
-"""Parts by name: those of this package, of installed packages (entry points), and those that a program registers.
+"""Registries: parts of this package, of installed packages (entry points) and of a running program, by name.
 
-One registry for each kind of part stands beside what defines the kind. Whoever names a part, in YAML, on the command
-line or in a report, looks here, so a third-party part is like one of ours.
+Each kind of part has one registry, in the module that defines the kind. YAML, the command line and reports look names
+up in it, so third-party parts behave like built-in ones.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Registry(Mapping[str, T], Generic[T]):
         """Register a part.
 
         Raises:
-            ModelError: another one has its name, or it comes too late.
+            ModelError: another part has the name, or the registry is closed already.
         """
         name = self._name(part)
         if self._closed_by:
@@ -133,7 +133,7 @@ class Registry(Mapping[str, T], Generic[T]):
         return self._parts[name]
 
     def __iter__(self) -> Iterator[str]:
-        """Names, those of installed packages last: a part that is found before them needs no look at them."""
+        """Yield names, those of installed packages last, so that built-in parts need no look at entry points."""
         here = dict.fromkeys((*self._homes, *self._parts, *self._registered))
         yield from here
         yield from (name for name in sorted(self._present()) if name not in here)
@@ -211,8 +211,8 @@ class _Items(ItemsView[str, T]):
 @cache
 def installed(group: str) -> EntryPoints:
     """The entry points of one group of all installed packages."""
-    found: EntryPoints = _installed().select(group=group)
-    return found
+    entry_points: EntryPoints = _installed().select(group=group)
+    return entry_points
 
 
 @cache
@@ -249,14 +249,14 @@ def register(thing: Any = None, *, kind: str = "") -> Any:
 
 
 def _registry_of(thing: object, kind: str) -> Registry[Any]:
-    found = next((registry for registry in _REGISTRIES if _is_of(registry, thing, kind)), None)
-    if found is None:
+    registry_of_kind = next((registry for registry in _REGISTRIES if _is_of(registry, thing, kind)), None)
+    if registry_of_kind is None:
         for room in _ROOMS:
             if find_spec(room.partition(".")[0]) is not None:
                 import_module(room)
-        found = next((registry for registry in _REGISTRIES if _is_of(registry, thing, kind)), None)
-    if found is not None:
-        return found
+        registry_of_kind = next((registry for registry in _REGISTRIES if _is_of(registry, thing, kind)), None)
+    if registry_of_kind is not None:
+        return registry_of_kind
     kinds = ", ".join(sorted(registry.kind for registry in _REGISTRIES))
     hint = "write neuro.register(kind=...) above a function" if callable(thing) and not kind else ""
     if any(registry.kind == kind for registry in _REGISTRIES):
@@ -272,18 +272,19 @@ def _is_of(registry: Registry[Any], thing: object, kind: str) -> bool:
 
 
 def registered() -> int:
-    """How many parts have been registered so far."""
+    """Return the number of parts registered so far."""
     return sum(len(registry._registered) for registry in _REGISTRIES)
 
 
 class OfModule:
-    """The class attribute `arithmetic`: what has a model's functions, the nearest class or module that has one of some.
+    """The class attribute `arithmetic`: the nearest class or module that defines one of a model's functions.
 
-    The functions of a class are in its body, without `self`, since they are called as `model.arithmetic.step(...)`: so
-    a subclass without functions, or with some of its own, has those of its base. Or they are in its module.
+    Functions of a class are written in its body, without `self`, since they are called as
+    `model.arithmetic.step(...)`. A subclass without functions of its own has those of its base. Functions may also be
+    in the module of the class.
 
     Args:
-        functions: names by which a class or a module is known.
+        functions: names of the functions, one of which must be defined.
     """
 
     def __init__(self, functions: Collection[str]) -> None:

@@ -1,8 +1,8 @@
-"""Settings as data: frozen dataclasses whose fields know unit, bounds, meaning and source; parts by name.
+"""Settings as data: frozen dataclasses whose fields have unit, bounds, meaning and source; parts by name.
 
-A method consists of numbers and of parts. A part (a segmenter, a readout) is one of those that its `Registry` knows.
-A value is changed by its own name where only one part has it, else by the name of its part and a dot:
-``segmenter.tau``. The name of a part alone puts another in its place: ``readout=rbf``.
+A method consists of numbers and parts. A part (a segmenter, a readout) comes from the `Registry` of its kind. The
+name of a value selects it if one part has that name; otherwise the name of the part and a dot precede:
+``segmenter.tau``. The name of a part replaces the part: ``readout=rbf``.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def part(kind: type[Part], default: Part) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A value among settings: its full name, the value, and what is known of it."""
+    """One value among settings: full name, value, unit, meaning and source."""
 
     name: str
     value: Any
@@ -105,7 +105,7 @@ class Settings:
         return {one.name: one for one in fields(cls) if "fixed" not in one.metadata}
 
     def rows(self, before: str = "") -> Iterator[Row]:
-        """Yield all checked values, those of parts with the part's name before them."""
+        """Yield all checked values; values of parts have the name of the part as prefix."""
         for one in fields(self):
             value = getattr(self, one.name)
             if isinstance(value, Part):
@@ -136,7 +136,7 @@ class Settings:
         return replace(whole, **{name: getattr(whole, name).changed(each) for name, each in inner.items()})
 
     def _part_of(self, one: Field[Any], value: Any) -> Part:
-        """Return the part that a word names; the present one keeps its values."""
+        """Return the part with a name; the current part keeps its values."""
         kind: type[Part] = one.metadata["part"]
         if isinstance(value, kind):
             return value
@@ -149,13 +149,15 @@ class Settings:
         first, dot, rest = name.partition(".")
         if dot and first in parts:
             return first, rest
-        having = [holder for holder, held in parts.items() if held.takes(name)]
-        if len(having) > 1:
-            raise ModelError(f"'{name}' could mean {' or '.join(f'{h}.{name}' for h in having)}: expected one of these")
-        if not having:
-            known = [row.name if dot else row.name.rpartition(".")[2] for row in self.rows()]
-            raise unknown(f"setting of {self.place()}", name, known)
-        return having[0], name
+        holders = [word for word, part in parts.items() if part.takes(name)]
+        if len(holders) > 1:
+            raise ModelError(
+                f"'{name}' could mean {' or '.join(f'{h}.{name}' for h in holders)}: expected one of these"
+            )
+        if not holders:
+            names = [row.name if dot else row.name.rpartition(".")[2] for row in self.rows()]
+            raise unknown(f"setting of {self.place()}", name, names)
+        return holders[0], name
 
     def takes(self, name: str) -> bool:
         """Return whether a value of its own has this name."""
@@ -179,8 +181,8 @@ class Settings:
         for name, one in cls.own().items():
             value = words[name]
             if _holds_part(one):
-                ((known, inner),) = value.items()
-                values[name] = type(one.metadata["part"].named(known)).from_words(inner)
+                ((part_name, inner),) = value.items()
+                values[name] = type(one.metadata["part"].named(part_name)).from_words(inner)
             else:
                 values[name] = tuple(value) if isinstance(value, list) else value
         return cls(**values)

@@ -13,7 +13,7 @@ from neuro.core.errors import ModelError
 
 
 def usable_cores() -> int:
-    """How many cores this process may use; where the system does not say, all that there are."""
+    """Return the number of cores that this process may use; all cores where the system gives no number."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
@@ -30,8 +30,8 @@ def only_on_linux(what: str) -> None:
         raise ModelError(f"{what} needs Linux: found the system '{sys.platform}'")
 
 
-# Processes that mpirun started work together only on a backend that is distributed. Elsewhere, as in a sweep of
-# independent runs, each tells its own mistakes and writes the files that it was asked to write.
+# Processes started by mpirun work together only on a distributed backend. Otherwise, e.g. in a sweep of independent
+# runs, each process reports its own errors and writes its own files.
 _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 _LOCAL_SIZES = ("OMPI_COMM_WORLD_LOCAL_SIZE", "MPI_LOCALNRANKS")
 _RANKS = ("OMPI_COMM_WORLD_RANK", "PMI_RANK")
@@ -39,33 +39,33 @@ _shared = False
 
 
 def processes() -> int:
-    """How many there are; 1 without mpirun."""
+    """Return the number of processes of mpirun; 1 without mpirun."""
     return max(1, _first(_SIZES))
 
 
 def neighbours() -> int:
-    """How many of them are on this machine."""
+    """Return the number of processes of mpirun on this machine."""
     return min(processes(), max(1, _first(_LOCAL_SIZES)))
 
 
 def leads() -> bool:
-    """Whether this one is the first of those that work together."""
+    """Return True in the first process of mpirun, and without mpirun."""
     return _first(_RANKS) == 0
 
 
 def share() -> None:
-    """From now on one of the processes speaks and writes for all: they work on one thing."""
+    """Declare that all processes of mpirun work on one network, so that one of them reports and writes files."""
     global _shared
     _shared = processes() > 1
 
 
 def shared() -> bool:
-    """Whether this is one of several processes that work on one thing."""
+    """Return True if several processes work on one network."""
     return _shared
 
 
 def speaks() -> bool:
-    """Whether this process tells and writes what there is to tell and to write."""
+    """Return True if this process reports and writes files."""
     return not _shared or leads()
 
 
@@ -78,10 +78,10 @@ R = TypeVar("R")
 
 
 def mapped(function: Callable[[T], R], items: Sequence[T], threads: int) -> Iterator[R]:
-    """What a function gives for each item, in order; all are begun at once, on so many threads, with 1 one by one.
+    """Yield the result of a function for each item, in order; all items run at once on `threads` threads.
 
     Raises:
-        Exception: what the function raises for the first item for which it does.
+        Exception: the exception of the first item whose call failed.
     """
     if threads == 1 or len(items) < 2:
         yield from map(function, items)

@@ -1,6 +1,6 @@
-"""Units: a dimension is powers of mV, ms and pA, in which all values are computed.
+"""Units: a dimension is a product of powers of mV, ms and pA, the units of all computed values.
 
-These three fit each other: pA/mV is nS, pA ms/mV is pF, mV/pA is GOhm, 1/ms is kHz.
+Derived units follow: pA/mV is nS, pA ms/mV is pF, mV/pA is GOhm, 1/ms is kHz.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def times(a: Dimension, b: Dimension, power: Fraction | int = 1) -> Dimension:
 
 
 def unit_of(dimension: Dimension) -> str:
-    """How a dimension is written: "mV", "pA/ms", "1/(mV ms)"; "" for none."""
+    """Return the unit of a dimension: "mV", "pA/ms", "1/(mV ms)"; "" for none."""
     if dimension == NONE:
         return ""
     if dimension in _NAMES:
@@ -73,31 +73,31 @@ def _power(name: str, power: Fraction) -> str:
 
 
 def told(dimension: Dimension) -> str:
-    """A dimension in a sentence."""
+    """Return a dimension as part of a sentence."""
     return f"in {unit_of(dimension)}" if dimension != NONE else "without unit"
 
 
 def measured(value: object) -> tuple[float, str]:
-    """A number and its unit from `281 pF`, `0.04 1/(mV*ms)`, `-70 mV` or a number.
+    """Return a number and its unit from `281 pF`, `0.04 1/(mV*ms)`, `-70 mV` or a number.
 
     Raises:
-        ModelError: it is none of these.
+        ModelError: the value has another form.
     """
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value), ""
-    found = _MEASURED.fullmatch(value) if isinstance(value, str) else None
-    text = found[2].strip() if found else ""
-    if found is None or text.startswith("*"):
-        hint = f"write {found[1]} {text.lstrip('* ')}" if found else ""
+    match = _MEASURED.fullmatch(value) if isinstance(value, str) else None
+    text = match[2].strip() if match else ""
+    if match is None or text.startswith("*"):
+        hint = f"write {match[1]} {text.lstrip('* ')}" if match else ""
         raise ModelError(f"found {value!r:.40}: expected a number with its unit, e.g. 281 pF", hint=hint)
-    return float(found[1]), text
+    return float(match[1]), text
 
 
 def unit(text: str) -> tuple[float, Dimension]:
-    """What one of a unit is in mV, ms and pA, and its dimension.
+    """Return the size of a unit in mV, ms and pA, and its dimension.
 
     Raises:
-        ModelError: it is no unit; it names the column.
+        ModelError: the text is no unit; the message names the column.
     """
     tens, dimension = _tens_of(text)
     return float(f"1e{tens}"), dimension
@@ -106,8 +106,8 @@ def unit(text: str) -> tuple[float, Dimension]:
 def _tens_of(text: str) -> tuple[int, Dimension]:
     if not text:
         return 0, NONE
-    found = parse(f"1{text}" if text.startswith("/") else text)
-    return _unit(found, found.tree)
+    expression = parse(f"1{text}" if text.startswith("/") else text)
+    return _unit(expression, expression.tree)
 
 
 def _unit(whole: Expression, tree: Tree) -> tuple[int, Dimension]:
@@ -125,8 +125,10 @@ def _unit(whole: Expression, tree: Tree) -> tuple[int, Dimension]:
             tens, dimension = _unit(whole, left)
             return tens * int(power), times(NONE, dimension, int(power))
         case Name() | Number() | Binary() | Call() | Negative():
-            known = ", ".join(UNITS)
-            raise mistake(whole.text, tree.at, "expected a unit", f"known: {known}, and their products with * / ^")
+            known_units = ", ".join(UNITS)
+            raise mistake(
+                whole.text, tree.at, "expected a unit", f"known: {known_units}, and their products with * / ^"
+            )
 
 
 _KINDS = {
@@ -147,7 +149,7 @@ _WRITTEN = re.compile(
 
 
 def is_measure(value: object) -> bool:
-    """Whether a value is a number and something after it that may be a unit: `10 ms`, `3 1/ms`, `3/ms`."""
+    """Return True if a value is a text of a number and a possible unit: `10 ms`, `3 1/ms`, `3/ms`."""
     return isinstance(value, str) and len(value) <= _LONGEST and _WRITTEN.fullmatch(value) is not None
 
 
@@ -181,15 +183,15 @@ def converted(value: str, to: str) -> float:
         ModelError: it has another dimension, or no unit that is known.
     """
     try:
-        wanted_tens, wanted = _tens_of(to)
+        wanted_tens, target = _tens_of(to)
     except ModelError:
-        found = _WRITTEN.fullmatch(value)  # a unit that has no other beside it, as a degree
-        if found is None or found[2].strip() != to:
+        match = _WRITTEN.fullmatch(value)  # a unit that has no other beside it, as a degree
+        if match is None or match[2].strip() != to:
             raise ModelError(f"expected a number in {to}") from None
-        return float(found[1])
+        return float(match[1])
     number, tens, dimension = _read(value)
-    if dimension != wanted:
-        kind = _KINDS.get(wanted, "a value")
+    if dimension != target:
+        kind = _KINDS.get(target, "a value")
         raise ModelError(f"expected {kind} in {to}" if to else "expected a number without unit", kind="unit")
     return scaled(number, tens - wanted_tens)
 
@@ -201,9 +203,9 @@ def scaled(number: str, tens: int) -> float:
 
 
 def _read(value: str) -> tuple[str, int, Dimension]:
-    found = _WRITTEN.fullmatch(value)
-    assert found is not None
+    match = _WRITTEN.fullmatch(value)
+    assert match is not None
     try:
-        return found[1], *_tens_of(found[2])
+        return match[1], *_tens_of(match[2])
     except ModelError:
-        raise ModelError(f"unknown unit '{found[2]}'", hint=nearest(found[2], UNITS)) from None
+        raise ModelError(f"unknown unit '{match[2]}'", hint=nearest(match[2], UNITS)) from None

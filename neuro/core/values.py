@@ -32,7 +32,7 @@ class FromFile:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a single number that a double can hold; true and false are none."""
+    """Return True if a value is a single number that a double can hold; booleans are not numbers."""
     if isinstance(value, int):
         return not isinstance(value, bool) and abs(value) <= _HUGE
     return isinstance(value, (float, np.integer, np.floating))
@@ -56,7 +56,7 @@ def same(a: Any, b: Any) -> bool:
 
 
 def shown(value: Any) -> str:
-    """A value as the language writes it, cut when it is long; for messages."""
+    """Return a value in the notation of the language, shortened if long, for messages."""
     text = repr(value) if isinstance(value, str) else _text(value)
     return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
 

@@ -54,31 +54,31 @@ class _Pipe:
             self._pipe.send_bytes(message)
 
     def raised(self, is_: str, error: BaseException) -> None:
-        """Tell an error with where it was raised; one that cannot be sent as what it says."""
-        sent = error
+        """Send an error with its traceback; an error that cannot be pickled is sent as a RuntimeError with its text."""
+        picklable = error
         try:
             pickle.loads(pickle.dumps(error))
         except Exception:
-            sent = RuntimeError(f"{type(error).__name__}: {error}")
-        self.tell(is_, (sent, "".join(traceback.format_exception(error))))
+            picklable = RuntimeError(f"{type(error).__name__}: {error}")
+        self.tell(is_, (picklable, "".join(traceback.format_exception(error))))
 
 
 def main() -> None:
     """Do what is asked for until the pipe ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     pipe = connection.Connection(int(sys.argv[1]))
-    asked: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    requests: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
     def hear() -> None:
         try:
             while True:
-                asked.put(pipe.recv_bytes())
+                requests.put(pipe.recv_bytes())
         except (EOFError, OSError):
-            os.killpg(0, signal.SIGKILL)  # the one that asked has ended: so does this one, and its forks
+            os.killpg(0, signal.SIGKILL)  # the parent has ended, so this process and its forks end, too
 
     Thread(target=hear, daemon=True).start()
     back = _Pipe(pipe)
-    words = pickle.loads(asked.get())
+    words = pickle.loads(requests.get())
     _prepare(words)
     try:
         run_extensions(words["extensions"])
@@ -87,29 +87,29 @@ def main() -> None:
         back.raised("refused", error)
         return
     back.tell("ready")
-    known = len(words["read"])
+    reported = len(words["read"])
     while True:
-        message = asked.get()
+        message = requests.get()
         try:
             attempt, job = _read(message)
-            found = work(job, attempt, lambda what: back.tell("said", what))
+            result = work(job, attempt, lambda what: back.tell("said", what))
             read = inputs.recorded_inputs()
-            if len(read) > known:
-                back.tell("read", read[known:])
-                known = len(read)
-            back.tell("done", found)
+            if len(read) > reported:
+                back.tell("read", read[reported:])
+                reported = len(read)
+            back.tell("done", result)
         except BaseException as error:
             back.raised("raised", error)
 
 
 def _prepare(words: Mapping[str, Any]) -> None:
-    """Be as the process that asked: its arguments, its paths, its environment."""
+    """Set arguments, paths and environment to those of the parent."""
     os.environ.pop("PYTHONPATH", None)
     if words["python_path"] is not None:
         os.environ["PYTHONPATH"] = words["python_path"]
     sys.argv[:], sys.path[:] = words["argv"], words["paths"]
     _Unpickler.script = words["script"]
-    for name in words["read"]:  # what is made of them tells of them, wherever it is made
+    for name in words["read"]:  # files that this process writes have the parent's inputs in their provenance
         inputs.record_input(name)
 
 

@@ -16,17 +16,17 @@ _BOOLEANS = {"true": "true", "yes": "true", "on": "true", "false": "false", "no"
 
 
 def wrong(q: Quantity, value: Any, what: str, *index: int) -> ModelError:
-    """The error for a value, or the element of it at `index`, that a quantity does not accept."""
+    """Return the error for a value, or for its element at `index`, that a quantity does not accept."""
     place = f"{what}[{', '.join(map(str, index))}]" if index else what
-    found = f"{place} has no value" if value is None else f"{place} = {shown(value)}"
+    assignment = f"{place} has no value" if value is None else f"{place} = {shown(value)}"
     expected = _with_exceeded(q, value).expected()
     if isinstance(value, float) and not math.isfinite(value):
         expected = expected.replace("a number", "a finite number", 1)
-    return ModelError(f"{found}: expected {expected}", hint=_hint(q, value), path=tuple(map(str, index)))
+    return ModelError(f"{assignment}: expected {expected}", hint=_hint(q, value), path=tuple(map(str, index)))
 
 
 def _with_exceeded(q: Quantity, value: Any) -> Quantity:
-    """The quantity with the bound of all whole numbers, where it has none on that side and the value is beyond it."""
+    """Return the quantity with the bound of whole numbers on the unbounded side that the value exceeds."""
     if q.kind in ("integer", "shape", "ids") and is_number(value):
         if q.at_most is None and value > LARGEST:
             return replace(q, at_most=LARGEST)
@@ -55,13 +55,13 @@ def _hint(q: Quantity, value: Any) -> str:
     return notation(value) if q.kind not in ("name", "receptor", "names", "part", "choice") else ""
 
 
-def _as_call(base: type[Any], name: object, said: Any) -> str:
-    """How to write in Python a choice that is said as in YAML, or ""."""
-    found = next((kind for kind in base.__subclasses__() if kind.called() == name), None)
-    if found is None or not isinstance(said, Mapping) or not set(said) <= set(found.quantities()):
+def _as_call(base: type[Any], name: object, mapping: Any) -> str:
+    """Return a hint with the Python call for a choice in the notation of YAML, or ""."""
+    choice = next((kind for kind in base.__subclasses__() if kind.called() == name), None)
+    if choice is None or not isinstance(mapping, Mapping) or not set(mapping) <= set(choice.quantities()):
         return ""
-    words = ", ".join(f"{word}={value!r:.60}" for word, value in said.items())
-    return f"write {_home(found)}{name}({words})"
+    words = ", ".join(f"{word}={value!r:.60}" for word, value in mapping.items())
+    return f"write {_home(choice)}{name}({words})"
 
 
 def _home(kind: type[Any]) -> str:

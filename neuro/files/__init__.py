@@ -1,1 +1,1 @@
-"""What is kept on disk: states and results, and the way to read both these and a simulation."""
+"""Files of states and results, and one interface to the recordings of both and of simulations."""

@@ -1,4 +1,4 @@
-"""What follows from results: the network of a run and its program, its bill on a chip, chosen weights and delays."""
+"""The network, program, bill of a chip, weights and delays of a finished run, from its results."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 READABLE = "spikes, traces and weights are read without"
 
 
-class Sought:
-    """Looks for recordings in folders, and remembers which are in none.
+class RecordingSearch:
+    """A search for recordings in folders, which remembers those that are in none.
 
     Args:
         folders: where to look, in this order.
@@ -40,37 +40,42 @@ class Sought:
         self._missing: list[str | None] = []
 
     def find(self, name: str | None) -> Path | None:
-        """The path of a recording; one in the first folder that is not there if it is in none. None of a program's."""
+        """Return the path of a recording.
+
+        A missing recording gets the path that it would have in the first folder. None stands for events of a program.
+        """
         if name is None:
             self._missing.append(None)
             return None
-        places = [folder / part for folder in self._folders for part in dict.fromkeys((name, Path(name).name))]
-        there = next((place for place in places if place.is_file()), None)
-        if there is None:
+        paths = [folder / part for folder in self._folders for part in dict.fromkeys((name, Path(name).name))]
+        existing = next((path for path in paths if path.is_file()), None)
+        if existing is None:
             self._missing.append(name)
-        return there or places[0]
+        return existing or paths[0]
 
     def check(self) -> None:
-        """Refuse to go on without what was not found.
+        """Raise an error if a recording is missing.
 
         Raises:
-            ModelError: a recording is in none of the folders, or was made by a program.
+            ModelError: a recording is in none of the folders, or its events came from a program.
         """
         for name in self._missing:
             if name is None:
                 message = "the network plays events of a program, which results do not hold"
                 raise ModelError(message, hint=f"describe it again with these events; {READABLE} them")
-            looked = ", ".join(map(str, self._folders))
+            folders = ", ".join(map(str, self._folders))
             hint = f"results.network(recordings=FOLDER) says where it lies; {READABLE} it"
-            raise ModelError(f"the network plays the recording {name!r}: not found in {looked}", hint=hint)
+            raise ModelError(f"the network plays the recording {name!r}: not found in {folders}", hint=hint)
 
 
 def resolved(results: Any, net: Network) -> Program:
-    """What ran; what a camera emitted is listed in it, so that no recording is needed.
+    """Return the program that ran.
+
+    The spikes of event cameras are listed in the program, so that no recording is needed.
 
     Args:
-        results: of the run.
-        net: what ran.
+        results: results of the run.
+        net: the network that ran.
     """
     from neuro.compiler import compile_network
 
@@ -84,15 +89,15 @@ _DRAWN = "without 'draw: backend' in its rule they are"
 
 
 def without_recordings(results: Any, net: Network) -> Network:
-    """The same network with a list of spikes, of which none are there, for each event camera."""
-    listed = copy.copy(net)
-    listed.populations = {
+    """Return the network with an empty list of spikes in place of each event camera."""
+    copied = copy.copy(net)
+    copied.populations = {
         name: replace(part, model=spike_generator(), shape=results.populations[name].shape)
         if isinstance(part.model, event_camera)
         else part
         for name, part in net.populations.items()
     }
-    return listed
+    return copied
 
 
 def energy(
@@ -103,14 +108,14 @@ def energy(
     step_s: float | None = None,
     chips: int | None = None,
 ) -> Energy:
-    """What a run would take on a chip, from the counts of each neuron and projection.
+    """Return the energy of a run on a chip, from the counts of each neuron and projection.
 
     Args:
-        results: of the run.
-        net: what ran.
-        target: as of `neuro.Simulation.energy`.
-        step_s: likewise.
-        chips: likewise.
+        results: results of the run.
+        net: the network that ran.
+        target: chip or file of costs, see `neuro.Simulation.energy`.
+        step_s: seconds of a step, see `neuro.Simulation.energy`.
+        chips: number of chips, see `neuro.Simulation.energy`.
 
     Raises:
         ModelError: the target has no costs, or the network does not fit on it.
@@ -132,36 +137,36 @@ def energy(
 
 
 def weights(results: Any, name: Any, of: Any, pre: Any, post: Any, delays: bool) -> Any:
-    """What `Simulation.weights` gives, of the end of a run.
+    """Return the weights at the end of a run, in the form of `Simulation.weights`.
 
     Raises:
-        ModelError: there is no such projection, its weights were not kept, or no such neurons are at its ends.
+        ModelError: the projection does not exist, its weights were not stored, or the neurons are not at its ends.
     """
-    part = _kept(results, name)
-    chosen = _chosen(results, part, name, of, pre, post)
-    late = (_delays(results, part, name),) if delays else ()
+    part = _with_weights(results, name)
+    indices = _synapses(results, part, name, of, pre, post)
+    delay_ms = (_delays(results, part, name),) if delays else ()
     if part.pre is None:
-        return (part.weight, float(late[0][0])) if late else part.weight
-    rows = (part.pre, part.post, part.weight, *late)
-    return rows if chosen is None else tuple(row[chosen] for row in rows)
+        return (part.weight, float(delay_ms[0][0])) if delay_ms else part.weight
+    columns = (part.pre, part.post, part.weight, *delay_ms)
+    return columns if indices is None else tuple(column[indices] for column in columns)
 
 
 def one_each(results: Any, name: Any, what: Any, of: Any, pre: Any, post: Any) -> Any:
-    """What `Simulation.get` gives of the weights and delays of synapses.
+    """Return the weight or delay of each synapse, in the form of `Simulation.get`.
 
     Raises:
-        ModelError: a file does not have it.
+        ModelError: the file has no such value.
     """
     if what not in ("weight", "delay"):
         message = f"projection '{name}': a file of results has no {what!r}: expected 'weight' or 'delay'"
         raise ModelError(message, hint=f"a probe records states of synapses: net.probe('name', '{name}', {what!r})")
-    part = _kept(results, name)
-    chosen = _chosen(results, part, name, of, pre, post)
+    part = _with_weights(results, name)
+    indices = _synapses(results, part, name, of, pre, post)
     values = part.weight.reshape(-1) if what == "weight" else _delays(results, part, name)
-    return values if chosen is None else values[chosen]
+    return values if indices is None else values[indices]
 
 
-def _kept(results: Any, name: Any) -> Any:
+def _with_weights(results: Any, name: Any) -> Any:
     if name not in results.projections:
         raise unknown("projection", name, results.projections)
     part = results.projections[name]
@@ -174,51 +179,52 @@ def _kept(results: Any, name: Any) -> Any:
     return part
 
 
-def _chosen(results: Any, part: Any, name: str, of: Any, pre: Any, post: Any) -> Ints | None:
-    """The places of the synapses that are asked for, None for all."""
-    said = [word for word, given in (("of", of), ("pre", pre), ("post", post)) if given is not None]
-    if not said:
+def _synapses(results: Any, part: Any, name: str, of: Any, pre: Any, post: Any) -> Ints | None:
+    """Return the indices of the synapses between the neurons; None stands for all synapses."""
+    words = [word for word, value in (("of", of), ("pre", pre), ("post", post)) if value is not None]
+    if not words:
         return None
     if part.pre is None:
-        refuse_some_of_a_grid(name, said[0])
+        refuse_some_of_a_grid(name, words[0])
     if of is not None:
-        if len(said) > 1:
-            raise ModelError(f"found both 'of' and '{said[1]}': expected pairs, or the neurons at either end")
+        if len(words) > 1:
+            raise ModelError(f"found both 'of' and '{words[1]}': expected pairs, or the neurons at either end")
         sizes = (results.populations[part.source].size, results.populations[part.target].size)
         return places_of_pairs(Ends(name, (part.source, part.target), sizes, part.pre, part.post), of)
-    kept = np.ones(part.pre.size, dtype=np.bool_)
-    for word, given, population, ids in (("pre", pre, part.source, part.pre), ("post", post, part.target, part.post)):
-        if given is not None:
-            kept &= np.isin(ids, _neurons(results, name, word, given, population))
-    return np.flatnonzero(kept)
+    matches = np.ones(part.pre.size, dtype=np.bool_)
+    for word, value, population, ids in (("pre", pre, part.source, part.pre), ("post", post, part.target, part.post)):
+        if value is not None:
+            matches &= np.isin(ids, _neurons(results, name, word, value, population))
+    return np.flatnonzero(matches)
 
 
-def _neurons(results: Any, name: str, word: str, given: Any, population: str) -> Ints:
-    """The neurons of a population that are named by it, by a view or by ids."""
+def _neurons(results: Any, name: str, word: str, value: Any, population: str) -> Ints:
+    """Return the ids of neurons of a population; the value is the population, a view of it, or ids."""
     shape = results.populations[population].shape
-    given = named(given, {each: results.laid(each) for each in results.populations})
-    if isinstance(given, (Part, View, str)):
-        of = given.population if isinstance(given, View) else given
-        found = of if isinstance(of, str) else of.name
-        if found != population or (isinstance(of, Part) and not isinstance(of, Population)):
-            message = repr(given) if isinstance(given, View) else f"'{found}'"
-            raise ModelError(f"{word} = {message}: expected neurons of '{population}', as '{name}' has there")
-        return given.within(shape)[0] if isinstance(given, View) else np.arange(prod(shape))
+    neurons = named(value, {each: results.laid(each) for each in results.populations})
+    if isinstance(neurons, (Part, View, str)):
+        part = neurons.population if isinstance(neurons, View) else neurons
+        part_name = part if isinstance(part, str) else part.name
+        if part_name != population or (isinstance(part, Part) and not isinstance(part, Population)):
+            text = repr(neurons) if isinstance(neurons, View) else f"'{part_name}'"
+            raise ModelError(f"{word} = {text}: expected neurons of '{population}', as '{name}' has there")
+        return neurons.within(shape)[0] if isinstance(neurons, View) else np.arange(prod(shape))
     try:
-        ids = [given] if isinstance(given, (int, np.integer)) else np.asarray(given)
+        ids = [neurons] if isinstance(neurons, (int, np.integer)) else np.asarray(neurons)
         return view(results.laid(population), ids).ids
     except ModelError as error:
         raise error.at(None, word) from None
 
 
 def _delays(results: Any, part: Any, name: str) -> Floats:
-    """The delay of each synapse in ms; one that no rule changes follows from the network and the seed."""
+    """Return the delay of each synapse in ms; the network and the seed decide delays that no rule changes."""
     if part.delay_ms is not None:
         return np.asarray(part.delay_ms)
     program = resolved(results, results.network(played=False))
-    index, found = next((k, each) for k, each in enumerate(program.projections) if each.name == name)
+    index, projection = next((k, each) for k, each in enumerate(program.projections) if each.name == name)
     if part.pre is not None and not all(map(np.array_equal, program.connections(index), (part.pre, part.post))):
         message = f"the delays of '{name}': this version draws other synapses than the file has, of version"
         hint = "run.network() runs once more, and a simulation has them"
         raise ModelError(f"{message} {results.about.get('neuro')}", hint=hint)
-    return np.broadcast_to(Clock(program.resolution).array_ms(found.delay.astype(np.int64)), found.size).copy()
+    delay_ms = Clock(program.resolution).array_ms(projection.delay.astype(np.int64))
+    return np.broadcast_to(delay_ms, projection.size).copy()

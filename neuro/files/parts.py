@@ -1,4 +1,4 @@
-"""What a run leaves of each population, projection and probe; arrays of a file are read when they are asked for."""
+"""Populations, projections and probes of a finished run; arrays of a file are read on first access."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ __all__ = ["Fed", "Trace", "Train", "Weights"]
 
 Opener = Callable[[], AbstractContextManager[Any]]
 _MISSING: Any = object()
-_MOST = 1 << 17
-"""Spikes of what was fed that are played at once."""
+_CHUNK = 1 << 17
+"""Spikes in a stretch of a stream that is played again, at least one step."""
 
 
 class Stored:
     """An array in an HDF5 file.
 
     Args:
-        opener: gives the open file.
-        name: of the data set.
-        length: what comes after so many entries, as in a file that grows, is not seen, so that arrays of one part fit.
+        opener: opens the file.
+        name: name of the data set.
+        length: number of entries to read. A file that grows may have more; the arrays of one part have equal lengths.
     """
 
     def __init__(self, opener: Opener, name: str, length: int) -> None:
         self._opener, self._name, self._length = opener, name, length
 
     def read(self) -> Any:
-        """All of it."""
+        """Read the whole array."""
         return self[: self._length]
 
     def __getitem__(self, where: Any) -> Any:
@@ -42,14 +42,14 @@ class Stored:
             return file[self._name][where]
 
     def span(self, after: float, to: float) -> slice:
-        """Where those of ascending numbers lie that are in after < x <= to; few of them are read."""
+        """Return the slice of an ascending array with after < x <= to, by bisection in the file."""
         with self._opener() as file:
             data = file[self._name]
             return slice(*(_first_above(data, bound, self._length) for bound in (after, to)))
 
 
 def span(times: Any, after: float, to: float) -> slice:
-    """Likewise of an array, stored or not."""
+    """Return the slice of an ascending array with after < x <= to; the array is in memory or `Stored`."""
     if isinstance(times, Stored):
         return times.span(after, to)
     return slice(*(int(np.searchsorted(times, bound, side="right")) for bound in (after, to)))
@@ -66,7 +66,7 @@ def _first_above(data: Any, bound: float, length: int) -> int:
 
 
 class Lazy:
-    """A field of a dataclass that holds an array, or a `Stored` one that is read and kept when it is asked for."""
+    """A field of a dataclass for an array; a `Stored` array is read on first access and remembered."""
 
     def __init__(self, default: Any = _MISSING) -> None:
         self._default = default
@@ -88,8 +88,8 @@ class Lazy:
         vars(part)[self._name] = value
 
 
-def kept(part: Any, name: str) -> Any:
-    """What a lazy field holds, an array or a `Stored` one, of which a slice can be read."""
+def unread(part: Any, name: str) -> Any:
+    """Return the value of a lazy field without reading it: an array, or a `Stored` one that can be sliced."""
     return vars(part)[name]
 
 
@@ -98,15 +98,15 @@ class Train:
     """Spikes of one population, by time, then neuron.
 
     Attributes:
-        model: the name of its model.
-        shape: its shape.
-        counts: of the run, by name.
-        recorded: whether its spikes were kept; if not `steps`, `ids` and `multiplicity` are empty.
-        resolution_ms: the length of a step.
-        steps, ids, multiplicity: one entry for each neuron and step with spikes; read when they are asked for.
-        spike_counts, event_counts: spikes of each neuron, and its steps with spikes, whether recorded or not.
+        model: name of the neuron model.
+        shape: shape of the population.
+        counts: counts of the run by name.
+        recorded: True if spikes were recorded; otherwise `steps`, `ids` and `multiplicity` are empty.
+        resolution_ms: length of a step in ms.
+        steps, ids, multiplicity: one entry for each neuron and step with spikes.
+        spike_counts, event_counts: spikes of each neuron, and its steps with spikes, also without a recording.
         emits: "spikes" or "current".
-        payloads: of a graded population what each entry carries; None of others.
+        payloads: payload of each entry of a graded population; None otherwise.
     """
 
     model: str
@@ -129,7 +129,7 @@ class Train:
 
     @property
     def spikes(self) -> int | None:
-        """How many it emitted; None of a generator of currents, which emits none."""
+        """Number of spikes; None for a generator of currents."""
         return self.counts["spikes"] if self.emits == "spikes" else None
 
     @property
@@ -140,12 +140,12 @@ class Train:
 
 @dataclass(frozen=True, eq=False)
 class Fed:
-    """What one event camera was fed while a run was recorded, as spikes; a stream that a simulation can play.
+    """Spikes that an event camera was fed during a run; a stream that a simulation can play again.
 
     Attributes:
-        steps: ascending where events were fed in the order of time; an entry for each row of spikes of one step.
-        sizes: how many spikes each entry has.
-        ids: their neurons.
+        steps: step of each entry, ascending if events were fed in the order of time.
+        sizes: number of spikes of each entry.
+        ids: neurons of all entries, one after the other.
     """
 
     steps: Lazy = Lazy()
@@ -153,21 +153,21 @@ class Fed:
     ids: Lazy = Lazy()
 
     again: ClassVar[bool] = True
-    """It can be played several times."""
+    """The stream can be played several times."""
 
     @property
     def identity(self) -> str:
-        """What distinguishes it from another."""
+        """Text that distinguishes the stream from others."""
         return f"{int(np.sum(self.sizes))} spikes"
 
     def after(self, step: int) -> Iterator[Stretch]:
-        """All spikes of later steps, in stretches; no more than one of them is in memory."""
-        steps, sizes, ids = np.asarray(self.steps), np.asarray(self.sizes), kept(self, "ids")
+        """Yield the spikes of later steps in stretches, one of which is in memory at a time."""
+        steps, sizes, ids = np.asarray(self.steps), np.asarray(self.sizes), unread(self, "ids")
         to_come = np.minimum.accumulate(steps[::-1])[::-1]
         ends = np.cumsum(sizes)
         first, entry = 0, 0
         while entry < steps.size:
-            end = max(entry + 1, int(np.searchsorted(ends, first + _MOST)))
+            end = max(entry + 1, int(np.searchsorted(ends, first + _CHUNK)))
             each, last = np.repeat(steps[entry:end], sizes[entry:end]), int(ends[end - 1])
             neurons = np.asarray(ids[first:last], dtype=np.int64)
             later = each > step
@@ -176,28 +176,28 @@ class Fed:
             first, entry = last, end
 
     def given(self, events: Any) -> tuple[Ints, Ints]:
-        """Nothing is fed to what was fed."""
+        """Refuse events: the stream has its spikes already."""
         raise NotImplementedError
 
 
-def synapse_said(synapse: str, drawn_by: str | None) -> str:
-    """A synapse model, and the backend that draws the synapses, if it does."""
+def synapse_text(synapse: str, drawn_by: str | None) -> str:
+    """Return the name of a synapse model and, if a backend draws the synapses, of that backend."""
     return f"{synapse}, drawn by {drawn_by}" if drawn_by else synapse
 
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """Weights of one projection at the end of a run, and its delays where these learn.
+    """Weights of one projection at the end of a run, and delays if the rule changes them.
 
     Attributes:
         source, target: names of the populations.
-        synapse: the name of its model.
-        synapses: their number.
-        counts: of the run, by name.
-        pre, post: the ends of each synapse; None for a grid or where weights were not kept.
-        weight: one for each; kernels of a grid; None where weights were not kept.
-        delay_ms: one for each, of a rule that changes delays; None of others.
-        drawn_by: the backend that drew the synapses, by rules of its own; None where they are those of this language.
+        synapse: name of the synapse model.
+        synapses: number of synapses.
+        counts: counts of the run by name.
+        pre, post: source and target neuron of each synapse; None for a grid or if weights were not stored.
+        weight: weight of each synapse; the kernels of a grid; None if weights were not stored.
+        delay_ms: delay of each synapse in ms if the rule changes delays, else None.
+        drawn_by: backend that drew the synapses by rules of its own; None if the language's rules drew them.
     """
 
     source: str
@@ -212,26 +212,27 @@ class Weights:
     drawn_by: str | None = None
 
     @property
-    def said(self) -> str:
-        """The synapse model, and who drew the synapses if that was the backend."""
-        return synapse_said(self.synapse, self.drawn_by)
+    def synapse_text(self) -> str:
+        """The synapse model and, if a backend drew the synapses, the name of that backend."""
+        return synapse_text(self.synapse, self.drawn_by)
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """What a probe recorded of one state.
+    """Values of one state that a probe recorded.
 
     Attributes:
-        population: whose neurons; "" of synapses.
-        state: its name, "rate" of a rate.
-        unit: of the values.
-        times_ms: shape (times,).
-        values: shape (times, neurons or synapses); of a rate or a mean, and at pre spikes, (times,).
-        projection: whose synapses; "" of neurons.
-        probe: the name of the probe, "" for that of the trace.
-        mean: whether it is a mean.
-        ids: the neuron of each column; None where it is all of them.
-        pre, post: the ends of the synapse of each column, at pre spikes of each time; None of neurons, means and grids.
+        population: name of the population; "" for states of synapses.
+        state: name of the state; "rate" for a rate.
+        unit: unit of the values.
+        times_ms: times, shape (times,).
+        values: shape (times, neurons or synapses); (times,) for a rate, a mean, or values at pre spikes.
+        projection: name of the projection; "" for states of neurons.
+        probe: name of the probe; "" if the trace has the same name.
+        mean: True for a mean over neurons or synapses.
+        ids: neuron of each column; None for all neurons.
+        pre, post: source and target neuron of each column, or of each entry at pre spikes; None for neurons, means and
+            grids.
     """
 
     population: str
@@ -248,21 +249,21 @@ class Trace:
 
     @property
     def at_pre_spikes(self) -> bool:
-        """Whether it has what pre spikes leave in synapses."""
+        """True if the values are those of synapses at their pre spikes."""
         return not self.single and bool(self.values.ndim == 1)
 
     @property
     def single(self) -> bool:
-        """Whether it is one number for all, a rate or a mean."""
+        """True for a rate or a mean: one number for all neurons."""
         return self.mean or self.state == "rate"
 
     @property
     def columns(self) -> int:
-        """How many numbers are recorded each time; at pre spikes one."""
+        """Number of values at each time; 1 at pre spikes."""
         return 1 if self.values.ndim == 1 else int(self.values.shape[1])
 
     def read(self) -> Any:
-        """What `sim.trace` gives beside the times: the values, at pre spikes with the ends of the synapses, by name."""
+        """Return the values, in the form of `sim.trace`; at pre spikes with the ends of the synapses, by name."""
         if self.at_pre_spikes:
             return {"pre": self.pre, "post": self.post, self.state: self.values}
         return self.values

@@ -1,4 +1,4 @@
-"""What was recorded, read in one way of a simulation that runs and of the results that one has left, and exported."""
+"""Spikes, traces and weights of a simulation or of results, by one interface, and their export."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 Window = tuple[float, float]
 SMALL = 1_000_000
-"""Static weights of more synapses, which follow from network and seed, are kept only where they are asked for."""
+"""Static weights of more synapses are stored only on request, since network and seed decide them."""
 _SAME = 1e-12
 
 
@@ -37,10 +37,10 @@ class SpikeTrain:
     """Spikes of neurons of one population.
 
     Attributes:
-        population: its name.
-        neurons: whose spikes these are, ascending.
-        times_ms, ids: one entry a spike, sorted by time.
-        window: the spikes are those after its begin and up to its end, in ms.
+        population: name of the population.
+        neurons: ids of the neurons, ascending.
+        times_ms, ids: time and neuron of each spike, sorted by time.
+        window: begin (excluded) and end (included) in ms.
     """
 
     population: str
@@ -51,13 +51,13 @@ class SpikeTrain:
 
     @property
     def rate_hz(self) -> float:
-        """The mean rate of a neuron; 0 of none, and of a window without length."""
+        """Mean rate of a neuron; 0 without neurons or in an empty window."""
         seconds = (self.window[1] - self.window[0]) / 1000.0
         return self.times_ms.size / (self.neurons.size * seconds) if self.neurons.size and seconds else 0.0
 
 
 def intervals(times_ms: Floats, ids: Ints) -> tuple[Floats, Ints]:
-    """The intervals between spikes of the same neuron in ms, and whose they are, by neuron, then time."""
+    """Return the intervals between spikes of a neuron in ms, and the neuron of each, by neuron, then time."""
     order = np.lexsort((times_ms, ids))
     times_ms, ids = times_ms[order], ids[order]
     same = ids[1:] == ids[:-1]
@@ -65,30 +65,32 @@ def intervals(times_ms: Floats, ids: Ints) -> tuple[Floats, Ints]:
 
 
 def variation(times_ms: Floats, ids: Ints) -> Floats:
-    """The coefficient of variation of the intervals of each neuron that has two or more, by neuron.
+    """Return the coefficient of variation of the intervals of each neuron with two intervals or more.
 
-    Standard deviation (of the intervals themselves, not of those they are drawn from) by mean; 1 of a Poisson process.
-    Intervals that are all 0, of neurons that emit several spikes in one step and no others, have none.
+    The coefficient is the population standard deviation divided by the mean; a Poisson process has 1. Neurons whose
+    intervals are all 0 (several spikes in one step, and no others) are left out.
+
     Source: Softky & Koch, J. Neurosci. 13:334, 1993
     """
-    lengths, whose = intervals(times_ms, ids)
-    _, whose, count = np.unique(whose, return_inverse=True, return_counts=True)
-    mean = np.bincount(whose, lengths) / count
-    square = np.bincount(whose, (lengths - mean[whose]) ** 2) / count
+    lengths, neurons = intervals(times_ms, ids)
+    _, index, count = np.unique(neurons, return_inverse=True, return_counts=True)
+    mean = np.bincount(index, lengths) / count
+    square = np.bincount(index, (lengths - mean[index]) ** 2) / count
     defined = (count >= 2) & (mean > 0)
     return np.asarray(np.sqrt(square[defined]) / mean[defined])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateTrace:
-    """What a probe recorded of one state, in `unit`.
+    """Values of one state that a probe recorded, in `unit`.
 
     Attributes:
-        of: the population or projection.
-        noun: what a column is of, "neuron" or "synapse"; "" of a rate or a mean, which has one.
-        columns: their numbers: of neurons in the population, of synapses among those that are recorded.
-        values: shape (times, columns); of synapses at pre spikes (times,), one entry for each spike and synapse.
-        pre, post: the ends of each column, at pre spikes of each entry; None of neurons, means and grids.
+        of: name of the population or projection.
+        noun: "neuron" or "synapse", the kind of the columns; "" for a rate or a mean, which has one column.
+        columns: ids of the neurons in the population, or indices of the synapses among the recorded ones.
+        values: shape (times, columns); (times,) at pre spikes, one entry for each spike and synapse.
+        pre, post: source and target neuron of each column, or of each entry at pre spikes; None for neurons, means and
+            grids.
     """
 
     of: str
@@ -103,11 +105,11 @@ class StateTrace:
 
     @property
     def at_pre_spikes(self) -> bool:
-        """Whether it has what pre spikes leave, at their times."""
+        """True if the values are those of synapses at their pre spikes."""
         return self.values.ndim == 1
 
     def within(self, window: Window) -> StateTrace:
-        """What was recorded in a window, its begin and end included."""
+        """Return the part of the trace in a window, begin and end included."""
         inside = slice(int(np.searchsorted(self.times_ms, window[0])), up_to(self.times_ms, window[1]))
         pre, post = self.pre, self.post
         if pre is not None and post is not None and self.at_pre_spikes:
@@ -117,7 +119,7 @@ class StateTrace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SynapseWeights:
-    """Weights of one projection: `pre` and `post` of each, None of a grid, whose weights are its kernels."""
+    """Weights of one projection with the ends of each synapse; a grid has its kernels, and None for the ends."""
 
     shape: tuple[int, int]
     pre: Ints | None
@@ -127,19 +129,19 @@ class SynapseWeights:
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """What was recorded of a run, whether a simulation still has it or results do.
+    """The recording of a run, from a simulation or from results.
 
     Attributes:
-        network, backend: their names.
-        seed: of everything random.
-        duration_ms, resolution_ms: of the run, and of a step.
-        shapes: of the populations, by name.
-        kept: names of the populations whose spikes there are.
-        held_ms: what was recorded up to then is not held any more.
-        weighed: names of the projections whose weights are kept.
-        spikes: gives times in ms after a time, and neurons of a population, sorted by time.
-        weights: gives the weights of a projection.
-        traces_of_run: gives all traces; a simulation copies what it has recorded.
+        network, backend: names of the network and the backend.
+        seed: seed of the run.
+        duration_ms, resolution_ms: length of the run and of a step in ms.
+        shapes: shapes of the populations by name.
+        with_spikes: names of the populations with recorded spikes.
+        held_ms: the recording up to this time has been forgotten.
+        with_weights: names of the projections with stored weights.
+        spikes: function of a population and a time; returns times in ms after it and neurons, sorted by time.
+        weights: function of a projection; returns its weights.
+        traces_of_run: function that returns all traces; a simulation copies its recording.
     """
 
     network: str
@@ -148,9 +150,9 @@ class Recorded:
     duration_ms: float
     resolution_ms: float
     shapes: dict[str, tuple[int, ...]]
-    kept: list[str]
+    with_spikes: list[str]
     held_ms: float
-    weighed: list[str]
+    with_weights: list[str]
     spikes: Callable[[str, float], tuple[Floats, Ints]]
     weights: Callable[[str], SynapseWeights]
     traces_of_run: Callable[[], Mapping[str, Any]]
@@ -161,11 +163,11 @@ class Recorded:
 
     @property
     def probes(self) -> dict[str, str]:
-        """The probe of each trace, by the name of the trace."""
+        """Name of the probe of each trace, by the name of the trace."""
         return {name: trace.probe or name for name, trace in self._traces.items()}
 
     def trace(self, name: str) -> StateTrace:
-        """What a probe recorded of one state."""
+        """Return the trace of this name."""
         part = self._traces[name]
         noun = "" if part.single else "synapse" if part.projection else "neuron"
         columns = part.ids if part.ids is not None else np.arange(0 if part.at_pre_spikes else part.columns)
@@ -175,13 +177,13 @@ class Recorded:
 
 
 def recorded(run: Any) -> Recorded:
-    """What was recorded.
+    """Return the recording of a run.
 
     Args:
         run: a `neuro.Simulation`, or results.
 
     Raises:
-        ModelError: it is neither.
+        ModelError: `run` is neither.
     """
     if hasattr(run, "program") and hasattr(run, "spikes"):
         return _of_simulation(run)
@@ -260,22 +262,22 @@ def trains(run: Recorded, of: Any = None, window: Any = None) -> list[SpikeTrain
     """Spikes of populations or of some of their neurons.
 
     Args:
-        run: what was recorded.
-        of: a population or a view of one, its name, or a list of these; all that was recorded if not given.
-        window: begin and end in ms; the whole run if not given.
+        run: recording of the run.
+        of: a population, a view of one, its name, or a list of these; by default all recorded populations.
+        window: begin and end in ms; by default the whole run.
 
     Raises:
-        ModelError: there is no such population, nothing was recorded, or the window is none.
+        ModelError: the population does not exist, nothing was recorded, or the window is invalid.
     """
     begin, end = checked_window(run, window)
-    if of is None and not run.kept:
+    if of is None and not run.with_spikes:
         raise ModelError("no spikes were recorded", hint="net.probe or 'neuro run --record NAME' keeps them")
     is_one = isinstance(of, (str, Part, View, Mapping)) or not isinstance(of, Iterable)
-    asked = run.kept if of is None else [of] if is_one else list(of)
-    if not asked:
+    parts = run.with_spikes if of is None else [of] if is_one else list(of)
+    if not parts:
         raise ModelError(f"of = {shown(of)}: expected a population, a view of one, a name, or a list of these")
-    found = []
-    for each in asked:
+    spike_trains = []
+    for each in parts:
         view = named(each, {name: Shaped(name, shape) for name, shape in run.shapes.items()})
         part = view.population if isinstance(view, View) else view
         name = getattr(part, "name", part)
@@ -287,23 +289,22 @@ def trains(run: Recorded, of: Any = None, window: Any = None) -> list[SpikeTrain
         neurons = np.arange(math.prod(run.shapes[name]))
         if isinstance(view, View):
             neurons = view.within(run.shapes[name])[0]
-            mine = np.isin(ids, neurons)
-            times, ids = times[mine], ids[mine]
-        found.append(SpikeTrain(name, np.sort(neurons), times, ids, (begin, end)))
-    return found
+            in_view = np.isin(ids, neurons)
+            times, ids = times[in_view], ids[in_view]
+        spike_trains.append(SpikeTrain(name, np.sort(neurons), times, ids, (begin, end)))
+    return spike_trains
 
 
 def checked_window(run: Recorded, window: Any) -> Window:
-    """Begin and end in ms of what is looked at: all that is held of the run if not given.
+    """Return begin and end of a window in ms; by default of all that the recording still holds.
 
     Raises:
-        ModelError: these are not two times, one before the other, what came then is not held any more, or the run ends
-            before.
+        ModelError: the window is not two ascending times, begins in the forgotten part, or ends after the run.
     """
     if window is None:
         return run.held_ms, run.duration_ms
-    given = tuple(window) if isinstance(window, (tuple, list, np.ndarray)) else ()
-    pair = [in_ms(ms, "window") for ms in given]
+    numbers = tuple(window) if isinstance(window, (tuple, list, np.ndarray)) else ()
+    pair = [in_ms(ms, "window") for ms in numbers]
     if len(pair) != 2 or not all(is_number(ms) and math.isfinite(ms) for ms in pair) or not 0 <= pair[0] < pair[1]:
         raise ModelError(f"window = {shown(window)}: expected (begin, end) in ms with 0 <= begin < end")
     if pair[0] < run.held_ms:
@@ -316,7 +317,7 @@ def checked_window(run: Recorded, window: Any) -> Window:
 
 
 def up_to(times_ms: Floats, ms: float) -> int:
-    """How many times are not after one; what differs in the last digits only is the same."""
+    """Return the number of times up to `ms`; times that differ in the last digits only count as equal."""
     return int(np.searchsorted(times_ms, ms * (1.0 + _SAME), side="right"))
 
 
@@ -325,12 +326,12 @@ class DataFrames:
     """Data frames of a run.
 
     Attributes:
-        spikes: a row a spike by time: `time_ms`, `population` (a category), `neuron`.
-        populations: a row for each population whose spikes were kept, by its name: `neurons`, `spikes`, `rate_hz`.
-        traces: of each state that a probe recorded a column for each neuron or synapse, by `time_ms`; of synapses at
-            pre spikes a row each: `time_ms`, `pre`, `post` and the state. `attrs` has `of`, `state` and `unit`.
-        weights: of each projection a row a synapse: `pre`, `post`, `weight`; of a grid a row a weight of its kernels:
-            `map`, `channel`, `row`, `column`, `weight`.
+        spikes: one row for each spike, by time: `time_ms`, `population` (a category), `neuron`.
+        populations: one row for each population with recorded spikes, by name: `neurons`, `spikes`, `rate_hz`.
+        traces: a frame for each trace, with one column for each neuron or synapse, by `time_ms`; at pre spikes one row
+            for each entry: `time_ms`, `pre`, `post` and the state. `attrs` has `of`, `state` and `unit`.
+        weights: a frame for each projection, with one row for each synapse: `pre`, `post`, `weight`; for a grid one
+            row for each weight of the kernels: `map`, `channel`, `row`, `column`, `weight`.
     """
 
     spikes: DataFrame
@@ -340,24 +341,24 @@ class DataFrames:
 
 
 def to_pandas(run: object) -> DataFrames:
-    """Spikes, rates, traces and weights as data frames.
+    """Return spikes, rates, traces and weights as data frames.
 
     Args:
-        run: a simulation or results. Static weights above a million synapses of a simulation, which follow from its
-            network and seed, are left out, as `neuro run` leaves them out.
+        run: a simulation or results. Static weights of more than a million synapses are left out, as in files of
+            `neuro run`, since network and seed decide them.
 
     Raises:
         ModelError: the package pandas is not installed.
     """
     pandas = needed("pandas", "pandas", "to_pandas: the package pandas is not installed")
     source = recorded(run)
-    every = trains(source) if source.kept else []
+    every = trains(source) if source.with_spikes else []
     times = np.concatenate([np.zeros(0), *(train.times_ms for train in every)])
     ids = np.concatenate([np.zeros(0, np.int64), *(train.ids for train in every)])
     codes = np.repeat(np.arange(len(every)), [train.times_ms.size for train in every])
     order = np.argsort(times, kind="stable")
     names = [train.population for train in every]
-    whose = pandas.Categorical.from_codes(codes[order], categories=names)
+    population = pandas.Categorical.from_codes(codes[order], categories=names)
     rows = {
         "neurons": [train.neurons.size for train in every],
         "spikes": [train.times_ms.size for train in every],
@@ -374,7 +375,7 @@ def to_pandas(run: object) -> DataFrames:
             frame = pandas.DataFrame(trace.values, index=pandas.Index(trace.times_ms, name="time_ms"), columns=of)
         frame.attrs |= {"of": trace.of, "state": trace.state, "unit": trace.unit}
         traces[name] = frame
-    for name in source.weighed:
+    for name in source.with_weights:
         part = source.weights(name)
         if part.pre is not None:
             columns = {"pre": part.pre, "post": part.post, "weight": part.weight}
@@ -384,7 +385,7 @@ def to_pandas(run: object) -> DataFrames:
                 "weight": part.weight.ravel()
             }
         weights[name] = pandas.DataFrame(columns)
-    spikes = pandas.DataFrame({"time_ms": times[order], "population": whose, "neuron": ids[order]})
+    spikes = pandas.DataFrame({"time_ms": times[order], "population": population, "neuron": ids[order]})
     return DataFrames(spikes, pandas.DataFrame(rows, index=pandas.Index(names, name="population")), traces, weights)
 
 
@@ -392,15 +393,15 @@ _EVEN = 1e-9
 
 
 def to_neo(run: object) -> neo.Block:
-    """A block with one segment, the run, and a group for each population.
+    """Return a Neo block with one segment, the run, and a group for each population.
 
-    The segment has a `SpikeTrain` for each neuron of each population whose spikes were kept, silent ones too, in ms
-    from 0 to the end of the run, annotated with `source_population`, `source_id` (the neuron, counted from 0) and
-    `source_index` (likewise); and for each state that a probe recorded an `AnalogSignal` of shape (times, neurons or
-    synapses) in the unit of the state, named after it, annotated with `probe` and `source_population` or
-    `source_projection`, with the neurons or synapses as the array annotation `channel_index`. The block is annotated
-    with `simulator`, `backend`, `seed` and `resolution_ms`. Weights at the end, and what pre spikes leave in synapses,
-    are not in it: Neo has no place for them. Annotations have the names that PyNN gives them.
+    The segment has a `SpikeTrain` for each neuron of each population with recorded spikes, silent neurons included, in
+    ms from 0 to the end of the run. Its annotations are `source_population`, `source_id` and `source_index` (both the
+    neuron, counted from 0). Each recorded state is an `AnalogSignal` of shape (times, neurons or synapses) in the unit
+    and with the name of the state. Its annotations are `probe` and `source_population` or `source_projection`; the
+    array annotation `channel_index` has the neurons or synapses. The annotations of the block are `simulator`,
+    `backend`, `seed` and `resolution_ms`. Annotations have PyNN's names. Final weights and values at pre spikes are
+    left out, since Neo has no type for them.
 
     Neo: Garcia et al., Front. Neuroinform. 8:10, 2014.
 
@@ -421,7 +422,7 @@ def to_neo(run: object) -> neo.Block:
     block, segment = neo.Block(name=source.network, **about), neo.Segment(name=source.network)
     block.segments.append(segment)
     parts: dict[str, list[Any]] = {}
-    for train in trains(source) if source.kept else []:
+    for train in trains(source) if source.with_spikes else []:
         spikes = list(_spike_trains(train))
         segment.spiketrains.extend(spikes)
         parts.setdefault(train.population, []).extend(spikes)
@@ -451,7 +452,7 @@ def _spike_trains(train: SpikeTrain) -> Any:
 
 
 def _signal(name: str, trace: StateTrace, run: Recorded) -> Any:
-    """A signal; of one that has gaps, as parts of a run that were forgotten leave them, one with its times."""
+    """Return a signal; a trace with gaps, where a part of the run was forgotten, becomes one with explicit times."""
     import neo
 
     unit = trace.unit or "dimensionless"
@@ -461,11 +462,12 @@ def _signal(name: str, trace: StateTrace, run: Recorded) -> Any:
         "probe": name,
         "source_projection" if trace.noun == "synapse" else "source_population": trace.of,
     }
-    every = np.diff(trace.times_ms)
-    if every.size and np.ptp(every) > _EVEN * trace.times_ms[-1]:
+    steps_ms = np.diff(trace.times_ms)
+    if steps_ms.size and np.ptp(steps_ms) > _EVEN * trace.times_ms[-1]:
         return neo.IrregularlySampledSignal(trace.times_ms, trace.values, units=unit, time_units="ms", **about)
     import quantities
 
-    period = float(trace.times_ms[-1] - trace.times_ms[0]) / every.size if every.size else run.resolution_ms
+    span_ms = float(trace.times_ms[-1] - trace.times_ms[0]) if steps_ms.size else run.resolution_ms
+    period = span_ms / max(1, steps_ms.size)
     period, start = period * quantities.ms, trace.times_ms[0] * quantities.ms
     return neo.AnalogSignal(trace.values, units=unit, t_start=start, sampling_period=period, **about)

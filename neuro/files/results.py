@@ -1,33 +1,33 @@
-"""What a run leaves behind, as one HDF5 file that explains itself; it may be read while parts of it are still to come.
+"""Results of a run, in memory and as a self-describing HDF5 file that can be read while the run still writes it.
 
 ```
 /                   attributes: format "neuro results 3", network (its name), backend, seed, threads, duration_ms,
-                    resolution_ms, counts.* of the run, the versions of neuro, python, numpy and numba, finished:
-                    whether the run came to its end, and recording.NAME: where that of an event camera lay
+                    resolution_ms, counts.* of the run, the versions of neuro, python, numpy and numba, finished
+                    (the run reached its end), and recording.NAME (path of the recording of an event camera)
 /network            the network as YAML text
 /network_files/F    file F that the YAML reads, byte for byte
 /populations/NAME   attributes: model, shape, recorded, emits, resolution_ms, counts.*
     steps           int64, sorted; a step times resolution_ms is its time in ms
     ids             int64
     multiplicity    int64, spikes of that neuron in that step
-    payloads        int32, of a graded population what each spike carries
+    payloads        int32, payload of each spike of a graded population
     spike_counts    int64, spikes of each neuron
     event_counts    int64, steps of each neuron with spikes
 /projections/NAME   attributes: source, target, synapse, synapses, counts.*
-    pre, post       int64; not of a grid
-    weight          float64 as stored at the end; of a grid (maps, channels, height, width)
-    delay_ms        float64 at the end, of rules that change delays
-/world              of a closed loop: returns, lengths, steps (of the episodes), rewards, actions (of the last block)
+    pre, post       int64; absent for a grid
+    weight          float64 at the end; (maps, channels, height, width) for a grid
+    delay_ms        float64 at the end, if the rule changes delays
+/world              returns, lengths, steps of the episodes, rewards, actions of the last block of a closed loop
 /traces/NAME        attributes: population or projection, state, unit, probe, mean
     times_ms        float64
-    values          float64, (times, columns); of a rate or a mean, and at pre spikes, (times,)
-    ids             int64, the neuron of each column; not where it is all of them
+    values          float64, (times, columns); (times,) for a rate or a mean and at pre spikes
+    ids             int64, the neuron of each column; absent for all neurons
     pre, post       int64, the ends of the synapse of each column; at pre spikes of each time
 ```
 
-A probe of several states has a trace NAME.STATE for each. Spikes and weights that were not kept have no arrays, and
-what is written while it runs (`neuro.run.collect`) has weights when it is finished. The bill of a run follows from
-the counts of each neuron, so a report prices what the simulation would.
+A probe of several states has a trace NAME.STATE for each. Spikes and weights that were not recorded have no arrays. A
+file that a run still writes (`neuro.run.collect`) gets its weights at the end. The counts of each neuron decide the
+bill, so a report and the simulation give the same joules.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ from neuro.core.hdf5 import check_tree, has_format, new_file
 from neuro.core.inputs import existing, record_input
 from neuro.core.outputs import Kind, kept_parts
 from neuro.core.tables import Table, as_html, as_text
-from neuro.files.finished_runs import Sought, one_each, weights
-from neuro.files.parts import Fed, Opener, Stored, Trace, Train, Weights, kept, span
+from neuro.files.finished_runs import RecordingSearch, one_each, weights
+from neuro.files.parts import Fed, Opener, Stored, Trace, Train, Weights, span, unread
 from neuro.model.network import Network
 from neuro.model.parts import Part
 from neuro.model.views import Shaped, View, named
@@ -72,7 +72,7 @@ YAML = "network.yaml"
 _LARGE = 10_000
 _COUNT = "counts."
 RECORDING = "recording."
-"""Attributes of this name and that of an event camera say where its recording lay."""
+"""Prefix of the attributes with the path of the recording of an event camera."""
 
 
 KIND = Kind("a file of results", lambda path: has_format(path, FORMAT))
@@ -80,20 +80,20 @@ KIND = Kind("a file of results", lambda path: has_format(path, FORMAT))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Results:
-    """A run; its spikes, traces and weights are asked for as of a simulation.
+    """Results of a run, with the methods of a simulation for spikes, traces and weights.
 
-    Parts are named by their names, or by parts and views of the network. Arrays are read from the file when they are
-    asked for, spikes of a time only as far as these reach.
+    Parts of the network are addressed by name, or by parts and views of the network. Arrays are read from the file on
+    first access; of spikes in a window only those of the window are read.
 
     Attributes:
         about: attributes of the file: network, backend, seed, threads, duration_ms, resolution_ms, counts, versions.
-        files: the network's files by name, the YAML text among them as `network.yaml`.
-        populations, projections, traces: the parts by name.
-        path: of the file, None of what is in memory only.
-        fed: what event cameras were fed while the run was recorded, by name; `sim.replay(results)` feeds it again.
-        live: of a run in real time its latencies, misses and drops, by name.
-        world: of a closed loop by name: returns, lengths and steps, (episodes,), and of the last block, whose spikes
-            these are, rewards (steps, copies) and actions (steps, copies, ...).
+        files: files of the network by name; the YAML text is `network.yaml`.
+        populations, projections, traces: parts by name.
+        path: path of the file; None for results in memory.
+        fed: spikes that event cameras were fed during the run, by name; `sim.replay(results)` feeds them again.
+        live: latencies, misses and drops of a run in real time, by name.
+        world: values of a closed loop by name: returns, lengths and steps, (episodes,); rewards (steps, copies) and
+            actions (steps, copies, ...) of the last block, whose spikes were recorded.
     """
 
     about: dict[str, Any]
@@ -108,7 +108,7 @@ class Results:
 
     @property
     def duration_ms(self) -> float:
-        """How long the run was."""
+        """Length of the run in ms."""
         return float(self.about["duration_ms"])
 
     def __repr__(self) -> str:
@@ -122,11 +122,11 @@ class Results:
         return as_text(repr(self), self._tables())
 
     def _tables(self) -> list[Table]:
-        """A row for each population, projection and trace."""
+        """Return tables with a row for each population, projection and trace."""
         trains, weights, traces = self.populations.items(), self.projections.items(), self.traces.items()
         return [
             run_table(self.duration_ms, ((name, t.model, t.size, t.spikes) for name, t in trains)),
-            projection_table((name, w.source, w.target, w.said, w.synapses) for name, w in weights),
+            projection_table((name, w.source, w.target, w.synapse_text, w.synapses) for name, w in weights),
             Table(
                 "traces",
                 ("name", "of", "state", ">columns", ">times"),
@@ -138,58 +138,58 @@ class Results:
         ]
 
     def to_neo(self) -> neo.Block:
-        """Spikes and traces as a block of Neo, see `neuro.files.recorded.to_neo`; needs the extra `neo`."""
+        """Return spikes and traces as a Neo block, see `neuro.files.recorded.to_neo`; needs the extra `neo`."""
         from neuro.files.recorded import to_neo
 
         return to_neo(self)
 
     def to_pandas(self) -> DataFrames:
-        """Spikes, rates, traces and weights as data frames; needs the extra `pandas`."""
+        """Return spikes, rates, traces and weights as data frames; needs the extra `pandas`."""
         from neuro.files.recorded import to_pandas
 
         return to_pandas(self)
 
     @property
     def time(self) -> float:
-        """The end of the run in ms, as of a simulation."""
+        """End of the run in ms, as in a simulation."""
         return self.duration_ms
 
     @property
     def held(self) -> float:
-        """The time in ms after which spikes and traces are held, as of a simulation: all of them are."""
+        """Time in ms from which spikes and traces are held, as in a simulation: always 0."""
         return 0.0
 
     @property
     def finished(self) -> bool:
-        """Whether the run came to its end; if not, all is there that was recorded up to `time`."""
+        """True if the run reached its end; otherwise the results have the recording up to `time`."""
         return bool(self.about["finished"])
 
     def spikes(self, of: Any, since: float | None = None, until: float | None = None) -> tuple[Floats, Ints]:
-        """Recorded spikes of a population or of a view.
+        """Return the recorded spikes of a population or a view.
 
         Args:
-            of: the population, or its name, or a view.
-            since: only those after this time in ms.
-            until: only those up to this time in ms.
+            of: the population, its name, or a view.
+            since: begin in ms, excluded.
+            until: end in ms, included.
 
         Returns:
-            times in ms and neurons, sorted by time, then neuron; several spikes of one neuron in one step are
-            listed as often. Neurons are ids of the population, also of a view.
+            times in ms and neurons, sorted by time, then neuron. A neuron with several spikes in one step has as many
+            entries. Neurons are ids of the population, also for a view.
 
         Raises:
-            ModelError: there is no such population, or its spikes were not recorded.
+            ModelError: the population does not exist, or its spikes were not recorded.
         """
         return self.spikes_of(*self._neurons(of), since, until)
 
     def spikes_of(self, name: str, ids: Ints | None, since: float | None, until: float | None) -> tuple[Floats, Ints]:
-        """Likewise of some neurons of a population, all if None."""
+        """Return the spikes of some neurons of a population, None for all; see `spikes`."""
         return self.graded_spikes_of(name, ids, since, until)[:2]
 
     def payloads(self, of: Any, since: float | None = None, until: float | None = None) -> tuple[Floats, Ints, Ints]:
-        """Recorded spikes of a graded population, as `spikes` gives them, and the payload of each.
+        """Return the recorded spikes of a graded population, in the form of `spikes`, and the payload of each.
 
         Raises:
-            ModelError: as `spikes`, or its spikes carry no payloads.
+            ModelError: the errors of `spikes`, or the spikes carry no payloads.
         """
         name, ids = self._neurons(of)
         times, neurons, payloads = self.graded_spikes_of(name, ids, since, until)
@@ -200,7 +200,7 @@ class Results:
     def graded_spikes_of(
         self, name: str, ids: Ints | None, since: float | None, until: float | None
     ) -> tuple[Floats, Ints, Ints | None]:
-        """Likewise of some neurons of a population, with payloads where they have some."""
+        """Return the spikes of some neurons of a population, None for all, with payloads if the spikes carry any."""
         train = self.populations[name]
         if not train.recorded:
             raise ModelError(f"spikes of '{name}', {a(train.model)}, are not recorded")
@@ -208,9 +208,9 @@ class Results:
         bounds = (-1.0 if since is None else since, np.inf if until is None else until)
         after, to = (clock.floor(t, word) for t, word in zip(bounds, ("since", "until"), strict=True))
         check_span(after, to, since, until)
-        part = span(kept(train, "steps"), after, to)
-        steps, neurons, multiplicity = (kept(train, word)[part] for word in ("steps", "ids", "multiplicity"))
-        payloads = None if kept(train, "payloads") is None else kept(train, "payloads")[part].astype(np.int64)
+        part = span(unread(train, "steps"), after, to)
+        steps, neurons, multiplicity = (unread(train, word)[part] for word in ("steps", "ids", "multiplicity"))
+        payloads = None if unread(train, "payloads") is None else unread(train, "payloads")[part].astype(np.int64)
         if ids is not None:
             some = np.isin(neurons, ids)
             steps, neurons, multiplicity = steps[some], neurons[some], multiplicity[some]
@@ -219,17 +219,17 @@ class Results:
         return clock.array_ms(steps), neurons, payloads
 
     def trace(self, of: Any) -> tuple[Floats, Any]:
-        """What a probe has recorded, as `Simulation.trace` gives it.
+        """Return the recording of a probe, in the form of `Simulation.trace`.
 
         Raises:
-            ModelError: there is no such probe, or the spikes that it recorded were not kept.
+            ModelError: the probe does not exist, or its spikes were not stored.
         """
         name = _name(of)
         if name in self.traces:
             return self.traces[name].times_ms, self.traces[name].read()
         several = [trace for trace in self.traces.values() if trace.probe == name]
         if not several:
-            # What a probe of spikes has recorded: their times, and the neuron of each.
+            # A probe of spikes has times and neurons.
             probes = self.network(played=False).probes
             if name not in probes:
                 raise unknown("probe", name, [*dict.fromkeys([*self.traces, *probes])])
@@ -237,33 +237,33 @@ class Results:
             return self.spikes(probe.of if probe.view is None else probe.view)
         by_name: dict[str, Any] = {}
         for trace in several:
-            found = trace.read()
-            by_name |= found if isinstance(found, dict) else {trace.state: found}
+            values = trace.read()
+            by_name |= values if isinstance(values, dict) else {trace.state: values}
         return several[0].times_ms, by_name
 
     def weights(self, part: Any, /, *, of: Any = None, pre: Any = None, post: Any = None, delays: bool = False) -> Any:
-        """The weights of a projection at the end, as `Simulation.weights` gives them.
+        """Return the weights of a projection at the end of the run, in the form of `Simulation.weights`.
 
         Args:
             part: the projection, or its name.
-            of: only of the synapses of these pairs (source, target), in their order.
-            pre: only of the synapses from these neurons: a population, a view of it, or ids.
-            post: only of the synapses onto these neurons.
-            delays: whether to give the delays in ms, too; those that no rule changes follow from network and seed.
+            of: pairs (source, target) of the synapses to return, in their order.
+            pre: source neurons of the synapses to return: a population, a view of it, or ids.
+            post: target neurons of the synapses to return.
+            delays: return the delays in ms, too; network and seed decide delays that no rule changes.
 
         Returns:
-            (pre, post, weight), with `delays` a fourth row; of a grid its kernels, with `delays` (kernels, delay).
+            (pre, post, weight), with `delays` a fourth array; the kernels of a grid, with `delays` (kernels, delay).
 
         Raises:
-            ModelError: there is no such projection, or its weights were not kept.
+            ModelError: the projection does not exist, or its weights were not stored.
         """
         return weights(self, _name(part), of, pre, post, delays)
 
     def get(self, part: Any, /, what: Any, *, of: Any = None, pre: Any = None, post: Any = None) -> Any:
-        """The "weight" or the "delay" in ms of each synapse at the end, chosen as of `weights`.
+        """Return the "weight", or the "delay" in ms, of each synapse at the end; `of`, `pre`, `post`: see `weights`.
 
         Raises:
-            ModelError: a file does not have what is asked for: parameters, or a state, of which a probe records traces.
+            ModelError: the value is a parameter or a state, which files of results do not have.
         """
         if isinstance(what, list):
             return {word: self.get(part, word, of=of, pre=pre, post=post) for word in what}
@@ -273,61 +273,62 @@ class Results:
         name, _ = self._neurons(part)
         message = f"population '{name}': a file of results has no {what!r} of the end of the run"
         recorded = [word for word, trace in self.traces.items() if (trace.population, trace.state) == (name, what)]
-        again = f"net.probe('name', '{name}', {what!r}) records a state; neuro.compile(run.network()) has parameters"
-        hint = f"run.trace({recorded[0]!r}) is what was recorded" if recorded else again
+        hint = f"net.probe('name', '{name}', {what!r}) records a state; neuro.compile(run.network()) has parameters"
+        if recorded:
+            hint = f"run.trace({recorded[0]!r}) is what was recorded"
         raise ModelError(message, hint=hint)
 
     def states(self, of: Any) -> list[str]:
-        """A simulation has states; a file has the traces of those that were recorded.
+        """Raise an error: a file has traces of recorded states only.
 
         Raises:
-            ModelError: always; it names what to ask instead.
+            ModelError: always; the hint names the traces and the simulation.
         """
         name, _ = self._neurons(of)
         message = f"states of '{name}': a file of results has none: expected a simulation"
         raise ModelError(message, hint="run.traces has what was recorded, neuro.compile(run.network()) the states")
 
     def counts(self) -> Counts:
-        """What happened in the run."""
+        """Return the counts of the run."""
         populations = {name: PopulationCounts(**part.counts) for name, part in self.populations.items()}
         projections = {name: ProjectionCounts(**part.counts) for name, part in self.projections.items()}
         return Counts(int(self.about[f"{_COUNT}steps"]), populations, projections)
 
     def network(self, recordings: str | PathLike[str] | None = None, *, played: bool = True) -> Network:
-        """The network as it was before the run.
+        """Return the network as it was before the run.
 
         Args:
-            recordings: the folder in which the recordings of event cameras lie. If not given, they are looked for where
-                the run found them, then beside the file of results, then in the current folder.
-            played: whether they must be there. Without them the network can be looked at, and not compiled.
+            recordings: folder with the recordings of event cameras. By default the folders of the run, of the results
+                and the current one are searched, in this order.
+            played: if False, recordings may be missing; the network can then be inspected but not compiled.
 
         Raises:
-            ModelError: a recording is not found, and the message says where it was looked for; or the results are of
-                other populations than their network has.
+            ModelError: a recording is missing (the message has the folders), or results and network have different
+                populations.
         """
         from neuro.model.language import load
         from neuro.model.language.files import elsewhere
 
-        beside = [] if self.path is None else [self.path.resolve().parent]
-        lay = [Path(str(path)).parent for word, path in self.about.items() if word.startswith(RECORDING)]
-        folders = [*lay, *beside, Path.cwd()] if recordings is None else [Path(recordings)]
-        sought = Sought(dict.fromkeys(folders))
-        with tempfile.TemporaryDirectory() as folder, elsewhere(sought.find):
+        of_results = [] if self.path is None else [self.path.resolve().parent]
+        of_run = [Path(str(path)).parent for word, path in self.about.items() if word.startswith(RECORDING)]
+        folders = [*of_run, *of_results, Path.cwd()] if recordings is None else [Path(recordings)]
+        search = RecordingSearch(dict.fromkeys(folders))
+        with tempfile.TemporaryDirectory() as folder, elsewhere(search.find):
             for name, content in self.files.items():
                 (Path(folder) / name).write_bytes(content)
             net = load(Path(folder) / YAML)
         if differing := sorted(net.populations.keys() ^ self.populations.keys()):
             raise ModelError(f"damaged results: expected {differing[0]!r} both in them and in their network")
         if played:
-            sought.check()
+            search.check()
         return net
 
     def laid(self, name: str) -> Shaped:
-        """A population as something of which there may be views."""
+        """Return name and shape of a population, of which views can be made."""
         return Shaped(name, self.populations[name].shape)
 
     def _neurons(self, of: Any) -> tuple[str, Ints | None]:
-        """The name of a population, and the neurons of a view."""
+        """Return the name of a population, and the neurons of a view or None."""
         of = named(of, {name: self.laid(name) for name in self.populations})
         view = of if isinstance(of, View) else None
         name = _name(of if view is None else view.population)
@@ -341,12 +342,12 @@ def _name(of: Any) -> Any:
 
 
 def write(results: Results, path: str | PathLike[str], weights: Iterable[tuple[str, Weights]] = ()) -> None:
-    """Write the file in the place of any other; the caller asks before, with `neuro.core.outputs.output` and `KIND`.
+    """Write the file, replacing any other; callers ask first, with `neuro.core.outputs.output` and `KIND`.
 
     Args:
-        results: what is written.
-        path: of the file.
-        weights: of projections by name, one after the other, where the results are without.
+        results: results to write.
+        path: path of the file.
+        weights: weights of projections by name, one at a time, if the results have none.
     """
     with new_file(Path(path), FORMAT) as file:
         write_head(file, results.about, results.files)
@@ -362,7 +363,7 @@ def write(results: Results, path: str | PathLike[str], weights: Iterable[tuple[s
 
 
 def write_head(file: h5py.File, about: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-    """Write what a run is of, and make room for its parts."""
+    """Write attributes and network files, and create the groups of the parts."""
     file.attrs["format"] = FORMAT
     file.attrs.update(about)
     file["network"] = files[YAML].decode()
@@ -374,10 +375,10 @@ def write_head(file: h5py.File, about: Mapping[str, Any], files: Mapping[str, by
 
 
 def read(path: str | PathLike[str]) -> Results:
-    """Read the file of a run, also of one that was ended while it wrote; arrays when they are asked for.
+    """Read the file of a run, also of an interrupted one; arrays are read on first access.
 
     Raises:
-        ModelError: there is no such file, it is none of this format, or not what was written.
+        ModelError: the file does not exist, has another format, or is damaged.
     """
     path = Path(path)
     if not path.exists() and unfinished(path).exists():
@@ -389,12 +390,12 @@ def read(path: str | PathLike[str]) -> Results:
 
 
 def _opened(path: Path) -> Results:
-    """The results in a file; errors as of `read`."""
+    """Return the results in a file, with the errors of `read`."""
     try:
-        held = JournalReader(path, "a file of results, as 'neuro run' writes it", FORMAT)
-        with held.reading() as file:
+        reader = JournalReader(path, "a file of results, as 'neuro run' writes it", FORMAT)
+        with reader.reading() as file:
             check_tree(file)
-            return read_file(file, held.reading, path)
+            return read_file(file, reader.reading, path)
     except ModelError:
         raise
     except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
@@ -402,13 +403,13 @@ def _opened(path: Path) -> Results:
 
 
 def unfinished(path: Path) -> Path:
-    """The part that the last run left which was to have the name `path`; a name that no file has if there is none."""
+    """Return the latest partial file for the name `path`, or an unused name if there is none."""
     parts = list(takewhile(Path.exists, kept_parts(path)))
     return max(parts, key=lambda part: part.stat().st_mtime_ns, default=next(kept_parts(path)))
 
 
 def is_kept(part: Path) -> bool:
-    """Return whether an earlier run left a recording in a part; a run that still writes it has left none."""
+    """Return True if a partial file has a recording and no run is writing to the file."""
     try:
         with part.open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -418,7 +419,7 @@ def is_kept(part: Path) -> bool:
 
 
 def recorded_in(part: Path) -> str:
-    """A sentence that says up to which time an unfinished file was recorded; "" of a file that cannot be read."""
+    """Return a sentence with the end of the recording in a partial file; "" if the file cannot be read."""
     try:
         return f"{part} has what was recorded up to {read(part).time:g} ms"
     except ModelError:
@@ -426,7 +427,7 @@ def recorded_in(part: Path) -> str:
 
 
 def read_file(file: h5py.File, opener: Opener, path: Path | None = None) -> Results:
-    """The results in an open file; `opener` opens it again for arrays that are asked for later."""
+    """Return the results in an open file; `opener` opens the file again when an array is read."""
     about = {name: _plain(value) for name, value in file.attrs.items() if name != "format"}
     files = {YAML: file["network"][()]}
     for name, item in file.get("network_files", {}).items():
@@ -450,16 +451,16 @@ P = TypeVar("P", Train, Weights, Trace, Fed)
 
 
 def write_part(group: h5py.Group, part: Any) -> None:
-    """Write the arrays and attributes of a part that are not there yet."""
+    """Write the arrays and attributes of a part that the group does not have yet."""
     for each in fields(part):
         value = getattr(part, each.name)
         if each.name in group:
             continue
         if isinstance(value, np.ndarray):
-            # Counts are written anew while a run goes on: packed, each time would take new room in the file.
-            packed = value.size > _LARGE and not each.name.endswith("_counts")
-            packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if packed else {}
-            group.create_dataset(each.name, data=value, **packing)
+            # Counts are rewritten during a run; each rewrite of compressed data would enlarge the file.
+            compresses = value.size > _LARGE and not each.name.endswith("_counts")
+            options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compresses else {}
+            group.create_dataset(each.name, data=value, **options)
         elif isinstance(value, dict):
             group.attrs.update({_COUNT + name: number for name, number in value.items()})
         elif value is not None:
@@ -482,11 +483,11 @@ def _plain(value: Any) -> Any:
 
 
 def run_table(duration_ms: float, populations: Iterable[tuple[str, str, int, int | None]]) -> Table:
-    """A row for each population.
+    """Return a table with a row for each population.
 
     Args:
-        duration_ms: how long it ran; without a time there are no rates.
-        populations: of each its name, model, neurons and spikes, None of those that emit a current.
+        duration_ms: length of the run; 0 gives no rates.
+        populations: name, model, neurons and spikes of each; spikes are None for generators of currents.
     """
     rows = []
     for name, model, neurons, spikes in populations:
@@ -495,13 +496,13 @@ def run_table(duration_ms: float, populations: Iterable[tuple[str, str, int, int
 
 
 def spike_columns(spikes: int | None, neurons: int, duration_ms: float) -> tuple[str, str]:
-    """Spikes and the mean rate of a neuron in Hz as text; a dash where there can be none."""
+    """Return spikes and the mean rate of a neuron in Hz as text, "-" where undefined."""
     if spikes is None:
         return "-", "-"
     return f"{spikes:,}", f"{spikes / neurons / duration_ms * 1000.0:.2f}" if neurons and duration_ms else "-"
 
 
 def projection_table(projections: Iterable[tuple[str, str, str, str, int]]) -> Table:
-    """A row for each projection: its name, source, target, synapse and number of synapses."""
+    """Return a table with name, source, target, synapse and number of synapses of each projection."""
     rows = tuple((*words, f"{synapses:,}") for *words, synapses in projections)
     return Table("projections", ("name", "from", "to", "synapse", ">synapses"), rows)

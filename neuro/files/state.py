@@ -1,6 +1,6 @@
-"""States in HDF5 files: that of a simulation, and that of a training under way beside the model it is going to be.
+"""HDF5 files of the state of a simulation, and of the checkpoint of a training.
 
-That of a training has these parts:
+A checkpoint has these parts:
 ```
 /            attributes: format, settings (JSON: the settings of the training)
 /NAME        an array, or a group of arrays
@@ -14,7 +14,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,6 @@ from neuro.core.hdf5 import is_whole, put, reading, take, writing
 from neuro.model.synapses import Synapse
 from neuro.program.program import WHOLE, Program, Projection
 
-if TYPE_CHECKING:
-    pass
-
 FORMAT, EARLIER = "neuro state 2", "neuro state 1"
 _NETWORK = "network_files/"
 Arrays = dict[str, NDArray[Any]]
@@ -35,12 +32,12 @@ Arrays = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What a state belongs to; a state can be restored only where all of it is the same.
+    """Network, backend and seed of a state; a simulation restores only states with an equal identity.
 
     Attributes:
-        network: its name.
-        backend: its name.
-        seed: of everything random.
+        network: name of the network.
+        backend: name of the backend.
+        seed: seed of the simulation.
         fingerprint: hash of the resolved network.
     """
 
@@ -57,17 +54,17 @@ def write_state(
     record: Mapping[str, Any] | None = None,
     files: Mapping[str, bytes] | None = None,
 ) -> None:
-    """Write a state; another state of that name is replaced once the new one is complete.
+    """Write a state; an existing state of that name is replaced atomically.
 
     Args:
-        path: of the file.
-        identity: what it belongs to.
-        arrays: by name.
-        record: where it comes from, see `neuro.core.provenance`.
-        files: of the network, by name.
+        path: path of the file.
+        identity: identity of the simulation.
+        arrays: arrays by name.
+        record: provenance, see `neuro.core.provenance`.
+        files: files of the network by name.
 
     Raises:
-        ModelError: the file cannot be written, or something else has that name.
+        ModelError: the file cannot be written, or a file of another kind has that name.
     """
     with writing(path, FORMAT, record=record) as file:
         for field in fields(identity):
@@ -82,7 +79,7 @@ def read_state(path: Path, identity: Identity) -> Arrays:
     """Read a state of the same network, backend and seed.
 
     Raises:
-        ModelError: there is no such file, it holds no state or one of something else, or it is damaged.
+        ModelError: the file does not exist, has no state, has a state of another identity, or is damaged.
     """
     import h5py
 
@@ -115,7 +112,7 @@ def read_state(path: Path, identity: Identity) -> Arrays:
     return arrays
 
 
-_SAID_ELSEWHERE = {
+_IGNORED_FIELDS = {
     "origin",
     "kind",
     "carries",
@@ -127,11 +124,11 @@ _SAID_ELSEWHERE = {
     "share",
     "whole_layout",
 }
-"""Fields of a program that decide nothing, follow from others, or count only where they are."""
+"""Fields of a program that do not change a run, follow from other fields, or depend on the machine."""
 
 
 def fingerprint(program: Program) -> str:
-    """A hash of everything that decides what a program does; places in files do not count."""
+    """Return a hash of all fields that decide a run; positions in YAML files are ignored."""
     digest = hashlib.blake2b(digest_size=16)
     _feed(digest, program)
     return digest.hexdigest()
@@ -139,7 +136,7 @@ def fingerprint(program: Program) -> str:
 
 @dataclass(frozen=True)
 class _Pieces:
-    """An array of which only pieces are in memory."""
+    """An array that is generated piece by piece."""
 
     kind: np.dtype[Any]
     size: int
@@ -147,19 +144,19 @@ class _Pieces:
 
 
 def _whole(part: Projection) -> Projection:
-    """A projection with the synapses of all shares, in pieces."""
+    """Return a projection with the synapses of all shares, in pieces."""
     rows, gather = part.rows, part.share.gather
 
     def joined(values: NDArray[Any], kind: Any) -> Any:
-        if gather(np.array([values.size == 1])).all() and np.unique(every := gather(values)).size == 1:
-            return every[:1]  # one for all
+        if gather(np.array([values.size == 1])).all() and np.unique(all_values := gather(values)).size == 1:
+            return all_values[:1]  # one value for all synapses
         pieces = (gather(values[each.own])[each.order].astype(kind) for each in rows.stretches())
         return _Pieces(np.dtype(kind), part.size, pieces)
 
-    late = part.delay.dtype if part.delay_span[1] <= np.iinfo(part.delay.dtype).max else np.int32
+    delay_dtype = part.delay.dtype if part.delay_span[1] <= np.iinfo(part.delay.dtype).max else np.int32
     numbers = part.synapse.parameters()
     each = {name: rows.joined(numbers[word]) for name, word in part.synapse.fields_of_each().items()}
-    words: dict[str, Any] = {"weight": joined(part.weight, np.float64), "delay": joined(part.delay, late)}
+    words: dict[str, Any] = {"weight": joined(part.weight, np.float64), "delay": joined(part.delay, delay_dtype)}
     if part.whole_layout == "csr":
         words["row_ends"] = np.concatenate(([0], np.cumsum(rows.fan_out())))
         words["targets"] = joined(part.targets, np.int32)
@@ -185,11 +182,11 @@ def _feed(digest: hashlib.blake2b, value: Any) -> None:
         _feed(digest, {k: v for k, v in value.parameters().items() if isinstance(v, counted)})
     elif is_dataclass(value):
         for field in fields(value):
-            held = getattr(value, field.name)
-            # A default decides nothing: states go on where a field is added.
-            if field.name not in _SAID_ELSEWHERE and held is not field.default:
+            field_value = getattr(value, field.name)
+            # A default is left out, so that states stay valid when a field is added.
+            if field.name not in _IGNORED_FIELDS and field_value is not field.default:
                 digest.update(field.name.encode())
-                _feed(digest, held)
+                _feed(digest, field_value)
         if (stream := getattr(value, "stream", None)) is not None:
             digest.update(stream.identity.encode())
     elif isinstance(value, Mapping):
@@ -205,16 +202,16 @@ def _feed(digest: hashlib.blake2b, value: Any) -> None:
 
 
 class Checkpoint:
-    """What a training needs to go on after a kill.
+    """The file with which a killed training continues.
 
     Args:
-        model: file of the model; the checkpoint lies beside it.
-        format: of the checkpoint, e.g. "neuro drone training 1".
-        settings: of the training, as plain data; only a training with the same settings continues.
-        ways: by name of a setting: what to do where it differs.
+        model: file of the model; the checkpoint is written beside it.
+        format: format of the checkpoint, e.g. "neuro drone training 1".
+        settings: settings of the training as plain data; only a training with equal settings continues.
+        ways: hints by setting, for a training with another value.
 
     Attributes:
-        path: where it lies.
+        path: path of the checkpoint.
     """
 
     def __init__(
@@ -224,7 +221,7 @@ class Checkpoint:
         self._format, self._settings, self._ways = format, json.dumps(settings), ways or {}
 
     def keep(self, **parts: NDArray[Any] | Mapping[str, NDArray[Any]]) -> None:
-        """Write arrays, and groups of arrays, in place of those before.
+        """Write arrays and groups of arrays, replacing the checkpoint.
 
         Raises:
             Unwritable: the file cannot be written.
@@ -235,10 +232,10 @@ class Checkpoint:
                 put(file, name, part)
 
     def resume(self) -> dict[str, Any]:
-        """What `keep` wrote last, empty if there is none.
+        """Return the arrays of the last `keep`; an empty dictionary without a checkpoint.
 
         Raises:
-            ModelError: it is of a training that has other settings, or damaged.
+            ModelError: the checkpoint has other settings, or is damaged.
         """
         if not self.path.exists():
             return {}
@@ -255,12 +252,12 @@ class Checkpoint:
         return parts
 
     def remove(self) -> None:
-        """The training is done."""
+        """Remove the file at the end of the training."""
         self.path.unlink(missing_ok=True)
 
 
 def _flat(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Values inside of others with the names of both."""
+    """Return nested settings as one level, with names joined by dots."""
     flat: dict[str, Any] = {}
     for name, value in settings.items():
         flat |= {f"{name}.{k}": v for k, v in _flat(value).items()} if isinstance(value, Mapping) else {name: value}

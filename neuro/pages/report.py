@@ -226,7 +226,7 @@ def _projection(said: Described, name: str, part: Weights) -> tuple[object, ...]
         name,
         part.source,
         part.target,
-        part.said,
+        part.synapse_text,
         f"{part.synapses:,}",
         *weights,
         f"{part.counts['synaptic_ops']:,}",

@@ -101,7 +101,7 @@ class Simulation(RunningNetwork):
 
     def _tables(self) -> list[Table]:
         """A row for each population and projection."""
-        from neuro.files.parts import synapse_said
+        from neuro.files.parts import synapse_text
         from neuro.files.results import projection_table, run_table
 
         populations, counts = self.program.populations, self.counts().populations
@@ -113,7 +113,7 @@ class Simulation(RunningNetwork):
                     p.name,
                     populations[p.source].name,
                     populations[p.target].name,
-                    synapse_said(p.synapse.name, None if p.undrawn is None else self.backend),
+                    synapse_text(p.synapse.name, None if p.undrawn is None else self.backend),
                     p.size,
                 )
                 for p in self.program.projections

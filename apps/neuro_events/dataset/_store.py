@@ -375,7 +375,7 @@ def _pack_all(job: ConversionJob, batches: Sequence[Sequence[int]], jobs: int) -
         while pool.busy:
             for event in pool.hear():
                 if isinstance(event, Done):
-                    yield event.found
+                    yield event.result
                 elif isinstance(event, Raised):
                     raise event.error
                 elif isinstance(event, Lost):

@@ -100,7 +100,7 @@ class Hdf5:
             raise Damage("a heap of strings is damaged; attributes with strings were left out", None)
         front = None if start_us is not None else hdf5.Front.of(bytes(self._bytes[: hdf5.FRONT]))  # of our own files
         if front is not None and not front.fits(lambda at, n: self._bytes[at : at + n]):
-            raise Damage("damaged: it is not what was written", None)
+            raise Damage("damaged: the content does not match the digest", None)
 
 
 def read_sample(dataset: Any) -> Events:
