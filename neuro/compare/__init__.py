@@ -1,4 +1,4 @@
-"""One network on several backends, and how far each is from the first: spikes, weights, counts and joules."""
+"""Comparison of one network on several backends: differences of spikes, weights, counts and joules from the first."""
 
 from neuro.compare.loihi_rules import LoihiRules, RuleDifference, loihi_rules
 from neuro.compare.result import Bill, Comparison, Run

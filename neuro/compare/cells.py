@@ -33,7 +33,7 @@ def summary(comparison: Comparison) -> Iterator[tuple[str, ...]]:
 
 
 def earliest(comparison: Comparison, run: Run) -> str:
-    """Where a run first differs from the first."""
+    """Return time and neuron of the first difference of a run from the first run."""
     return "-" if run is comparison.first else run.first_difference()
 
 
@@ -52,9 +52,9 @@ def populations(comparison: Comparison) -> Iterator[tuple[str, ...]]:
             yield (*about, *figures, *differences)
 
 
-def where(found: Divergence) -> str:
-    """A first difference."""
-    return f"{found.ms:g} ms, neuron {found.neuron}: {'missing' if found.only_in_first else 'extra'}"
+def where(divergence: Divergence) -> str:
+    """Return time, neuron and kind of a first difference as text."""
+    return f"{divergence.ms:g} ms, neuron {divergence.neuron}: {'missing' if divergence.only_in_first else 'extra'}"
 
 
 def projections(comparison: Comparison) -> Iterator[tuple[str, ...]]:
@@ -69,9 +69,9 @@ def projections(comparison: Comparison) -> Iterator[tuple[str, ...]]:
             numbers = (f"{lost.largest:.4g} {part.unit}".rstrip(), f"{lost.rms:.4g} {part.unit}".rstrip())
             yield (name, run.backend, *numbers, f"{lost.relative:.3%}", share)
         for k, run in enumerate(run for run in runs if part.projection in run.delays):
-            late = run.delays[part.projection]
+            delay = run.delays[part.projection]
             name = "" if k else f"{part.projection}: delays"
-            yield (name, run.backend, f"{late.largest:.4g} ms", f"{late.rms:.4g} ms", f"{late.relative:.3%}", "-")
+            yield (name, run.backend, f"{delay.largest:.4g} ms", f"{delay.rms:.4g} ms", f"{delay.relative:.3%}", "-")
 
 
 def bills(comparison: Comparison) -> Iterator[tuple[str, ...]]:
@@ -115,10 +115,10 @@ DISTANCE = "distance: edits per spike (Victor and Purpura, 10 ms), 0 where equal
 
 
 def show(comparison: Comparison, out: Any) -> None:
-    """Print tables of the backends, populations, projections, chips' own counts and bills, then what else to know.
+    """Print tables of backends, populations, projections, chips' own counts and bills, then remarks.
 
     Args:
-        comparison: what was found.
+        comparison: the comparison.
         out: a rich console.
     """
     first = comparison.first.backend
@@ -132,10 +132,10 @@ def show(comparison: Comparison, out: Any) -> None:
         (NATIVE, natives(comparison)),
         (ENERGY, bills(comparison)),
     ):
-        listed = list(rows)
-        if listed:
+        table_rows = list(rows)
+        if table_rows:
             out.print()
-            out.print(table(columns, listed))
+            out.print(table(columns, table_rows))
     for line in _remarks(comparison):
         out.print(line, markup=False)
 

@@ -1,8 +1,8 @@
 """Differences of spikes and weights between two runs, and of weights between a network and a chip's integers.
 
-The distance is that of Victor and Purpura (J. Neurophysiol. 76:1310, 1996) as the library `elephant` computes it: the
-least cost of turning one train into the other, where adding or removing a spike costs 1 and moving it by dt costs
-dt / `COST_MS`.
+The distance between spike trains is that of Victor and Purpura (J. Neurophysiol. 76:1310, 1996), computed by the
+library `elephant`: the least cost of turning one train into the other, where adding or removing a spike costs 1 and
+moving a spike by dt costs dt / `COST_MS`.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ MOST_PAIRS = 20_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ComparedSpikes:
-    """Spikes of one population, by time, then neuron; several of one neuron in one step are listed as often.
+    """Spikes of one population, by time, then neuron; a neuron with several spikes in a step has several entries.
 
     Attributes:
-        size: its number of neurons.
-        times_ms: when.
-        steps: the same in steps.
-        ids: which neuron.
+        size: number of neurons.
+        times_ms: time of each spike in ms.
+        steps: step of each spike.
+        ids: neuron of each spike.
     """
 
     size: int
@@ -100,7 +100,7 @@ def divergence(first: ComparedSpikes, other: ComparedSpikes) -> Divergence | Non
 
 
 def same_steps(first: ComparedSpikes, other: ComparedSpikes) -> bool:
-    """Whether the same neurons spike in the same steps, however often in each."""
+    """Return True if the same neurons spike in the same steps; the number of spikes in a step is ignored."""
     size = max(first.size, 1)
     a, b = np.unique(first.steps * size + first.ids), np.unique(other.steps * size + other.ids)
     return bool(np.array_equal(a, b))
@@ -161,12 +161,12 @@ _LAST_BITS = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class WeightDifference:
-    """How far the weights of one projection are from those of another run.
+    """Difference of the weights of one projection between two runs.
 
     Attributes:
         largest: largest absolute difference of a weight.
         rms: root of the mean squared difference.
-        relative: `rms` divided by the root of the mean squared weight of the first run; 0 where that is 0.
+        relative: `rms` divided by the root of the mean squared weight of the first run; 0 if that is 0.
     """
 
     largest: float
@@ -175,7 +175,7 @@ class WeightDifference:
 
 
 def difference(first: Floats, other: Floats) -> WeightDifference:
-    """How far weights are from the first; nothing where only the last bits of a double differ."""
+    """Return the difference of weights from those of the first run; 0 if only the last bits of doubles differ."""
     if first.size == 0:
         return WeightDifference(0.0, 0.0, 0.0)
     lost = other - first
@@ -187,7 +187,7 @@ def difference(first: Floats, other: Floats) -> WeightDifference:
 
 
 def described(part: Projection) -> Floats:
-    """The weights of a projection as they are described, one for each synapse."""
+    """Return the weights of a projection as described, one for each synapse."""
     return np.broadcast_to(part.weight, (part.size,))
 
 
@@ -200,7 +200,7 @@ def rounded(fixed: FixedProgram, index: int) -> Floats | None:
 
 
 def rounding(fixed: FixedProgram) -> dict[str, WeightDifference]:
-    """What quantising does to the weights of each projection."""
+    """Return the difference that quantising makes to the weights of each projection, by name."""
     by_name = {}
     for index, part in enumerate(fixed.program.projections):
         after = rounded(fixed, index)
@@ -210,25 +210,25 @@ def rounding(fixed: FixedProgram) -> dict[str, WeightDifference]:
 
 
 def histograms(program: Program, chips: Mapping[str, FixedProgram]) -> tuple[Histogram, ...]:
-    """Of each projection: its weights as described and on each chip.
+    """Return histograms of the weights of each projection, as described and on each chip.
 
     Args:
-        program: the network as the first backend saw it.
-        chips: the same in the integers of some chips.
+        program: program of the first backend.
+        chips: the program in the integers of each chip, by name.
     """
-    found = []
+    by_projection = []
     for index, part in enumerate(program.projections):
         on_chips = {name: rounded(fixed, index) for name, fixed in chips.items()}
         weights = {"described": described(part)} | {name: w for name, w in on_chips.items() if w is not None}
-        found.append(_histogram(program, part, weights, _grain(chips, index)))
-    return tuple(part for part in found if part.synapses)
+        by_projection.append(_histogram(program, part, weights, _grain(chips, index)))
+    return tuple(part for part in by_projection if part.synapses)
 
 
 def learnt(program: Program, final: Mapping[str, Mapping[str, Floats]]) -> tuple[Histogram, ...]:
-    """Of each projection that learns: its weights at the end of the run on each backend.
+    """Return histograms of the final weights of each projection that learns, on each backend.
 
     Args:
-        program: the network as the first backend saw it.
+        program: program of the first backend.
         final: weights by backend and projection.
     """
     parts = [part for part in program.projections if part.synapse.learns and part.size]
@@ -246,7 +246,7 @@ def _grain(chips: Mapping[str, FixedProgram], index: int) -> float:
 
 
 def unit(program: Program, part: Projection) -> str:
-    """The unit of a projection's weights: that of the input its target takes."""
+    """Return the unit of a projection's weights, that of the input of its target."""
     model = program.populations[part.target].model
     if model.chip or part.carries == "current":
         return ""

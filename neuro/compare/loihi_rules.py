@@ -1,4 +1,4 @@
-"""Where the rules of Loihi 1 and Loihi 2 give one network different integers.
+"""Differences between Loihi 1 and Loihi 2 in the integers of one network.
 
 | rule | Loihi 1 | Loihi 2 |
 | --- | --- | --- |
@@ -6,12 +6,12 @@
 | negative weight exponents | shift each weight | shift the sum of a step, rounded down |
 | input of a step | 22 bits | 32 bits |
 | u + bias | 24 bits | 32 bits |
-| u = -2^23 | is kept | is 2^23 |
+| u = -2^23 | stays | becomes 2^23 |
 | several spikes of a generator in a step | one | a payload |
-| refractory period, learning | there | not there |
+| refractory period, learning | yes | no |
 
-Words are compared one by one, and the registers in every step of a run on both. A network in the registers of one chip
-is given those of the other.
+All words are compared, and the registers in every step of a run on both chips. A network in the registers of one chip
+is converted to those of the other.
 """
 
 from __future__ import annotations
@@ -43,13 +43,14 @@ _OWN: dict[str, tuple[Any, Any]] = {"loihi": (loihi_lif, loihi_static), "loihi2"
 
 @dataclass(frozen=True, slots=True)
 class RuleDifference:
-    """One difference.
+    """One difference between the chips.
 
     Attributes:
-        part: of the network.
-        where: the synapse, or the neuron and step, and the quantity.
-        loihi, loihi2: what each chip has there.
-        why: the rule behind it, as far as it follows from words and counts; "" where it follows from earlier ones.
+        part: part of the network.
+        where: synapse, or neuron and step, and quantity.
+        loihi, loihi2: value on each chip.
+        why: rule that causes the difference, if words and counts show it; "" if the difference follows from earlier
+            ones.
     """
 
     part: str
@@ -87,8 +88,8 @@ class LoihiRules:
             one, two = self.spikes
             fired = f"{one:,} spikes" if one == two else f"{one:,} and {two:,} spikes"
             ran = f"{self.steps:,} steps on both, {fired}"
-        found = f"{count} difference{'s' * (count > 1)}" if count else "all words and registers are equal"
-        return f"'{self.network}' by the rules of Loihi 1 and Loihi 2: {found} ({ran})"
+        summary = f"{count} difference{'s' * (count > 1)}" if count else "all words and registers are equal"
+        return f"'{self.network}' by the rules of Loihi 1 and Loihi 2: {summary} ({ran})"
 
     def _tables(self) -> list[Table]:
         rows = tuple((d.part, d.where, d.loihi, d.loihi2, d.why) for d in self.differences)
@@ -96,15 +97,15 @@ class LoihiRules:
 
 
 def loihi_rules(net: Network, duration: float = 100.0, seed: int = 0) -> LoihiRules:
-    """Where the rules of Loihi 1 and Loihi 2 give a network different integers.
+    """Return the differences between Loihi 1 and Loihi 2 in the integers of a network.
 
     Args:
         net: any network.
-        duration: how long it runs on both, in ms.
-        seed: of all that is drawn.
+        duration: duration of the run on both chips, in ms.
+        seed: seed of the run.
 
     Raises:
-        ModelError: the network is none, or `duration` is below 0, infinite or off the grid.
+        ModelError: `net` is no network, or `duration` is below 0, infinite or off the grid.
     """
     if not isinstance(net, Network):
         raise ModelError(f"loihi_rules: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
@@ -113,22 +114,22 @@ def loihi_rules(net: Network, duration: float = 100.0, seed: int = 0) -> LoihiRu
         raise ModelError(f"duration = {duration} ms: expected a finite time >= 0 ms")
     program = compile_network(net, seed)
     programs = []
-    for name in CHIPS:  # parts in the registers of one Loihi have those of the other
+    for name in CHIPS:  # parts in the registers of one Loihi are converted to those of the other
         populations = tuple(_population(part, name) for part in program.populations)
         native = [part.model.chip == name for part in populations]
         projections = tuple(_projection(part, name, native[part.target]) for part in program.projections)
         programs.append(replace(program, populations=populations, projections=projections))
     fixed = [quantise(each, chip(name)) for each, name in zip(programs, CHIPS, strict=True)]
-    found = [*_refused(fixed), *_words(program, fixed)]
+    differences = [*_refused(fixed), *_words(program, fixed)]
     if any(problem.refused for each in fixed for problem in each.problems):
-        return LoihiRules(net.name, 0, (0, 0), tuple(found))
+        return LoihiRules(net.name, 0, (0, 0), tuple(differences))
     engines = [find_backend(name).build(each) for name, each in zip(CHIPS, programs, strict=True)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OverflowWarning)  # they are reported below
-        found += _registers(program, engines, steps)
-    found += _counted(engines)
+        differences += _registers(program, engines, steps)
+    differences += _counted(engines)
     one, two = (_fired(program, engine) for engine in engines)
-    return LoihiRules(net.name, steps, (one, two), tuple(found))
+    return LoihiRules(net.name, steps, (one, two), tuple(differences))
 
 
 def _population(part: Population, name: str) -> Population:
@@ -139,9 +140,9 @@ def _population(part: Population, name: str) -> Population:
     if any(np.any(part.parameters[word] != value) for word, value in lost.items()):
         return part  # refused there
     words = own.quantities()
-    kept = {word: values for word, values in part.parameters.items() if word in words}
-    added = {word: np.full(1, float(value)) for word, value in own.defaults().items() if word not in kept}
-    return replace(part, model=own(), parameters={word: (kept | added)[word] for word in words})
+    common = {word: values for word, values in part.parameters.items() if word in words}
+    added = {word: np.full(1, float(value)) for word, value in own.defaults().items() if word not in common}
+    return replace(part, model=own(), parameters={word: (common | added)[word] for word in words})
 
 
 def _projection(part: Projection, name: str, native: bool) -> Projection:
@@ -153,7 +154,7 @@ def _projection(part: Projection, name: str, native: bool) -> Projection:
 
 
 def _refused(fixed: list[FixedProgram]) -> Iterator[RuleDifference]:
-    """What one chip refuses and the other does not."""
+    """Yield the parts that one chip refuses and the other accepts."""
     refused = [{p.what: p.why for p in each.problems if p.refused} for each in fixed]
     for what in dict.fromkeys([*refused[0], *refused[1]]):
         sides = ["refused" if what in each else "accepted" for each in refused]
@@ -177,21 +178,23 @@ def _words(program: Program, fixed: list[FixedProgram]) -> Iterator[RuleDifferen
 
 
 def _registers(program: Program, engines: list[Engine], steps: int) -> Iterator[RuleDifference]:
-    """The first step in which registers of a population differ."""
-    left = {k for k, part in enumerate(program.populations) if not isinstance(part.model, (Generator, parrot_neuron))}
+    """Yield the first step in which registers of a population differ."""
+    equal_so_far = {
+        k for k, part in enumerate(program.populations) if not isinstance(part.model, (Generator, parrot_neuron))
+    }
     for step in range(1, steps + 1):
         for engine in engines:
             engine.run(1)
-        for k in sorted(left):
+        for k in sorted(equal_so_far):
             for name in ("u", "v"):
                 one, two = (engine.registers(k, name) for engine in engines)  # type: ignore[attr-defined]
                 wrong = np.flatnonzero(one != two)
-                if wrong.size and k in left:
-                    left.discard(k)
+                if wrong.size and k in equal_so_far:
+                    equal_so_far.discard(k)
                     at = wrong[0]
                     where = f"neuron {at}, step {step}: {name}, {wrong.size:,} of {one.size:,} neurons"
                     yield RuleDifference(program.populations[k].name, where, str(one[at]), str(two[at]), "")
-        if not left:  # they run on for what is counted
+        if not equal_so_far:  # the engines finish the run for its counts
             for engine in engines:
                 engine.run(steps - step)
             break

@@ -69,7 +69,7 @@ def _head(comparison: Comparison) -> Html:
 
 
 def _card(comparison: Comparison, run: Run) -> Html:
-    """What to know of a backend at a glance."""
+    """Return the card of a backend with its main facts."""
     name = tag("h3", run.backend)
     if run.refused:
         head = tag("p", "refused", class_="big")
@@ -123,20 +123,20 @@ def _weights(comparison: Comparison) -> Iterator[Html]:
 
 
 def _maps(comparison: Comparison) -> Iterator[Html]:
-    placed = [(run, run.placement) for run in comparison.ran if run.placement is not None]
-    if placed:
+    placements = [(run, run.placement) for run in comparison.ran if run.placement is not None]
+    if placements:
         yield tag("h2", "Chips")
-    for run, placement in placed:
+    for run, placement in placements:
         yield tag("h3", run.backend)
         yield chip_map(placement, chip(run.backend))
 
 
 def _rounding(comparison: Comparison) -> Iterator[Html]:
-    found = [(run.backend, run.fixed) for run in comparison.ran if run.fixed is not None]
-    if found:
+    fixed_programs = [(run.backend, run.fixed) for run in comparison.ran if run.fixed is not None]
+    if fixed_programs:
         yield tag("h2", "Rounding")
         yield tag("p", "What the registers of each chip stand for, of the neuron where they differ most.")
-    for name, fixed in found:
+    for name, fixed in fixed_programs:
         yield tag("h3", name)
         yield table(ROUNDED, _rounded(fixed))
         yield table(SCALED, _scaled(fixed))
@@ -178,12 +178,12 @@ def rasters(comparison: Comparison) -> Html:
     """A drawing for each population, neurons first, then input."""
     populations = comparison.first.populations
     order = sorted(populations, key=lambda name: populations[name].generator)
-    shown = [name for name in order if any(run.populations[name].spikes for run in comparison.ran)]
-    drawn, silent = shown[:MOST_POPULATIONS], [name for name in order if name not in shown]
-    dots = min(MOST_DOTS, MOST_DOTS_IN_ALL // max(1, len(drawn) * len(comparison.ran)))
-    parts: list[object] = [_raster(comparison, name, dots) for name in drawn]
-    if len(shown) > len(drawn):
-        parts.append(tag("p", f"{len(shown) - len(drawn)} more populations are not drawn: {MOST_POPULATIONS} are."))
+    active = [name for name in order if any(run.populations[name].spikes for run in comparison.ran)]
+    names, silent = active[:MOST_POPULATIONS], [name for name in order if name not in active]
+    dots = min(MOST_DOTS, MOST_DOTS_IN_ALL // max(1, len(names) * len(comparison.ran)))
+    parts: list[object] = [_raster(comparison, name, dots) for name in names]
+    if len(active) > len(names):
+        parts.append(tag("p", f"{len(active) - len(names)} more populations are not drawn: {MOST_POPULATIONS} are."))
     if silent:
         parts.append(tag("p", f"Silent on every backend: {', '.join(silent)}."))
     first = comparison.first.backend
@@ -194,20 +194,20 @@ def rasters(comparison: Comparison) -> Html:
 def _raster(comparison: Comparison, name: str, dots: int) -> Html:
     ms, resolution = comparison.ms, comparison.resolution_ms
     trains = [(run.trains[name].steps, run.trains[name].ids) for run in comparison.ran]
-    found = [run.populations[name].first for run in comparison.ran]
-    also = [part.neuron for part in found if part is not None]
+    divergences = [run.populations[name].first for run in comparison.ran]
+    also = [divergence.neuron for divergence in divergences if divergence is not None]
     part = comparison.first.populations[name]
-    drawn = window(part.neurons, trains, round(ms / resolution), dots, also)
-    strips = [_strip(comparison, run, name, drawn) for run in comparison.ran]
+    shown = window(part.neurons, trains, round(ms / resolution), dots, also)
+    strips = [_strip(comparison, run, name, shown) for run in comparison.ran]
     label = f"raster of {name} on {', '.join(run.backend for run in comparison.ran)}"
     picture = raster.raster(strips, ms, resolution, label=label, together=True)
     kind = "input, " if part.generator else ""
-    return html.figure(picture, kind + drawn.described(ms, resolution), name, "raster")
+    return html.figure(picture, kind + shown.described(ms, resolution), name, "raster")
 
 
-def _strip(comparison: Comparison, run: Run, name: str, drawn: Window) -> Strip:
-    """Spikes of one backend."""
-    mine, its = (drawn.keys(train.steps, train.ids) for train in (run.trains[name], comparison.first.trains[name]))
+def _strip(comparison: Comparison, run: Run, name: str, shown: Window) -> Strip:
+    """Return the strip of one backend, with its differences from the first."""
+    mine, its = (shown.keys(train.steps, train.ids) for train in (run.trains[name], comparison.first.trains[name]))
     part = run.populations[name]
     kinds = {
         "same": np.intersect1d(mine, its),
@@ -215,7 +215,7 @@ def _strip(comparison: Comparison, run: Run, name: str, drawn: Window) -> Strip:
         "extra": np.setdiff1d(mine, its),
     }
     mark = None if part.first is None or run is comparison.first else part.first.ms
-    return Strip(run.backend, f"{part.rate_hz:{'.3g' if part.rate_hz < 1000 else ',.0f'}} Hz", drawn, kinds, mark)
+    return Strip(run.backend, f"{part.rate_hz:{'.3g' if part.rate_hz < 1000 else ',.0f'}} Hz", shown, kinds, mark)
 
 
 CORE, TILE_GAP, CHIP_GAP = 24.0, 7.0, 26.0
@@ -294,7 +294,7 @@ def _chip(mesh: Mesh, side: int, x: float, y: float, width: float, height: float
 
 
 def _spot(mesh: Mesh, side: int, column: int, row: int, slot: int) -> tuple[float, float]:
-    """Where a core lies on its chip."""
+    """Return the position of a core on its chip."""
     left = TILE_GAP + column * _tile(side) + (slot % side) * CORE
     return left + 1, TILE_GAP + row * _tile(_rows(mesh, side)) + (slot // side) * CORE + 1
 
@@ -314,7 +314,7 @@ def held(placement: Placement, core: Core) -> str:
 
 
 def title(placement: Placement, core: Core) -> str:
-    """What a core holds, and how full it is."""
+    """Return the content and the load of a core as text."""
     loads = ", ".join(f"{LIMITS.get(name, name)} {share:.0%}" for name, share in core.load.items())
     place = "chip {}, tile {}, core {}".format(*_place(core))
     size = f"{core.neurons:,} neuron{'s' * (core.neurons != 1)}, {core.synapse_bytes:,} bytes of synapses"

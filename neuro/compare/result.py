@@ -1,4 +1,4 @@
-"""What a comparison found: a run of each backend, its differences from the first, and bills."""
+"""Results of a comparison: a run on each backend, its differences from the first, and bills."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class PopulationResult:
     """One population on one backend.
 
     Attributes:
-        neurons: its size.
-        spikes: how many it fired.
+        neurons: number of neurons.
+        spikes: number of spikes.
         rate_hz: mean rate of a neuron.
-        generator: whether it is input, whose spikes should be the same everywhere.
-        same: whether it fired exactly the spikes of the first run.
-        first: the first difference, None where there is none.
-        distance: of the spike trains; None of the first run itself, and without the library.
+        generator: the population is input, whose spikes should be equal on all backends.
+        same: the spikes are exactly those of the first run.
+        first: first difference, or None.
+        distance: distance of the spike trains; None for the first run, and without the library.
     """
 
     neurons: int
@@ -64,13 +64,13 @@ class WorldResult:
 
 @dataclass(frozen=True, slots=True)
 class Bill:
-    """What a run would take on a target.
+    """Bill of a run on a target.
 
     Attributes:
-        target: the name of the chip or processor.
-        counted_on: the backend whose counts are priced.
-        energy: the bill; None where there is none.
-        reason: why there is none.
+        target: name of the chip or processor.
+        counted_on: backend whose counts are priced.
+        energy: the bill, or None.
+        reason: reason for a missing bill.
     """
 
     target: str
@@ -86,24 +86,25 @@ class Bill:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """What one backend did.
+    """Run on one backend.
 
     Attributes:
-        backend: its name, or the table file of its chip.
-        refused: why it did not run; "" if it did. `reason` is the first of several reasons, in a line.
-        warnings: what it approximates, and overflows.
-        inputs: than those of the first run: "same", "merged" (several spikes of a neuron in a step are one), "other".
-        counts: of the run.
-        populations: results by name, those without spikes (currents) left out.
+        backend: name of the backend, or the table file of its chip.
+        refused: reasons for a refusal; "" if the network ran. `reason` is the first of them, in a line.
+        warnings: approximations and overflows.
+        inputs: input compared with the first run: "same", "merged" (several spikes of a neuron in a step are one),
+            "other".
+        counts: counts of the run.
+        populations: results by name, without generators of currents.
         weights: difference of the final weights from the first run's, by projection.
-        delays: likewise of the delays, in ms, of projections whose delays learn.
-        rounding: what quantising does to the weights as described, by projection; None of a float backend.
-        fixed, placement: the network in the chip's integers and on its cores; None of a float backend.
-        bills: on its own chip; of the run that others are compared with also on other targets.
+        delays: difference of the final delays in ms, of projections whose delays learn.
+        rounding: difference that quantising makes to the described weights, by projection; None for a float backend.
+        fixed, placement: the network in the chip's integers and on its cores; None for a float backend.
+        bills: bill on the own chip; for the first run also bills on other targets.
         trains: the spikes.
-        final: final weights of each projection, one for each synapse; `final_delays` in ms, where they learn.
-        program: the network as the backend saw it.
-        world: steps, episodes and decisions in a world; None of a network without one. `actions` are its decisions.
+        final: final weights of each projection, one for each synapse; `final_delays` in ms, if they learn.
+        program: the program of the backend.
+        world: steps, episodes and decisions in a world; None without one. `actions` are the decisions.
     """
 
     backend: str
@@ -139,11 +140,11 @@ class Run:
     @property
     def first(self) -> tuple[str, Divergence] | None:
         """The earliest difference among its populations of neurons."""
-        found = [(name, part.first) for name, part in self.neurons.items() if part.first is not None]
-        return min(found, key=lambda pair: pair[1].ms, default=None)
+        differences = [(name, part.first) for name, part in self.neurons.items() if part.first is not None]
+        return min(differences, key=lambda pair: pair[1].ms, default=None)
 
     def first_difference(self) -> str:
-        """When and where it first differs from the first run, e.g. "12.5 ms, exc[3]"; "none" if nowhere."""
+        """Return time and place of the first difference, e.g. "12.5 ms, exc[3]"; "none" if there is none."""
         return "none" if self.first is None else f"{self.first[1].ms:g} ms, {self.first[0]}[{self.first[1].neuron}]"
 
     @property

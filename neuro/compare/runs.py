@@ -139,18 +139,18 @@ def _enough(runs: list[Run]) -> None:
 
 
 def _recording(net: Network) -> Network:
-    """The same network, whose generators record their spikes, also those of which none are records unasked."""
-    watched = copy.copy(net)
-    watched.probes = dict(net.probes)
+    """Return a copy of the network in which all generators of spikes have a probe."""
+    copied = copy.copy(net)
+    copied.probes = dict(net.probes)
     probed = {probe.of for probe in net.probes.values() if probe.record == "spikes"}
     for name, part in net.populations.items():
         emits = isinstance(part.model, Generator) and not isinstance(part.model, CurrentGenerator)
         if name not in probed and emits:
             free = f"{name}.spikes"
-            while free in watched.probes:
+            while free in copied.probes:
                 free += "_"
-            watched.probe(free, name)
-    return watched
+            copied.probe(free, name)
+    return copied
 
 
 @contextmanager
@@ -198,16 +198,16 @@ def _gather(sim: Simulation, backend: str, first: bool) -> Run:
 
 def chip_of(backend: str) -> Chip | None:
     """The chip that a backend emulates; None of a float backend."""
-    found = getattr(find_backend(backend), "chip", None)
-    return found if isinstance(found, Chip) else None
+    backend_chip = getattr(find_backend(backend), "chip", None)
+    return backend_chip if isinstance(backend_chip, Chip) else None
 
 
 def on_chip(program: Program, backend: str) -> tuple[FixedProgram | None, Placement | None]:
     """A program in the integers of a backend's chip, and on its cores."""
-    found = chip_of(backend)
-    if found is None:
+    backend_chip = chip_of(backend)
+    if backend_chip is None:
         return None, None
-    return quantise(program, found), place(program, found)
+    return quantise(program, backend_chip), place(program, backend_chip)
 
 
 def _against(run: Run, first: Run | None, duration_ms: float) -> Run:
@@ -217,9 +217,9 @@ def _against(run: Run, first: Run | None, duration_ms: float) -> Run:
     populations = {}
     for name, part in run.populations.items():
         mine, its = first.trains[name], run.trains[name]
-        found = divergence(mine, its)
+        first_difference = divergence(mine, its)
         far = distance(mine, its, duration_ms)
-        populations[name] = replace(part, same=found is None, first=found, distance=far)
+        populations[name] = replace(part, same=first_difference is None, first=first_difference, distance=far)
     inputs = [name for name, part in populations.items() if part.generator and not part.same]
     merged = all(same_steps(first.trains[name], run.trains[name]) for name in inputs)
     return replace(
@@ -246,7 +246,7 @@ def _in_world(run: Run, loop: ClosedLoop, first: Run | None) -> Run:
 
 
 def _bills(sim: Simulation, backend: str, first: bool) -> tuple[Bill, ...]:
-    """What a run takes on its own chip; the first run also on other targets."""
+    """Return the bill of a run on its own chip; for the first run also bills on other targets."""
     own = (backend,) if chip_of(backend) else ()
     others = tuple(name for name in TARGETS if first and name not in own)
     return tuple(_bill(sim, backend, name) for name in own + others)

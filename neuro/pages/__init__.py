@@ -1,1 +1,1 @@
-"""What pages are made of: elements, one style, and drawings that several pages have."""
+"""Elements, style and drawings of HTML pages."""

@@ -1,4 +1,4 @@
-"""Joules: each chip on one scale, and what they are spent on."""
+"""Drawings of energy bills: totals of all chips on one scale, and their parts."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def joules(bills: Bills) -> Html:
     kinds = list(dict.fromkeys(name for _, e in bills for name in e.by_cost() if name != STATIC))
     details = (_details(about, e) for about, e in bills)
     # A chip that refuses the network has no total to be drawn: its lines say why.
-    drawn = [(about, e) for about, e in bills if not e.refused]
-    pictures = [_totals(drawn), _shares(drawn, kinds)] if drawn else []
+    priced = [(about, e) for about, e in bills if not e.refused]
+    pictures = [_totals(priced), _shares(priced, kinds)] if priced else []
     return html.join([*pictures, _figures(bills), *details])
 
 
@@ -44,7 +44,7 @@ def _row(about: str, e: Energy, *parts: object) -> Html:
 
 
 def _totals(bills: Bills) -> Html:
-    """Joules on a logarithmic scale: dots, since such a scale has no zero to begin a bar at."""
+    """Draw totals in joules on a logarithmic scale, as dots, since a logarithmic scale has no zero for bars."""
     values = [j for _, e in bills for j in _spent(e).values()] or [1.0]
     low, high = math.floor(math.log10(min(values))), math.ceil(math.log10(max(values)) + 1e-9)
     high = max(high, low + 1)
@@ -55,16 +55,16 @@ def _totals(bills: Bills) -> Html:
         dots = (_dot(kind, j, 100.0 * (math.log10(j) - low) / (high - low)) for kind, j in _spent(e).items())
         marks = (tag("u", style=place) for place in places)
         rows.append(_row(about, e, tag("div", *marks, *dots, class_="track"), tag("small", e.totals())))
-    named = (tag("span", quantity(10.0**n, "J"), style=place) for n, place in zip(decades, places, strict=True))
-    scale = tag("div", tag("p"), tag("div", *named, class_="decades"), class_="bill")
+    labels = (tag("span", quantity(10.0**n, "J"), style=place) for n, place in zip(decades, places, strict=True))
+    scale = tag("div", tag("p"), tag("div", *labels, class_="decades"), class_="bill")
     key = html.legend(*_SPENT.items())
     return html.figure(html.join([key, *rows, scale]), "Joules of the whole run on a logarithmic scale.")
 
 
 def _spent(e: Energy) -> dict[str, float]:
-    """Joules by what they are spent on, in both clocks; what is nothing is left out."""
-    found = zip(_SPENT, (e.dynamic_j, e.static_j, e.real_time.static_j), strict=True)
-    return {kind: j for kind, j in found if j > 0.0}
+    """Return the joules of each kind that are above 0, in both clocks."""
+    kinds = zip(_SPENT, (e.dynamic_j, e.static_j, e.real_time.static_j), strict=True)
+    return {kind: j for kind, j in kinds if j > 0.0}
 
 
 def _dot(kind: str, j: float, percent: float) -> Html:
@@ -72,7 +72,7 @@ def _dot(kind: str, j: float, percent: float) -> Html:
 
 
 def _shares(bills: Bills, kinds: list[str]) -> Html:
-    """What dynamic joules are spent on, and the share of static ones."""
+    """Draw the shares of dynamic joules by item, and the share of static joules."""
     rows = []
     for about, e in bills:
         dynamic = [(f"item{kinds.index(name) % COLOURS}", name, j) for name, j in e.by_cost().items() if name != STATIC]
@@ -102,10 +102,10 @@ def _meaning(name: str) -> str:
 
 
 def _figures(bills: Bills) -> Html:
-    """Each figure once, and where it is from."""
-    found = {(e.target, item.what): item for _, e in bills for item in e.items if item.source}
+    """Return a table with each cost once, and its source."""
+    costs = {(e.target, item.what): item for _, e in bills for item in e.items if item.source}
     rows, before = [], ""
-    for (target, what), item in found.items():
+    for (target, what), item in costs.items():
         about = sourced(item.source, item.conditions)
         rows.append((target if target != before else "", _meaning(what), _each(item), about))
         before = target

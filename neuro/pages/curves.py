@@ -23,8 +23,8 @@ _LEAST_PLAIN, _LARGE, _LARGEST_PLAIN = 1e-3, 1e3, 1e15
 def ticks(low: float, high: float, most: int) -> list[float]:
     """At most so many round numbers from `low` to `high`, evenly apart, at least two if they can be round."""
     ten = 10.0 ** math.floor(math.log10((high - low) / most))
-    found = [_multiples(low, high, n * ten, slack) for n in (1, 2, 5, 10, 20) for slack in _SLACK]
-    best = next((marks for marks in found if len(marks) <= most), found[-1])
+    candidates = [_multiples(low, high, n * ten, slack) for n in (1, 2, 5, 10, 20) for slack in _SLACK]
+    best = next((marks for marks in candidates if len(marks) <= most), candidates[-1])
     if len(best) > 1:
         return best
     threes = (_multiples(low, high, 3 * ten, slack) for slack in _SLACK)  # -2 to 4: not 0 alone, but 0 and 3
@@ -76,10 +76,9 @@ _POINTS = 500
 
 
 def rates(results: Results) -> Html:
-    """The rate of a neuron of each population whose spikes were kept, along time."""
-    shown = [name for name, train in results.populations.items() if train.steps.size]
-    drawn = [_rate(name, results.populations[name], results) for name in shown[:MOST]]
-    return _grid(drawn, len(shown), "populations")
+    """Draw the mean rate of a neuron along time, for each population with recorded spikes."""
+    names = [name for name, train in results.populations.items() if train.steps.size]
+    return _grid([_rate(name, results.populations[name], results) for name in names[:MOST]], len(names), "populations")
 
 
 def _rate(name: str, train: Train, results: Results) -> Html:
@@ -93,7 +92,7 @@ def _rate(name: str, train: Train, results: Results) -> Html:
 
 
 def traces(results: Results, of: str) -> Html:
-    """What each probe recorded of a "population", or of a "projection"."""
+    """Draw the traces of a "population" or of a "projection"."""
     parts = [(name, trace) for name, trace in results.traces.items() if getattr(trace, of)]
     return _grid([_trace(name, trace, end_ms(results)) for name, trace in parts[:MOST]], len(parts), "traces")
 
@@ -115,7 +114,7 @@ def world(results: Results) -> Html:
 
 
 def end_ms(results: Results) -> float:
-    """How long a run was, or one step where it has just begun."""
+    """Return the length of a run in ms, at least one step."""
     return max(results.duration_ms, float(results.about["resolution_ms"]))
 
 
@@ -137,7 +136,7 @@ def _trace(name: str, trace: Trace, last: float) -> Html:
 
 
 def _names(trace: Trace, chosen: Ints) -> list[str]:
-    """What each of the lines that are drawn is of."""
+    """Return the name of each drawn line."""
     if trace.at_pre_spikes:
         ends = np.unique(np.stack([trace.pre, trace.post]), axis=1)
         return [f"{pre} to {post}" for pre, post in ends[:, chosen].T]
@@ -148,19 +147,19 @@ def _names(trace: Trace, chosen: Ints) -> list[str]:
 
 
 def _of_synapses(trace: Trace) -> tuple[Floats, Floats]:
-    """What pre spikes left, a column a synapse, of as many as are drawn; not a number where it had no pre spike."""
+    """Return times and values at pre spikes, one column for each drawn synapse, NaN without a spike."""
     ends, which = np.unique(np.stack([trace.pre, trace.post]), axis=1, return_inverse=True)
-    drawn = evenly(ends.shape[1], MOST_LINES)
-    values = np.where(which.reshape(-1, 1) == np.arange(ends.shape[1])[None, drawn], trace.values[:, None], np.nan)
+    columns = evenly(ends.shape[1], MOST_LINES)
+    values = np.where(which.reshape(-1, 1) == np.arange(ends.shape[1])[None, columns], trace.values[:, None], np.nan)
     mine = np.isfinite(values).any(axis=1)
     table = np.full((int(mine.sum()), ends.shape[1]), np.nan)
-    table[:, drawn] = values[mine]
+    table[:, columns] = values[mine]
     return trace.times_ms[mine], table
 
 
-def _grid(drawn: Sequence[Html], there: int, what: str) -> Html:
-    left_out = tag("p", f"{there - len(drawn)} more {what} are not drawn.") if there > len(drawn) else None
-    return html.join([tag("div", *drawn, class_="grid"), left_out])
+def _grid(drawings: Sequence[Html], count: int, noun: str) -> Html:
+    note = tag("p", f"{count - len(drawings)} more {noun} are not drawn.") if count > len(drawings) else None
+    return html.join([tag("div", *drawings, class_="grid"), note])
 
 
 def curves(
@@ -172,16 +171,18 @@ def curves(
     label: str,
     names: Sequence[str] = (),
 ) -> Html:
-    """Lines along time, from 0 to `last` ms, one below the other on one scale; the page's script zooms along the time.
+    """Draw lines along time, from 0 to `last` ms, one below the other on one scale.
+
+    The page's script zooms the time axis.
 
     Args:
-        x: times of all lines, in ms.
-        each: values of each line; what is not finite is left out.
-        least: the lowest value of the scale; the lowest of all values if None.
-        last: the end of the time axis.
-        unit: of the values, or what they are.
-        label: the text for screen readers.
-        names: what each line is of, if there is more than one.
+        x: times of all lines in ms.
+        each: values of each line; values that are not finite are left out.
+        least: lowest value of the scale; by default the lowest of all values.
+        last: end of the time axis in ms.
+        unit: unit of the values, or their meaning.
+        label: description for screen readers.
+        names: name of each line, if there are several.
     """
     head = 14.0 if names else 0.0
     tall = LANE if len(each) == 1 else LANE / 2

@@ -21,16 +21,16 @@ MOST = 60
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Histogram:
-    """How weights of one projection are distributed.
+    """Distribution of the weights of one projection.
 
     Attributes:
-        projection: its name.
-        unit: of the weights, "" for registers of a chip.
-        synapses: how many there are (of a grid: weights of its kernels).
-        edges: of the bins, shape (bins + 1,); of length 1 where all weights are one number.
-        counts: by what the weights are of, e.g. "described" and the name of each chip, shape (bins,).
-        distinct: how many different weights there are, likewise.
-        extent: smallest and largest weight, likewise.
+        projection: name of the projection.
+        unit: unit of the weights, "" for registers of a chip.
+        synapses: number of synapses; of a grid the number of weights of its kernels.
+        edges: edges of the bins, shape (bins + 1,); length 1 if all weights are equal.
+        counts: counts of each bin, shape (bins,), by origin of the weights, e.g. "described" or the name of a chip.
+        distinct: number of different weights, by origin.
+        extent: smallest and largest weight, by origin.
     """
 
     projection: str
@@ -73,15 +73,15 @@ def _edges(low: float, high: float, grain: float) -> Floats:
     return edges
 
 
-def drawings(found: Sequence[Histogram], names: Mapping[str, str]) -> Html:
-    """Histograms, and a table of those with one value.
+def drawings(histograms: Sequence[Histogram], names: Mapping[str, str]) -> Html:
+    """Draw histograms, and a table of the projections with one value.
 
     Args:
-        found: one for each projection.
-        names: what each kind of weights is called; the first is filled.
+        histograms: one for each projection.
+        names: name of each origin of weights; the first is drawn filled.
     """
-    wide = [part for part in found if part.counts]
-    single = [part for part in found if not part.counts]
+    wide = [part for part in histograms if part.counts]
+    single = [part for part in histograms if not part.counts]
     parts: list[object] = []
     if wide:
         parts.append(html.legend(*((_kind(i), label) for i, label in enumerate(names.values()))))

@@ -30,11 +30,11 @@ _BUTTONS = (("left", "←"), ("right", "→"), ("in", "+"), ("out", "-"), ("whol
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """What is drawn of a population.
+    """Neurons and steps of a population that a raster shows.
 
     Attributes:
-        neurons: which, ascending; each takes a row.
-        steps: up to this step, not included.
+        neurons: ids in ascending order; each neuron is a row.
+        steps: first step after the drawn part.
         size: neurons of the population.
     """
 
@@ -46,15 +46,15 @@ class Window:
         """Step and row of each spike that is drawn, as one number."""
         keep = (steps < self.steps) & np.isin(ids, self.neurons)
         row = np.searchsorted(self.neurons, ids[keep])
-        found: Ints = np.unique(steps[keep] * self.neurons.size + row)
-        return found
+        keys: Ints = np.unique(steps[keep] * self.neurons.size + row)
+        return keys
 
     def described(self, ms: float, resolution_ms: float) -> str:
-        """How much of the population and of the run is drawn."""
+        """Return the drawn share of the population and of the run as text."""
         n, end_ms = self.neurons.size, self.steps * resolution_ms
         which = f"{self.size:,} neuron{'s' * (self.size != 1)}"
-        shown = which if n == self.size else f"{n:,} of {which}, evenly chosen"
-        return shown if end_ms >= ms else f"{shown}; the first {end_ms:g} of {ms:g} ms"
+        text = which if n == self.size else f"{n:,} of {which}, evenly chosen"
+        return text if end_ms >= ms else f"{text}; the first {end_ms:g} of {ms:g} ms"
 
 
 def window(size: int, trains: Sequence[tuple[Ints, Ints]], last: int, most: int, also: Iterable[int] = ()) -> Window:
@@ -89,11 +89,11 @@ class Strip:
     """One strip of a raster.
 
     Attributes:
-        name: what its spikes are of.
-        about: a few words more.
-        window: what is drawn.
-        kinds: the keys of spikes by kind, a colour of the style.
-        mark: a time to be marked, in ms.
+        name: source of the spikes.
+        about: short description.
+        window: drawn neurons and steps.
+        kinds: keys of spikes by kind; each kind has a colour in the style sheet.
+        mark: time of a mark in ms.
     """
 
     name: str
@@ -106,7 +106,7 @@ class Strip:
 def raster(
     strips: Sequence[Strip], ms: float, resolution_ms: float, *, label: str, tallest: int = 96, together: bool = False
 ) -> Html:
-    """A drawing of strips, in height like their populations; `together`: all show the same part of the same neurons."""
+    """Draw strips with heights in proportion to their populations; with `together` they zoom and scroll as one."""
     largest = max((strip.window.size for strip in strips), default=1)
     data = {
         "ms": ms,
@@ -127,7 +127,7 @@ def raster(
 
 @cache
 def script() -> str:
-    """What draws them; each page with rasters has it once."""
+    """Return the script that draws rasters; a page includes it once."""
     return (Path(__file__).parent / "raster.js").read_text("utf-8")
 
 

@@ -54,24 +54,24 @@ TOTALS = {
 
 
 def page(results: Results, file: Path, target: str = "loihi") -> str:
-    """The page as HTML text.
+    """Return the page as HTML text.
 
     Args:
-        results: what the run left behind.
-        file: where it is, for the commands on the page.
-        target: what its bill is of.
+        results: results of the run.
+        file: path of the results, for the commands on the page.
+        target: chip of the bill.
     """
     bill, reason = _bill(results, target)
-    said = _described(results)
+    described = _described(results)
     has_traces = any(trace.population for trace in results.traces.values())
     parts = (
         _head(results),
-        tag("div", *_cards(results, said, bill, target), class_="cards"),
-        *_spikes(results, said),
+        tag("div", *_cards(results, described, bill, target), class_="cards"),
+        *_spikes(results, described),
         *([tag("h2", "Traces"), traces(results, "population")] if has_traces else ()),
         *([tag("h2", "World"), world(results)] if "rewards" in results.world else ()),
-        *_weights(results, said),
-        *_network(results, said),
+        *_weights(results, described),
+        *_network(results, described),
         *_energy(results, bill, reason, target),
         *_next(results, file),
         tag("footer", f"Written by neuro {VERSION} (neuro report)."),
@@ -92,13 +92,15 @@ def _head(results: Results) -> Html:
     about = results.about
     line = f"{results.duration_ms:g} ms in steps of {about['resolution_ms']:g} ms on {about['backend']}"
     rest = f", seed {about['seed']}, by neuro {about['neuro']}."
-    early = None if results.finished else tag("p", "It did not come to its end: all is there that was recorded so far.")
-    return tag("header", tag("h1", about["network"]), tag("p", line + rest, class_="lead"), early)
+    note = None if results.finished else tag("p", "It did not come to its end: all is there that was recorded so far.")
+    return tag("header", tag("h1", about["network"]), tag("p", line + rest, class_="lead"), note)
 
 
-def _cards(results: Results, said: Described, bill: Energy | None, target: str) -> Iterator[Html]:
+def _cards(results: Results, described: Described, bill: Energy | None, target: str) -> Iterator[Html]:
     populations, projections = results.populations, results.projections
-    inputs = {name for name, part in said.items() if isinstance(part.model, Generator)}  # no neuron fires their spikes
+    inputs = {
+        name for name, part in described.items() if isinstance(part.model, Generator)
+    }  # no neuron fires their spikes
     cells = [train for name, train in populations.items() if name not in inputs]
     about = f"of {some(sum(each.size for each in cells), 'neuron')} in {some(len(cells), 'population')}"
     emitted = sum(populations[name].counts["spikes"] for name in inputs)
@@ -119,23 +121,23 @@ def _cards(results: Results, said: Described, bill: Energy | None, target: str) 
         yield html.card(f"energy on {target}", joules, bill.totals().removeprefix(joules).lstrip(" :"))
 
 
-def _spikes(results: Results, said: Described) -> Iterator[Html]:
+def _spikes(results: Results, described: Described) -> Iterator[Html]:
     yield tag("h2", "Spikes")
-    shown = [name for name, train in results.populations.items() if train.steps.size]
-    if shown:
+    names = [name for name, train in results.populations.items() if train.steps.size]
+    if names:
         yield tag("p", raster.HELP)
-        yield _raster(results, shown[:MOST_STRIPS])
-    if len(shown) > MOST_STRIPS:
-        yield tag("p", f"{len(shown) - MOST_STRIPS} more populations are not drawn.")
+        yield _raster(results, names[:MOST_STRIPS])
+    if len(names) > MOST_STRIPS:
+        yield tag("p", f"{len(names) - MOST_STRIPS} more populations are not drawn.")
     silent = [name for name, train in results.populations.items() if train.recorded and train.spikes == 0]
     left_out = [n for n, train in results.populations.items() if train.counts["spikes"] and not train.steps.size]
     if silent:
         yield tag("p", f"Silent: {', '.join(silent)}.")
     if left_out:
         yield tag("p", f"Not kept: {', '.join(left_out)}; neuro run --record NAME keeps them.")
-    rows = (_population(name, said, train, results) for name, train in results.populations.items())
+    rows = (_population(name, described, train, results) for name, train in results.populations.items())
     yield table(POPULATIONS, rows)
-    if shown:
+    if names:
         yield tag("h3", "Rates along time")
         yield rates(results)
 
@@ -148,9 +150,9 @@ def _raster(results: Results, names: list[str]) -> Html:
     for name in names:
         train = results.populations[name]
         steps = np.asarray(train.steps)
-        drawn = window(train.size, [(steps, train.ids)], int(results.about["counts.steps"]), most)
-        about = f"{train.counts['spikes'] / train.size / (last / 1000.0):.2f} Hz, {drawn.described(last, step)}"
-        strips.append(Strip(name, about, drawn, {"spike": drawn.keys(steps, train.ids)}))
+        part = window(train.size, [(steps, train.ids)], int(results.about["counts.steps"]), most)
+        about = f"{train.counts['spikes'] / train.size / (last / 1000.0):.2f} Hz, {part.described(last, step)}"
+        strips.append(Strip(name, about, part, {"spike": part.keys(steps, train.ids)}))
     picture = raster.raster(
         strips, last, step, label=f"raster of {', '.join(names)}", tallest=TALLEST if len(names) < 13 else LOWER
     )
@@ -165,15 +167,15 @@ def _described(results: Results) -> Described:
         return {}
 
 
-def _weight_unit(said: Described, part: Weights) -> str:
-    """The unit of a projection's weights, "" of currents and where it is not known."""
-    if part.target not in said or isinstance(said[part.source].model, CurrentGenerator):
+def _weight_unit(described: Described, part: Weights) -> str:
+    """Return the unit of a projection's weights; "" for currents and unknown units."""
+    if part.target not in described or isinstance(described[part.source].model, CurrentGenerator):
         return ""
-    return str(getattr(said[part.target].model, "weight_unit", ""))
+    return str(getattr(described[part.target].model, "weight_unit", ""))
 
 
-def _population(name: str, said: Described, train: Train, results: Results) -> tuple[object, ...]:
-    model = said[name].model.name if name in said else train.model  # a recording is compiled to another model
+def _population(name: str, described: Described, train: Train, results: Results) -> tuple[object, ...]:
+    model = described[name].model.name if name in described else train.model  # a recording is compiled to another model
     fired = f"{np.unique(train.ids).size:,}" if train.recorded else "-"
     shape = " x ".join(map(str, train.shape))
     active = f"{train.counts['neuron_updates_active']:,}"
@@ -188,37 +190,37 @@ def _population(name: str, said: Described, train: Train, results: Results) -> t
     )
 
 
-def _weights(results: Results, said: Described) -> Iterator[Html]:
-    found = [
-        histogram(name, _weight_unit(said, part), {"end": part.weight.ravel()})
+def _weights(results: Results, described: Described) -> Iterator[Html]:
+    histograms = [
+        histogram(name, _weight_unit(described, part), {"end": part.weight.ravel()})
         for name, part in results.projections.items()
         if part.weight is not None and part.weight.size
     ]
     probed = any(trace.projection for trace in results.traces.values())
-    if found or probed:
+    if histograms or probed:
         yield tag("h2", "Weights")
     if probed:
         yield tag("h3", "Along time")
         yield traces(results, "projection")
-    if found:
+    if histograms:
         yield tag("h3", "At the end of the run")
-        yield drawings(found, {"end": "at the end"})
+        yield drawings(histograms, {"end": "at the end"})
 
 
-def _network(results: Results, said: Described) -> Iterator[Html]:
+def _network(results: Results, described: Described) -> Iterator[Html]:
     yield tag("h2", "Network")
     if results.projections:
-        yield table(PROJECTIONS, (_projection(said, name, part) for name, part in results.projections.items()))
+        yield table(PROJECTIONS, (_projection(described, name, part) for name, part in results.projections.items()))
     else:
         yield tag("p", "Nothing is connected.")
     yield tag("h3", "Counts")
     yield table(("what", ">count"), [(label, f"{int(results.about[f'counts.{n}']):,}") for n, label in TOTALS.items()])
 
 
-def _projection(said: Described, name: str, part: Weights) -> tuple[object, ...]:
+def _projection(described: Described, name: str, part: Weights) -> tuple[object, ...]:
     w = part.weight
     there = w is not None and w.size > 0
-    unit = _weight_unit(said, part)
+    unit = _weight_unit(described, part)
     weights = (
         [f"{n:.4g} {unit}".rstrip() for n in (w.min(), w.mean(), w.max())] if there and w is not None else ["-"] * 3
     )
@@ -245,7 +247,7 @@ def _energy(results: Results, bill: Energy | None, reason: str, target: str) -> 
 
 def _next(results: Results, file: Path) -> Iterator[Html]:
     name, net = shlex.quote(str(file)), "net.yaml"
-    again = f"net.yaml --for {results.duration_ms:g} --seed {results.about['seed']}"
+    options = f"net.yaml --for {results.duration_ms:g} --seed {results.about['seed']}"
     read = f'from neuro import results\nresults.read("{file}").network().save("{net}")'
     yield tag("h2", "What next")
     yield tag("p", "Pictures of it as files:")
@@ -253,4 +255,4 @@ def _next(results: Results, file: Path) -> Iterator[Html]:
     yield tag("p", "The network is in the file; in Python:")
     yield tag("pre", read)
     yield tag("p", "Then on chips, side by side, and what each takes:")
-    yield tag("pre", f"neuro compare {again} --html compare.html\nneuro energy {again}\nneuro fit {net}")
+    yield tag("pre", f"neuro compare {options} --html compare.html\nneuro energy {options}\nneuro fit {net}")

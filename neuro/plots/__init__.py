@@ -1,12 +1,12 @@
-"""Pictures of a run: of a simulation, or of the results that one has left.
+"""Figures of a run, from a simulation or from results.
 
 ```python
 from neuro import plots
 
 figure = plots.raster(sim, of=["exc", "inh"], window=(100.0, 200.0))
 ```
-Each function gives a figure of matplotlib, or draws into the axes `ax` that it is given. None opens a window, changes a
-setting of matplotlib or keeps anything; what is too much to be drawn is drawn in part, and the picture says so.
+Each function returns a Matplotlib figure, or draws into the axes `ax`. No function opens a window, changes a setting
+of Matplotlib or keeps a reference. Figures with too many items show a part of them, and their title says so.
 """
 
 from neuro.plots._spikes import cv, isi, raster, rate

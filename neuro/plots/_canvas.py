@@ -1,7 +1,7 @@
-"""What all pictures share: colours, panels, and a figure that shows itself in a notebook.
+"""Colours, panels and axes of all figures, and a figure class that a notebook displays.
 
-Figures are made without pyplot, so that no window opens, nothing stays behind and no setting is changed.
-Colours are those of Okabe and Ito and of cividis, which colour-blind readers can distinguish.
+Figures are made without pyplot, so that no window opens, no figure stays in memory and no setting changes. Colours
+are those of Okabe and Ito and of cividis, which colour-blind readers can distinguish.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ WIDTH_IN, PANEL_IN, TALLEST_IN = 10.0, 2.2, 60.0
 
 
 class Picture(Figure):
-    """A figure of matplotlib; a notebook shows it, `savefig` writes it.
+    """A Matplotlib figure that a notebook displays and `savefig` writes.
 
     Attributes:
-        titles: by the `gid` of an artist, a text for each of its marks, which a page shows when one is pointed at.
+        titles: texts for the marks of an artist, by its `gid`; a page shows the text under the pointer.
     """
 
     def __init__(self, *args: Any, **words: Any) -> None:
@@ -41,12 +41,12 @@ class Picture(Figure):
 
 
 def colours() -> Iterator[str]:
-    """The colours, again and again."""
+    """Return an endless iterator over the colours."""
     return cycle(COLOURS)
 
 
 def panels(title: str, count: int, window: Window | None = None) -> tuple[Figure, list[Any]]:
-    """A figure with panels below each other, which share an axis of time where a window is given."""
+    """Return a figure with panels below each other; with a window the panels share an axis of time."""
     height = min(TALLEST_IN, 0.9 + PANEL_IN * count)
     figure = Picture(figsize=(WIDTH_IN, height), layout="constrained", dpi=150)
     figure.suptitle(literal(title), fontsize=13)
@@ -58,11 +58,11 @@ def panels(title: str, count: int, window: Window | None = None) -> tuple[Figure
     return figure, axes
 
 
-def given(ax: Any) -> Any:
-    """The axes that a caller gave to draw into, and their figure.
+def checked_axes(ax: Any) -> Any:
+    """Return the axes of a caller without their upper and right frame.
 
     Raises:
-        ModelError: these are none.
+        ModelError: the argument is not axes.
     """
     if not isinstance(ax, Axes):
         raise ModelError(f"ax = {shown(ax)}: expected axes of matplotlib, as plt.gca() gives")
@@ -71,36 +71,36 @@ def given(ax: Any) -> Any:
 
 
 def tidy(axis: Any) -> None:
-    """No frame above and to the right."""
+    """Remove the upper and right frame."""
     axis.spines[["top", "right"]].set_visible(False)
 
 
 def over_time(axis: Any, window: Window) -> None:
-    """Let the axis to the right be biological time."""
+    """Label the horizontal axis as biological time and set its limits."""
     axis.set_xlabel("time (ms)")
     begin, end = window
     axis.set_xlim(begin, end if end > begin else begin + 1.0)
 
 
 def label(axis: Any, title: str, quantity: str) -> None:
-    """Say what is drawn, and what goes up."""
+    """Set the title of a panel and the label of its vertical axis."""
     axis.set_title(literal(title), loc="left", fontsize=10)
     axis.set_ylabel(literal(quantity))
 
 
 def legend(axis: Any, columns: int, side: str = "left") -> None:
-    """Say above the panel, where it covers nothing, which colour is what."""
+    """Draw the legend of colours above the panel, where it covers no data."""
     corner = (0.0 if side == "left" else 1.0, 1.0)
     place: dict[str, Any] = {"loc": f"lower {side}", "bbox_to_anchor": corner, "borderaxespad": 0.2}
     axis.legend(ncols=columns, frameon=False, fontsize="small", handlelength=1.2, **place)
 
 
 def whole_numbers(axis: Any) -> None:
-    """Ticks at numbers of neurons."""
+    """Set ticks at whole numbers."""
     axis.yaxis.set_major_locator(MaxNLocator(nbins=5, integer=True, min_n_ticks=1))
 
 
 def about(train: SpikeTrain) -> str:
-    """How many neurons there are and how fast they fire."""
+    """Return the number of neurons and their mean rate as text."""
     n = train.neurons.size
     return f"{n:,} neuron{'s' * (n != 1)}, {train.rate_hz:.3g} Hz"

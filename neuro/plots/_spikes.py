@@ -16,7 +16,7 @@ from neuro.core.errors import ModelError
 from neuro.core.quantities import in_ms
 from neuro.core.values import literal, shown
 from neuro.files.recorded import Recorded, SpikeTrain, intervals, recorded, trains, up_to, variation
-from neuro.plots._canvas import about, colours, given, label, legend, over_time, panels, whole_numbers
+from neuro.plots._canvas import about, checked_axes, colours, label, legend, over_time, panels, whole_numbers
 from neuro.program.program import Floats, Ints
 
 MOST_DOTS = 100_000
@@ -28,26 +28,26 @@ LEAST_BAND = 0.08
 
 
 def raster(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Figure:
-    """Every spike as a dot, one panel for each population; of very many an even choice is drawn, and said.
+    """Draw every spike as a dot, one panel for each population; large recordings are thinned evenly, with a note.
 
     Args:
         run: a simulation or results.
-        of: a population, a view of one, a name, or a list of these; all that was recorded if not given.
-        window: begin and end in ms; the whole run if not given.
-        ax: axes to draw into, the populations above each other; a new figure if not given.
+        of: a population, a view of one, a name, or a list of these; by default all recorded populations.
+        window: begin and end in ms; by default the whole run.
+        ax: axes to draw into, the populations above each other; by default a new figure.
 
     Returns:
         the figure.
 
     Raises:
-        ModelError: nothing of this was recorded.
+        ModelError: no spikes of these populations were recorded.
     """
     source = recorded(run)
-    found = trains(source, of, window)
+    spike_trains = trains(source, of, window)
     if ax is not None:
-        return _stacked(found, given(ax))
-    figure, axes = panels(f"{source.network}: spikes", len(found), found[0].window)
-    for axis, train, colour in zip(axes, found, colours(), strict=False):
+        return _stacked(spike_trains, checked_axes(ax))
+    figure, axes = panels(f"{source.network}: spikes", len(spike_trains), spike_trains[0].window)
+    for axis, train, colour in zip(axes, spike_trains, colours(), strict=False):
         times, ids, note = chosen(train, MOST_DOTS)
         first, last = int(train.neurons[0]), int(train.neurons[-1])
         height = 72 * axis.get_position().height * figure.get_figheight()
@@ -59,25 +59,25 @@ def raster(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -
     return figure
 
 
-def _stacked(found: list[SpikeTrain], axis: Any) -> Figure:
-    """All populations in one panel, the first one lowest: each in a band, of which the smallest can still be seen."""
+def _stacked(spike_trains: list[SpikeTrain], axis: Any) -> Figure:
+    """Draw all populations in one panel, the first one lowest, each in a band that is high enough to be visible."""
     figure: Figure = axis.get_figure(root=True)
     points = 72 * axis.get_position().height * figure.get_figheight()
-    sizes = np.array([train.neurons.size for train in found], dtype=np.float64)
+    sizes = np.array([train.neurons.size for train in spike_trains], dtype=np.float64)
     bands = np.maximum(sizes, LEAST_BAND * sizes.sum())
     bands /= bands.sum()
     ends = np.cumsum(bands)
     notes = []
-    for train, colour, end, band in zip(found, colours(), ends, bands, strict=False):
-        times, ids, note = chosen(train, MOST_DOTS // len(found))
+    for train, colour, end, band in zip(spike_trains, colours(), ends, bands, strict=False):
+        times, ids, note = chosen(train, MOST_DOTS // len(spike_trains))
         rows = (np.searchsorted(train.neurons, ids) + 0.5) / max(train.neurons.size, 1)
         _dots(axis, times, end - band + 0.96 * band * rows, colour, points * band, train.neurons.size)
         notes += [train.population + note] if note else []
     axis.set_ylim(0.0, 1.0)
-    axis.set_yticks(ends - bands / 2, [literal(train.population) for train in found])
+    axis.set_yticks(ends - bands / 2, [literal(train.population) for train in spike_trains])
     axis.tick_params(axis="y", length=0.0)
     label(axis, "; ".join(notes), "")
-    over_time(axis, found[0].window)
+    over_time(axis, spike_trains[0].window)
     return figure
 
 
@@ -102,10 +102,10 @@ def rate(run: object, of: Any = None, *, bin: float | str | None = None, window:
 
     Args:
         run: a simulation or results.
-        of: a population, a view of one, a name, or a list of these; all that was recorded if not given.
-        bin: length of a bin in ms, a multiple of the resolution; a round one if not given.
-        window: begin and end in ms; the whole run if not given.
-        ax: axes to draw into, all populations in one panel; a new figure if not given.
+        of: a population, a view of one, a name, or a list of these; by default all recorded populations.
+        bin: length of a bin in ms, a multiple of the resolution; by default a round one.
+        window: begin and end in ms; by default the whole run.
+        ax: axes to draw into, all populations in one panel; by default a new figure.
 
     Returns:
         the figure.
@@ -114,20 +114,22 @@ def rate(run: object, of: Any = None, *, bin: float | str | None = None, window:
         ModelError: nothing of this was recorded, or the bin is none.
     """
     source = recorded(run)
-    found = trains(source, of, window)
-    edges, width = _edges(source, found[0], bin)
+    spike_trains = trains(source, of, window)
+    edges, width = _edges(source, spike_trains[0], bin)
     if ax is not None:
-        axis = given(ax)
-        for train, colour in zip(found, colours(), strict=False):
+        axis = checked_axes(ax)
+        for train, colour in zip(spike_trains, colours(), strict=False):
             axis.stairs(binned(train, edges), edges, color=colour, label=literal(train.population))
-        legend(axis, min(len(found), 6))
+        legend(axis, min(len(spike_trains), 6))
         label(axis, "", f"rate (Hz), {width:g} ms bins")
         axis.set_ylim(bottom=0.0)
-        over_time(axis, found[0].window)
+        over_time(axis, spike_trains[0].window)
         whole: Figure = axis.get_figure(root=True)
         return whole
-    figure, axes = panels(f"{source.network}: mean rates in bins of {width:g} ms", len(found), found[0].window)
-    for axis, train, colour in zip(axes, found, colours(), strict=False):
+    figure, axes = panels(
+        f"{source.network}: mean rates in bins of {width:g} ms", len(spike_trains), spike_trains[0].window
+    )
+    for axis, train, colour in zip(axes, spike_trains, colours(), strict=False):
         hz = binned(train, edges)
         axis.stairs(hz, edges, color=colour, fill=True, alpha=0.25)
         axis.stairs(hz, edges, color=colour)
@@ -142,9 +144,9 @@ def binned(train: SpikeTrain, edges: Floats) -> Floats:
     return np.diff(last) / max(train.neurons.size, 1) / np.diff(edges) * 1000.0
 
 
-def _edges(run: Recorded, train: SpikeTrain, given: float | str | None) -> tuple[Floats, float]:
+def _edges(run: Recorded, train: SpikeTrain, bin: float | str | None) -> tuple[Floats, float]:
     begin, end = train.window
-    width = _fitting(run, end - begin) if given is None else _checked_bin(run, given, end - begin)
+    width = _fitting(run, end - begin) if bin is None else _checked_bin(run, bin, end - begin)
     whole = math.ceil((end - begin) / width * (1.0 - 1e-12))
     return np.append(begin + width * np.arange(max(whole, 1)), max(end, begin + run.resolution_ms)), width
 
@@ -155,11 +157,11 @@ def _fitting(run: Recorded, length: float) -> float:
     return math.ceil(next(each for each in _nice() if each >= least) / run.resolution_ms - 1e-6) * run.resolution_ms
 
 
-def _checked_bin(run: Recorded, given: float | str, length: float) -> float:
-    """The length of bins in ms that is asked for."""
-    width = in_ms(given, "bin")
+def _checked_bin(run: Recorded, bin: float | str, length: float) -> float:
+    """Return a bin width in ms after its check."""
+    width = in_ms(bin, "bin")
     if not is_number(width) or not width > 0 or not width < np.inf:
-        raise ModelError(f"bin = {shown(given)}: expected a time > 0 ms")
+        raise ModelError(f"bin = {shown(bin)}: expected a time > 0 ms")
     if length / width > MOST_BINS:
         raise ModelError(f"bin = {width:g} ms: expected at most {MOST_BINS:,} bins in {length:g} ms")
     clock = Clock(run.resolution_ms)
@@ -178,19 +180,19 @@ DRAWN = 0.99
 
 
 def isi(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Figure:
-    """How long the intervals between spikes of a neuron are, of all neurons of a population together.
+    """Draw the distribution of intervals between spikes of a neuron, all neurons of a population together.
 
     Args:
         run: a simulation or results.
-        of: a population, a view of one, a name, or a list of these; all that was recorded if not given.
-        window: begin and end in ms; the whole run if not given.
-        ax: axes to draw into, all populations in one panel; a new figure if not given.
+        of: a population, a view of one, a name, or a list of these; by default all recorded populations.
+        window: begin and end in ms; by default the whole run.
+        ax: axes to draw into, all populations in one panel; by default a new figure.
 
     Returns:
-        the figure. The longest hundredth of the intervals is not drawn, and said.
+        the figure, without the longest hundredth of the intervals; a note says so.
 
     Raises:
-        ModelError: nothing of this was recorded.
+        ModelError: no spikes of these populations were recorded.
     """
     step = recorded(run).resolution_ms
 
@@ -212,45 +214,45 @@ def isi(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> F
 
 
 def cv(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Figure:
-    """How irregularly the neurons of a population fire: the coefficient of variation of each one's intervals.
+    """Draw the distribution of the neurons' coefficients of variation, the irregularity of firing.
 
     Args:
         run: a simulation or results.
-        of: a population, a view of one, a name, or a list of these; all that was recorded if not given.
-        window: begin and end in ms; the whole run if not given.
-        ax: axes to draw into, all populations in one panel; a new figure if not given.
+        of: a population, a view of one, a name, or a list of these; by default all recorded populations.
+        window: begin and end in ms; by default the whole run.
+        ax: axes to draw into, all populations in one panel; by default a new figure.
 
     Returns:
-        the figure. Only neurons with two intervals or more have a coefficient; how many is said.
+        the figure; only neurons with two intervals or more have a coefficient, and a note has their number.
 
     Raises:
-        ModelError: nothing of this was recorded.
+        ModelError: no spikes of these populations were recorded.
     """
 
     def draw(axis: Any, train: SpikeTrain, colour: str) -> str:
-        found = variation(train.times_ms, train.ids)
-        of = f"{found.size:,} of {train.neurons.size:,} neurons"
-        if not found.size:
+        coefficients = variation(train.times_ms, train.ids)
+        of = f"{coefficients.size:,} of {train.neurons.size:,} neurons"
+        if not coefficients.size:
             return f"{of} with two intervals"
-        _histogram(axis, found, np.linspace(0.0, max(float(found.max()), 1.0), BINS + 1), colour)
-        axis.axvline(found.mean(), color=colour, lw=1.0, ls="--")
-        return f"mean {found.mean():.2f} of {of}"
+        _histogram(axis, coefficients, np.linspace(0.0, max(float(coefficients.max()), 1.0), BINS + 1), colour)
+        axis.axvline(coefficients.mean(), color=colour, lw=1.0, ls="--")
+        return f"mean {coefficients.mean():.2f} of {of}"
 
     return _each(run, of, window, ax, draw, "irregularity", ("CV of intervals", "neurons"))
 
 
 def _each(run: object, of: Any, window: Any, ax: Any, draw: Any, what: str, words: tuple[str, str]) -> Figure:
-    """Draw each population, in its panel or all in one, and say what it shows."""
+    """Draw each population, in a panel of its own or all in one, with a label."""
     source = recorded(run)
-    found = trains(source, of, window)
+    spike_trains = trains(source, of, window)
     if ax is None:
-        figure, axes = panels(f"{source.network}: {what}", len(found))
-        for axis, train, colour in zip(axes, found, colours(), strict=False):
+        figure, axes = panels(f"{source.network}: {what}", len(spike_trains))
+        for axis, train, colour in zip(axes, spike_trains, colours(), strict=False):
             label(axis, f"{train.population}: {draw(axis, train, colour)}", words[1])
     else:
-        axes = [given(ax)]
+        axes = [checked_axes(ax)]
         figure = axes[0].get_figure(root=True)
-        for train, colour in zip(found, colours(), strict=False):
+        for train, colour in zip(spike_trains, colours(), strict=False):
             axes[0].plot([], [], color=colour, label=literal(f"{train.population}: {draw(axes[0], train, colour)}"))
         label(axes[0], "", words[1])
         legend(axes[0], columns=1)

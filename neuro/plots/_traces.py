@@ -14,7 +14,18 @@ from neuro.core.errors import ModelError, nearest, unknown
 from neuro.core.values import literal, shown
 from neuro.files.recorded import Recorded, StateTrace, SynapseWeights, Window, checked_window, recorded, trains
 from neuro.model.views import View
-from neuro.plots._canvas import COLOURS, WIDTH_IN, Picture, given, label, legend, over_time, panels, tidy, whole_numbers
+from neuro.plots._canvas import (
+    COLOURS,
+    WIDTH_IN,
+    Picture,
+    checked_axes,
+    label,
+    legend,
+    over_time,
+    panels,
+    tidy,
+    whole_numbers,
+)
 from neuro.plots._spikes import raster, rate
 from neuro.program.program import Floats
 
@@ -25,134 +36,138 @@ FAINTEST = 0.02
 
 
 def trace(run: object, probe: Any = None, *, of: Any = None, window: Any = None, ax: Any = None) -> Figure:
-    """What a probe recorded: lines of up to six neurons or synapses, a map of more, of very many an even choice.
+    """Draw the traces of probes: lines of up to six neurons or synapses, a map of more; large ones are thinned.
 
-    What pre spikes leave in synapses is a dot for each, in a colour of its own for each of up to six synapses.
+    Values at pre spikes are dots, in a colour of its own for each of up to six synapses.
 
     Args:
         run: a simulation or results.
-        probe: a probe or its name, or a list of these, a panel for each; all that recorded states if not given.
-            One of several states has a panel for each.
-        of: a view of a population, or a list of these, of whose neurons alone what was recorded is drawn.
-        window: begin and end in ms; the whole run if not given.
-        ax: axes to draw one probe into; a new figure if not given.
+        probe: a probe, its name, or a list of these, with a panel for each; by default all probes of states. A probe
+            of several states has a panel for each.
+        of: a view of a population, or a list of views; only their neurons are drawn.
+        window: begin and end in ms; by default the whole run.
+        ax: axes to draw one probe into; by default a new figure.
 
     Returns:
         the figure.
 
     Raises:
-        ModelError: there is no such probe, or it recorded nothing.
+        ModelError: the probe does not exist, or recorded no values.
     """
     source = recorded(run)
     span = checked_window(source, window)
-    asked = [(name, seen) for name, found in _asked(source, probe) if (seen := among(found, of)) is not None]
-    if not asked:
+    all_traces = _traces(source, probe)
+    selected = [(name, part) for name, whole in all_traces if (part := among(whole, of)) is not None]
+    if not selected:
         raise ModelError(f"of = {shown(of)}: no probe recorded states of these neurons")
-    drawn = [(name, _cut(name, found, span)) for name, found in asked]
+    traces = [(name, _cut(name, part, span)) for name, part in selected]
     if ax is not None:
-        if len(drawn) != 1:
-            raise ModelError(f"ax is given for {len(drawn)} probes: expected one", hint="name the probe")
-        axis = given(ax)
+        if len(traces) != 1:
+            raise ModelError(f"ax is given for {len(traces)} probes: expected one", hint="name the probe")
+        axis = checked_axes(ax)
         figure: Figure = axis.get_figure(root=True)
         axes = [axis]
         over_time(axis, span)
     else:
-        figure, axes = panels(f"{source.network}: traces", len(drawn), span)
-    for axis, (name, found) in zip(axes, drawn, strict=True):
-        draw(figure, axis, name, found)
+        figure, axes = panels(f"{source.network}: traces", len(traces), span)
+    for axis, (name, part) in zip(axes, traces, strict=True):
+        draw(figure, axis, name, part)
     return figure
 
 
-def among(found: StateTrace, of: Any) -> StateTrace | None:
-    """A trace of those of its neurons that are in some views; None if it has none of them, all if no view is of its."""
+def among(whole: StateTrace, of: Any) -> StateTrace | None:
+    """Return the part of a trace for the neurons in some views.
+
+    The whole trace is returned if no view belongs to its population, and None if the views have none of its neurons.
+    """
     views = [view for view in (of if isinstance(of, (list, tuple)) else [of]) if isinstance(view, View)]
-    mine = [view for view in views if view.population.name == found.of]
-    if found.noun != "neuron" or not mine:
-        return found
-    kept = np.flatnonzero(np.isin(found.columns, np.concatenate([view.ids for view in mine])))
-    if not kept.size:
+    mine = [view for view in views if view.population.name == whole.of]
+    if whole.noun != "neuron" or not mine:
+        return whole
+    columns = np.flatnonzero(np.isin(whole.columns, np.concatenate([view.ids for view in mine])))
+    if not columns.size:
         return None
-    return replace(found, columns=found.columns[kept], values=found.values[:, kept])
+    return replace(whole, columns=whole.columns[columns], values=whole.values[:, columns])
 
 
-def draw(figure: Figure, axis: Any, name: str, found: StateTrace) -> None:
-    """Draw one trace into axes of a figure, and say what it is."""
-    quantity = f"{found.state} ({found.unit})" if found.unit else found.state
-    title = f"{name}: {'mean ' * (found.noun == '' and found.state != 'rate')}{found.state} of {found.of}"
-    if found.at_pre_spikes:
-        _dots(axis, found)
+def draw(figure: Figure, axis: Any, name: str, whole: StateTrace) -> None:
+    """Draw one trace into axes of a figure, with title and labels."""
+    quantity = f"{whole.state} ({whole.unit})" if whole.unit else whole.state
+    title = f"{name}: {'mean ' * (whole.noun == '' and whole.state != 'rate')}{whole.state} of {whole.of}"
+    if whole.at_pre_spikes:
+        _dots(axis, whole)
         label(axis, f"{title} at pre spikes", quantity)
-    elif found.columns.size <= MOST_LINES:
-        for column, (called, colour) in enumerate(zip(_called(found), COLOURS, strict=False)):
-            axis.plot(found.times_ms, found.values[:, column], color=colour, lw=1.0, label=called)
-        if found.columns.size > 1:
+    elif whole.columns.size <= MOST_LINES:
+        for column, (name_of_line, colour) in enumerate(zip(_called(whole), COLOURS, strict=False)):
+            axis.plot(whole.times_ms, whole.values[:, column], color=colour, lw=1.0, label=name_of_line)
+        if whole.columns.size > 1:
             legend(axis, MOST_LINES, "right")
         label(axis, title, quantity)
     else:
-        image, note = _map(axis, found)
+        image, note = _map(axis, whole)
         figure.colorbar(image, ax=axis, label=quantity, pad=0.01)
-        label(axis, title + note, found.noun)
+        label(axis, title + note, whole.noun)
 
 
-def _called(found: StateTrace) -> list[str]:
-    """What each column is of."""
-    if found.pre is not None and found.post is not None:
-        return [f"{pre} to {post}" for pre, post in zip(found.pre, found.post, strict=True)]
-    return [f"{found.noun} {number}" for number in found.columns]
+def _called(part: StateTrace) -> list[str]:
+    """Return a name for each column."""
+    if part.pre is not None and part.post is not None:
+        return [f"{pre} to {post}" for pre, post in zip(part.pre, part.post, strict=True)]
+    return [f"{part.noun} {number}" for number in part.columns]
 
 
-def _dots(axis: Any, found: StateTrace) -> None:
-    assert found.pre is not None
-    assert found.post is not None
-    ends, which = np.unique(np.stack([found.pre, found.post]), axis=1, return_inverse=True)
+def _dots(axis: Any, part: StateTrace) -> None:
+    assert part.pre is not None
+    assert part.post is not None
+    ends, which = np.unique(np.stack([part.pre, part.post]), axis=1, return_inverse=True)
     if ends.shape[1] > MOST_LINES:
-        thin = max(FAINTEST, min(1.0, MOST_TIMES / found.values.size))
-        axis.plot(found.times_ms, found.values, ".", color=COLOURS[0], ms=2.0, mew=0.0, alpha=thin, rasterized=True)
+        thin = max(FAINTEST, min(1.0, MOST_TIMES / part.values.size))
+        axis.plot(part.times_ms, part.values, ".", color=COLOURS[0], ms=2.0, mew=0.0, alpha=thin, rasterized=True)
         return
     for k, (pre, post) in enumerate(ends.T.tolist()):
         mine = which.ravel() == k
-        axis.plot(found.times_ms[mine], found.values[mine], ".", color=COLOURS[k], ms=4.0, label=f"{pre} to {post}")
+        axis.plot(part.times_ms[mine], part.values[mine], ".", color=COLOURS[k], ms=4.0, label=f"{pre} to {post}")
     if ends.shape[1] > 1:
         legend(axis, MOST_LINES, "right")
 
 
-def _asked(run: Recorded, probe: Any) -> list[tuple[str, StateTrace]]:
-    asked = list(probe) if isinstance(probe, (list, tuple)) else run.probes if probe is None else [probe]
+def _traces(run: Recorded, probe: Any) -> list[tuple[str, StateTrace]]:
+    probes = list(probe) if isinstance(probe, (list, tuple)) else run.probes if probe is None else [probe]
     names = []
-    for name in (getattr(each, "name", each) for each in asked):
-        mine = [trace for trace, probe in run.probes.items() if name in (trace, probe)]
-        if not mine:
+    for name in (getattr(each, "name", each) for each in probes):
+        of_probe = [trace for trace, probe in run.probes.items() if name in (trace, probe)]
+        if not of_probe:
             raise unknown("probe of a state", name, run.probes)
-        names += mine
-    found = [(name, run.trace(name)) for name in names]
-    found = [pair for pair in found if pair[1].times_ms.size]
-    if not found:
+        names += of_probe
+    traces = [(name, run.trace(name)) for name in names]
+    traces = [pair for pair in traces if pair[1].times_ms.size]
+    if not traces:
         raise ModelError("no traces were recorded", hint="a probe of a state, such as V_m, records one")
-    return found
+    return traces
 
 
-def _cut(name: str, found: StateTrace, window: Window) -> StateTrace:
-    cut = found.within(window)
+def _cut(name: str, whole: StateTrace, window: Window) -> StateTrace:
+    cut = whole.within(window)
     if not cut.times_ms.size:
         raise ModelError(f"probe '{name}' recorded nothing in {window[0]:g} to {window[1]:g} ms")
     return cut
 
 
-def _map(axis: Any, found: StateTrace) -> tuple[Any, str]:
-    steps = slice(None, None, -(-found.times_ms.size // MOST_TIMES))
-    times, values = found.times_ms[steps], found.values[steps]
-    n = found.columns.size
+def _map(axis: Any, part: StateTrace) -> tuple[Any, str]:
+    steps = slice(None, None, -(-part.times_ms.size // MOST_TIMES))
+    times, values = part.times_ms[steps], part.values[steps]
+    n = part.columns.size
     pick = np.unique(np.linspace(0, n - 1, MOST_ROWS).astype(int))
     every = times[1] - times[0] if times.size > 1 else 1.0
-    # Those that a view chose at random are counted by their place in it.
-    first = int(found.columns[0]) if (np.diff(found.columns) == 1).all() else 0
+    # Columns that are not consecutive neurons are numbered by their place in the view.
+    first = int(part.columns[0]) if (np.diff(part.columns) == 1).all() else 0
     extent = (times[0] - every, times[-1], first - 0.5, first + n - 0.5)
     whole_numbers(axis)
     options: dict[str, Any] = {"aspect": "auto", "origin": "lower", "cmap": "cividis", "interpolation": "nearest"}
     limits = axis.get_xlim()
     image = axis.imshow(values[:, pick].T, extent=extent, **options)
     axis.set_xlim(limits)
-    return image, f", {pick.size} of {n:,} {found.noun}s drawn" if pick.size < n else ""
+    return image, f", {pick.size} of {n:,} {part.noun}s drawn" if pick.size < n else ""
 
 
 MOST_TRACES = 3
@@ -160,33 +175,33 @@ _PANELS_IN = (3.2, 1.6, 1.6)
 
 
 def overview(run: object, of: Any = None, *, window: Any = None) -> Figure:
-    """Raster, rates and traces of a run, one below the other.
+    """Draw raster, rates and traces of a run, one below the other.
 
     Args:
         run: a simulation or results.
-        of: a population, a view of one, a name, or a list of these; all that was recorded if not given.
-        window: begin and end in ms; the whole run if not given.
+        of: a population, a view of one, a name, or a list of these; by default all recorded populations.
+        window: begin and end in ms; by default the whole run.
 
     Returns:
-        the figure; of more than three probes it shows the first three, and says so.
+        the figure, with the first three probes; the title has the number of all probes.
 
     Raises:
-        ModelError: nothing of this was recorded.
+        ModelError: no spikes of these populations were recorded.
     """
     source = recorded(run)
-    found = trains(source, of, window)
+    spike_trains = trains(source, of, window)
     probes = list(source.probes) if of is None else []
-    drawn = [name for name in probes if source.trace(name).times_ms.size][:MOST_TRACES]
-    heights = [_PANELS_IN[0], _PANELS_IN[1], *[_PANELS_IN[2]] * len(drawn)]
+    first_probes = [name for name in probes if source.trace(name).times_ms.size][:MOST_TRACES]
+    heights = [_PANELS_IN[0], _PANELS_IN[1], *[_PANELS_IN[2]] * len(first_probes)]
     figure = Picture(figsize=(WIDTH_IN, 0.9 + sum(heights)), layout="constrained", dpi=150)
     axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
-    neurons = sum(train.neurons.size for train in found)
+    neurons = sum(train.neurons.size for train in spike_trains)
     title = f"{source.network} on {source.backend}: {source.duration_ms:g} ms, {neurons:,} neurons"
-    title += f", {len(drawn)} of {len(probes)} probes" if len(drawn) < len(probes) else ""
+    title += f", {len(first_probes)} of {len(probes)} probes" if len(first_probes) < len(probes) else ""
     figure.suptitle(literal(title), fontsize=13)
     raster(run, of, window=window, ax=axes[0])
     rate(run, of, window=window, ax=axes[1])
-    for axis, name in zip(axes[2:], drawn, strict=True):
+    for axis, name in zip(axes[2:], first_probes, strict=True):
         trace(run, name, window=window, ax=axis)
     for axis in axes[:-1]:
         axis.set_xlabel("")
@@ -201,21 +216,21 @@ _MAP: dict[str, Any] = {"cmap": "cividis", "interpolation": "nearest"}
 
 
 def weights(run: object, projection: Any, kind: str = "histogram", *, ax: Any = None) -> Figure:
-    """The weights of a projection at the end of a run, or now.
+    """Draw the weights of a projection, of results at the end of the run, of a simulation at present.
 
     Args:
         run: a simulation or results.
         projection: the projection or its name.
-        kind: "histogram", or "matrix": source by target, white where there is no synapse; of a grid its kernels.
-            Several synapses in a cell are drawn as their mean; a matrix of more than 500 lines is drawn in blocks.
-            "time": what a probe of the projection recorded of them, as `trace` draws it.
-        ax: axes to draw into; a new figure if not given.
+        kind: "histogram"; "matrix", source by target, white without a synapse, and the kernels of a grid; or
+            "time", the trace of a probe of the weights. A cell with several synapses shows their mean; a matrix of more
+            than 500 lines is drawn in blocks.
+        ax: axes to draw into; by default a new figure.
 
     Returns:
         the figure.
 
     Raises:
-        ModelError: there is no such projection, its weights were not kept, or `kind` is another word.
+        ModelError: the projection does not exist, its weights were not stored, or `kind` is another word.
     """
     source = recorded(run)
     name = getattr(projection, "name", projection)
@@ -224,35 +239,35 @@ def weights(run: object, projection: Any, kind: str = "histogram", *, ax: Any = 
         raise ModelError(f"kind = {shown(kind)}: expected one of {', '.join(KINDS)}", hint=hint)
     if kind == "time":
         return trace(run, _probe_of(source, name), ax=ax)
-    found = source.weights(name)
+    synapses = source.weights(name)
     if ax is None:
         figure: Figure = Picture(figsize=(7.0, 5.0), layout="constrained", dpi=150)
         axis = figure.subplots()
         figure.suptitle(literal(f"{source.network}: weights"), fontsize=13)
         tidy(axis)
     else:
-        axis = given(ax)
+        axis = checked_axes(ax)
         figure = axis.get_figure(root=True)
     if kind == "histogram":
-        _histogram(axis, name, found)
-    elif found.pre is None:
-        _kernels(figure, axis, name, found.weight)
+        _histogram(axis, name, synapses)
+    elif synapses.pre is None:
+        _kernels(figure, axis, name, synapses.weight)
     else:
-        _matrix(figure, axis, name, found)
+        _matrix(figure, axis, name, synapses)
     return figure
 
 
 def _probe_of(run: Recorded, projection: Any) -> str:
-    """The trace of the weights of a projection."""
-    found = [name for name in run.probes if (t := run.trace(name)).of == projection and t.state == "weight"]
-    if not found:
+    """Return the name of the trace of a projection's weights."""
+    names = [name for name in run.probes if (t := run.trace(name)).of == projection and t.state == "weight"]
+    if not names:
         hint = f"net.probe('w', '{projection}', 'weight', every=10.0) does"
         raise ModelError(f"no probe recorded the weights of {shown(projection)}", hint=hint)
-    return found[0]
+    return names[0]
 
 
-def _histogram(axis: Any, name: str, found: SynapseWeights) -> None:
-    values = found.weight.ravel()
+def _histogram(axis: Any, name: str, synapses: SynapseWeights) -> None:
+    values = synapses.weight.ravel()
     axis.set_xlabel("weight")
     if not values.size:
         label(axis, f"{name}: no synapses", "synapses")
@@ -264,29 +279,29 @@ def _histogram(axis: Any, name: str, found: SynapseWeights) -> None:
     label(axis, f"{name}: {values.size:,} weights, {values.mean():.4g} ± {spread:.3g}", "synapses")
 
 
-def _matrix(figure: Figure, axis: Any, name: str, found: SynapseWeights) -> None:
-    assert found.pre is not None
-    assert found.post is not None
-    blocks = [max(1, -(-n // MOST_CELLS)) for n in found.shape]
-    rows, columns = (-(-n // block) for n, block in zip(found.shape, blocks, strict=True))
-    cell = (found.pre // blocks[0]) * columns + found.post // blocks[1]
+def _matrix(figure: Figure, axis: Any, name: str, synapses: SynapseWeights) -> None:
+    assert synapses.pre is not None
+    assert synapses.post is not None
+    blocks = [max(1, -(-n // MOST_CELLS)) for n in synapses.shape]
+    rows, columns = (-(-n // block) for n, block in zip(synapses.shape, blocks, strict=True))
+    cell = (synapses.pre // blocks[0]) * columns + synapses.post // blocks[1]
     count = np.bincount(cell, minlength=rows * columns)
-    total = np.bincount(cell, found.weight, minlength=rows * columns)
+    total = np.bincount(cell, synapses.weight, minlength=rows * columns)
     mean = np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0).reshape(rows, columns)
     extent = (-0.5, columns * blocks[1] - 0.5, rows * blocks[0] - 0.5, -0.5)
     image = axis.imshow(mean, extent=extent, aspect="auto", **_MAP)
-    axis.set_xlim(-0.5, found.shape[1] - 0.5)
-    axis.set_ylim(found.shape[0] - 0.5, -0.5)
+    axis.set_xlim(-0.5, synapses.shape[1] - 0.5)
+    axis.set_ylim(synapses.shape[0] - 0.5, -0.5)
     for side in (axis.xaxis, axis.yaxis):
         side.set_major_locator(MaxNLocator(nbins=6, integer=True, min_n_ticks=1))
     figure.colorbar(image, ax=axis, label="weight", pad=0.01)
     note = f", means of blocks of {blocks[0]} x {blocks[1]}" if max(blocks) > 1 else ""
-    label(axis, f"{name}: {found.weight.size:,} weights{note}", "source neuron")
+    label(axis, f"{name}: {synapses.weight.size:,} weights{note}", "source neuron")
     axis.set_xlabel("target neuron")
 
 
 def _kernels(figure: Figure, axis: Any, name: str, kernels: Floats) -> None:
-    """Kernels side by side with a line of white between them, by map, then channel."""
+    """Draw kernels side by side with white lines between them, by map, then channel."""
     height, width = kernels.shape[2:]
     tiles = kernels.reshape(-1, height, width)
     drawn = tiles[:MOST_KERNELS]
