@@ -1,4 +1,4 @@
-"""The question to a network: its recordings with their classes, its input and output, and the spikes of its input."""
+"""Recordings with their classes, and the readout of a network: input, output, and the spikes of the input."""
 
 from __future__ import annotations
 
@@ -37,81 +37,81 @@ class AskedRecordings:
 
 
 def gather(paths: Iterable[Path], part: str | None, labelled: bool) -> AskedRecordings:
-    """Find the recordings.
+    """Collect recordings.
 
     Args:
         paths: recordings, folders or zips of class folders, HDF5 data sets.
-        part: of data with parts only this one; a single recording has none.
-        labelled: whether the class of each is known; a single recording has the name of its folder.
+        part: part of data with parts; a single recording has none.
+        labelled: the class of each recording is needed; a single recording has the name of its folder.
 
     Raises:
-        EventFileError: there is nothing, or a part is not there.
-        ModelError: a class is not known.
+        EventFileError: there is no recording, or the part does not exist.
+        ModelError: the class of a recording is unknown.
     """
     samples, labels, classes = list[Sample](), list[str](), dict[str, None]()
     for path in paths:
-        found = recordings(path, part=part)
-        alone = found.layout == "recording"
-        classes |= dict.fromkeys([path.resolve().parent.name] if alone else found.classes)
-        samples += found
-        for item in found if labelled else ():
+        source = recordings(path, part=part)
+        alone = source.layout == "recording"
+        classes |= dict.fromkeys([path.resolve().parent.name] if alone else source.classes)
+        samples += source
+        for item in source if labelled else ():
             if not alone and item.label == UNKNOWN:
                 raise ModelError(f"{item.path}: its class is not known: expected recordings in folders of classes")
-            labels.append(path.resolve().parent.name if alone else found.classes[item.label])
+            labels.append(path.resolve().parent.name if alone else source.classes[item.label])
     return AskedRecordings(tuple(samples), tuple(labels) if labelled else None, tuple(classes))
 
 
-def with_classes(readout: Readout, named: bool, found: Sequence[str]) -> Readout:
-    """How a network is asked whose neurons may have no names: then they have those of the recordings.
+def with_classes(readout: Readout, has_names: bool, classes: Sequence[str]) -> Readout:
+    """Return a readout with the classes of the recordings, if the neurons have no names of their own.
 
     Args:
-        readout: its classes are numbers where they have no names.
-        named: whether they have.
-        found: the classes of the recordings, in order; as many as neurons, or numbers of neurons.
+        readout: its classes are numbers if the neurons have no names.
+        has_names: the neurons have names.
+        classes: classes of the recordings, in order; as many as neurons, or numbers of neurons.
     """
-    if named or set(found) <= set(readout.classes) or len(found) != len(readout.classes):
+    if has_names or set(classes) <= set(readout.classes) or len(classes) != len(readout.classes):
         return readout
-    return replace(readout, classes=tuple(found))
+    return replace(readout, classes=tuple(classes))
 
 
 def readout_of(net: Network, **words: Any) -> Readout:
-    """How a network is asked; arguments and errors as of `neuro.predict`. The classes have names, numbers at least."""
-    known = {} if net.readout_section is None else net.readout_section.parameters()
-    known |= {word: value for word, value in words.items() if value is not None}
-    found = Readout.from_words({"input": _input(net), "output": _output(net)} | known)
-    _check_clear(net, found)
+    """Return a network's readout, with the arguments and errors of `neuro.predict`; classes are named or numbered."""
+    settings = {} if net.readout_section is None else net.readout_section.parameters()
+    settings |= {word: value for word, value in words.items() if value is not None}
+    readout = Readout.from_words({"input": _input(net), "output": _output(net)} | settings)
+    _check_clear(net, readout)
     for word in ("input", "output"):
-        if (name := getattr(found, word)) not in net.populations:
+        if (name := getattr(readout, word)) not in net.populations:
             raise unknown(f"population for --{word}", name, net.populations)
-    _check_input(net.populations[found.input], found.input)
-    output, what = net.populations[found.output], f"--output {found.output}"
+    _check_input(net.populations[readout.input], readout.input)
+    output, what = net.populations[readout.output], f"--output {readout.output}"
     if output.model.role != "neuron":
         raise ModelError(f"{what}: found {output.model.name}: expected neurons")
-    if found.decide is None:
-        found = replace(found, decide="counts" if fires(output) else "potential")
-    elif found.decide != "potential" and not fires(output):
-        message = f"--decide {found.decide}: the neurons of '{found.output}' never fire"
+    if readout.decide is None:
+        readout = replace(readout, decide="counts" if fires(output) else "potential")
+    elif readout.decide != "potential" and not fires(output):
+        message = f"--decide {readout.decide}: the neurons of '{readout.output}' never fire"
         raise ModelError(f"{message}: expected {DECIDED_BY[1]}", hint="--decide potential takes the highest mean V_m")
-    neurons, names = _size(output), found.classes
+    neurons, names = _size(output), readout.classes
     if names is not None and (len(names) != neurons or len(set(names)) < neurons):
         message = f"{what}: {neurons} neurons and the classes {', '.join(names)}"
         raise ModelError(f"{message}: expected as many different names as neurons")
-    return replace(found, classes=tuple(map(str, range(neurons))) if names is None else names)
+    return replace(readout, classes=tuple(map(str, range(neurons))) if names is None else names)
 
 
 def _input(net: Network) -> str:
-    """The only population that recordings can be shown to; "" if that is not clear."""
-    found = [name for name, part in net.populations.items() if isinstance(part.model, spike_generator)]
-    return found[0] if len(found) == 1 else ""
+    """Return the only population that recordings can be shown to; "" if there are several."""
+    inputs = [name for name, part in net.populations.items() if isinstance(part.model, spike_generator)]
+    return inputs[0] if len(inputs) == 1 else ""
 
 
 def _output(net: Network) -> str:
-    """The only population of neurons that is probed, or that sends to no other; "" if that is not clear."""
+    """Return the only population of neurons with a probe, or without targets; "" if there are several."""
     neurons = {name for name, part in net.populations.items() if part.model.role == "neuron"}
     probed = {probe.of for probe in net.probes.values()} & neurons
     last = neurons - {part.source for part in net.projections.values() if part.source != part.target}
-    found = probed if len(probed) == 1 else last
-    return next(iter(found)) if len(found) == 1 else ""
+    outputs = probed if len(probed) == 1 else last
+    return next(iter(outputs)) if len(outputs) == 1 else ""
 
 
 def _check_clear(net: Network, readout: Readout) -> None:
@@ -136,7 +136,7 @@ def _check_input(pixels: Population, name: str) -> None:
 
 
 def fires(part: Population) -> bool:
-    """Whether any neuron of a population can reach its threshold."""
+    """Return True if any neuron of a population can reach its threshold."""
     threshold = getattr(part.model, "V_th", 0.0)
     values = getattr(threshold, "values", threshold)  # of a file
     return not isinstance(values, (int, float, np.ndarray)) or bool(np.any(np.asarray(values) < _NEVER))
@@ -152,14 +152,14 @@ Ints = npt.NDArray[np.int64]
 
 
 class Pixels:
-    """What recordings make the input of a network emit.
+    """Conversion of recordings to spikes of a network's input.
 
     Args:
         net: the network.
-        readout: how it is asked.
+        readout: the readout.
 
     Attributes:
-        steps: for which the network runs, None where that is up to each recording.
+        steps: steps of a run; None if each recording decides.
     """
 
     def __init__(self, net: Network, readout: Readout) -> None:
@@ -178,20 +178,22 @@ class Pixels:
         self.spikes(events, name)
 
     def spikes(self, events: Events, name: str) -> tuple[Ints, Ints]:
-        """Steps from 0 on and neurons."""
-        asked = self._readout
-        if asked.window is not None:
+        """Return the steps, from 0 on, and the neurons of the spikes."""
+        readout = self._readout
+        if readout.window is not None:
             rows, columns = self._shape[-2:]
-            at = None if asked.window == (CENTRED,) else asked.window
+            at = None if readout.window == (CENTRED,) else readout.window
             length = (int(events.t[-1] - events.t[0]) + 1) / 1000.0 if len(events) else 0.0
-            seen = length if self.steps is None else self.steps * self._h
-            events = windowed(events, (columns * asked.scale, rows * asked.scale), at, asked.start, seen, name)
+            length_ms = length if self.steps is None else self.steps * self._h
+            events = windowed(
+                events, (columns * readout.scale, rows * readout.scale), at, readout.start, length_ms, name
+            )
         elif len(events) and not self._fits((int(events.x.max()) + 1, int(events.y.max()) + 1)):
             self._refuse((int(events.x.max()) + 1, int(events.y.max()) + 1), name)
         step, neuron = pixel_spikes(
-            events, self._shape, self._h, steps=self.steps, scale=asked.scale, start=asked.start
+            events, self._shape, self._h, steps=self.steps, scale=readout.scale, start=readout.start
         )
-        if not asked.merge:
+        if not readout.merge:
             return step, neuron
         size = math.prod(self._shape)
         at_once = np.unique(step * size + neuron)
@@ -228,5 +230,5 @@ def load(item: Any) -> Events:
 
 
 def name_of(item: Any, k: int) -> str:
-    """What the recording of index k is called."""
+    """Return the name of the recording with index k."""
     return str(getattr(item, "path", f"recording {k}"))

@@ -51,10 +51,10 @@ def predict(
     seed: Seed = 0,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Show recordings to a network and print the class that its output decides on, with scores and joules.
+    """Show recordings to a network and print the class of the output's decision, with scores and joules.
 
-    What is not given the network's file says in its section 'readout', or it follows from the network. With --labels
-    it prints accuracy and confusion instead of a row for each recording.
+    Options that are left out come from the section 'readout' of the network's file, or from the network. With
+    --labels the command prints accuracy and confusion instead of a row for each recording.
     """
     from neuro import ModelError, load
     from neuro.apps import check_picture, find_backend, write_picture
@@ -65,39 +65,39 @@ def predict(
     _check_network(file, recordings)
     net = load(file, params=assignments(set))
     names = None if classes is None else [name.strip() for name in classes.split(",")]
-    said = {"input": input, "output": output, "decide": decide, "classes": names, "duration": duration}
+    options = {"input": input, "output": output, "decide": decide, "classes": names, "duration": duration}
     try:
-        readout = readout_of(net, **said)
+        readout = readout_of(net, **options)
     except ModelError as error:
         raise error.but(where=None) from None
     for name in backends:
         find_backend(name)
     if picture is not None:
         check_picture(picture)
-    asked = gather(recordings, part, labels)
+    samples = gather(recordings, part, labels)
     if labels:
-        named = names is not None or (net.readout_section is not None and net.readout_section.classes is not None)
-        readout = with_classes(readout, named, asked.classes)
-    found: list[Predictions] = []
+        has_names = names is not None or (net.readout_section is not None and net.readout_section.classes is not None)
+        readout = with_classes(readout, has_names, samples.classes)
+    predictions: list[Predictions] = []
     with stoppable("nothing is reported") as bar:
         bar.say("reading recordings")
-        check_recordings(asked.samples, readout, net)
+        check_recordings(samples.samples, readout, net)
         for name in backends:
-            keep = 0 if picture is None or found else tables.MOST
-            words: dict[str, Any] = {"labels": asked.labels, "seed": seed, "keep": keep, "report": _shown(bar, name)}
-            found.append(ask(net, asked.samples, readout, name, **words))
+            keep = 0 if picture is None or predictions else tables.MOST
+            words: dict[str, Any] = {"labels": samples.labels, "seed": seed, "keep": keep, "report": _shown(bar, name)}
+            predictions.append(ask(net, samples.samples, readout, name, **words))
     if picture is not None:
-        write_picture(picture, tables.draw(found[0]))
+        write_picture(picture, tables.draw(predictions[0]))
     if as_json:
-        typer.echo(json.dumps(tables.as_dict(net.name, found), indent=1))
+        typer.echo(json.dumps(tables.as_dict(net.name, predictions), indent=1))
         return
-    tables.show(found)
+    tables.show(predictions)
     if picture is not None:
         typer.echo(f"{picture}: written")
 
 
 def _shown(bar: Bar, backend: str) -> Callable[[int, int], None]:
-    return lambda done, total: bar.show(done, total, f"{backend}: showing recordings")
+    return lambda count, total: bar.show(count, total, f"{backend}: showing recordings")
 
 
 def _check_network(file: Path, recordings: list[Path]) -> None:

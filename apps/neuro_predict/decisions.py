@@ -1,12 +1,12 @@
-"""Decisions of an output: a score for each of its neurons, the neuron that decides, and the accuracy of many decisions.
+"""Decisions of an output: a score for each neuron, the deciding neuron, and the accuracy of many decisions.
 
-| decides by | score | of several equal ones | nothing |
+| decides by | score | tie | no decision |
 | --- | --- | --- | --- |
-| counts | spikes, of a graded output the sum of payloads | the first to fire, then the lowest | where none fires |
-| first | ms of the first spike, NaN without one | the one that fires most, then the lowest | where none fires |
-| potential | mean V_m over all steps, mV | the lowest | where all are equal |
+| counts | spikes; for a graded output the sum of payloads | first to fire, then lowest | no neuron fires |
+| first | ms of the first spike, NaN without one | most spikes, then lowest | no neuron fires |
+| potential | mean V_m over all steps, mV | lowest | all are equal |
 
-That of `counts` is the rule of `neuro train`, that of `potential` the one of its loss.
+`counts` is the rule of `neuro train`, `potential` that of its loss.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class Evaluation:
 
     @property
     def correct(self) -> int:
-        """How many were decided rightly."""
+        """Number of right decisions."""
         return int(np.trace(self.confusion))
 
     @property

@@ -30,14 +30,14 @@ Report = Callable[[int, int], object]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownRecording:
-    """What the output does while it is shown a recording.
+    """Activity of the output during a recording.
 
     Attributes:
-        name: of the recording.
-        ms: how long the network runs.
-        times: of the output's spikes, ms.
-        ids: which neuron emits each.
-        V_m: (steps, neurons), mV; None where spikes decide.
+        name: name of the recording.
+        ms: duration of the run.
+        times: times of the output's spikes, ms.
+        ids: neuron of each spike.
+        V_m: (steps, neurons), mV; None if spikes decide.
     """
 
     name: str
@@ -49,19 +49,19 @@ class ShownRecording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Predictions:
-    """What a network on a backend says of recordings.
+    """Decisions of a network on a backend.
 
     Attributes:
-        backend: its name.
-        readout: how it was asked; `classes` has the name of each neuron.
-        names: of the recordings.
-        decided: (recordings,) the class of each, -1 for none.
-        scores: (recordings, classes) what decides, see `neuro_predict.decisions`.
-        spikes: (recordings,) of the output.
-        labels: (recordings,) the right classes; None where they are not known.
-        bill: of a recording, the mean, where the backend is a chip that has costs.
-        overflows: of the registers of a chip, in how many recordings.
-        shown: the first recordings in full, as many as were asked for.
+        backend: name of the backend.
+        readout: the readout; `classes` has the name of each neuron.
+        names: names of the recordings.
+        decided: (recordings,) decided class, -1 for none.
+        scores: (recordings, classes) scores, see `neuro_predict.decisions`.
+        spikes: (recordings,) spikes of the output.
+        labels: (recordings,) right classes; None if unknown.
+        bill: mean bill of a recording, for a chip with costs.
+        overflows: number of recordings with overflows, by register of a chip.
+        shown: the first recordings in full, up to the requested number.
     """
 
     backend: str
@@ -77,7 +77,7 @@ class Predictions:
 
     @property
     def own(self) -> Evaluation | None:
-        """How good the decisions are; None where the right ones are not known."""
+        """Evaluation of the decisions; None if the right ones are unknown."""
         return None if self.labels is None else evaluate(self.decided, self.labels, self.readout.classes)
 
     def class_of(self, k: int) -> str | None:
@@ -117,9 +117,9 @@ def predict(
     """
     if not isinstance(net, Network):
         raise ModelError(f"predict: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
-    asked = readout_of(net, **words)
-    check_recordings(recordings, asked, net)
-    return ask(net, recordings, asked, str(backend), labels=labels, seed=seed)
+    readout = readout_of(net, **words)
+    check_recordings(recordings, readout, net)
+    return ask(net, recordings, readout, str(backend), labels=labels, seed=seed)
 
 
 def check_recordings(recordings: Sequence[Sample | Events], readout: Readout, net: Network) -> None:
@@ -167,7 +167,7 @@ def ask(
     pixels, way, h = Pixels(net, readout), _way(sim.program, readout), net.resolution
     total, neurons = len(recordings), len(readout.classes)
     decided, spikes, scores = np.zeros(total, np.int64), np.zeros(total, np.int64), np.zeros((total, neurons))
-    showing, shown = Showing(sim, readout.input, readout.output), list[ShownRecording]()
+    showing, in_full = Showing(sim, readout.input, readout.output), list[ShownRecording]()
     for k, item in enumerate(recordings):
         step, neuron = pixels.spikes(load(item), name_of(item, k))
         steps = pixels.steps or int(step.max(initial=-1)) + 1 + way
@@ -176,11 +176,13 @@ def ask(
         decided[k], scores[k] = _decision(readout.decide, times, ids, payloads, V_m, neurons)
         spikes[k] = len(ids)
         if k < keep:
-            shown.append(ShownRecording(name_of(item, k), steps * h, times, ids, V_m))
+            in_full.append(ShownRecording(name_of(item, k), steps * h, times, ids, V_m))
         report(k + 1, total)
     names = tuple(name_of(item, k) for k, item in enumerate(recordings))
     priced = _bill(showing, backend, total)
-    return Predictions(backend, readout, names, decided, scores, spikes, right, priced, showing.overflows, tuple(shown))
+    return Predictions(
+        backend, readout, names, decided, scores, spikes, right, priced, showing.overflows, tuple(in_full)
+    )
 
 
 def _numbers(labels: Sequence[str], readout: Readout, recordings: int) -> Ints:
@@ -214,22 +216,22 @@ def _check_threshold(output: Population, backend: str) -> None:
 
 
 def _way(program: Program, readout: Readout) -> int:
-    """Steps in which the last spike of the input has come to the output, on the shortest way.
+    """Return the steps until the last spike of the input has reached the output, on the shortest path.
 
     Raises:
-        ModelError: there is no way.
+        ModelError: there is no path.
     """
     index = {part.name: k for k, part in enumerate(program.populations)}
-    ahead, done = [(0, index[readout.input])], set[int]()
-    while ahead:
-        steps, at = heapq.heappop(ahead)
+    queue, visited = [(0, index[readout.input])], set[int]()
+    while queue:
+        steps, at = heapq.heappop(queue)
         if at == index[readout.output]:
             return steps
-        if at not in done:
-            done.add(at)
+        if at not in visited:
+            visited.add(at)
             for part in program.projections:
                 if part.source == at and part.size:
-                    heapq.heappush(ahead, (steps + int(np.max(part.delay)), part.target))
+                    heapq.heappush(queue, (steps + int(np.max(part.delay)), part.target))
     raise ModelError(f"no projection leads from --input {readout.input} to --output {readout.output}: expected a way")
 
 
@@ -242,6 +244,6 @@ def _decision(
 
 
 def _bill(showing: Showing, backend: str, recordings: int) -> Energy | None:
-    """What a recording takes on the chip that a backend emulates."""
+    """Return the bill of a recording on the chip that a backend emulates."""
     on = chip_of(backend)
     return showing.sim.energy(backend, of=showing.taken).per(recordings, "recording") if on and on.costs else None

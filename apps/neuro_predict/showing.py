@@ -21,8 +21,8 @@ Overflows = Mapping[str, tuple[int, str]]
 
 
 @contextmanager
-def noted(found: dict[str, tuple[int, str]]) -> Iterator[None]:
-    """Add what overflows inside, in a recording, to what was found, instead of warning of it."""
+def noted(overflows: dict[str, tuple[int, str]]) -> Iterator[None]:
+    """Within the block, count overflows of a recording in `overflows` instead of warning."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", OverflowWarning)
         yield
@@ -31,12 +31,12 @@ def noted(found: dict[str, tuple[int, str]]) -> Iterator[None]:
         if not isinstance(message, OverflowWarning):
             warnings.warn_explicit(message, each.category, each.filename, each.lineno)
         elif message.what:
-            found[message.what] = found.get(message.what, (0, ""))[0] + 1, message.hint
+            overflows[message.what] = overflows.get(message.what, (0, ""))[0] + 1, message.hint
 
 
-def warn_of_overflows(backend: str, found: Overflows, recordings: int) -> None:
-    """Warn once of each register that overflowed, with in how many recordings."""
-    for what, (some, hint) in found.items():
+def warn_of_overflows(backend: str, overflows: Overflows, recordings: int) -> None:
+    """Warn once of each register that overflowed, with the number of recordings."""
+    for what, (some, hint) in overflows.items():
         text = f"backend '{backend}': {what} in {some} of {recordings} recordings\n  hint: {hint}"
         warnings.warn(text, OverflowWarning, stacklevel=2)
 

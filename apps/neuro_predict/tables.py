@@ -26,66 +26,68 @@ BEST = 3
 """Scores that a row shows."""
 
 
-def show(found: Sequence[Predictions]) -> None:
+def show(predictions: Sequence[Predictions]) -> None:
     """Print a row for each recording, or with labels for each class, then one for each backend; warn of overflows."""
-    first, out = found[0], console()
-    for one in found:
+    first, out = predictions[0], console()
+    for one in predictions:
         warn_of_overflows(one.backend, one.overflows or {}, len(one.names))
-    for line in footnotes([one.bill for one in found if one.bill], False):
+    for line in footnotes([one.bill for one in predictions if one.bill], False):
         print(f"- {line}")
-    asked = first.readout
-    print(f"shown by '{asked.input}', '{asked.output}' decides by {asked.decide}")
+    readout = first.readout
+    print(f"shown by '{readout.input}', '{readout.output}' decides by {readout.decide}")
     if first.own is None:
-        head = ("recording", *(f"on {one.backend}" for one in found), SCORES[asked.decide])
-        out.print(table(head, list(_rows(found))))
+        head = ("recording", *(f"on {one.backend}" for one in predictions), SCORES[readout.decide])
+        out.print(table(head, list(_rows(predictions))))
     else:
-        head = ("shown", *(f">{name}" for name in (*asked.classes, NOTHING)))
-        counts = zip(asked.classes, first.own.confusion.tolist(), strict=True)
+        head = ("shown", *(f">{name}" for name in (*readout.classes, NOTHING)))
+        counts = zip(readout.classes, first.own.confusion.tolist(), strict=True)
         rows = [(name, *(n or "." for n in row)) for name, row in counts if any(row)]
         out.print(table(head, rows, title=f"decided on {first.backend}"))
-    out.print(table(("runs on", *_head(found)), [(one.backend, *_figures(one, found)) for one in found]))
-    if bills := [(one.backend, *one.bill.cells()) for one in found if one.bill]:
+    out.print(
+        table(("runs on", *_head(predictions)), [(one.backend, *_figures(one, predictions)) for one in predictions])
+    )
+    if bills := [(one.backend, *one.bill.cells()) for one in predictions if one.bill]:
         out.print(table(("runs on", *COLUMNS), bills, title="a recording"))
 
 
-def _rows(found: Sequence[Predictions]) -> Iterator[tuple[str, ...]]:
-    first = found[0]
+def _rows(predictions: Sequence[Predictions]) -> Iterator[tuple[str, ...]]:
+    first = predictions[0]
     for k, name in enumerate(first.names):
-        yield name, *(one.class_of(k) or NOTHING for one in found), _best(first, k)
+        yield name, *(one.class_of(k) or NOTHING for one in predictions), _best(first, k)
 
 
 def _best(one: Predictions, k: int) -> str:
-    """The best scores of a recording."""
+    """Return the best scores of a recording as text."""
     sign = 1.0 if one.readout.decide == "first" else -1.0
     order = np.argsort(sign * one.scores[k], kind="stable")[:BEST]
-    shown = [(one.readout.classes[c], one.scores[k, c]) for c in order if np.isfinite(one.scores[k, c])]
-    return ", ".join(f"{name} {number(score)}" for name, score in shown) or "-"
+    best = [(one.readout.classes[c], one.scores[k, c]) for c in order if np.isfinite(one.scores[k, c])]
+    return ", ".join(f"{name} {number(score)}" for name, score in best) or "-"
 
 
-def _head(found: Sequence[Predictions]) -> tuple[str, ...]:
-    right = () if found[0].own is None else (">right", ">of", ">accuracy", ">95 % interval")
-    equal = (">equal decisions",) if len(found) > 1 else ()
+def _head(predictions: Sequence[Predictions]) -> tuple[str, ...]:
+    right = () if predictions[0].own is None else (">right", ">of", ">accuracy", ">95 % interval")
+    equal = (">equal decisions",) if len(predictions) > 1 else ()
     return *right, *equal, f">{NOTHING}", ">spikes of a recording"
 
 
-def _figures(one: Predictions, found: Sequence[Predictions]) -> tuple[Any, ...]:
-    """What stands below the head."""
+def _figures(one: Predictions, predictions: Sequence[Predictions]) -> tuple[Any, ...]:
+    """Return the row of one backend."""
     right: tuple[Any, ...] = ()
     if one.own is not None:
         low, high = one.own.interval
         right = one.own.correct, one.own.n, f"{one.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}"
-    equal = (f"{one.agrees(found[0]):.1%}",) if len(found) > 1 else ()
+    equal = (f"{one.agrees(predictions[0]):.1%}",) if len(predictions) > 1 else ()
     return *right, *equal, int((one.decided < 0).sum()), number(float(one.spikes.mean()))
 
 
-def as_dict(network: str, found: Sequence[Predictions]) -> dict[str, Any]:
-    """All of it as plain values: what is not there is None; energies as of `neuro energy`."""
-    first = found[0]
+def as_dict(network: str, predictions: Sequence[Predictions]) -> dict[str, Any]:
+    """Return everything as plain values; missing values are None, energies have the form of `neuro energy`."""
+    first = predictions[0]
     readout = {word: _plain(value) for word, value in first.readout.parameters().items()}
     about = {"format": FORMAT, "network": network, "readout": readout}
     return about | {
-        "backends": {one.backend: _about(one, first) for one in found},
-        "recordings": [_recording(found, k) for k in range(len(first.names))],
+        "backends": {one.backend: _about(one, first) for one in predictions},
+        "recordings": [_recording(predictions, k) for k in range(len(first.names))],
     }
 
 
@@ -96,8 +98,8 @@ def _about(one: Predictions, first: Predictions) -> dict[str, Any]:
     return {**own, "equal_decisions": one.agrees(first), "overflows": overflows, "energy": energy}
 
 
-def _recording(found: Sequence[Predictions], k: int) -> dict[str, Any]:
-    first = found[0]
+def _recording(predictions: Sequence[Predictions], k: int) -> dict[str, Any]:
+    first = predictions[0]
     label = None if first.labels is None else first.readout.classes[first.labels[k]]
     decided = {
         one.backend: {
@@ -108,7 +110,7 @@ def _recording(found: Sequence[Predictions], k: int) -> dict[str, Any]:
             },
             "spikes": int(one.spikes[k]),
         }
-        for one in found
+        for one in predictions
     }
     return {"recording": first.names[k], "label": label, "decided": decided}
 
@@ -126,55 +128,59 @@ NAMED = 20
 """Classes up to which each has its name at the axis."""
 
 
-def draw(found: Predictions) -> Figure:
-    """A panel for each recording that was kept: spikes or potentials of all classes, the decided one in blue."""
+def draw(predictions: Predictions) -> Figure:
+    """Draw a panel for each recording shown in full: spikes or potentials of all classes, the decided one in blue."""
     from matplotlib.figure import Figure
 
-    columns = min(PANELS, len(found.shown))
-    rows = math.ceil(len(found.shown) / columns)
-    tall = 1.0 + 0.11 * min(NAMED, len(found.readout.classes))
+    columns = min(PANELS, len(predictions.shown))
+    rows = math.ceil(len(predictions.shown) / columns)
+    tall = 1.0 + 0.11 * min(NAMED, len(predictions.readout.classes))
     figure = Figure(figsize=(3.2 * columns + 0.6, tall * rows + 0.8), dpi=130, layout="constrained")
     axes = figure.subplots(rows, columns, sharey=True, squeeze=False).reshape(-1)
     for k, axis in enumerate(axes):
-        if k < len(found.shown):
-            _panel(axis, found, k)
+        if k < len(predictions.shown):
+            _panel(axis, predictions, k)
         else:
             axis.set_visible(False)
-    more = len(found.names) - len(found.shown)
-    some = f"; the first {len(found.shown)} of {len(found.names)} recordings" if more else ""
-    asked = found.readout
-    figure.suptitle(literal(f"'{asked.output}' on {found.backend} decides by {asked.decide}{some}"), fontsize=11)
+    more = len(predictions.names) - len(predictions.shown)
+    some = f"; the first {len(predictions.shown)} of {len(predictions.names)} recordings" if more else ""
+    readout = predictions.readout
+    figure.suptitle(
+        literal(f"'{readout.output}' on {predictions.backend} decides by {readout.decide}{some}"), fontsize=11
+    )
     figure.supxlabel("time (ms)", fontsize=10)
     return figure
 
 
-def _panel(axis: Any, found: Predictions, k: int) -> None:
-    """What the output does in one recording."""
-    shown, decided = found.shown[k], int(found.decided[k])
+def _panel(axis: Any, predictions: Predictions, k: int) -> None:
+    """Draw the activity of the output in one recording."""
+    recording, decided = predictions.shown[k], int(predictions.decided[k])
     axis.spines[["top", "right"]].set_visible(False)
     axis.tick_params(labelsize=7)
-    axis.set_xlim(0.0, shown.ms)
-    if shown.V_m is None:
-        mine = shown.ids == decided
+    axis.set_xlim(0.0, recording.ms)
+    if recording.V_m is None:
+        mine = recording.ids == decided
         for chosen, colour in ((~mine, OTHER), (mine, DECIDED)):
-            axis.plot(shown.times[chosen], shown.ids[chosen], "|", color=colour, markersize=6, markeredgewidth=1.0)
-        _name_classes(axis, found, k)
+            axis.plot(
+                recording.times[chosen], recording.ids[chosen], "|", color=colour, markersize=6, markeredgewidth=1.0
+            )
+        _name_classes(axis, predictions, k)
     else:
-        times = [shown.ms * (step + 1) / len(shown.V_m) for step in range(len(shown.V_m))]
-        for neuron, trace in enumerate(shown.V_m.T):
+        times = [recording.ms * (step + 1) / len(recording.V_m) for step in range(len(recording.V_m))]
+        for neuron, trace in enumerate(recording.V_m.T):
             colour, width = (DECIDED, 1.4) if neuron == decided else (OTHER, 0.6)
             axis.plot(times, trace, color=colour, linewidth=width, zorder=2 + (neuron == decided))
         axis.set_ylabel("V_m (mV)", fontsize=8)
-    label = "" if found.labels is None else f" (shown: {found.readout.classes[found.labels[k]]})"
-    wrong = found.labels is not None and found.labels[k] != decided
-    path = PurePath(shown.name)
-    title = f"{path.parent.name}/{path.name}: {found.class_of(k) or 'nothing'}{label}"
+    label = "" if predictions.labels is None else f" (shown: {predictions.readout.classes[predictions.labels[k]]})"
+    wrong = predictions.labels is not None and predictions.labels[k] != decided
+    path = PurePath(recording.name)
+    title = f"{path.parent.name}/{path.name}: {predictions.class_of(k) or 'nothing'}{label}"
     axis.set_title(literal(title), fontsize=8, loc="left", color="#D55E00" if wrong else "black")
 
 
-def _name_classes(axis: Any, found: Predictions, k: int) -> None:
-    """A row for each class, with its score to the right."""
-    classes, scores, decided = found.readout.classes, found.scores[k], found.decided[k]
+def _name_classes(axis: Any, predictions: Predictions, k: int) -> None:
+    """Draw a row for each class, with its score to the right."""
+    classes, scores, decided = predictions.readout.classes, predictions.scores[k], predictions.decided[k]
     axis.set_ylim(len(classes) - 0.5, -0.5)
     if len(classes) > NAMED:
         return

@@ -1,8 +1,8 @@
-"""Numbers to spikes and back.
+"""Encoders of numbers as spikes, and decoders.
 
-An encoder is a function of an array of values and named parameters. Those of `CODES` give spike times, those of
-`RATE_CODES` rates, which `poisson` makes into spikes. Those of `FIELDS` are classes, made for dimensions of vectors,
-that give the spikes of neurons with fields. `Cochlea`, `MelBands`, `HairCells` and `crossings` make spikes of sounds.
+An encoder is a function of an array of values and named parameters. Encoders of `CODES` return spike times, those of
+`RATE_CODES` rates, which `poisson` turns into spikes. The classes of `FIELDS` are made for the dimensions of a vector
+and return spikes of neurons with fields. `Cochlea`, `MelBands`, `HairCells` and `crossings` turn sounds into spikes.
 Decoders are functions of counts or spike times.
 """
 

@@ -46,15 +46,15 @@ class Code(Choice):
     """Base of the codes.
 
     Class attributes:
-        function: of an array of values, and the parameters by name.
-        values: the name of its first argument.
-        draws: whether it takes a seed.
-        rates: whether it gives rates, or values for another code, and no spike times.
-        source: where it is from.
+        function: function of an array of values, and of the parameters by name.
+        values: name of the first argument of the function.
+        draws: the function takes a seed.
+        rates: the function returns rates, or values for another code, instead of spike times.
+        source: publication of the code.
 
-    A code with its parameters, as a description says it: `{rank: {window: 20.0}}`.
+    An instance is a code with parameters, in a description `{rank: {window: 20.0}}`.
 
-    The words are the arguments of the code's function: their kinds are its annotations, their meaning its docstring's.
+    Parameters are the arguments of the function, with the kinds of its annotations and the meanings of its docstring.
     """
 
     kind: ClassVar[str] = "code"
@@ -65,22 +65,22 @@ class Code(Choice):
     source: ClassVar[str] = ""
 
     def __call__(self, values: Floats, seed: int) -> Floats:
-        """Spike times, the shape of the values and an axis of spikes, or rates.
+        """Return spike times, with an axis of spikes behind those of the values, or rates.
 
         Raises:
-            ModelError: the code refuses a value or a parameter, or gives what is no time or rate.
+            ModelError: the code refuses a value or a parameter, or returns an invalid time or rate.
         """
-        drawn = {SEED: seed} if self.draws else {}
+        seeds = {SEED: seed} if self.draws else {}
         parameters = {name: value for name, value in vars(self).items() if value is not None}
-        found = numbers(self.function(values, **parameters, **drawn), self.name)
-        if found.shape[: values.ndim] != values.shape or found.ndim > values.ndim + 1:
-            given, expected = list(found.shape), list(values.shape)
-            raise ModelError(f"gives an array of the shape {given}: expected {expected}, or one more axis")
-        wrong = ~np.isfinite(found) if self.rates else ~(np.isnan(found) | ((found >= 0) & np.isfinite(found)))
+        code = numbers(self.function(values, **parameters, **seeds), self.name)
+        if code.shape[: values.ndim] != values.shape or code.ndim > values.ndim + 1:
+            shape, expected = list(code.shape), list(values.shape)
+            raise ModelError(f"gives an array of the shape {shape}: expected {expected}, or one more axis")
+        wrong = ~np.isfinite(code) if self.rates else ~(np.isnan(code) | ((code >= 0) & np.isfinite(code)))
         if wrong.any():
             what = "finite rates" if self.rates else "times >= 0 ms, or NaN for no spike"
-            raise ModelError(f"gives {found[wrong][0]}: expected {what}")
-        return found if self.rates or found.ndim > values.ndim else found[..., None]
+            raise ModelError(f"gives {code[wrong][0]}: expected {what}")
+        return code if self.rates or code.ndim > values.ndim else code[..., None]
 
 
 @cache
@@ -101,14 +101,14 @@ def as_choice(function: Callable[..., Any], rates: bool) -> type[Code]:
     ]
     if not arguments:
         raise TypeError(f"{message} takes no argument: expected the values first")
-    first, *named = arguments
+    first, *parameters = arguments
     try:
         hints = get_type_hints(function)
     except NameError as error:
         raise TypeError(f"{message}: its annotations cannot be read: {error}") from None
     doc = inspect.getdoc(function) or ""
     meanings = _meanings(doc)
-    words = [p for p in named if p.name != SEED]
+    words = [p for p in parameters if p.name != SEED]
     made: type[Code] = make_dataclass(
         function.__name__,
         [(p.name, Any, _field(message, p, hints.get(p.name, float), meanings.get(p.name, ""))) for p in words],
@@ -117,7 +117,7 @@ def as_choice(function: Callable[..., Any], rates: bool) -> type[Code]:
             "__doc__": doc.partition("\nArgs:")[0].strip(),
             "function": staticmethod(function),
             "values": first.name,
-            "draws": len(words) < len(named),
+            "draws": len(words) < len(parameters),
             "rates": rates,
             "source": _joined("".join(_SOURCE.findall(doc))),
         },
@@ -129,28 +129,32 @@ def as_choice(function: Callable[..., Any], rates: bool) -> type[Code]:
 
 
 def _meanings(doc: str) -> dict[str, str]:
-    """What a docstring says of each argument."""
+    """Return the description of each argument in a docstring."""
     section = _ARGUMENTS.search(doc + "\n")
     return {name: _joined(text) for name, text in _ARGUMENT.findall(section[1])} if section else {}
 
 
 def _joined(text: str) -> str:
-    """A sentence on one line, without its full stop."""
+    """Return a sentence on one line, without its full stop."""
     return " ".join(text.split()).removesuffix(".")
 
 
-def _field(told: str, argument: inspect.Parameter, hint: Any, doc: str) -> Any:
-    """The quantity of one argument."""
+def _field(code_name: str, argument: inspect.Parameter, hint: Any, doc: str) -> Any:
+    """Return the quantity of one argument."""
     inner = [other for other in get_args(hint) if other is not NoneType]
     if NoneType in get_args(hint) and len(inner) == 1:
         hint = inner[0]
     if hasattr(Code, argument.name):
-        raise TypeError(f"{told}: '{argument.name}' has a meaning of its own: expected another name of a parameter")
+        raise TypeError(
+            f"{code_name}: '{argument.name}' has a meaning of its own: expected another name of a parameter"
+        )
     default = MISSING if argument.default is argument.empty else argument.default
     if get_origin(hint) is Literal:
         return quantity(default, "", doc, kind="word", words=get_args(hint))
     if hint not in _KINDS:
-        raise TypeError(f"{told}: '{argument.name}' is annotated {hint}: expected float, int, bool or Literal words")
+        raise TypeError(
+            f"{code_name}: '{argument.name}' is annotated {hint}: expected float, int, bool or Literal words"
+        )
     unit = _UNIT.search(doc) if hint is float else None
     return quantity(default, unit[1] if unit else "", doc[: unit.start()] if unit else doc, kind=_KINDS[hint])
 
@@ -162,7 +166,7 @@ def _complete(function: Function, rates: bool) -> Function:
     """Return a third-party function if a description can name it.
 
     Raises:
-        TypeError: it cannot, or a code of the other kind has its name.
+        TypeError: the function cannot be a code, or a code of the other kind has its name.
     """
     as_choice(function, rates)
     if function.__name__ in (CODES if rates else RATE_CODES):
@@ -208,24 +212,24 @@ CHOICES: Mapping[str, type[Code]] = _Choices()
 """Both kinds by name, with their parameters as a description says them."""
 
 
-def chain(said: Any) -> tuple[Code, ...]:
-    """Codes from the words of the language: a name, `{name: {parameters}}`, or a list of these.
+def chain(words: Any) -> tuple[Code, ...]:
+    """Return codes from the words of the language: a name, `{name: {parameters}}`, or a list of these.
 
     Raises:
-        ModelError: they are no codes, or there is none.
+        ModelError: the words are no codes, or the list is empty.
     """
-    items = said if isinstance(said, (list, tuple)) else [said]
+    items = words if isinstance(words, (list, tuple)) else [words]
     if not items:
         raise ModelError("code = []: expected a code, or a list of codes", path=("code",))
     return tuple(_code(item) for item in items)
 
 
-def _code(said: Any) -> Code:
-    if isinstance(said, Code):
-        return said
-    name, parameters = next(iter(said.items())) if isinstance(said, Mapping) and len(said) == 1 else (said, {})
+def _code(item: Any) -> Code:
+    if isinstance(item, Code):
+        return item
+    name, parameters = next(iter(item.items())) if isinstance(item, Mapping) and len(item) == 1 else (item, {})
     if not isinstance(name, str) or not isinstance(parameters, Mapping):
-        message = f"code = {shown(said)}: expected the name of a code, or {{name: {{parameters}}}}"
+        message = f"code = {shown(item)}: expected the name of a code, or {{name: {{parameters}}}}"
         raise ModelError(message, path=("code",))
     if name not in CHOICES:
         raise unknown("code", name, CHOICES, path=("code",))

@@ -18,41 +18,41 @@ ROUNDING = 8 * float(np.finfo(np.float64).eps)
 
 
 def highest_rate(counts: npt.ArrayLike) -> Ids:
-    """The neurons with the highest firing rate (HFR).
+    """Return the neurons with the highest firing rate (HFR).
 
     Args:
         counts: (n,) spikes of each neuron in the same time, e.g. ``np.bincount(ids, minlength=n)``, or rates.
 
     Returns:
-        Ids of all that share the highest one, ascending; none if no neuron fired.
+        ids of all neurons with the highest rate, ascending; empty if no neuron fired.
 
     Raises:
-        ModelError: they are no list of finite numbers, or one is below 0.
+        ModelError: `counts` is no list of finite numbers, or one is below 0.
 
     Source: thesis section 2.5, line 759.
     """
-    found = _list(finite(counts, "counts", at_least=0), "counts")
-    return np.flatnonzero((found > 0) & (found == found.max(initial=0.0)))
+    rates = _list(finite(counts, "counts", at_least=0), "counts")
+    return np.flatnonzero((rates > 0) & (rates == rates.max(initial=0.0)))
 
 
 def first_to_fire(times: npt.ArrayLike) -> Ids:
-    """The neurons that fire first (F2F).
+    """Return the neurons that fire first (F2F).
 
     Args:
-        times: (n,) first spike of each neuron, or (n, spikes) of all, in any unit; NaN is no spike.
+        times: (n,) first spike of each neuron, or (n, spikes) of all, in any unit; NaN stands for no spike.
 
     Returns:
-        Ids of all that share the first time, ascending; none if no neuron fired.
+        ids of all neurons with the first time, ascending; empty if no neuron fired.
 
     Raises:
-        ModelError: they are NaN, or of another shape.
+        ModelError: a time is infinite, or `times` has another shape.
 
     Source: thesis section 2.5, line 760.
     """
-    found = _times(times)
-    if found.ndim not in (1, 2):
-        raise ModelError(f"times has the shape {list(found.shape)}, expected [neurons] or [neurons, spikes]")
-    trains = found if found.ndim == 2 else found[:, None]
+    checked = _times(times)
+    if checked.ndim not in (1, 2):
+        raise ModelError(f"times has the shape {list(checked.shape)}, expected [neurons] or [neurons, spikes]")
+    trains = checked if checked.ndim == 2 else checked[:, None]
     first = np.where(np.isnan(trains), np.inf, trains).min(axis=1, initial=np.inf)
     return np.flatnonzero((first < np.inf) & (first == first.min(initial=np.inf)))
 
@@ -63,21 +63,22 @@ def rank_order(
     modulation: float = 0.8,
     ties: Literal["order", "dense"] = "order",
 ) -> Floats:
-    """The activation of neurons that listen to the order of spikes alone: ``sum of modulation^k w`` for ranks k from 0.
+    """Return the activation of neurons sensitive to the order of spikes: ``sum of modulation^k w`` for ranks k from 0.
 
-    It is largest for the order in which the weights fall.
+    The activation is largest if the inputs fire in the order of descending weights.
 
     Args:
-        times: (n,) spike of each input, in any unit; NaN is no spike and adds nothing.
+        times: (n,) spike of each input, in any unit; NaN stands for no spike and adds 0.
         weights: (..., n) weights of each neuron's inputs.
         modulation: factor from one rank to the next, in (0, 1].
-        ties: as `rank` has them.
+        ties: see `rank`.
 
     Returns:
-        Activations, the shape of ``weights`` without its last axis.
+        activations, the shape of ``weights`` without its last axis.
 
     Raises:
-        ModelError: a value is not a number, ``modulation`` out of bounds, or weights of another number of inputs.
+        ModelError: a value is not a number, ``modulation`` is out of bounds, or the number of weights differs from
+            that of inputs.
 
     Source: Thorpe & Gautrais, "Rank order coding", Computational Neuroscience: Trends in Research (1998).
     """
@@ -116,21 +117,21 @@ def population_vector(activity: npt.ArrayLike, directions: npt.ArrayLike) -> Flo
 
 
 def van_rossum(times: npt.ArrayLike, tau: float, at: npt.ArrayLike) -> Floats:
-    """A spike train as a function of time: ``f(t) = sum of exp(-(t - t_f) / tau)`` over the spikes up to t.
+    """Return a spike train as a function of time: ``f(t) = sum of exp(-(t - t_f) / tau)`` over the spikes up to t.
 
-    The integral of ``(f - g)^2 / tau`` is the squared distance of two trains: 1/2 for one spike that is missing,
-    ``1 - exp(-d / tau)`` for one that is moved by d.
+    The integral of ``(f - g)^2 / tau`` is the squared distance of two trains: 1/2 for one missing spike,
+    ``1 - exp(-d / tau)`` for a spike moved by d.
 
     Args:
-        times: (n,) spikes of one train in any order, ms; NaN is none.
+        times: (n,) spikes of one train in any order, ms; NaN is ignored.
         tau: time constant, ms.
-        at: times t at which f is wanted, any shape, ms.
+        at: times t of the values, any shape, ms.
 
     Returns:
         f, the shape of ``at``.
 
     Raises:
-        ModelError: a value is not a number, or ``tau`` not positive.
+        ModelError: a value is not a number, or ``tau`` is not positive.
 
     Source: van Rossum, Neural Computation 13 (2001), "A novel spike distance".
     """
@@ -147,11 +148,11 @@ def van_rossum(times: npt.ArrayLike, tau: float, at: npt.ArrayLike) -> Floats:
 
 
 def _times(values: npt.ArrayLike) -> Floats:
-    """Spike times; NaN is none."""
-    found = numbers(values, "times")
-    if np.isinf(found).any():
+    """Return checked spike times; NaN stands for no spike."""
+    times = numbers(values, "times")
+    if np.isinf(times).any():
         raise ModelError("times has an infinite value, expected times, or NaN for no spike", path=("times",))
-    return found
+    return times
 
 
 def _list(values: Floats, name: str) -> Floats:

@@ -65,25 +65,25 @@ class Cochlea:
         self._states = [np.zeros((4, 2)) for _ in self._filters]
 
     def hear(self, sound: npt.ArrayLike) -> Floats:
-        """What the channels give of the next samples.
+        """Return the output of the channels for the next samples.
 
         Args:
             sound: samples, shape (samples,).
 
         Returns:
-            Half-waves, at least 0, shape (samples, channels).
+            half-waves, at least 0, shape (samples, channels).
 
         Raises:
-            ModelError: it is no row of finite numbers.
+            ModelError: `sound` is no row of finite numbers.
         """
         from scipy.signal import sosfilt
 
         samples = _row(sound)
-        heard = np.empty((len(samples), len(self._filters)))
+        output = np.empty((len(samples), len(self._filters)))
         if len(samples):
             for k, sections in enumerate(self._filters):
-                heard[:, k], self._states[k] = sosfilt(sections, samples, zi=self._states[k])
-        return np.maximum(heard, 0.0, out=heard)
+                output[:, k], self._states[k] = sosfilt(sections, samples, zi=self._states[k])
+        return np.maximum(output, 0.0, out=output)
 
 
 class HairCells:
@@ -115,27 +115,27 @@ class HairCells:
         self._v, self._until, self._sample = np.zeros(self.channels), np.zeros(self.channels, np.int64), 0
 
     def spikes(self, drive: npt.ArrayLike) -> tuple[Floats, Ints]:
-        """The spikes of the next samples.
+        """Return the spikes for the next samples.
 
         Args:
-            drive: what channels give, shape (samples, channels).
+            drive: output of channels, shape (samples, channels).
 
         Returns:
-            Times since the first sample of all in ms, ascending, and the channel of each.
+            times since the first sample of all in ms, ascending, and the channel of each.
 
         Raises:
-            ModelError: the drive is of another shape, or not finite.
+            ModelError: the drive has another shape, or is not finite.
         """
-        given = finite(drive, "drive")
-        if given.ndim != 2 or given.shape[1] != self.channels:
-            raise ModelError(f"drive: found the shape {given.shape}: expected (samples, {self.channels})")
-        fired = np.zeros(given.shape, dtype=np.bool_)
+        samples = finite(drive, "drive")
+        if samples.ndim != 2 or samples.shape[1] != self.channels:
+            raise ModelError(f"drive: found the shape {samples.shape}: expected (samples, {self.channels})")
+        fired = np.zeros(samples.shape, dtype=np.bool_)
         _integrate(
-            given, self._gain * (1.0 - self._keep), self._keep, self._rest, self._sample, self._v, self._until, fired
+            samples, self._gain * (1.0 - self._keep), self._keep, self._rest, self._sample, self._v, self._until, fired
         )
         sample, channel = fired.nonzero()
         times: Floats = (sample + self._sample + 1).astype(np.float64) * (1000.0 / self.rate)
-        self._sample += len(given)
+        self._sample += len(samples)
         return times, channel.astype(np.int64)
 
 
@@ -153,20 +153,21 @@ def _integrate(drive, gain, keep, rest, first, v, until, fired):  # type: ignore
 
 
 class MelBands:
-    """Logarithms of the energy in triangular bands, evenly spaced in mels, frame by frame; it hears a sound in pieces.
+    """Logarithmic energy in triangular bands, evenly spaced in mels, frame by frame, for a sound in pieces.
 
-    A frame sees the window that ends with it, so it needs no sample of the future. Before the first sample is silence.
+    The window of a frame ends with the frame, so no future sample is needed. The time before the first sample is
+    silent.
 
     Args:
-        rate: samples of a second, Hz.
+        rate: sampling rate, Hz.
         channels: bands, 1 to 1024.
-        low: where the lowest band begins, Hz.
-        high: where the highest band ends, Hz; half of the rate if not given.
-        window: of a frame, under a Hann window, ms.
-        hop: from frame to frame, ms.
+        low: lower end of the lowest band, Hz.
+        high: upper end of the highest band, Hz; by default half of the rate.
+        window: length of a frame's Hann window, ms.
+        hop: time from frame to frame, ms.
 
     Raises:
-        ModelError: a number is out of its bounds.
+        ModelError: a number is out of bounds.
     """
 
     def __init__(
@@ -199,22 +200,22 @@ class MelBands:
         self._seen = np.zeros(len(self._window))
 
     def hear(self, sound: npt.ArrayLike) -> Floats:
-        """The frames that end in the next samples.
+        """Return the frames that end in the next samples.
 
         Args:
             sound: samples, shape (samples,).
 
         Returns:
-            Levels in dB of a band's energy, -120 for silence, shape (frames, channels).
+            levels in dB of a band's energy, -120 for silence, shape (frames, channels).
 
         Raises:
-            ModelError: it is no row of finite numbers.
+            ModelError: `sound` is no row of finite numbers.
         """
-        seen, width = np.concatenate((self._seen, _row(sound))), len(self._window)
-        frames = (len(seen) - width) // self._step
+        samples, width = np.concatenate((self._seen, _row(sound))), len(self._window)
+        frames = (len(samples) - width) // self._step
         starts = self._step * (1 + np.arange(frames))
-        self._seen = seen[frames * self._step :]
-        power = np.abs(np.fft.rfft(seen[starts[:, None] + np.arange(width)] * self._window, self._bins, axis=1)) ** 2
+        self._seen = samples[frames * self._step :]
+        power = np.abs(np.fft.rfft(samples[starts[:, None] + np.arange(width)] * self._window, self._bins, axis=1)) ** 2
         energy = np.einsum("fb,bc->fc", power / (self._window**2).sum(), self._bands)  # each frame by itself
         levels: Floats = 10.0 * np.log10(energy + _SILENCE)
         return levels

@@ -104,7 +104,7 @@ def rank(r: npt.ArrayLike, ties: Literal["order", "dense"] = "order", window: fl
     return times.reshape(values.shape)
 
 
-_WIDTHS = 1.5  # Bohte's beta: fields are as wide as their distance over it
+_WIDTHS = 1.5  # Bohte's beta: the width of a field is the distance of fields divided by beta
 
 
 def rate(r: npt.ArrayLike, r_min: float, r_max: float, max_rate: float, min_rate: float = 0.0) -> Floats:
@@ -142,27 +142,27 @@ def population(
     max_rate: float,
     fields: Literal["gaussian", "cosine"] = "gaussian",
 ) -> Floats:
-    """Population code: each value excites n neurons, the more the nearer it is to the centres of their fields.
+    """Population code: each value excites n neurons, more strongly the nearer it is to the centre of a field.
 
-    Gaussian fields lie on a line: with the distance ``d = (r_max - r_min) / (n - 2)`` the centre of neuron i, from
-    0, is ``r_min + (i - 1/2) d``, and the standard deviation d / 1.5. Cosine fields lie on a circle, on which
-    ``r_min`` and ``r_max`` are one direction: neuron i prefers the angle ``2 pi i / n`` from it, and its rate is the
-    cosine of the angle to that, or 0 where it is negative.
+    Gaussian fields lie on a line: with the distance ``d = (r_max - r_min) / (n - 2)`` the centre of neuron i, from 0,
+    is ``r_min + (i - 1/2) d``, and the standard deviation is d / 1.5. Cosine fields lie on a circle, on which
+    ``r_min`` and ``r_max`` are one direction: neuron i prefers the angle ``2 pi i / n`` from that direction, and its
+    rate is the cosine of the angle between value and preference, or 0 if the cosine is negative.
 
     Args:
         r: values between ``r_min`` and ``r_max``, any shape and unit.
         n: neurons for each value, at least 3.
         r_min: the smallest value.
         r_max: the largest value.
-        max_rate: what a neuron gives for its field's centre, Hz.
+        max_rate: rate of a neuron at the centre of its field, Hz.
         fields: "gaussian" on a line or "cosine" on a circle.
 
     Returns:
-        Rates in Hz, the shape of ``r`` and an axis of n.
+        rates in Hz, the shape of ``r`` and an axis of n.
 
     Raises:
-        ModelError: a value is not a number, not ``r_min < r_max``, ``n`` or ``max_rate`` out of bounds, another
-            word for ``fields``, or a value outside of the range.
+        ModelError: a value is not a number or outside of the range, ``r_min`` is not below ``r_max``, ``n`` or
+            ``max_rate`` is out of bounds, or ``fields`` is another word.
 
     Source: gaussian: Bohte, La Poutre & Kok, IEEE Trans. Neural Networks 13 (2002); cosine: Georgopoulos,
         Schwartz & Kettner, Science 233 (1986).
@@ -188,21 +188,22 @@ _ROUNDING = 1e-9  # a product that is a whole number but for rounding is that nu
 
 
 def poisson(r: npt.ArrayLike, window: float, seed: int = 0) -> Floats:
-    """Poisson trains: the number of spikes has the law ``(lambda T)^k exp(-lambda T) / k!``, their times are uniform.
+    """Poisson trains: the number of spikes follows ``(lambda T)^k exp(-lambda T) / k!``, and spike times are uniform.
 
-    Mean and variance of the number are lambda T. One spike at most in a step h would not keep both: with the
+    Mean and variance of the number are lambda T. At most one spike in a step h would not keep both: with the
     probability lambda h the variance is (1 - lambda h) times the mean, with 1 - exp(-lambda h) the rate is too small.
 
     Args:
         r: rates, Hz, at least 0, any shape.
         window: length of the trains, ms.
-        seed: of the draws.
+        seed: seed of the draws.
 
     Returns:
-        Spike times in ms in [0, window), the shape of ``r`` and one more axis, each row in ascending order.
+        spike times in ms in [0, window), the shape of ``r`` and one more axis, each row in ascending order.
 
     Raises:
-        ModelError: a value is not finite, a rate below 0, ``window`` not positive, or too many spikes.
+        ModelError: a value is not finite, a rate is below 0, ``window`` is not positive, or there are too many
+            spikes.
 
     Source: thesis eq. 13, line 676, which lacks the T of its own words.
     """
@@ -302,10 +303,10 @@ def check_inside(values: Floats, r_min: float, r_max: float) -> None:
 
 
 def share(r: npt.ArrayLike, r_min: float, r_max: float) -> Floats:
-    """Where values lie between their bounds: 0 at ``r_min``, 1 at ``r_max``.
+    """Return the place of values between their bounds: 0 at ``r_min``, 1 at ``r_max``.
 
     Raises:
-        ModelError: not ``r_min < r_max``, or a value is NaN or outside of them.
+        ModelError: ``r_min`` is not below ``r_max``, or a value is NaN or outside of the bounds.
     """
     check_bounds(r_min, r_max)
     values = numbers(r, "r")
@@ -351,12 +352,12 @@ def pixel_spikes(
     rows, columns = shape[-2:]
     since = events.t - (events.t[0] if len(events.t) else 0) - round(start * 1000.0)
     at = np.floor_divide(since, round(step * 1000.0)).astype(np.int64)
-    seen = (at >= 0) if steps is None else (at >= 0) & (at < steps)
-    x, y = (np.asarray(each, dtype=np.int64)[seen] // scale for each in (events.x, events.y))
+    inside = (at >= 0) if steps is None else (at >= 0) & (at < steps)
+    x, y = (np.asarray(each, dtype=np.int64)[inside] // scale for each in (events.x, events.y))
     for k in np.flatnonzero((x >= columns) | (y >= rows))[:1]:
         message = f"an event at x = {x[k] * scale}, y = {y[k] * scale} px"
         raise ModelError(f"{message}: expected within the shape {list(shape)} at scale {scale}")
     neuron = y * columns + x
     if len(shape) == 3:
-        neuron = neuron + np.asarray(events.p, dtype=np.int64)[seen] * (rows * columns)
-    return at[seen], neuron
+        neuron = neuron + np.asarray(events.p, dtype=np.int64)[inside] * (rows * columns)
+    return at[inside], neuron

@@ -1,6 +1,6 @@
-"""Vectors to spikes: neurons with fields, which spike while what a vector says lies in their field.
+"""Encoders of vectors: neurons with fields, which spike while the vector lies in their field.
 
-Where noise of the spikes becomes noise of what is learnt from them, regular spikes teach faster than drawn ones.
+Noise of the spikes becomes noise of what is learnt from them, so regular spikes often teach faster than drawn ones.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ class Dimension:
     """One number of a vector.
 
     Attributes:
-        name: for messages.
-        states: how many values it has, 0 if it is continuous.
-        first: the smallest value of one that has `states`.
-        low, high: the bounds of one that is continuous, infinite where it has none.
-        whole: whether one that has no `states` takes whole numbers only, as a pixel of 8 bits.
+        name: name for messages.
+        states: number of values, 0 for a continuous dimension.
+        first: smallest value of a dimension with `states`.
+        low, high: bounds of a continuous dimension, infinite if it has none.
+        whole: True if a dimension without `states` takes whole numbers only, e.g. a pixel of 8 bits.
     """
 
     name: str = "dimension"
@@ -65,20 +65,20 @@ class Dimension:
 
     @property
     def bounded(self) -> bool:
-        """Whether its bounds are known."""
+        """True if both bounds are known."""
         return self.states > 0 or bool(np.isfinite(self.low) and np.isfinite(self.high))
 
 
 class Fields:
     """Base of the encoders of vectors.
 
-    A dimension without bounds has its middle and spread from `learn`; its fields widen beyond 2.5 deviations, so that
-    what has not been seen yet lies in one, too.
+    Dimensions without bounds get their middle and spread from `learn`. Beyond 2.5 deviations their fields widen, so
+    that every value lies in a field.
 
     Attributes:
-        dimensions: of the vectors.
-        size: how many neurons there are.
-        active: how many of them stand for a vector at a time.
+        dimensions: dimensions of the vectors.
+        size: number of neurons.
+        active: number of neurons that are active for a vector.
     """
 
     def __init__(self, dimensions: Sequence[Dimension], group: int) -> None:
@@ -108,12 +108,12 @@ class Fields:
         spread: Floats = self._ends[SPREAD]
         return spread
 
-    def learn(self, seen: Floats) -> None:
-        """Take middle and spread of unbounded dimensions from what was seen, (vectors, dimensions), at least two."""
+    def learn(self, vectors: Floats) -> None:
+        """Set middle and spread of unbounded dimensions from at least two vectors, (vectors, dimensions)."""
         for d, one in enumerate(self.dimensions):
-            if not one.bounded and len(seen) > 1:
-                self.middle[d] = seen[:, d].mean()
-                self.spread[d] = max(float(seen[:, d].std()), 1e-9)
+            if not one.bounded and len(vectors) > 1:
+                self.middle[d] = vectors[:, d].mean()
+                self.spread[d] = max(float(vectors[:, d].std()), 1e-9)
 
     def spikes(self, vectors: Floats, ticks: int, rng: np.random.Generator | None = None) -> tuple[Ints, Ints, Ints]:
         """Spikes of some vectors, each shown for so many ticks to a copy of the neurons.
@@ -272,7 +272,7 @@ class OneHot(_Grids):
 
 
 def _listed(one: Dimension) -> Dimension:
-    """A dimension with a state for each of its values."""
+    """Return a dimension with a state for each of its values."""
     if one.states:
         return one
     if not (one.whole and one.bounded):
@@ -333,8 +333,8 @@ class Population(Fields):
         cells, amounts = self.activity(vector)
         group = np.searchsorted(self._first, cells, side="right")
         order = np.lexsort((-amounts, group))
-        found: Ints = cells[order[np.unique(group[order], return_index=True)[1]]]
-        return found
+        most_active: Ints = cells[order[np.unique(group[order], return_index=True)[1]]]
+        return most_active
 
 
 FIELDS: Mapping[str, type[Fields]] = {"places": Places, "tiles": Tiles, "one_hot": OneHot, "population": Population}
@@ -345,12 +345,12 @@ _NONE = np.empty((0, 0, 0))
 
 @subkernel
 def _share(x: float, ends: Floats, d: int) -> float:
-    """Where a number of dimension d lies between its bounds, from 0 to 1."""
+    """Return the place of a number of dimension d between its bounds, from 0 to 1."""
     low, high = ends[LOW, d], ends[HIGH, d]
     if np.isfinite(low) and np.isfinite(high):
         share = (x - low) / (high - low) if high > low else 0.5
         return min(max(share, 0.0), 1.0)
-    # Beyond a few deviations fields widen: what has not been reached has a place, too.
+    # Beyond a few deviations fields widen, so that values not reached so far have a place, too.
     return float(0.5 + 0.5 * np.tanh((x - ends[MIDDLE, d]) / (REACH * ends[SPREAD, d])))
 
 
@@ -422,10 +422,10 @@ def _bells(
                     bells[j, i] = np.exp(-0.5 * (WIDTH * (at - (lowest[0, j] + i))) ** 2)
             combinations *= lowest[1, j]
         for k in range(combinations):
-            cell, amount, left = first[g], 1.0, k
+            cell, amount, rest = first[g], 1.0, k
             for j in range(member.shape[1]):
-                i = left % lowest[1, j]
-                left //= lowest[1, j]
+                i = rest % lowest[1, j]
+                rest //= lowest[1, j]
                 cell += stride[g, j] * (lowest[0, j] + i)
                 amount *= bells[j, i]
             if amount >= SILENT:
@@ -436,7 +436,7 @@ def _bells(
 
 @kernel
 def _bell_spikes(cells: Ints, amounts: Floats, last: int, draws: Floats, at: int, when: Ints, ids: Ints) -> int:
-    """Fill when and ids from entry `at` with the spikes of one vector, by tick, and return where they end."""
+    """Write the spikes of one vector into `when` and `ids` from entry `at`, by tick; return the end of the entries."""
     for tick in range(1, last + 1):
         for i in range(cells.size):
             amount = amounts[i] / PERIOD

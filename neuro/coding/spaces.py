@@ -48,7 +48,7 @@ def dimensions_of(space: gymnasium.Space[Any], name: str = "observation") -> lis
 
 
 def _named(space: spaces.Dict, name: str = "observation") -> list[tuple[str, gymnasium.Space[Any]]]:
-    """The parts of a Dict by key: spaces that are equal may hold them in another order."""
+    """Return the parts of a Dict by key, since equal spaces may have different orders."""
     for key in space.spaces:
         if not isinstance(key, str):
             raise ModelError(f"{name} space: the key {key!r} is of type {type(key).__name__}: expected a text")
@@ -70,18 +70,18 @@ def flat(space: gymnasium.Space[Any], found: Any, n: int = 0) -> Floats:
     Raises:
         ModelError: one has another form than the space says, or holds NaN.
     """
-    ahead = (n,) if n else ()
+    leading = (n,) if n else ()
     try:
         if type(space) is not spaces.Box and isinstance(space, (spaces.Dict, spaces.Tuple)):
-            vectors = np.concatenate([part.reshape(n or 1, -1) for part in _parts(space, found, ahead)], axis=1)
+            vectors = np.concatenate([part.reshape(n or 1, -1) for part in _parts(space, found, leading)], axis=1)
         else:
-            vectors = _array(space, found, ahead).reshape(n or 1, -1)
+            vectors = _array(space, found, leading).reshape(n or 1, -1)
         whole, vectors = vectors.dtype.kind in "biu", vectors.astype(np.float64)
     except (TypeError, ValueError, KeyError, IndexError, OverflowError):
-        listed = f"{n} of {space}, one for each environment" if n else f"one of {space}"
+        form_expected = f"{n} of {space}, one for each environment" if n else f"one of {space}"
         shape = getattr(found, "shape", None)
         form = type(found).__name__ if shape is None else f"an array of shape {list(shape)}"
-        raise ModelError(f"observation: found {form}: expected {listed}") from None
+        raise ModelError(f"observation: found {form}: expected {form_expected}") from None
     if whole:
         return vectors
     good = np.isfinite(vectors)
@@ -94,17 +94,17 @@ def flat(space: gymnasium.Space[Any], found: Any, n: int = 0) -> Floats:
 
 
 class States:
-    """Which numbers of an observation have states, and which these are.
+    """The numbers of an observation that have states, and their values.
 
     Args:
-        space: of one observation.
+        space: space of one observation.
     """
 
     def __init__(self, space: gymnasium.Space[Any]) -> None:
-        listed = [(d, one) for d, one in enumerate(dimensions_of(space)) if one.states]
-        self._space, self._at = space, [d for d, _ in listed]
-        self._first = np.array([one.first for _, one in listed])
-        self._count = np.array([one.states for _, one in listed])
+        with_states = [(d, one) for d, one in enumerate(dimensions_of(space)) if one.states]
+        self._space, self._at = space, [d for d, _ in with_states]
+        self._first = np.array([one.first for _, one in with_states])
+        self._count = np.array([one.states for _, one in with_states])
 
     def check(self, vectors: Floats) -> Floats:
         """The vectors, (observations, dimensions), as they are.
@@ -120,20 +120,20 @@ class States:
         return vectors
 
 
-def _parts(space: gymnasium.Space[Any], found: Any, ahead: tuple[int, ...]) -> Any:
+def _parts(space: gymnasium.Space[Any], value: Any, leading: tuple[int, ...]) -> Any:
     if isinstance(space, spaces.Dict):
         for key, part in _named(space):
-            yield from _parts(part, found[key], ahead)
+            yield from _parts(part, value[key], leading)
     elif isinstance(space, spaces.Tuple):
-        for part, one in zip(space.spaces, found, strict=True):
-            yield from _parts(part, one, ahead)
+        for part, one in zip(space.spaces, value, strict=True):
+            yield from _parts(part, one, leading)
     else:
-        yield _array(space, found, ahead)
+        yield _array(space, value, leading)
 
 
-def _array(space: gymnasium.Space[Any], found: Any, ahead: tuple[int, ...]) -> npt.NDArray[Any]:
-    array = np.asarray(found)
-    if array.shape != (*ahead, *(space.shape or ())):
+def _array(space: gymnasium.Space[Any], value: Any, leading: tuple[int, ...]) -> npt.NDArray[Any]:
+    array = np.asarray(value)
+    if array.shape != (*leading, *(space.shape or ())):
         raise ValueError
     return array
 
@@ -145,12 +145,12 @@ MOST = 64
 
 @dataclass(frozen=True)
 class Actions:
-    """What the neurons that spike mean.
+    """Actions from the spikes of circuits.
 
     Attributes:
         sizes: neurons of each circuit.
-        space: of the actions.
-        values: of a Box, what the neurons of each circuit stand for; of one of whole numbers the action is the nearest.
+        space: space of the actions.
+        values: numbers of a Box for the neurons of each circuit; a Box of whole numbers takes the nearest.
     """
 
     sizes: tuple[int, ...]
@@ -174,22 +174,22 @@ class Actions:
 
 
 def actions_of(space: gymnasium.Space[Any], levels: int, circuits: int = 1) -> Actions:
-    """The circuits for a space of actions.
+    """Return the circuits for a space of actions.
 
     Args:
-        space: of the actions.
+        space: space of the actions.
         levels: neurons of each circuit of a Box, between its bounds.
-        circuits: for each number of a Box, which is the mean of what they choose.
+        circuits: circuits for each number of a Box, which is the mean of their choices.
 
     Raises:
-        ModelError: it is of another kind, has no bounds, or needs more neurons than a circuit has.
+        ModelError: the space is of another kind, has no bounds, or needs more neurons than a circuit has.
     """
-    found = _actions(space, levels, circuits)
-    if max(found.sizes, default=0) > MOST:
-        raise ModelError(f"action space {space}: {max(found.sizes)} actions: expected at most {MOST}")
-    if not found.sizes:
+    actions = _actions(space, levels, circuits)
+    if max(actions.sizes, default=0) > MOST:
+        raise ModelError(f"action space {space}: {max(actions.sizes)} actions: expected at most {MOST}")
+    if not actions.sizes:
         raise ModelError(f"action space {space}: it is empty: expected {ACTIONS}")
-    return found
+    return actions
 
 
 def _actions(space: gymnasium.Space[Any], levels: int, circuits: int) -> Actions:

@@ -22,16 +22,16 @@ SOME = 500
 
 
 class RewardScale:
-    """What a reward is to the critic, from rewards of random moves.
+    """Scale of rewards for the critic, from rewards of random moves.
 
     Args:
-        discount: of the next reward.
-        scale: what a typical reward in each step, for ever, is to be worth.
+        discount: discount of the next reward.
+        scale: value of a typical reward in each step, for ever.
 
     Attributes:
-        factor: a reward times this is what the critic learns.
-        first: the value that all states have before anything is learnt.
-        known: whether the scale has been taken from a reward that is not 0.
+        factor: factor of a reward for the critic.
+        first: value of all states before learning.
+        known: True if the scale comes from a reward that was not 0.
     """
 
     def __init__(self, discount: float, scale: float = 1.0) -> None:
@@ -68,15 +68,15 @@ class RewardScale:
         self._level = 0.0
 
     def excess(self, values: Sequence[float], rewards: Floats) -> float:
-        """By which share rewards and values have to shrink after a control step, 1 if they need not.
+        """Return the factor by which rewards and values have to shrink after a control step, 1 for no change.
 
-        Random moves do not show what a good policy gets. So rewards shrink to half of MOST where values come to exceed
-        it, and to MOST where one reward alone does. Neurons for dopamine adapt to the range of rewards, too (Tobler,
+        Random moves do not show the rewards of a good policy. So rewards shrink to half of MOST when values exceed
+        MOST, and to MOST when one reward exceeds it. Dopamine neurons adapt to the range of rewards, too (Tobler,
         Fiorillo & Schultz, Science 307:1642, 2005).
 
         Args:
-            values: of the states, (copies,).
-            rewards: as the environments gave them, (copies,).
+            values: values of the states, (copies,).
+            rewards: rewards of the environments, (copies,).
         """
         # Of the few numbers of a control step, lists are faster than reductions of arrays.
         self._level += (sum(values) / len(values) - self._level) / SOME
@@ -171,10 +171,10 @@ class Novelty:
 
 
 class ErrorScale:
-    """Errors as they are, or brought to a size, so that one rate of learning fits any task.
+    """Errors, unscaled or brought to a size, so that one learning rate fits any task.
 
     Args:
-        size: root mean square of the errors on average; None: as they are.
+        size: mean root mean square of the errors; None for unscaled errors.
     """
 
     def __init__(self, size: float | None) -> None:

@@ -175,10 +175,10 @@ class Taught:
     """A teacher in use."""
 
     def join(self, encoders: Mapping[str, Shown]) -> None:
-        """See the encoders in use, by population, before anything is learnt.
+        """Connect to the encoders in use, by population, before learning.
 
         Raises:
-            ModelError: it needs another one.
+            ModelError: the teacher needs another encoder.
         """
 
     def begin(self, copies: int) -> None:
@@ -192,7 +192,7 @@ class Taught:
         raise NotImplementedError
 
     def of(self, values: Floats) -> Floats:
-        """Values of the signal that it takes as its own, (copies, 1) or (copies, numbers)."""
+        """Return the values of the signal for values of another signal, (copies, 1) or (copies, numbers)."""
         return values
 
     def share(self, moment: Moment) -> float:

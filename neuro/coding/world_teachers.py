@@ -150,13 +150,14 @@ class _TD(Taught):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class td(Teacher):
-    """The temporal-difference error of a critic: reward + discount V(now) - V(before), 0 at the begin of an episode.
+    """Temporal-difference error of a critic: reward + discount V(now) - V(before), 0 at the begin of an episode.
 
-    V is (mean spikes of a neuron of the critic in the step - rest) / gain. Where the reward has no scale of its own,
-    `worth` gives it one: a typical reward in each step, for ever, is worth that much, so that V stays where the
-    critic's neurons can say it; see `neuro.coding.values.RewardScale`. `novelty` adds a reward for what has seldom been
-    seen: (1 - discount) novelty / sqrt(n), averaged over the `places` that stand for the state, each of which has been
-    seen n times.
+    V is (mean spikes of a neuron of the critic in the step - rest) / gain. If the reward has no natural scale,
+    `worth` sets
+    one: a typical reward in each step, for ever, has that value, so that V stays within the range of the critic's
+        neurons;
+    see `neuro.coding.values.RewardScale`. `novelty` adds a reward for rare states: (1 - discount) novelty / sqrt(n),
+    averaged over the active neurons of `places`, where n is the number of times that a neuron has been active.
 
     Source: Sutton & Barto, Reinforcement Learning, 2nd ed., 2018, section 6.1; a critic of spiking neurons: Fremaux,
         Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013.

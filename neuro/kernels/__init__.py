@@ -1,1 +1,1 @@
-"""What the compiled backends share: how they compile, and keyed random numbers."""
+"""Compilation of kernels and keyed random numbers, for all compiled backends."""

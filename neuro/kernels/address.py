@@ -1,4 +1,4 @@
-"""Compiled functions that are called by their address, so that the caller need not be compiled anew for them."""
+"""Compiled functions called by address, so that a caller does not have to be compiled again for each of them."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,attr-defined,override,misc"
 from __future__ import annotations
@@ -81,7 +81,7 @@ def table_of(*parts: tuple[Sequence[Field], Mapping[str, NDArray[Any]]]) -> NDAr
 
 
 def row_of(field: Field, array: NDArray[Any]) -> list[int]:
-    """The row of a table for an array: its address and its shape."""
+    """Return the row of an array in a table of arrays: its address and its shape."""
     name, kind, ndim = field
     assert array.dtype == np.dtype(_TYPES[kind]), name
     assert array.ndim == ndim, name
@@ -118,7 +118,7 @@ class _Fields(AttributeTemplate):
 
 @lower_getattr_generic(Views)
 def _array(context, builder, views, table, name):
-    """The array of a field. Its row never changes while a kernel runs, so it may be read once and early."""
+    """Generate the array of a field; its row never changes while a kernel runs, so one early read suffices."""
 
     def entry(column):
         word = builder.load(builder.gep(table, [context.get_constant(types.intp, 4 * views.rows[name] + column)]))
@@ -138,7 +138,7 @@ def _array(context, builder, views, table, name):
 
 
 def pointer(context, builder, signature, arguments):
-    """What an intrinsic that makes `Views` of its first argument, a table or its address, generates."""
+    """Generate the pointer to the table of an intrinsic whose first argument is the table or its address."""
     if isinstance(signature.args[0], types.Integer):
         return builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
     return context.make_array(signature.args[0])(context, builder, arguments[0]).data
@@ -173,16 +173,17 @@ class Entry:
     model: Any = None
 
     @property
-    def kept(self) -> bool:
-        """Whether its machine code need not be compiled: it is there, or on disk."""
+    def is_compiled(self) -> bool:
+        """Return True if the machine code is in memory or on disk."""
         kernel = self.kernel
         return self.signature.args in kernel.overloads or kernel._cache.has(self.signature, kernel.targetctx)
 
     def address(self) -> int:
-        """Where its machine code lies, which is compiled or taken from what is kept.
+        """Return the address of the machine code; compile the kernel or load its code from disk.
 
         Raises:
-            ModelError: numba cannot compile the model's functions; it says why, and where if numba does.
+            ModelError: numba cannot compile the model's functions; the message has numba's reason, and the place if
+                known.
         """
         try:
             self.kernel.compile(self.signature)
@@ -196,12 +197,12 @@ class Entry:
         return address
 
 
-def _refused(model: Any, said: str) -> ModelError:
-    """What numba says of a model, without the way by which it came there."""
+def _refused(model: Any, message: str) -> ModelError:
+    """Return numba's error about a model without its call stack."""
     file = inspect.getfile(model.arithmetic)
-    reasons = [line for line in said.splitlines() if line.strip() and not line.startswith("Failed in")]
-    function = re.search(r"<function (?:\w+\.)*?(\w+)\.[0-9a-f]{32}", said)
-    line = re.search(re.escape(file.rpartition("/")[2]) + r'(?:", line |:| \()(\d+)', said)
+    reasons = [line for line in message.splitlines() if line.strip() and not line.startswith("Failed in")]
+    function = re.search(r"<function (?:\w+\.)*?(\w+)\.[0-9a-f]{32}", message)
+    line = re.search(re.escape(file.rpartition("/")[2]) + r'(?:", line |:| \()(\d+)', message)
     why = f"{function[1]}: {reasons[0].strip(' -')}" if function else reasons[0].strip(" -")
     return ModelError(
         f"{model.kind} '{model.__name__}' cannot be compiled: {why}",
@@ -214,14 +215,14 @@ def caller(result: Any, *arguments: Any) -> Any:
     """A compiled function (address, tuple of arguments) that calls what lies there; all types are of numbers."""
 
     @intrinsic
-    def call(typingctx, address, given):
+    def call(typingctx, address, values_of_call):
         def codegen(context, builder, signature, values):
             kinds = [context.get_value_type(kind) for kind in arguments]
             kind = ir.FunctionType(context.get_value_type(result), kinds)
-            found = zip(cgutils.unpack_tuple(builder, values[1]), signature.args[1], arguments, strict=True)
-            passed = [context.cast(builder, value, is_a, wanted) for value, is_a, wanted in found]
+            triples = zip(cgutils.unpack_tuple(builder, values[1]), signature.args[1], arguments, strict=True)
+            passed = [context.cast(builder, value, kind, target) for value, kind, target in triples]
             return builder.call(builder.inttoptr(values[0], kind.as_pointer()), passed)
 
-        return result(types.int64, given), codegen
+        return result(types.int64, values_of_call), codegen
 
     return call

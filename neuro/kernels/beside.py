@@ -1,7 +1,7 @@
-"""Kernels that compile side by side: a second process takes some of them, and what it compiles is kept.
+"""Compilation of kernels in two processes, this one and a helper.
 
-Numba compiles one thing at a time in a process. The other process is handed one kernel after the other, the last of
-those that are left, while this one takes the first; whatever becomes of it, this one compiles what is not kept then.
+Numba compiles one function at a time in a process. The helper gets one kernel after the other, the last of the queue,
+while this process takes the first. If the helper fails, this process compiles whatever is missing.
 """
 
 # mypy: disable-error-code="no-untyped-call"
@@ -31,29 +31,29 @@ Asked: TypeAlias = Callable[[], Entry]
 """Gives an entry, the same one each time; can be pickled where its model is of the package."""
 
 
-def addresses(asked: Sequence[Asked]) -> list[int]:
-    """Where the machine code of some entries lies; what is not kept is compiled.
+def addresses(makers: Sequence[Asked]) -> list[int]:
+    """Return the addresses of some entries; missing machine code is compiled.
 
     Raises:
         ModelError: see `Entry.address`.
     """
-    left = deque(each for each in asked if not each().kept)
-    if len(left) > 1 and _has_room():
-        with _beside(left):
-            while left:
-                left.popleft()().address()
-    return [each().address() for each in asked]
+    to_compile = deque(each for each in makers if not each().is_compiled)
+    if len(to_compile) > 1 and _helper_pays():
+        with _helper(to_compile):
+            while to_compile:
+                to_compile.popleft()().address()
+    return [each().address() for each in makers]
 
 
-def _has_room() -> bool:
-    """Whether another process would help: it has a core, what it compiles is found, and it would compile the same."""
+def _helper_pays() -> bool:
+    """Return True if a helper saves time: a core is free, the cache can be written, and both compile the same code."""
     alone = compile_report.REPORTED in os.environ and not compile_report.here
     return usable_cores() > 1 and folder() is not None and not _config.BOUNDSCHECK and not alone
 
 
 @contextmanager
-def _beside(left: deque[Asked]) -> Iterator[None]:
-    """Let another process compile the last of those that are left, too; at the end it is waited for."""
+def _helper(queue: deque[Asked]) -> Iterator[None]:
+    """Let a helper compile from the end of the queue, too; wait for it at the end."""
     began, paths = compile_report.begin(), [os.path.abspath(path) for path in sys.path]
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "neuro.kernels.beside"],
@@ -63,8 +63,8 @@ def _beside(left: deque[Asked]) -> Iterator[None]:
         env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
         process_group=0,
     )
-    done: list[Asked] = []
-    thread = Thread(target=_hand_out, args=(process, left, done), daemon=True)
+    compiled: list[Asked] = []
+    thread = Thread(target=_hand_out, args=(process, queue, compiled), daemon=True)
     thread.start()
     try:
         yield
@@ -72,19 +72,19 @@ def _beside(left: deque[Asked]) -> Iterator[None]:
     finally:
         process.kill()
         process.communicate()
-        compile_report.end(began, len(done))
+        compile_report.end(began, len(compiled))
 
 
-def _hand_out(process: subprocess.Popen[bytes], left: deque[Asked], done: list[Asked]) -> None:
-    """Hand out one after the other until none is left, or the process has ended."""
+def _hand_out(process: subprocess.Popen[bytes], queue: deque[Asked], compiled: list[Asked]) -> None:
+    """Hand out one kernel after the other until the queue is empty or the helper has ended."""
     assert process.stdin is not None
     assert process.stdout is not None
     with suppress(IndexError, OSError, ValueError):
         while True:
-            each = left.pop()
+            each = queue.pop()
             try:
                 job = pickle.dumps(each)
-            except Exception:  # a model that another process cannot import: this one compiles it at the end
+            except Exception:  # the helper cannot import the model, so this process compiles the kernel at the end
                 continue
             process.stdin.write(base64.b64encode(job) + b"\n")
             process.stdin.flush()
@@ -92,7 +92,7 @@ def _hand_out(process: subprocess.Popen[bytes], left: deque[Asked], done: list[A
             if not answer:
                 return
             if answer == _DONE:
-                done.append(each)
+                compiled.append(each)
 
 
 _DONE = b"done\n"

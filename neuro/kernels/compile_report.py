@@ -20,21 +20,23 @@ _kernels = 0
 _seconds = 0.0
 
 
-def begin(kept: bool = True) -> tuple[float, float]:
-    """Something has to be compiled, which takes a while; return from when it counts."""
+def begin(cached: bool = True) -> tuple[float, float]:
+    """Report once that kernels are compiled; return the start of the measurement."""
     global here
     if REPORTED not in os.environ:
         if not here:
             atexit.register(_sum_up)
         here = True
         os.environ[REPORTED] = "1"
-        way_out = "" if kept else "; they cannot be kept, as no cache folder can be written: set XDG_CACHE_HOME to one"
+        way_out = (
+            "" if cached else "; they cannot be kept, as no cache folder can be written: set XDG_CACHE_HOME to one"
+        )
         print(f"neuro: compiling kernels for this machine, once{way_out}", file=sys.stderr, flush=True)
     return time.perf_counter(), _seconds
 
 
 def end(began: tuple[float, float], kernels: int = 1) -> None:
-    """It is done. What was compiled meanwhile for it, or beside it, took no time of its own."""
+    """Add the time since `begin`. Compilation by others in the meantime is not counted twice."""
     global _kernels, _seconds
     _kernels += kernels
     _seconds = began[1] + time.perf_counter() - began[0]

@@ -35,7 +35,7 @@ def mix(z):
 
 @subkernel
 def step_word(key, step):
-    """What all draws of one part in one step have in common."""
+    """Return the common word of all draws of one part in one step."""
     return mix(key + np.uint64(step) * _STEP)
 
 
@@ -83,7 +83,7 @@ def words_of(base, first, words):
 
 @subkernel
 def poisson_by_table(words, guide, cumulative, counts):
-    """Of each word the count of entries of `cumulative` up to its uniform number: its first bits nearly always tell."""
+    """Count the entries of `cumulative` up to each word's uniform number; the first bits nearly always decide."""
     for k in range(words.size):
         counts[k] = words[k] >> _GUIDE  # in a loop of its own, which lanes do
     for k in range(words.size):
@@ -103,18 +103,18 @@ def _count(word, m, cumulative):
 
 
 def guide_to(cumulative: NDArray[np.float64]) -> NDArray[np.uint16]:
-    """What the first bits of a word tell of its count: the guide of `poisson_by_table`."""
+    """Return the guide of `poisson_by_table`: the count for the first bits of a word, or a lower bound of it."""
     least, most = (np.searchsorted(cumulative, ends, side=side) for ends, side in _CELLS)
     return (least + UNSURE * (least < most)).astype(np.uint16)
 
 
 @subkernel
-def poisson_by_sum(base, neuron, mean, nothing):
-    """The same number, summing the probabilities; `nothing` is exp(-mean)."""
+def poisson_by_sum(base, neuron, mean, none_probability):
+    """Return the same number by summing the probabilities; `none_probability` is exp(-mean)."""
     u = uniform(base, neuron)
     m = 0
-    term = nothing
-    total = nothing
+    term = none_probability
+    total = none_probability
     while u >= total:
         m += 1
         term = term * (mean / m)

@@ -18,7 +18,7 @@ _WORD, _BYTE = ir.IntType(64), ir.IntType(8)
 
 
 def _at(context, builder, kind, array, first, lanes):
-    """The address of neighbouring items of a flat array from one on, and their type."""
+    """Generate the address of neighbouring items of a flat array, and their type."""
     items = ir.VectorType(context.get_data_type(kind.dtype), lanes)
     view = context.make_array(kind)(context, builder, array)
     return builder.bitcast(builder.gep(view.data, [first]), items.as_pointer()), items
@@ -87,7 +87,7 @@ def lowest(typingctx, word):
 
 @intrinsic
 def bits_of(typingctx, word):
-    """How many bits of a word are 1."""
+    """Return the number of bits of a word that are 1."""
 
     def codegen(context, builder, signature, arguments):
         return builder.call(_function(builder, "llvm.ctpop.i64", _WORD, _WORD), [arguments[0]])
@@ -145,16 +145,16 @@ def moved(typingctx, array, first):
 
     def codegen(context, builder, signature, arguments):
         kind, start = signature.args[0], context.cast(builder, arguments[1], signature.args[1], types.intp)
-        given = context.make_array(kind)(context, builder, arguments[0])
+        source = context.make_array(kind)(context, builder, arguments[0])
         view = context.make_array(kind)(context, builder)
-        size = builder.add(builder.extract_value(given.shape, 0), start)
-        stride = builder.extract_value(given.strides, 0)
+        size = builder.add(builder.extract_value(source.shape, 0), start)
+        stride = builder.extract_value(source.strides, 0)
         populate_array(
             view,
-            data=builder.gep(given.data, [builder.neg(start)]),
+            data=builder.gep(source.data, [builder.neg(start)]),
             shape=[size],
             strides=[stride],
-            itemsize=given.itemsize,
+            itemsize=source.itemsize,
             meminfo=None,
         )
         return view._getvalue()

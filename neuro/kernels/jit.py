@@ -1,4 +1,4 @@
-"""How kernels compile: all of them here, with one cache that any change of what they are made of leaves behind."""
+"""Compilation of all kernels, with one cache that is invalidated by any change of a kernel's dependencies."""
 
 from __future__ import annotations
 
@@ -35,50 +35,50 @@ def must_compile(backend: str) -> None:
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile an entry point: Python calls it, other kernels may, and its machine code is kept on disk.
+    """Compile an entry point for Python and other kernels, with machine code on disk.
 
-    Kernels allocate nothing, so numba's reference counting, which costs more than a small network, is off.
+    Kernels allocate no memory, so numba's reference counting, which costs more than a small network, is off.
     """
-    return _kept(_njit(error_model="numpy", nogil=True, _nrt=False)(_named(function)))
+    return _cached(_njit(error_model="numpy", nogil=True, _nrt=False)(_with_unique_name(function)))
 
 
 def allocating(function: Callable[..., Any]) -> Any:
     """Compile an entry point that makes arrays of its own."""
-    return _kept(_njit(error_model="numpy", nogil=True)(_named(function)))
+    return _cached(_njit(error_model="numpy", nogil=True)(_with_unique_name(function)))
 
 
-def _named(function: F) -> F:
-    """Give a function a name that no other process gives.
+def _with_unique_name(function: F) -> F:
+    """Give a function a name that is unique among processes.
 
-    Numba numbers functions of one name within a process only. Two functions of one factory, kept by two processes,
+    Numba numbers functions of one name within a process only. Two functions of one factory, cached by two processes,
     could have the same symbol, and one would be called for the other.
     """
     function.__qualname__ = f"{function.__qualname__}.{_PROCESS}"
     return function
 
 
-def _kept(dispatcher: Any) -> Any:
+def _cached(dispatcher: Any) -> Any:
     dispatcher._cache = KernelCache(dispatcher)
     return dispatcher
 
 
 def subkernel(function: Callable[..., Any]) -> Any:
     """Compile a function that only other kernels call."""
-    return _njit(error_model="numpy", _nrt=False, **_PART)(_named(function))
+    return _njit(error_model="numpy", _nrt=False, **_PART)(_with_unique_name(function))
 
 
 def inlined(function: Callable[..., Any]) -> Any:
     """Compile a function that is always inlined into its callers: for the few in the innermost loops."""
-    return _njit(error_model="numpy", _nrt=False, forceinline=True, **_PART)(_named(function))
+    return _njit(error_model="numpy", _nrt=False, forceinline=True, **_PART)(_with_unique_name(function))
 
 
 @cache
 def compiled(function: FunctionType, how: Callable[[Callable[..., Any]], Any] = subkernel) -> Any:
-    """Compile a model's plain function; the plain functions that it calls, or hands on, are inlined into it."""
+    """Compile a model's plain function; plain functions that it calls or passes on are inlined."""
     scope = dict(function.__globals__)
     for name in function.__code__.co_names:
-        called = scope.get(name)
-        if isinstance(called, FunctionType):
-            scope[name] = compiled(called, inlined)
+        callee = scope.get(name)
+        if isinstance(callee, FunctionType):
+            scope[name] = compiled(callee, inlined)
     twin = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
     return how(twin)

@@ -1,14 +1,14 @@
-"""Where machine code is kept: a file for each kernel and types of arguments, named by all that it follows from.
+"""Machine code on disk: a file for each kernel and types of arguments, named by a digest of all dependencies.
 
-A file is written aside and moved into place, and never changed: any number of processes may compile at once. It begins
-with a digest of its name and of the rest: what a disk has changed since would end the process, or compute something
-else, and is compiled anew. No index says what there is. What has not been used for longest goes when there is too much.
+A file is written elsewhere and moved into place, and never changes, so any number of processes may compile at once.
+The file begins with a digest of its name and content. Code damaged on disk could end the process or compute wrong
+numbers; a wrong digest makes the kernel compile again. There is no index. If the folder is too large, the files
+unused for the longest time are removed.
 
-The name has a digest: if anything changes that the code follows from, so does the digest. A kernel's code rests on its
-own bytecode, on the values of all globals that it reads, on all kernels that it calls, however far away their sources
-are, on how it is compiled, and on which compiler makes it for which processor. Values and bytecode are looked at, not
-files: an edited comment compiles nothing, and a function without a file counts, too. Two files alone are read: those
-that say how kernels are compiled.
+The name changes with any dependency of the code: the kernel's bytecode, the values of all globals that it reads, all
+kernels that it calls, directly or not, the options of compilation, the compiler and the processor. Values and
+bytecode count, not files, so an edited comment compiles nothing, and functions without a file count, too. Only two
+source files are read: those that define the compilation.
 """
 
 # mypy: disable-error-code="no-untyped-call,attr-defined"
@@ -52,7 +52,7 @@ _DIGEST = hashlib.sha256().digest_size
 
 
 class KernelCache:
-    """The machine code of one kernel on disk, as numba's dispatcher asks for it."""
+    """Machine code of one kernel on disk, with the interface of numba's dispatcher."""
 
     def __init__(self, kernel: Any) -> None:
         self._kernel = kernel
@@ -75,11 +75,11 @@ class KernelCache:
                 if self._kernel.targetoptions.get("_nrt", True):
                     target.refresh()  # for what allocates; it imports most of numba
                 return _result._rebuild(target, *parts)
-        self._began = compile_report.begin(kept=place is not None)
+        self._began = compile_report.begin(cached=place is not None)
         return None
 
     def has(self, signature: Any, target: Any) -> bool:
-        """Whether there is machine code for these types of arguments, be it damaged."""
+        """Return True if a file with machine code for these types of arguments exists, also if it is damaged."""
         place = self._file(signature, target)
         return place is not None and place.exists()
 
@@ -109,9 +109,9 @@ class KernelCache:
 
 @cache
 def folder() -> Path | None:
-    """Where machine code is kept: in the user's cache, else in the temporary folder; None if neither can be written.
+    """Return the folder of machine code, in the user's cache or the temporary folder; None if neither can be written.
 
-    What lies there is run, so it must be a folder of this user into which no other user can write, and no link to one.
+    Its content is executed, so the folder must belong to this user, be writable for no other, and be no link.
     """
     for place in _places():
         try:
@@ -134,12 +134,12 @@ def _places() -> Iterator[Path]:
 
 
 def _digest(name: str, content: bytes) -> bytes:
-    """Of what a file of a name holds: of another kernel's file under this name it is another."""
+    """Return the digest of a file's name and content, so that a renamed file is invalid."""
     return hashlib.sha256(name.encode() + b"/" + content).digest()
 
 
 def _read(place: Path) -> bytes | None:
-    """What was written to a file; None where there is none, or not that to the bit."""
+    """Return the content of a file; None if the file is missing or damaged."""
     try:
         whole = place.read_bytes()
         os.utime(place)
@@ -160,22 +160,22 @@ def _write(place: Path, content: bytes) -> None:
 
 
 def _clear(place: Path, room: int) -> None:
-    """Remove machine code that has not been used for longest, until the rest takes at most so many bytes.
+    """Remove the machine code unused for the longest time, until the rest takes at most so many bytes.
 
-    What killed processes left half-written goes after a day; files of other names stay.
+    Partial files of killed processes are removed after a day; files with other names stay.
     """
-    kept = []
+    files = []
     with os.scandir(place) as entries:
         for entry in entries:
-            found = _OURS.fullmatch(entry.name)
-            if found is None or not entry.is_file(follow_symlinks=False):
+            match = _OURS.fullmatch(entry.name)
+            if match is None or not entry.is_file(follow_symlinks=False):
                 continue
             state = entry.stat(follow_symlinks=False)
-            if found[1] is None:
-                kept.append((state.st_mtime, state.st_size, entry.path))
+            if match[1] is None:
+                files.append((state.st_mtime, state.st_size, entry.path))
             elif state.st_mtime < time.time() - _DAY_S:
                 Path(entry.path).unlink(missing_ok=True)
-    for _, size, path in sorted(kept, reverse=True):
+    for _, size, path in sorted(files, reverse=True):
         room -= size
         if room < 0:
             Path(path).unlink(missing_ok=True)
@@ -189,15 +189,15 @@ _KNOWN_BY_NAME = {"numba", "numpy", *sys.stdlib_module_names}
 
 
 def digest(kernel: Any, arguments: tuple[Any, ...], target: Any) -> str:
-    """What the machine code of a kernel for these types of arguments follows from.
+    """Return a digest of all dependencies of a kernel's machine code for these types of arguments.
 
     Args:
-        kernel: as `numba.njit` returns it.
+        kernel: a function compiled by `numba.njit`.
         arguments: numba's types.
-        target: the target context of numba for which it is compiled.
+        target: target context of numba.
 
     Raises:
-        TypeError: the kernel reads a global of which it is not known how it acts on the code.
+        TypeError: the kernel reads a global of an unsupported type.
     """
     numbers = {kernel: 0}
     parts: list[object] = [_COMPILER, target.codegen().magic_tuple(), _config.BOUNDSCHECK, _config.OPT]
@@ -205,12 +205,12 @@ def digest(kernel: Any, arguments: tuple[Any, ...], target: Any) -> str:
     parts += [_typed(kind) for kind in arguments]
     waiting = [kernel]
     for each in waiting:
-        reads, called = _own(each)
-        for other in called:
+        reads, callees = _own(each)
+        for other in callees:
             if other not in numbers:
                 numbers[other] = len(numbers)
                 waiting.append(other)
-        parts.append((reads, [numbers[other] for other in called]))
+        parts.append((reads, [numbers[other] for other in callees]))
     return _hashed(parts)[:32]
 
 
@@ -228,37 +228,37 @@ def _typed(kind: Any) -> object:
 
 @cache
 def _own(kernel: Any) -> tuple[str, list[Any]]:
-    """What a kernel or a plain function itself says and reads, as a digest; and those that it calls."""
-    called: list[Any] = []
+    """Return a digest of a function's own content and globals, and the functions that it calls."""
+    callees: list[Any] = []
     if isinstance(kernel, FunctionType):
-        return _hashed(_said(kernel, called)), called
-    return _hashed([sorted(kernel.targetoptions.items()), *_said(kernel.py_func, called)]), called
+        return _hashed(_content(kernel, callees)), callees
+    return _hashed([sorted(kernel.targetoptions.items()), *_content(kernel.py_func, callees)]), callees
 
 
-def _said(function: FunctionType, called: list[Any]) -> list[object]:
-    """All that a function is made of; the kernels and functions among it are added to `called`."""
+def _content(function: FunctionType, callees: list[Any]) -> list[object]:
+    """Return the content of a function; kernels and functions among its globals are added to `callees`."""
     parts: list[object] = [function.__defaults__, function.__kwdefaults__]
     codes = list(_codes(function.__code__))
     words = [word for code in codes for word in code.co_names]
     for cell in function.__closure__ or ():
         for name, value in _followed("closure", cell.cell_contents, words):
-            parts.append((name, _value(function, name, value, called)))
+            parts.append((name, _value(function, name, value, callees)))
     for code in codes:
-        said = [
+        constants = [
             sorted(map(repr, c)) if isinstance(c, frozenset) else c  # a set in the same order in every process
             for c in code.co_consts
             if not isinstance(c, CodeType) and c != function.__doc__
         ]
-        parts += [code.co_code, code.co_exceptiontable, code.co_flags, code.co_varnames, code.co_names, said]
+        parts += [code.co_code, code.co_exceptiontable, code.co_flags, code.co_varnames, code.co_names, constants]
     scope = function.__globals__
     for word in dict.fromkeys(word for word in words if word in scope):
         for name, value in _followed(word, scope[word], words):
-            parts.append((name, _value(function, name, value, called)))
+            parts.append((name, _value(function, name, value, callees)))
     return parts
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
-    """A function's code and those of the functions in it."""
+    """Yield a function's code and the code of functions inside of it."""
     yield code
     for inside in code.co_consts:
         if isinstance(inside, CodeType):
@@ -266,9 +266,9 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _followed(name: str, value: Any, words: list[str]) -> Iterator[tuple[str, Any]]:
-    """A value, and of a module all that a function of these words may read of it, through modules in modules.
+    """Yield a value, and for a module the attributes that a function with these words may read, through nested modules.
 
-    Modules that numba knows by name are not looked into.
+    Modules that numba knows by name are not followed.
     """
     yield name, value
     seen, waiting = {math, np}, [(name, value)]
@@ -278,23 +278,23 @@ def _followed(name: str, value: Any, words: list[str]) -> Iterator[tuple[str, An
         seen.add(module)
         for word in dict.fromkeys(words):
             if hasattr(module, word):
-                found = f"{path}.{word}", getattr(module, word)
-                yield found
-                waiting.append(found)
+                attribute = f"{path}.{word}", getattr(module, word)
+                yield attribute
+                waiting.append(attribute)
 
 
-def _value(function: FunctionType, name: str, value: Any, called: list[Any]) -> object:
-    """How a global acts on the machine code; kernels and functions are added to `called`."""
+def _value(function: FunctionType, name: str, value: Any, callees: list[Any]) -> object:
+    """Return the effect of a global on the machine code; kernels and functions are added to `callees`."""
     match value:
         case Dispatcher():
-            called.append(value)
+            callees.append(value)
             return "kernel"
         case Intrinsic():
             return _intrinsic(value._defn)
         case None | bool() | int() | float() | complex() | str() | bytes() | np.generic():
             return type(value).__name__, repr(value)
         case tuple() | list():
-            return type(value).__name__, [_value(function, name, item, called) for item in value]
+            return type(value).__name__, [_value(function, name, item, callees) for item in value]
         case np.ndarray():
             return str(value.dtype), value.shape, value.tobytes()
         case ModuleType():
@@ -302,7 +302,7 @@ def _value(function: FunctionType, name: str, value: Any, called: list[Any]) -> 
         case type():
             return value.__module__, value.__qualname__, getattr(value, "_fields", ())
         case FunctionType() if value.__module__.partition(".")[0] not in _KNOWN_BY_NAME:
-            called.append(value)
+            callees.append(value)
             return "function"
         case FunctionType() | BuiltinFunctionType():
             return value.__module__, value.__qualname__
@@ -315,14 +315,14 @@ def _value(function: FunctionType, name: str, value: Any, called: list[Any]) -> 
 
 
 def _intrinsic(definition: FunctionType) -> object:
-    """Code that writes machine code: its module's whole source counts, and what it closes over of numbers and types."""
+    """Return the identity of a code generator: the source of its module, and numbers and types in its closure."""
     closed = [cell.cell_contents for cell in definition.__closure__ or ()]
-    known = [
+    simple_values = [
         _typed(v) if isinstance(v, types.Type) else repr(v)
         for v in closed
         if isinstance(v, int | str | tuple | types.Type)
     ]
-    return definition.__qualname__, _source(definition.__code__.co_filename), definition.__code__.co_code, known
+    return definition.__qualname__, _source(definition.__code__.co_filename), definition.__code__.co_code, simple_values
 
 
 @cache

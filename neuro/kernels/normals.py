@@ -1,7 +1,8 @@
 """NumPy's normal numbers, bit for bit those of `Generator(PCG64).normal`, several times as fast.
 
-Words: O'Neill, PCG, HMC-CS-2014-0905, 2014 (PCG XSL RR 128/64). They are made for four neighbours at a time, none of
-which waits for another. Normal numbers: Marsaglia & Tsang, J. Stat. Softw. 5(8), 2000, with NumPy's tables.
+Words: O'Neill, PCG, HMC-CS-2014-0905, 2014 (PCG XSL RR 128/64). Words are generated for four neighbours at a time,
+    none
+of which waits for another. Normal numbers: Marsaglia & Tsang, J. Stat. Softw. 5(8), 2000, with NumPy's tables.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,call-arg,misc,unreachable"
@@ -103,7 +104,7 @@ def _uniform(stream):
 
 @subkernel
 def _beyond(stream, level, fraction, x):
-    """What becomes of a number outside its level's rectangle, and whether it is taken."""
+    """Return the number for a draw outside its level's rectangle, and True if the number is accepted."""
     if level > 0:
         here = (_FI[level - 1] - _FI[level]) * _uniform(stream) + _FI[level]
         return x, here < np.exp(-0.5 * x * x)
@@ -117,14 +118,14 @@ def _beyond(stream, level, fraction, x):
 @subkernel
 def _fill_all(stream, values, mean, std):
     """Fill with numbers, of whatever size."""
-    done = np.uint64(0)
+    filled = np.uint64(0)
     size = np.uint64(values.size)
-    while done < size:
+    while filled < size:
         if stream[_AT] == _WORDS:
             _refill(stream)
-        first = np.uint64(_HEAD) + stream[_AT] - done
-        end = min(size, done + np.uint64(_WORDS) - stream[_AT])
-        k = done
+        first = np.uint64(_HEAD) + stream[_AT] - filled
+        end = min(size, filled + np.uint64(_WORDS) - stream[_AT])
+        k = filled
         while k < end:
             word = stream[first + k]
             level = word & _LEVEL
@@ -134,18 +135,18 @@ def _fill_all(stream, values, mean, std):
             if fraction >= _KI[level]:
                 break
             k += _ONE
-        stream[_AT] += k - done
-        done = k
+        stream[_AT] += k - filled
+        filled = k
         if k < end:
             stream[_AT] += _ONE
-            x, taken = _beyond(stream, np.int64(level), fraction, -x if word & _SIGN else x)
-            if taken:
+            x, accepted = _beyond(stream, np.int64(level), fraction, -x if word & _SIGN else x)
+            if accepted:
                 values[k] = mean + std * x + 0.0
-                done += _ONE
+                filled += _ONE
 
 
 @kernel
-def _fill(stream, values, mean, std, low, high, outside, again):
+def _fill(stream, values, mean, std, low, high, outside, redrawn):
     _fill_all(stream, values, mean, std)
     n = 0
     for k in range(values.size):
@@ -159,11 +160,11 @@ def _fill(stream, values, mean, std, low, high, outside, again):
     for _ in range(TRIES):
         if n == 0:
             return True
-        _fill_all(stream, again[:n], mean, std)
-        left = 0
+        _fill_all(stream, redrawn[:n], mean, std)
+        remaining = 0
         for j in range(n):
-            values[outside[j]] = again[j]
-            outside[left] = outside[j]
-            left += (again[j] < low) | (again[j] > high)
-        n = left
+            values[outside[j]] = redrawn[j]
+            outside[remaining] = outside[j]
+            remaining += (redrawn[j] < low) | (redrawn[j] > high)
+        n = remaining
     return False

@@ -1,8 +1,8 @@
-"""All names that numba and llvmlite keep to themselves and that this project uses; no other module imports any.
+"""All private names of numba and llvmlite that this project uses; no other module imports any.
 
-Numba may rename them in any minor release, so `pyproject.toml` bounds its version above the last one that was tested,
-and `missing` names what has disappeared. What takes long to import is imported where it is used: a start at which all
-machine code is kept needs none of it.
+Numba may rename them in any minor release, so `pyproject.toml` bounds its version above the last tested one, and
+`missing` returns the names that have disappeared. Modules that take long to import are imported on use, since a start
+with all machine code on disk needs none of them.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,misc"
@@ -132,7 +132,7 @@ def _as_it_is(context: Any, builder: Any, kind: Any, index: Any, size: Any) -> A
 
 
 class _NoAddress:
-    """Where numba puts the Python constants of a function: machine code reads none, as kernels make no objects."""
+    """Numba's place for the Python constants of a function; kernels make no objects, so machine code reads none."""
 
     @staticmethod
     def set_env(name, environment):

@@ -222,7 +222,7 @@ class ClosedLoop:
         return (self._begun[0], self._begun[1]), self._explored
 
     def go_on(self, arrays: Mapping[str, Any], begun: tuple[int, int, bool] | None = None) -> None:
-        """Go on from what `arrays` gave, if that is anything; else from what has `begun` before."""
+        """Continue from the arrays of a checkpoint; without any, from the counts in `begun`."""
         if arrays:
             self.steps, *self._begun = (int(each) for each in arrays["counts"][:3])
             self._explored = bool(arrays["counts"][3])

@@ -158,24 +158,24 @@ _GIVE_UP = signal.SIGURG
 
 
 class Environments:
-    """Episodes side by side. One that has ended stays at its last observation for a step, then another begins.
+    """Parallel episodes. An episode that has ended shows its last observation for a step; then another begins.
 
     Args:
         env: an environment, or a vector of environments.
-        patience: seconds within which it must answer.
+        patience: seconds within which the environment must answer.
 
     Attributes:
-        name: of the environment.
-        options: with which gymnasium made it, as far as they are plain data.
-        n: how many episodes there are at a time.
-        observations: the space of one observation.
-        actions: that of one action.
-        over: which of them have ended and begin anew at the next step.
-        found: the last observation, or the last ones, as the environment gave them.
-        infos: what it said beside them, one for each.
+        name: name of the environment.
+        options: options with which gymnasium made the environment, if they are plain data.
+        n: number of parallel episodes.
+        observations: space of one observation.
+        actions: space of one action.
+        over: True for each episode that has ended and restarts at the next step.
+        found: last observation of the environment, or observations of the vector.
+        infos: last info of each episode.
 
     Raises:
-        ModelError: it is no environment.
+        ModelError: `env` is no environment.
     """
 
     def __init__(self, env: Any, patience: float = 60.0) -> None:
@@ -207,15 +207,14 @@ class Environments:
         return self._vectors(answer)
 
     def step(self, actions: npt.NDArray[Any] | list[Any], seeds: Sequence[int]) -> tuple[Floats, Floats, Bools, Bools]:
-        """One step of each; of those that are over the first observation of the next episode.
+        """Take one step in each episode; an episode that is over returns the first observation of the next one.
 
         Args:
-            actions: one for each, of those that are over any.
-            seeds: of the next episode of each that is over; vectors choose their own.
+            actions: one for each episode; those of episodes that are over are ignored.
+            seeds: seeds of the next episodes; vectors choose their own.
 
         Returns:
-            observations (n, dimensions), rewards, which terminated, which were cut off; of those that were over the
-            reward is 0.
+            observations (n, dimensions), rewards, terminated, truncated; the reward of an episode that was over is 0.
         """
         if self._vector:
             restarted = self.over

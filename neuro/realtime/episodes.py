@@ -141,12 +141,12 @@ class Test:
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """When a training ends: at what comes first.
+    """Conditions that end a training; the first one that holds ends it.
 
     Attributes:
-        until: the mean return of the last `window` episodes.
-        steps, episodes: how many there may be.
-        window: episodes of that mean.
+        until: mean return of the last `window` episodes.
+        steps, episodes: largest numbers.
+        window: number of episodes of the mean.
     """
 
     until: float | None = None
@@ -164,7 +164,7 @@ class End:
                 object.__setattr__(self, name, check(Quantity(kind="integer", at_least=1), value, name))
 
     def reached(self, log: Log) -> bool:
-        """Whether a training has ended by its episodes."""
+        """Return True if the episodes so far end a training."""
         if self.until is not None and not log.solved:
             log.solved = len(log) >= self.window and log.mean(self.window) >= self.until
         return bool(log.solved) or (self.episodes is not None and len(log) >= self.episodes)

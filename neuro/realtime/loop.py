@@ -30,28 +30,27 @@ Act = Callable[[float], object]
 
 
 class Loop:
-    """Events -> network -> action, once a tick, at the clock's pace.
+    """A loop of events -> network -> action, once a tick, at the pace of the clock.
 
-    An event that is received in one tick acts in the network in the next, at the same place within it. After that tick
-    `act` is called, which reads the network by ports and moves what there is to move. The network's time is that of the
-    clock from the begin on, less what was skipped. Spikes and traces of a tick can be read in its `act`; then they go
-    to the file, or are forgotten.
+    An event received in one tick acts in the network in the next, at the same place within the tick. After that tick
+    `act` is called, which reads the network by ports and acts on the world. The network's time is the clock's time
+    since the begin, less skipped ticks. Spikes and traces of a tick can be read in its `act`; then they are written
+    to the file, or forgotten.
 
     Args:
         sim: the simulation.
-        tick: the length of a tick in ms, a multiple of the network's resolution.
-        inputs: sources of events by the names of event cameras, see `Source`: what `neuro.events.listen` gives, or a
+        tick: length of a tick in ms, a multiple of the network's resolution.
+        inputs: sources of events by the names of event cameras, see `Source`: from `neuro.events.listen`, or a
             `Player`.
-        act: called after each tick with the network's time in ms.
-        late: where an action comes after the next tick is due: "catch_up" runs the ticks that are due without waiting,
-            "skip" leaves out those that are past, drops their events and lets the network's time stand still, "stop"
-            ends the run.
-        watch: called after each action, before what was recorded is forgotten, like `neuro.live.Page.tick`; no latency
-            has the time that it takes, but the next tick may come late by it.
+        act: function of the network's time in ms, called after each tick.
+        late: reaction to an action after the next tick is due: "catch_up" runs the overdue ticks without waiting,
+            "skip" leaves them out, drops their events and lets the network's time stand still, "stop" ends the run.
+        watch: function called after each action, before the recording is forgotten, like `neuro.live.Page.tick`;
+            latencies leave its time out, but the next tick may be late by it.
 
     Raises:
-        ModelError: the tick is no such multiple, there is no such population, its sensor is another, or an argument is
-            something else.
+        ModelError: the tick is no multiple of the resolution, a population does not exist, its sensor has another
+            size, or an argument has another type.
     """
 
     def __init__(
@@ -76,7 +75,7 @@ class Loop:
         self._clock = Clock(sim.program.resolution)
         self._steps = self._clock.step(tick, "tick")
         if not 0 < self._steps < NEVER:
-            raise ModelError(f"tick = {_said(tick)}: expected a finite time > 0 ms")
+            raise ModelError(f"tick = {_written(tick)}: expected a finite time > 0 ms")
         self._sim, self._act, self._late, self._watch = sim, act, late, watch
         self._inlets = [Inlet(sim, name, source) for name, source in (inputs or {}).items()]
         self._stopped = ""
@@ -118,10 +117,12 @@ class Loop:
         threads = int(argument("threads", threads, kind="integer", at_least=1))
         steps = self._clock.step(ms, "run")
         if not 0 < steps < NEVER:
-            raise ModelError(f"run = {_said(ms)}: expected a finite time > 0 ms")
+            raise ModelError(f"run = {_written(ms)}: expected a finite time > 0 ms")
         ticks, rest = divmod(steps, self._steps)
         if rest:
-            raise ModelError(f"run = {_said(ms)}: expected a multiple of the tick, {self._clock.ms(self._steps):g} ms")
+            raise ModelError(
+                f"run = {_written(ms)}: expected a multiple of the tick, {self._clock.ms(self._steps):g} ms"
+            )
         self._stopped = ""
         run, sim = LiveRun(self._clock.ms(self._steps)), self._sim
         recorded = sim.record_to(out, record=record, threads=threads, live=True) if out is not None else nullcontext()
@@ -183,9 +184,9 @@ class Loop:
     def _one(self, pace: Pace) -> None:
         """Run a tick on the events that were received before its moment."""
         sim, step = self._sim, self._clock.step(self._sim.time, "time")
-        found = [(inlet, *inlet.take(pace.since, pace.due)) for inlet in self._inlets]
+        arrivals = [(inlet, *inlet.take(pace.since, pace.due)) for inlet in self._inlets]
         pace.mark()
-        for inlet, events, received in found:
+        for inlet, events, received in arrivals:
             if events is not None:
                 inlet.feed(events, received, pace.due - pace.tick, step, self._steps)
         pace.mark()
@@ -194,17 +195,17 @@ class Loop:
         if self._act is not None:
             self._act(sim.time)
         pace.mark()
-        for _, _, received in found:
+        for _, _, received in arrivals:
             pace.account.latency.add_since(received, pace.acted)
 
 
-def _said(ms: float | str) -> str:
-    """A time as it was given."""
+def _written(ms: float | str) -> str:
+    """Return a time as the user wrote it."""
     return ms if isinstance(ms, str) else f"{ms:g} ms"
 
 
 class _Chores:
-    """What is done between ticks, now and then."""
+    """Maintenance between ticks."""
 
     def __init__(self, recording: ResultsWriter | None, report: Callable[[LiveRun], object] | None) -> None:
         self.recording, self._report = recording, report

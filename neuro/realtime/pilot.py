@@ -240,7 +240,7 @@ class NetworkPilot:
         if not self.taught:
             return
         raw: dict[str, Floats] = {}
-        chosen = {name: self._world.act.chosen(self.counts, heard) for name, heard in self._choosers.items()}
+        chosen = {name: self._world.act.chosen(self.counts, voters) for name, voters in self._choosers.items()}
         for name, taught in self.taught.items():
             teacher, other, port, size = self._signals[name]
             raw[name] = taught.values(moment) if other is None else taught.of(raw[other])

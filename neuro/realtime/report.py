@@ -1,4 +1,4 @@
-"""Latencies of a live run: histograms of its times, and a report on late actions and their reasons."""
+"""Latencies of a live run: histograms of times, and a report on late actions and their reasons."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def _bins() -> Ints:
 
 @dataclass(slots=True, eq=False)
 class Histogram:
-    """How often something took how long.
+    """Histogram of durations.
 
     Attributes:
-        counts: of bins that are 1/32 of a power of two wide, in ns; those below 64 ns hold one ns each.
-        largest_ns: the longest time, exact.
+        counts: counts of bins that are 1/32 of a power of two wide, in ns; bins below 64 ns are one ns wide.
+        largest_ns: longest duration, exact.
     """
 
     counts: Ints = field(default_factory=_bins)
@@ -95,12 +95,12 @@ PHASES = ("take", "feed", "run", "act")
 
 
 class Cost(NamedTuple):
-    """What kept this thread from going on: counts of the operating system.
+    """Events of the operating system that delayed this thread.
 
     Attributes:
-        preempted: times that another thread got the processor.
-        minor_faults: pages that were given or mapped anew.
-        major_faults: pages that were read from a disk.
+        preempted: number of times that another thread got the processor.
+        minor_faults: pages allocated or mapped.
+        major_faults: pages read from a disk.
     """
 
     preempted: int
@@ -118,28 +118,28 @@ class Cost(NamedTuple):
         return Cost(*map(operator.add, self, other))
 
     def since(self, before: Cost) -> Cost:
-        """What came since."""
+        """Return the difference from earlier counts."""
         return Cost(*map(operator.sub, self, before))
 
 
 @dataclass(eq=False)
 class LiveRun:
-    """What a live run took.
+    """Counts and times of a live run.
 
     Attributes:
-        tick_ms: the length of a tick on the clock.
-        ticks: how many were run.
+        tick_ms: length of a tick on the clock.
+        ticks: number of ticks.
         misses: ticks whose action came after the next tick was due.
-        skipped: ticks that were left out, of `late="skip"`.
-        ended: why it ended before its time; "" where it did not.
+        skipped: ticks left out by `late="skip"`.
+        ended: reason for an early end; "" for a complete run.
         latency: from the receipt of an event to the action of its tick.
-        response: from the moment when a tick was due to its action; the network's own part of the latency.
-        empty: the same of a loop that does nothing, on the same ticks: from the moment to awakening.
-        phases: the time of each of `PHASES`.
-        cost: of all ticks.
-        missed_cost: of those that missed.
-        largest_tick: the number of the slowest tick, and the ms of its phases.
-        inputs: of each input events taken, fed and dropped, and all that its source counts.
+        response: from the due time of a tick to its action; the network's own part of the latency.
+        empty: from the due time to the wake-up of the thread, on the same ticks.
+        phases: time of each of `PHASES`.
+        cost: events of the operating system in all ticks.
+        missed_cost: events of the operating system in missed ticks.
+        largest_tick: number of the slowest tick, and the ms of its phases.
+        inputs: for each input, events taken, fed and dropped, and all counts of its source.
     """
 
     tick_ms: float
@@ -163,7 +163,7 @@ class LiveRun:
 
     @property
     def losses(self) -> int:
-        """What sources lost before: all that they count beside events and datagrams, such as datagrams without room."""
+        """Number of losses that sources report, e.g. datagrams without room."""
         return sum(sum(_losses(counts).values()) for counts in self.inputs.values())
 
     def __repr__(self) -> str:
@@ -184,8 +184,8 @@ class LiveRun:
         for name, counts in self.inputs.items():
             lost = ", ".join(f"{n:,} {word}" for word, n in _losses(counts).items()) or "nothing"
             inputs.append((name, *(f"{counts[word]:,}" for word in ("taken", "fed", "dropped")), lost))
-        found = (("all ticks", self.cost), ("missed ticks", self.missed_cost))
-        costs = tuple((name, *(f"{count:,}" for count in cost)) for name, cost in found)
+        rows = (("all ticks", self.cost), ("missed ticks", self.missed_cost))
+        costs = tuple((name, *(f"{count:,}" for count in cost)) for name, cost in rows)
         number, phases = self.largest_tick
         slowest = ((f"{number:,}", *(f"{ms:.3f}" for ms in phases.values())),) if phases else ()
         return [
@@ -214,6 +214,6 @@ class LiveRun:
 
 
 def _losses(counts: dict[str, int]) -> dict[str, int]:
-    """What a source counts that is not as it should be."""
+    """Return the counts of a source that stand for losses or damage."""
     plain = ("taken", "fed", "dropped", "events", "datagrams")
     return {word: n for word, n in counts.items() if n and word not in plain}

@@ -23,13 +23,12 @@ _NONE = np.zeros(0, dtype=np.int64)
 
 
 class Source(Protocol):
-    """Where live events come from, such as `neuro.events.listen` or a `Player`.
+    """Source of live events, such as `neuro.events.listen` or a `Player`.
 
-    A source may also have `received_ns`, when each of the events last taken was received, in ns of
-    `time.monotonic_ns` (one time each, or that of the first for all); `sensor_size`, width and height in px;
-    `counts`, a mapping or a dataclass of what was lost and damaged; and `take_before(ns)`, which is then called instead
-    of `take` and leaves what came at that time or later, so that events whose times are not known one by one come in
-    the right tick after a late one, too.
+    A source may also have: `received_ns`, the time of receipt of each of the events last taken, in ns of
+    `time.monotonic_ns` (one time each, or one for all); `sensor_size`, width and height in px; `counts`, a mapping or
+    a dataclass of losses and damage; and `take_before(ns)`, which replaces `take` and leaves events of that time or
+    later in the source, so that events without known times of receipt stay in the right tick after a late one.
     """
 
     def take(self) -> Events:
@@ -37,24 +36,24 @@ class Source(Protocol):
 
 
 class Inlet:
-    """One event camera of a network, and the source of its events.
+    """An event camera of a network, and the source of its events.
 
-    An event acts one tick after it was received. Within a tick the first event is where it was received, and the others
-    are later by as much as their time stamps are, up to the end of the tick.
+    An event acts one tick after its receipt. The first event of a tick keeps its time of receipt within the tick; the
+    others follow by the differences of their time stamps, up to the end of the tick.
 
     Args:
         sim: the simulation.
-        name: of the population.
-        source: of its events.
+        name: name of the population.
+        source: source of the events.
 
     Attributes:
-        name: of the population.
-        taken: events that have come.
-        fed: those that the network was given.
-        dropped: those of skipped ticks.
+        name: name of the population.
+        taken: events taken from the source.
+        fed: events fed to the network.
+        dropped: events of skipped ticks.
 
     Raises:
-        ModelError: there is no such population, it cannot be fed, or the source has another sensor.
+        ModelError: the population does not exist or cannot be fed, or the source has another sensor.
     """
 
     def __init__(self, sim: Simulation, name: str, source: Any) -> None:
@@ -80,11 +79,11 @@ class Inlet:
 
     @property
     def counts(self) -> dict[str, int]:
-        """What the source counts, e.g. datagrams that were lost."""
-        found: Any = getattr(self._source, "counts", None)
-        if is_dataclass(found) and not isinstance(found, type):
-            found = asdict(found)
-        counts = {str(k): v for k, v in found.items() if v is not None} if isinstance(found, Mapping) else {}
+        """Return the counts of the source, e.g. of lost datagrams."""
+        reported: Any = getattr(self._source, "counts", None)
+        if is_dataclass(reported) and not isinstance(reported, type):
+            reported = asdict(reported)
+        counts = {str(k): v for k, v in reported.items() if v is not None} if isinstance(reported, Mapping) else {}
         for word, count in counts.items():
             if not isinstance(count, int | np.integer):
                 message = f"counts of the source of '{self.name}' has {word} = {count!r:.60}"
@@ -130,7 +129,7 @@ class Inlet:
         return self._events.Events._trusted(*columns, parts[0].sensor_size, {}), np.concatenate(times)
 
     def _wait_for(self, events: Events) -> None:
-        """Keep what a source gives, and when it was received, until its tick."""
+        """Queue events of the source, with their times of receipt, until their tick."""
         if not isinstance(events, self._events.Events):
             raise ModelError(f"inputs: source of '{self.name}' gave {events!r:.60}: expected Events")
         if len(events):
@@ -143,14 +142,14 @@ class Inlet:
             self._waiting.append((events, moments if moments.ndim else np.full(len(events), moments)))
 
     def feed(self, events: Events, received: NDArray[np.int64], begin_ns: int, step: int, steps: int) -> None:
-        """Let the camera emit the events of a tick in the next steps of the network.
+        """Feed the events of a tick to the camera, for the next steps of the network.
 
         Args:
-            events: of the tick.
-            received: when each was.
-            begin_ns: when the tick began.
-            step: the last finished step.
-            steps: of a tick.
+            events: events of the tick.
+            received: time of receipt of each.
+            begin_ns: begin of the tick.
+            step: last finished step.
+            steps: steps of a tick.
         """
         low = self._camera.first_us(step)
         if steps == 1:
@@ -158,8 +157,8 @@ class Inlet:
         else:
             high, first = self._camera.first_us(step + steps) - 1, low + (int(received[0]) - begin_ns) // 1000
             t = np.clip(events.t + (first - int(events.t[0])), low, high)
-        placed = self._events.Events._trusted(t, events.x, events.y, events.p, events.sensor_size, {})
+        shifted = self._events.Events._trusted(t, events.x, events.y, events.p, events.sensor_size, {})
         if steps > 1 and (t[1:] < t[:-1]).any():
-            placed = placed[np.argsort(t, kind="stable")]
-        self._sim.feed(self.name, placed)
+            shifted = shifted[np.argsort(t, kind="stable")]
+        self._sim.feed(self.name, shifted)
         self.fed += len(events)

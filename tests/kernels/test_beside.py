@@ -45,7 +45,7 @@ def test_what_another_process_cannot_import_is_compiled_here(tmp_path, monkeypat
         return Entry(add, types.int64(types.int64))
 
     made = {extra: entry(extra) for extra in (1, 2, 3)}
-    monkeypatch.setattr(beside, "_has_room", lambda: True)
+    monkeypatch.setattr(beside, "_helper_pays", lambda: True)
     found = beside.addresses([partial(made.get, extra) for extra in made])
     assert len(set(found)) == 3
     kept.folder.cache_clear()

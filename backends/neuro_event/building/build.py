@@ -284,7 +284,7 @@ def link(a: EventArrays) -> None:
             running = ("run",) if a.net["edges"].shape[1] == 2 else ("run", "share", "finish")
         runs = [partial(stage_entry, name) for name in running]
         asked: list[Callable[[], Entry]] = [*runs, *(each for _, _, each in a.asked)]
-        if all(each().kept for each in asked):
+        if all(each().is_compiled for each in asked):
             found = [each().address() for each in asked]
         else:
             from neuro.kernels.beside import addresses  # only what is compiled needs another process
