@@ -1,1 +1,1 @@
-"""Training by gradients: from recordings to a network that chips run, with its accuracy and its joules."""
+"""Training by gradients on recordings, with the accuracy and the joules of the trained network on chips."""

@@ -79,7 +79,7 @@ def train(
     threads: Threads = 1,
     set: apps.Set = [],  # noqa: B006
 ) -> None:
-    """Train a network on recordings, write it, and test it; after a kill the same command goes on where it was."""
+    """Train a network on recordings, write it, and test it; after a kill the same command continues."""
     import neuro
     from neuro import ModelError
 
@@ -114,18 +114,18 @@ def train(
             return
         with apps.Bar() as bar:
             count = partial(_count, bar)
-            shown = show(net, learnt_from, plan, count)
+            samples = show(net, learnt_from, plan, count)
             if folds:
                 from neuro_train.search import cross_validate
 
                 parts = learnt_from.folds(folds, seed=plan.seed)
-                results = cross_validate(net, shown, parts, plan, backends, out, count)
+                results = cross_validate(net, samples, parts, plan, backends, out, count)
             elif held_out is not None:
                 unseen = show(net, held_out, plan, count, "test on recordings of the sensor of --data")
         if folds:
             telling.show_folds(results)
         else:
-            _train(net, shown, unseen, plan, backends, out, page)
+            _train(net, samples, unseen, plan, backends, out, page)
 
 
 def _follow(
@@ -138,53 +138,55 @@ def _follow(
     out: Path,
     page: Path,
 ) -> None:
-    """One training on targets; `classes` are the options that are for classes alone."""
+    """Train on targets; `classes` are the options for classes, which are refused."""
     from neuro import ModelError
     from neuro_train.data import check_network, read
 
     if wrong := [name for name, value in classes.items() if value]:
         raise ModelError(f"--{wrong[0]}: is for recordings of classes: expected none with --loss mse")
     check_network(net, plan)
-    shown, other = read(data, net, plan), None if test is None else read(test, net, plan)
-    plan = replace(plan, duration=shown.events.steps * net.resolution)
+    samples, other = read(data, net, plan), None if test is None else read(test, net, plan)
+    plan = replace(plan, duration=samples.events.steps * net.resolution)
     _check_before(net, plan, backends if other else [], out, page)
     with apps.resumable():
-        _train(net, shown, other, plan, backends, out, page)
+        _train(net, samples, other, plan, backends, out, page)
 
 
 def _train(
     net: neuro.Network,
-    shown: BatchData,
+    samples: BatchData,
     other: BatchData | None,
     plan: TrainingPlan,
     backends: list[str],
     out: Path,
     page: Path,
 ) -> None:
-    """One training, its network, its page and its tests."""
+    """Run one training; write the network, the page and the tests."""
     from neuro_train import telling
     from neuro_train.tested import train_and_test
     from neuro_train.trainer import begun
 
     with apps.Bar() as bar:
 
-        def tell(epoch: int, noted: Mapping[str, float]) -> None:
-            spent = f", {1e6 * noted['joules']:.3g} uJ as fast as the chip can" if noted.get("joules") else ""
-            grade = _grade(plan, noted["right"])
-            bar.show(epoch, plan.epochs, f"epoch {epoch}: loss {noted['loss']:.4g}, {grade}{spent}")
+        def tell(epoch: int, figures: Mapping[str, float]) -> None:
+            energy = f", {1e6 * figures['joules']:.3g} uJ as fast as the chip can" if figures.get("joules") else ""
+            grade = _grade(plan, figures["right"])
+            bar.show(epoch, plan.epochs, f"epoch {epoch}: loss {figures['loss']:.4g}, {grade}{energy}")
 
-        checkpoint = begun(net, out, shown, plan)
+        checkpoint = begun(net, out, samples, plan)
         chips = ([plan.chip] if plan.bits else []) + ([] if other is None else backends)
         words = (checkpoint, tell, partial(_count, bar))
-        trained, room, tried = train_and_test(net, out, shown, other, plan, backends, chips, *words)
-        telling.write(page, plan, trained, tried, len(shown), room)
+        trained, room, tests = train_and_test(net, out, samples, other, plan, backends, chips, *words)
+        telling.write(page, plan, trained, tests, len(samples), room)
         checkpoint.remove()
-    telling.show(tried, room)
-    noted = trained.curves
+    telling.show(tests, room)
+    figures = trained.curves
     if plan.epochs:
-        share = noted["right"][-1]
-        grade = f"{_grade(plan, share)} on {len(shown)}" if plan.loss == "mse" else f"{share:.1%} of {len(shown)} right"
-        message = f"loss {noted['loss'][-1]:.4g}, {grade}"
+        share = figures["right"][-1]
+        grade = (
+            f"{_grade(plan, share)} on {len(samples)}" if plan.loss == "mse" else f"{share:.1%} of {len(samples)} right"
+        )
+        message = f"loss {figures['loss'][-1]:.4g}, {grade}"
         typer.echo(f"{plan.epochs} epoch{'s' * (plan.epochs > 1)}: {message}")
     for written in (out, page):
         typer.echo(f"{written}: written")
@@ -210,8 +212,8 @@ def _search(
         why = "--search with --test: a search tests on recordings of --data that it holds out: expected one of both"
         raise ModelError(why, hint="test a network of its front: neuro train NETWORK --epochs 0 --test ...")
     check_optuna()
-    given = {**apps.plain(apps.read(inputs[0], "a network", "neuro: 1")).get("parameters", {}), **params}
-    varied = space(text, net, plan, given)
+    parameters = {**apps.plain(apps.read(inputs[0], "a network", "neuro: 1")).get("parameters", {}), **params}
+    varied = space(text, net, plan, parameters)
     with apps.Bar() as bar:
         places = ask(*inputs, plan, params, varied, budget, folds, folder, bar.say)
     files = telling.write_front(folder, places, plan.chip)
@@ -220,8 +222,8 @@ def _search(
         typer.echo(f"{written}: written")
 
 
-def _count(bar: apps.Bar, what: str, done: int, total: int) -> None:
-    bar.show(done, total, what)
+def _count(bar: apps.Bar, what: str, count: int, total: int) -> None:
+    bar.show(count, total, what)
 
 
 def _grade(plan: TrainingPlan, share: float) -> str:

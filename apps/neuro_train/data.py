@@ -34,15 +34,15 @@ Report = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BatchData:
-    """Recordings as a network sees them, with what is wanted of it.
+    """Recordings as a batch for a network, with labels or targets.
 
     Attributes:
-        events: one batch of all.
-        labels: (recordings,), the neuron of the output for each; or targets, the potentials of the output in mV at the
-            end of each step, (recordings, steps, neurons), NaN where nothing is asked.
-        classes: names; of targets none.
-        shape: of the population of the pixels.
-        digest: differs for other recordings.
+        events: all recordings as one batch.
+        labels: (recordings,), the neuron of the output for each; or targets, the potentials of the output in mV at
+            the end of each step, (recordings, steps, neurons), NaN where no value is demanded.
+        classes: names of the classes; empty with targets.
+        shape: shape of the population of pixels.
+        digest: hash of the recordings.
     """
 
     events: Events
@@ -68,14 +68,14 @@ class BatchData:
 
 
 def but(found: Recordings, patterns: Sequence[str]) -> Recordings:
-    """The recordings whose names fit no pattern, such as "*i.aedat"."""
-    kept = [k for k, item in enumerate(found) if not any(fnmatchcase(item.name, pattern) for pattern in patterns)]
-    if len(found) and not kept:
+    """Return the recordings whose names match no pattern, such as "*i.aedat"."""
+    indices = [k for k, item in enumerate(found) if not any(fnmatchcase(item.name, pattern) for pattern in patterns)]
+    if len(found) and not indices:
         message = (
             f"--without {' --without '.join(patterns)}: leaves none of the {len(found)} recordings of {found.path}"
         )
         raise ModelError(f"{message}: expected some of each class", hint=f"names are such as '{found[0].name}'")
-    return found.take(kept)
+    return found.take(indices)
 
 
 def check_network(net: neuro.Network, plan: TrainingPlan) -> None:
@@ -142,8 +142,8 @@ def show(
         width, height = data.sensor_size(setting="another shape of the population")
         rows, columns = (-(-side // plan.scale) for side in (height, width))
         if shape[-2:] != (rows, columns):
-            seen = f"{width}x{height} px" + (f" by {plan.scale}" if plan.scale > 1 else "")
-            message = f"--input {plan.input}: shape {list(shape)}: recordings of {seen} have {rows} rows"
+            size = f"{width}x{height} px" + (f" by {plan.scale}" if plan.scale > 1 else "")
+            message = f"--input {plan.input}: shape {list(shape)}: recordings of {size} have {rows} rows"
             message += f" and {columns} columns"
             expected = [*shape[:-2], rows, columns]
             raise ModelError(f"{data.path}: {message}: expected the shape {expected}", hint=hint)
@@ -221,14 +221,14 @@ HINT = "numpy.savez(path, spikes=..., targets=...)"
 
 
 def read(path: Path, net: neuro.Network, plan: TrainingPlan) -> BatchData:
-    """Recordings with targets of a ``.npz``.
+    """Read recordings with targets from a ``.npz``.
 
-    Its `spikes` are 0 or 1, (recordings, steps, neurons of the input), also with the axes of its shape; its `targets`
-    are the potentials wanted of the output at the end of each step in mV, (recordings, steps, neurons), NaN where
-    nothing is asked.
+    `spikes` are 0 or 1, (recordings, steps, neurons of the input), also with the axes of the input's shape. `targets`
+    are the demanded potentials of the output at the end of each step in mV, (recordings, steps, neurons), NaN where
+    no value is demanded.
 
     Raises:
-        ModelError: the file cannot be read, lacks one of these, or they do not fit the network.
+        ModelError: the file cannot be read, lacks an array, or the arrays do not fit the network.
     """
     from neuro_torch import Events
 
@@ -245,12 +245,12 @@ def read(path: Path, net: neuro.Network, plan: TrainingPlan) -> BatchData:
         raise ModelError(f"{path}: {error.args[0]}: expected spikes and targets", hint=HINT) from None
     inward, outward = (tuple(int(side) for side in net.populations[name].shape) for name in (plan.input, plan.output))
     sizes = int(np.prod(inward)), int(np.prod(outward))
-    for name, found, size in (("spikes", spikes, sizes[0]), ("targets", targets, sizes[1])):
-        if found.ndim >= 2 and not len(found):
+    for name, array, size in (("spikes", spikes, sizes[0]), ("targets", targets, sizes[1])):
+        if array.ndim >= 2 and not len(array):
             raise ModelError(f"{path}: {name}: found no recording: expected at least one", hint=HINT)
-        if found.ndim < 3 or not found.shape[1] or found[0, 0].size != size or found.shape[:2] != spikes.shape[:2]:
+        if array.ndim < 3 or not array.shape[1] or array[0, 0].size != size or array.shape[:2] != spikes.shape[:2]:
             expected = f"(recordings, steps, {size}), as many of both"
-            raise ModelError(f"{path}: {name}: found the shape {found.shape}: expected {expected}", hint=HINT)
+            raise ModelError(f"{path}: {name}: found the shape {array.shape}: expected {expected}", hint=HINT)
     if (large := np.abs(targets) > LARGEST).any():
         recording, step = np.argwhere(large)[0][:2]
         message = f"{path}: targets: recording {recording}, step {step}: found {targets[large][0]:g}"
@@ -261,8 +261,8 @@ def read(path: Path, net: neuro.Network, plan: TrainingPlan) -> BatchData:
         raise ModelError(f"{path}: spikes: all are 0: expected a recording with an event", hint=HINT)
     events = Events.of_dense({plan.input: spikes.reshape(*spikes.shape[:2], -1)})
     digest = hashlib.sha256(content).hexdigest()[:32]
-    wanted = targets.astype(np.float32).reshape(*targets.shape[:2], -1)
-    return BatchData(events, wanted, (), inward, digest)
+    wanted_mV = targets.astype(np.float32).reshape(*targets.shape[:2], -1)
+    return BatchData(events, wanted_mV, (), inward, digest)
 
 
 def probe(output: str) -> str:
@@ -270,24 +270,24 @@ def probe(output: str) -> str:
     return f"{output}_V_m"
 
 
-def r_squared(said: Array, wanted: Array) -> float:
+def r_squared(values: Array, targets: Array) -> float:
     """Return R2, the explained share of the targets' variance, as the mean over the neurons whose targets vary.
 
-    1 is all of it; the mean of the targets alone has 0. NaN if no neuron's targets vary.
+    1 is perfect; the mean of the targets as a prediction gives 0. NaN if no neuron's targets vary.
 
     Args:
-        said: (..., neurons).
-        wanted: likewise; NaN where nothing is asked.
+        values: (..., neurons) predictions.
+        targets: (..., neurons), NaN where no value is demanded.
     """
-    wanted = np.asarray(wanted, dtype=np.float64)
-    but = tuple(range(wanted.ndim - 1))
-    asked = ~np.isnan(wanted).all(axis=but)
-    said, wanted = np.asarray(said)[..., asked], wanted[..., asked]
-    varies = np.nanmin(wanted, axis=but) < np.nanmax(wanted, axis=but)
-    said, wanted = said[..., varies], wanted[..., varies]
-    if not wanted.size:
+    targets = np.asarray(targets, dtype=np.float64)
+    but = tuple(range(targets.ndim - 1))
+    has_targets = ~np.isnan(targets).all(axis=but)
+    values, targets = np.asarray(values)[..., has_targets], targets[..., has_targets]
+    varies = np.nanmin(targets, axis=but) < np.nanmax(targets, axis=but)
+    values, targets = values[..., varies], targets[..., varies]
+    if not targets.size:
         return float("nan")
-    return float(np.mean(1.0 - np.nanmean((said - wanted) ** 2, axis=but) / np.nanvar(wanted, axis=but)))
+    return float(np.mean(1.0 - np.nanmean((values - targets) ** 2, axis=but) / np.nanvar(targets, axis=but)))
 
 
 def r_squared_text(value: float) -> str:

@@ -111,7 +111,7 @@ class TrainingPlan(Settings):
 
     @property
     def learns(self) -> dict[str, tuple[str, ...]]:
-        """What of which projection or population learns, where that is given."""
+        """Learning values by projection or population, for those with a choice."""
         parts = (text.partition("=") for text in self.trainable)
         return {name: tuple(words.split(",")) if equals else ("weight",) for name, equals, words in parts}
 
@@ -121,11 +121,11 @@ class TrainingPlan(Settings):
         return self.on or next(iter(self.cost), "loihi")
 
     def readout(self, classes: Sequence[str]) -> dict[str, Any]:
-        """The words of `neuro.Readout` by which the network is asked as it is tested: the neuron that fires most."""
-        seen: dict[str, Any] = {"duration": self.duration, "start": self.start, "scale": self.scale, "merge": True}
+        """Return the words of `neuro.Readout` for tests: the neuron with most spikes decides."""
+        words: dict[str, Any] = {"duration": self.duration, "start": self.start, "scale": self.scale, "merge": True}
         if self.window is not None:
-            seen["window"] = corner(self.window) or CENTRED
-        return {"input": self.input, "output": self.output, "decide": "counts", "classes": tuple(classes), **seen}
+            words["window"] = corner(self.window) or CENTRED
+        return {"input": self.input, "output": self.output, "decide": "counts", "classes": tuple(classes), **words}
 
 
 def corner(text: str) -> tuple[int, int] | None:
@@ -144,10 +144,10 @@ def corner(text: str) -> tuple[int, int] | None:
 
 
 def augmentation(texts: Sequence[str]) -> dict[str, float]:
-    """How recordings are changed at random, from texts such as "shift=2", "warp=0.1".
+    """Return random changes of recordings from texts such as "shift=2", "warp=0.1".
 
     Raises:
-        ModelError: there is no such change, or its number is none.
+        ModelError: a change is unknown, or its number is invalid.
     """
 
     def expected(name: str) -> str:
@@ -159,10 +159,10 @@ def augmentation(texts: Sequence[str]) -> dict[str, float]:
 
 
 def costs(texts: Sequence[str]) -> dict[str, float]:
-    """What a microjoule costs, by chip, from texts such as "loihi=0.1".
+    """Return the cost of a microjoule by chip from texts such as "loihi=0.1".
 
     Raises:
-        ModelError: a text is no name and number.
+        ModelError: a text is not of the form NAME=NUMBER.
     """
     return _numbers("--cost", texts, "loihi=0.1", lambda name: "a number for each microjoule of a recording")
 

@@ -1,14 +1,14 @@
-"""Several trainings of one network: folds of recordings, and accuracy against joules on a chip.
+"""Several trainings of one network: cross-validation, and a search for accuracy against joules on a chip.
 
-A search has trainings asked for by `neuro.tune`, and its front is learnt anew and tested. Recordings are divided in
-parts. The last is held out: only what the front has found is tested on it, once, after it has learnt from all the
-others. A trial learns from all but this one and one more, on which it is judged. What varies is a text such as
+A search uses `neuro.tune`; the networks of its front are trained again and tested. Recordings are divided in parts.
+The last part is held out: only the front is tested on it, once, after training on all other parts. A trial trains on
+all but the held-out part and one other part, which judges it. The varied values are a text such as
 "step,for,hidden=16:64,prune".
 
 FOLDER/tune.json, journal.log, runs    of `neuro.tune`
-FOLDER/points/NAME.yaml                each trial's network
-FOLDER/front/NAME.yaml                 the front's networks, learnt from all that is not held out
-FOLDER/front.csv, front.png            the table and the figure
+FOLDER/points/NAME.yaml                network of each trial
+FOLDER/front/NAME.yaml                 networks of the front, trained on all parts but the held-out one
+FOLDER/front.csv, front.png            table and figure
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Fold = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
 
 def cross_validate(
     net: neuro.Network,
-    shown: BatchData,
+    samples: BatchData,
     folds: Sequence[Fold],
     plan: TrainingPlan,
     backends: Sequence[str],
@@ -54,7 +54,7 @@ def cross_validate(
 
     Args:
         net: the network.
-        shown: all recordings.
+        samples: all recordings.
         folds: of each the indices to learn from, and those to test on.
         plan: settings of each training.
         backends: to test on, beside what learnt.
@@ -70,27 +70,27 @@ def cross_validate(
         name = f"fold {k + 1} of {len(folds)}"
         own = out.with_name(f"{out.stem}-{k + 1}{out.suffix}")
         file = own.with_suffix(".json")
-        of = identity(net, shown, plan) | {"fold": name, "backends": list(backends)}
+        of = identity(net, samples, plan) | {"fold": name, "backends": list(backends)}
         if result := FOLD_RESULTS.read(file, of):
             return result
-        checkpoint, unseen = begun(net, own, shown, plan, name), shown.take(parts[1])
+        checkpoint, unseen = begun(net, own, samples, plan, name), samples.take(parts[1])
 
-        def tell(epoch: int, noted: Mapping[str, float]) -> None:
-            report(f"{name}: learning, {noted.get('right', 0.0):.1%} right", epoch, plan.epochs)
+        def tell(epoch: int, figures_of_epoch: Mapping[str, float]) -> None:
+            report(f"{name}: learning, {figures_of_epoch.get('right', 0.0):.1%} right", epoch, plan.epochs)
 
-        trained, room, tried = train_and_test(
-            net, own, shown.take(parts[0]), unseen, plan, backends, backends, checkpoint, tell
+        trained, room, tests = train_and_test(
+            net, own, samples.take(parts[0]), unseen, plan, backends, backends, checkpoint, tell
         )
         figures = {
             "n": len(unseen),
             "cpu_s": trained.cpu_s,
-            "right": {one.backend: one.own.correct for one in tried},
-            "equal": {one.backend: one.agrees(tried[0]) for one in tried},
-            "same_spikes": {one.backend: one.same_spikes(tried[0]) for one in tried},
-            "overflows": {one.backend: one.overflows for one in tried if one.overflows},
+            "right": {one.backend: one.own.correct for one in tests},
+            "equal": {one.backend: one.agrees(tests[0]) for one in tests},
+            "same_spikes": {one.backend: one.same_spikes(tests[0]) for one in tests},
+            "overflows": {one.backend: one.overflows for one in tests if one.overflows},
             "room": [asdict(one) for one in room],
-            "sent": {one.backend: one.sent for one in tried if one.sent},
-            "bills": {one.backend: one.bill.as_dict() for one in tried if one.bill},
+            "sent": {one.backend: one.sent for one in tests if one.sent},
+            "bills": {one.backend: one.bill.as_dict() for one in tests if one.bill},
         }
         result = FOLD_RESULTS.write(file, of, figures)
         checkpoint.remove()
@@ -114,7 +114,7 @@ PRUNE = (0.0, 0.25, 0.5, 0.75)
 EXAMPLE = "--search step,for,hidden=16:64,prune"
 
 
-def space(text: str, net: neuro.Network, plan: TrainingPlan, given: Mapping[str, Any]) -> Space:
+def space(text: str, net: neuro.Network, plan: TrainingPlan, parameters: Mapping[str, Any]) -> Space:
     """Read what varies.
 
     Args:
@@ -124,36 +124,36 @@ def space(text: str, net: neuro.Network, plan: TrainingPlan, given: Mapping[str,
             duration in whole steps of all, 1/8 to the whole of the hidden layer, and nothing to three quarters pruned.
         net: the network.
         plan: settings of every training that do not vary.
-        given: the parameters of the network's file.
+        parameters: the parameters of the network's file.
 
     Raises:
         ModelError: a name is unknown, a value is NaN, or a duration is not a whole number of steps.
     """
-    said: dict[str, list[float | int]] = {}
+    choices: dict[str, list[float | int]] = {}
     for part in text.split(","):
-        name, equals, listed = part.strip().partition("=")
-        if not name or (equals and not listed):
+        name, equals, values_text = part.strip().partition("=")
+        if not name or (equals and not values_text):
             raise ModelError(f"--search {part}: expected NAME or NAME=VALUE:VALUE", hint=EXAMPLE)
-        said[name] = [_number(name, value) for value in listed.split(":")] if listed else []
-    known = ["step", "for", *OF_PLAN, *(name for name in given if name != "resolution")]
-    for name in said:
-        if name not in known:
-            raise unknown("parameter of --search", name, known)
-    if "step" in said and "resolution" not in given:
+        choices[name] = [_number(name, value) for value in values_text.split(":")] if values_text else []
+    names = ["step", "for", *OF_PLAN, *(name for name in parameters if name != "resolution")]
+    for name in choices:
+        if name not in names:
+            raise unknown("parameter of --search", name, names)
+    if "step" in choices and "resolution" not in parameters:
         message = "--search step: the network's file has no parameter 'resolution'"
         raise ModelError(f"{message}: expected one, as 'neuro train dense' has")
-    steps = said.get("step") or [net.resolution * k for k in STEPS] if "step" in said else [net.resolution]
-    found: Space = {name: values or _usual(name, steps, plan, given) for name, values in said.items()}
-    for duration in found.get("for", [plan.duration]):
+    steps = choices.get("step") or [net.resolution * k for k in STEPS] if "step" in choices else [net.resolution]
+    point_space: Space = {name: values or _usual(name, steps, plan, parameters) for name, values in choices.items()}
+    for duration in point_space.get("for", [plan.duration]):
         for step in steps:
             if abs(duration / step - round(duration / step)) > 1e-9:
                 message = f"--search: a duration of {duration:g} ms is no whole number of steps of {step:g} ms"
                 raise ModelError(f"{message}: expected multiples of all steps", hint="for=50:100,step=5:10")
-    return {name: list(dict.fromkeys(values)) for name, values in found.items()}
+    return {name: list(dict.fromkeys(values)) for name, values in point_space.items()}
 
 
 def parted(point: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What of a point is a parameter of the network's file, and what of the plan."""
+    """Split a point into parameters of the network's file and settings of the plan."""
     words = {"for", *(field.name for field in fields(TrainingPlan))}
     of_plan = {"duration" if name == "for" else name: value for name, value in point.items() if name in words}
     of_file = {"resolution" if name == "step" else name: value for name, value in point.items() if name not in words}
@@ -171,15 +171,15 @@ def _number(name: str, text: str) -> float | int:
         raise ModelError(f"--search {name}={text}: expected numbers with ':' between them", hint=EXAMPLE) from None
 
 
-def _usual(name: str, steps: list[Any], plan: TrainingPlan, given: Mapping[str, Any]) -> list[Any]:
-    """The values of a parameter for which none are given."""
+def _usual(name: str, steps: list[Any], plan: TrainingPlan, parameters: Mapping[str, Any]) -> list[Any]:
+    """Return the default values of a searched parameter."""
     if name == "step":
         return steps
     if name == "for":
         coarse = max(steps)
         return [max(1, int(plan.duration * share / coarse + 1e-9)) * coarse for share in SHARES]
     if name == "hidden":
-        return [max(1, round(given["hidden"] * share)) for share in HIDDEN]
+        return [max(1, round(parameters["hidden"] * share)) for share in HIDDEN]
     if name == "prune":
         return list(PRUNE)
     raise ModelError(f"--search {name}: expected its values", hint=f"--search {name}=1:2:4")
@@ -245,29 +245,28 @@ def search(
     _recordings.cache_clear()  # of a search before in this process
     words |= {"recordings": _recordings(str(data), part, words["without"]).fingerprint()[:32]}
     words |= {"network": fingerprint(module_of(neuro.load(file, params=params), plan).program)}
-    asked = neuro.tune(
+    tuning = neuro.tune(
         point, space, objectives=OBJECTIVES, trials=budget, out=folder, sampler="tpe", draw=plan.seed,
         folds=folds, set=words, on="here",
     )  # fmt: skip
-    best = {trial.number for trial in asked.best()}
+    best = {trial.number for trial in tuning.best()}
     if not best:
-        failed = next((trial.error for trial in asked.trials() if trial.error), "no trial is done")
+        failed = next((trial.error for trial in tuning.trials() if trial.error), "no trial is done")
         raise ModelError(f"{folder}: no network could be trained: {failed}")
-    found, seen = list[FrontPlace](), set[str]()
-    done = [trial for trial in asked.trials() if trial.values is not None]
-    for trial in done:
+    places, names = list[FrontPlace](), set[str]()
+    for trial in [trial for trial in tuning.trials() if trial.values is not None]:
         name = _name(trial.point)
-        if name in seen:
+        if name in names:
             continue
-        seen.add(name)
+        names.add(name)
         tested = {}
         if trial.number in best:
-            say(f"learning the front anew: {sum(each.tested is not None for each in found) + 1} of {len(best)}")
+            say(f"learning the front anew: {sum(each.tested is not None for each in places) + 1} of {len(best)}")
             tested = point(**words, **trial.point, fold=None, folds=folds or PARTS - 1)
         where = folder / ("front" if tested else "points") / f"{name}.yaml"
         values = trial.values or (float("nan"),) * 2
-        found.append(FrontPlace(trial.point, values[0], values[1], where, tested or None))
-    return sorted(found, key=lambda place: place.microjoules)
+        places.append(FrontPlace(trial.point, values[0], values[1], where, tested or None))
+    return sorted(places, key=lambda place: place.microjoules)
 
 
 def point(
@@ -284,7 +283,7 @@ def point(
     folds: int = PARTS - 1,
     **varied: Any,
 ) -> dict[str, float]:
-    """Train and test a network of a search; what is there already is not done again.
+    """Train and test a network of a search, unless its result exists.
 
     Args:
         file: as of `search`.
@@ -312,33 +311,33 @@ def point(
     if fold:
         out = out.with_name(f"{out.stem}_fold{fold}.yaml")
     make_folder(out.parent)
-    found = _recordings(data, part, without)
-    shown = show(net, found, settings, lambda what, done, n: None)
-    learnt_from, judged = divided(found, settings.seed, fold, folds)
+    source = _recordings(data, part, without)
+    samples = show(net, source, settings, lambda what, done, n: None)
+    learnt_from, judged = divided(source, settings.seed, fold, folds)
     which = f"part {'held out' if held else fold} of {folds + 1}"
-    of = identity(net, shown, settings) | {"part": which, "varied": dict(varied)}
+    of = identity(net, samples, settings) | {"part": which, "varied": dict(varied)}
     result_file = out.with_suffix(".json")
     if (result := RESULTS.read(result_file, of)) and out.exists():
         return {str(name): float(value) for name, value in result["found"].items()}
-    mine = shown.take(learnt_from)
+    mine = samples.take(learnt_from)
     checkpoint = begun(net, out, mine, settings, which)
     trained = learn(net, mine, settings, checkpoint)
     trained.net.save(out)
     room = rooms(trained.net, settings.chip, mine, settings)
-    tried = on_backend(trained.net, settings.chip, shown.take(judged), settings, room=room)
-    warn_of_overflows(settings.chip, tried.overflows, len(judged))
-    if tried.bill is None:
+    test = on_backend(trained.net, settings.chip, samples.take(judged), settings, room=room)
+    warn_of_overflows(settings.chip, test.overflows, len(judged))
+    if test.bill is None:
         raise ModelError(f"{settings.chip}: has no costs: expected a chip that has")
-    each = [joules for bill in (tried.bill, tried.bill.real_time) for joules in (bill.total_j, bill.low_j, bill.high_j)]
-    given = {"accuracy": tried.own.accuracy, **{name: 1e6 * joules for name, joules in zip(SPENT, each, strict=True)}}
-    given |= {"right": float(tried.own.correct), "n": float(len(judged)), "cpu_s": trained.cpu_s}
-    RESULTS.write(result_file, of, {"found": given})
+    each = [joules for bill in (test.bill, test.bill.real_time) for joules in (bill.total_j, bill.low_j, bill.high_j)]
+    figures = {"accuracy": test.own.accuracy, **{name: 1e6 * joules for name, joules in zip(SPENT, each, strict=True)}}
+    figures |= {"right": float(test.own.correct), "n": float(len(judged)), "cpu_s": trained.cpu_s}
+    RESULTS.write(result_file, of, {"found": figures})
     checkpoint.remove()
-    return given
+    return figures
 
 
 def divided(recordings: Recordings, seed: int, fold: int | None, folds: int) -> tuple[Ints, Ints]:
-    """What is learnt from, and what is tested on."""
+    """Return the indices of the recordings for training and of those for the test."""
     parts = [tested for _, tested in recordings.folds(folds + 1, seed=seed)]
     held_out = parts.pop()
     if fold is None:

@@ -1,4 +1,4 @@
-"""What people see of a training or a search: tables, curves, pages and the front of accuracy against joules."""
+"""Output of a training or a search: tables, curves, pages, and the front of accuracy against joules."""
 
 from __future__ import annotations
 
@@ -51,19 +51,19 @@ ROOM = (
 )
 
 
-def rows(tried: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
-    """A row for each backend, under `HEAD` or `TARGETS`."""
-    if (torch := tried[0].V_m) is not None:
-        every = ((one, np.abs(np.asarray(one.V_m) - torch).max()) for one in tried)
-        return [(one.backend, _share_or_dash(one.r_squared), f"{apart:.3g} mV") for one, apart in every]
-    found: list[tuple[str, ...]] = []
-    for one in tried:
+def rows(tests: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
+    """Return a row for each backend, under `HEAD` or `TARGETS`."""
+    if (torch := tests[0].V_m) is not None:
+        every = ((one, np.abs(np.asarray(one.V_m) - torch).max()) for one in tests)
+        return [(one.backend, _share_or_dash(one.r_squared), f"{difference:.3g} mV") for one, difference in every]
+    table_rows: list[tuple[str, ...]] = []
+    for one in tests:
         low, high = one.own.interval
-        equal = f"{one.agrees(tried[0]):.1%}", f"{one.same_spikes(tried[0])} of {len(one.labels)}"
+        equal = f"{one.agrees(tests[0]):.1%}", f"{one.same_spikes(tests[0])} of {len(one.labels)}"
         first = "-" if np.isnan(one.first_ms) else f"{one.first_ms:.1f} ms"
         accuracy = f"{one.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}"
-        found.append((one.backend, *accuracy, *equal, first))
-    return found
+        table_rows.append((one.backend, *accuracy, *equal, first))
+    return table_rows
 
 
 def _share_or_dash(value: float) -> str:
@@ -71,38 +71,38 @@ def _share_or_dash(value: float) -> str:
     return "-" if np.isnan(value) else f"{value:.3f}"
 
 
-def head(tried: Sequence[TestedNetwork]) -> tuple[str, ...]:
-    """Of the columns of `rows`."""
-    return HEAD if tried[0].V_m is None else TARGETS
+def head(tests: Sequence[TestedNetwork]) -> tuple[str, ...]:
+    """Return the head of the columns of `rows`."""
+    return HEAD if tests[0].V_m is None else TARGETS
 
 
-def bills(tried: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
-    """A row for each chip: what a recording takes."""
-    return [(one.backend, *one.bill.cells()) for one in tried if one.bill]
+def bills(tests: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
+    """Return a row for each chip with the energy of a recording."""
+    return [(one.backend, *one.bill.cells()) for one in tests if one.bill]
 
 
-def show(tried: Sequence[TestedNetwork], room: Sequence[MemoryRoom] = ()) -> None:
-    """Print the room in registers, a row for each backend, the bills, then what they assume; warn of overflows."""
+def show(tests: Sequence[TestedNetwork], room: Sequence[MemoryRoom] = ()) -> None:
+    """Print the room in registers, a row for each backend, the bills and their assumptions; warn of overflows."""
     for line in told(room):
         print(f"- {line}")
-    if not tried:
+    if not tests:
         return
-    for one in tried:
+    for one in tests:
         warn_of_overflows(one.backend, one.overflows, len(one.labels))
-    console().print(table(head(tried), rows(tried), title=f"{len(tried[0].labels)} recordings"))
-    if billed := bills(tried):
+    console().print(table(head(tests), rows(tests), title=f"{len(tests[0].labels)} recordings"))
+    if billed := bills(tests):
         console().print(table(BILLS, billed, title="a recording"))
-    for line in footnotes([one.bill for one in tried if one.bill], False):
+    for line in footnotes([one.bill for one in tests if one.bill], False):
         print(f"- {line}")
-    _show_sent({one.backend: one.sent for one in tried})
+    _show_sent({one.backend: one.sent for one in tests})
 
 
 def _show_sent(each: Mapping[str, Mapping[str, float]]) -> None:
     """Print how many spikes or messages a recording has on each backend."""
-    for backend, sent in each.items():
-        if sent:
-            parts = ", ".join(f"{number:.0f} of '{name}'" for name, number in sent.items())
-            print(f"{backend}: {sum(sent.values()):.0f} spikes in a recording, {parts}")
+    for backend, by_population in each.items():
+        if by_population:
+            parts = ", ".join(f"{number:.0f} of '{name}'" for name, number in by_population.items())
+            print(f"{backend}: {sum(by_population.values()):.0f} spikes in a recording, {parts}")
 
 
 def show_folds(folds: Sequence[Mapping[str, Any]]) -> None:
@@ -133,31 +133,31 @@ def write(
     path: Path,
     plan: TrainingPlan,
     trained: Trained,
-    tried: Sequence[TestedNetwork],
+    tests: Sequence[TestedNetwork],
     recordings: int,
     room: Sequence[MemoryRoom] = (),
 ) -> None:
     """Write the page; errors as of `neuro.apps.write_text`."""
     title = f"{trained.net.name}: trained by gradients"
-    write_text(path, html.page("neuro train", title, _parts(plan, trained, tried, recordings, room)), PAGE)
+    write_text(path, html.page("neuro train", title, _parts(plan, trained, tests, recordings, room)), PAGE)
 
 
 def _parts(
-    plan: TrainingPlan, trained: Trained, tried: Sequence[TestedNetwork], recordings: int, room: Sequence[MemoryRoom]
+    plan: TrainingPlan, trained: Trained, tests: Sequence[TestedNetwork], recordings: int, room: Sequence[MemoryRoom]
 ) -> Iterator[Any]:
     tag = html.tag
     yield tag("h1", f"{trained.net.name}: trained by gradients")
     lead = f"{recordings} recordings, {plan.epochs} epochs, {trained.cpu_s:.1f} s of one core."
     yield tag("p", lead, class_="lead")
     share = SHARE[plan.loss == "mse"]
-    if cards := list(_cards(trained, tried, share)):
+    if cards := list(_cards(trained, tests, share)):
         yield tag("div", *cards, class_="cards")
-    if tried:
-        yield tag("h2", f"On {len(tried[0].labels)} recordings that it has not seen")
-        yield html.table(head(tried), rows(tried))
-        if billed := bills(tried):
+    if tests:
+        yield tag("h2", f"On {len(tests[0].labels)} recordings that it has not seen")
+        yield html.table(head(tests), rows(tests))
+        if billed := bills(tests):
             yield html.table(BILLS, billed)
-        yield tag("p", ABOUT if tried[0].V_m is None else ABOUT_TARGETS)
+        yield tag("p", ABOUT if tests[0].V_m is None else ABOUT_TARGETS)
     if room:
         yield tag("h2", "Room in registers")
         own = {False: "the chip's own", True: "smaller, to leave room"}
@@ -166,30 +166,32 @@ def _parts(
         yield tag("p", ROOM)
     if len(trained.curves["loss"]):
         yield tag("h2", "While it learnt")
-        drawn = (html.picture(drawing, f"{label} by epoch") for label, drawing in curves(trained.curves, share).items())
-        yield tag("div", *drawn, class_="grid")
+        pictures = (
+            html.picture(drawing, f"{label} by epoch") for label, drawing in curves(trained.curves, share).items()
+        )
+        yield tag("div", *pictures, class_="grid")
     yield tag("h2", "How it was trained")
-    said = {"for (ms)" if name == "duration" else name: value for name, value in plan.as_words().items()}
-    words = ((name, _word(value)) for name, value in said.items() if value not in (None, [], {}, 0.0, ""))
+    settings = {"for (ms)" if name == "duration" else name: value for name, value in plan.as_words().items()}
+    words = ((name, _word(value)) for name, value in settings.items() if value not in (None, [], {}, 0.0, ""))
     rates = ((f"rate of {name}", f"{rate:g}") for name, rate in trained.rates.items() if rate != plan.rate)
     yield html.table(("what", "value"), [*words, *rates])
     yield tag("pre", str(trained.module.plan))
-    if sources := list(footnotes([each.bill for each in tried if each.bill], True)):
+    if sources := list(footnotes([each.bill for each in tests if each.bill], True)):
         yield tag("h2", "Where the joules come from")
         yield tag("ul", *(tag("li", line) for line in sources))
 
 
-def _cards(trained: Trained, tried: Sequence[TestedNetwork], share: str) -> Iterator[Any]:
-    """The accuracy on recordings that were not learnt from, or on those that were, and joules on each chip."""
-    if tried and tried[0].V_m is not None:
-        yield html.card("R2", _share_or_dash(tried[0].r_squared), f"on {len(tried[0].labels)} unseen recordings")
-    elif tried:
-        first = tried[0].own
+def _cards(trained: Trained, tests: Sequence[TestedNetwork], share: str) -> Iterator[Any]:
+    """Yield cards with the accuracy on unseen recordings, or else on the learnt ones, and joules on each chip."""
+    if tests and tests[0].V_m is not None:
+        yield html.card("R2", _share_or_dash(tests[0].r_squared), f"on {len(tests[0].labels)} unseen recordings")
+    elif tests:
+        first = tests[0].own
         low, high = first.interval
         yield html.card("accuracy", f"{first.accuracy:.1%}", f"of {first.n} unseen recordings; {low:.1%} to {high:.1%}")
     elif np.isfinite(trained.curves["right"]).any():
         yield html.card(share, f"{trained.curves['right'][-1]:.1%}", "on the recordings that it learnt from")
-    for one in tried:
+    for one in tests:
         if one.bill:
             slow = one.bill.real_time.total(3)
             below = f"a recording, as fast as the chip can; {slow} in real time; {one.grade}"
@@ -205,26 +207,26 @@ def _word(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def curves(noted: Mapping[str, npt.NDArray[np.float64]], share: str = SHARE[0]) -> dict[str, Figure]:
-    """Loss and accuracy on what is learnt from, epoch by epoch; joules where they were asked for: drawings by label."""
+def curves(figures: Mapping[str, npt.NDArray[np.float64]], share: str = SHARE[0]) -> dict[str, Figure]:
+    """Return drawings of loss, accuracy on the learnt recordings, and joules if they were in the loss, by label."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
-    shown = [("loss", "loss", 1.0)]
-    if np.isfinite(noted["right"]).any():
-        shown.append(("right", f"{share}, %", 100.0))
-    if noted["joules"].any():
-        shown.append(("joules", "as fast as the chip can, uJ", 1e6))
-    drawn = {}
-    for name, label, unit in shown:
-        drawn[label] = figure = Figure(figsize=(3.4, 2.6), dpi=140, layout="constrained")
+    quantities = [("loss", "loss", 1.0)]
+    if np.isfinite(figures["right"]).any():
+        quantities.append(("right", f"{share}, %", 100.0))
+    if figures["joules"].any():
+        quantities.append(("joules", "as fast as the chip can, uJ", 1e6))
+    drawings = {}
+    for name, label, unit in quantities:
+        drawings[label] = figure = Figure(figsize=(3.4, 2.6), dpi=140, layout="constrained")
         axis = figure.subplots()
-        axis.plot(np.arange(1, len(noted[name]) + 1), unit * noted[name], color="#0072B2", lw=1.4)
+        axis.plot(np.arange(1, len(figures[name]) + 1), unit * figures[name], color="#0072B2", lw=1.4)
         axis.set_xlabel("epoch")
         axis.set_ylabel(label)
         axis.xaxis.set_major_locator(MaxNLocator("auto", integer=True))
         axis.spines[["top", "right"]].set_visible(False)
-    return drawn
+    return drawings
 
 
 SPENT = tuple(f"{clock}microjoules{end}" for clock in ("", "real_time_") for end in ("", "_low", "_high"))
@@ -263,8 +265,8 @@ def show_front(places: Sequence[FrontPlace], chip: str) -> None:
         share, (low, high) = _held_out(place.tested)
         values = (f"{value:g}" for value in place.varied.values())
         joules = [1e-6 * place.tested[name] for name in SPENT]
-        spent = between(*joules[:3]), between(*joules[3:])
-        cells.append((*values, f"{place.accuracy:.1%}", f"{share:.1%}", f"{low:.1%} - {high:.1%}", *spent))
+        energy = between(*joules[:3]), between(*joules[3:])
+        cells.append((*values, f"{place.accuracy:.1%}", f"{share:.1%}", f"{low:.1%} - {high:.1%}", *energy))
     head = (*(f">{name}" for name in names), ">judged", ">held out", ">95 % interval", *COLUMNS[1:3])
     title = f"{len(front)} of {len(places)} networks that no other beats, and a recording on {chip}"
     console().print(table(head, cells, title=title))
@@ -280,8 +282,8 @@ def write_front(folder: Path, places: Sequence[FrontPlace], chip: str) -> tuple[
     """Write front.csv and front.png; errors as of `neuro.apps.output`."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    found = ("accuracy", "microjoules", "held_out_right", "held_out", *(f"held_out_{name}" for name in SPENT))
-    writer.writerow(("network", *places[0].varied, *found))
+    columns = ("accuracy", "microjoules", "held_out_right", "held_out", *(f"held_out_{name}" for name in SPENT))
+    writer.writerow(("network", *places[0].varied, *columns))
     for place in places:
         tested = [f"{place.tested[name]:.10g}" if place.tested else "" for name in ("right", "n", *SPENT)]
         name = place.file.relative_to(folder).as_posix()
@@ -293,7 +295,7 @@ def write_front(folder: Path, places: Sequence[FrontPlace], chip: str) -> tuple[
 
 
 def draw(places: Sequence[FrontPlace], chip: str) -> Figure:
-    """Accuracy against joules: all points, and the front with what it reaches on recordings that are held out."""
+    """Draw accuracy against joules: all points, and the front with its accuracy on held-out recordings."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 4.0), dpi=150, layout="constrained")
@@ -309,10 +311,18 @@ def draw(places: Sequence[FrontPlace], chip: str) -> Figure:
     share = [100.0 * at for at, _ in held_out]
     below = [100.0 * (at - low) for at, (low, _) in held_out]
     above = [100.0 * (high - at) for at, (_, high) in held_out]
-    spent = [tested["microjoules"] for tested in tests]
+    microjoules = [tested["microjoules"] for tested in tests]
     label = "the same, learnt anew, on recordings held out (95 %)"
     axis.errorbar(
-        spent, share, yerr=(below, above), fmt="D", color=BLUE, label=label, markersize=5, linewidth=1.2, capsize=2
+        microjoules,
+        share,
+        yerr=(below, above),
+        fmt="D",
+        color=BLUE,
+        label=label,
+        markersize=5,
+        linewidth=1.2,
+        capsize=2,
     )
     logarithmic(axis)
     axis.set_xlabel(literal(f"microjoules of a recording on {chip}, as fast as it can"))

@@ -1,4 +1,4 @@
-"""A network on backends and chips: what it decides on recordings, what one of them takes, and room in registers."""
+"""Tests of a network on backends and chips: decisions, energy of a recording, and room in registers."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ AT_ONCE = 50
 
 @dataclass(frozen=True, slots=True)
 class MemoryRoom:
-    """How much of its registers the input of a population takes on a chip.
+    """Share of a chip's input registers that a population uses.
 
     Attributes:
-        chip: its name.
-        population: whose.
-        share: the largest of any neuron and step of the recordings that were learnt from, at `scale`; 1 wraps.
+        chip: name of the chip.
+        population: name of the population.
+        share: largest share over neurons and steps of the learnt recordings, at `scale`; above 1 a register wraps.
         scale: units of the voltage register per mV.
-        chosen: whether the scale was made smaller than the chip's own, to leave room.
+        chosen: True if the scale is smaller than the chip's own, to leave room.
     """
 
     chip: str
@@ -54,20 +54,22 @@ def chip_of(target: str) -> Chip | None:
     return chip(target) if target in chips() or target.endswith((".yaml", ".yml")) else None
 
 
-def rooms(net: neuro.Network, target: str, shown: BatchData, plan: TrainingPlan) -> list[MemoryRoom]:
-    """How much room a chip's registers have, at scales that leave some.
+def rooms(net: neuro.Network, target: str, samples: BatchData, plan: TrainingPlan) -> list[MemoryRoom]:
+    """Return the room in a chip's registers, with scales that leave some.
 
-    A chip chooses a scale as fine as its threshold allows, so that only a sum of all synapses is sure to fit. Here it
-    is halved until the largest sum of some recordings fits `MARGIN` times, or a weight would lose a bit.
+    A chip chooses the finest scale that its threshold allows, with which the sum of all synapses may overflow. Here
+    the scale is halved until the largest sum of the learnt recordings fits `MARGIN` times, or a weight would lose a
+    bit.
 
     Args:
-        net: what was learnt.
-        target: the chip; another backend has no registers.
-        shown: the recordings that were learnt from.
-        plan: how they are seen.
+        net: the trained network.
+        target: the chip; other backends have no registers.
+        samples: the learnt recordings.
+        plan: settings of the training.
 
     Returns:
-        Of each population that spikes reach; none where the chip's arithmetic does not say (`neuro.chips.filled`).
+        one entry for each population that spikes reach; empty if the chip's arithmetic is unknown
+        (`neuro.chips.filled`).
     """
     on = chip_of(target)
     if on is None or not on.arithmetic:
@@ -78,8 +80,8 @@ def rooms(net: neuro.Network, target: str, shown: BatchData, plan: TrainingPlan)
     module = module_of(net, replace(plan, bits=None), every).eval()
     fixed = quantise(module.program, on)
     shares: dict[str, float] = {}
-    for first in range(0, len(shown), AT_ONCE):
-        events = shown.events[list(range(first, min(first + AT_ONCE, len(shown))))]
+    for first in range(0, len(samples), AT_ONCE):
+        events = samples.events[list(range(first, min(first + AT_ONCE, len(samples))))]
         with torch.no_grad():
             spikes = {name: each.cpu().numpy() for name, each in module(events).spikes.items()}
         for name, train in events.trains.items():
@@ -88,40 +90,40 @@ def rooms(net: neuro.Network, target: str, shown: BatchData, plan: TrainingPlan)
             spikes[name][np.repeat(np.arange(events.batch), np.diff(train.ends)), train.step, train.neuron] = 1.0
         for name, share in filled(fixed, spikes).items():
             shares[name] = max(share, shares.get(name, 0.0))
-    found = []
+    table = []
     for k, cells in enumerate(fixed.populations):
         if cells.name in shares:
             parts = zip(module.program.projections, fixed.projections, strict=True)
             spare = min(wires.exponent for part, wires in parts if part.target == k and wires is not None)
-            wanted = math.ceil(math.log2(max(MARGIN * shares[cells.name], 1.0)))
-            less = 2.0 ** max(0, min(wanted, spare))
-            found.append(MemoryRoom(target, cells.name, shares[cells.name] / less, cells.volt / less, less > 1.0))
-    return found
+            halvings = math.ceil(math.log2(max(MARGIN * shares[cells.name], 1.0)))
+            less = 2.0 ** max(0, min(halvings, spare))
+            table.append(MemoryRoom(target, cells.name, shares[cells.name] / less, cells.volt / less, less > 1.0))
+    return table
 
 
-def scales(found: Sequence[MemoryRoom], target: str) -> dict[str, float]:
-    """The option `scales` of `neuro.compile` on a chip: of the populations whose scale is not the chip's own."""
-    return {room.population: room.scale for room in found if room.chip == target and room.chosen}
+def scales(table: Sequence[MemoryRoom], target: str) -> dict[str, float]:
+    """Return the option `scales` of `neuro.compile` for the populations with a scale other than the chip's own."""
+    return {room.population: room.scale for room in table if room.chip == target and room.chosen}
 
 
-def told(found: Sequence[MemoryRoom]) -> list[str]:
-    """A line for each chip."""
+def told(table: Sequence[MemoryRoom]) -> list[str]:
+    """Return a line for each chip."""
     lines = []
-    for target in dict.fromkeys(room.chip for room in found):
-        shares = ", ".join(f"{room.share:.0%} of that of '{room.population}'" for room in found if room.chip == target)
-        own = ", ".join(f"'{name}': {scale:.6g}" for name, scale in scales(found, target).items())
+    for target in dict.fromkeys(room.chip for room in table):
+        shares = ", ".join(f"{room.share:.0%} of that of '{room.population}'" for room in table if room.chip == target)
+        own = ", ".join(f"'{name}': {scale:.6g}" for name, scale in scales(table, target).items())
         way = f"; scales={{{own}}} leaves this room" if own else ""
         lines.append(f"{target}: input registers on the recordings learnt from: at most {shares}{way}")
     return lines
 
 
 def summed(each: Iterator[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:
-    """Those of several sets of recordings."""
-    found: dict[str, tuple[int, str]] = {}
+    """Return the overflows of several sets of recordings together."""
+    overflows: dict[str, tuple[int, str]] = {}
     for one in each:
         for what, (recordings, hint) in one.items():
-            found[what] = found.get(what, (0, ""))[0] + recordings, hint
-    return found
+            overflows[what] = overflows.get(what, (0, ""))[0] + recordings, hint
+    return overflows
 
 
 Ints = npt.NDArray[np.int64]
@@ -129,19 +131,19 @@ Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TestedNetwork:
-    """What came of some recordings.
+    """Results of a network on some recordings.
 
     Attributes:
-        backend: that ran them; "torch" is the module that learnt.
-        spikes: of the output, of a graded one its payloads, (recordings, steps, neurons).
-        decided: the class of each, -1 for silence.
-        labels: the right ones, or targets.
-        classes: names.
-        first_ms: the first spike of the output, the mean of the recordings that have one.
-        bill: of a recording, where the backend is a chip that has costs.
-        overflows: of the registers of a chip, in how many recordings.
-        sent: spikes or messages of a recording, the mean, by population; none of "torch".
-        V_m: of the output where there are targets, mV, (recordings, steps, neurons).
+        backend: backend of the test; "torch" is the trained module.
+        spikes: spikes of the output, payloads of a graded one, (recordings, steps, neurons).
+        decided: class of each recording, -1 for silence.
+        labels: right classes, or targets.
+        classes: names of the classes.
+        first_ms: mean time of the output's first spike, over the recordings with one.
+        bill: bill of a recording, for a chip with costs.
+        overflows: number of recordings with overflows, by register.
+        sent: mean spikes or messages of a recording, by population; empty for "torch".
+        V_m: potentials of the output with targets, mV, (recordings, steps, neurons).
     """
 
     backend: str
@@ -157,7 +159,7 @@ class TestedNetwork:
 
     @property
     def own(self) -> Evaluation:
-        """How good the decisions are."""
+        """Evaluation of the decisions."""
         return evaluate(self.decided, self.labels, self.classes)
 
     @property
@@ -167,7 +169,7 @@ class TestedNetwork:
 
     @property
     def grade(self) -> str:
-        """How good it is, in words."""
+        """Accuracy or R2 as text."""
         return f"{self.own.accuracy:.1%} right" if self.V_m is None else r_squared_text(self.r_squared)
 
     def agrees(self, other: TestedNetwork) -> float:
@@ -179,26 +181,26 @@ class TestedNetwork:
         return int((self.spikes == other.spikes).all(axis=(1, 2)).sum())
 
 
-def by_module(module: neuro_torch.Module, shown: BatchData, plan: TrainingPlan) -> TestedNetwork:
-    """By what learnt, on its device."""
+def by_module(module: neuro_torch.Module, samples: BatchData, plan: TrainingPlan) -> TestedNetwork:
+    """Test the trained module on its device."""
     parts, potentials = [], []
     with torch.no_grad():
-        for first in range(0, len(shown), AT_ONCE):
-            chosen = list(range(first, min(first + AT_ONCE, len(shown))))
-            found = module.eval()(shown.events[chosen])
-            parts.append(found.spikes[plan.output].cpu())
+        for first in range(0, len(samples), AT_ONCE):
+            chosen = list(range(first, min(first + AT_ONCE, len(samples))))
+            activity = module.eval()(samples.events[chosen])
+            parts.append(activity.spikes[plan.output].cpu())
             if plan.loss == "mse":
-                potentials.append(found.V_m[plan.output].cpu())
-    tried = _tried("torch", torch.cat(parts), shown, module.program.resolution)
-    return replace(tried, V_m=torch.cat(potentials).numpy()) if potentials else tried
+                potentials.append(activity.V_m[plan.output].cpu())
+    result = _tried("torch", torch.cat(parts), samples, module.program.resolution)
+    return replace(result, V_m=torch.cat(potentials).numpy()) if potentials else result
 
 
 def on_backend(
     net: neuro.Network,
     backend: str,
-    shown: BatchData,
+    samples: BatchData,
     plan: TrainingPlan,
-    report: Callable[[str, int, int], None] = lambda what, done, total: None,
+    report: Callable[[str, int, int], None] = lambda what, count, total: None,
     room: Sequence[MemoryRoom] = (),
 ) -> TestedNetwork:
     """By a backend, one recording after the other, each from the beginning.
@@ -206,9 +208,9 @@ def on_backend(
     Args:
         net: what was learnt.
         backend: its name; one of a chip gives a bill.
-        shown: the recordings.
+        samples: the recordings.
         plan: how they are seen.
-        report: called with how many are done.
+        report: called with the number of tested recordings.
         room: in its registers, whose scales it takes.
 
     Raises:
@@ -216,34 +218,34 @@ def on_backend(
     """
     options: dict[str, Any] = {"scales": own} if (own := scales(room, backend)) else {}
     sim = neuro.compile(net, backend=backend, seed=plan.seed, **options)
-    events, h = shown.events, net.resolution
+    events, h = samples.events, net.resolution
     neurons = math.prod(int(side) for side in net.populations[plan.output].shape)
-    spikes = torch.zeros(len(shown), events.steps, neurons, dtype=torch.float64)  # they hold payloads of 32 bits
+    spikes = torch.zeros(len(samples), events.steps, neurons, dtype=torch.float64)  # doubles hold payloads of 32 bits
     showing, potentials = Showing(sim, plan.input, plan.output), []
-    for k in range(len(shown)):
+    for k in range(len(samples)):
         train = events.trains[plan.input].of([k])
         times, ids, payloads = showing.show(train.step, train.neuron, events.steps)
         at = np.rint(times / h).astype(np.int64) - 1, ids
         np.add.at(spikes[k].numpy(), at, 1.0 if payloads is None else payloads)
         if plan.loss == "mse":
             potentials.append(sim.trace(probe(plan.output))[1])
-        report(f"{backend}: testing", k + 1, len(shown))
+        report(f"{backend}: testing", k + 1, len(samples))
     priced, bill, fewer = chip_of(backend), None, plan.neurons_per_core
     if priced is not None and priced.costs:
-        placed = place(sim.program, priced, neurons_per_core=fewer) if priced.mesh is not None else None
-        taken: Any = showing.taken
-        bill = price(sim.program, taken.raw_counts, placed, priced).per(len(shown), "recording")
+        placement = place(sim.program, priced, neurons_per_core=fewer) if priced.mesh is not None else None
+        run_counts: Any = showing.taken
+        bill = price(sim.program, run_counts.raw_counts, placement, priced).per(len(samples), "recording")
     events_of = () if showing.taken is None else showing.taken.raw_counts.events
     counts = zip(sim.program.populations, events_of, strict=False)
-    sent = {part.name: float(each.sum()) / len(shown) for part, each in counts}
-    said = np.stack(potentials) if potentials else None
-    return replace(_tried(backend, spikes, shown, h, bill, showing.overflows), sent=sent, V_m=said)
+    sent = {part.name: float(each.sum()) / len(samples) for part, each in counts}
+    V_m = np.stack(potentials) if potentials else None
+    return replace(_tried(backend, spikes, samples, h, bill, showing.overflows), sent=sent, V_m=V_m)
 
 
 def _tried(
     backend: str,
     spikes: torch.Tensor,
-    shown: BatchData,
+    samples: BatchData,
     step: float,
     bill: Energy | None = None,
     overflows: Overflows | None = None,
@@ -252,40 +254,40 @@ def _tried(
     first = neuro_torch.losses.first_spike_steps(spikes).amin(dim=1)
     some = first < spikes.shape[1]
     mean = float((first[some] + 1.0).mean()) * step if bool(some.any()) else float("nan")
-    return TestedNetwork(backend, spikes.numpy(), decided, shown.labels, shown.classes, mean, bill, overflows or {})
+    return TestedNetwork(backend, spikes.numpy(), decided, samples.labels, samples.classes, mean, bill, overflows or {})
 
 
 def train_and_test(
     net: neuro.Network,
     out: Path,
-    shown: BatchData,
+    samples: BatchData,
     unseen: BatchData | None,
     plan: TrainingPlan,
     backends: Sequence[str],
     chips: Sequence[str],
     checkpoint: Checkpoint,
     tell: Callable[[int, Mapping[str, float]], None],
-    report: Callable[[str, int, int], None] = lambda what, done, total: None,
+    report: Callable[[str, int, int], None] = lambda what, count, total: None,
 ) -> tuple[Trained, list[MemoryRoom], list[TestedNetwork]]:
-    """Train a network, write it, and test it by the module that learnt and on backends.
+    """Train a network, write it, and test the module and the network on backends.
 
     Args:
-        net: the network; it is not changed.
-        out: file of what was learnt.
-        shown: recordings to learn from.
-        unseen: recordings to test on; None: no test.
+        net: the network, which is not changed.
+        out: file of the trained network.
+        samples: recordings to learn from.
+        unseen: recordings to test on; None for no test.
         plan: settings of the training.
-        backends: to test on.
-        chips: whose room in registers is measured; other backends have none.
-        checkpoint: where the training is kept; the caller removes it when all that follows is written.
-        tell: called with the epochs that are done, and what was noted of the last.
-        report: called with how many recordings are tested.
+        backends: backends to test on.
+        chips: chips whose room in registers is measured; other backends have none.
+        checkpoint: checkpoint of the training; the caller removes it after writing all results.
+        tell: called with the number of finished epochs, and the figures of the last.
+        report: called with the number of tested recordings.
     """
-    trained = learn(net, shown, plan, checkpoint, tell)
+    trained = learn(net, samples, plan, checkpoint, tell)
     trained.net.save(out)
-    room = [one for name in dict.fromkeys(chips) for one in rooms(trained.net, name, shown, plan)]
+    room = [one for name in dict.fromkeys(chips) for one in rooms(trained.net, name, samples, plan)]
     if unseen is None:
         return trained, room, []
-    tried = [by_module(trained.module, unseen, plan)]
-    tried += [on_backend(trained.net, backend, unseen, plan, report, room) for backend in backends]
-    return trained, room, tried
+    tests = [by_module(trained.module, unseen, plan)]
+    tests += [on_backend(trained.net, backend, unseen, plan, report, room) for backend in backends]
+    return trained, room, tests

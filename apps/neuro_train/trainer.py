@@ -50,14 +50,14 @@ For regression, "right" is R2, the explained share of the targets' variance; NaN
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trained:
-    """What came of a training.
+    """Result of a training.
 
     Attributes:
-        net: the network with what was learnt.
-        module: the same, as it learnt.
-        curves: by name of `CURVES` a value for each epoch.
-        cpu_s: seconds that a core worked for it, those before a kill included.
-        rates: the largest learning rate of the weights by projection, in their unit.
+        net: the trained network.
+        module: the trained module.
+        curves: a value for each epoch, by name of `CURVES`.
+        cpu_s: processor seconds, those before a kill included.
+        rates: largest learning rate of the weights by projection, in their unit.
     """
 
     net: neuro.Network
@@ -100,60 +100,61 @@ def module_of(net: neuro.Network, plan: TrainingPlan, outputs: Sequence[str] | N
 
 
 def sizes(module: neuro_torch.Module) -> dict[str, float]:
-    """How large the weights of each projection are, in whole powers of ten: 1 where they are about 0.1 in their unit.
+    """Return the size of the weights of each projection as a power of ten: 1 for weights of about 0.1 in their unit.
 
-    The learning rate is for weights of about 0.1 and is multiplied by this, so that weights in pA learn as those in mV.
+    The learning rate holds for weights of about 0.1 and is multiplied by this size, so that weights in pA learn like
+    those in mV.
     """
-    found = {}
+    powers = {}
     for name, weight in module.weights.items():
         mean = float(weight.detach().double().square().mean().sqrt())
-        found[name] = 10.0 ** math.trunc(math.log10(mean / 0.1)) if mean > 0.0 else 1.0
-    return found
+        powers[name] = 10.0 ** math.trunc(math.log10(mean / 0.1)) if mean > 0.0 else 1.0
+    return powers
 
 
-def begun(net: neuro.Network, out: Path, shown: BatchData, plan: TrainingPlan, which: str = "") -> Checkpoint:
-    """Where a training keeps itself.
+def begun(net: neuro.Network, out: Path, samples: BatchData, plan: TrainingPlan, which: str = "") -> Checkpoint:
+    """Return the checkpoint of a training.
 
     Args:
-        net: the network as it begins.
-        out: the network that it is going to be.
-        shown: what is learnt from.
-        plan: the settings of the training.
-        which: part of the recordings, where not all.
+        net: the untrained network.
+        out: file of the trained network.
+        samples: recordings to learn from.
+        plan: settings of the training.
+        which: name of the part of the recordings; "" for all.
     """
-    settings = identity(net, shown, plan) | {"recordings": len(shown), "part": which}
+    settings = identity(net, samples, plan) | {"recordings": len(samples), "part": which}
     return Checkpoint(out, FORMAT, settings, WAYS)
 
 
-def identity(net: neuro.Network, shown: BatchData, plan: TrainingPlan) -> dict[str, Any]:
-    """All that decides what comes of a training, as plain data."""
-    return plan.as_words() | {"network": fingerprint(module_of(net, plan).program), "data": shown.digest}
+def identity(net: neuro.Network, samples: BatchData, plan: TrainingPlan) -> dict[str, Any]:
+    """Return all values that decide the result of a training, as plain data."""
+    return plan.as_words() | {"network": fingerprint(module_of(net, plan).program), "data": samples.digest}
 
 
 def learn(
     net: neuro.Network,
-    shown: BatchData,
+    samples: BatchData,
     plan: TrainingPlan,
     checkpoint: Checkpoint | None = None,
-    report: Callable[[int, Mapping[str, float]], None] = lambda epoch, noted: None,
+    report: Callable[[int, Mapping[str, float]], None] = lambda epoch, figures: None,
 ) -> Trained:
     """Train, or go on with what was begun.
 
     Args:
         net: the network; it is not changed.
-        shown: what to learn from.
+        samples: recordings to learn from.
         plan: the settings of the training.
-        checkpoint: where it is kept; nowhere if not given.
-        report: called with the epochs that are done, and what was noted of the last.
+        checkpoint: checkpoint of the training; by default none.
+        report: called with the number of finished epochs, and the figures of the last.
 
     Raises:
         ModelError: the network cannot be trained so, the loss does not suit what is wanted, the loss or what learns has
             become NaN or infinite, or the checkpoint is of another training.
     """
-    training = _Training(net, shown, plan, "" if checkpoint is None else f" in {checkpoint.path}")
-    kept = {} if checkpoint is None else checkpoint.resume()
-    if kept:
-        training.restore(kept)
+    training = _Training(net, samples, plan, "" if checkpoint is None else f" in {checkpoint.path}")
+    arrays = {} if checkpoint is None else checkpoint.resume()
+    if arrays:
+        training.restore(arrays)
         report(training.done, training.last())
     written = time.monotonic()
     while training.done < plan.epochs:
@@ -175,13 +176,13 @@ def learn(
 class _Training:
     """A training under way, from one epoch to the next."""
 
-    def __init__(self, net: neuro.Network, shown: BatchData, plan: TrainingPlan, place: str) -> None:
-        self._shown, self._plan, self._net, self._place = shown, plan, net, place
+    def __init__(self, net: neuro.Network, samples: BatchData, plan: TrainingPlan, place: str) -> None:
+        self._shown, self._plan, self._net, self._place = samples, plan, net, place
         self.done, self._spent = 0, 0.0
         self._stay: dict[str, Array] = {}
         self._noted: dict[str, list[float]] = {name: [] for name in CURVES}
-        self._labels, self._batches = torch.from_numpy(shown.labels), math.ceil(len(shown) / plan.batch)
-        self._variance = _variance(shown, plan)
+        self._labels, self._batches = torch.from_numpy(samples.labels), math.ceil(len(samples) / plan.batch)
+        self._variance = _variance(samples, plan)
         self._silent_epochs, self._has_warned = 0, plan.loss not in ("count", "first_spike")  # others need no spike
         module = module_of(net, plan)
         self._sizes = sizes(module)
@@ -224,7 +225,7 @@ class _Training:
         for k in range(self._batches):
             chosen = order[k * plan.batch : (k + 1) * plan.batch]
             if self._variance is not None and bool(self._labels[torch.from_numpy(chosen)].isnan().all()):
-                continue  # nothing is asked of these recordings, so nothing is learnt from them
+                continue  # these recordings have no targets
             recordings += len(chosen)
             for name, value in self._batch(chosen, k, rng).items():
                 sums[name] += value * len(chosen)
@@ -234,8 +235,8 @@ class _Training:
         self._spent += time.process_time() - began
 
     def _batch(self, chosen: npt.NDArray[np.int64], k: int, rng: np.random.Generator) -> dict[str, float]:
-        """One step of learning; gives what is noted of it."""
-        plan, wanted = self._plan, self._labels[torch.from_numpy(chosen)].to(self._plan.device)
+        """Take one step of learning; return its figures."""
+        plan, labels = self._plan, self._labels[torch.from_numpy(chosen)].to(self._plan.device)
         events = self._shown.events[chosen.tolist()]
         if plan.shift or plan.warp or plan.mirror:
             events = moved(events, plan.input, self._shown.shape, plan.shift, plan.warp, rng, plan.mirror)
@@ -246,25 +247,25 @@ class _Training:
         rate = plan.rate * (high + (low - high) * 0.5 * (1.0 + math.cos(math.pi * part)))
         for group in self._optimiser.param_groups:
             group["lr"] = rate * group["size"]
-        found = self._module(events)
-        losses, spikes, scale = neuro_torch.losses, found.spikes[plan.output], 1.0 / plan.temperature
+        activity = self._module(events)
+        losses, spikes, scale = neuro_torch.losses, activity.spikes[plan.output], 1.0 / plan.temperature
         if plan.loss == "count":
-            loss = losses.count_cross_entropy(spikes, wanted, scale=scale)
+            loss = losses.count_cross_entropy(spikes, labels, scale=scale)
         elif plan.loss == "potential":
-            loss = losses.potential_cross_entropy(found.V_m[plan.output], wanted, scale=scale)
+            loss = losses.potential_cross_entropy(activity.V_m[plan.output], labels, scale=scale)
         elif plan.loss == "mse":
-            loss = losses.potential_mse(found.V_m[plan.output], wanted)
+            loss = losses.potential_mse(activity.V_m[plan.output], labels)
         else:
-            loss = losses.first_spike(spikes, wanted, tau=plan.temperature * found.step, resolution=found.step)
+            loss = losses.first_spike(spikes, labels, tau=plan.temperature * activity.step, resolution=activity.step)
         if self._variance is None:
-            right = float((losses.decisions(spikes.detach()) == wanted).double().mean())
+            right = float((losses.decisions(spikes.detach()) == labels).double().mean())
         else:
             right = 1.0 - float(loss.detach()) / self._variance if self._variance > 0.0 else math.nan
         if self._silent_epochs and bool(spikes.detach().any()):
             self._silent_epochs = 0
-        joules = {chip: bill(found) for chip, bill in self._bills.items()}
-        for chip, taken in joules.items():
-            loss = loss + plan.cost[chip] * 1e6 * taken.to(loss.dtype)
+        joules = {chip: bill(activity) for chip, bill in self._bills.items()}
+        for chip, energy in joules.items():
+            loss = loss + plan.cost[chip] * 1e6 * energy.to(loss.dtype)
         if not math.isfinite(float(loss.detach())):
             self._stop(k, f"the loss is {float(loss.detach())}: expected a number")
         self._optimiser.zero_grad()
@@ -274,21 +275,21 @@ class _Training:
             self._module.hold()  # what learns stays in its bounds
         except ModelError as error:
             self._stop(k, error.message)
-        spent = next(iter(joules.values()), torch.zeros(()))
-        noted = (float(loss.detach()), right, float(spent.detach()), rate)
-        return dict(zip(CURVES, noted, strict=True))
+        joules_of_chip = next(iter(joules.values()), torch.zeros(()))
+        figures = (float(loss.detach()), right, float(joules_of_chip.detach()), rate)
+        return dict(zip(CURVES, figures, strict=True))
 
     def _stop(self, batch: int, message: str) -> NoReturn:
         where = f"epoch {self.done + 1}, batch {batch + 1} of {self._batches}"
         some = self.done and self._place
-        kept = f"; what was learnt until the end of epoch {self.done} is kept{self._place}" if some else ""
+        note = f"; what was learnt until the end of epoch {self.done} is kept{self._place}" if some else ""
         way = "a smaller --rate, or a smaller --cost" + (", under another --out" if some else "")
-        raise ModelError(f"{where}: {message}{kept}", hint=way)
+        raise ModelError(f"{where}: {message}{note}", hint=way)
 
     def warn_of_silence(self) -> None:
-        """Warn once of output neurons that stay silent for `PATIENCE` epochs, or in the last one.
+        """Warn once of output neurons that stay silent for `PATIENCE` epochs, or in the last epoch.
 
-        A network may begin silent: surrogate gradients raise its weights until it fires.
+        A network may be silent at first: surrogate gradients raise its weights until it fires.
         """
         if self._has_warned or not self._silent_epochs:
             return
@@ -308,7 +309,7 @@ class _Training:
         self._take(neuro_torch.prune(self._module, stay=self._stay))
 
     def last(self) -> dict[str, float]:
-        """What was noted of the last epoch."""
+        """Figures of the last epoch."""
         return {name: values[-1] for name, values in self._noted.items() if values}
 
     def state(self) -> dict[str, Array | dict[str, Array]]:
@@ -326,23 +327,23 @@ class _Training:
             parts["stay"] = self._stay
         return parts
 
-    def restore(self, kept: Mapping[str, Any]) -> None:
-        """Go on from `state`."""
-        self.done, self._spent = int(kept["progress"][0]), float(kept["progress"][1])
-        self._noted = {name: kept["curves"][name].tolist() for name in CURVES}
-        if "stay" in kept:
-            self._prune(kept["stay"])
-        weights = {name: torch.from_numpy(np.asarray(value)) for name, value in kept["weights"].items()}
+    def restore(self, arrays: Mapping[str, Any]) -> None:
+        """Continue from `state`."""
+        self.done, self._spent = int(arrays["progress"][0]), float(arrays["progress"][1])
+        self._noted = {name: arrays["curves"][name].tolist() for name in CURVES}
+        if "stay" in arrays:
+            self._prune(arrays["stay"])
+        weights = {name: torch.from_numpy(np.asarray(value)) for name, value in arrays["weights"].items()}
         self._module.load_state_dict(weights)
         state: dict[int, dict[str, Tensor]] = {}
-        for name, value in kept.get("moments", {}).items():
+        for name, value in arrays.get("moments", {}).items():
             k, _, word = name.partition(".")
             state.setdefault(int(k), {})[word] = torch.from_numpy(np.asarray(value))
         groups = self._optimiser.state_dict()["param_groups"]
         self._optimiser.load_state_dict({"state": state, "param_groups": groups})
 
     def trained(self) -> Trained:
-        """What came of it."""
+        """Result of the training."""
         module = self._module.eval()
         with torch.no_grad():  # the grid of a chip is chosen for the last weights
             module(self._shown.events[[0]])
@@ -356,30 +357,30 @@ class _Training:
         return Trained(net, module, curves, self._spent, rates)
 
 
-def why_silent(net: neuro.Network, shown: BatchData, plan: TrainingPlan) -> str:
-    """Return what the doctor says of a network whose input is the recording with most events; "" if nothing."""
-    train = shown.events.trains[plan.input]
+def why_silent(net: neuro.Network, samples: BatchData, plan: TrainingPlan) -> str:
+    """Return the doctor's reason for a silent output, with the fullest recording as input; "" without a reason."""
+    train = samples.events.trains[plan.input]
     fullest = train.of([int(np.argmax(np.diff(train.ends)))])
     times = (fullest.step + 1.0) * net.resolution
     pixels = neuro.spike_train(spikes=np.stack([times, fullest.neuron.astype(np.float64)], axis=1))
     net.populations[plan.input] = replace(net.populations[plan.input], model=pixels)
-    diagnosis = neuro.doctor(net, (shown.events.steps + 1) * net.resolution)
+    diagnosis = neuro.doctor(net, (samples.events.steps + 1) * net.resolution)
     reasons = [each for each in diagnosis.faults if plan.output in each.what] or list(diagnosis.faults)
     return f"{reasons[0].evidence}; {reasons[0].remedy}" if reasons else ""
 
 
-def _variance(shown: BatchData, plan: TrainingPlan) -> float | None:
-    """That of targets; None of labels.
+def _variance(samples: BatchData, plan: TrainingPlan) -> float | None:
+    """Return the variance of targets; None for labels.
 
     Raises:
-        ModelError: the loss is for the other kind.
+        ModelError: the loss does not fit labels or targets.
     """
-    targets = shown.labels.ndim != 1
+    targets = samples.labels.ndim != 1
     if targets != (plan.loss == "mse"):
         expected = "labels of classes" if targets else "targets, (recordings, steps, neurons)"
         kind = "targets" if targets else "labels of classes"
         raise ModelError(f"loss {plan.loss}: found {kind}: expected {expected}", hint="the loss mse is for targets")
-    return shown.variance if targets else None
+    return samples.variance if targets else None
 
 
 def _array(value: Any) -> Array:
