@@ -148,6 +148,10 @@ def _program(p: spinnaker_learning, onto: Onto) -> Mapped:
     taught = {"tau_c": p.tau_c, "tau_d": p.tau_n, **bounds} if p.taught else None
     rule = rule_of(p.timing, p.dependence, p.parameters() | numbers, dt=onto.h, neuromodulation=taught)
     notes = _rounded(rule, numbers, largest if p.timing == "triplet" else 1.0)
+    if p.timing == "recurrent":
+        notes += ("one generator draws the windows of the projection, and on the machine one those of each core",)
+    if onto.extra:
+        notes += (f"post spikes and dopamine act {onto.extra} step later, since the delay register is longer",)
     rule = replace(rule, eligibility=onto.unit / onto.gain if p.taught else 1.0)
     if p.dopamine is not None:
         units = round(p.concentration * ONE)

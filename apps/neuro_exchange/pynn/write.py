@@ -437,12 +437,9 @@ class _Script:
         if part.dopamine < 0:
             raise ModelError(f"{part.synapse.name} without 'dopamine': PyNN has no signals")
         source, target = self.program.populations[part.dopamine], self.program.populations[part.target]
-        words = {
-            "weight": abs(rises),
-            "delay": part.dopamine_delay * self.step,
-            "tau_c": p["tau_c"],
-            "tau_d": p["tau_n"],
-        }
+        words = {"weight": abs(rises), "tau_c": p["tau_c"], "tau_d": p["tau_n"]}
+        if part.dopamine_delay != 1:  # sPyNNaker's has no delay
+            self._note(part.name, part.synapse.name, "there dopamine acts after the delay of the synapse alone")
         connector = "OneToOneConnector()" if part.dopamine_one_to_one else "AllToAllConnector()"
         ends = [f'populations["{source.name}"]', f'populations["{target.name}"]', f"sim.{connector}"]
         made = f"{_EXTRA}.Neuromodulation({_words(words | bounds)})"
