@@ -20,7 +20,7 @@ from neuro.model.synapses import (
 )
 from neuro.testing.verify import verify
 from neuro_chip.replay import replay
-from refused import refused
+from refused import refused, without_place
 from spinnaker_twin import Neuron, Row, Rule
 
 NAME = "spinnaker_learning"
@@ -181,6 +181,22 @@ def test_what_no_program_does_is_refused(messages):
             "triplet": refused(rule_of, "triplet", "multiplicative", numbers, dt=1.0),
             "nearest": refused(rule_of, "nearest", "additive", numbers, dt=1.0, neuromodulation=taught),
             "table": refused(rule_of, "pair", "additive", numbers | {"tau_plus": 9000.0}, dt=1.0),
+        }
+    )
+
+
+def test_a_program_that_is_not_there_is_refused(messages):
+    def told(backend="spinnaker", **words):
+        return without_place(lambda: neuro.compile(learner(spinnaker_learning(Wmax=6.0, **words), 1), backend))
+
+    messages(
+        {
+            "no program": told(timing="triplet", dependence="multiplicative"),
+            "no program with dopamine": told(timing="nearest", dopamine="d"),
+            "no unit of dopamine": told(dopamine="d", concentration=1e-5),
+            "bounds": told(Wmin=8.0),
+            "float": told("event"),
+            "another chip": told("loihi"),
         }
     )
 
