@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         Trace as Trace,
         TrialEnd as TrialEnd,
     )
+    from neuro.model.synapses.loihi_registers import LoihiEngine as LoihiEngine
     from neuro.model.synapses.moves import MoveRule as MoveRule
     from neuro.program.backend import (
         Backend as Backend,

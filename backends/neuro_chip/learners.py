@@ -25,7 +25,7 @@ from neuro.chips.loihi_registers import REGISTER_OF_ONE
 from neuro.chips.spinnaker_rule import SpinnakerRule
 from neuro.core.errors import ModelError
 from neuro.kernels.jit import compiled, kernel
-from neuro.model.synapses import loihi2_learning
+from neuro.model.synapses import loihi2_learning, stdp_dopa
 from neuro.model.synapses.base import DELAY
 from neuro.model.synapses.loihi_rule import POST, PRE, LearningRule
 from neuro.program.program import Floats, Ints, Program, Projection
@@ -156,8 +156,8 @@ class Learners:
             amount: Floats = (more - less)[post] * self._wires(index).n_scale
             return amount
         tags: Floats = plastic.tags.astype(np.float64)
-        if name == "t":
-            return tags
+        if name == "t" or not isinstance(self._program.projections[index].synapse, stdp_dopa):
+            return tags  # also of a rule of one's own, whose state is the tag
         # Units of the tag for an eligibility of 1, from the product that a post spike adds to it.
         term = next(term for term in rule.dt if term.gate == "y0")
         units_of_pair = term.mantissa * 2.0**term.exponent * rule.traces["x1"].impulse

@@ -333,7 +333,7 @@ class SpiNNaker(Arithmetic):
         """A population of `iaf_psc_delta` or `iaf_psc_exp`, and the projections onto it."""
         delta = isinstance(inputs.part.model, iaf_psc_delta)
         registers, gain, drive, errors = _delta(inputs) if delta else _exponential(inputs)
-        learns = any(inputs.program.projections[index].synapse.learns == "pairs" for index in inputs.spikes)
+        learns = any(inputs.program.projections[index].synapse.learns in ("pairs", "chip") for index in inputs.spikes)
         shifts = options.of("shifts", inputs.part.name) or (_host_shifts if learns else _shifts)(inputs, gain)
         registers["exc_shift"], registers["inh_shift"] = (np.full(1, shift, dtype=np.int64) for shift in shifts)
         part, p = inputs.part, inputs.part.parameters

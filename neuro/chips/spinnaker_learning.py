@@ -36,7 +36,9 @@ from neuro.chips.spinnaker_rule import (
     ADDITIVE,
     DOWN,
     DOWN_TRIPLET,
+    HIGH,
     MULTIPLICATIVE,
+    OF_WEIGHT,
     ONE,
     PARTS,
     UP,
@@ -45,7 +47,16 @@ from neuro.chips.spinnaker_rule import (
     rule_of,
 )
 from neuro.core.errors import ModelError
-from neuro.model.synapses import Synapse, stdp, stdp_dopa, stdp_nn_restr, stdp_nn_symm, stdp_triplet, vogels_sprekeler
+from neuro.model.synapses import (
+    Synapse,
+    spinnaker_learning,
+    stdp,
+    stdp_dopa,
+    stdp_nn_restr,
+    stdp_nn_symm,
+    stdp_triplet,
+    vogels_sprekeler,
+)
 from neuro.program.backend import SAVE_FROZEN, Problem
 from neuro.program.program import Program, Projection
 
@@ -106,16 +117,60 @@ def mapped(synapse: Synapse, onto: Onto) -> Mapped:
     Raises:
         ModelError: no program does it; the hint is a way out.
     """
+    if isinstance(synapse, spinnaker_learning):
+        return _program(synapse, onto)
     if isinstance(synapse, stdp_dopa):
         mapping = _dopamine(synapse, onto)
         return replace(mapping, approximations=(*mapping.approximations, *_shared(onto)))
     timing, dependence, numbers, notes = _maker(synapse)(synapse, onto)
     rule = rule_of(timing, dependence, {"w_min": 0.0} | numbers, dt=onto.h)
     notes += _rounded(rule, numbers, float(numbers["w_max"]) if timing == "triplet" else 1.0)
-    scale = numbers["w_max"] if dependence == MULTIPLICATIVE else 1.0
-    changes = [abs(int(rule.constants[column])) * scale / PARTS / onto.unit for column in _AMPLITUDES]
-    update = min((change for change in changes if change > 0.0), default=math.inf)
-    return Mapped(rule, (*notes, *_shared(onto)), update)
+    return Mapped(rule, (*notes, *_shared(onto)), _smallest_change(rule, onto))
+
+
+def _smallest_change(rule: SpinnakerRule, onto: Onto) -> float:
+    """Return the smallest change by one pair that is not 0, in units of a word."""
+    c = rule.constants
+    scale = int(c[HIGH]) / PARTS if c[OF_WEIGHT] else 1.0
+    changes = [abs(int(c[column])) * scale / PARTS / onto.unit for column in _AMPLITUDES]
+    return min((change for change in changes if change > 0.0), default=math.inf)
+
+
+def _program(p: spinnaker_learning, onto: Onto) -> Mapped:
+    """The rule that a synapse in the words of the machine names."""
+    largest = (p.c_max if p.taught else abs(p.Wmax)) * onto.gain
+    share = largest if p.dependence == ADDITIVE and p.timing != "triplet" else 1.0
+    steps = {"triplet": 4, "vogels": 1}.get(p.timing, 2)
+    numbers = dict.fromkeys(_AMPLITUDES.values(), 0.0)
+    numbers |= {word: getattr(p, word) * share for word in list(numbers)[:steps]}
+    numbers |= {"w_min": (p.c_min if p.taught else abs(p.Wmin)) * onto.gain, "w_max": largest, "tau": p.tau_plus}
+    bounds = {"w_min": abs(p.Wmin) * onto.gain, "w_max": abs(p.Wmax) * onto.gain}
+    taught = {"tau_c": p.tau_c, "tau_d": p.tau_n, **bounds} if p.taught else None
+    rule = rule_of(p.timing, p.dependence, p.parameters() | numbers, dt=onto.h, neuromodulation=taught)
+    notes = _rounded(rule, numbers, largest if p.timing == "triplet" else 1.0)
+    if p.timing == "recurrent":
+        notes += ("one generator draws the windows of the projection, and on the machine one those of each core",)
+    if onto.extra:
+        notes += (f"post spikes and dopamine act {onto.extra} step later, since the delay register is longer",)
+    rule = replace(rule, eligibility=onto.unit / onto.gain if p.taught else 1.0)
+    if p.dopamine is not None:
+        units = round(p.concentration * ONE)
+        if not 0 < abs(units) < 16 * ONE:
+            message = f"spinnaker_learning.concentration = {p.concentration:g}: {units} units of 2^-11"
+            raise ModelError(f"{message}: expected 1 to {16 * ONE - 1} in size", path=("concentration",))
+        off = units / ONE / p.concentration - 1.0
+        notes += (f"concentration is {off:+.1%} off",) if abs(off) > 1e-3 else ()
+        rule = replace(rule, concentrations=(units,))
+    elif p.signal is not None:
+        rule = replace(rule, concentrations=_levels(onto.largest_n * ONE))
+    return Mapped(rule, notes, _smallest_change(rule, onto), 1.0 / ONE)
+
+
+def _levels(units: float) -> tuple[int, ...]:
+    """Return the concentrations in s4.11 of the sources that bring a signal of so many units at most."""
+    levels = 2**BITS - 1
+    unit = min(max(1, round(units / levels)), ROOM * ONE // 2 // levels)
+    return tuple(unit << bit for bit in range(BITS))
 
 
 def _shared(onto: Onto) -> tuple[str, ...]:
@@ -252,7 +307,6 @@ def _dopamine(p: stdp_dopa, onto: Onto) -> Mapped:
             hint="c_min: 0 leaves the positive one, also on event, or A_minus: 0",
             path=("c_min",),
         )
-    levels = 2**BITS - 1
     by_signal = p.dopamine is None
     n_one = onto.largest_n if by_signal else 1.0 / p.tau_n
     amplitude = max(p.A_plus, p.A_minus)
@@ -260,8 +314,8 @@ def _dopamine(p: stdp_dopa, onto: Onto) -> Mapped:
     both = amplitude * onto.gain / onto.unit * n_one * ONE
     units = math.sqrt(both)
     if by_signal:
-        unit = min(max(1, round(units / levels)), ROOM * ONE // 2 // levels)
-        concentrations, units = tuple(unit << bit for bit in range(BITS)), unit * levels
+        concentrations = _levels(units)
+        units = float(sum(concentrations))
     else:
         units = min(max(1, round(units), math.ceil(both * ROOM / LARGEST_WORD)), 16 * ONE // ROOM)
         concentrations = (int(units),)
@@ -340,7 +394,7 @@ def give_rules(
             yield problem
         elif synapse.delays:
             yield refused(part, synapse.name, f"delays do not change while {chip.name} runs", LEARN_ELSEWHERE)
-        elif synapse.learns == "pairs" and index in wires:
+        elif synapse.learns in ("pairs", "chip") and index in wires:
             try:
                 mapping = _mapping(program, chip, index, cells, wires, options)
             except ModelError as error:
@@ -356,7 +410,8 @@ def give_rules(
                 wires[index], rule=mapping.rule, n_scale=mapping.n_scale, words=wires[index].words * delivered
             )
             differs = "".join(f"\n    - {text}" for text in mapping.approximations)
-            yield approximated(part, synapse.name, f"the chip's learning runs it otherwise:{differs}")
+            if differs:
+                yield approximated(part, synapse.name, f"the chip's learning runs it otherwise:{differs}")
             yield from _undelivered(program, part, wires[index], mapping.rule.slots)
             if mapping.update < COARSE_UPDATE:
                 why = f"a change is {mapping.update:.2g} units of a word, of which flooring takes up to one"
@@ -377,9 +432,11 @@ def _mapping(
         ModelError: there is none.
     """
     part, own = program.projections[index], wires[index]
-    if not isinstance(part.synapse, stdp_dopa):
+    native = isinstance(part.synapse, spinnaker_learning)
+    if not native and not isinstance(part.synapse, stdp_dopa):
         _maker(part.synapse)
-    tau_minus = program.populations[part.target].parameters["tau_minus"]
+    described = {} if native else program.populations[part.target].parameters
+    tau_minus = described.get("tau_minus", np.zeros(1))
     low, high = (float(np.min(end)) for end in part.synapse.bounds())
     inhibits = high <= 0.0 and low < 0.0
     step = own.step_below if inhibits else own.step

@@ -14,10 +14,13 @@ from typing import Any
 import numpy as np
 
 from neuro.core.errors import ModelError
+from neuro.model.synapses.spinnaker_programs import (
+    ADDITIVE as ADDITIVE,
+    MULTIPLICATIVE as MULTIPLICATIVE,
+    TIMINGS as TIMINGS,
+)
 from neuro.program.program import Ints
 
-TIMINGS = ("pair", "nearest", "triplet", "vogels", "recurrent")
-ADDITIVE, MULTIPLICATIVE = "additive", "multiplicative"
 PROGRAMS = {
     ("pair", ADDITIVE, False): "mad_pair_additive",
     ("pair", MULTIPLICATIVE, False): "mad_pair_multiplicative",

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
+from dataclasses import dataclass
 from fractions import Fraction
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ import neuro
 from neuro.chips.loihi_learning import COARSE_UPDATE, SMALLEST_UPDATE, fading, nearest_fit, rule_of
 from neuro.chips.loihi_registers import bounds, grain_of
 from neuro.core import keyed_random
+from neuro.extend import Modulated, State, Synapse, quantity
 from neuro.model.synapses import stdp, stdp_dopa
 from neuro.model.synapses.loihi_registers import SIGN_MODES, loihi_learning, parse
 from neuro.model.synapses.loihi_rule import (
@@ -27,7 +31,7 @@ from neuro.model.synapses.loihi_rule import (
     text,
 )
 from neuro_chip.plastic import Plastic, ThreeFactors, numbers_of
-from refused import refusals_of, refused
+from refused import refusals_of, refused, without_place
 
 TRACES = {"x1_impulse": 20, "x1_tau": 10, "y1_impulse": 20, "y1_tau": 10}
 
@@ -403,3 +407,115 @@ def test_dopamine_spikes_add_up():
     plastic.release(1, np.array([0, 0, 0]))
     assert plastic.ys[0, 3].tolist() == [127, 0, 30]
     assert plastic.saturated == 1
+
+
+# a rule of one's own, with its own sums of products
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class windowed(Synapse):
+    """Pairs by a sum of products that no rule of this library has."""
+
+    learns: ClassVar[str] = "pairs"
+
+    tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
+    eta: float = quantity(0.8, "", "change by a pair", above=0)
+    Wmax: float = quantity(20.0, "", "largest weight", above=0)
+
+    def constants(p, h, c):
+        c[:3] = p[:3]
+
+    def on_post(y, e, c, pre, post):
+        y[0, e] = min(c[2], y[0, e] + c[1] * pre[0])
+
+    def on_pre(y, e, c, pre, post):
+        y[0, e] = max(0.0, y[0, e] - 0.5 * c[1] * post[0])
+
+    def microcode(self, engine):
+        k = round(np.log2(self.eta / engine.mantissa / 16))
+        return engine.rule(
+            f"2^{k}*x1*y0 - 2^{k - 1}*x0*y1 - u3*2^-4*(w - 8)", x1=(16, self.tau_plus), y1=(16, engine.tau_minus)
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class taught(Modulated):
+    """The same eligibility under a signal; n stays as it was set."""
+
+    states: ClassVar[tuple[State, ...]] = (State("c", "", "eligibility"),)
+
+    tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
+    Wmax: float = quantity(20.0, "", "largest weight", above=0)
+
+    def constants(p, h, c):
+        c[0] = h
+
+    def on_post(y, e, c, pre, post):
+        y[1, e] += pre[0]
+
+    def on_pre(y, e, c, pre, post):
+        y[1, e] -= post[0]
+
+    def advance(y, e, c, begin, end, n, grid):
+        y[0, e] += n * c[0] * (end - begin) * y[1, e]
+
+    def microcode(self, engine):
+        return engine.rule("2^-12*t*r1 - 2^-12*t*r2", "y0*x1 - x0*y1", x1=(8, self.tau_plus), y1=(8, engine.tau_minus))
+
+
+def own(synapse):
+    net = neuro.Network("own", resolution=1.0)
+    net.population("pre", 4, neuro.poisson_generator(rate=60.0))
+    net.population("noise", 3, neuro.poisson_generator(rate=300.0))
+    net.population("post", 3, neuro.iaf_psc_delta(I_e=300.0, tau_minus=15.0))
+    net.connect("noise", "post", neuro.one_to_one(), weight=12.0, delay=1.0)
+    net.probe("spikes", "pre")
+    if synapse.modulated:
+        net.signal("reward", to="post")
+    net.connect("pre", "post", neuro.all_to_all(), synapse, weight=8.0, delay=2.0, name="learnt")
+    return net
+
+
+@pytest.mark.parametrize("synapse", [windowed(), taught(signal="reward")])
+def test_sums_of_products_of_ones_own_run_as_their_twin(synapse):
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        sim = neuro.compile(own(synapse), "loihi", seed=4)
+    assert any("the engine runs its microcode: dw = " in str(one.message) for one in heard)
+    wires = sim._engine.fixed.projections[1]
+    begin = np.broadcast_to(wires.mantissas, 12).reshape(4, 3)
+    twin = Twin(wires.rule, 4, 3, begin, wires.bits, wires.sign_mode, 4, "learnt")
+    for block in range(4):
+        if synapse.modulated:
+            n = np.array([0.5, -1.0, 2.0]) * (-1.0) ** block
+            sim.signal("reward", n)
+            for name, sign in zip(MODULATORY, (1, -1), strict=True):
+                twin.trace[name] = [int(min(127, max(0, np.rint(sign * v / wires.n_scale)))) for v in n]
+        sim.run(50.0)
+        fired = [sim.spikes(name) for name in ("pre", "post")]
+        for step in range(50 * block + 1, 50 * block + 51):
+            twin.step(step, *(ids[np.rint(times) == step] for times, ids in fired))
+    assert sim._engine.synapse_registers(1, "weight").tolist() == twin.w.ravel().tolist()
+    assert sim._engine.synapse_registers(1, "t").tolist() == twin.t.ravel().tolist()
+    assert len({*twin.w.ravel().tolist()}) > 3
+    if synapse.modulated:
+        assert sim.get("learnt", "c").tolist() == twin.t.ravel().tolist()
+    event = neuro.compile(own(synapse), seed=4)
+    event.run(50.0)
+
+
+def test_sums_of_products_of_ones_own_that_do_not_fit_are_refused(messages):
+    def told(code, **words):
+        kind = type("wrong", (windowed,), {"microcode": code, "__module__": __name__, **words})
+        return without_place(neuro.compile, own(kind()), "loihi")
+
+    messages(
+        {
+            "result": told(lambda self, engine: "2^-2*x1*y0"),
+            "trace": told(lambda self, engine: engine.rule("x3*y0", x3=(16, 20.0))),
+            "impulse": told(lambda self, engine: engine.rule("x1*y0", x1=(1.5, 20.0))),
+            "product": told(lambda self, engine: engine.rule("x1*y0 / 2", x1=(16, 20.0))),
+            "never": told(lambda self, engine: engine.rule("x1*y0")),
+            "arguments": told(lambda engine: engine.rule("x1*y0")),
+        }
+    )

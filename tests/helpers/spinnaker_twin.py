@@ -38,6 +38,23 @@ class Table:
         return math.floor(2048 * math.exp(-(k << self.shift) / self.tau)) if 0 <= k < self.length else 0
 
 
+class Windows:
+    """Windows of the recurrent rule, drawn by the generator that all cores begin with."""
+
+    def __init__(self, draws, mean):
+        self.draws, self.mean = draws, mean
+
+    def draw(self):
+        a, b, c, d = self.draws
+        a = (314527869 * a + 1234567) % 2**32
+        b ^= (b << 5) % 2**32
+        b ^= b >> 7
+        b ^= (b << 22) % 2**32
+        d, c = divmod(4294584393 * c + d, 2**32)
+        self.draws[:] = a, b, c, d
+        return math.floor(-self.mean * math.log(1.0 - (a + b + c) % 2**32 % 2048 / 2048))
+
+
 class Neuron:
     """A post neuron: the last 15 events as [tick, o1, o2, spike, dopamine], and which are dopamine."""
 
@@ -48,9 +65,10 @@ class Neuron:
     def append(self, t, concentration=None):
         then, o1, o2, spike, level = self.entries[-1]
         rule = self.rule
-        new = [t, fine(o1, rule.minus(t - then)), o2, spike, 0]
-        if concentration is None:
-            new[1] += ONE
+        if rule.timing == "recurrent":
+            new = [t, rule.minus.draw(), 0, 0, 0]
+        else:
+            new = [t, fine(o1, rule.minus(t - then)) + ONE * (concentration is None), o2, spike, 0]
         if rule.timing == "nearest":
             new[1] = 0
         if rule.timing == "triplet":
@@ -74,7 +92,10 @@ class Rule:
         shifts = {"plus": 0, "minus": 0, "x": 2, "y": 2, "c": 4, "d": 2}
         for name, tau in taus.items():
             setattr(self, name, Table(tau, shifts[name]))
-        for name in ("low", "high", "up", "down", "up3", "down3", "alpha", "gain", "w_low", "w_high"):
+        if timing == "recurrent":
+            draws = [123456789, 234567891, 345678912, 456789123]
+            self.plus, self.minus = Windows(draws, taus["plus"]), Windows(draws, taus["minus"])
+        for name in ("low", "high", "up", "down", "up3", "down3", "alpha", "least", "most", "gain", "w_low", "w_high"):
             setattr(self, name, numbers.get(name, 0))
 
     def pot(self, w, x, x3=0):
@@ -96,7 +117,10 @@ class Row:
 
     def packet(self, t, neurons, shift):
         rule, p, r1 = self.rule, self.last, self.r1
-        self.r1 = 0 if rule.timing == "nearest" else low(fine(r1, rule.plus(t - p)) + ONE, 16)
+        if rule.timing == "recurrent":
+            self.r1 = rule.plus.draw()
+        else:
+            self.r1 = 0 if rule.timing == "nearest" else low(fine(r1, rule.plus(t - p)) + ONE, 16)
         if rule.timing == "triplet":
             self.r2 = low(fine(self.r2 + ONE, rule.x(t - p)), 16) if p else 0
         self.last = t
@@ -127,7 +151,12 @@ class Row:
                 w, value = elapse(w, value, u)
                 at, level = u, entries[k][4]
             slipped = n - len(window) + place
-            if not (slipped < n and neuron.marks[slipped]):
+            if rule.timing == "recurrent":
+                if u - p < r1:
+                    synapse[3] += 1
+                    if synapse[3] > rule.most:
+                        synapse[3], value = 0, rule.pot(value, ONE)
+            elif not (slipped < n and neuron.marks[slipped]):
                 x = rule.plus(u - p)
                 if rule.timing == "nearest":
                     value = rule.pot(value, x if entries[k - 1][0] <= p - 0 and u - entries[k - 1][0] >= u - p else 0)
@@ -138,8 +167,14 @@ class Row:
         if newest:
             if rule.taught:
                 w, value = elapse(w, value, t)
-            x = rule.minus(t - entries[newest][0] - d)
-            if rule.timing == "nearest":
+            since = t - entries[newest][0] - d
+            x = 0 if rule.timing == "recurrent" else rule.minus(since)
+            if rule.timing == "recurrent":
+                if since < entries[newest][1]:
+                    synapse[3] -= 1
+                    if synapse[3] < rule.least:
+                        synapse[3], value = 0, rule.dep(value, ONE)
+            elif rule.timing == "nearest":
                 value = rule.dep(value, x)
             else:
                 x = fine(entries[newest][1], x)

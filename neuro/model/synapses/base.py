@@ -199,7 +199,7 @@ class Synapse(Choice):
 
         None for other rules, whose weights may begin anywhere. Weights of all synapses or one.
         """
-        if self.learns not in ("pairs", "moves"):
+        if self.learns not in ("pairs", "moves", "chip"):
             return None
         low, high = self.bounds()
         bad = np.flatnonzero((weight < low) | (weight > high))
