@@ -385,12 +385,15 @@ class _Bill:
                 if what in self.chip.costs:  # moves of the kinds that the table prices
                     moves = int(raw.spikes[part.source] @ getattr(hops, name))
                     self.add(what, "projection", part.name, moves)
-            # On some chips spikes bring a signal to the neurons; the emulator counts these spikes.
-            if brought := raw.native.get(f"{SIGNAL_SPIKES} in {part.name}", 0):
+            # On SpiNNaker spikes bring a signal to the neurons; its emulator counts these spikes.
+            brought = raw.native.get(f"{SIGNAL_SPIKES} in {part.name}", 0)
+            if brought and self.chip.arithmetic == "spinnaker":
                 for what in ("packet", "synaptic_op"):
                     self.add(what, "signal", self.program.signals[part.signal].name, brought)
             by_host = part.synapse.learns == "trials" or part.synapse.delays
             self.add("weight_write" if by_host else "learning_update", "projection", part.name, made.learning_updates)
+            if part.signal >= 0 and part.synapse.learns:
+                self.add("signal_update", "projection", part.name, part.size * self.counts.steps)
         time = chip_time(self.program, self.counts, placement, self.chip, self.run, self.step_s)
         self.explain(raw, time)
         return self.done(time)
@@ -418,6 +421,11 @@ class _Bill:
             self.notes.append("generators are the host's: their spikes are priced, their updates are not")
         if any(item.what == "weight_write" for item in self.items):
             self.notes.append("the rule for trials is applied by the host, which writes each weight that changes")
+        signals = any(part.signal >= 0 for part in self.program.projections)
+        if signals and self.chip.arithmetic == "spinnaker" and SIGNAL_SPIKES not in "".join(raw.native):
+            self.notes.append(
+                "spikes that bring a signal are counted in a run on the chip only, so they are not priced"
+            )
         if any(name.startswith("rules applied") for name in raw.native):
             self.notes.append(RULES_APPLIED)
         bare = sorted({item.what for item in self.items if item.joules_each is None})
