@@ -24,6 +24,7 @@ COSTS = {
     "neuron_update_active": ("J", "a neuron is stepped in which a spike arrives or which spikes"),
     "neuron_update_inactive": ("J", "any other neuron is stepped"),
     "learning_update": ("J", "a synapse learns from one spike"),
+    "signal_update": ("J", "a synapse that a signal teaches is stepped"),
     "weight_write": ("J", "the host writes one weight"),
     "spike_in_tile": ("J", "a spike reaches a core of its tile"),
     "hop_east_west": ("J", "a spike moves one tile along a row"),

@@ -37,6 +37,7 @@ _COSTS = {
     "hop_north_south": "route",
     "packet": "route",
     "learning_update": "learn",
+    "signal_update": "learn",
     "weight_write": "learn",
     STATIC: "static",
 }

@@ -16,7 +16,7 @@ In real time the steps of the network last their own time, as events come: a chi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING
@@ -347,11 +347,7 @@ class _Bill:
 
     def _item(self, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
         """A line with a figure, of which there are between `least` and `most`."""
-        figure = self.chip.costs[what]
-        low, high = range_of(figure, self.run)
-        known = (figure.value, count * figure.value, figure.source, figure.conditions)
-        why = why_extrapolated(figure, self.run)
-        return BillItem(what, kind, of, count, *known, least * low, most * high, figure.spread, why)
+        return _line(self.chip.costs[what], self.run, what, kind, of, count, least, most)
 
     def on(self, time: Duration | None) -> list[BillItem]:
         """Chips that are on: the range is that of their power and that of the time."""
@@ -389,12 +385,15 @@ class _Bill:
                 if what in self.chip.costs:  # moves of the kinds that the table prices
                     moves = int(raw.spikes[part.source] @ getattr(hops, name))
                     self.add(what, "projection", part.name, moves)
-            # On some chips spikes bring a signal to the neurons; the emulator counts these spikes.
-            if brought := raw.native.get(f"{SIGNAL_SPIKES} in {part.name}", 0):
+            # On SpiNNaker spikes bring a signal to the neurons; its emulator counts these spikes.
+            brought = raw.native.get(f"{SIGNAL_SPIKES} in {part.name}", 0)
+            if brought and self.chip.arithmetic == "spinnaker":
                 for what in ("packet", "synaptic_op"):
                     self.add(what, "signal", self.program.signals[part.signal].name, brought)
             by_host = part.synapse.learns == "trials" or part.synapse.delays
             self.add("weight_write" if by_host else "learning_update", "projection", part.name, made.learning_updates)
+            if part.signal >= 0 and part.synapse.learns:
+                self.add("signal_update", "projection", part.name, part.size * self.counts.steps)
         time = chip_time(self.program, self.counts, placement, self.chip, self.run, self.step_s)
         self.explain(raw, time)
         return self.done(time)
@@ -422,6 +421,11 @@ class _Bill:
             self.notes.append("generators are the host's: their spikes are priced, their updates are not")
         if any(item.what == "weight_write" for item in self.items):
             self.notes.append("the rule for trials is applied by the host, which writes each weight that changes")
+        signals = any(part.signal >= 0 for part in self.program.projections)
+        if signals and self.chip.arithmetic == "spinnaker" and SIGNAL_SPIKES not in "".join(raw.native):
+            self.notes.append(
+                "spikes that bring a signal are counted in a run on the chip only, so they are not priced"
+            )
         if any(name.startswith("rules applied") for name in raw.native):
             self.notes.append(RULES_APPLIED)
         bare = sorted({item.what for item in self.items if item.joules_each is None})
@@ -447,6 +451,43 @@ class _Bill:
         lines = (*self.items, *self.on(time)), tuple(self.notes)
         about = chip.name, chip.title, self.chips, best, steps
         return Energy(*about, *lines, "run", ends, self.seconds, clock, waiting, self.refused)
+
+
+def _line(figure: Figure, run: Run, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
+    low, high = range_of(figure, run)
+    known = (figure.value, count * figure.value, figure.source, figure.conditions)
+    why = why_extrapolated(figure, run)
+    return BillItem(what, kind, of, count, *known, least * low, most * high, figure.spread, why)
+
+
+def dense(
+    macs: Mapping[str, float],
+    target: str | PathLike[str],
+    *,
+    steps: float = 1,
+    of: str = "run",
+    notes: Iterable[str] = (),
+) -> Energy:
+    """The bill of multiply-accumulates, of which a user's own program says how many there are.
+
+    Args:
+        macs: how many, by what they are for, such as layers.
+        target: the name of a processor, or a table file with the cost `mac`.
+        steps: how often they are done, for the bill's head.
+        of: what the bill is of.
+        notes: what is assumed of the counts.
+
+    Raises:
+        ModelError: there is no such target, or it has no cost `mac`.
+    """
+    processor = chip(target)
+    if "mac" not in processor.costs:
+        raise ModelError(f"'{processor.name}' has no cost of a multiply-accumulate", hint="cpu, gpu or arm")
+    figure = processor.costs["mac"]
+    items = tuple(_line(figure, {}, "mac", "layers", name, n, n, n) for name, n in macs.items())
+    return Energy(
+        processor.name, processor.title, 1, None, steps, items, (*notes, "static power is not in the sums"), of
+    )
 
 
 def bill(
