@@ -46,6 +46,7 @@ def resolve_trials(net: Network, section: Trials, shapes: Mapping[str, Shape], c
         group=group,
         duration=_duration(net, section, clock),
         stop_at_decision=section.stop == "at_decision",
+        spikes=section.spikes,
         maps=shape[0],
         maps_per_label=maps_per_label,
         reward=(reward.correct, reward.wrong, reward.silent),

@@ -514,6 +514,7 @@ class Trials:
         group: index of the winner-take-all group of the output.
         duration: ticks.
         stop_at_decision: whether the first spike ends a trial.
+        spikes: which spikes of an input teach: "once" (a second is refused), "first" or "each".
         maps, maps_per_label: maps of the output and how many stand for one label (0: no labels).
         reward: by outcome (correct, wrong, silent).
         dropout: share of maps dropped in epoch 0; `dropout_decay` per epoch; `dropout_per_trial`.
@@ -525,6 +526,7 @@ class Trials:
     group: int
     duration: int
     stop_at_decision: bool
+    spikes: str
     maps: int
     maps_per_label: int
     reward: tuple[float, float, float]

@@ -170,7 +170,7 @@ class TrialLoop:
         """Present a batch; `Simulation.trials` says what the arguments are."""
         ends = self._offsets(offsets, np.size(times))
         n = len(ends) - 1
-        ticks, neurons = self._input(times, ids, ends, once=learn)
+        ticks, neurons = self._input(times, ids, ends, once=learn and self.section.spikes == "once")
         right = self._labels(labels, n, learn)
         silenced = self._dropout(samples, n, int(epoch)) if learn else np.zeros((1, self.section.maps), dtype=bool)
         peaks = learn and self.peaks
@@ -266,7 +266,7 @@ class TrialLoop:
         return ticks, neurons
 
     def _refuse_repeats(self, trial: Ints, neurons: Ints) -> None:
-        """First-spike rules know one spike of each input in a trial."""
+        """Refuse a second spike of an input in a trial, which `spikes: once` rules out."""
         n = int(trial[-1]) + 1 if trial.size else 0
         chunk = min(n, max(1, _CHUNK // self.inputs))
         for first in range(0, n, max(chunk, 1)):
@@ -279,7 +279,7 @@ class TrialLoop:
                 raise ModelError(
                     f"trials: input {neuron} spikes twice in trial {number + first}: "
                     "expected at most once while learning",
-                    hint="keep the first spike of each input",
+                    hint="trials.spikes: first lets the first spike of each input teach, each all of them",
                 )
 
     def _labels(self, labels: ArrayLike | None, n: int, learn: bool) -> Ints | None:
