@@ -45,6 +45,11 @@ class ReferenceEngine:
         net.cells[section.input].drop_listed()
         net.silenced[section.output] = np.repeat(trial.silenced, per_map)
         output.start_trial(section.reset)
+        if section.anew:
+            for cells in net.cells:
+                cells.start_anew([*cells.names])
+            for pairs in net.pairs.values():
+                pairs.start_anew(net.step)
         self._ticks = [[[] for _ in range(cells.size)] for cells in net.cells]
         course = TrialCourse(section.maps, output.size, section.group in net.local)
         tick = 0

@@ -147,6 +147,9 @@ def _untaught(program: Program) -> Iterator[Problem]:
     if program.trials is not None and program.trials.spikes == "each":
         why = "the host notes the first spike of each neuron in a trial"
         yield Problem(True, "trials: spikes: each", why, "say spikes: first, or run on event", program.trials.origin)
+    if program.trials is not None and program.trials.anew:
+        why = "the chip's learning engine keeps its traces from trial to trial"
+        yield Problem(True, "trials: synapses that learn by dopamine", why, "run it on event", program.trials.origin)
     for part in program.projections:
         bounds = part.synapse.parameters()
         ends = [word for word in ("Wmin", "Wmax") if not np.all(np.isfinite(bounds.get(word, np.inf)))]

@@ -60,6 +60,9 @@ class Trials(Choice):
     At the start of a trial no spike is under way and the states named in `reset` are as at time 0. While learning, an
     input spikes at most once, unless `spikes` says which of its spikes teach. `first` asks if an input came before the
     decision, as the text of Mosca, MSc thesis, 2020, section 6.2.4, does; `each` applies its eqs 126 and 127 to each.
+
+    Where synapses learn by dopamine, all states of neurons and synapses but the weights are as at time 0 when a trial
+    starts. When a trial that teaches ends, the reward sets their signals, and the network goes on for `after`.
     """
 
     kind: ClassVar[str] = "trials"
@@ -83,7 +86,13 @@ class Trials(Choice):
     labels: Any = quantity(None, "", "what the maps stand for", kind="part", part=labels)
     reward: Any = quantity(None, "", "the reward by outcome", kind="part", part=reward)
     dropout: Any = quantity(None, "", "maps left out while learning", kind="part", part=dropout)
-    reset: Any = quantity(("V_m",), "", "states that start anew", kind="names")
+    reset: Any = quantity(("V_m",), "", "states of the output that start anew", kind="names")
+    after: float = quantity(
+        0.0,
+        "ms",
+        "how long the network goes on after a trial that teaches, with dopamine as the reward set it",
+        at_least=0,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

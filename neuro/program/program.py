@@ -519,6 +519,8 @@ class Trials:
         reward: by outcome (correct, wrong, silent).
         dropout: share of maps dropped in epoch 0; `dropout_decay` per epoch; `dropout_per_trial`.
         reset: states of the output that start anew.
+        anew: whether all neurons and all that learns start anew, but the weights, as synapses learn by dopamine.
+        after: ticks that follow a trial that teaches.
     """
 
     input: int
@@ -534,6 +536,8 @@ class Trials:
     dropout_decay: float
     dropout_per_trial: bool
     reset: tuple[str, ...]
+    anew: bool
+    after: int
     origin: Where | None
 
 

@@ -16,6 +16,7 @@ from neuro.program.backend import EngineCounts, Outcome, Sent, Trial, Wins
 from neuro.program.program import Floats, Ints, Trials
 from neuro.program.together import Engines
 from neuro_event.building import build, joined_rows, layout, learning, move_rules, shared_kernels, thread_partition
+from neuro_event.host import reading
 from neuro_event.host.settable import Settable
 from neuro_event.loop import steps, tables as t, trial_rules
 from neuro_event.loop.together import follow_peaks
@@ -35,6 +36,11 @@ class EventEngine(Settable):
         net, start, h = self._a.net, self._step, self._program.resolution
         self._refuse_torn()
         self.join_rows()
+        if spec.anew:
+            self._copy.drop()
+            for k in self._a.plastic_of.values():
+                reading.bring_all(self._a, self._view, k, start)
+            learning.start_anew(self._a, start)
         steps.begin_trial(self._view, spec.output, spec.group, start, h)
         peaks = None
         if trial.peaks:  # largest V_m of each neuron up to the decision, and its tick
