@@ -191,11 +191,8 @@ class TrialLoop:
         for i in range(n):
             a, b = bounds[i], bounds[i + 1]
             mute = silenced[i] if learn else quiet
-            held = weights
-            if off := -self.engine.step % self.grid:  # dopamine's grid counts from the beginning of a trial
-                held = weights or self._learnt()
-                self.engine.run(off)
-            self._put_back(held)
+            if self.by_dopamine:
+                self._start_on_grid(weights)
             outcome = present(Trial(ticks[a:b], neurons[a:b], mute, peaks))  # type: ignore[arg-type]
             winner[i], step[i], ran[i], potential[i] = outcome.winner, outcome.tick, outcome.ticks, outcome.potential
             if outcome.wins is not None:
@@ -253,6 +250,17 @@ class TrialLoop:
     def _learnt(self) -> dict[int, Floats]:
         """The weights that learn by dopamine."""
         return {q: self.engine.get_synapses(q, "weight") for q in self.by_dopamine}
+
+    def _start_on_grid(self, weights: Mapping[int, Floats]) -> None:
+        """Go on to where dopamine's grid, which counts from the beginning of a trial, begins; nothing learns there.
+
+        Args:
+            weights: to be put back anyway, by projection.
+        """
+        if off := -self.engine.step % self.grid:
+            weights = weights or self._learnt()
+            self.engine.run(off)
+        self._put_back(weights)
 
     def _put_back(self, weights: Mapping[int, Floats]) -> None:
         """Undo what dopamine has changed since, where it should not teach."""

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 
 from neuro.core.clock import NEVER
-from neuro.kernels.jit import compiled, kernel, subkernel
+from neuro.kernels.jit import compiled, inlined, kernel, subkernel
 from neuro.model.synapses.base import steps_of
 from neuro_event.loop import tables as t
 from neuro_event.loop.tables import net_of
@@ -31,7 +31,8 @@ def spikes_of(view, pop, start, end, spikes, count):
                 neuron = np.int64(net.log_ids[thread, place & mask]) - net.pops[pop, t.BEGIN]
                 before = count[neuron]
                 count[neuron] += np.int64(net.log_counts[thread, place & mask])
-                spikes[before : count[neuron], neuron] = step
+                for k in range(before, min(count[neuron], spikes.shape[0])):
+                    spikes[k, neuron] = step
 
 
 nearest = compiled(steps_of)
@@ -59,7 +60,7 @@ def teacher(teach):
     """The pass over the inputs of one neuron, compiled for a rule's `teach`."""
     rule = compiled(teach)
 
-    @subkernel
+    @inlined
     def act(value, spikes, source, delay, moment, lesson, c, h):
         """An input's value after each of its spikes has taught it; a silent input is taught once."""
         value = rule(value, since(spikes[0, source], delay, moment, h), lesson, c)
