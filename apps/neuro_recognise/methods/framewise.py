@@ -78,6 +78,11 @@ class Layer(Part):
     supervised: ClassVar[bool] = True
     batch: ClassVar[int] = 1000
 
+    spikes: str = setting(
+        "once", "", "which spikes of an input teach, see neuro.Trials", "as it is with scales=strongest",
+        words=("once", "first", "each"),
+    )  # fmt: skip
+
     @classmethod
     def called(cls) -> str:
         """The name of its file."""
@@ -89,8 +94,11 @@ class Layer(Part):
         Raises:
             ModelError: a value is out of the network's bounds.
         """
-        values = {name: value for name, value in self.as_words().items() if name not in self.teaching}
-        return neuro.load(network_path(self.file), params=values | self.following(inputs, classes))
+        values = {name: value for name, value in self.as_words().items() if name not in ("spikes", *self.teaching)}
+        net = neuro.load(network_path(self.file), params=values | self.following(inputs, classes))
+        assert net.trials_section is not None
+        net.trials_section = replace(net.trials_section, spikes=self.spikes)
+        return net
 
     def following(self, inputs: Inputs, classes: int) -> dict[str, Any]:
         """Parameters that follow from the input and the classes."""
