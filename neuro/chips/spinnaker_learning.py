@@ -32,6 +32,7 @@ from neuro.chips.inputs import (
     no_rule,
     refused,
 )
+from neuro.chips.spinnaker_core import SLOT_BITS, slots_of
 from neuro.chips.spinnaker_rule import (
     ADDITIVE,
     DOWN,
@@ -49,8 +50,6 @@ from neuro.model.synapses import Synapse, stdp, stdp_dopa, stdp_nn_restr, stdp_n
 from neuro.program.backend import SAVE_FROZEN, Problem
 from neuro.program.program import Program, Projection
 
-SLOT_BITS = 14
-"""Of the index of a slot: its delay, the receptor and the neuron of a core."""
 LARGEST_WORD = 65535
 COARSE_UPDATE = 8.0
 """Below this many units of a word flooring takes more than 6 % of a change by one pair: a warning."""
@@ -313,14 +312,6 @@ _MAKERS: Mapping[type[Synapse], Callable[[Any, Onto], _Made]] = {
 """What makes of each float synapse model the timing, the dependence, the numbers and what differs."""
 
 
-def slots_of(program: Program, chip: Chip, target: int, wires: Mapping[int, FixedProjection]) -> tuple[int, int]:
-    """Slots that the host reserves for the delays onto a population, and the largest number that it may."""
-    cells = min(program.populations[target].size, chip.limit("neurons_per_core") or program.populations[target].size)
-    most: int = 2 ** (SLOT_BITS - max(1, (cells - 1).bit_length()) - 1)
-    longest = max(int(w.delay.max(initial=1)) for k, w in wires.items() if program.projections[k].target == target)
-    return int(min(max(2, 1 << (longest - 1).bit_length()), most)), most
-
-
 def give_rules(
     program: Program, chip: Chip, cells: list[FixedPopulation], wires: dict[int, FixedProjection], options: Options
 ) -> Iterator[Problem]:
@@ -397,12 +388,13 @@ def _mapping(
             hint="use a larger shift, or leave it to be chosen",
         )
     extra = int(acts_late(program.populations[part.target].model))
-    slots, most = slots_of(program, chip, part.target, wires)
+    slots, most = slots_of(program, chip, part.target)
     longest = int(own.delay.max(initial=1))
     if longest > most:
         raise ModelError(
             f"a delay of {longest} steps in the register: learning has {most} slots for one",
-            hint=f"use at most {(most - 1 - extra) * program.resolution:g} ms",
+            hint=f"use at most {(most - 1 - extra) * program.resolution:g} ms, or populations of at most "
+            f"{max(1, 1 << (SLOT_BITS - 1) >> longest.bit_length())} neurons",
         )
     largest_n = largest_signal(program, index, options)
     gain = 2.0**shift / (PARTS * float(step[0]))
