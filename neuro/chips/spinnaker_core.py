@@ -54,13 +54,13 @@ def neuron_bits(neurons: int) -> int:
     return max(1, (neurons - 1).bit_length())
 
 
-def slots_of(program: Program, chip: Chip, target: int) -> tuple[int, int]:
-    """Return the slots that the host reserves for the delays onto a population, and the largest number that it may."""
+def slots_of(program: Program, chip: Chip, target: int) -> int:
+    """Return the slots that the host reserves for the delays onto a population; the rest of a delay is held back."""
     size = program.populations[target].size
-    most = 2 ** (SLOT_BITS - neuron_bits(min(size, chip.limit("neurons_per_core") or size)) - 1)
+    most = int(2 ** (SLOT_BITS - neuron_bits(min(size, chip.limit("neurons_per_core") or size)) - 1))
     lags = (longest_lag(program, k) for k in spiking(program) if program.projections[k].target == target)
     longest = max((int(register(lag, REGISTER_OF_ONE).max(initial=1)) for lag in lags), default=1)
-    return min(max(2, 1 << (longest - 1).bit_length()), int(most)), int(most)
+    return min(max(2, 1 << (longest - 1).bit_length()), most)
 
 
 def learning_onto(program: Program, target: int) -> list[int]:
@@ -86,7 +86,7 @@ def bytes_of(program: Program, chip: Chip, target: int, neurons: int) -> int:
         return 0
     part = program.populations[target]
     synapse, tau_minus = program.projections[plastic[0]].synapse, float(np.max(part.parameters.get("tau_minus", 20.0)))
-    slots = 4 * slots_of(program, chip, target)[0] << neuron_bits(neurons)
+    slots = 4 * slots_of(program, chip, target) << neuron_bits(neurons)
     rows = [rows_of(program, k) for k in plastic]
     longest = [min(int((each.end - each.begin).max(initial=0)), neurons) for each in rows]
     buffers = 2 * max(4 * int(row_words(n, row_form(program, k))) for k, n in zip(plastic, longest, strict=True))
