@@ -291,6 +291,15 @@ def test_the_spikes_that_bring_a_signal_are_priced(started):
     assert lines["learning_update", "ab"].joules_each is None
 
 
+def test_a_file_of_results_has_what_only_the_chip_counts(started, tmp_path):
+    sim = started()
+    with sim.record_to(tmp_path / "run.h5"):
+        steered(sim, 150.0, 230.0, 400.0)
+    left = neuro.results.read(tmp_path / "run.h5")
+    assert left.counts() == sim.counts()
+    assert left.energy("spinnaker").items == sim.energy("spinnaker").items
+
+
 @pytest.mark.parametrize(("model", "extra"), [("iaf_psc_exp", 1), ("iaf_psc_delta", 0)])
 def test_amplitudes_make_up_for_a_longer_delay_register(model, extra):
     net = neuro.Network("windows", resolution=1.0)
