@@ -65,8 +65,9 @@ def slots_of(program: Program, chip: Chip, target: int) -> int:
 
 def learning_onto(program: Program, target: int) -> list[int]:
     """Return the projections onto a population that learn on the machine."""
-    found = (k for k in spiking(program) if program.projections[k].target == target)
-    return [k for k in found if isinstance(program.projections[k].synapse, KNOWN)]
+    parts = program.projections
+    onto = (k for k in spiking(program) if parts[k].target == target and parts[k].grid is None)
+    return [k for k in onto if isinstance(parts[k].synapse, KNOWN)]
 
 
 def bytes_of(program: Program, chip: Chip, target: int, neurons: int) -> int:
