@@ -426,6 +426,9 @@ class _Bill:
             self.notes.append(
                 "spikes that bring a signal are counted in a run on the chip only, so they are not priced"
             )
+        if placement is not None and self.chip.arithmetic in ARITHMETICS and self.counts.steps:
+            parts = [core.parts for core in placement.cores]
+            self.notes += arithmetic_of(self.chip).told_of_learning(self.program, self.chip, parts, self.visits())
         if any(name.startswith("rules applied") for name in raw.native):
             self.notes.append(RULES_APPLIED)
         bare = sorted({item.what for item in self.items if item.joules_each is None})
@@ -437,6 +440,12 @@ class _Bill:
                 f"{number(spikes)} spikes in {number(events)} events: several of a neuron in one step are priced "
                 "as several, of which the chip would send one"
             )
+
+    def visits(self) -> dict[int, tuple[float, float]]:
+        """Of a mean step, by projection, the synapses of pre spikes and those of post spikes."""
+        made = [self.counts.projections[part.name] for part in self.program.projections]
+        both = [(each.synaptic_ops, max(0, each.learning_updates - each.synaptic_ops)) for each in made]
+        return {k: (pre / self.counts.steps, post / self.counts.steps) for k, (pre, post) in enumerate(both)}
 
     def done(self, time: Duration | None) -> Energy:
         """The bill."""
