@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
-    from neuro.chips import spinnaker_rule as spinnaker_rule
     from neuro.chips.description import Chip as Chip
     from neuro.chips.energy import (
         COLUMNS as COLUMNS,

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from neuro.chips import FixedProjection, spinnaker_rule as sr
-from neuro.extend import Program
+from neuro.chips import FixedProjection
+from neuro.extend import Program, spinnaker_rule as sr
 from neuro_exchange.c_code.arrays import Memory, comment, number
 from neuro_exchange.c_code.cells import indented
 from neuro_exchange.c_code.synapses import row_of

@@ -14,7 +14,8 @@ from zlib import crc32
 
 import numpy as np
 
-from neuro.chips import FixedProgram, FixedProjection, arithmetic_of, longest_lag, names_of, spinnaker_rule
+from neuro.chips import FixedProgram, FixedProjection, arithmetic_of, longest_lag, names_of
+from neuro.extend import spinnaker_rule
 from neuro_exchange.c_code.arrays import TYPES, Memory, comment, narrowest, number
 from neuro_exchange.c_code.cells import (
     Cells,
