@@ -299,13 +299,17 @@ def that_learns(**words) -> neuro.Network:
 def test_rewards_change_weights_as_on_the_emulator(chip: str, tmp_path: Path):
     """Values of all sizes: each is rounded to the unit of the trace, or to the level, of the emulator."""
     needs("gcc")
-    net = that_learns(A_plus=20.0, A_minus=10.0, tau_c=50.0, **{"c_min": 0.0} if chip == "spinnaker" else {})
+    words = {"loihi": {"A_plus": 20.0, "A_minus": 10.0}, "spinnaker": {"A_plus": 0.23, "A_minus": 0.1, "c_min": 0.0}}
+    net = that_learns(**words[chip], tau_c=50.0)
     other = neuro.stdp_dopa(signal="reward", Wmax=90.0, A_plus=9.0)
     other = other if chip == "loihi" else net.projections["learns"].synapse  # a population has one rule there
-    net.connect("cells", "cells", neuro.all_to_all(), other, weight=50.0)
-    code = Loaded(save(net, tmp_path, chip=chip))
+    net.connect("cells", "cells", neuro.all_to_all(), other, weight=50.0, delay=6.0)
+    largest = {} if chip == "loihi" else {"signals": {"learns": 1.0, "cells_cells": 1.0}}
+    code = Loaded(save(net, tmp_path, chip=chip, **largest))
     with warnings.catch_warnings(action="ignore", category=neuro.ApproximationWarning):
-        sim = neuro.compile(net, chip)
+        sim = neuro.compile(net, chip, **largest)
+    # Whole numbers of 1/ms are as near to two levels where this unit is even.
+    assert chip == "loihi" or "static const tie" in (tmp_path / "net.c").read_text()
     one = int(re.search(r"NET_REWARD_ONE (\d+)", (tmp_path / "net.h").read_text())[1])
     draws, names = np.random.default_rng(5), {"learns": "_learns", "cells_cells": "_cells_cells"}
     first = {name: sim.get(name, "weight", raw=True) for name in names}
