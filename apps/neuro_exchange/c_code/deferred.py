@@ -42,10 +42,9 @@ class History:
 
     def __init__(self, program: Program, index: int, wires: FixedProjection, memory: Memory) -> None:
         assert isinstance(wires.rule, sr.SpinnakerRule)
-        self.index, self.rule, self._memory = index, wires.rule, memory
-        self.n_scale = wires.n_scale
-        part = program.projections[index]
-        self.part, name, size = part, program.populations[part.target].name, program.populations[part.target].size
+        self.index, self.rule, self.n_scale, self._memory = index, wires.rule, wires.n_scale, memory
+        self.part = part = program.projections[index]
+        name, size = program.populations[part.target].name, program.populations[part.target].size
         c, timing = self.rule.constants, sr.TIMINGS[self.rule.constants[sr.TIMING]]
         self.taught, vogels, triplet = bool(c[sr.TAUGHT]), timing == "vogels", timing == "triplet"
         multiplies, traced = bool(c[sr.OF_WEIGHT]), timing != "nearest"
