@@ -8,9 +8,9 @@
 # make test-nest    5,000 random networks (NETWORKS=...) on the event backend, the reference and NEST
 # make test-mpi     the tests of NEST under MPI, which it builds once (15 minutes) in an environment of its own
 #                   (NEST_MPI=file.whl: a wheel that is built already); needs openmpi-bin libopenmpi-dev libgsl-dev
-# make test-c       500 random networks (C_NETWORKS=... of each chip, twice as many that learn by dopamine) and those that ship
-#                   as C: gcc and clang with sanitizers, and a Cortex-M4; needs gcc clang gcc-arm-none-eabi qemu-system-arm
-#                   libnewlib-arm-none-eabi; on AVR (int of 16 bits) and s390x (large-endian) where gcc-avr avr-libc simavr
+# make test-c       500 random networks (C_NETWORKS=... of each chip, and twice as many that learn by the rules of Loihi and
+#                   of SpiNNaker) and those that ship as C: gcc and clang with sanitizers, and a Cortex-M4; needs gcc clang
+#                   gcc-arm-none-eabi qemu-system-arm libnewlib-arm-none-eabi; on AVR (int of 16 bits) and s390x (large-endian) where gcc-avr avr-libc simavr
 #                   gcc-s390x-linux-gnu qemu-user are, too
 # make test-oracles the tests of event files and streams, of networks beside other tools (NIR, SONATA), of scripts of PyNN,
 #                   and of NeuroBench's metrics, in environments of their own
