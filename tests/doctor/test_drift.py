@@ -1,5 +1,6 @@
 """The drift of weights under `r_stdp`: the rule itself, its bounds, what is counted, and ReMuS' epsilons."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from neuro_doctor.drift import Drift, Shares, drift_of, findings as drift_findin
 from neuro_doctor.wiring import Wiring
 from refused import refused
 
+REMUS = Path(__file__).parents[2] / "models" / "neuro_models" / "remus.yaml"
 RATE = st.floats(-0.3, 0.3)
 WEIGHT = st.floats(0.001, 0.999)
 SINCE = np.array([2.0, 0.0, -1.0])
@@ -138,8 +140,16 @@ def test_counted_shares_predict_each_trial_exactly(ties_after):
         drift = drift_of(rule, taught)
         assert sim.weights("s2") == pytest.approx(before + drift.change(before), abs=1e-12)
         outcomes.add((int(results.label[0]) < 0, bool(taught.grown.any())))
-        outcomes |= {str(k) for k in range(3) if taught.rewarded[k].any() and taught.punished[0].any() is not None}
+        outcomes |= {str(k) for k in range(3) if taught.rewarded[k].any()}
     assert outcomes == {(True, True), (False, True), (False, False), "0", "1", "2"}
+
+
+def test_a_map_loses_what_brings_it_to_decisions_that_are_mostly_wrong():
+    rule = r_stdp(epsilon=0.0)
+    alive = rule.Ap_minus / (rule.Ap_minus - rule.Ar_plus)
+    for right, grows in ((alive + 0.01, True), (alive - 0.01, False)):
+        taught = Shares(np.array([right, 0.0, 0.0]), np.array([1.0 - right, 0.0, 0.0]), np.array(0.0))
+        assert (drift_of(rule, taught).push > 0.0) == grows
 
 
 def test_shares_of_what_has_none_are_refused():
@@ -150,15 +160,15 @@ def test_shares_of_what_has_none_are_refused():
     assert refused(shares_of, small(r_stdp(), padding=1), "s2", *batch, None).endswith("trials, without padding")
 
 
-@pytest.mark.parametrize(("theta", "lowest", "highest"), [(60.0, 0.001, 0.0015), (30.0, 0.001, 0.002)])
+@pytest.mark.parametrize(("theta", "lowest", "highest"), [(60.0, 0.0005, 0.0015), (30.0, 0.0002, 0.001)])
 def test_the_epsilon_is_named_at_which_remus_no_longer_saturates(theta, lowest, highest):
     """Measured on N-MNIST, `lowest` learns and `highest` ends at chance: docs/explanation/recognisers.md."""
 
     def warned(epsilon: float) -> list[str]:
-        net = neuro.load("models/neuro_models/remus.yaml", params={"theta": theta, "epsilon": epsilon})
+        net = neuro.load(REMUS, params={"theta": theta, "epsilon": epsilon})
         return [each.remedy for each in drift_findings(Wiring(compile_network(net, 1)))]
 
-    assert warned(0.0) == warned(0.0002) == warned(lowest) == []
+    assert warned(0.0002) == warned(lowest) == []
     for epsilon in (highest, 0.004):
         (remedy,) = warned(epsilon)
         assert lowest <= float(remedy.split("about ")[1].split(",")[0]) <= highest

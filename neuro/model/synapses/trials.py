@@ -115,7 +115,7 @@ class mozafari(TrialRule):
     learns from rewards, one that is mostly wrong hardly from punishments. Weights are taken relative to [Wmin, Wmax].
 
     Source: Mozafari et al., IEEE Trans. Neural Netw. Learn. Syst. 29:6178, 2018; Mosca, MSc thesis, 2020, eqs 120 and
-    121, of which eq. 121 is read as eq. 127 of `r_stdp`.
+    121, read as eqs 126 and 127 of `r_stdp`. Eq. 120 takes Ar_minus for what arrived with the decision.
     """
 
     equation: ClassVar[str] = "dw = s A w (1 - w), s = N_miss/N on reward, N_hit/N on punishment"
@@ -270,8 +270,8 @@ class r_stddp(DelayRule):
     earlier from then on, so Ar_plus < 0 < Ar_minus, and the other way round after a wrong one: with the signs of rates
     of weights the rule unlearns.
 
-    Source: Mosca, MSc thesis, 2020, eq. 131; the signs, and that arrivals count and not emissions, are choices measured
-    to learn.
+    Source: Mosca, MSc thesis, 2020, eq. 131, which takes Ar_minus for what arrived with the decision; the signs, and
+    that arrivals count and not emissions, are choices measured to learn.
     """
 
     equation: ClassVar[str] = "dd = A d, A by outcome and by whether the input came before the decision"
