@@ -165,7 +165,7 @@ def shares_of(
             continue
         sheet.fill(np.inf)
         span = slice(ends[k], ends[k + 1])
-        sheet[np.asarray(ids)[span]] = shown[span] + int(part.delay[0])
+        np.minimum.at(sheet, np.asarray(ids)[span], shown[span] + int(part.delay[0]))
         at, place = divmod(winner, grid.rows * grid.columns)
         y, x = (grid.stride * each for each in divmod(place, grid.columns))
         field = sheet.reshape(grid.channels, grid.height, grid.width)[:, y : y + height, x : x + width]
