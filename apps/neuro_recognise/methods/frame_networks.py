@@ -24,8 +24,8 @@ ADAPTED = {"per_class": 2, "rescue": False, "dropout": 0.25, "decay": 0.7, "orde
 Source: table 3, lines 2450-2463; majority is line 2431.
 """
 
-THESIS = {**ADAPTED, "theta": 30.0, "epsilon": 0.004}
-"""Table 3 as printed. Epsilon is added on every wrong frame, which drives all weights to 1: decisions are at chance."""
+THESIS = {**ADAPTED, "theta": 30.0, "epsilon": 0.004, "ties_after": True}
+"""Table 3 and eq. 126 as printed. Epsilon on every wrong frame drives all weights to 1: decisions are at chance."""
 
 EARLY = {"representation": "leaky", "segmenter": "hes", "segmenter.window": 5.0}
 """A decision every 5 ms, from the first on: thesis section 6.2.8, lines 2549-2560."""
