@@ -62,6 +62,11 @@ RULES_APPLIED = (
 )
 """Why Loihi's own count of learning differs from the one in its bill."""
 
+HOST = "cpu"
+"""The processor that prices what the host computes."""
+RULE_MACS = 4
+"""Multiply-accumulates of a rule of trials for one weight: w + span (A s) (1 - s), with s = (w - Wmin) / span."""
+
 Pick = Callable[[Figure], float]
 """Which number of a figure is taken: its value, or an end of its range."""
 
@@ -343,11 +348,11 @@ class _Bill:
         if count and what not in self.chip.costs:
             self.items.append(BillItem(what, kind, of, count, None, None, "", ""))
         elif count:
-            self.items.append(self._item(what, kind, of, count, count, count))
+            self.items.append(self._item(self.chip, what, kind, of, count, count, count))
 
-    def _item(self, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
-        """A line with a figure, of which there are between `least` and `most`."""
-        figure = self.chip.costs[what]
+    def _item(self, of_table: Chip, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
+        """A line with a figure of a table, of which there are between `least` and `most`."""
+        figure = of_table.costs[what]
         low, high = range_of(figure, self.run)
         known = (figure.value, count * figure.value, figure.source, figure.conditions)
         why = why_extrapolated(figure, self.run)
@@ -358,7 +363,7 @@ class _Bill:
         if STATIC not in self.chip.costs or time is None or not time.best:
             return []
         seconds = (self.chips * each for each in (time.best, time.low, time.high))
-        return [self._item(STATIC, "chip", self.chip.name, *seconds)]
+        return [self._item(self.chip, STATIC, "chip", self.chip.name, *seconds)]
 
     def dense(self) -> Energy:
         """Every synapse in every step."""
@@ -395,6 +400,8 @@ class _Bill:
                     self.add(what, "signal", self.program.signals[part.signal].name, brought)
             by_host = part.synapse.learns == "trials" or part.synapse.delays
             self.add("weight_write" if by_host else "learning_update", "projection", part.name, made.learning_updates)
+            if by_host and (macs := RULE_MACS * made.learning_updates):
+                self.items.append(self._item(chip(HOST), "mac", "host", HOST, macs, macs, macs))
         time = chip_time(self.program, self.counts, placement, self.chip, self.run, self.step_s)
         self.explain(raw, time)
         return self.done(time)
@@ -422,6 +429,7 @@ class _Bill:
             self.notes.append("generators are the host's: their spikes are priced, their updates are not")
         if any(item.what == "weight_write" for item in self.items):
             self.notes.append("the rule for trials is applied by the host, which writes each weight that changes")
+            self.notes.append(f"the host: {RULE_MACS} multiply-accumulates a weight, on the processor '{HOST}'")
         if any(name.startswith("rules applied") for name in raw.native):
             self.notes.append(RULES_APPLIED)
         bare = sorted({item.what for item in self.items if item.joules_each is None})
