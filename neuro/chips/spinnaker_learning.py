@@ -8,7 +8,9 @@ that register. So each pair is a step more apart or less; amplitudes make up for
 A_minus exp(-h / tau_minus), and the windows equal the float model's.
 
 Dopamine of 1/tau_n becomes a synapse of concentration k 2^-11, and an eligibility of 1 becomes m units of a word. The
-product k m follows from the rule, and both are near its root, since both are rounded down at events.
+product k m follows from the rule, and events round both down. What dopamine loses moves weights down; what the
+eligibility loses slows learning. So a signal, whose sources are chosen here, takes nearly all of the product; spikes,
+which release one concentration, take its root.
 """
 
 from __future__ import annotations
@@ -235,6 +237,8 @@ def _vogels(p: vogels_sprekeler, onto: Onto) -> _Made:
 
 BITS = 5
 """Sources of reward, and of punishment, that bring a signal to a neuron: concentrations of 1, 2, 4, 8 and 16 units."""
+PAIR_WORDS, PAIR_PARTS = 1.5, 6.0
+"""The eligibility of one pair, at least, in units of a word and in s16.15, where a signal brings dopamine."""
 ROOM = 16
 """Pairs, or dopamine spikes, for which a word or a trace has room."""
 
@@ -258,12 +262,12 @@ def _dopamine(p: stdp_dopa, onto: Onto) -> Mapped:
     amplitude = max(p.A_plus, p.A_minus)
     # Units of dopamine times units of the eligibility of one pair: what both must make together.
     both = amplitude * onto.gain / onto.unit * n_one * ONE
-    units = math.sqrt(both)
     if by_signal:
-        unit = min(max(1, round(units / levels)), ROOM * ONE // 2 // levels)
+        pair = max(PAIR_WORDS, PAIR_PARTS / 2.0**onto.shift)
+        unit = min(max(1, int(both / pair / levels)), ROOM * ONE // 2 // levels)
         concentrations, units = tuple(unit << bit for bit in range(BITS)), unit * levels
     else:
-        units = min(max(1, round(units), math.ceil(both * ROOM / LARGEST_WORD)), 16 * ONE // ROOM)
+        units = min(max(1, round(math.sqrt(both)), math.ceil(both * ROOM / LARGEST_WORD)), 16 * ONE // ROOM)
         concentrations = (int(units),)
     of_pair = both / units
     if not 1.0 <= of_pair <= LARGEST_WORD / 4:
@@ -300,7 +304,7 @@ def _dopamine(p: stdp_dopa, onto: Onto) -> Mapped:
     else:
         notes += (f"dopamine of a spike is {concentrations[0]} units of 2^-11; {16 * ONE // concentrations[0]} wrap",)
     moves = amplitude * n_one / (1.0 / p.tau_c + 1.0 / p.tau_n) * onto.gain / onto.unit
-    return Mapped(rule, (*notes, *_rounded(rule, numbers, 1.0)), min(moves, of_pair, units), n_scale)
+    return Mapped(rule, (*notes, *_rounded(rule, numbers, 1.0)), min(moves, max(of_pair, units)), n_scale)
 
 
 _MAKERS: Mapping[type[Synapse], Callable[[Any, Onto], _Made]] = {
@@ -360,7 +364,7 @@ def give_rules(
             yield from _undelivered(program, part, wires[index], mapping.rule.slots)
             if mapping.update < COARSE_UPDATE:
                 why = f"a change is {mapping.update:.2g} units of a word, of which flooring takes up to one"
-                yield approximated(part, synapse.name, why, "learn faster, or lower the weights that share its shift")
+                yield approximated(part, synapse.name, why, "learn faster, or set smaller `shifts` of the target")
 
 
 def _mapping(
