@@ -237,7 +237,7 @@ def _vogels(p: vogels_sprekeler, onto: Onto) -> _Made:
 
 BITS = 5
 """Sources of reward, and of punishment, that bring a signal to a neuron: concentrations of 1, 2, 4, 8 and 16 units."""
-PAIR_WORDS, PAIR_PARTS = 1.5, 6.0
+PAIR_WORDS, PAIR_PARTS = 4.0, 16.0
 """The eligibility of one pair, at least, in units of a word and in s16.15, where a signal brings dopamine."""
 ROOM = 16
 """Pairs, or dopamine spikes, for which a word or a trace has room."""
@@ -304,7 +304,7 @@ def _dopamine(p: stdp_dopa, onto: Onto) -> Mapped:
     else:
         notes += (f"dopamine of a spike is {concentrations[0]} units of 2^-11; {16 * ONE // concentrations[0]} wrap",)
     moves = amplitude * n_one / (1.0 / p.tau_c + 1.0 / p.tau_n) * onto.gain / onto.unit
-    return Mapped(rule, (*notes, *_rounded(rule, numbers, 1.0)), min(moves, max(of_pair, units)), n_scale)
+    return Mapped(rule, (*notes, *_rounded(rule, numbers, 1.0)), min(moves, of_pair, units), n_scale)
 
 
 _MAKERS: Mapping[type[Synapse], Callable[[Any, Onto], _Made]] = {
