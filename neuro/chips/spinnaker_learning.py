@@ -8,7 +8,9 @@ that register. So each pair is a step more apart or less; amplitudes make up for
 A_minus exp(-h / tau_minus), and the windows equal the float model's.
 
 Dopamine of 1/tau_n becomes a synapse of concentration k 2^-11, and an eligibility of 1 becomes m units of a word. The
-product k m follows from the rule, and both are near its root, since both are rounded down at events.
+product k m follows from the rule, and events round both down. What dopamine loses moves weights down; what the
+eligibility loses slows learning. So a signal, whose sources are chosen here, takes nearly all of the product; spikes,
+which release one concentration, take its root.
 """
 
 from __future__ import annotations
@@ -161,14 +163,13 @@ def _program(p: spinnaker_learning, onto: Onto) -> Mapped:
         notes += (f"concentration is {off:+.1%} off",) if abs(off) > 1e-3 else ()
         rule = replace(rule, concentrations=(units,))
     elif p.signal is not None:
-        rule = replace(rule, concentrations=_levels(onto.largest_n * ONE))
+        rule = replace(rule, concentrations=_levels(onto.largest_n * ONE / LEVELS))
     return Mapped(rule, notes, _smallest_change(rule, onto), 1.0 / ONE)
 
 
 def _levels(units: float) -> tuple[int, ...]:
-    """Return the concentrations in s4.11 of the sources that bring a signal of so many units at most."""
-    levels = 2**BITS - 1
-    unit = min(max(1, round(units / levels)), ROOM * ONE // 2 // levels)
+    """Return the concentrations of the sources that bring a signal, the smallest of so many units of s4.11."""
+    unit = min(max(1, round(units)), ROOM * ONE // 2 // LEVELS)
     return tuple(unit << bit for bit in range(BITS))
 
 
@@ -289,6 +290,10 @@ def _vogels(p: vogels_sprekeler, onto: Onto) -> _Made:
 
 BITS = 5
 """Sources of reward, and of punishment, that bring a signal to a neuron: concentrations of 1, 2, 4, 8 and 16 units."""
+LEVELS = 2**BITS - 1
+"""Largest number of units that the sources bring together."""
+PAIR_WORDS, PAIR_PARTS = 4.0, 16.0
+"""The eligibility of one pair, at least, in units of a word and in s16.15, where a signal brings dopamine."""
 ROOM = 16
 """Pairs, or dopamine spikes, for which a word or a trace has room."""
 
@@ -311,12 +316,12 @@ def _dopamine(p: stdp_dopa, onto: Onto) -> Mapped:
     amplitude = max(p.A_plus, p.A_minus)
     # Units of dopamine times units of the eligibility of one pair: what both must make together.
     both = amplitude * onto.gain / onto.unit * n_one * ONE
-    units = math.sqrt(both)
     if by_signal:
-        concentrations = _levels(units)
+        pair = max(PAIR_WORDS, PAIR_PARTS / 2.0**onto.shift)
+        concentrations = _levels(int(both / pair / LEVELS))
         units = float(sum(concentrations))
     else:
-        units = min(max(1, round(units), math.ceil(both * ROOM / LARGEST_WORD)), 16 * ONE // ROOM)
+        units = min(max(1, round(math.sqrt(both)), math.ceil(both * ROOM / LARGEST_WORD)), 16 * ONE // ROOM)
         concentrations = (int(units),)
     of_pair = both / units
     if not 1.0 <= of_pair <= LARGEST_WORD / 4:
@@ -406,7 +411,7 @@ def give_rules(
             yield from _held_back(program, part, wires[index], mapping.rule.slots)
             if mapping.update < COARSE_UPDATE:
                 why = f"a change is {mapping.update:.2g} units of a word, of which flooring takes up to one"
-                yield approximated(part, synapse.name, why, "learn faster, or lower the weights that share its shift")
+                yield approximated(part, synapse.name, why, "learn faster, or set smaller `shifts` of the target")
 
 
 def _mapping(

@@ -24,6 +24,7 @@ from neuro.model.synapses import (
 )
 from neuro.testing.verify import verify
 from neuro_chip.replay import replay
+from neuro_models import path
 from refused import refused, without_place
 from spinnaker_twin import Neuron, Row, Rule
 
@@ -354,6 +355,21 @@ def signal(neurons, t, wanted, unit):
         for bit in range(5):
             if min(abs(missing), 31) >> bit & 1:
                 neuron.append(t, (unit << bit) * (1 if missing > 0 else -1))
+
+
+def test_dopamine_of_both_signs_does_not_lower_all_weights():
+    net = neuro.load(path("drone"), params={"c_min": 0.0, "delay": 2.0, "eta": 0.4, "tau_c": 50.0})
+    net.world_section = None
+    with warnings.catch_warnings(action="ignore"):
+        sim = neuro.compile(net, "spinnaker", seed=1, shifts={"motors": (2, 0)}, signals={"cells_motors": 0.1})
+    cells = [27, 28, 35, 36]  # those that see a ball in the middle
+    sim.set("cells", {"rate": 100.0 * np.isin(np.arange(64), cells)})
+    for right, down in np.random.default_rng(0).normal(0.0, 0.004, (60, 2)):
+        sim.signal("dopamine", [right, -right, down, -down])
+        sim.run(50.0)
+    learnt = np.reshape(sim.weights("cells_motors")[2], (64, 4))[cells]
+    assert learnt.std() > 20.0
+    assert learnt.mean() > 1440.0  # 1371 if a signal takes only the root of what it shares with the eligibility
 
 
 def by_step(sim, part):
