@@ -2,8 +2,9 @@
 
 The rows are those of docs/reference/thesis.yaml. A row is checked by `run`, a command or a list of commands whose last
 number (or last match of `find`) must lie in `range`, or by `test`, a test that must pass; `$TMP` is a folder of the
-row. Without `--full` only the rows marked `quick` are checked. A row that needs a file of ../shared/data is skipped
-where that is missing. The exit status is 1 if a number left its range. `--page` writes docs/reference/thesis.md.
+row, `$ROOT` that of the project. Without `--full` only the rows marked `quick` are checked. A row that needs a file of
+../shared/data is skipped where that is missing. The exit status is 1 if a number left its range. `--page` writes
+docs/reference/thesis.md.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ def check(row: Row) -> tuple[str, bool]:
     printed = ""
     with tempfile.TemporaryDirectory() as folder:
         for command in commands(row):
-            words = [word.replace("$TMP", folder) for word in shlex.split(command)]
+            words = [word.replace("$TMP", folder).replace("$ROOT", str(ROOT)) for word in shlex.split(command)]
             done = subprocess.run(words, cwd=ROOT, env=env, capture_output=True, text=True)
             printed = done.stdout
             if done.returncode:

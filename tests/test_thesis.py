@@ -125,7 +125,7 @@ def test_eqs_107_to_109_dopamine(backend):
 
 @BACKENDS
 def test_line_2025_deviates(backend):
-    """With c < 0 the printed equation lowers the weight, the text leaves it; c_min = 0 is the text's reading."""
+    """With c < 0 the printed equation lowers the weight, the text leaves it; c_min = 0 is nearest to the text."""
     assert paired(backend, dopamine(-1.0), 10.0) == pytest.approx(0.5 - 0.41657, abs=5e-6)
     assert paired(backend, dopamine(-1.0, c_min=0.0), 10.0) == 0.5
 
