@@ -19,6 +19,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -37,15 +38,9 @@ WIDTHS = (28, 26, 14, 20)
 Row = dict[str, Any]
 
 
-def chapters() -> dict[str, list[Row]]:
-    """The rows of the ledger by chapter."""
-    ledger: dict[str, list[Row]] = yaml.safe_load(LEDGER.read_text("utf-8"))["rows"]
-    return ledger
-
-
-def rows() -> dict[str, Row]:
-    """The rows of the ledger by name."""
-    return {row["name"]: row for chapter in chapters().values() for row in chapter}
+def rows() -> list[Row]:
+    """The rows of the ledger."""
+    return [row for chapter in yaml.safe_load(LEDGER.read_text("utf-8"))["rows"].values() for row in chapter]
 
 
 def commands(row: Row) -> list[str]:
@@ -59,27 +54,32 @@ def outcome(row: Row, printed: str) -> tuple[str, bool]:
     if "test" in row:
         return ("passes", True) if re.search(r"\d passed", printed) else ("no test passed", False)
     matches = re.findall(row.get("find", NUMBER), printed)
-    if not matches:
-        return "no number", False
     low, high = row["range"]
-    return matches[-1], low <= float(matches[-1]) <= high
+    return (matches[-1], low <= float(matches[-1]) <= high) if matches else ("no number", False)
 
 
 def check(row: Row) -> tuple[str, bool]:
-    """What a row measured, and if that is in its range; all its commands are run."""
+    """What a row measured, and if that is in its range."""
     if absent := [name for name in row.get("needs", []) if not (DATA / name).exists()]:
         return f"skipped: ../shared/data/{absent[0]} is missing", True
+    done = ran(*commands(row))
+    if done.returncode:
+        last = (done.stderr.strip() or done.stdout.strip() or "nothing printed").splitlines()[-1]
+        return f"fails: {last[:100]}", False
+    return outcome(row, done.stdout)
+
+
+@cache
+def ran(*lines: str) -> subprocess.CompletedProcess[str]:
+    """Run commands one after the other, up to one that fails; the last one that ran. Rows may share commands."""
     env = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
-    printed = ""
     with tempfile.TemporaryDirectory() as folder:
-        for command in commands(row):
+        for command in lines:
             words = [word.replace("$TMP", folder).replace("$ROOT", str(ROOT)) for word in shlex.split(command)]
             done = subprocess.run(words, cwd=ROOT, env=env, capture_output=True, text=True)
-            printed = done.stdout
             if done.returncode:
-                last = (done.stderr.strip() or done.stdout.strip() or "nothing printed").splitlines()[-1]
-                return f"fails: {last[:100]}", False
-    return outcome(row, printed)
+                break
+    return done
 
 
 def compare(chosen: Sequence[Row]) -> int:
@@ -107,10 +107,9 @@ def line(cells: Iterable[str]) -> list[str]:
 def page() -> str:
     """The page, from the ledger."""
     ledger = yaml.safe_load(LEDGER.read_text("utf-8"))
-    counted = Counter(row["verdict"] for row in rows().values())
-    quick = sum(bool(row.get("quick")) for row in rows().values())
+    counted, quick = Counter(row["verdict"] for row in rows()), sum(bool(row.get("quick")) for row in rows())
     verdicts = ", ".join(f"{counted[verdict]} {verdict}" for verdict in VERDICTS)
-    lines = [ledger["head"], f"The ledger has {sum(counted.values())} rows: {verdicts}. {quick} are quick.\n"]
+    lines = [ledger["head"], f"The ledger has {len(rows())} rows: {verdicts}. {quick} are quick.\n"]
     for chapter, content in ledger["rows"].items():
         lines += [f"## {chapter}", "| lines | the thesis | its figure | ours | verdict | checked by |"]
         lines += ["| --- | --- | --- | --- | --- | --- |", *map(cells_of, content), ""]
@@ -139,7 +138,7 @@ def main() -> int:
     if asked.page:
         PAGE.write_text(page(), "utf-8")
         return 0
-    every = rows()
+    every = {row["name"]: row for row in rows()}
     if unknown := [name for name in asked.names if name not in every]:
         options.error(f"there is no row {unknown[0]}")
     chosen = [every[name] for name in asked.names] or [row for row in every.values() if asked.full or row.get("quick")]

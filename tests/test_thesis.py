@@ -235,15 +235,15 @@ THESIS = script("thesis")
 
 
 def test_every_row_has_a_verdict_and_its_lines():
-    names = [row["name"] for rows in THESIS.chapters().values() for row in rows]
+    names = [row["name"] for row in THESIS.rows()]
     assert len(names) == len(set(names)) >= 90
-    for row in THESIS.rows().values():
+    for row in THESIS.rows():
         assert row["verdict"] in THESIS.VERDICTS, row["name"]
         assert ("why" in row) >= (row["verdict"] in LATER), f"{row['name']}: a deviation without its reason"
         assert re.fullmatch(r"\d+(-\d+)?(, \d+(-\d+)?)*", str(row["lines"])), row["name"]
         assert "test" in row or ("run" in row) == ("range" in row), row["name"]
         assert not row.get("quick") or THESIS.commands(row), row["name"]
-    assert sum(bool(row.get("quick")) for row in THESIS.rows().values()) >= 45
+    assert sum(bool(row.get("quick")) for row in THESIS.rows()) >= 45
 
 
 def test_the_page_is_that_of_the_ledger():
@@ -251,7 +251,7 @@ def test_the_page_is_that_of_the_ledger():
 
 
 def test_tests_that_rows_name_are_there():
-    for row in THESIS.rows().values():
+    for row in THESIS.rows():
         if "test" in row:
             file, *names = row["test"].split("[")[0].split("::")
             text = (THESIS.ROOT / file).read_text("utf-8")
