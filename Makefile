@@ -14,6 +14,8 @@
 #                   gcc-s390x-linux-gnu qemu-user are, too
 # make test-oracles the tests of event files and streams, of networks beside other tools (NIR, SONATA), of scripts of PyNN,
 #                   and of NeuroBench's metrics, in environments of their own
+# make thesis       each row of the thesis that is quick to check beside its figure (docs/reference/thesis.md), within 15 minutes
+#                   of the processor; make thesis-full: all of them, hours
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2, public emulators of Loihi, and packages that train by gradients are with the
 #                   same networks, in environments of their own
@@ -81,7 +83,7 @@ endef
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help test test-parts test-slow test-taken-away test-all test-bounds test-nest test-mpi test-c test-oracles demo bench bench-peers docs gallery-full release constraints clean distclean
+.PHONY: help test test-parts test-slow test-taken-away test-all test-bounds test-nest test-mpi test-c test-oracles demo thesis thesis-full bench bench-peers docs gallery-full release constraints clean distclean
 
 help:
 	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
@@ -125,6 +127,12 @@ test-oracles: $(VENV)-oracles/.installed $(VENV)-oracles-pynn/.installed $(if $(
 
 demo: $(VENV)/.demo
 	$(BIN)/neuro remus demo --out "$(OUT)" $(if $(DATA),--data "$(DATA)")
+
+thesis: $(VENV)/.test
+	$(BIN)/python benchmarks/thesis.py
+
+thesis-full: $(VENV)/.test
+	$(BIN)/python benchmarks/thesis.py --full
 
 bench: $(VENV)/.test
 	$(BIN)/pytest benchmarks --benchmark-only -p no:xdist
