@@ -1,4 +1,4 @@
-"""How well a method recognises: `python benchmarks/recognisers.py nmnist|poker|poker-upright METHOD`.
+"""How well a method recognises: `python benchmarks/recognisers.py nmnist|poker|poker-upright|mnist METHOD`.
 
 `--preset` and `--set` change it as they do `neuro recognise train`; POKER-DVS has ReMuS' preset for it.
 
@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from kept import NMNIST, POKER
+from kept import NMNIST, POKER, SHARED
 from numpy.typing import NDArray
 
 from neuro.apps import side_by_side, wilson
@@ -30,7 +30,7 @@ from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import learn, method_of
 from neuro_recognise.shown import Features
 
-FILES = {"nmnist": NMNIST, "poker": POKER, "poker-upright": POKER}
+FILES = {"nmnist": NMNIST, "poker": POKER, "poker-upright": POKER, "mnist": SHARED / "mnist5k" / "mnist5k.npz"}
 Split = tuple[NDArray[np.int64], NDArray[np.int64]]
 """Recordings to learn from, and to test."""
 FIELD = (34, 34)
@@ -81,9 +81,10 @@ def main() -> None:
     options.add_argument("--json", action="store_true")
     asked = options.parse_args()
     method = method_of(asked.method, asked.preset)
-    poker = method.presets["poker"] if asked.method == "remus" and asked.case != "nmnist" else {}
-    method = method.changed({**poker, **assignments(asked.set)}).fitting(FIELD)
+    poker = method.presets["poker"] if asked.method == "remus" and asked.case.startswith("poker") else {}
     data = recordings(asked.data or FILES[asked.case])
+    field = data.sensor_size() if asked.case == "mnist" else FIELD
+    method = method.changed({**poker, **assignments(asked.set)}).fitting(field)
     shown = observe(method, data)
     upright = np.array([not Path(name).stem.endswith("i") for name in shown.names])
     if asked.case == "poker-upright":
