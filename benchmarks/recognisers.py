@@ -68,9 +68,9 @@ def splits(data: Recordings, folds: int, seeds: int, random: int, only: int) -> 
 
 
 def crops() -> Path:
-    """Crops of a temple and of a flower, 32 x 32 px of 2 x 2 of the photograph's, side by side, black at their edges.
+    """Crops of a temple and of a flower, 32 x 32 px of 2 x 2 of the photograph's, side by side, faded to black at all sides.
 
-    What is black at its edges has no edge where it ends, which filters would answer to most.
+    Filters would answer most to the ends of crops that are not black there.
     """
     from sklearn.datasets import load_sample_images
 

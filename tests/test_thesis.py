@@ -13,7 +13,7 @@ import pytest
 
 import neuro
 from benchmark_scripts import script
-from neuro.coding import world_teachers as teachers
+from neuro.coding import world_decoders as decoders
 from neuro.events import DVS, DVSParameters
 
 BACKENDS = pytest.mark.parametrize("backend", ["reference", "event"])
@@ -81,9 +81,9 @@ def test_eq_125_first_to_fire():
 def test_eq_129_action():
     """(12 - 5) / 25 = 0.28: 50 ms and a refractory period of 2 ms leave at most 25 spikes. The drone doubles that."""
     box = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float64)
-    act = parts.difference(of="motors").made(box, [4], [50.0 / 2.0])
+    act = decoders.difference(of="motors").made(box, [4], [50.0 / 2.0])
     assert act({"motors": np.array([[12, 5, 0, 25]])}).tolist() == [[0.28, -1.0]]
-    doubled = parts.difference(of="motors", gain=2.0).made(box, [4], [25.0])
+    doubled = decoders.difference(of="motors", gain=2.0).made(box, [4], [25.0])
     assert doubled({"motors": np.array([[12, 5, 0, 25]])}).tolist() == [[0.56, -1.0]]
 
 
@@ -193,7 +193,7 @@ def test_eqs_20_and_21_events():
 
 def test_eq_22_policy():
     """The same counts give the same action: the neurons with most spikes, the first of equal ones."""
-    act = parts.winner(of="motors").made(gymnasium.spaces.Discrete(3), [3], [25.0])
+    act = decoders.winner(of="motors").made(gymnasium.spaces.Discrete(3), [3], [25.0])
     assert [int(np.ravel(act({"motors": np.array([[2, 7, 7]])}))[0]) for _ in range(3)] == [1, 1, 1]
 
 

@@ -19,7 +19,7 @@ ARRAYS = ("images", "labels")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """One grey picture as a recording; see `neuro.events.dataset.Sample`.
+    """A grey picture as a recording; see `neuro.events.dataset.Sample`.
 
     Attributes:
         name: ``#`` and its number in the file.

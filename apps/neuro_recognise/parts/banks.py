@@ -193,7 +193,7 @@ class Bank(Part):
     """Base of the banks of filters.
 
     Class attributes:
-        shown: whether it is shown what a representation holds; else it sees each event by itself.
+        shown: whether filters see what a representation holds; else each event by itself.
     """
 
     kind = "bank"
@@ -252,7 +252,7 @@ class _OfGabors(Bank):
 
     @cached_property
     def filters(self) -> Floats:
-        """Those of `gabor_bank`."""
+        """Filters of `gabor_bank`."""
         return gabor_bank(self.sizes, self.sigmas, self.wavelengths, self.gamma, self.orientations, **self.shapes)
 
     @property
@@ -290,7 +290,7 @@ class Sobels(Bank):
 
     sizes: tuple[int, ...] = setting((3,), "px", "sides of the filters, odd, one a scale", "figure 81", above=1)
     orientations: tuple[float, ...] = setting(
-        tuple(45.0 * k for k in range(8)), "degrees", "in which it rises; 0: to the right, 90: downwards", "figure 81"
+        tuple(45.0 * k for k in range(8)), "degrees", "of the rise; 0: to the right, 90: downwards", "figure 81"
     )
 
     @cached_property

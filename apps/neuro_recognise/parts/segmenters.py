@@ -179,7 +179,7 @@ class _End(segmentation.Cutter):
 
 @dataclass(frozen=True)
 class Whole(Segmenter):
-    """One segment, the whole recording: for still pictures, whose pixels have as many events as their grey level."""
+    """The whole recording as a segment: for still pictures, whose pixels have as many events as their grey level."""
 
     tentative = True
     source = "Mozafari et al. 2018, Masquelier and Thorpe 2007: a picture is shown once"
