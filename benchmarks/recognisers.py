@@ -68,7 +68,7 @@ def splits(data: Recordings, folds: int, seeds: int, random: int, only: int) -> 
 
 
 def crops() -> Path:
-    """Crops of a temple and of a flower, side by side, 32 x 32 px of 2 x 2 px of the photographs, faded outwards to black.
+    """Crops of a temple and of a flower, side by side, 32 x 32 px of 2 x 2 px of a photograph, faded to black outwards.
 
     Filters would answer most to the ends of crops that are not black there.
     """
