@@ -320,6 +320,37 @@ def test_a_single_recording(messages, train):
     messages({case: text.replace(f"{train}", "set") for case, text in told.items()})
 
 
+# pictures
+
+
+def test_pictures_are_recordings_with_as_many_events_as_grey_levels(messages, tmp_path, shared):
+    images = np.random.default_rng(1).integers(0, 256, (3, 4, 5), np.uint8)
+    images[0, 0, :2] = 0, 255
+    np.savez(tmp_path / "set.npz", images=images, labels=[10, 9, 10])
+    found = recordings(tmp_path / "set.npz")
+    assert (found.layout, found.classes, found.labels.tolist()) == ("pictures", ("9", "10"), [1, 0, 1])
+    assert (found[2].name, found.sensor_size(), found[2].path) == ("#2", (5, 4), f"{tmp_path}/set.npz#2")
+    for image, one in zip(images, pickle.loads(pickle.dumps(found)), strict=True):
+        events, drawn = one.load(), np.zeros((4, 5), int)
+        np.add.at(drawn, (events.y, events.x), 1)
+        assert np.array_equal(drawn, image)
+        assert not events.t.any()
+    assert recordings(tmp_path / "set.npz", classes=("10", "8", "9")).labels.tolist() == [0, 2, 0]
+    assert found.fingerprint() != found.take([0, 1]).fingerprint()
+    assert found[0].stamp() != found[1].stamp()
+    assert len(recordings(shared / "data" / "mnist5k" / "mnist5k.npz")) == 5000
+    wrong = {
+        "no_labels": {"images": images}, "shape": {"images": images[0], "labels": [1]},
+        "type": {"images": images / 255, "labels": [1, 2, 3]}, "few": {"images": images, "labels": [1]},
+        "words": {"images": images, "labels": ["a", "b", "c"]}, "objects": {"images": images, "labels": [None] * 3},
+    }  # fmt: skip
+    told = {"class": refused(tmp_path / "set.npz", classes=("9",)), "part": refusal(recordings, found.path, ending="b")}
+    for case, arrays in wrong.items():
+        np.savez(tmp_path / f"{case}.npz", **arrays)
+        told[case] = refused(tmp_path / f"{case}.npz")
+    messages({case: text.replace(f"{tmp_path}/", "") for case, text in told.items()})
+
+
 # HDF5
 
 

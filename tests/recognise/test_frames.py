@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from scipy.signal import convolve2d
+from scipy.signal import convolve2d, correlate2d
 from scipy.stats import binomtest
 
 from neuro.apps import evaluate, wilson
@@ -15,7 +15,7 @@ from neuro.events import Events, recordings, save
 from neuro_recognise.method import SILENT, choose
 from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.observations import observe, observed
-from neuro_recognise.parts.banks import Counts, Gabors, Leaky, LeakyGabors, LocalMaximum, Surface, gabor_bank
+from neuro_recognise.parts.banks import Counts, Gabors, Leaky, LeakyGabors, LocalMaximum, Sobels, Surface, gabor_bank
 from neuro_recognise.parts.frames import Frames, Latency, majority, potentials
 from neuro_recognise.recogniser import learn, method_of
 from refused import refused
@@ -63,16 +63,36 @@ def test_banks():
     np.testing.assert_allclose(smooth[0, :, 0, 0], plain[0, :, :2, :2].sum((1, 2)) / 9)
 
 
-def test_responses_are_convolve_rectify_pool():
-    events = random_events()
-    bounds, got = FRONT.segmenter.bounds(events.t), responses(events)
-    assert got.shape == (len(bounds) - 1, 4, 4, 17, 17)
+def test_sobels_answer_to_a_rise_in_their_direction():
+    """Of a plane that rises in a direction, by as much as its slope's share in theirs; the filters of an axis are
+    those of Sobel, and wider ones their means."""
+    bank = Sobels(sizes=(3, 5)).filters
+    assert bank.shape == (2, 8, 5, 5)
+    np.testing.assert_allclose(bank[0, 0, 1:4, 1:4] * np.sqrt(12), [[-1, 0, 1], [-2, 0, 2], [-1, 0, 1]])
+    np.testing.assert_allclose(bank[0, 2], bank[0, 0].T, atol=1e-12)
+    blurred = convolve2d(bank[0, 0, 1:4, 1:4], np.outer([1, 2, 1], [1, 2, 1]))
+    np.testing.assert_allclose(bank[1, 0], blurred / np.linalg.norm(blurred), atol=1e-12)
+    np.testing.assert_allclose((bank**2).sum((2, 3)), 1)
+    y, x = np.mgrid[-2:3, -2:3]
+    for o, angle in enumerate(np.deg2rad(Sobels().orientations)):
+        answers = (bank * (np.cos(angle) * x + np.sin(angle) * y)).sum((2, 3))
+        expected = [np.cos(angle - np.pi / 4 * np.arange(8))] * 2
+        np.testing.assert_allclose(answers / answers[:, [o]], expected, atol=1e-12)
+    assert refused(Sobels, sizes=(4,)) == "sizes: found 4: expected odd numbers, so that a filter has a middle"
+    assert "sizes[0] = 1" in refused(Sobels, sizes=(1,))
+
+
+@pytest.mark.parametrize(("bank", "scales", "directions"), [("gabors", 4, 4), ("sobel", 1, 8)])
+def test_responses_are_correlate_rectify_pool(bank, scales, directions):
+    events, front = random_events(), FRONT.changed({"bank": bank})
+    bounds, got = front.segmenter.bounds(events.t), responses(events, front)
+    assert got.shape == (len(bounds) - 1, scales, directions, 17, 17)
     for f in range(len(got)):
         image = np.zeros((34, 34))
         np.add.at(image, (events.y[bounds[f] : bounds[f + 1]], events.x[bounds[f] : bounds[f + 1]]), 1)
-        for s in range(4):
-            for o in range(4):
-                response = np.maximum(convolve2d(image, FRONT.bank.filters[s, o], mode="same"), 0)
+        for s in range(scales):
+            for o in range(directions):
+                response = np.maximum(correlate2d(image, front.bank.filters[s, o], mode="same"), 0)
                 np.testing.assert_allclose(got[f, s, o], response.reshape(17, 2, 17, 2).max((1, 3)), atol=1e-10)
 
 
@@ -172,7 +192,7 @@ def test_kept_spikes_and_a_part_of_them(folder, tmp_path, monkeypatch):
     assert len(Frames.of(shown.take([]))) == 0
 
 
-@pytest.mark.parametrize("segmenter", ["msd", "hes", "counts", "ses"])
+@pytest.mark.parametrize("segmenter", ["msd", "hes", "counts", "ses", "whole"])
 def test_what_has_been_shown_until_a_time(segmenter):
     """Frames that are cut off a whole recording are those of its beginning alone."""
     front, events = FRONT.changed({"segmenter": segmenter}), random_events(4000, seed=3)

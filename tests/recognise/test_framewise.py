@@ -16,12 +16,13 @@ import neuro
 from neuro.apps import evaluate
 from neuro.chips import Energy
 from neuro.core import hdf5
-from neuro.events import Events
+from neuro.events import Events, recordings
 from neuro_models import names, path
 from neuro_recognise.energy import bills
 from neuro_recognise.method import METHODS, SILENT, choose
 from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.methods.framewise import Framewise, Inputs, Layer, Shares
+from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import AT_MOST, Ready, Recogniser, learn, method_of
 from neuro_recognise.shown import Features
 from neuro_recognise.telling.report import Tried
@@ -380,3 +381,34 @@ def test_must_names_neurons_by_what_they_win(letters):
     assert (thresholds >= 8.0).all()
     assert thresholds.max() > 8.5
     assert np.array_equal(made.network().populations["excited"].model.V_th, thresholds)
+
+
+def test_must_of_the_thesis_cuts_at_peaks_and_decides_by_mean_rates(letters):
+    thesis = method_of("must", "thesis")
+    assert (thesis.segmenter.called(), thesis.vote) == ("ses", "rate")
+    made = learn(with_small("must", segmenter="ses", vote="rate"), letters, "letters", seed=1)
+    scores, labels = made.method.answer(made.learnt, letters).scores, made.learnt["labels"]
+    results, frames = made.method.present(made.method.simulation(made.learnt), made.learnt, letters)
+    for k in range(24):
+        wins = labels[results.winner[(frames.recording == k) & (results.winner >= 0)]]
+        np.testing.assert_allclose(scores[k], [np.sum(wins == c) / np.sum(labels == c) for c in range(3)])
+
+
+@pytest.mark.parametrize("name", ["mozafari", "masquelier_thorpe"])
+def test_pictures_are_learnt_as_one_frame_each(name, tmp_path):
+    """Bars in three directions, whose shades and places differ."""
+    rng, images = np.random.default_rng(3), np.zeros((60, 16, 16), np.uint8)
+    for k, image in enumerate(images):
+        at, shade = rng.integers(5, 11), rng.integers(60, 256)
+        line = (np.full(12, at), np.arange(2, 14), np.arange(2, 14))
+        image[line[k % 3], line[(k % 3 + 1) % 3]] = shade
+    np.savez(tmp_path / "bars.npz", images=images, labels=np.arange(60) % 3)
+    maps = {"maps": 8} if name == "masquelier_thorpe" else {"per_class": 2}
+    small = {"field": 5, "theta": 12.0, "epochs": 4, **maps}
+    method, data = method_of(name, "pictures", small), recordings(tmp_path / "bars.npz")
+    assert (method.segmenter.called(), method.bank.sizes) == ("whole", (5,))
+    shown = observe(method.fitting(data.sensor_size()), data)
+    assert all(len(one["lengths"]) == 1 for one in shown.evidence)
+    made = learn(method.fitting(data.sensor_size()), shown.take(range(30)), "bars", seed=1)
+    answer = made.method.answer(made.learnt, shown.take(range(30, 60)))
+    assert np.mean(choose(answer.scores) == shown.labels[30:]) > 0.8

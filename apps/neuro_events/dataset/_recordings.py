@@ -28,6 +28,7 @@ from neuro_events.dataset._layouts import (
     layout_of,
     natural,
 )
+from neuro_events.dataset._pictures import is_pictures, pictures
 from neuro_events.dataset._store import holds_samples, stored_samples
 from neuro_events.files import load
 from neuro_events.opening import find, opened
@@ -129,7 +130,7 @@ class Recordings(Sequence[Sample]):
         path: the folder, zip or file.
         classes: class names; the label of a recording is an index into them.
         layout: name of the layout, see `neuro.events.dataset.LAYOUTS`; ``"hdf5"`` for an HDF5 file of recordings,
-            ``"recording"`` for a single one.
+            ``"pictures"`` for an NPZ file of grey pictures, ``"recording"`` for a single recording.
     """
 
     def __init__(self, path: str, items: Sequence[Sample], classes: Sequence[str], layout: str = "") -> None:
@@ -283,7 +284,9 @@ def recordings(
     a file is the name of the folder it lies in, at any depth (``Train/<digit>/<index>.bin``), and files without class
     folders need a ``MANIFEST.csv`` beside them with the columns file, label, class. An HDF5 file has
     ``/<class>/<sample>``, as `neuro.events.Dataset.to_hdf5` and ``neuro events tohdf5`` write it. Files may be of any
-    format that `neuro.events.load` reads, also of several. A single recording has the class of ``label``.
+    format that `neuro.events.load` reads, also of several. A single recording has the class of ``label``. An NPZ
+    file of ``images`` (n, height, width) uint8 and ``labels`` (n,) has a recording for each picture, with as many
+    events of a pixel as its grey level.
 
     Args:
         path: the folder, zip, HDF5 file or recording.
@@ -311,6 +314,10 @@ def recordings(
         _refuse(where, "an HDF5 file", asked | {"layout": None if layout == "hdf5" else layout, "label": label})
         known, samples = stored_samples(where, classes)
         return Recordings(where, samples, known, "hdf5")
+    if is_pictures(where):
+        _refuse(where, "an NPZ file of pictures", asked | {"label": label})
+        known, stills = pictures(where, classes)
+        return Recordings(where, stills, known, "pictures")
     if _is_recording(where):
         _refuse(where, "a single recording", asked)
         return _single(Path(path), where, classes, label)

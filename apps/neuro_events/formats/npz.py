@@ -36,7 +36,7 @@ ROW = EVENT.itemsize
 SMALL = 1 << 16
 """Most items of an array that is no column of events."""
 
-_FAILURES = (
+FAILURES = (
     zipfile.BadZipFile,
     zlib.error,
     EOFError,
@@ -92,7 +92,7 @@ class Npz:
                 self._names, self._members = _columns(archive)
                 self.sensor_size: Size | None = _size(archive)
                 self.metadata: Mapping[str, Any] = _metadata(archive)
-        except _FAILURES as error:
+        except FAILURES as error:
             raise Damage(f"no whole NPZ: {error}", None) from None
 
     @contextmanager
@@ -108,7 +108,7 @@ class Npz:
         try:
             with self._archive() as archive:
                 yield from self._read(archive, block)
-        except _FAILURES as error:
+        except FAILURES as error:
             if isinstance(error, Damage):
                 raise
             raise Damage(f"event {self._done} on cannot be read: {error}", None) from None

@@ -31,6 +31,10 @@ EARLY = {"representation": "leaky", "segmenter": "hes", "segmenter.window": 5.0}
 """A decision every 5 ms, from the first on: thesis section 6.2.8, lines 2549-2560."""
 
 
+PICTURES = {"segmenter": "whole", "sizes": [5], "sigmas": [2.0], "wavelengths": [2.5]}
+"""Still pictures and filters of one scale, as Mozafari, Masquelier and Thorpe have: thesis lines 2271-2275."""
+
+
 @dataclass(frozen=True)
 class Remus(Framewise):
     """Pseudo-frames of a motion symbol detector, Gabor filters, log I2L, and a layer that learns by reward."""
@@ -94,7 +98,7 @@ class Mozafari(Framewise):
 
     title = "reward-modulated STDP whose rates follow the share of mistakes"
     source = "Mozafari et al., IEEE TNNLS 29:6178, 2018; thesis eqs 120, 121; there natural images, one scale"
-    presets = {"poker": {"theta": 30.0, "size": [34, 34]}}
+    presets = {"poker": {"theta": 30.0, "size": [34, 34]}, "pictures": PICTURES}
     measured = {"N-MNIST": "88.9 %", "POKER-DVS": "95.0 %"}
 
     layer: Layer = part(Layer, MozafariLayer())
@@ -154,7 +158,7 @@ class MasquelierThorpe(Framewise):
     title = "unsupervised STDP, read by a support vector machine"
     source = "Masquelier and Thorpe, PLoS Comput. Biol. 3:e31, 2007; there natural images, one scale, an RBF network"
     needs = "recognise"
-    presets = {"poker": {"size": [34, 34], "field": 7, "theta": 25.0, "epochs": 3}}
+    presets = {"poker": {"size": [34, 34], "field": 7, "theta": 25.0, "epochs": 3}, "pictures": PICTURES}
     measured = {"N-MNIST": "85.0 %", "POKER-DVS": "95.4 %"}
 
     layer: Layer = part(Layer, MasquelierThorpeLayer())
@@ -254,7 +258,7 @@ class Must(Framewise):
 
     title = "unsupervised STDP with homeostasis, neurons named afterwards"
     source = "Liu et al., 2020, after the thesis, section 6.1.5; homeostasis of Diehl and Cook 2015"
-    presets = {"poker": {"size": [34, 34]}}
+    presets = {"poker": {"size": [34, 34]}, "thesis": {"segmenter": "ses", "vote": "rate"}}
     measured = {"N-MNIST": "80.9 %", "POKER-DVS": "92.3 %"}
 
     encoder: Encoder = part(Encoder, LogLatency(first=150))

@@ -11,7 +11,7 @@ def largest_responses(x, y, held, bounds, bank, sizes, height, width, cell, out)
     """What filters answer to every frame of a recording, of each cell of pixels the largest, at least 0.
 
     A frame has far fewer pixels with events than pixels, so each such pixel adds what it holds times the
-    (turned) filter to the response; this is the 'same' convolution with zeros outside of the frame. A row of a filter
+    (turned) filter to the response; this is the 'same' correlation with zeros outside of the frame. A row of a filter
     lies in one piece, orientations innermost, so that it is added as vectors.
 
     x, y: uint16[n], inside the frame; held: float64[n], above 0; bounds: int64[frames + 1]; bank:

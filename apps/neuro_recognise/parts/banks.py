@@ -9,6 +9,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import comb
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -189,47 +190,35 @@ COUNTS = Counts()
 
 @dataclass(frozen=True)
 class Bank(Part):
-    """Base of the banks of filters: sizes, widths and wavelengths go together, one each a scale.
+    """Base of the banks of filters.
 
     Class attributes:
-        shown: whether it is shown what a representation holds; else it sees each event by itself.
+        shown: whether filters see what a representation holds; else each event by itself.
     """
 
     kind = "bank"
     shown: ClassVar[bool] = True
 
-    sizes: tuple[int, ...] = setting((3, 5, 7, 9), "px", "sides of the filters, odd", TABLE_2, above=0)
-    sigmas: tuple[float, ...] = setting((1.2, 2.0, 2.8, 3.6), "px", "their effective widths", TABLE_2, above=0)
-    wavelengths: tuple[float, ...] = setting((1.5, 2.5, 3.5, 4.6), "px", "their wavelengths", TABLE_2, above=0)
+    sizes: tuple[int, ...] = setting((3, 5, 7, 9), "px", "sides of the filters, odd, one a scale", TABLE_2, above=0)
     orientations: tuple[float, ...] = setting((0.0, 45.0, 90.0, 135.0), "degrees", "0 is a vertical bar", TABLE_2)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not len(self.sizes) == len(self.sigmas) == len(self.wavelengths):
-            raise ModelError("sizes, sigmas and wavelengths: expected as many of each, one a scale")
         if even := [size for size in self.sizes if size % 2 == 0]:
             raise ModelError(f"sizes: found {even[0]}: expected odd numbers, so that a filter has a middle")
 
-    gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
-
     @cached_property
+    @abstractmethod
     def filters(self) -> Floats:
         """(scales, orientations, side, side), each in the middle of the largest's side."""
-        return gabor_bank(self.sizes, self.sigmas, self.wavelengths, self.gamma, self.orientations, **self.shapes)
-
-    @property
-    def shapes(self) -> dict[str, bool]:
-        """Words of `gabor_bank` by which the filters differ from its own."""
-        return {}
 
     def _empty(self, events: Events, bounds: Ints, side: int) -> Floats:
         """(frames, scales, orientations, rows, columns) of cells, to write responses into."""
         width, height = events.sensor_size
         return np.empty((len(bounds) - 1, len(self.sizes), len(self.orientations), height // side, width // side))
 
-    @abstractmethod
     def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
-        """What the filters answer.
+        """Rectified "same" correlation of each frame with each filter.
 
         Args:
             events: a recording inside the field.
@@ -240,10 +229,40 @@ class Bank(Part):
         Returns:
             (frames, scales, orientations, rows, columns) of cells, not below 0.
         """
+        from neuro_recognise.parts._bank_kernels import largest_responses
+
+        (width, height), out = events.sensor_size, self._empty(events, bounds, side)
+        sizes = np.array(self.sizes, np.int64)
+        largest_responses(*seen.pixels(events, bounds), self.filters, sizes, height, width, side, out)
+        return out
 
 
 @dataclass(frozen=True)
-class Gabors(Bank):
+class _OfGabors(Bank):
+    """Base of banks of Gabor filters: sizes, widths and wavelengths go together, one each a scale."""
+
+    sigmas: tuple[float, ...] = setting((1.2, 2.0, 2.8, 3.6), "px", "their effective widths", TABLE_2, above=0)
+    wavelengths: tuple[float, ...] = setting((1.5, 2.5, 3.5, 4.6), "px", "their wavelengths", TABLE_2, above=0)
+    gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not len(self.sizes) == len(self.sigmas) == len(self.wavelengths):
+            raise ModelError("sizes, sigmas and wavelengths: expected as many of each, one a scale")
+
+    @cached_property
+    def filters(self) -> Floats:
+        """Filters of `gabor_bank`."""
+        return gabor_bank(self.sizes, self.sigmas, self.wavelengths, self.gamma, self.orientations, **self.shapes)
+
+    @property
+    def shapes(self) -> dict[str, bool]:
+        """Words of `gabor_bank` by which the filters differ from its own."""
+        return {}
+
+
+@dataclass(frozen=True)
+class Gabors(_OfGabors):
     """Gabor filters over what each pixel of a frame holds."""
 
     source = "thesis 6.2.2, eqs 122-124, lines 2337-2370"
@@ -257,18 +276,39 @@ class Gabors(Bank):
         """The formula as printed, if that is wanted."""
         return {"literal": self.literal}
 
-    def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
-        """Rectified "same" convolution of each frame with each filter."""
-        from neuro_recognise.parts._bank_kernels import largest_responses
 
-        (width, height), out = events.sensor_size, self._empty(events, bounds, side)
-        sizes = np.array(self.sizes, np.int64)
-        largest_responses(*seen.pixels(events, bounds), self.filters, sizes, height, width, side, out)
-        return out
+@dataclass(frozen=True)
+class Sobels(Bank):
+    """Directed Sobel filters: the rise of what pixels hold in each direction, of unit norm.
+
+    Across a filter stands the difference, along it the binomial mean; a direction between the axes is their sum
+    weighted by cosine and sine.
+    """
+
+    known_as = "sobel"
+    source = "thesis 8.2.2 and figure 81, lines 3183-3190"
+
+    sizes: tuple[int, ...] = setting((3,), "px", "sides of the filters, odd, one a scale", "figure 81", above=1)
+    orientations: tuple[float, ...] = setting(
+        tuple(45.0 * k for k in range(8)), "degrees", "of the rise; 0: to the right, 90: downwards", "figure 81"
+    )
+
+    @cached_property
+    def filters(self) -> Floats:
+        """Zero where smaller than the largest."""
+        side, angles = max(self.sizes), np.deg2rad(self.orientations)
+        bank = np.zeros((len(self.sizes), len(angles), side, side))
+        for s, size in enumerate(self.sizes):
+            mean = np.array([comb(size - 1, k) for k in range(size)], float)
+            rise = np.outer(mean, np.convolve([comb(size - 3, k) for k in range(size - 2)], [-1.0, 0.0, 1.0]))
+            inner = slice((side - size) // 2, (side + size) // 2)
+            turned = np.multiply.outer(np.cos(angles), rise) + np.multiply.outer(np.sin(angles), rise.T)
+            bank[s, :, inner, inner] = turned / np.linalg.norm(turned, axis=(1, 2), keepdims=True)
+        return bank
 
 
 @dataclass(frozen=True)
-class LeakyGabors(Bank):
+class LeakyGabors(_OfGabors):
     """Gabor filters that each event adds to, whose responses leak to 0 at a constant rate and are never reset."""
 
     known_as = "leaky_gabors"
@@ -294,7 +334,7 @@ class LeakyGabors(Bank):
         return out
 
 
-Bank.known = Registry("bank", (Gabors, LeakyGabors))
+Bank.known = Registry("bank", (Gabors, LeakyGabors, Sobels))
 
 
 @dataclass(frozen=True)

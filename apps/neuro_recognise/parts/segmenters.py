@@ -162,4 +162,31 @@ class Ses(Segmenter):
         return segmentation.Peaks(round(1000.0 * self.search), tau_us=1000.0 * self.tau, threshold=self.threshold)
 
 
-Segmenter.known = Registry("recogniser segmenter", (Msd, Hes, Counts, Ses))
+class _End(segmentation.Cutter):
+    """Cuts behind the last event, once no more come."""
+
+    seen = 0
+
+    def cuts(self, t: Ints) -> Ints:
+        """None."""
+        self.seen += len(t)
+        return segmentation.NONE
+
+    def end(self) -> Ints:
+        """All events; none of a recording without any."""
+        return np.array([self.seen] if self.seen else [], np.int64)
+
+
+@dataclass(frozen=True)
+class Whole(Segmenter):
+    """The whole recording as a segment: for still pictures, whose pixels have as many events as their grey level."""
+
+    tentative = True
+    source = "Mozafari et al. 2018, Masquelier and Thorpe 2007: a picture is shown once"
+
+    def cutter(self) -> segmentation.Cutter:
+        """What cuts at the end."""
+        return _End()
+
+
+Segmenter.known = Registry("recogniser segmenter", (Msd, Hes, Counts, Ses, Whole))

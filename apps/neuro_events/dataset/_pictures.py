@@ -1,0 +1,96 @@
+"""Labelled grey pictures in one NPZ file as recordings: a pixel has as many events as its grey level, all at 0 us."""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro_events._events import Events
+from neuro_events.formats.npz import FAILURES
+from neuro_events.source import EventFileError
+
+ARRAYS = ("images", "labels")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """A grey picture as a recording; see `neuro.events.dataset.Sample`.
+
+    Attributes:
+        name: ``#`` and its number in the file.
+        path: the file with the name behind it, for messages.
+        label: index of its class.
+        image: (height, width) uint8, grey levels.
+    """
+
+    name: str
+    path: str
+    label: int
+    image: npt.NDArray[np.uint8]
+
+    def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
+        """As many events of a pixel as its grey level, so that counts of events are the picture."""
+        y, x = np.nonzero(self.image)
+        levels = self.image[y, x]
+        n = int(levels.sum(dtype=np.int64))
+        columns, rows = (np.repeat(axis, levels).astype(np.uint16) for axis in (x, y))
+        return Events(np.zeros(n, np.int64), columns, rows, np.ones(n, np.uint8), sensor_size or self.sensor()[0])
+
+    def read(self) -> bytes:
+        """The grey levels, row after row."""
+        return self.image.tobytes()
+
+    def stamp(self) -> str:
+        """Return a digest of the grey levels."""
+        return hashlib.sha256(self.read()).hexdigest()
+
+    def sensor(self) -> tuple[tuple[int, int], bool]:
+        """Width and height, px, which the file states."""
+        height, width = self.image.shape
+        return (width, height), True
+
+
+def is_pictures(where: str) -> bool:
+    """Whether there is an NPZ file with pictures."""
+    try:
+        with zipfile.ZipFile(where) as archive:
+            return f"{ARRAYS[0]}.npy" in archive.namelist()
+    except (OSError, zipfile.BadZipFile):
+        return False
+
+
+def pictures(where: str, classes: Sequence[str] | None) -> tuple[tuple[str, ...], list[Picture]]:
+    """Names of the classes and the pictures of an NPZ file.
+
+    Args:
+        where: a file with ``images`` (n, height, width) uint8 and ``labels`` (n,), whole numbers.
+        classes: names in the order of their labels; None: the labels, in their order.
+
+    Raises:
+        EventFileError: an array is absent or of another shape or type, or a class is not in `classes`.
+    """
+    try:
+        with np.load(where, allow_pickle=False) as file:
+            images, labels = (file.get(name) for name in ARRAYS)
+    except FAILURES as error:
+        raise EventFileError(where, f"no whole NPZ: {error}") from None
+    if labels is None:
+        raise EventFileError(where, "has no array 'labels', expected one beside 'images', a whole number a picture")
+    if images.ndim != 3 or images.dtype != np.uint8 or 0 in images.shape:
+        found = f"{images.dtype} of shape {images.shape}"
+        raise EventFileError(where, f"images are {found}, expected uint8 (n, height, width), grey levels")
+    if labels.shape != images.shape[:1] or labels.dtype.kind not in "iu":
+        found = f"{labels.dtype} of shape {labels.shape}"
+        raise EventFileError(where, f"labels are {found}, expected whole numbers ({len(images)},), one a picture")
+    known = tuple(map(str, np.unique(labels))) if classes is None else tuple(classes)
+    names = [str(label) for label in labels.tolist()]
+    if new := [name for name in names if name not in known]:
+        raise EventFileError(where, f"class {new[0]!r} is new, expected one of {', '.join(known)}")
+    index = {name: k for k, name in enumerate(known)}
+    both = enumerate(zip(names, images, strict=True))
+    return known, [Picture(f"#{k}", f"{where}#{k}", index[name], image) for k, (name, image) in both]
