@@ -169,6 +169,10 @@ class RemusLayer(Labelled):
         f"ours; {TABLE_3}: 0.004, which drives all weights to 1",
     )  # fmt: skip
     rescue: bool = setting(True, "", "whether a mistake rewards the best-excited grid of the right class", BEST)
+    wrong: float = setting(
+        -1.0, "", "reward of a wrong decision; 1, with rescue=false and epsilon=0, learns without labels",
+        "thesis 6.2.5, line 2432", at_least=-1, at_most=1,
+    )  # fmt: skip
     dropout: float = setting(0.5, "", "share of the grids that are silent in a recording", f"{BEST}; {TABLE_3}: 0.25")
     decay: float = setting(0.8, "", "factor on dropout from epoch to epoch", f"{BEST}; {TABLE_3}: 0.7")
     rate_decay: float = setting(1.0, "", "factor on rates, epoch by epoch", "none in the thesis", above=0, at_most=1)
