@@ -25,7 +25,7 @@ from neuro_recognise.recogniser import field_of
 from neuro_recognise.shown import Array, Features, Floats, Ints
 
 RESULTS = apps.JobResults("a result of 'neuro recognise relearn'", "neuro recognise relearn 1")
-RULES = ("remus", "remus:adapted", "remus:thesis", "mozafari", "linear")
+RULES = ("remus", "remus:relearns", "remus:adapted", "remus:thesis", "mozafari", "linear")
 """Methods that are compared by default."""
 
 
