@@ -153,7 +153,7 @@ class RemusLayer(Labelled):
 
     source = "thesis 6.2.4, table 3; what it leaves open stands in models/neuro_models/remus.yaml"
     file = "remus"
-    teaching = ("rate_decay",)
+    teaching = ("rate_decay", "least")
 
     per_class: int = setting(8, "", "grids of each class", f"{BEST}; {TABLE_3}: 2", at_least=1)
     field: int = setting(11, "cells", "side of the receptive field", TABLE_3, at_least=1)
@@ -176,10 +176,16 @@ class RemusLayer(Labelled):
     dropout: float = setting(0.5, "", "share of the grids that are silent in a recording", f"{BEST}; {TABLE_3}: 0.25")
     decay: float = setting(0.8, "", "factor on dropout from epoch to epoch", f"{BEST}; {TABLE_3}: 0.7")
     rate_decay: float = setting(1.0, "", "factor on rates, epoch by epoch", "none in the thesis", above=0, at_most=1)
+    least: float = setting(
+        1.0, "", "least factor on rewards, which follows the share of mistakes in the epoch before; 1: no factor",
+        "as eq. 120, docs/reference/recognisers.md", above=0, at_most=1,
+    )  # fmt: skip
 
     def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
-        """Let the rates decay."""
+        """Let the rates decay, and those of rewards follow the mistakes."""
         rates = {name: getattr(self, name) for name in ("Ar_plus", "Ar_minus", "Ap_plus", "Ap_minus", "epsilon")}
+        mistakes = self.least + (1.0 - self.least) * (last.wrong if last else 1.0)
+        rates |= {name: rates[name] * mistakes for name in ("Ar_plus", "Ar_minus")}
         sim.set("c1_s2", **{name: rate * self.rate_decay**epoch for name, rate in rates.items()})
 
 
