@@ -143,16 +143,14 @@ def columns(shares: list[dict[str, float]], reads: list[str]) -> list[list[float
 
 
 def drawn(table: Mapping[str, list[dict[str, float]]], reads: list[str]) -> Figure:
-    """Return a picture of all seeds: a dot each, a line through the means."""
+    """Return a picture of all seeds: a dot each, a bar for the mean."""
     figure = Figure(figsize=(7.2, 3.4), dpi=140, layout="constrained")
     axis = figure.subplots()
     for k, read in enumerate(reads):
-        means = []
+        means = [np.mean(columns(shares, [read])) for shares in table.values()]
         for x, shares in enumerate(table.values()):
-            (each,) = columns(shares, [read])
-            axis.plot(np.full(len(each), x + 0.06 * k), each, "o", color=f"C{k}", ms=4, alpha=0.5)
-            means.append(np.mean(each))
-        axis.plot(np.arange(len(table)) + 0.06 * k, means, "-", color=f"C{k}", label=read)
+            axis.plot([x + 0.12 * k] * len(shares), *columns(shares, [read]), "o", color=f"C{k}", ms=4, alpha=0.5)
+        axis.plot(np.arange(len(table)) + 0.12 * k, means, "_", color=f"C{k}", ms=18, mew=2.5, label=f"{read}, mean")
     axis.set(xticks=range(len(table)), xticklabels=table, ylim=(0, 105), ylabel="held-out recordings right, %")
     axis.tick_params(axis="x", labelsize=8, rotation=20)
     axis.spines[["top", "right"]].set_visible(False)
