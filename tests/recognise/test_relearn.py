@@ -6,6 +6,7 @@ import pytest
 from neuro import ModelError
 from neuro_recognise.method import Course
 from neuro_recognise.methods import method_of
+from neuro_recognise.methods.framewise import RemusLayer, Shares
 from neuro_recognise.observations import observe
 from neuro_recognise.relearn import Linear, Relearning, permuted, relearn, rules
 
@@ -76,3 +77,16 @@ def test_a_reward_for_mistakes_makes_labels_irrelevant(learning):
         for labels in (shown.labels, permuted(shown.labels, 3, 0))
     )
     assert np.array_equal(one, other)
+
+
+def test_rewards_follow_the_share_of_mistakes():
+    class Told:
+        def set(self, projection, **rates):
+            self.rates = rates
+
+    sim, layer = Told(), RemusLayer(least=0.1)
+    layer.begin(sim, 0, None)
+    assert (sim.rates["Ar_plus"], sim.rates["Ap_minus"]) == (layer.Ar_plus, layer.Ap_minus)
+    layer.begin(sim, 1, Shares(right=0.8, wrong=0.2))
+    assert sim.rates["Ar_plus"] == pytest.approx(0.28 * layer.Ar_plus)
+    assert sim.rates["Ap_minus"] == layer.Ap_minus
