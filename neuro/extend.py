@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
+    from neuro.chips import spinnaker_rule as spinnaker_rule
     from neuro.chips.description import Chip as Chip, Figure as Figure, Mesh as Mesh
     from neuro.core.errors import ModelError as ModelError
     from neuro.core.quantities import Value as Value, quantity as quantity

@@ -103,6 +103,17 @@ def test_a_sum_of_weights_is_held_in_words_of_a_chip(backend):
     assert sums[np.unique(winner[winner >= 0])] == pytest.approx(10.0, abs=0.15)
 
 
+@pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
+@pytest.mark.parametrize("backend", ["loihi", "spinnaker"])
+def test_ties_count_on_chips_as_in_floats(backend):
+    for after in (False, True):
+        sim = pair(neuro.r_stdp(**RATES, ties_after=after), [[0.5, 0.2], [0.5, 0.2]], backend)
+        before = sim.weights("w")[2].copy()
+        early, _, tie, _ = taught(sim, [0]).expected - before
+        assert early > 0.0
+        assert tie < 0.0 if after else tie > 0.0
+
+
 @FLOATS
 def test_tempotrons_that_are_taught_alone(backend):
     """While nobody decides, each neuron on the wrong side of `alone` is taught at its own largest V_m."""

@@ -108,10 +108,11 @@ class Learners:
                     plastic.release(step, due.pop(0)[1])
 
     def _send(self, index: int, step: int, synapses: Ints, words: Ints) -> None:
-        """Add words to the slots in which the spikes of a step arrive, beside what the loop will send."""
+        """Add words to the slots in which the packets of a step arrive, beside what the loop will send."""
         plastic, part, lags = self._parts[index], self._program.projections[index], self._wires(index).lag
         assert isinstance(plastic, Deferred)
         row, lag = self._a["pops"][part.target], lags if lags.size == 1 else lags[synapses]
+        lag = lag - plastic.synapses.stages[synapses] * plastic.rule.slots  # held back for so long
         n = row[t.END] - row[t.BEGIN]
         slots = (step + lag) % row[t.SLOTS] + (row[t.SLOTS] if plastic.rule.inhibits else 0)
         np.add.at(self._a["ring"], row[t.RING] + slots * n + plastic.synapses.targets[synapses], words.astype(np.int32))
@@ -236,9 +237,10 @@ def _plastic(program: Program, index: int, wires: FixedProjection) -> Learner | 
     row_ends = np.concatenate(([0], np.cumsum(np.bincount(pre, minlength=n_source)))).astype(np.int64)
     mantissas = np.broadcast_to(wires.mantissas, part.size).astype(np.int64)
     if isinstance(rule := wires.rule, SpinnakerRule):
-        delays = np.broadcast_to(wires.delay, part.size) % rule.slots
+        stages, delays = np.divmod(np.broadcast_to(wires.delay, part.size).astype(np.int64) - 1, rule.slots)
+        delays = (delays + 1) % rule.slots
         ends = row_ends, post.astype(np.int32), n_target, abs(mantissas)
-        return Deferred(rule, *ends, delays.astype(np.int64), delays > 0, np.full(part.size, rule.shift))
+        return Deferred(rule, *ends, delays, delays > 0, np.full(part.size, rule.shift), stages)
     assert isinstance(rule, LearningRule)
     synapses = row_ends, post.astype(np.int32), n_target, mantissas
     if isinstance(part.synapse, loihi2_learning):

@@ -12,6 +12,7 @@ LIMITS = {
     "populations_per_core": "populations that may share one core",
     "synapse_bytes_per_core": "bytes for synapses of one core",
     "synapse_bytes_per_chip": "bytes for synapses that the cores of a chip share",
+    "memory_bytes_per_core": "bytes of a core's own memory, where learning is counted and synapses lie elsewhere",
     "axons_in_per_core": "sources whose spikes one core can receive",
     "axons_out_per_core": "destinations to which one core can send",
     "delay_max": "longest delay in steps of the chip",

@@ -62,6 +62,11 @@ RULES_APPLIED = (
 )
 """Why Loihi's own count of learning differs from the one in its bill."""
 
+HOST = "cpu"
+"""The processor that prices what the host computes."""
+RULE_MACS = 4
+"""Multiply-accumulates of a rule of trials for one weight: w + span (A s) (1 - s), with s = (w - Wmin) / span."""
+
 Pick = Callable[[Figure], float]
 """Which number of a figure is taken: its value, or an end of its range."""
 
@@ -343,18 +348,18 @@ class _Bill:
         if count and what not in self.chip.costs:
             self.items.append(BillItem(what, kind, of, count, None, None, "", ""))
         elif count:
-            self.items.append(self._item(what, kind, of, count, count, count))
+            self.items.append(self._item(self.chip, what, kind, of, count, count, count))
 
-    def _item(self, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
-        """A line with a figure, of which there are between `least` and `most`."""
-        return _line(self.chip.costs[what], self.run, what, kind, of, count, least, most)
+    def _item(self, of_table: Chip, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
+        """Return a line with a figure of a table, with between `least` and `most` of its unit."""
+        return _line(of_table.costs[what], self.run, what, kind, of, count, least, most)
 
     def on(self, time: Duration | None) -> list[BillItem]:
         """Chips that are on: the range is that of their power and that of the time."""
         if STATIC not in self.chip.costs or time is None or not time.best:
             return []
         seconds = (self.chips * each for each in (time.best, time.low, time.high))
-        return [self._item(STATIC, "chip", self.chip.name, *seconds)]
+        return [self._item(self.chip, STATIC, "chip", self.chip.name, *seconds)]
 
     def dense(self) -> Energy:
         """Every synapse in every step."""
@@ -394,6 +399,8 @@ class _Bill:
             self.add("weight_write" if by_host else "learning_update", "projection", part.name, made.learning_updates)
             if part.signal >= 0 and part.synapse.learns:
                 self.add("signal_update", "projection", part.name, part.size * self.counts.steps)
+            if by_host and (macs := RULE_MACS * made.learning_updates):
+                self.items.append(self._item(chip(HOST), "mac", "host", HOST, macs, macs, macs))
         time = chip_time(self.program, self.counts, placement, self.chip, self.run, self.step_s)
         self.explain(raw, time)
         return self.done(time)
@@ -426,6 +433,9 @@ class _Bill:
             self.notes.append(
                 "spikes that bring a signal are counted in a run on the chip only, so they are not priced"
             )
+        if placement is not None and self.chip.arithmetic in ARITHMETICS and self.counts.steps:
+            parts = [core.parts for core in placement.cores]
+            self.notes += arithmetic_of(self.chip).told_of_learning(self.program, self.chip, parts, self.visits())
         if any(name.startswith("rules applied") for name in raw.native):
             self.notes.append(RULES_APPLIED)
         bare = sorted({item.what for item in self.items if item.joules_each is None})
@@ -437,6 +447,12 @@ class _Bill:
                 f"{number(spikes)} spikes in {number(events)} events: several of a neuron in one step are priced "
                 "as several, of which the chip would send one"
             )
+
+    def visits(self) -> dict[int, tuple[float, float]]:
+        """Of a mean step, by projection, the synapses of pre spikes and those of post spikes."""
+        made = [self.counts.projections[part.name] for part in self.program.projections]
+        both = [(each.synaptic_ops, max(0, each.learning_updates - each.synaptic_ops)) for each in made]
+        return {k: (pre / self.counts.steps, post / self.counts.steps) for k, (pre, post) in enumerate(both)}
 
     def done(self, time: Duration | None) -> Energy:
         """The bill."""

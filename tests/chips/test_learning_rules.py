@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import ClassVar
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+import loihi_twin
 import neuro
+from loihi_twin import Engine
 from neuro.chips.loihi_learning import COARSE_UPDATE, SMALLEST_UPDATE, fading, nearest_fit, rule_of
 from neuro.chips.loihi_registers import bounds, grain_of
-from neuro.core import keyed_random
 from neuro.extend import Modulated, State, Synapse, quantity
 from neuro.model.synapses import stdp, stdp_dopa
 from neuro.model.synapses.loihi_registers import SIGN_MODES, loihi_learning, parse
@@ -197,88 +198,6 @@ def test_dopamine_spikes_are_one_impulse_each():
 NONE = np.zeros(0, dtype=np.int64)
 
 
-def cut(x: Fraction) -> Fraction:
-    """Towards 0 to 2^-7."""
-    return Fraction(int(abs(x) * 128), 128) * (1 if x > 0 else -1)
-
-
-def held(x: Fraction) -> Fraction:
-    return min(Fraction(32767, 128), max(Fraction(-256), x))
-
-
-class Twin:
-    """The learning engine with dictionaries and fractions; draws are those of `neuro.core.keyed_random`."""
-
-    def __init__(self, rule, n_source, n_target, weights, bits, mode, seed, name):
-        self.rule, self.seed, self.name = rule, seed, name
-        self.w = weights.astype(int).copy()
-        self.t = np.zeros_like(self.w)
-        self.step_of_weight, self.bounds = grain_of(bits, mode == "mixed"), bounds(mode)[:2]
-        sizes = {**dict.fromkeys(PRE, n_source), **dict.fromkeys((*POST, *MODULATORY), n_target)}
-        self.trace = {name: [0] * size for name, size in sizes.items()}
-        self.past: list[dict[str, list[int]]] = []
-        self.fired: tuple[dict[int, int], dict[int, int]] = ({}, {})
-
-    def draw(self, purpose, step, index, below):
-        u = keyed_random.uniform(keyed_random.key(self.seed, purpose, self.name), step, np.array([index]))[0]
-        return (int(u * 2.0**32) * below) >> 32
-
-    def step(self, step, pre, post):
-        for name, values in self.trace.items():
-            trace = self.rule.traces.get(name, Trace(0, 0, 1))
-            for i, v in enumerate(values):
-                whole, rest = divmod(v * trace.numerator, trace.denominator)
-                values[i] = whole + bool(rest and self.draw(name, step, i, trace.denominator) < rest)
-            ids = pre if name in PRE else post if name in POST else ()
-            for i in ids:
-                values[i] = min(127, values[i] + trace.impulse)
-        self.past.append({name: list(values) for name, values in self.trace.items()})
-        for fired, ids in zip(self.fired, (pre, post), strict=True):
-            fired.update(dict.fromkeys(map(int, ids), len(self.past) - 1))
-        if step % self.rule.epoch == 0:
-            for i, j in np.ndindex(self.w.shape):
-                self.learn(step, i, j)
-            self.past, self.fired = [], ({}, {})
-
-    def value(self, factor: Factor, i, j, at):
-        name = factor.name
-        known = {"w": self.w[i, j], "t": self.t[i, j], "x0": i in self.fired[0], "y0": j in self.fired[1]}
-        if name in known:
-            return int(known[name]) + factor.add
-        return self.past[-1 if name in MODULATORY else at][name][i if name in PRE else j] + factor.add
-
-    def change(self, terms: tuple[Term, ...], value, step, i, j):
-        total = Fraction(int(value))
-        for term in terms:
-            at = {"x0": self.fired[0].get(i), "y0": self.fired[1].get(j), "u": self.rule.epoch - 1}[term.gate]
-            if at is None or (step // self.rule.epoch) % 2**term.every:
-                continue
-            product = Fraction(term.mantissa) * Fraction(2) ** term.exponent
-            for factor in term.factors:
-                product *= self.value(factor, i, j, at)
-            total = held(total + held(cut(product)))
-        return total - int(value)
-
-    def rounded(self, delta, size, purpose, step, e):
-        if self.rule.rounding == "away" and purpose == "w":
-            whole = -(-abs(delta) // 1)
-            return int(whole // size) * size * (1 if delta > 0 else -1)
-        whole, rest = divmod(delta, size)
-        units = int(rest * 128)
-        return (int(whole) + bool(units and self.draw(purpose, step, e, size * 128) < units)) * size
-
-    def learn(self, step, i, j):
-        e = i * self.w.shape[1] + j
-        dw = self.change(self.rule.dw, self.w[i, j], step, i, j)
-        dt = self.change(self.rule.dt, self.t[i, j], step, i, j)
-        if dw:
-            low, high = self.bounds
-            new = int(self.w[i, j]) + self.rounded(dw, self.step_of_weight, "w", step, e)
-            self.w[i, j] = min(high, max(low, new))
-        if dt:
-            self.t[i, j] = min(255, max(-256, int(self.t[i, j]) + self.rounded(dt, 1, "t", step, e)))
-
-
 SHIFTED = st.builds(Factor, st.sampled_from(FACTORS), st.sampled_from([0, 0, -3, 9]))
 LEARNT = st.lists(SHIFTED, min_size=1, max_size=3).flatmap(
     lambda factors: terms(tuple(factors), st.sampled_from(["x0", "y0", "u"]), 2, st.sampled_from([0, 0, 0, 1, 2]))
@@ -317,18 +236,17 @@ def same_as_twin(rule, bits, mode, seed, *, steps=13, size=(2, 3), rewards=0):
     step_of_weight = grain_of(bits, mode == "mixed")
     weights = rng.integers(-(-low // step_of_weight), high // step_of_weight + 1, size) * step_of_weight
     plastic = dense(rule, n, m, weights, bits, mode, seed)
-    twin = Twin(rule, n, m, weights, bits, mode, seed, "p")
+    twin = Engine(rule, n, m, [*np.ndindex(*size)], weights.ravel(), bits, mode, seed, "p")
     for step in range(1, steps + 1):
         pre, post = spikes(rng, n), spikes(rng, m)
         if rewards and step % rewards == 0:
             values = rng.normal(0, 40, m)
             plastic.modulate(step - 1, values, 1.0)
-            for name, sign in zip(MODULATORY, (1, -1), strict=True):
-                twin.trace[name] = [int(min(127, max(0, np.rint(sign * v)))) for v in values]
+            twin.modulate(values)
         plastic.step(step, pre, post)
         twin.step(step, pre, post)
-        np.testing.assert_array_equal(plastic.weights.reshape(n, m), twin.w)
-        np.testing.assert_array_equal(plastic.tags.reshape(n, m), twin.t)
+        np.testing.assert_array_equal(plastic.weights, twin.w)
+        np.testing.assert_array_equal(plastic.tags, twin.t)
         slot = (step - 1) % rule.epoch
         np.testing.assert_array_equal(plastic.xs[slot], [twin.trace[name] for name in PRE])
         np.testing.assert_array_equal(plastic.ys[slot], [twin.trace[name] for name in (*POST, *MODULATORY)])
@@ -339,6 +257,29 @@ def same_as_twin(rule, bits, mode, seed, *, steps=13, size=(2, 3), rewards=0):
 @given(RULE, st.integers(3, 8), st.sampled_from(sorted(SIGN_MODES)), st.integers(0, 2**32), st.booleans())
 def test_kernel_equals_twin(rule, bits, mode, seed, rewarded):
     same_as_twin(rule, bits, mode, seed, rewards=5 if rewarded else 0)
+
+
+NETWORKS = int(os.environ.get("NEURO_LEARNING_NETWORKS", "24"))
+
+
+@pytest.mark.parametrize("seed", range(NETWORKS))
+def test_random_networks_learn_as_their_twin(seed):
+    net, told = loihi_twin.network(seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim = neuro.compile(net, "loihi", seed=seed)
+        twin = loihi_twin.Learning(net, sim.program, sim._engine.fixed)
+        for k in range(1, loihi_twin.STEPS + 1):
+            sim.run(1.0)
+            fired = twin.step(k)
+            times, ids = sim.spikes("b")
+            assert ids[times == k].tolist() == fired["b"], k
+            for index, engine in enumerate(twin.engines):
+                assert sim._engine.synapse_registers(index, "weight").tolist() == engine.w, k
+                assert sim._engine.synapse_registers(index, "t").tolist() == engine.t, k
+            if k in told:
+                sim.signal("r", told[k])
+                twin.engines[0].modulate(told[k] / twin.wires[0].n_scale)
 
 
 @pytest.mark.parametrize(
@@ -484,7 +425,7 @@ def test_sums_of_products_of_ones_own_run_as_their_twin(synapse):
     assert any("the engine runs its microcode: dw = " in str(one.message) for one in heard)
     wires = sim._engine.fixed.projections[1]
     begin = np.broadcast_to(wires.mantissas, 12).reshape(4, 3)
-    twin = Twin(wires.rule, 4, 3, begin, wires.bits, wires.sign_mode, 4, "learnt")
+    twin = Engine(wires.rule, 4, 3, [*np.ndindex(4, 3)], begin.ravel(), wires.bits, wires.sign_mode, 4, "learnt")
     for block in range(4):
         if synapse.modulated:
             n = np.array([0.5, -1.0, 2.0]) * (-1.0) ** block
@@ -495,11 +436,11 @@ def test_sums_of_products_of_ones_own_run_as_their_twin(synapse):
         fired = [sim.spikes(name) for name in ("pre", "post")]
         for step in range(50 * block + 1, 50 * block + 51):
             twin.step(step, *(ids[np.rint(times) == step] for times, ids in fired))
-    assert sim._engine.synapse_registers(1, "weight").tolist() == twin.w.ravel().tolist()
-    assert sim._engine.synapse_registers(1, "t").tolist() == twin.t.ravel().tolist()
-    assert len({*twin.w.ravel().tolist()}) > 3
+    assert sim._engine.synapse_registers(1, "weight").tolist() == twin.w
+    assert sim._engine.synapse_registers(1, "t").tolist() == twin.t
+    assert len({*twin.w}) > 3
     if synapse.modulated:
-        assert sim.get("learnt", "c").tolist() == twin.t.ravel().tolist()
+        assert sim.get("learnt", "c").tolist() == twin.t
     event = neuro.compile(own(synapse), seed=4)
     event.run(50.0)
 

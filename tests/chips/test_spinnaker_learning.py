@@ -1,6 +1,7 @@
 """SpiNNaker's plastic synapses come out as in the machine code of its released programs, bit for bit."""
 
 import json
+import os
 import shutil
 import warnings
 
@@ -8,9 +9,12 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.chips.spinnaker_rule import DOWN, PROGRAMS, UP, fixed_point, rule_of, table_of
+import spinnaker_twin
+from neuro.chips import chip, place, spinnaker_core
+from neuro.chips.spinnaker_rule import DOWN, PROGRAMS, UP, fixed_point, rule_of, table_length, table_of
 from neuro.model.synapses import (
     spinnaker_learning,
+    static,
     stdp,
     stdp_dopa,
     stdp_nn_restr,
@@ -20,6 +24,7 @@ from neuro.model.synapses import (
 )
 from neuro.testing.verify import verify
 from neuro_chip.replay import replay
+from neuro_models import path
 from refused import refused, without_place
 from spinnaker_twin import Neuron, Row, Rule
 
@@ -352,11 +357,49 @@ def signal(neurons, t, wanted, unit):
                 neuron.append(t, (unit << bit) * (1 if missing > 0 else -1))
 
 
+def test_dopamine_of_both_signs_does_not_lower_all_weights():
+    net = neuro.load(path("drone"), params={"c_min": 0.0, "delay": 2.0, "eta": 0.4, "tau_c": 50.0})
+    net.world_section = None
+    with warnings.catch_warnings(action="ignore"):
+        sim = neuro.compile(net, "spinnaker", seed=1, shifts={"motors": (2, 0)}, signals={"cells_motors": 0.1})
+    cells = [27, 28, 35, 36]  # those that see a ball in the middle
+    sim.set("cells", {"rate": 100.0 * np.isin(np.arange(64), cells)})
+    for right, down in np.random.default_rng(0).normal(0.0, 0.004, (60, 2)):
+        sim.signal("dopamine", [right, -right, down, -down])
+        sim.run(50.0)
+    learnt = np.reshape(sim.weights("cells_motors")[2], (64, 4))[cells]
+    assert learnt.std() > 20.0
+    assert learnt.mean() > 1440.0  # 1371 if a signal takes only the root of what it shares with the eligibility
+
+
 def by_step(sim, part):
     found = {}
     for time, i in zip(*sim.spikes(part), strict=True):
         found.setdefault(round(time), []).append(int(i))
     return {step: sorted(ids) for step, ids in found.items()}
+
+
+NETWORKS = int(os.environ.get("NEURO_LEARNING_NETWORKS", "32"))
+
+
+@pytest.mark.parametrize("seed", range(NETWORKS))
+def test_random_networks_learn_as_their_twin(seed):
+    net, told = spinnaker_twin.network(seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim = neuro.compile(net, "spinnaker", seed=seed, signals={"ab": 0.03} if told else {})
+        twin = spinnaker_twin.Learning(net, sim.program, sim._engine.fixed)
+        for k in range(1, spinnaker_twin.STEPS + 1):
+            sim.run(1.0)
+            fired = twin.step(k)
+            times, ids = sim.spikes("b")
+            assert ids[times == k].tolist() == fired["b"], k
+            sign = -1 if twin.rule.inhibits else 1
+            assert sim._engine.synapse_registers(0, "weight").tolist() == [sign * made[2] for made in twin.synapses], k
+            assert sim._engine.synapse_registers(0, "t").tolist() == [made[3] for made in twin.synapses], k
+            if k in told:
+                sim.signal("r", told[k])
+                twin.signal(k, told[k])
 
 
 # what a run does with it
@@ -493,6 +536,15 @@ def test_the_spikes_that_bring_a_signal_are_priced(started):
     assert lines["learning_update", "ab"].joules_each is None
 
 
+def test_a_file_of_results_has_what_only_the_chip_counts(started, tmp_path):
+    sim = started()
+    with sim.record_to(tmp_path / "run.h5"):
+        steered(sim, 150.0, 230.0, 400.0)
+    left = neuro.results.read(tmp_path / "run.h5")
+    assert left.counts() == sim.counts()
+    assert left.energy("spinnaker").items == sim.energy("spinnaker").items
+
+
 @pytest.mark.parametrize(("model", "extra"), [("iaf_psc_exp", 1), ("iaf_psc_delta", 0)])
 def test_amplitudes_make_up_for_a_longer_delay_register(model, extra):
     net = neuro.Network("windows", resolution=1.0)
@@ -506,3 +558,80 @@ def test_amplitudes_make_up_for_a_longer_delay_register(model, extra):
     assert wires.delay.tolist() == [4 + extra]
     assert wires.rule.constants[UP] / 16384 == pytest.approx(np.exp(extra / 20.0), abs=1e-4)
     assert wires.rule.constants[DOWN] / 16384 == pytest.approx(np.exp(-extra / 10.0), abs=1e-4)
+
+
+# limits of a core
+
+
+def layer(synapse, neurons, weight=300.0):
+    net = neuro.Network("layer", resolution=1.0)
+    net.population("a", 20, neuro.poisson_generator(rate=20.0))
+    net.population("d", 1, neuro.poisson_generator(rate=5.0))
+    net.population("b", neurons, neuro.iaf_psc_exp(tau_minus=20.0))
+    net.connect("a", "b", neuro.all_to_all(), synapse, weight=weight, delay=15.0, name="ab")
+    return net
+
+
+@pytest.mark.parametrize("kind", spinnaker_core.KNOWN)
+def test_tables_of_a_core_are_as_long_as_those_of_the_rule(kind):
+    weights = {"Wmax": -900.0} if kind is vogels_sprekeler else {"Wmax": 900.0}
+    numbers = {
+        "mu_plus": 0.0,
+        "mu_minus": 0.0,
+        "pre_at_start": True,
+        "c_min": 0.0,
+        "dopamine": "d",
+        "A_plus": 20.0,
+        "eta": 1.0,
+    }
+    numbers |= weights | {f"A{side}": 10.0 for side in ("plus", "minus")}
+    synapse = kind(**{name: value for name, value in numbers.items() if hasattr(kind, name)})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim = neuro.compile(layer(synapse, 3, weights["Wmax"] / 3), "spinnaker")
+    rule = sim._engine.fixed.projections[0].rule
+    lengths = [table_length(tau, 1.0, shift) for tau, shift in spinnaker_core._tables(synapse, 20.0)]
+    assert sum(lengths) == rule.table.size
+    assert len(lengths) == np.count_nonzero(rule.places[:, 1])
+    assert spinnaker_core.slots_of(sim.program, chip("spinnaker"), 2) == rule.slots
+
+
+def test_a_population_is_split_where_its_histories_fill_a_core():
+    """A history of a pair rule has 100 bytes, and with dopamine 136, as in the released programs."""
+    machine = chip("spinnaker")
+    for synapse, history in ((stdp(Wmax=900.0), 100), (stdp_dopa(dopamine="d", Wmax=900.0), 136)):
+        program = neuro.compile(layer(synapse, 300), "event").program
+        least, more = (spinnaker_core.bytes_of(program, machine, 2, n) for n in (202, 204))
+        of_rows = 2 * 2 * (4 if history == 100 else 6)  # in two buffers
+        assert more - least == 2 * (history + 60) + of_rows
+        placement = place(program, machine)
+        cores = [core for core in placement.cores if core.parts[0][0] == 2]
+        assert len(cores) == 2
+        assert 128 < cores[0].neurons < 256
+        assert max(core.own_bytes for core in cores) <= 59756
+        assert spinnaker_core.bytes_of(program, machine, 2, max(core.neurons for core in cores) + 1) > 59756
+        assert f"learning takes up to {cores[0].own_bytes:,} bytes of a core's own memory, of 59,756" in str(placement)
+    assert place(neuro.compile(layer(static(), 300), "event").program, machine).cores[0].own_bytes == 0
+
+
+def test_what_fits_on_no_core_is_refused(messages):
+    net = layer(stdp(mu_plus=0.0, mu_minus=0.0, Wmax=900.0, lambda_=0.1, tau_plus=4000.0), 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        messages({"memory of a core": refused(neuro.compile, net, "spinnaker")})
+
+
+def test_cycles_of_learning(started):
+    """Each packet visits its synapses, each post spike is applied to all of them."""
+    sim = started(RULES["pair, additive"][0])
+    sim.run(400.0)
+    program = sim.program
+    assert spinnaker_core.busiest(program, [[(1, 0, 4)], [(0, 0, 12)]], {0: (3.0, 2.0)}) == 3 * 170 + 2 * 44
+    assert spinnaker_core.busiest(program, [[(1, 0, 1)], [(1, 1, 4)]], {0: (3.0, 2.0)}) == 0.75 * (3 * 170 + 2 * 44)
+    spikes = [sim.spikes(name)[0].size for name in "ab"]
+    cycles = (spikes[0] * 4 * 170 + spikes[1] * 12 * 44) / 400
+    (note,) = (note for note in sim.energy("spinnaker").notes if "cycles of a tick" in note)
+    assert note == f"learning takes > {cycles:,.0f} of the 200,000 cycles of a tick on the busiest core on average"
+    (note,) = place(neuro.compile(layer(stdp(Wmax=900.0), 100), "event").program, chip("spinnaker")).notes[1:]
+    assert note.endswith("if all sources and targets spike once in a tick: real time is not kept")
+    assert f"> {20 * 100 * (170 + 44):,} of the 200,000" in note

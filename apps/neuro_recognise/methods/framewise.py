@@ -28,6 +28,7 @@ from neuro_recognise.parts.segmenters import Msd, Segmenter
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints, unlabelled
 
 TABLE_3 = "thesis table 3, lines 2450-2463"
+EQ_126 = "docs/how-to/remus.md; thesis eq. 126: true"
 BEST = "benchmarks/recognisers.py"
 FOLLOWS = {"maps": "the classes and per_class", "rows": "the field and the pool", "columns": "the field and the pool"}
 """Parameters of networks that cannot be set, and what they follow from."""
@@ -173,6 +174,7 @@ class RemusLayer(Labelled):
         -1.0, "", "reward of a wrong decision; 1, with rescue=false and epsilon=0, learns without labels",
         "thesis 6.2.5, line 2432", at_least=-1, at_most=1,
     )  # fmt: skip
+    ties_after: bool = setting(False, "", "whether on reward an input in the decision's tick counts as late", EQ_126)
     dropout: float = setting(0.5, "", "share of the grids that are silent in a recording", f"{BEST}; {TABLE_3}: 0.25")
     decay: float = setting(0.8, "", "factor on dropout from epoch to epoch", f"{BEST}; {TABLE_3}: 0.7")
     rate_decay: float = setting(1.0, "", "factor on rates, epoch by epoch", "none in the thesis", above=0, at_most=1)
