@@ -18,7 +18,7 @@ from neuro.apps import setting
 from neuro_events import Recordings
 from neuro_recognise.compare import Contestant, contestants, telling
 from neuro_recognise.method import Answer, Course, Learnt, Progress, choose
-from neuro_recognise.methods.framewise import Framewise
+from neuro_recognise.methods.framewise import Framewise, frames_to_learn_from
 from neuro_recognise.observations import code_of, observe
 from neuro_recognise.parts.frames import Frames
 from neuro_recognise.recogniser import field_of
@@ -44,8 +44,12 @@ class Linear(Framewise):
     rate: float = setting(0.01, "", "of a step of gradient descent", "not tuned", above=0)
 
     def fit(self, shown: Features, course: Course) -> Learnt:
-        """Return ``weights`` (inputs, classes) and ``history`` (epochs,), the share of frames decided rightly."""
-        frames, past = Frames.of(shown), course.resume()
+        """Return ``weights`` (inputs, classes) and ``history`` (epochs,), the share of frames decided rightly.
+
+        Raises:
+            ModelError: there are no frames to learn from.
+        """
+        frames, past = frames_to_learn_from(shown), course.resume()
         labels, values = shown.labels[frames.recording], self._values(frames)
         weights = past.get("weights", np.zeros((int(np.prod(self.inputs.shape)), len(shown.classes))))
         history = [*past.get("history", ())]

@@ -62,6 +62,12 @@ def test_prints_and_draws(neuro, folder, tmp_path, monkeypatch):
     assert (tmp_path / "relearnt/relearn.png").stat().st_size > 10_000
 
 
+def test_the_linear_machine_needs_frames(learning):
+    method = Linear(size=(34, 34))
+    with pytest.raises(ModelError, match="no recording is long enough for a frame"):
+        method.fit(observe(method, learning).take([]), Course())
+
+
 def test_methods_without_epochs_cannot_relearn():
     with pytest.raises(ModelError, match="method 'hats': learns no labels epoch by epoch"):
         rules(["hats"])

@@ -329,9 +329,7 @@ class Framewise(Method):
         Raises:
             ModelError: a value is out of the network's bounds, or there is nothing to learn from.
         """
-        frames = Frames.of(shown)
-        if not len(frames):
-            raise ModelError("no recording is long enough for a frame: expected some to learn from")
+        frames = frames_to_learn_from(shown)
         net = self.layer.network(self.inputs, len(shown.classes))
         codes = self.encoder.learn(frames.codes)
         sim = neuro.compile(net, backend=course.backend, seed=course.seed)
@@ -480,6 +478,18 @@ class Framewise(Method):
                 drawn["prototypes"] = prototypes(np.asarray(learnt["c1_s2"]), classes, self.bank.orientations)
             drawn["learning"] = history(np.asarray(learnt["history"]), len(classes))
         return drawn
+
+
+def frames_to_learn_from(shown: Features) -> Frames:
+    """Return all frames of recordings.
+
+    Raises:
+        ModelError: there are none.
+    """
+    frames = Frames.of(shown)
+    if not len(frames):
+        raise ModelError("no recording is long enough for a frame: expected some to learn from")
+    return frames
 
 
 def told_of(shares: Sequence[Shares]) -> dict[str, Array]:
