@@ -262,6 +262,41 @@ def compare(
 
 
 @app.command()
+def relearn(
+    data: Data,
+    out: Annotated[Path, Option(metavar="FOLDER", help="Results and a picture.")] = Path("relearnt"),
+    method: Annotated[
+        list[str], Option(metavar="NAME", help="Only this one, 'remus:thesis' with settings, or 'linear'; repeatable.")
+    ] = [],  # noqa: B006
+    part: Part = "Train",
+    without: Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")] = [],  # noqa: B006
+    before: Annotated[int, Option(metavar="N", parser=at_least(1), help="Epochs until labels are permuted.")] = 8,
+    after: Annotated[int, Option(metavar="N", parser=at_least(1), help="Epochs with permuted labels.")] = 10,
+    folds: Annotated[int, Option(metavar="N", parser=at_least(2), help="The first is tested.")] = 5,
+    repeats: Annotated[int, Option(metavar="N", parser=at_least(1), help="Folds and trainings anew, by seed.")] = 5,
+    backend: Backend = "event",
+    workers: Annotated[
+        int | None, Option(metavar="N", parser=at_least(1), help="Trainings at a time; one for each core.")
+    ] = None,
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Permute the labels while methods learn; print and draw the accuracy on held-out recordings after each epoch.
+
+    What is in the folder already is not done again.
+    """
+    from neuro_recognise import relearn
+    from neuro_recognise.telling.report import show_relearnt
+    from neuro_train.data import but
+
+    methods, seeds = relearn.rules(method, assignments(set)), tuple(range(repeats))
+    plan = relearn.Relearning(methods, before, after, folds, seeds, out, backend, workers)
+    found = but(_recordings(data, part), without)
+    with _learning() as shown:
+        accuracies = relearn.relearn(found, plan, shown)
+    show_relearnt(accuracies, before, len(found.classes), out / "relearn.png")
+
+
+@app.command()
 def energy(
     model: ModelFile,
     data: Data,

@@ -162,18 +162,7 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
             for seed in plan.seeds
             for k, parts in enumerate(folds[seed])
         ]
-    done = 0
-
-    def tell(message: tuple[str, Progress | None] | None) -> None:
-        nonlocal done
-        name, progress = message or ("", None)
-        done += progress is None
-        if message is not None:
-            alone = progress or Progress("", done, len(jobs))
-            among = (done, len(jobs)) if len(jobs) > 1 else None
-            report(replace(alone, what=f"{name}: {alone.what}" if alone.what else name, among=among))
-
-    results = apps.grid(RESULTS, jobs, plan.jobs, tell)
+    results = apps.grid(RESULTS, jobs, plan.jobs, telling(report, len(jobs)))
     found = []
     for number, one in enumerate(seen):
         mine = [result for job, result in zip(jobs, results, strict=True) if job.contestant == number]
@@ -183,6 +172,22 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
         else:
             found.append(_summary(one, mine, data, plan))
     return found
+
+
+def telling(report: Callable[[Progress], None], jobs: int) -> Callable[[tuple[str, Progress | None] | None], None]:
+    """Return what takes the reports of jobs, a name and its progress, None when it is done, and tells how many are."""
+    done = 0
+
+    def tell(message: tuple[str, Progress | None] | None) -> None:
+        nonlocal done
+        name, progress = message or ("", None)
+        done += progress is None
+        if message is not None:
+            alone = progress or Progress("", done, jobs)
+            among = (done, jobs) if jobs > 1 else None
+            report(replace(alone, what=f"{name}: {alone.what}" if alone.what else name, among=among))
+
+    return tell
 
 
 def _reason(error: ModelError) -> str:

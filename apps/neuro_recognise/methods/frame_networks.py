@@ -30,6 +30,12 @@ THESIS = {**ADAPTED, "theta": 30.0, "epsilon": 0.004, "ties_after": True}
 EARLY = {"representation": "leaky", "segmenter": "hes", "segmenter.window": 5.0}
 """A decision every 5 ms, from the first on: thesis section 6.2.8, lines 2549-2560."""
 
+RELEARNS = {"least": 0.1, "Ap_minus": -0.08, "Ap_plus": 0.01}
+"""Rewards that follow the share of mistakes, and punishment twice as strong. Each lesson moves the logit of a weight by
+about its rate, so that punishments have to undo all rewards before. Chosen on seeds 5 to 7 of POKER-DVS, see
+docs/reference/recognisers.md.
+"""
+
 
 PICTURES = {"segmenter": "whole", "sizes": [5], "sigmas": [2.0], "wavelengths": [2.5]}
 """Still pictures and filters of one scale, as Mozafari, Masquelier and Thorpe have: thesis lines 2271-2275."""
@@ -47,6 +53,7 @@ class Remus(Framewise):
         "thesis": THESIS,
         "poker": {"theta": 30.0, "size": [34, 34]},
         "early": EARLY,
+        "relearns": RELEARNS,
     }
     measured = {"N-MNIST": "91.4 %", "POKER-DVS": "98.5 %"}
 
@@ -177,7 +184,7 @@ class MasquelierThorpe(Framewise):
         features, labels = [], []
         for batch, results, frames in self.presented(self.simulation(learnt, course.backend), learnt, shown):
             seen = np.unique(frames.recording)
-            features.append(_features(results, frames, len(batch))[seen])
+            features.append(features_of(results, frames, len(batch))[seen])
             labels.append(batch.labels[seen])
         return self.readout.fit(np.concatenate(features), np.concatenate(labels), len(shown.classes), course)
 
@@ -185,7 +192,7 @@ class MasquelierThorpe(Framewise):
         self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Features
     ) -> Mapping[str, Floats]:
         """By the readout alone."""
-        scores = self.readout.scores(learnt, _features(results, frames, len(shown)))
+        scores = self.readout.scores(learnt, features_of(results, frames, len(shown)))
         seen = np.isin(np.arange(len(shown)), frames.recording)
         return {"features": np.where(seen[:, None], scores, np.nan)}
 
@@ -198,7 +205,7 @@ class MasquelierThorpe(Framewise):
         return {"features": images(drawn, [""] * len(drawn), "What the maps look for", about)}
 
 
-def _features(results: neuro.TrialResults, frames: Frames, recordings: int) -> Floats:
+def features_of(results: neuro.TrialResults, frames: Frames, recordings: int) -> Floats:
     """(recordings, maps) largest potential of each map, the mean over the frames of a recording."""
     sums = np.zeros((recordings, results.potential.shape[1]))
     np.add.at(sums, frames.recording, results.potential)

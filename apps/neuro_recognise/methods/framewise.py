@@ -154,7 +154,7 @@ class RemusLayer(Labelled):
 
     source = "thesis 6.2.4, table 3; what it leaves open stands in models/neuro_models/remus.yaml"
     file = "remus"
-    teaching = ("rate_decay",)
+    teaching = ("rate_decay", "least")
 
     per_class: int = setting(8, "", "grids of each class", f"{BEST}; {TABLE_3}: 2", at_least=1)
     field: int = setting(11, "cells", "side of the receptive field", TABLE_3, at_least=1)
@@ -170,14 +170,24 @@ class RemusLayer(Labelled):
         f"ours; {TABLE_3}: 0.004, which drives all weights to 1",
     )  # fmt: skip
     rescue: bool = setting(True, "", "whether a mistake rewards the best-excited grid of the right class", BEST)
+    wrong: float = setting(
+        -1.0, "", "reward of a wrong decision; 1, with rescue=false and epsilon=0, learns without labels",
+        "thesis 6.2.5, line 2432", at_least=-1, at_most=1,
+    )  # fmt: skip
     ties_after: bool = setting(False, "", "whether on reward an input in the decision's tick counts as late", EQ_126)
     dropout: float = setting(0.5, "", "share of the grids that are silent in a recording", f"{BEST}; {TABLE_3}: 0.25")
     decay: float = setting(0.8, "", "factor on dropout from epoch to epoch", f"{BEST}; {TABLE_3}: 0.7")
     rate_decay: float = setting(1.0, "", "factor on rates, epoch by epoch", "none in the thesis", above=0, at_most=1)
+    least: float = setting(
+        1.0, "", "least factor on rewards, which follows the share of mistakes in the epoch before; 1: no factor",
+        "as eq. 120, docs/reference/recognisers.md", above=0, at_most=1,
+    )  # fmt: skip
 
     def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
-        """Let the rates decay."""
+        """Let the rates decay, and those of rewards follow the mistakes."""
         rates = {name: getattr(self, name) for name in ("Ar_plus", "Ar_minus", "Ap_plus", "Ap_minus", "epsilon")}
+        mistakes = self.least + (1.0 - self.least) * (last.wrong if last else 1.0)
+        rates |= {name: rates[name] * mistakes for name in ("Ar_plus", "Ar_minus")}
         sim.set("c1_s2", **{name: rate * self.rate_decay**epoch for name, rate in rates.items()})
 
 
@@ -319,9 +329,7 @@ class Framewise(Method):
         Raises:
             ModelError: a value is out of the network's bounds, or there is nothing to learn from.
         """
-        frames = Frames.of(shown)
-        if not len(frames):
-            raise ModelError("no recording is long enough for a frame: expected some to learn from")
+        frames = frames_to_learn_from(shown)
         net = self.layer.network(self.inputs, len(shown.classes))
         codes = self.encoder.learn(frames.codes)
         sim = neuro.compile(net, backend=course.backend, seed=course.seed)
@@ -470,6 +478,18 @@ class Framewise(Method):
                 drawn["prototypes"] = prototypes(np.asarray(learnt["c1_s2"]), classes, self.bank.orientations)
             drawn["learning"] = history(np.asarray(learnt["history"]), len(classes))
         return drawn
+
+
+def frames_to_learn_from(shown: Features) -> Frames:
+    """Return all frames of recordings.
+
+    Raises:
+        ModelError: there are none.
+    """
+    frames = Frames.of(shown)
+    if not len(frames):
+        raise ModelError("no recording is long enough for a frame: expected some to learn from")
+    return frames
 
 
 def told_of(shares: Sequence[Shares]) -> dict[str, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import Protocol
 
@@ -239,6 +239,37 @@ def history(shares: Floats, classes: int) -> Figure:
     axis.spines[["top", "right"]].set_visible(False)
     axis.tick_params(colors=INK)
     axis.grid(axis="y", color="#e9ecf1", linewidth=0.8)
+    return figure
+
+
+LINES = ("#0072B2", "#56B4E9", "#8a94a3", "#D55E00", "#009E73", "#7B4FA3", "#17263c")
+
+
+def relearnt(accuracies: Mapping[str, Floats], before: int, classes: int) -> Figure:
+    """Accuracy by epoch of each method, whose labels are permuted after some epochs: mean and range of the seeds.
+
+    Args:
+        accuracies: (seeds, epochs) by the name of the method.
+        before: epochs until the permutation.
+        classes: number of classes.
+    """
+    figure = Figure(figsize=(7.6, 3.9), dpi=140, layout="constrained", facecolor=PAPER)
+    axis = figure.subplots()
+    for (name, shares), colour in zip(accuracies.items(), cycle(LINES)):
+        epochs = np.arange(1, shares.shape[1] + 1)
+        axis.fill_between(
+            epochs, *(100 * end(shares, axis=0) for end in (np.min, np.max)), color=colour, alpha=0.15, lw=0
+        )
+        axis.plot(epochs, 100 * shares.mean(axis=0), "o-", color=colour, lw=1.8, ms=3.5, label=literal(name))
+    axis.axvline(before + 0.5, color=INK, lw=1, ls=(0, (4, 3)))
+    axis.text(before + 0.6, 103, "labels permuted", color=INK, fontsize=9)
+    axis.axhline(100 / classes, color=GREY, lw=1, ls=(0, (1, 3)))
+    axis.set(ylim=(0, 110), xlabel="epoch", xticks=epochs[:: -(-len(epochs) // 20)])
+    axis.set_title("Held-out recordings decided rightly (%)", loc="left", fontsize=11.5, color=INK)
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.tick_params(colors=INK)
+    axis.grid(axis="y", color="#e9ecf1", linewidth=0.8)
+    figure.legend(loc="outside right upper", frameon=False, fontsize=9)
     return figure
 
 

@@ -336,6 +336,38 @@ def write_pictures(recogniser: Recogniser, folder: Path) -> None:
         print(f"of what method '{recogniser.method.called()}' has learnt there are no pictures")
 
 
+NEAR = 0.03
+"""Accuracy below that before the permutation at which labels count as relearnt."""
+
+
+def show_relearnt(accuracies: Mapping[str, Floats], before: int, classes: int, file: Path) -> None:
+    """Print how far each method relearnt permuted labels, and draw accuracy by epoch.
+
+    Args:
+        accuracies: (seeds, epochs) by the name of the method.
+        before: epochs until the permutation.
+        classes: number of classes.
+        file: of the picture.
+    """
+    from neuro_recognise.telling.pictures import relearnt
+
+    after = next(iter(accuracies.values())).shape[1] - before
+    head = ("method", ">before, %", ">after 1 epoch, %", f">after {after}, %", ">change, points", ">epochs to within 3")
+    rows = []
+    for name, shares in accuracies.items():
+        ends = [shares[:, epoch] for epoch in (before - 1, before, -1)]
+        near = np.flatnonzero(shares[:, before:].mean(axis=0) >= ends[0].mean() - NEAR)
+        parts = (*ends, ends[2] - ends[0])
+        rows.append((name, *map(_with_spread, parts), str(near[0] + 1) if near.size else f"not in {after}"))
+    console().print(table(head, rows))
+    _save(relearnt(accuracies, before, classes), file)
+
+
+def _with_spread(shares: Floats) -> str:
+    spread = f" ± {100 * shares.std(ddof=1):.1f}" if len(shares) > 1 else ""
+    return f"{100 * shares.mean():.1f}{spread}"
+
+
 def _save(figure: Figure, file: Path) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     write_picture(file, figure)

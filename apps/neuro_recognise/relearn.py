@@ -1,0 +1,237 @@
+"""Relearning: after some epochs the labels are permuted, and learning continues; accuracy by epoch.
+
+FOLDER/METHOD-SEED.json    accuracies of a seed; a seed that has a file is not done again by the same code
+FOLDER/relearn.png         accuracy by epoch of all methods
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuro import ModelError, apps
+from neuro.apps import setting
+from neuro_events import Recordings
+from neuro_recognise.compare import Contestant, contestants, telling
+from neuro_recognise.method import Answer, Course, Learnt, Progress, choose
+from neuro_recognise.methods.framewise import Framewise, frames_to_learn_from
+from neuro_recognise.observations import code_of, observe
+from neuro_recognise.parts.frames import Frames
+from neuro_recognise.recogniser import field_of
+from neuro_recognise.shown import Array, Features, Floats, Ints
+
+RESULTS = apps.JobResults("a result of 'neuro recognise relearn'", "neuro recognise relearn 1")
+RULES = ("remus", "remus:relearns", "remus:adapted", "remus:thesis", "mozafari", "linear")
+"""Methods that are compared by default."""
+
+
+@dataclass(frozen=True)
+class Linear(Framewise):
+    """Softmax regression on the spikes that networks see, earlier spikes as larger values, frame by frame.
+
+    Attributes:
+        rate: of a step of gradient descent; a step follows each frame.
+    """
+
+    title = "softmax regression, online"
+    source = "the linear twin of ReMuS: same frames, order and epochs"
+    spikes = False
+    order: str = setting("frames", "", "what is shuffled in each epoch", "as ReMuS", words=("frames",))
+    rate: float = setting(0.01, "", "of a step of gradient descent", "not tuned", above=0)
+
+    def fit(self, shown: Features, course: Course) -> Learnt:
+        """Return ``weights`` (inputs, classes) and ``history`` (epochs,), the share of frames decided rightly.
+
+        Raises:
+            ModelError: there are no frames to learn from.
+        """
+        frames, past = frames_to_learn_from(shown), course.resume()
+        labels, values = shown.labels[frames.recording], self._values(frames)
+        weights = past.get("weights", np.zeros((int(np.prod(self.inputs.shape)), len(shown.classes))))
+        history = [*past.get("history", ())]
+        for epoch in range(len(history), self.epochs):
+            right = 0
+            for frame in np.random.default_rng([course.seed, epoch]).permutation(len(frames)):
+                spikes, label = slice(*frames.offsets[frame : frame + 2]), labels[frame]
+                ids, x = frames.ids[spikes], values[spikes]
+                scores = x @ weights[ids]
+                right += int(scores.argmax() == label)
+                error = np.exp(scores - scores.max())
+                error /= error.sum()
+                error[label] -= 1.0
+                weights[ids] -= self.rate * np.outer(x, error)
+            history.append(right / len(frames))
+            course.keep(weights=weights, history=np.array(history))
+            course.report(Progress(f"epoch {epoch + 1} of {self.epochs}", len(frames), len(frames), history[-1]))
+        return {"weights": weights, "history": np.array(history)}
+
+    def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
+        """By the sum of the scores of all frames."""
+
+        def ask(shown: Features) -> Answer:
+            frames, sums = Frames.of(shown), np.zeros((len(shown), len(shown.classes)))
+            each = self._values(frames)[:, None] * np.asarray(learnt["weights"])[frames.ids]
+            np.add.at(sums, np.repeat(frames.recording, np.diff(frames.offsets)), each)
+            return Answer(np.where(sums.any(axis=1, keepdims=True), sums, np.nan))
+
+        return ask
+
+    def _values(self, frames: Frames) -> Floats:
+        """(spikes,) 1 for a spike at the start of its frame, 0 at the end."""
+        return 1.0 - self.encoder.times(frames.codes, {}) / self.inputs.window
+
+
+@dataclass(frozen=True)
+class Remembered(Course):
+    """A course that continues from what the last one has reached, in memory."""
+
+    reached: dict[str, Any] = field(default_factory=dict)
+
+    def resume(self) -> dict[str, Any]:
+        """What `keep` got last."""
+        return self.reached
+
+    def keep(self, **parts: Array | Mapping[str, Array]) -> None:
+        """Keep the state of the training, in place of the one before."""
+        self.reached.update(parts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Relearner:
+    """A training of one seed, a job of `neuro.apps.grid`.
+
+    Attributes:
+        name: for people.
+        method: with its settings.
+        learning, held: recordings to learn from, and to test.
+        of: all that its result follows from, as plain data.
+        file: of its result.
+    """
+
+    name: str
+    method: Framewise
+    learning: Features
+    held: Features
+    of: Mapping[str, Any]
+    file: Path
+
+    def work(self, report: Callable[[tuple[str, Progress | None]], None]) -> dict[str, Any]:
+        """Train epoch by epoch, and test after each."""
+        seed, backend, before = self.of["seed"], self.of["backend"], self.of["before"]
+        course = Remembered(seed, backend, None, lambda progress: report((self.name, progress)))
+        learning, held, accuracies, silent = self.learning, self.held, [], []
+        for epoch in range(before + self.of["after"]):
+            if epoch == before:
+                learning, held = self._permuted(learning), self._permuted(held)
+            learnt = self.method.changed({"epochs": epoch + 1}).fit(learning, course)
+            decided = choose(self.method.answer(learnt, held, backend).scores)
+            accuracies.append(float(np.mean(decided == held.labels)))
+            silent.append(float(np.mean(decided < 0)))
+        report((self.name, None))
+        return {
+            "provenance": apps.provenance(backend=backend, seed=seed),
+            "accuracies": accuracies,
+            "silent": silent,
+            "history": np.asarray(learnt["history"]).tolist(),
+        }
+
+    def _permuted(self, shown: Features) -> Features:
+        return replace(shown, labels=permuted(shown.labels, len(shown.classes), self.of["seed"]))
+
+
+@dataclass(frozen=True, slots=True)
+class Relearning:
+    """What is tried.
+
+    Attributes:
+        contestants: methods.
+        before: epochs with the labels of the recordings.
+        after: epochs with permuted labels.
+        folds: of each seed, of which the first is tested and the others are learnt from.
+        seeds: of folds, permutations and trainings.
+        folder: of the results.
+        backend: runs networks.
+        jobs: trainings at a time; as many as there are cores if None.
+    """
+
+    contestants: tuple[Contestant, ...]
+    before: int
+    after: int
+    folds: int
+    seeds: tuple[int, ...]
+    folder: Path
+    backend: str = "event"
+    jobs: int | None = None
+
+
+def rules(names: Sequence[str] = (), values: Mapping[str, Any] | None = None) -> tuple[Contestant, ...]:
+    """Return methods that learn epoch by epoch with labels.
+
+    Args:
+        names: as of `neuro_recognise.compare.contestants`, or ``linear``; `RULES` if there are none.
+        values: settings of all of them.
+
+    Raises:
+        ModelError: a method does not exist, does not learn in such epochs, or a value is wrong.
+    """
+    chosen = []
+    for name in names or RULES:
+        one = Contestant(name, Linear()) if name == "linear" else contestants([name])[0]
+        if not isinstance(one.method, Framewise) or not one.method.layer.supervised:
+            raise ModelError(
+                f"{one.method.place()}: learns no labels epoch by epoch, so cannot relearn", hint=", ".join(RULES)
+            )
+        chosen.append(replace(one, method=one.method.changed(values or {})))
+    return tuple(chosen)
+
+
+def permuted(labels: Ints, classes: int, seed: int) -> Ints:
+    """Return other labels: classes in a drawn circle, each with the label of the next, so that none keeps its own."""
+    circle = np.random.default_rng([seed, 57]).permutation(classes)
+    other = np.empty(classes, np.int64)
+    other[circle] = np.roll(circle, 1)
+    return other[labels]
+
+
+def relearn(
+    data: Recordings, plan: Relearning, report: Callable[[Progress], None] = lambda progress: None
+) -> dict[str, Floats]:
+    """Train, permute the labels, train on; a seed that has a result in the folder is not done again.
+
+    Args:
+        data: labelled recordings.
+        plan: what is tried.
+        report: called with the progress.
+
+    Returns:
+        (seeds, epochs) accuracy on the held-out fold after each epoch, by the name of the method. From epoch
+        `plan.before` on, the labels of the held-out recordings are permuted as well.
+
+    Raises:
+        EventFileError: a recording is damaged, or all are of one class.
+        ModelError: the backend does not exist, recordings do not fit, or a file in the folder is another's.
+    """
+    apps.find_backend(plan.backend)
+    apps.make_folder(plan.folder)
+    fingerprint, jobs = data.fingerprint(), []
+    for one in plan.contestants:
+        method = one.method if any(one.method.size) else one.method.fitting(field_of(data))
+        assert isinstance(method, Framewise)
+        look = lambda done, n, name=one.name: report(Progress(f"{name}: looking", done, n))  # noqa: E731
+        shown = observe(method, data, fingerprint=fingerprint, report=look)
+        for seed in plan.seeds:
+            others, mine = data.folds(plan.folds, seed=seed)[0]
+            of: dict[str, Any] = {"method": method.called(), "settings": dict(method.fixed()), "code": code_of(method)}
+            of |= {"data": fingerprint[:32], "backend": plan.backend, "seed": seed, "folds": plan.folds}
+            of |= {"before": plan.before, "after": plan.after}
+            file = plan.folder / f"{one.name.replace(':', '-')}-{seed}.json"
+            jobs.append(Relearner(f"{one.name}, seed {seed}", method, shown.take(others), shown.take(mine), of, file))
+    in_turn = sorted(jobs, key=lambda job: job.of["seed"])  # after a kill all methods have equally many seeds
+    results = apps.grid(RESULTS, in_turn, plan.jobs, telling(report, len(jobs)))
+    by_file = {job.file: result["accuracies"] for job, result in zip(in_turn, results, strict=True)}
+    each = np.array([by_file[job.file] for job in jobs]).reshape(len(plan.contestants), len(plan.seeds), -1)
+    return {one.name: rows for one, rows in zip(plan.contestants, each, strict=True)}
