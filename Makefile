@@ -8,12 +8,14 @@
 # make test-nest    5,000 random networks (NETWORKS=...) on the event backend, the reference and NEST
 # make test-mpi     the tests of NEST under MPI, which it builds once (15 minutes) in an environment of its own
 #                   (NEST_MPI=file.whl: a wheel that is built already); needs openmpi-bin libopenmpi-dev libgsl-dev
-# make test-c       500 random networks (C_NETWORKS=... of each chip, twice as many that learn by dopamine) and those that ship
-#                   as C: gcc and clang with sanitizers, and a Cortex-M4; needs gcc clang gcc-arm-none-eabi qemu-system-arm
-#                   libnewlib-arm-none-eabi; on AVR (int of 16 bits) and s390x (large-endian) where gcc-avr avr-libc simavr
+# make test-c       500 random networks (C_NETWORKS=... of each chip, and twice as many that learn by the rules of Loihi and
+#                   of SpiNNaker) and those that ship as C: gcc and clang with sanitizers, and a Cortex-M4; needs gcc clang
+#                   gcc-arm-none-eabi qemu-system-arm libnewlib-arm-none-eabi; on AVR (int of 16 bits) and s390x (large-endian) where gcc-avr avr-libc simavr
 #                   gcc-s390x-linux-gnu qemu-user are, too
 # make test-oracles the tests of event files and streams, of networks beside other tools (NIR, SONATA), of scripts of PyNN,
 #                   and of NeuroBench's metrics, in environments of their own
+# make thesis       each row of the thesis that is quick to check beside its figure (docs/reference/thesis.md), within 15 minutes
+#                   of the processor; make thesis-full: all of them, hours
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2, public emulators of Loihi, and packages that train by gradients are with the
 #                   same networks, in environments of their own
@@ -81,7 +83,7 @@ endef
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help test test-parts test-slow test-taken-away test-all test-bounds test-nest test-mpi test-c test-oracles demo bench bench-peers docs gallery-full release constraints clean distclean
+.PHONY: help test test-parts test-slow test-taken-away test-all test-bounds test-nest test-mpi test-c test-oracles demo thesis thesis-full bench bench-peers docs gallery-full release constraints clean distclean
 
 help:
 	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
@@ -125,6 +127,12 @@ test-oracles: $(VENV)-oracles/.installed $(VENV)-oracles-pynn/.installed $(if $(
 
 demo: $(VENV)/.demo
 	$(BIN)/neuro remus demo --out "$(OUT)" $(if $(DATA),--data "$(DATA)")
+
+thesis: $(VENV)/.test
+	$(BIN)/python benchmarks/thesis.py
+
+thesis-full: $(VENV)/.test
+	$(BIN)/python benchmarks/thesis.py --full
 
 bench: $(VENV)/.test
 	$(BIN)/pytest benchmarks --benchmark-only -p no:xdist

@@ -57,10 +57,10 @@ class Fold:
         return right, learnt - began, time.process_time() - learnt
 
 
-def splits(data: Recordings, folds: int, seeds: int, random: int) -> dict[int, list[Split]]:
+def splits(data: Recordings, folds: int, seeds: int, random: int, only: int) -> dict[int, list[Split]]:
     """Recordings to learn from, and to test, of each seed."""
     if not random:
-        return {seed: data.folds(folds, seed=seed) for seed in range(seeds)}
+        return {seed: data.folds(folds, seed=seed)[: only or folds] for seed in range(seeds)}
     orders = {seed: np.random.default_rng([seed, 14]).permutation(len(data)) for seed in range(random)}
     return {seed: [(order[100:], order[:100])] for seed, order in orders.items()}
 
@@ -75,6 +75,7 @@ def main() -> None:
     options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     options.add_argument("--seeds", type=int, default=1)
     options.add_argument("--folds", type=int, default=5)
+    options.add_argument("--only", type=int, default=0, metavar="N", help="the first N folds of each seed; 0: all")
     options.add_argument("--random", type=int, default=0, metavar="N", help="so many random splits, no folds")
     options.add_argument("--backend", default="event", help="trains and tests")
     options.add_argument("--json", action="store_true")
@@ -88,7 +89,7 @@ def main() -> None:
     if asked.case == "poker-upright":
         kept = np.flatnonzero(upright)
         data, shown, upright = data.take(kept), shown.take(kept), upright[kept]
-    parts = splits(data, asked.folds, asked.seeds, asked.random)
+    parts = splits(data, asked.folds, asked.seeds, asked.random, asked.only)
     jobs = [Fold(shown, split, method, seed, asked.backend) for seed, folds in parts.items() for split in folds]
     found = side_by_side(Fold.run, jobs)
     tested = [np.concatenate([job.split[1] for job in jobs if job.seed == seed]) for seed in parts]

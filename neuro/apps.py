@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from neuro.chips.energy import number as number, quantity as quantity, sourced as sourced
     from neuro.chips.known import ARITHMETICS as ARITHMETICS, arithmetic_of as arithmetic_of
     from neuro.cli import options as options
-    from neuro.cli.chips import PRICED as PRICED, Chips as Chips, Sources as Sources
+    from neuro.cli.chips import PRICED as PRICED, Chips as Chips, Sources as Sources, print_bills as print_bills
     from neuro.cli.options import (
         Backend as Backend,
         Backends as Backends,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
+    from neuro.chips import spinnaker_rule as spinnaker_rule
     from neuro.chips.description import Chip as Chip, Figure as Figure, Mesh as Mesh
     from neuro.core.errors import ModelError as ModelError
     from neuro.core.quantities import Value as Value, quantity as quantity
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
         Trace as Trace,
         TrialEnd as TrialEnd,
     )
+    from neuro.model.synapses.loihi_registers import LoihiEngine as LoihiEngine
     from neuro.model.synapses.moves import MoveRule as MoveRule
     from neuro.program.backend import (
         Backend as Backend,

@@ -1,5 +1,6 @@
 """The loop of trials and its rules: small cases by hand, backends beside each other, what they learn of new data."""
 
+import os
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -12,6 +13,10 @@ from neuro.extend import Growth, Lesson, Synapse, TrialEnd
 from neuro.testing import check_part
 from refused import refused
 
+REPEATED = int(os.environ.get("NEURO_REPEATED_SPIKES", "6"))
+"""Random networks for each rule whose inputs spike again."""
+BACKENDS = ("event", "reference")
+GOOD = [[0.9, 0.2], [0.9, 0.2]]
 FLOATS = pytest.mark.parametrize("backend", ["reference", "event"])
 INF = float("inf")
 
@@ -98,6 +103,17 @@ def test_a_sum_of_weights_is_held_in_words_of_a_chip(backend):
     assert sums[np.unique(winner[winner >= 0])] == pytest.approx(10.0, abs=0.15)
 
 
+@pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
+@pytest.mark.parametrize("backend", ["loihi", "spinnaker"])
+def test_ties_count_on_chips_as_in_floats(backend):
+    for after in (False, True):
+        sim = pair(neuro.r_stdp(**RATES, ties_after=after), [[0.5, 0.2], [0.5, 0.2]], backend)
+        before = sim.weights("w")[2].copy()
+        early, _, tie, _ = taught(sim, [0]).expected - before
+        assert early > 0.0
+        assert tie < 0.0 if after else tie > 0.0
+
+
 @FLOATS
 def test_tempotrons_that_are_taught_alone(backend):
     """While nobody decides, each neuron on the wrong side of `alone` is taught at its own largest V_m."""
@@ -136,6 +152,73 @@ def test_the_kernel_of_the_tempotron_is_a_potential_whose_largest_value_is_1():
 def test_backends_agree(rule):
     """Rules of trials that no case of `neuro.testing` learns by, and the one that is taught at the largest V_m."""
     check_part(rule)
+
+
+# inputs that spike again
+
+
+def sheet(seed: int, spikes: str, backend: str, rule: Synapse, stop: str = "full") -> Any:
+    """Random trials of 30 inputs that spike up to four times each, some twice in a step, and what they teach."""
+    rng = np.random.default_rng(seed)
+    net = neuro.Network("sheet", resolution=1.0)
+    net.population("input", (2, 4, 4), neuro.spike_generator())
+    shared = seed % 2 == 0 and not rule.delays
+    net.population("maps", (4, 2, 2), neuro.iaf_psc_delta(tau_m=20.0, E_L=0.0, V_reset=0.0, V_th=rng.uniform(0.5, 9)))
+    how = neuro.grid(kernel=(3, 3)) if shared else neuro.fixed_indegree(n=20)
+    weight = neuro.normal(mean=0.5, std=0.2, low=0.0, high=1.0)
+    net.connect("input", "maps", how, rule, weight=weight, delay=2.0, name="w")
+    net.group("choice", neuro.winner_take_all(of="maps"))
+    net.trials(
+        input="input", duration=20.0, stop=stop, spikes=spikes, labels={"of": "maps", "maps_per_label": 2},
+        dropout={"of": "maps", "p": 0.3},
+    )  # fmt: skip
+    sim = neuro.compile(net, backend, seed=seed)
+    lengths = rng.integers(0, 60, 8)
+    batch = rng.integers(0, 20, lengths.sum()), rng.integers(0, 32, lengths.sum()), np.cumsum([0, *lengths])
+    labels = rng.integers(0, 2, 8)
+    return sim, (batch[0].astype(float), *batch[1:]), labels
+
+
+@pytest.mark.parametrize("spikes", ["first", "each"])
+@pytest.mark.parametrize(
+    "rule",
+    [
+        neuro.r_stdp(epsilon=0.01, rescue=True), neuro.normalised_stdp(total=8.0),
+        neuro.tempotron(lambda_=0.1, Wmin=-2.0, Wmax=2.0), neuro.r_stddp(d_max=5.0),
+    ],
+    ids=lambda rule: rule.name,
+)  # fmt: skip
+def test_event_teaches_repeated_spikes_as_the_reference_does(rule, spikes):
+    for seed in range(REPEATED):
+        made = [sheet(seed, spikes, backend, rule, ("full", "at_decision")[seed // 2 % 2]) for backend in BACKENDS]
+        results = [sim.trials(*batch, labels, learn=True) for sim, batch, labels in made]
+        event, reference = (sim for sim, *_ in made)
+        name = "delay" if rule.delays else "weight"
+        assert np.array_equal(results[0].winner, results[1].winner)
+        assert results[0].counts.learning_updates == results[1].counts.learning_updates
+        assert np.allclose(event.get("w", name), reference.get("w", name), rtol=1e-13, atol=0.0)
+
+
+def test_the_first_spike_teaches_as_if_it_had_been_the_only_one():
+    """Where later spikes cannot change the decision: the neurons are out of reach, and silence rescues."""
+    rule = neuro.r_stdp(**RATES, rescue=True)
+    taught_by = {}
+    for spikes in ("once", "first", "each"):
+        sim = pair(rule, SILENT_PAIR, spikes=spikes)
+        sim.set("maps", V_th=1e6)
+        times, ids = ([0.0, 5.0], [0, 1]) if spikes == "once" else ([0.0, 4.0, 4.0, 5.0], [0, 0, 0, 1])
+        sim.trials(times, ids, [0, len(ids)], labels=[0], learn=True)
+        taught_by[spikes] = sim.weights("w")[2].reshape(2, 2)[:, 0].tolist()
+    assert taught_by["first"] == taught_by["once"] == pytest.approx([bent(0.3, 0.1)] * 2)
+    assert taught_by["each"] == pytest.approx([bent(bent(bent(0.3, 0.1), 0.1), 0.1), bent(0.3, 0.1)])
+
+
+def test_an_input_that_spikes_before_and_after_the_decision_is_taught_by_both():
+    """A right decision at 0.5 ms: the first spike of input 0 came before it, the second after it."""
+    sim = pair(neuro.r_stdp(**RATES), GOOD, spikes="each", stop="full")
+    sim.trials([0.0, 3.0], [0, 0], [0, 2], labels=[0], learn=True)
+    expected = [bent(bent(0.9, 0.1), -0.05), 0.2, bent(0.9, -0.05), 0.2]
+    assert sim.weights("w")[2].ravel().tolist() == pytest.approx(expected)
 
 
 # a third-party rule
@@ -344,8 +427,6 @@ def test_a_reset_keeps_the_numbers_of_rules_that_were_set():
 
 
 # the loop of trials
-
-GOOD = [[0.9, 0.2], [0.9, 0.2]]
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from neuro.apps import Backend, Seed, Set, assignments, at_least, seeds
+from neuro.apps import Backend, Chips, Seed, Set, Sources, assignments, at_least, seeds
 
 app = typer.Typer(
     name="agent", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
@@ -176,6 +176,46 @@ def compare(
     if out is not None:
         report.write_table(found, out)
     report.show_comparison(found)
+
+
+@app.command()
+def energy(
+    environment: Environment,
+    until: Annotated[
+        float | None,
+        typer.Option(
+            "--until", metavar="R", help="Mean return of 100 episodes to stop at.", show_default="as ENV asks"
+        ),
+    ] = None,
+    steps: Steps = 150_000,
+    method: Annotated[str, typer.Option("--method", metavar="NAME", help="The deep agent: ppo or dqn.")] = "ppo",
+    chips: Chips = "cpu,gpu,arm",
+    seed: Seed = 0,
+    sources: Sources = False,
+    json: Json = False,
+) -> None:
+    """Train PPO or DQN and print the joules of its training on processors, beside 'neuro energy NET --until R'."""
+    from json import dumps
+
+    from neuro.apps import print_bills, unknown
+    from neuro.chips import dense
+    from neuro_agent import compare, deep, environments
+
+    if method not in deep.NAMES:
+        raise unknown("deep agent", method, deep.NAMES)
+    compare.Plan(environment, steps, (seed,), only=(method,))  # refuses what cannot be trained
+    for each in chips:
+        dense({}, each)  # what cannot be priced is reported before the training
+    env, bar = environments.make(environment), environments.bar_of(environment) if until is None else until
+    model, log, macs = deep.trained(method, deep.from_zero(env), steps=steps, seed=seed, until=bar)
+    taken = model.num_timesteps
+    bills = [dense(macs, each, steps=taken, of="training", notes=deep.NOTES) for each in chips]
+    if json:
+        about = {"method": method, "seed": seed, "episodes": len(log), "steps": taken, "solved": log.solved}
+        typer.echo(dumps({**about, "bills": [bill.as_dict() for bill in bills]}, indent=1))
+    else:
+        print_bills(bills, sources)
+        typer.echo(f"{method}: {str(log).removeprefix('Log(').removesuffix(')')}")
 
 
 def _environment(file: Path, chosen: str | None) -> str:

@@ -10,32 +10,24 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import numpy.typing as npt
 from gymnasium import spaces
 
 from neuro import ModelError
-from neuro.apps import Environments, Test, episode_seed, install, side_by_side, unknown, why
+from neuro.apps import Environments, Test, episode_seed, install, side_by_side, unknown
 from neuro_agent import environments
 from neuro_agent.agent import ActorCritic
+from neuro_agent.deep import NAMES as DEEP, BaselineError, from_zero, starts, trained
 from neuro_agent.training import MOST, TESTS
 from neuro_agent.twin import LinearTwin
 
 NAMES = {
     "agent": "spiking agent",
     "twin": "its linear twin, without spikes",
-    "ppo": "PPO of stable-baselines3, defaults",
-    "dqn": "DQN of stable-baselines3, defaults",
+    **DEEP,
     "random": "random actions",
 }
 
-ROLLOUT, BATCH = 2048, 64
-"""Defaults of PPO in stable-baselines3: control steps of a rollout, and of a batch."""
-
 Act = Callable[[Any], Any]
-
-
-class _BaselineError(Exception):
-    """stable-baselines3 cannot be trained in the environment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +56,7 @@ class Trial:
         began = time.perf_counter()
         try:
             steps, test = _TRAINED[self.name](self, env)
-        except _BaselineError as error:  # the trainings of the others are not lost
+        except BaselineError as error:  # the trainings of the others are not lost
             report(f"{self.name}, seed {self.seed}: {error}")
             return {"name": self.name, "seed": self.seed, "failed": str(error)}
         told = {
@@ -188,7 +180,7 @@ def _refused_observations(space: gymnasium.Space[Any]) -> str:
     parts = list(space.spaces.values()) if isinstance(space, spaces.Dict) else [space]
     if any(isinstance(part, (spaces.Dict, spaces.Tuple)) for part in parts):
         return "it takes no Tuple of observations, and no Dict in a Dict"
-    if any(_starts(part).any() for part in parts):
+    if any(starts(part).any() for part in parts):
         return "it takes no observations with a start other than 0"
     if any(isinstance(part, (spaces.MultiDiscrete, spaces.MultiBinary)) and len(part.shape) != 1 for part in parts):
         return "it takes no MultiDiscrete or MultiBinary observations of several dimensions"
@@ -200,11 +192,6 @@ def _refused_actions(space: gymnasium.Space[Any]) -> str:
     if isinstance(space, (spaces.MultiDiscrete, spaces.MultiBinary)) and len(space.shape) != 1:
         return "it takes no MultiDiscrete or MultiBinary actions of several dimensions"
     return ""
-
-
-def _starts(space: gymnasium.Space[Any]) -> npt.NDArray[np.int64]:
-    """Return the smallest value of each number of a Discrete or MultiDiscrete space; 0 of others."""
-    return np.ravel(getattr(space, "start", 0))
 
 
 def run(plan: Plan, report: Callable[[str], None] | None = None) -> Found:
@@ -238,28 +225,12 @@ def _random(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
 
 
 def _baseline(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
-    import stable_baselines3
-    import torch
-
-    torch.set_num_threads(1)
-    space: Any = env.action_space
-    if _starts(space).any():  # stable-baselines3 acts from 0 on
-        zeros = spaces.Discrete(space.n) if isinstance(space, spaces.Discrete) else spaces.MultiDiscrete(space.nvec)
-        env = gymnasium.wrappers.TransformAction(env, lambda action: action + space.start, zeros)
-    policy = "MultiInputPolicy" if isinstance(env.observation_space, spaces.Dict) else "MlpPolicy"
-    try:
-        steps, words = trial.steps, dict[str, Any]()
-        if trial.name == "ppo" and steps < ROLLOUT:  # a training ends behind a whole rollout, of whole batches
-            steps = steps // BATCH * BATCH or steps
-            words = {"n_steps": steps, "batch_size": min(BATCH, steps)}
-        model = getattr(stable_baselines3, trial.name.upper())(policy, env, seed=trial.seed, device="cpu", **words)
-        model.learn(steps)
-    except Exception as error:
-        raise _BaselineError(f"{NAMES[trial.name]}: {why(error)}") from error
+    env, discrete = from_zero(env), isinstance(env.action_space, spaces.Discrete)
+    model = trained(trial.name, env, steps=trial.steps, seed=trial.seed)[0]
 
     def act(seen: Any) -> Any:
         action = model.predict(seen, deterministic=True)[0]
-        return action.item() if isinstance(space, spaces.Discrete) else action
+        return action.item() if discrete else action
 
     return int(model.num_timesteps), _tested(trial, env, act)
 

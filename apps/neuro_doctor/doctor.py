@@ -10,7 +10,7 @@ from neuro import ModelError, Network
 from neuro.apps import Quantity, check, compile_network, find_backend
 from neuro.chips import chip as chip_of
 from neuro.extend import Program
-from neuro_doctor import activity, learning, parts, structure
+from neuro_doctor import activity, drift, learning, parts, structure
 from neuro_doctor.activity import SHORT_MS
 from neuro_doctor.diagnosis import Diagnosis, ordered
 from neuro_doctor.findings import Finding
@@ -133,6 +133,7 @@ def examine(program: Program, options: Options) -> Diagnosis:
     """Judge a compiled network."""
     wiring = Wiring(program)
     findings = [*structure.findings(wiring), *parts.of_neurons(wiring), *parts.of_rules(wiring, options.reward_after)]
+    findings += drift.findings(wiring)
     backend = find_backend(options.backend)
     problems = backend.problems(program)
     for each in problems:

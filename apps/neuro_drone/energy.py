@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from neuro import ModelError
-from neuro.apps import console, number, quantity, sourced, table
-from neuro.chips import COLUMNS, between, chip, footnotes
+from neuro.apps import console, number, sourced, table
+from neuro.chips import COLUMNS, chip, dense, footnotes
 from neuro_drone.controllers.deep import DQNSettings, Flier
 from neuro_drone.controllers.pilot import ControllerPilot
 from neuro_drone.env import ACTIONS, CELLS
@@ -20,7 +20,7 @@ from neuro_drone.model import Model
 
 if TYPE_CHECKING:
     from neuro import Counts
-    from neuro.chips import Energy
+    from neuro.chips import BillItem, Energy
 
 
 PROCESSORS = ("cpu", "gpu")
@@ -29,27 +29,6 @@ PROCESSORS = ("cpu", "gpu")
 CAMERA = "not in the bill: the camera, the counting of events in fields, and the way between host and chip"
 POISSON = "the Poisson spikes of the cells are made by the host and are not in the bill either"
 BATCH = "the dense network is run once a control step; the gpu's figure is for much work in parallel, this is little"
-
-
-@dataclass(frozen=True, slots=True)
-class Dense:
-    """A dense network on a processor.
-
-    Attributes:
-        target: the processor.
-        what: network.
-        macs: multiply-accumulates of a control step.
-        joules: of a control step, without idle power.
-        range: between what these lie.
-        source: of the joules of one.
-    """
-
-    target: str
-    what: str
-    macs: int
-    joules: float
-    range: tuple[float, float]
-    source: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +49,7 @@ class Bills:
     error_px: float
     counts: Counts | None
     spiking: tuple[Energy, ...]
-    dense: tuple[Dense, ...]
+    dense: tuple[Energy, ...]
 
     def share(self, bill: Energy) -> float | None:
         """Time on the chip as a share of the control step; up to 1 it is in time. None where no time is known."""
@@ -109,19 +88,13 @@ def priced(model: Model, targets: Iterable[str]) -> Bills:
     return Bills(model, lap.steps, lap.error_px, loop.sim.counts(), bills, _dense("dqn", layers, PROCESSORS))
 
 
-def _dense(name: str, layers: Iterable[tuple[int, ...]], targets: Iterable[str]) -> tuple[Dense, ...]:
+def _dense(name: str, layers: Iterable[tuple[int, ...]], targets: Iterable[str]) -> tuple[Energy, ...]:
     """What a dense network takes on those targets that multiply densely."""
     shapes = [(rows, columns) for rows, columns in layers]
     macs = sum(rows * columns for rows, columns in shapes)
     what = f"{name}: {'-'.join(str(n) for n in (shapes[0][1], *(rows for rows, _ in shapes)))}"
-    out = []
-    for target in targets:
-        mac = chip(target).costs.get("mac")
-        if mac is not None:
-            low, high = mac.range()
-            joules, ends = macs * mac.value, (macs * low, macs * high)
-            out.append(Dense(target, what, macs, joules, ends, sourced(mac.source, mac.conditions)))
-    return tuple(out)
+    processors = [target for target in targets if "mac" in chip(target).costs]
+    return tuple(dense({what: macs}, target, of="control step") for target in processors)
 
 
 def words(bills: Bills) -> str:
@@ -140,11 +113,16 @@ def words(bills: Bills) -> str:
         for bill in bills.spiking
     ]
     record["dense"] = [
-        {"target": d.target, "what": d.what, "macs": d.macs, "total_j": d.joules, "source": d.source}
-        | dict(zip(("total_low_j", "total_high_j"), d.range, strict=True))
+        {"target": d.target, "what": item.of, "macs": item.count, "total_j": d.total_j, "source": _source(item)}
+        | {"total_low_j": d.low_j, "total_high_j": d.high_j}
         for d in bills.dense
+        for item in d.items
     ]
     return json.dumps(record | {"notes": notes(bills)}, indent=1)
+
+
+def _source(item: BillItem) -> str:
+    return sourced(item.source, item.conditions)
 
 
 def _counted(bills: Bills) -> dict[str, float]:
@@ -178,11 +156,7 @@ def show(bills: Bills, sources: bool = False) -> None:
         share = bills.share(bill)
         fits = {None: "-", True: "yes", False: "no"}[_in_time(share)]
         rows.append((bill.target, *bill.cells(), fits))
-    for one in bills.dense:
-        joules = f"> {between(one.joules, *one.range)}"
-        rows.append(
-            (f"{one.target}, {one.what.partition(':')[0]}", quantity(one.joules, "J"), joules, joules, "-", "-", "-")
-        )
+    rows += [(f"{d.target}, {d.items[0].of.partition(':')[0]}", *d.cells(), "-") for d in bills.dense]
     columns = ("chip", *COLUMNS, "in time")
     title = (
         f"energy per control step of {step:g} ms; {model.controller} in {model.scenario.name}, "
@@ -191,9 +165,11 @@ def show(bills: Bills, sources: bool = False) -> None:
     counted = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in _counted(bills).items())
     if counted:
         typer.echo(f"a control step: {counted}\n")
-    dense = dict.fromkeys(
-        f"{one.target}: {one.what}, {one.macs:,} mac" + (f": {one.source}" if sources else "") for one in bills.dense
+    layers = dict.fromkeys(
+        f"{one.target}: {item.of}, {item.count:,} mac" + (f": {_source(item)}" if sources else "")
+        for one in bills.dense
+        for item in one.items
     )
     console().print(table(columns, rows, title=title))
-    for line in (*footnotes(bills.spiking, sources), *dense, *notes(bills)):
+    for line in (*footnotes(bills.spiking, sources), *layers, *notes(bills)):
         typer.echo(f"- {line}")

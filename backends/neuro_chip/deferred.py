@@ -26,16 +26,19 @@ class Deferred:
         delays: ticks by which events of the post neurons act late, one for each synapse.
         delivered: of each synapse whether its slots are written.
         shifts: of the receptor of each synapse.
+        stages: how often a core for delays holds the packets of each synapse back, for as many ticks as there are
+            slots; None: never.
 
     Attributes:
         weights, tags: words, and words of the eligibility or accumulators, int64, one for each synapse.
-        rows: what is kept of each source, see `neuro_chip.spinnaker_learning`.
+        rows: what is kept of each source and stage, see `neuro_chip.spinnaker_learning`.
+        held: packets of each source in the last ticks, (ticks, sources).
         history: of the post neurons.
         counts: int64, see `neuro_chip.spinnaker_learning`.
     """
 
     kept: ClassVar[tuple[str, ...]] = (
-        *("weights", "tags", "rows", "counts", "draws"),
+        *("weights", "tags", "rows", "held", "counts", "draws"),
         *(f"history_{name}" for name in kernels.History._fields),
     )
     """Arrays that change."""
@@ -60,13 +63,19 @@ class Deferred:
         delays: Ints,
         delivered: NDArray[np.bool_],
         shifts: Ints,
+        stages: Ints | None = None,
     ) -> None:
         self.rule = rule
         self.draws = kernels.SEED.copy()
         self._rule = kernels.Rule(rule.constants, rule.table, rule.places, self.draws)
         self.weights, self.tags = words.astype(np.int64), np.zeros(words.size, dtype=np.int64)
-        self.synapses = kernels.Synapses(self.weights, self.tags, row_ends, targets, delays, delivered, shifts)
-        self.rows: Ints = np.zeros((row_ends.size - 1, kernels.ROW_COLUMNS), dtype=np.int64)
+        stages, n_sources = np.zeros(words.size, dtype=np.int64) if stages is None else stages, row_ends.size - 1
+        self.n_rows = int(stages.max(initial=0)) + 1
+        self.synapses = kernels.Synapses(
+            self.weights, self.tags, row_ends, targets, delays, delivered, shifts, stages, self.n_rows
+        )
+        self.rows: Ints = np.zeros((n_sources * self.n_rows, kernels.ROW_COLUMNS), dtype=np.int64)
+        self.held: Ints = np.zeros(((self.n_rows - 1) * rule.slots + 1, n_sources), dtype=np.int64)
         self.history = kernels.history_of(n_targets)
         self.counts: Ints = np.zeros(kernels.COUNTS, dtype=np.int64)
 
@@ -76,8 +85,9 @@ class Deferred:
         return (-self.weights if self.rule.inhibits else self.weights).astype(np.int32)
 
     def words(self, synapses: Ints | slice = slice(None)) -> NDArray[np.int32]:
-        """Return what synapses add to slots: nothing where they are not delivered."""
-        words: NDArray[np.int32] = (self.weights[synapses] * self.synapses.delivered[synapses]).astype(np.int32)
+        """Return what synapses add to slots with the spike: nothing where they are not delivered, or later."""
+        sends = self.synapses.delivered[synapses] & (self.synapses.stages[synapses] == 0)
+        words: NDArray[np.int32] = (self.weights[synapses] * sends).astype(np.int32)
         return -words if self.rule.inhibits else words
 
     def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> tuple[Ints, Ints]:
@@ -90,17 +100,34 @@ class Deferred:
             payloads: how often each source fired.
 
         Returns:
-            The synapses whose words may have changed, and by how much each has sent more than its last word for every
-            packet: the earlier ones of a step were sent with other words.
+            The synapses whose words may have changed, and what each has sent beside its last word for every spike of
+            this step: the earlier packets of a step were sent with other words, and those held back are sent now.
         """
         self.spike(post, step - 1)
+        if self.n_rows == 1:
+            return self._take(0, pre, payloads, step - 1)
+        self.held[(step - 1) % len(self.held)] = np.bincount(pre, payloads, self.held.shape[1])
+        found = []
+        for stage in range(self.n_rows):
+            held = self.held[(step - 1 - stage * self.rule.slots) % len(self.held)]
+            found.append(self._take(stage, np.flatnonzero(held), held[held > 0], step - 1))
+        synapses, sent = zip(*found, strict=True)
+        return np.concatenate(synapses), np.concatenate(sent)
+
+    def _take(self, stage: int, pre: Ints, payloads: Ints, tick: int) -> tuple[Ints, Ints]:
+        """Take the packets of a stage, which arrive at a tick; arguments and results as of `step`."""
         synapses = self._of(pre)
-        more: Ints = np.zeros(synapses.size, dtype=np.int64)
         times = np.repeat(payloads, self.synapses.row_ends[pre + 1] - self.synapses.row_ends[pre])
+        if self.n_rows > 1:
+            mine = self.synapses.stages[synapses] == stage
+            synapses, times = synapses[mine], times[mine]
+        more: Ints = np.zeros(synapses.size, dtype=np.int64)
         for packet in range(int(payloads.max(initial=0))):
-            self.packets(pre[payloads > packet], step - 1)
+            self.packets(pre[payloads > packet] * self.n_rows + stage, tick)
             more += np.where(times > packet, self.weights[synapses], 0)
-        return synapses, (more - times * self.weights[synapses]) * self.synapses.delivered[synapses]
+        if stage == 0:
+            more -= times * self.weights[synapses]
+        return synapses, more * self.synapses.delivered[synapses]
 
     def _of(self, pre: Ints) -> Ints:
         """Return the synapses of some sources."""
@@ -144,8 +171,9 @@ class Deferred:
         if name == "c":
             return np.asarray(self.tags * self.rule.eligibility)
         if name == "K_plus" and self.rule.constants[TIMING] != TIMINGS.index("recurrent"):
-            passed = step - 1 - self.rows[pre, kernels.LAST]
-            return np.asarray(self.rows[pre, kernels.R1] / ONE * self._decay(PLUS, passed))
+            rows = self.rows[pre * self.n_rows + self.synapses.stages]
+            passed = step - 1 - rows[:, kernels.LAST]
+            return np.asarray(rows[:, kernels.R1] / ONE * self._decay(PLUS, passed))
         return self.tags.astype(np.float64)
 
     def _decay(self, table: int, ticks: Ints) -> Floats:
@@ -161,7 +189,7 @@ class Deferred:
     @property
     def nbytes(self) -> int:
         """Bytes held."""
-        arrays = (self.rows, *self.history, *self.synapses, self.rule.table)
+        arrays = (self.rows, self.held, *self.history, *self.synapses[:-1], self.rule.table)
         return sum(array.nbytes for array in arrays)
 
     def __getattr__(self, name: str) -> Any:
@@ -179,5 +207,5 @@ class Deferred:
         kernels.events(self._rule, self.history, ids, concentrations, t, self.counts)
 
     def packets(self, ids: Ints, t: int) -> None:
-        """Bring the rows of sources up to date that emitted packets at tick t, one after another."""
+        """Bring rows up to date whose packets were emitted at tick t, one after another."""
         kernels.packets(self._rule, self.rows, self.history, self.synapses, ids, t, self.counts)

@@ -25,7 +25,7 @@ from neuro.chips.loihi_registers import REGISTER_OF_ONE
 from neuro.chips.spinnaker_rule import SpinnakerRule
 from neuro.core.errors import ModelError
 from neuro.kernels.jit import compiled, kernel
-from neuro.model.synapses import loihi2_learning
+from neuro.model.synapses import loihi2_learning, stdp_dopa
 from neuro.model.synapses.base import DELAY
 from neuro.model.synapses.loihi_rule import POST, PRE, LearningRule
 from neuro.program.program import Floats, Ints, Program, Projection
@@ -108,10 +108,11 @@ class Learners:
                     plastic.release(step, due.pop(0)[1])
 
     def _send(self, index: int, step: int, synapses: Ints, words: Ints) -> None:
-        """Add words to the slots in which the spikes of a step arrive, beside what the loop will send."""
+        """Add words to the slots in which the packets of a step arrive, beside what the loop will send."""
         plastic, part, lags = self._parts[index], self._program.projections[index], self._wires(index).lag
         assert isinstance(plastic, Deferred)
         row, lag = self._a["pops"][part.target], lags if lags.size == 1 else lags[synapses]
+        lag = lag - plastic.synapses.stages[synapses] * plastic.rule.slots  # held back for so long
         n = row[t.END] - row[t.BEGIN]
         slots = (step + lag) % row[t.SLOTS] + (row[t.SLOTS] if plastic.rule.inhibits else 0)
         np.add.at(self._a["ring"], row[t.RING] + slots * n + plastic.synapses.targets[synapses], words.astype(np.int32))
@@ -156,8 +157,8 @@ class Learners:
             amount: Floats = (more - less)[post] * self._wires(index).n_scale
             return amount
         tags: Floats = plastic.tags.astype(np.float64)
-        if name == "t":
-            return tags
+        if name == "t" or not isinstance(self._program.projections[index].synapse, stdp_dopa):
+            return tags  # also of a rule of one's own, whose state is the tag
         # Units of the tag for an eligibility of 1, from the product that a post spike adds to it.
         term = next(term for term in rule.dt if term.gate == "y0")
         units_of_pair = term.mantissa * 2.0**term.exponent * rule.traces["x1"].impulse
@@ -236,9 +237,10 @@ def _plastic(program: Program, index: int, wires: FixedProjection) -> Learner | 
     row_ends = np.concatenate(([0], np.cumsum(np.bincount(pre, minlength=n_source)))).astype(np.int64)
     mantissas = np.broadcast_to(wires.mantissas, part.size).astype(np.int64)
     if isinstance(rule := wires.rule, SpinnakerRule):
-        delays = np.broadcast_to(wires.delay, part.size) % rule.slots
+        stages, delays = np.divmod(np.broadcast_to(wires.delay, part.size).astype(np.int64) - 1, rule.slots)
+        delays = (delays + 1) % rule.slots
         ends = row_ends, post.astype(np.int32), n_target, abs(mantissas)
-        return Deferred(rule, *ends, delays.astype(np.int64), delays > 0, np.full(part.size, rule.shift))
+        return Deferred(rule, *ends, delays, delays > 0, np.full(part.size, rule.shift), stages)
     assert isinstance(rule, LearningRule)
     synapses = row_ends, post.astype(np.int32), n_target, mantissas
     if isinstance(part.synapse, loihi2_learning):

@@ -344,27 +344,17 @@ class ThreeFactors(TwoFactors):
     rounded by a draw for each neuron.
 
     Args:
-        name, seed, rule, numbers, row_ends, targets, n_targets, weights: see `TwoFactors`.
+        name, seed, rule, numbers, synapses: see `TwoFactors`, whose last four arguments `synapses` are.
 
     Attributes:
         ys: uint8 (3, targets), y1 and the positive and the negative part of n of each target.
     """
 
-    def __init__(
-        self,
-        name: str,
-        seed: int,
-        rule: LearningRule,
-        numbers: Mapping[str, Any],
-        row_ends: Ints,
-        targets: NDArray[np.int32],
-        n_targets: int,
-        weights: Ints,
-    ) -> None:
+    def __init__(self, name: str, seed: int, rule: LearningRule, numbers: Mapping[str, Any], *synapses: Any) -> None:
         # In lava the engine adds nothing to what is sent, and lets it decay by 2^16 - 1 steps.
         engine = {f"{trace}_{word}": value for trace in POST for word, value in (("impulse", 0), ("tau", 65535))}
-        super().__init__(name, seed, rule, {**numbers, **engine}, row_ends, targets, n_targets, weights)
-        self.ys = np.zeros((len(POST), n_targets), dtype=np.uint8)
+        super().__init__(name, seed, rule, {**numbers, **engine}, *synapses)
+        self.ys = np.zeros((len(POST), self.ty.size), dtype=np.uint8)
         used = [rule.traces.get(trace, Trace(0, 0, 1)) for trace in POST]
         self._keep: Ints = np.array([(trace.numerator, trace.denominator) for trace in used])
         self._rise: Ints = np.array([[trace.impulse] for trace in used])

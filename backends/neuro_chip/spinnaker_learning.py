@@ -101,6 +101,8 @@ class Synapses(NamedTuple):
         delays: ticks by which entries act late, one for each synapse.
         delivered: whether each is delivered: its delay is not the number of slots.
         shifts: of the receptor of each.
+        stages: how often a core for delays holds the packets of each back, for as many ticks as there are slots.
+        rows: rows of a source, one for each stage.
     """
 
     weights: Any
@@ -110,6 +112,8 @@ class Synapses(NamedTuple):
     delays: Any
     delivered: Any
     shifts: Any
+    stages: Any
+    rows: Any
 
 
 def history_of(neurons: int) -> History:
@@ -352,10 +356,10 @@ def packets(rule, rows, history, synapses, ids, t, counts):
 
     Args:
         rule: see `Rule`.
-        rows: (sources, ROW_COLUMNS), changed.
+        rows: (rows, ROW_COLUMNS), by source and stage, changed.
         history: of the post neurons.
         synapses: changed.
-        ids: the sources, one after another.
+        ids: the rows, one after another.
         t: the tick.
         counts: grow.
     """
@@ -371,8 +375,10 @@ def packets(rule, rows, history, synapses, ids, t, counts):
         if rule.constants[TIMING] == TRIPLET:
             r2 = half(fine(r2 + ONE, decay(rule, X, t - p))) if p != 0 else i64(0)
         rows[i, LAST], rows[i, R1], rows[i, R2] = t, new, r2
-        for e in range(synapses.row_ends[i], synapses.row_ends[i + 1]):
-            visit(rule, history, synapses, e, t, p, r1, r2, counts)
+        source, stage = i // synapses.rows, i % synapses.rows
+        for e in range(synapses.row_ends[source], synapses.row_ends[source + 1]):
+            if synapses.stages[e] == stage:
+                visit(rule, history, synapses, e, t, p, r1, r2, counts)
 
 
 @kernel

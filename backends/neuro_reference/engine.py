@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.clock import NEVER
 from neuro.model.synapses.base import DELAY
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro.program.spikes import carrying
 from neuro_reference.network import ReferenceNetwork, TrialCourse
+from neuro_reference.projections import ReferenceProjection
 
 
 class ReferenceEngine:
@@ -21,7 +22,7 @@ class ReferenceEngine:
 
     def __init__(self, program: Program) -> None:
         self.program, self.net = program, ReferenceNetwork(program)
-        self._first: list[Ints] = []
+        self._ticks: list[list[list[int]]] = []
 
     @property
     def step(self) -> int:
@@ -44,13 +45,19 @@ class ReferenceEngine:
         net.cells[section.input].drop_listed()
         net.silenced[section.output] = np.repeat(trial.silenced, per_map)
         output.start_trial(section.reset)
-        self._first = [np.full(cells.size, NEVER) for cells in net.cells]
+        if section.anew:
+            for cells in net.cells:
+                cells.start_anew([*cells.names])
+            for pairs in net.pairs.values():
+                pairs.start_anew(net.step)
+        self._ticks = [[[] for _ in range(cells.size)] for cells in net.cells]
         course = TrialCourse(section.maps, output.size, section.group in net.local)
         tick = 0
         for tick in range(section.duration):
             net.advance(trial.ids[trial.ticks == tick])
-            for first, ids in zip(self._first, net.ids, strict=True):
-                first[ids] = np.minimum(first[ids], tick)
+            for ticks, ids, multiplicity in zip(self._ticks, net.ids, net.multiplicity, strict=True):
+                for neuron, m in zip(ids, multiplicity, strict=True):
+                    ticks[neuron] += [tick] * m
             course.take(tick, net.potentials[section.output][0], net.won[section.group])
             if section.stop_at_decision and net.closed[section.group]:
                 break
@@ -63,17 +70,23 @@ class ReferenceEngine:
         inputs = np.flatnonzero(wires.target == neuron)
         if wires.part.synapse.delays:
             wires.set_out(inputs, wires.late[inputs])
-        first = self._first[wires.part.source][wires.source[inputs]]
-        since = (tick - first - wires.delay[inputs]) * self.program.resolution
-        since[first == NEVER] = -np.inf
         values, places = (wires.late, inputs) if wires.part.synapse.delays else (wires.weights, wires.slot[inputs])
-        for place, time in zip(places, since, strict=True):
-            values[place] = teach(values[place], time, lesson, self._rule(projection))
+        since = [self._since(wires, e, tick) for e in inputs.tolist()]
+        for place, times in zip(places, since, strict=True):
+            for time in times:
+                values[place] = teach(values[place], time, lesson, self._rule(projection))
         if (settle := getattr(wires.part.synapse.arithmetic, "settle", None)) is not None:
             total = np.sum(values[places])
-            for place, time in zip(places, since, strict=True):
-                values[place] = settle(values[place], time, total, self._rule(projection))
+            for place, times in zip(places, since, strict=True):
+                values[place] = settle(values[place], times[0], total, self._rule(projection))
         self.net.trial_updates[projection] += len(inputs)
+
+    def _since(self, wires: ReferenceProjection, synapse: int, tick: int) -> list[float]:
+        """Times in ms from the arrivals of the spikes along a synapse that teach to a tick; of a silent input -inf."""
+        assert self.program.trials is not None
+        ticks = self._ticks[wires.part.source][wires.source[synapse]]
+        some = ticks if self.program.trials.spikes == "each" else ticks[:1]
+        return [(tick - each - int(wires.delay[synapse])) * self.program.resolution for each in some] or [-math.inf]
 
     def encourage(self, projection: int, maps: Ints) -> None:
         """Apply the rule's `encourage` to every weight of some maps."""

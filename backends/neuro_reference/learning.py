@@ -72,6 +72,14 @@ class PairLearning:
         self.posts: Ints = np.zeros((self.wires.slots, n), dtype=np.int64)
         self.doses: Ints = np.zeros((self.part.dopamine_delay + 1, n_target), dtype=np.int64)
 
+    def start_anew(self, step: int) -> None:
+        """Let traces, eligibilities and dopamine be as at step 0; the weights of a step stay."""
+        self._bring(step)
+        self.y[1:], self.sent = 0.0, self.y[0].copy()
+        for traces in (self.pre, self.post):
+            traces.after[:], traces.since[:], traces.last[:] = 0.0, step, NEVER
+        self.n[:], self.n_step[:], self.posts[:], self.doses[:] = 0.0, step, 0, 0
+
     def emit_post(self, ids: Ints, multiplicity: Ints, step: int) -> None:
         """Send spikes of the target to the synapses."""
         emitted: Ints = np.zeros(self.wires.n_target, dtype=np.int64)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from neuro.chips.description import Chip as Chip
     from neuro.chips.energy import (
         COLUMNS as COLUMNS,
+        BillItem as BillItem,
         Energy as Energy,
         between as between,
         cells as cells,
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from neuro.chips.loihi_registers import bounds as bounds
     from neuro.chips.neurobench_report import neurobench as neurobench
     from neuro.chips.placing import Placement as Placement, place as place
-    from neuro.chips.pricing import bill as bill, price as price
+    from neuro.chips.pricing import bill as bill, dense as dense, price as price
     from neuro.chips.quantising import names_of as names_of, quantise as quantise
 
 

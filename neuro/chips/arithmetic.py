@@ -7,7 +7,7 @@ Quantising, placing and pricing ask the object, never for a name. `options_of` c
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Container, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -150,6 +150,28 @@ class Arithmetic(ABC):
                 f"pairwise learning is not emulated on {chip.name}",
                 f"run it on loihi or event, or send static weights: {SAVE_FROZEN}",
             )
+
+    def core_bytes(self, program: Program, chip: Chip, population: int, neurons: int) -> int:
+        """Return the bytes of a core's own memory that learning onto some neurons takes, 0 where none is known."""
+        return 0
+
+    def told_of_learning(
+        self,
+        program: Program,
+        chip: Chip,
+        cores: Sequence[Sequence[tuple[int, int, int]]],
+        visits: Mapping[int, tuple[float, float]] | None = None,
+    ) -> Iterator[str]:
+        """Yield what learning takes of the memory and of the time of the cores, as far as that is known.
+
+        Args:
+            program: has the projections.
+            chip: has the limits.
+            cores: populations on each, and their neurons first <= i < last.
+            visits: of a step, by projection, the synapses of pre spikes and those of post spikes; None: all neurons
+                spike once.
+        """
+        yield from ()
 
     @abstractmethod
     def kept_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:

@@ -29,8 +29,8 @@ class BillItem:
 
     Attributes:
         what: the name of the cost, see `neuro.chips.description.COSTS`.
-        kind: what `of` names: "population", "projection", "signal" or "chip".
-        of: the population, the projection or the target.
+        kind: what `of` names: "population", "projection", "signal", "host", "layers" or "chip".
+        of: the population, the projection, the signal, the processor of the host, the layers or the target.
         count: how often; of `static_per_chip` chips x seconds.
         joules_each: what one costs in J; None if no figure is published, then it is not in the sums.
         joules: what all cost.

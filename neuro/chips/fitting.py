@@ -125,6 +125,7 @@ def exceeded(program: Program, chip: Chip, into: Incoming, split: Split, chips: 
     """
     return (
         *_too_much(program, chip, split, "memory", split.memory, memory_limit(chip), into),
+        *_too_much(program, chip, split, "own", split.own, chip.limit("memory_bytes_per_core"), into),
         *_too_much(program, chip, split, "in", split.axons_in, chip.limit("axons_in_per_core"), into),
         *_too_much(program, chip, split, "out", split.axons_out, chip.limit("axons_out_per_core"), into),
         *_too_large(program, chip, split, chips),
@@ -171,6 +172,9 @@ def _too_much(
             whose = "core" if chip.limit("synapse_bytes_per_core") is not None else "chip"
             why = f"its {synapses:,} synapses take {count:,} bytes, a {whose} of {chip.name} has {limit:,} for synapses"
             way_out = f"about {synapses * limit // count:,} synapses onto one neuron would fit"
+        elif kind == "own":
+            why = f"learning onto it takes {count:,} bytes of its core's own memory, {chip.name} has {limit:,}"
+            way_out = "shorter time constants or delays, or fewer synapses of a source onto it, would fit"
         elif kind == "in":
             why = f"the spikes of {count:,} neurons reach it, a core of {chip.name} has {limit:,} input axons"
             way_out = f"at most {limit:,} sources of one neuron would fit: let neurons between gather them"

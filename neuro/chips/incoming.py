@@ -11,8 +11,9 @@ the 10 bits are 4 for the format and 6 for the length. The bits of one synapse:
 - index: those that tell the compartments of the core apart, none for one compartment, otherwise at least 6.
 
 SpiNNaker keeps, for each projection and core, one row per source neuron in SDRAM: 3 words of header and one word of 32
-bits per synapse, all rows as long as the longest, so that a row is found by multiplying (sPyNNaker's static rows; a
-plastic synapse has two half words and takes as much).
+bits per synapse, all rows as long as the longest, so that a row is found by multiplying (sPyNNaker's static rows). A
+plastic row has the time of its last packet and its traces, too, and of each synapse a half word for the weight, one for
+the eligibility where dopamine teaches, and one for its place (sPyNNaker 7.4.1).
 
 Kernels of a grid are spelled out on both: these chips share no weights between neurons. A chip without an arithmetic
 here is packed as Loihi 1.
@@ -39,7 +40,7 @@ from neuro.chips.description import Chip
 from neuro.chips.inputs import longest_lag, register
 from neuro.chips.loihi_registers import REGISTER_OF_ONE
 from neuro.kernels.jit import kernel, subkernel
-from neuro.model.synapses import loihi2_convolution
+from neuro.model.synapses import loihi2_convolution, stdp_dopa, stdp_triplet
 from neuro.program.program import Floats, Ints, Program
 
 BLOCK = 64
@@ -60,6 +61,19 @@ def memory_limit(chip: Chip) -> int | None:
     """Bytes that the synapses of one core can take at most: its own memory, or all that its chip shares."""
     own = chip.limit("synapse_bytes_per_core")
     return chip.limit("synapse_bytes_per_chip") if own is None else own
+
+
+def row_form(program: Program, index: int) -> tuple[int, int, int]:
+    """Return the bytes of a row of SpiNNaker: of traces, of each weight, and of the place of each synapse."""
+    synapse = program.projections[index].synapse
+    if synapse.learns != "pairs" or synapse.delays:
+        return 0, 4, 0
+    return 8 if isinstance(synapse, (stdp_dopa, stdp_triplet)) else 6, 4 if isinstance(synapse, stdp_dopa) else 2, 2
+
+
+def row_words(synapses: Any, form: Any) -> Any:
+    """Return the words of a row of SpiNNaker with some synapses, of a form as of `row_form`; numbers or arrays."""
+    return ROW_WORDS + (form[0] + form[1] * synapses + 3) // 4 + (form[2] * synapses + 3) // 4
 
 
 def block_bits(synapses: Any, bits: Any) -> Any:
@@ -159,6 +173,7 @@ class Incoming:
         bits: of one synapse of each projection in Loihi's blocks, without its index; SHARED where a core keeps kernels.
         kernels: bits of the kernels onto each population that every core with some of its neurons keeps.
         columns: of a population that is placed by columns of its maps, how many a core has at most.
+        forms: of the rows of each projection on SpiNNaker, see `row_form`.
         sources: source neurons of each projection.
         synapses: of each projection, a grid's spelled out.
     """
@@ -169,6 +184,7 @@ class Incoming:
     ends_at: tuple[int, ...]
     first: Ints
     bits: Ints
+    forms: Ints
     sources: Ints
     synapses: Ints
     kernels: Ints
@@ -236,6 +252,7 @@ def incoming(program: Program, keeps_kernels: bool = False) -> Incoming:
         ends_at=tuple(part.target for part in parts),
         first=np.concatenate([[0], np.cumsum(lines)]).astype(np.int64),
         bits=bits,
+        forms=np.array([row_form(program, index) for index in range(len(parts))], dtype=np.int64).reshape(-1, 3),
         sources=lines,
         synapses=np.array([0 if each is None else each.size for each in rows], dtype=np.int64),
         kernels=kernels,

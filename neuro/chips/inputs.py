@@ -78,7 +78,7 @@ class Inputs:
     def range_of(self, index: int) -> Floats:
         """The weights of a projection, followed by the bounds between which learning may move them."""
         part = self.program.projections[index]
-        if part.synapse.learns in ("pairs", "trials"):
+        if part.synapse.learns in ("pairs", "trials", "chip"):
             bounds = np.concatenate([np.ravel(end) for end in part.synapse.bounds()])
             return np.concatenate((part.weight, bounds[np.isfinite(bounds)]))
         return part.weight
@@ -310,7 +310,7 @@ def no_rule(program: Program, index: int) -> Problem | None:
     if isinstance(target, parrot_neuron) and synapse.learns in ("pairs", "chip"):
         why = "the host relays the spikes of parrots, so there is no weight to learn"
         way = "learn at the next projection"
-    elif synapse.chip and not target.chip and not isinstance(target, parrot_neuron):
+    elif synapse.chip not in ("", "spinnaker") and not target.chip and not isinstance(target, parrot_neuron):
         why, way = f"its weights are mantissas, but {target.name} has mV and pA", "use static or stdp, or a loihi_lif"
     elif words := synapse.of_each():
         why = f"{', '.join(words)} of each synapse: a rule of the chip is one for the whole projection"

@@ -19,12 +19,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from neuro.chips.description import Chip
 from neuro.chips.fixed import FixedProjection
 from neuro.chips.inputs import LEARN_ELSEWHERE, Options, approximated, foreign, largest_signal, no_rule, refused
 from neuro.core.errors import ModelError
-from neuro.model.synapses import Synapse, loihi_learning, stdp, stdp_dopa
+from neuro.model.synapses import Modulated, Synapse, loihi_learning, stdp, stdp_dopa
+from neuro.model.synapses.loihi_registers import LoihiEngine
 from neuro.model.synapses.loihi_rule import (
     FRACTION_BITS,
     KEEP,
@@ -200,8 +202,12 @@ def rule_of(
         mapped = _dopamine(synapse, resolution_ms, tau_minus, weight_scale, largest_n, from_target)
     elif isinstance(synapse, stdp) and not from_target:
         mapped = _pairs(synapse, resolution_ms, tau_minus, weight_scale)
+    elif hasattr(synapse, "microcode") and not from_target:
+        mapped = _own(synapse, resolution_ms, tau_minus, weight_scale, largest_n)
     else:
-        runs = "stdp_dopa with a signal, and loihi2_learning" if from_target else "stdp, stdp_dopa and loihi_learning"
+        runs = "stdp_dopa with a signal, and loihi2_learning"
+        if not from_target:
+            runs = "stdp, stdp_dopa, loihi_learning, and rules with a method 'microcode'"
         raise ModelError(
             f"the learning engine runs {runs}",
             hint=f"run it on event, or send static weights: {SAVE_FROZEN}",
@@ -211,10 +217,27 @@ def rule_of(
         f"traces are 7-bit: K above {TRACE_MAX / LARGEST_IMPULSE:.3g} saturates; their decay is stochastically rounded",
         *(["one random number rounds x1 of all sources, another one all weights and tags of a step"] * from_target),
         f"a post spike reaches its synapses at once, not after the delay ({delay} steps): the windows of pairs are "
-        "shifted by it and keep their areas",
+        "shifted by it" + " and keep their areas" * isinstance(synapse, (stdp, stdp_dopa)),
         "several spikes of a neuron in one step are one",
     ]
     return Mapped(mapped.rule, (*mapped.approximations, *shared), mapped.update, mapped.n_scale)
+
+
+def _own(p: Any, h: float, tau_minus: float, scale: float, largest_n: float) -> Mapped:
+    """The rule of a synapse model that has its own sums of products."""
+    n, modulatory = 0.0, {}
+    if isinstance(p, Modulated):
+        tau, impulse = p.parameters().get("tau_n", math.inf), 0 if p.dopamine is None else LARGEST_IMPULSE
+        n = 1.0 / (tau * impulse) if impulse else largest_n / TRACE_MAX
+        modulatory = {"r1": Trace.exponential(impulse, tau / h), "r2": Trace.exponential(0, tau / h)}
+    rule = p.microcode(LoihiEngine(h, tau_minus, scale, n, modulatory))
+    if not isinstance(rule, LearningRule):
+        raise ModelError(f"{p.name}.microcode: found {rule!r:.60}: expected what the engine's 'rule' returns")
+    notes = (
+        f"the engine runs its microcode: {'; '.join(str(rule).splitlines())}",
+        f"the chip clips at 0 and 255 mantissas ({255 * scale:g})",
+    )
+    return Mapped(rule, notes, COARSE_UPDATE, n)
 
 
 def _period(every: int) -> str:

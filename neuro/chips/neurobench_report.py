@@ -37,6 +37,7 @@ _COSTS = {
     "hop_north_south": "route",
     "packet": "route",
     "learning_update": "learn",
+    "signal_update": "learn",
     "weight_write": "learn",
     STATIC: "static",
 }
@@ -213,8 +214,8 @@ class _Report:
 def _joules(energy: Energy, samples: int) -> dict[str, Any]:
     """Joules of one sample by what they are spent on, the chip working at the bill's clock, and all in real time."""
     sums = dict.fromkeys(("synop", "neuron", "route", "learn", "static"), 0.0)
-    for what, joules in energy.by_cost().items():
-        sums[_COSTS[what]] += joules / samples
+    for item in energy.items:
+        sums["learn" if item.kind == "host" else _COSTS[item.what]] += (item.joules or 0.0) / samples
     one, real = ({"total": e.total_j, "low": e.low_j, "high": e.high_j} for e in (energy, energy.real_time))
     clocks = [
         {name: None if energy.refused else joules / samples for name, joules in each.items()} for each in (one, real)

@@ -57,6 +57,7 @@ class Core:
         parts: (population, first, last): it holds the neurons first <= i < last, in one or several runs.
         neurons: how many it holds.
         synapse_bytes: of the synapses onto them.
+        own_bytes: of the core's own memory that learning takes, 0 where that is not known.
         axons_in: source neurons whose spikes reach it.
         axons_out: destination cores of its neurons, summed over the neurons.
         load: used share of each limit of the core by the limit's name.
@@ -69,6 +70,7 @@ class Core:
     parts: tuple[tuple[int, int, int], ...]
     neurons: int
     synapse_bytes: int
+    own_bytes: int
     axons_in: int
     axons_out: int
     load: dict[str, float]
@@ -89,6 +91,7 @@ class Placement:
         populations, projections: their names.
         ways: hops of each projection.
         problems: what does not fit; the rest is placed all the same.
+        notes: what learning takes of the cores, in words, as far as that is known.
     """
 
     network: str
@@ -103,6 +106,7 @@ class Placement:
     projections: tuple[str, ...]
     ways: tuple[Hops, ...]
     problems: tuple[Problem, ...]
+    notes: tuple[str, ...] = ()
 
     def hops(self, projection: int) -> Hops:
         """What one spike of each source neuron of a projection (by index) moves."""
@@ -146,6 +150,7 @@ class Placement:
             ],
             "populations": {name: self.cores_of(i) for i, name in enumerate(self.populations)},
             "hops_per_spike": {name: self.mean_hops(i) for i, name in enumerate(self.projections)},
+            "notes": list(self.notes),
             "problems": [asdict(p) | {"origin": str(p.origin) if p.origin else None} for p in self.problems],
         }
 
@@ -155,7 +160,9 @@ class Placement:
         way = "multicast" if self.multicast else "one packet for each destination core"
         memory = f"synapses take {self.synapse_bytes:,} bytes"
         hops = f"{self.total_hops:,} hops if all sources spike once, {way}"
-        return "\n".join([head, memory, hops, "", *self._core_rows(), "", *self._projection_rows(), *self._refusals()])
+        return "\n".join(
+            [head, memory, *self.notes, hops, "", *self._core_rows(), "", *self._projection_rows(), *self._refusals()]
+        )
 
     def _core_rows(self) -> list[str]:
         table: list[tuple[str, ...]] = [
@@ -195,7 +202,13 @@ def _several(count: int, what: str) -> str:
     return f"{count:,} {what}" + "s" * (count != 1)
 
 
-_LIMITS = ("neurons_per_core", "synapse_bytes_per_core", "axons_in_per_core", "axons_out_per_core")
+_LIMITS = (
+    "neurons_per_core",
+    "synapse_bytes_per_core",
+    "memory_bytes_per_core",
+    "axons_in_per_core",
+    "axons_out_per_core",
+)
 
 
 def place(program: Program, chip: Chip, *, order: str = "connected", neurons_per_core: int | None = None) -> Placement:
@@ -246,6 +259,7 @@ def placed(program: Program, chip: Chip, found: Cut) -> Placement:
         projections=tuple(part.name for part in program.projections),
         ways=ways,
         problems=exceeded(program, chip, into, cores, chips),
+        notes=tuple(placed_as(chip).told_of_learning(program, chip, cores.cores)),
     )
 
 
@@ -269,7 +283,7 @@ def _close(chip: Chip, into: Incoming, cut: Split) -> tuple[Split, MeshPlaces]:
 
 def _core(chip: Chip, cut: Split, places: MeshPlaces, i: int) -> Core:
     """One core with its load."""
-    used = [int(counts[i]) for counts in (cut.neurons, cut.memory, cut.axons_in, cut.axons_out)]
+    used = [int(counts[i]) for counts in (cut.neurons, cut.memory, cut.own, cut.axons_in, cut.axons_out)]
     return Core(
         chip=int(places.chip[i]),
         column=int(places.column[i]),
@@ -278,7 +292,8 @@ def _core(chip: Chip, cut: Split, places: MeshPlaces, i: int) -> Core:
         parts=cut.cores[i],
         neurons=used[0],
         synapse_bytes=used[1],
-        axons_in=used[2],
-        axons_out=used[3],
+        own_bytes=used[2],
+        axons_in=used[3],
+        axons_out=used[4],
         load={name: n / most for name, n in zip(_LIMITS, used, strict=True) if (most := chip.limit(name))},
     )

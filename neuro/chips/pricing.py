@@ -16,7 +16,7 @@ In real time the steps of the network last their own time, as events come: a chi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING
@@ -61,6 +61,11 @@ RULES_APPLIED = (
     "the end of an epoch: all of them where a product with u_k is due, else each once whose neurons spiked"
 )
 """Why Loihi's own count of learning differs from the one in its bill."""
+
+HOST = "cpu"
+"""The processor that prices what the host computes."""
+RULE_MACS = 4
+"""Multiply-accumulates of a rule of trials for one weight: w + span (A s) (1 - s), with s = (w - Wmin) / span."""
 
 Pick = Callable[[Figure], float]
 """Which number of a figure is taken: its value, or an end of its range."""
@@ -343,22 +348,18 @@ class _Bill:
         if count and what not in self.chip.costs:
             self.items.append(BillItem(what, kind, of, count, None, None, "", ""))
         elif count:
-            self.items.append(self._item(what, kind, of, count, count, count))
+            self.items.append(self._item(self.chip, what, kind, of, count, count, count))
 
-    def _item(self, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
-        """A line with a figure, of which there are between `least` and `most`."""
-        figure = self.chip.costs[what]
-        low, high = range_of(figure, self.run)
-        known = (figure.value, count * figure.value, figure.source, figure.conditions)
-        why = why_extrapolated(figure, self.run)
-        return BillItem(what, kind, of, count, *known, least * low, most * high, figure.spread, why)
+    def _item(self, of_table: Chip, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
+        """Return a line with a figure of a table, with between `least` and `most` of its unit."""
+        return _line(of_table.costs[what], self.run, what, kind, of, count, least, most)
 
     def on(self, time: Duration | None) -> list[BillItem]:
         """Chips that are on: the range is that of their power and that of the time."""
         if STATIC not in self.chip.costs or time is None or not time.best:
             return []
         seconds = (self.chips * each for each in (time.best, time.low, time.high))
-        return [self._item(STATIC, "chip", self.chip.name, *seconds)]
+        return [self._item(self.chip, STATIC, "chip", self.chip.name, *seconds)]
 
     def dense(self) -> Energy:
         """Every synapse in every step."""
@@ -389,12 +390,17 @@ class _Bill:
                 if what in self.chip.costs:  # moves of the kinds that the table prices
                     moves = int(raw.spikes[part.source] @ getattr(hops, name))
                     self.add(what, "projection", part.name, moves)
-            # On some chips spikes bring a signal to the neurons; the emulator counts these spikes.
-            if brought := raw.native.get(f"{SIGNAL_SPIKES} in {part.name}", 0):
+            # On SpiNNaker spikes bring a signal to the neurons; its emulator counts these spikes.
+            brought = raw.native.get(f"{SIGNAL_SPIKES} in {part.name}", 0)
+            if brought and self.chip.arithmetic == "spinnaker":
                 for what in ("packet", "synaptic_op"):
                     self.add(what, "signal", self.program.signals[part.signal].name, brought)
             by_host = part.synapse.learns == "trials" or part.synapse.delays
             self.add("weight_write" if by_host else "learning_update", "projection", part.name, made.learning_updates)
+            if part.signal >= 0 and part.synapse.learns:
+                self.add("signal_update", "projection", part.name, part.size * self.counts.steps)
+            if by_host and (macs := RULE_MACS * made.learning_updates):
+                self.items.append(self._item(chip(HOST), "mac", "host", HOST, macs, macs, macs))
         time = chip_time(self.program, self.counts, placement, self.chip, self.run, self.step_s)
         self.explain(raw, time)
         return self.done(time)
@@ -422,6 +428,14 @@ class _Bill:
             self.notes.append("generators are the host's: their spikes are priced, their updates are not")
         if any(item.what == "weight_write" for item in self.items):
             self.notes.append("the rule for trials is applied by the host, which writes each weight that changes")
+        signals = any(part.signal >= 0 for part in self.program.projections)
+        if signals and self.chip.arithmetic == "spinnaker" and SIGNAL_SPIKES not in "".join(raw.native):
+            self.notes.append(
+                "spikes that bring a signal are counted in a run on the chip only, so they are not priced"
+            )
+        if placement is not None and self.chip.arithmetic in ARITHMETICS and self.counts.steps:
+            parts = [core.parts for core in placement.cores]
+            self.notes += arithmetic_of(self.chip).told_of_learning(self.program, self.chip, parts, self.visits())
         if any(name.startswith("rules applied") for name in raw.native):
             self.notes.append(RULES_APPLIED)
         bare = sorted({item.what for item in self.items if item.joules_each is None})
@@ -433,6 +447,12 @@ class _Bill:
                 f"{number(spikes)} spikes in {number(events)} events: several of a neuron in one step are priced "
                 "as several, of which the chip would send one"
             )
+
+    def visits(self) -> dict[int, tuple[float, float]]:
+        """Of a mean step, by projection, the synapses of pre spikes and those of post spikes."""
+        made = [self.counts.projections[part.name] for part in self.program.projections]
+        both = [(each.synaptic_ops, max(0, each.learning_updates - each.synaptic_ops)) for each in made]
+        return {k: (pre / self.counts.steps, post / self.counts.steps) for k, (pre, post) in enumerate(both)}
 
     def done(self, time: Duration | None) -> Energy:
         """The bill."""
@@ -447,6 +467,43 @@ class _Bill:
         lines = (*self.items, *self.on(time)), tuple(self.notes)
         about = chip.name, chip.title, self.chips, best, steps
         return Energy(*about, *lines, "run", ends, self.seconds, clock, waiting, self.refused)
+
+
+def _line(figure: Figure, run: Run, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
+    low, high = range_of(figure, run)
+    known = (figure.value, count * figure.value, figure.source, figure.conditions)
+    why = why_extrapolated(figure, run)
+    return BillItem(what, kind, of, count, *known, least * low, most * high, figure.spread, why)
+
+
+def dense(
+    macs: Mapping[str, float],
+    target: str | PathLike[str],
+    *,
+    steps: float = 1,
+    of: str = "run",
+    notes: Iterable[str] = (),
+) -> Energy:
+    """The bill of multiply-accumulates, of which a user's own program says how many there are.
+
+    Args:
+        macs: how many, by what they are for, such as layers.
+        target: the name of a processor, or a table file with the cost `mac`.
+        steps: how often they are done, for the bill's head.
+        of: what the bill is of.
+        notes: what is assumed of the counts.
+
+    Raises:
+        ModelError: there is no such target, or it has no cost `mac`.
+    """
+    processor = chip(target)
+    if "mac" not in processor.costs:
+        raise ModelError(f"'{processor.name}' has no cost of a multiply-accumulate", hint="cpu, gpu or arm")
+    figure = processor.costs["mac"]
+    items = tuple(_line(figure, {}, "mac", "layers", name, n, n, n) for name, n in macs.items())
+    return Energy(
+        processor.name, processor.title, 1, None, steps, items, (*notes, "static power is not in the sums"), of
+    )
 
 
 def bill(

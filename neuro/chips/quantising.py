@@ -83,7 +83,7 @@ def _parts(described: Program, chip: Chip, options: Mapping[str, Any], words: bo
         populations.append(fixed)
         projections |= found
         problems += more
-    problems += [*own_generators(program), *_unbounded(program)]
+    problems += [*own_generators(program), *_untaught(program)]
     problems += [] if arithmetic.graded else [p for p in ungraded(program) if p.what not in {q.what for q in problems}]
     problems += arithmetic.give_rules(program, chip, populations, projections, chosen)
     wires = tuple(projections.get(index) for index in range(len(program.projections)))
@@ -142,8 +142,14 @@ def _population(
     return fixed, found, problems
 
 
-def _unbounded(program: Program) -> Iterator[Problem]:
-    """Rules for trials that may move a weight anywhere: the words of a projection have one scale."""
+def _untaught(program: Program) -> Iterator[Problem]:
+    """Rules for trials that may move a weight anywhere, as the words of a projection have one scale; later spikes."""
+    if program.trials is not None and program.trials.spikes == "each":
+        why = "the host notes the first spike of each neuron in a trial"
+        yield Problem(True, "trials: spikes: each", why, "say spikes: first, or run on event", program.trials.origin)
+    if program.trials is not None and program.trials.anew:
+        why = "the chip's learning engine keeps its traces from trial to trial"
+        yield Problem(True, "trials: synapses that learn by dopamine", why, "run it on event", program.trials.origin)
     for part in program.projections:
         bounds = part.synapse.parameters()
         ends = [word for word in ("Wmin", "Wmax") if not np.all(np.isfinite(bounds.get(word, np.inf)))]

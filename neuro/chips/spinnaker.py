@@ -19,7 +19,7 @@ Neurosci. 12:816, 2018).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -333,7 +333,7 @@ class SpiNNaker(Arithmetic):
         """A population of `iaf_psc_delta` or `iaf_psc_exp`, and the projections onto it."""
         delta = isinstance(inputs.part.model, iaf_psc_delta)
         registers, gain, drive, errors = _delta(inputs) if delta else _exponential(inputs)
-        learns = any(inputs.program.projections[index].synapse.learns == "pairs" for index in inputs.spikes)
+        learns = any(inputs.program.projections[index].synapse.learns in ("pairs", "chip") for index in inputs.spikes)
         shifts = options.of("shifts", inputs.part.name) or (_host_shifts if learns else _shifts)(inputs, gain)
         registers["exc_shift"], registers["inh_shift"] = (np.full(1, shift, dtype=np.int64) for shift in shifts)
         part, p = inputs.part, inputs.part.parameters
@@ -403,6 +403,27 @@ class SpiNNaker(Arithmetic):
         from neuro.chips.spinnaker_learning import give_rules
 
         return give_rules(program, chip, cells, wires, options)
+
+    def core_bytes(self, program: Program, chip: Chip, population: int, neurons: int) -> int:
+        """Return the bytes of a core's own memory that learning onto some neurons takes."""
+        if all(type(part.synapse) is static for part in program.projections):
+            return 0
+        from neuro.chips.spinnaker_core import bytes_of
+
+        return bytes_of(program, chip, population, neurons)
+
+    def told_of_learning(
+        self,
+        program: Program,
+        chip: Chip,
+        cores: Sequence[Sequence[tuple[int, int, int]]],
+        visits: Mapping[int, tuple[float, float]] | None = None,
+    ) -> Iterator[str]:
+        """Yield what learning takes of the memory and of the cycles of the cores."""
+        if any(type(part.synapse) is not static for part in program.projections):
+            from neuro.chips.spinnaker_core import told
+
+            yield from told(program, chip, cores, visits)
 
     def kept_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
         """Return the shifts that a population has."""

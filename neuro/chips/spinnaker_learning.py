@@ -8,7 +8,9 @@ that register. So each pair is a step more apart or less; amplitudes make up for
 A_minus exp(-h / tau_minus), and the windows equal the float model's.
 
 Dopamine of 1/tau_n becomes a synapse of concentration k 2^-11, and an eligibility of 1 becomes m units of a word. The
-product k m follows from the rule, and both are near its root, since both are rounded down at events.
+product k m follows from the rule, and events round both down. What dopamine loses moves weights down; what the
+eligibility loses slows learning. So a signal, whose sources are chosen here, takes nearly all of the product; spikes,
+which release one concentration, take its root.
 """
 
 from __future__ import annotations
@@ -32,11 +34,14 @@ from neuro.chips.inputs import (
     no_rule,
     refused,
 )
+from neuro.chips.spinnaker_core import SLOT_BITS, slots_of
 from neuro.chips.spinnaker_rule import (
     ADDITIVE,
     DOWN,
     DOWN_TRIPLET,
+    HIGH,
     MULTIPLICATIVE,
+    OF_WEIGHT,
     ONE,
     PARTS,
     UP,
@@ -45,12 +50,19 @@ from neuro.chips.spinnaker_rule import (
     rule_of,
 )
 from neuro.core.errors import ModelError
-from neuro.model.synapses import Synapse, stdp, stdp_dopa, stdp_nn_restr, stdp_nn_symm, stdp_triplet, vogels_sprekeler
+from neuro.model.synapses import (
+    Synapse,
+    spinnaker_learning,
+    stdp,
+    stdp_dopa,
+    stdp_nn_restr,
+    stdp_nn_symm,
+    stdp_triplet,
+    vogels_sprekeler,
+)
 from neuro.program.backend import SAVE_FROZEN, Problem
 from neuro.program.program import Program, Projection
 
-SLOT_BITS = 14
-"""Of the index of a slot: its delay, the receptor and the neuron of a core."""
 LARGEST_WORD = 65535
 COARSE_UPDATE = 8.0
 """Below this many units of a word flooring takes more than 6 % of a change by one pair: a warning."""
@@ -106,16 +118,59 @@ def mapped(synapse: Synapse, onto: Onto) -> Mapped:
     Raises:
         ModelError: no program does it; the hint is a way out.
     """
+    if isinstance(synapse, spinnaker_learning):
+        return _program(synapse, onto)
     if isinstance(synapse, stdp_dopa):
         mapping = _dopamine(synapse, onto)
         return replace(mapping, approximations=(*mapping.approximations, *_shared(onto)))
     timing, dependence, numbers, notes = _maker(synapse)(synapse, onto)
     rule = rule_of(timing, dependence, {"w_min": 0.0} | numbers, dt=onto.h)
     notes += _rounded(rule, numbers, float(numbers["w_max"]) if timing == "triplet" else 1.0)
-    scale = numbers["w_max"] if dependence == MULTIPLICATIVE else 1.0
-    changes = [abs(int(rule.constants[column])) * scale / PARTS / onto.unit for column in _AMPLITUDES]
-    update = min((change for change in changes if change > 0.0), default=math.inf)
-    return Mapped(rule, (*notes, *_shared(onto)), update)
+    return Mapped(rule, (*notes, *_shared(onto)), _smallest_change(rule, onto))
+
+
+def _smallest_change(rule: SpinnakerRule, onto: Onto) -> float:
+    """Return the smallest change by one pair that is not 0, in units of a word."""
+    c = rule.constants
+    scale = int(c[HIGH]) / PARTS if c[OF_WEIGHT] else 1.0
+    changes = [abs(int(c[column])) * scale / PARTS / onto.unit for column in _AMPLITUDES]
+    return min((change for change in changes if change > 0.0), default=math.inf)
+
+
+def _program(p: spinnaker_learning, onto: Onto) -> Mapped:
+    """The rule that a synapse in the words of the machine names."""
+    largest = (p.c_max if p.taught else abs(p.Wmax)) * onto.gain
+    share = largest if p.dependence == ADDITIVE and p.timing != "triplet" else 1.0
+    steps = {"triplet": 4, "vogels": 1}.get(p.timing, 2)
+    numbers = dict.fromkeys(_AMPLITUDES.values(), 0.0)
+    numbers |= {word: getattr(p, word) * share for word in list(numbers)[:steps]}
+    numbers |= {"w_min": (p.c_min if p.taught else abs(p.Wmin)) * onto.gain, "w_max": largest, "tau": p.tau_plus}
+    bounds = {"w_min": abs(p.Wmin) * onto.gain, "w_max": abs(p.Wmax) * onto.gain}
+    taught = {"tau_c": p.tau_c, "tau_d": p.tau_n, **bounds} if p.taught else None
+    rule = rule_of(p.timing, p.dependence, p.parameters() | numbers, dt=onto.h, neuromodulation=taught)
+    notes = _rounded(rule, numbers, largest if p.timing == "triplet" else 1.0)
+    if p.timing == "recurrent":
+        notes += ("one generator draws the windows of the projection, and on the machine one those of each core",)
+    if onto.extra:
+        notes += (f"post spikes and dopamine act {onto.extra} step later, since the delay register is longer",)
+    rule = replace(rule, eligibility=onto.unit / onto.gain if p.taught else 1.0)
+    if p.dopamine is not None:
+        units = round(p.concentration * ONE)
+        if not 0 < abs(units) < 16 * ONE:
+            message = f"spinnaker_learning.concentration = {p.concentration:g}: {units} units of 2^-11"
+            raise ModelError(f"{message}: expected 1 to {16 * ONE - 1} in size", path=("concentration",))
+        off = units / ONE / p.concentration - 1.0
+        notes += (f"concentration is {off:+.1%} off",) if abs(off) > 1e-3 else ()
+        rule = replace(rule, concentrations=(units,))
+    elif p.signal is not None:
+        rule = replace(rule, concentrations=_levels(onto.largest_n * ONE / LEVELS))
+    return Mapped(rule, notes, _smallest_change(rule, onto), 1.0 / ONE)
+
+
+def _levels(units: float) -> tuple[int, ...]:
+    """Return the concentrations of the sources that bring a signal, the smallest of so many units of s4.11."""
+    unit = min(max(1, round(units)), ROOM * ONE // 2 // LEVELS)
+    return tuple(unit << bit for bit in range(BITS))
 
 
 def _shared(onto: Onto) -> tuple[str, ...]:
@@ -235,6 +290,10 @@ def _vogels(p: vogels_sprekeler, onto: Onto) -> _Made:
 
 BITS = 5
 """Sources of reward, and of punishment, that bring a signal to a neuron: concentrations of 1, 2, 4, 8 and 16 units."""
+LEVELS = 2**BITS - 1
+"""Largest number of units that the sources bring together."""
+PAIR_WORDS, PAIR_PARTS = 4.0, 16.0
+"""The eligibility of one pair, at least, in units of a word and in s16.15, where a signal brings dopamine."""
 ROOM = 16
 """Pairs, or dopamine spikes, for which a word or a trace has room."""
 
@@ -252,18 +311,17 @@ def _dopamine(p: stdp_dopa, onto: Onto) -> Mapped:
             hint="c_min: 0 leaves the positive one, also on event, or A_minus: 0",
             path=("c_min",),
         )
-    levels = 2**BITS - 1
     by_signal = p.dopamine is None
     n_one = onto.largest_n if by_signal else 1.0 / p.tau_n
     amplitude = max(p.A_plus, p.A_minus)
     # Units of dopamine times units of the eligibility of one pair: what both must make together.
     both = amplitude * onto.gain / onto.unit * n_one * ONE
-    units = math.sqrt(both)
     if by_signal:
-        unit = min(max(1, round(units / levels)), ROOM * ONE // 2 // levels)
-        concentrations, units = tuple(unit << bit for bit in range(BITS)), unit * levels
+        pair = max(PAIR_WORDS, PAIR_PARTS / 2.0**onto.shift)
+        concentrations = _levels(int(both / pair / LEVELS))
+        units = float(sum(concentrations))
     else:
-        units = min(max(1, round(units), math.ceil(both * ROOM / LARGEST_WORD)), 16 * ONE // ROOM)
+        units = min(max(1, round(math.sqrt(both)), math.ceil(both * ROOM / LARGEST_WORD)), 16 * ONE // ROOM)
         concentrations = (int(units),)
     of_pair = both / units
     if not 1.0 <= of_pair <= LARGEST_WORD / 4:
@@ -313,14 +371,6 @@ _MAKERS: Mapping[type[Synapse], Callable[[Any, Onto], _Made]] = {
 """What makes of each float synapse model the timing, the dependence, the numbers and what differs."""
 
 
-def slots_of(program: Program, chip: Chip, target: int, wires: Mapping[int, FixedProjection]) -> tuple[int, int]:
-    """Slots that the host reserves for the delays onto a population, and the largest number that it may."""
-    cells = min(program.populations[target].size, chip.limit("neurons_per_core") or program.populations[target].size)
-    most: int = 2 ** (SLOT_BITS - max(1, (cells - 1).bit_length()) - 1)
-    longest = max(int(w.delay.max(initial=1)) for k, w in wires.items() if program.projections[k].target == target)
-    return int(min(max(2, 1 << (longest - 1).bit_length()), most)), most
-
-
 def give_rules(
     program: Program, chip: Chip, cells: list[FixedPopulation], wires: dict[int, FixedProjection], options: Options
 ) -> Iterator[Problem]:
@@ -340,7 +390,7 @@ def give_rules(
             yield problem
         elif synapse.delays:
             yield refused(part, synapse.name, f"delays do not change while {chip.name} runs", LEARN_ELSEWHERE)
-        elif synapse.learns == "pairs" and index in wires:
+        elif synapse.learns in ("pairs", "chip") and index in wires:
             try:
                 mapping = _mapping(program, chip, index, cells, wires, options)
             except ModelError as error:
@@ -351,16 +401,17 @@ def give_rules(
                 why = f"'{first.name}' has another rule or other dopamine: all that learn onto a population share one"
                 yield refused(part, synapse.name, why, "give both one rule, or two populations")
                 continue
-            delivered = wires[index].delay != mapping.rule.slots
+            delivered = wires[index].delay < mapping.rule.slots  # with the spike
             wires[index] = replace(
                 wires[index], rule=mapping.rule, n_scale=mapping.n_scale, words=wires[index].words * delivered
             )
             differs = "".join(f"\n    - {text}" for text in mapping.approximations)
-            yield approximated(part, synapse.name, f"the chip's learning runs it otherwise:{differs}")
-            yield from _undelivered(program, part, wires[index], mapping.rule.slots)
+            if differs:
+                yield approximated(part, synapse.name, f"the chip's learning runs it otherwise:{differs}")
+            yield from _held_back(program, part, wires[index], mapping.rule.slots)
             if mapping.update < COARSE_UPDATE:
                 why = f"a change is {mapping.update:.2g} units of a word, of which flooring takes up to one"
-                yield approximated(part, synapse.name, why, "learn faster, or lower the weights that share its shift")
+                yield approximated(part, synapse.name, why, "learn faster, or set smaller `shifts` of the target")
 
 
 def _mapping(
@@ -377,9 +428,11 @@ def _mapping(
         ModelError: there is none.
     """
     part, own = program.projections[index], wires[index]
-    if not isinstance(part.synapse, stdp_dopa):
+    native = isinstance(part.synapse, spinnaker_learning)
+    if not native and not isinstance(part.synapse, stdp_dopa):
         _maker(part.synapse)
-    tau_minus = program.populations[part.target].parameters["tau_minus"]
+    described = {} if native else program.populations[part.target].parameters
+    tau_minus = described.get("tau_minus", np.zeros(1))
     low, high = (float(np.min(end)) for end in part.synapse.bounds())
     inhibits = high <= 0.0 and low < 0.0
     step = own.step_below if inhibits else own.step
@@ -397,13 +450,7 @@ def _mapping(
             hint="use a larger shift, or leave it to be chosen",
         )
     extra = int(acts_late(program.populations[part.target].model))
-    slots, most = slots_of(program, chip, part.target, wires)
-    longest = int(own.delay.max(initial=1))
-    if longest > most:
-        raise ModelError(
-            f"a delay of {longest} steps in the register: learning has {most} slots for one",
-            hint=f"use at most {(most - 1 - extra) * program.resolution:g} ms",
-        )
+    slots = slots_of(program, chip, part.target)
     largest_n = largest_signal(program, index, options)
     gain = 2.0**shift / (PARTS * float(step[0]))
     onto = Onto(program.resolution, extra, gain, shift, float(tau_minus[0]), largest_n)
@@ -417,10 +464,20 @@ def _released(part: Projection) -> tuple[int, int, bool]:
     return part.signal, part.dopamine, part.dopamine_one_to_one
 
 
-def _undelivered(program: Program, part: Projection, own: FixedProjection, slots: int) -> Iterator[Problem]:
-    """Synapses whose delay in the register is the number of slots, which stores it as 0."""
-    if np.any(own.delay == slots):
-        h, ticks = program.resolution, slots - acts_late(program.populations[part.target].model)
-        why = f"the register holds {slots} steps, as many as there are slots: such synapses learn and send nothing"
-        way = f"use another delay, or let a projection onto the same neurons have {(ticks + 1) * h:g} ms or more"
-        yield approximated(part, f"a delay of {ticks * h:g} ms", why, way)
+def _held_back(program: Program, part: Projection, own: FixedProjection, slots: int) -> Iterator[Problem]:
+    """Synapses with a longer delay than there are slots, and those whose slots are stored as 0."""
+    h, late = program.resolution, acts_late(program.populations[part.target].model)
+    longest = int(own.delay.max(initial=1))
+    if longest > slots:
+        why = f"a neuron has {slots} slots: a core of its own holds such spikes back for {slots} steps, or a multiple"
+        why += "; learning takes them for spikes of then"
+        neurons = max(1, 1 << (SLOT_BITS - 1) >> longest.bit_length())
+        way = f"use at most {(slots - 1 - late) * h:g} ms, or populations of at most {neurons} neurons"
+        yield approximated(part, f"a delay of {(longest - late) * h:g} ms", why, way)
+    for register in np.unique(own.delay[own.delay % slots == 0]).tolist():
+        many = "as many as there are slots" if register == slots else f"a multiple of the {slots} slots"
+        why = f"the register holds {register} steps, {many}: such synapses learn and send nothing"
+        way = "use another delay"
+        if register == longest == slots:
+            way += f", or let a projection onto the same neurons have {(slots - late + 1) * h:g} ms or more"
+        yield approximated(part, f"a delay of {(register - late) * h:g} ms", why, way)

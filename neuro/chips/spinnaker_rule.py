@@ -14,10 +14,13 @@ from typing import Any
 import numpy as np
 
 from neuro.core.errors import ModelError
+from neuro.model.synapses.spinnaker_programs import (
+    ADDITIVE as ADDITIVE,
+    MULTIPLICATIVE as MULTIPLICATIVE,
+    TIMINGS as TIMINGS,
+)
 from neuro.program.program import Ints
 
-TIMINGS = ("pair", "nearest", "triplet", "vogels", "recurrent")
-ADDITIVE, MULTIPLICATIVE = "additive", "multiplicative"
 PROGRAMS = {
     ("pair", ADDITIVE, False): "mad_pair_additive",
     ("pair", MULTIPLICATIVE, False): "mad_pair_multiplicative",
@@ -115,6 +118,11 @@ def fixed_point(value: float) -> int:
     return int((Decimal(repr(float(value))) * PARTS).to_integral_value(ROUND_HALF_EVEN))
 
 
+def table_length(tau: float, dt: float, shift: int) -> int:
+    """Return the entries of the table of a time constant, see `table_of`."""
+    return int(2 * math.ceil(math.log(ONE) / (dt / tau) / 2**shift / 2))
+
+
 def table_of(tau: float, dt: float, shift: int) -> Ints:
     """Return what is left after 0, 1, ... blocks of 2^shift ticks, in s4.11; 0 beyond the end.
 
@@ -126,12 +134,11 @@ def table_of(tau: float, dt: float, shift: int) -> Ints:
     Raises:
         ModelError: the table has more than 65534 entries.
     """
-    decay = dt / tau
-    length = 2 * math.ceil(math.log(ONE) / decay / 2**shift / 2)
+    length = table_length(tau, dt, shift)
     if length > LONGEST_TABLE:
         longest = LONGEST_TABLE * 2**shift * dt / math.log(ONE)
         raise ModelError(f"a time constant of {tau:g} ms: expected at most {longest:.6g} ms, {LONGEST_TABLE} entries")
-    table: Ints = np.floor(ONE * np.exp(-decay * np.arange(length) * 2**shift)).astype(np.int64)
+    table: Ints = np.floor(ONE * np.exp(-dt / tau * np.arange(length) * 2**shift)).astype(np.int64)
     return table
 
 

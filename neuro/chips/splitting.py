@@ -4,14 +4,15 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from neuro.chips.description import Chip
 from neuro.chips.incoming import (
-    ROW_WORDS,
     SHARED,
     WORD_BITS,
     Incoming,
@@ -19,6 +20,7 @@ from neuro.chips.incoming import (
     index_bits,
     memory_limit,
     reached,
+    row_words,
     weigh,
 )
 from neuro.chips.known import placed_as
@@ -33,8 +35,7 @@ _NO_LIMIT = 1 << 62
 NEURONS, AXONS, MEMORY, EDGES, LINES, KERNELS = range(6)
 """Counts of a core while it fills: neurons, axons in, bits, axons out, lines; bits of kernels."""
 
-ROW_BITS = ROW_WORDS * WORD_BITS
-bits_of_block, bits_of_index = subkernel(block_bits), subkernel(index_bits)
+bits_of_block, bits_of_index, words_of_row = subkernel(block_bits), subkernel(index_bits), subkernel(row_words)
 
 
 @kernel
@@ -47,15 +48,15 @@ def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
         end: the position after the last.
         core: a number that no other core has had: marks of other cores are void.
         rows: whether synapses lie in rows, not in blocks.
-        graph: ends, line, first, source, projection, bits and sources of `Incoming`; where ends are all 0, synapses
-            are not looked at.
+        graph: ends, line, first, source, projection, bits, forms and sources of `Incoming`; where ends are all 0,
+            synapses are not looked at.
         sends: axons out of each neuron, as far as known.
         limits: most of NEURONS, AXONS, MEMORY and EDGES.
         load: the same of this core so far, and LINES and KERNELS.
         marks: core and count (core << 32 | count) of each line, core of each source, longest row and its core of each
             projection, and the lines that reach this core.
     """
-    ends, line, first, source_of, projection_of, all_bits, sources = graph
+    ends, line, first, source_of, projection_of, all_bits, forms, sources = graph
     mark, source_core, longest, row_core, lines = marks
     most_axons, most_memory = limits[AXONS], limits[MEMORY]
     axons, memory, n_lines = load[AXONS], load[MEMORY], load[LINES]
@@ -100,13 +101,14 @@ def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
             elif not rows:
                 memory += one if count == 1 else bits_of_block(count, bits) - bits_of_block(count - 1, bits)
             else:
+                words = words_of_row(longest[projection], forms[projection])
                 if row_core[projection] != core:
                     row_core[projection] = core
-                    longest[projection] = 0
-                    memory += sources[projection] * ROW_BITS
+                    longest[projection] = words = 0
                 if count > longest[projection]:
                     longest[projection] = count
-                    memory += sources[projection] * WORD_BITS
+                    words = words_of_row(count, forms[projection]) - words
+                    memory += sources[projection] * WORD_BITS * words
             if axons > most_axons or memory > most_memory:
                 stopped = position
                 break
@@ -128,7 +130,8 @@ class Split:
         cores: what each core holds, as runs of neighbouring ids.
         core_of: the core of every neuron, numbered through as in `Incoming`; -1 for generators.
         sends: destination cores of every neuron.
-        neurons, memory, axons_in, axons_out: of every core; memory in bytes.
+        neurons, memory, own, axons_in, axons_out: of every core; memory in bytes, `own` those of the core's own memory
+            that learning takes.
     """
 
     cores: tuple[tuple[Part, ...], ...]
@@ -136,6 +139,7 @@ class Split:
     sends: Ints
     neurons: Ints
     memory: Ints
+    own: Ints
     axons_in: Ints
     axons_out: Ints
 
@@ -148,6 +152,7 @@ class Split:
             core_of=np.where(self.core_of >= 0, rank[self.core_of], -1) if len(rank) else self.core_of,
             neurons=self.neurons[order],
             memory=self.memory[order],
+            own=self.own[order],
             axons_in=self.axons_in[order],
             axons_out=self.axons_out[order],
         )
@@ -185,7 +190,7 @@ def split(
     each = False
     while True:
         room = _Room(chip, into, neurons_per_core, sends, queue, each)
-        found = _weighed(_fill(program, chip, room, order), chip, into, queue)
+        found = _weighed(program, _fill(program, chip, room, order), chip, into, queue)
         if not each and not _within(found, room.limits):
             each = True
             continue
@@ -232,7 +237,7 @@ class _Room:
         self.limits = np.array([_NO_LIMIT if n is None else n for n in limits], dtype=np.int64)
         none = np.zeros(0, dtype=np.int32)
         ends, line = (into.ends, into.line) if each else (np.zeros(int(into.start[-1]) + 1, dtype=np.int64), none)
-        self.graph = (ends, line, into.first, into.source, into.projection, into.bits, into.sources)
+        self.graph = (ends, line, into.first, into.source, into.projection, into.bits, into.forms, into.sources)
         lines, sources, projections = len(into.source), int(into.start[-1]), len(into.bits)
         mark = np.full(lines if each else 0, -1, dtype=np.int64)
         shapes = (sources, projections, projections, len(mark))
@@ -263,7 +268,7 @@ def _fill(program: Program, chip: Chip, room: _Room, order: Sequence[int]) -> li
         part = program.populations[population]
         first = 0
         slab = room.columns.get(population, 0) * math.prod(part.shape[:-1])
-        room.limits[NEURONS] = min(room.most, slab or room.most)
+        room.limits[NEURONS] = min(room.most, slab or room.most, most_by_memory(program, chip, population))
         if cores and (most is None or len(cores[-1]) < most) and room.fill(population, 0, part.size) == part.size:
             cores[-1].append((population, 0, part.size))
             continue
@@ -275,7 +280,17 @@ def _fill(program: Program, chip: Chip, room: _Room, order: Sequence[int]) -> li
     return cores
 
 
-def _weighed(cores: list[list[Part]], chip: Chip, into: Incoming, queue: Ints) -> Split:
+def most_by_memory(program: Program, chip: Chip, population: int) -> int:
+    """Return how many neurons of a population fit into a core's own memory, at least 1."""
+    limit, size = chip.limit("memory_bytes_per_core"), program.populations[population].size
+    sizes = range(1, min(size, chip.limit("neurons_per_core") or size) + 1)
+    need = partial(placed_as(chip).core_bytes, program, chip, population)
+    if limit is None or need(sizes[-1]) <= limit:
+        return _NO_LIMIT
+    return max(1, bisect_right(sizes, limit, key=need))
+
+
+def _weighed(program: Program, cores: list[list[Part]], chip: Chip, into: Incoming, queue: Ints) -> Split:
     """Count what reaches each core."""
     count, total = len(cores), int(into.start[-1])
     core_of = np.full(total, -1, dtype=np.int64)
@@ -302,13 +317,16 @@ def _weighed(cores: list[list[Part]], chip: Chip, into: Incoming, queue: Ints) -
         own = sends[into.start[into.begins_at[projection]] :]
         longest[:] = 0
         weigh(*ways, into.bits[projection], index, own, axons_in, blocks, longest)
-        in_rows += np.where(longest > 0, ROW_WORDS + longest, 0) * (WORD_BITS * into.sources[projection])
+        words = np.where(longest > 0, row_words(longest, into.forms[projection]), 0)
+        in_rows += words * (WORD_BITS * into.sources[projection])
+    own_bytes = partial(placed_as(chip).core_bytes, program, chip)
     return Split(
         cores=tuple(runs),
         core_of=core_of,
         sends=sends,
         neurons=sizes,
         memory=(in_rows if rows else blocks + kernels) // 8,
+        own=np.array([sum(own_bytes(p, last - first) for p, first, last in held) for held in cores], dtype=np.int64),
         axons_in=axons_in,
         axons_out=np.bincount(core_of[on_core], weights=sends[on_core], minlength=count).astype(np.int64),
     )

@@ -30,7 +30,7 @@ from neuro.model.neurons import (
     spike_generator,
 )
 from neuro.model.parts import AnyPart, Population, Projection, naming_the_part, refuse
-from neuro.model.rules import LEARNING_KERNELS, grid
+from neuro.model.rules import LEARNING_IN_TRIALS, LEARNING_KERNELS, grid
 from neuro.model.space import of_distance
 from neuro.model.synapses import SYNAPSES, Modulated, MoveRule, Synapse, static
 from neuro.program.program import Floats, Receptor
@@ -252,13 +252,13 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
         message = f"{synapse.name} learns at the end of trials: expected a section 'trials'"
         refuse(part, message, "add one, or use stdp", synapse.name, "trials")
     if synapse.learns in ("pairs", "moves") and net.trials_section is not None:
-        refuse(
-            part,
-            f"{synapse.name} in a network with trials: expected static or a rule for trials",
-            "a trial drops what is under way, which would cut the traces of spikes",
-            synapse.name,
-            "trials",
-        )
+        shared = isinstance(part.rule, grid)
+        if synapse.name not in LEARNING_IN_TRIALS or shared:
+            what = f"{synapse.name} on a shared kernel" if shared else synapse.name
+            expected = f"static, {', '.join(LEARNING_IN_TRIALS)} with a weight for each pair, or a rule for trials"
+            hint = "a trial starts anew with the weights alone: what else a rule keeps would be lost"
+            hint = "all_to_all gives each pair a weight" if shared else hint
+            refuse(part, f"{what} in a network with trials: expected {expected}", hint, synapse.name, "trials")
     _check_weight(part)
     if isinstance(synapse, Modulated):
         check_dopamine(net, part, synapse, shapes)

@@ -51,7 +51,7 @@ def check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: M
     if synapse.signal is not None:
         _check_signal(net, part, "signal", synapse.signal)
     if synapse.dopamine is None:
-        if synapse.signal is None and _stays(synapse):
+        if synapse.signal is None and synapse.learns == "pairs" and _stays(synapse):
             fades = "tau_n" in synapse.numbers()
             sources = "'signal' and 'dopamine'" if fades else "'signal'"
             message = f"{synapse.name} without {sources}: n stays 0, at which its weights never change"

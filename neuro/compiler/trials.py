@@ -46,6 +46,7 @@ def resolve_trials(net: Network, section: Trials, shapes: Mapping[str, Shape], c
         group=group,
         duration=_duration(net, section, clock),
         stop_at_decision=section.stop == "at_decision",
+        spikes=section.spikes,
         maps=shape[0],
         maps_per_label=maps_per_label,
         reward=(reward.correct, reward.wrong, reward.silent),
@@ -53,6 +54,8 @@ def resolve_trials(net: Network, section: Trials, shapes: Mapping[str, Shape], c
         dropout_decay=1.0 if dropout is None else dropout.decay,
         dropout_per_trial=dropout is not None and dropout.every == "trial",
         reset=section.reset,
+        anew=any(part.synapse.learns == "pairs" for part in net.projections.values()),
+        after=_after(net, section, clock),
         origin=net.trials_origin,
     )
 
@@ -104,11 +107,35 @@ def _group(net: Network, output: str) -> int:
     _refuse(net, "", f"no group decides in '{output}'", f"add a group winner_take_all of '{output}'")
 
 
-def _duration(net: Network, section: Trials, clock: Clock) -> int:
+def _ticks(net: Network, clock: Clock, value: float, word: str) -> int:
     try:
-        ticks = clock.step(section.duration, "duration")
+        return clock.step(value, word)
     except ModelError as error:
         raise error.at(net.trials_origin, "trials") from None
+
+
+def _after(net: Network, section: Trials, clock: Clock) -> int:
+    """The ticks in which dopamine acts: none where no reward sets any."""
+    ticks = _ticks(net, clock, section.after, "after")
+    learners = [part for part in net.projections.values() if part.synapse.learns == "pairs"]
+    for part in learners:
+        signal = part.synapse.parameters()["signal"]
+        if signal is not None and ticks == 0:
+            message = f"after = 0 ms, and the reward sets '{signal}' at the end of a trial: expected > 0 ms, the time"
+            _refuse(net, "after", f"{message} in which {part.synapse.name} of '{part.name}' learns from it")
+        if signal is not None and section.labels is None:
+            text = f"{part.synapse.name} of '{part.name}' needs 'labels', as the reward that sets '{signal}' does"
+            _refuse(net, "", text, missing="labels")
+        if signal is not None and net.signals[signal].values is not None:
+            message = f"signal '{signal}' has values: expected none, as the reward of each trial sets it"
+            _refuse(net, "", message, f"{part.synapse.name}.dopamine takes the spikes of a population")
+    if ticks and not learners:
+        _refuse(net, "after", f"after = {section.after:g} ms: expected 0, as no synapse learns by dopamine")
+    return ticks
+
+
+def _duration(net: Network, section: Trials, clock: Clock) -> int:
+    ticks = _ticks(net, clock, section.duration, "duration")
     if ticks < 1:
         message = f"duration = {section.duration:g} ms: expected at least the resolution, {clock.resolution:g} ms"
         _refuse(net, "duration", message)

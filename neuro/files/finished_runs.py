@@ -25,6 +25,7 @@ from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_
 if TYPE_CHECKING:
     from neuro.chips.energy import Energy
 
+_NATIVE = "native."
 READABLE = "spikes, traces and weights are read without"
 
 
@@ -132,8 +133,15 @@ def energy(
         spikes=tuple(np.asarray(train.spike_counts) for train in trains),
         active=np.array([train.counts["neuron_updates_active"] for train in trains], np.int64),
         trial_updates=np.array([n * taught for n, taught in zip(updates, by_trials, strict=True)], np.int64),
+        native=native_counts(results),
     )
-    return bill(program, counts, target, step_s=step_s, chips=chips)
+    return bill(program, counts, target, step_s=step_s, chips=chips, ran_on=results.about.get("backend", ""))
+
+
+def native_counts(results: Any) -> dict[str, int]:
+    """Return what only the backend of a run counts, by name."""
+    counts = {name: value for name, value in results.about.items() if name.startswith(_NATIVE)}
+    return {name.removeprefix(_NATIVE): int(value) for name, value in counts.items()}
 
 
 def weights(results: Any, name: Any, of: Any, pre: Any, post: Any, delays: bool) -> Any:

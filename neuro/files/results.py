@@ -2,8 +2,9 @@
 
 ```
 /                   attributes: format "neuro results 3", network (its name), backend, seed, threads, duration_ms,
-                    resolution_ms, counts.* of the run, the versions of neuro, python, numpy and numba, finished
-                    (the run reached its end), and recording.NAME (path of the recording of an event camera)
+                    resolution_ms, counts.* of the run, native.* (counts of the backend alone), the versions of neuro,
+                    python, numpy and numba, finished (the run reached its end), and recording.NAME (path of the
+                    recording of an event camera)
 /network            the network as YAML text
 /network_files/F    file F that the YAML reads, byte for byte
 /populations/NAME   attributes: model, shape, recorded, emits, resolution_ms, counts.*
@@ -52,7 +53,7 @@ from neuro.core.hdf5 import check_tree, has_format, new_file
 from neuro.core.inputs import existing, record_input
 from neuro.core.outputs import Kind, kept_parts
 from neuro.core.tables import Table, as_html, as_text
-from neuro.files.finished_runs import RecordingSearch, one_each, weights
+from neuro.files.finished_runs import RecordingSearch, native_counts, one_each, weights
 from neuro.files.parts import Fed, Opener, Stored, Trace, Train, Weights, span, unread
 from neuro.model.network import Network
 from neuro.model.parts import Part
@@ -292,7 +293,7 @@ class Results:
         """Return the counts of the run."""
         populations = {name: PopulationCounts(**part.counts) for name, part in self.populations.items()}
         projections = {name: ProjectionCounts(**part.counts) for name, part in self.projections.items()}
-        return Counts(int(self.about[f"{_COUNT}steps"]), populations, projections)
+        return Counts(int(self.about[f"{_COUNT}steps"]), populations, projections, native_counts(self))
 
     def network(self, recordings: str | PathLike[str] | None = None, *, played: bool = True) -> Network:
         """Return the network as it was before the run.

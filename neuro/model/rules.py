@@ -234,6 +234,9 @@ class from_file(Rule):
 LEARNING_KERNELS = ("stdp", "stdp_dopa")
 """Rules of spike pairs that can teach a shared kernel."""
 
+LEARNING_IN_TRIALS = ("stdp_dopa", "mstdpet")
+"""Rules of spike pairs that can learn in trials: all that a synapse has learnt is its weight of now."""
+
 
 @dataclass(frozen=True, eq=False)
 class grid(Rule):

@@ -57,7 +57,12 @@ class Trials(Choice):
     """Short presentations, each with a decision and, when labelled, a reward.
 
     A tick is one step of a trial; an input at time t is emitted in tick t / resolution, 0 <= t < duration.
-    At the start of a trial no spike is under way and the states named in `reset` are as at time 0.
+    At the start of a trial no spike is under way and the states named in `reset` are as at time 0. While learning, an
+    input spikes at most once, unless `spikes` says which of its spikes teach. `first` asks if an input came before the
+    decision, as the text of Mosca, MSc thesis, 2020, section 6.2.4, does; `each` applies its eqs 126 and 127 to each.
+
+    Where synapses learn by dopamine, all states of neurons and synapses but the weights are as at time 0 when a trial
+    starts. When a trial that teaches ends, the reward sets their signals, and the network goes on for `after`.
     """
 
     kind: ClassVar[str] = "trials"
@@ -71,10 +76,23 @@ class Trials(Choice):
         kind="word",
         words=("at_decision", "full"),
     )
+    spikes: str = quantity(
+        "once",
+        "",
+        "which spikes of an input teach: its only one (a second is refused), the first, or each after the other",
+        kind="word",
+        words=("once", "first", "each"),
+    )
     labels: Any = quantity(None, "", "what the maps stand for", kind="part", part=labels)
     reward: Any = quantity(None, "", "the reward by outcome", kind="part", part=reward)
     dropout: Any = quantity(None, "", "maps left out while learning", kind="part", part=dropout)
-    reset: Any = quantity(("V_m",), "", "states that start anew", kind="names")
+    reset: Any = quantity(("V_m",), "", "states of the output that start anew", kind="names")
+    after: float = quantity(
+        0.0,
+        "ms",
+        "how long the network goes on after a trial that teaches, with dopamine as the reward set it",
+        at_least=0,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

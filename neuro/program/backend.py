@@ -164,10 +164,16 @@ class Engine(Protocol):
         """Advance."""
 
     def present(self, trial: Trial) -> Outcome:
-        """Run one trial: clear what is under way, reset, present, decide. Advances the clock by its ticks."""
+        """Run one trial: clear what is under way, reset, present, decide. Advances the clock by its ticks.
+
+        With `anew` in the program's trials all states are as at step 0 first, and synapses keep their weights alone.
+        """
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
-        """Apply the rule's `teach` to the inputs of a neuron, of the trial just presented, at a tick of it."""
+        """Apply the rule's `teach` to the inputs of a neuron, of the trial just presented, at a tick of it.
+
+        An input is taught by its first spike, with `spikes` "each" by all of them in turn.
+        """
 
     def encourage(self, projection: int, maps: Ints) -> None:
         """Apply the rule's `encourage` to every weight of the given maps, once to a weight that several share."""

@@ -10,6 +10,9 @@ import numpy as np
 from neuro.program.backend import EngineCounts
 from neuro.program.program import Grid, Ints, Program
 
+BY_SPIKES = ("pairs", "chip", "moves")
+"""Ways to learn in which each spike reaches all plastic synapses of its neuron."""
+
 
 @dataclass(frozen=True, slots=True)
 class PopulationCounts:
@@ -112,14 +115,14 @@ class Tally:
                 operations = int(spikes @ self._fan(index)[0])
             else:
                 operations = round(int(spikes.sum()) * part.size / self.program.populations[part.source].size)
-            if part.synapse.learns in ("pairs", "chip"):
+            if part.synapse.learns in BY_SPIKES:
                 outgoing, incoming = self._fan(index)
                 updates += int(after.events[part.source] @ outgoing) + int(after.events[part.target] @ incoming)
             projections[part.name] = ProjectionCounts(synaptic_ops=operations, learning_updates=updates)
         return Counts(after.steps, populations, projections, dict(after.native))
 
     def _fan(self, index: int) -> tuple[Ints, Ints]:
-        """Synapses of each source, and onto each target of a projection that learns in pairs."""
+        """Synapses of each source, and onto each target of a projection that learns by spikes."""
         if index not in self._fans:
             self._fans[index] = fan_out(self.program, index), self._fan_in(index)
         return self._fans[index]
@@ -132,7 +135,7 @@ class Tally:
             return np.ones(n_post, dtype=np.int64)
         if part.layout == "dense":
             return np.full(n_post, n_pre, dtype=np.int64)
-        if part.synapse.learns not in ("pairs", "chip"):
+        if part.synapse.learns not in BY_SPIKES:
             return np.zeros(0, dtype=np.int64)
         if part.grid is not None:
             return np.bincount(self.program.synapses(index)[1], minlength=n_post)

@@ -514,10 +514,13 @@ class Trials:
         group: index of the winner-take-all group of the output.
         duration: ticks.
         stop_at_decision: whether the first spike ends a trial.
+        spikes: which spikes of an input teach: "once" (a second is refused), "first" or "each".
         maps, maps_per_label: maps of the output and how many stand for one label (0: no labels).
         reward: by outcome (correct, wrong, silent).
         dropout: share of maps dropped in epoch 0; `dropout_decay` per epoch; `dropout_per_trial`.
         reset: states of the output that start anew.
+        anew: whether all neurons and all that learns start anew, but the weights, as synapses learn by dopamine.
+        after: ticks that follow a trial that teaches.
     """
 
     input: int
@@ -525,6 +528,7 @@ class Trials:
     group: int
     duration: int
     stop_at_decision: bool
+    spikes: str
     maps: int
     maps_per_label: int
     reward: tuple[float, float, float]
@@ -532,6 +536,8 @@ class Trials:
     dropout_decay: float
     dropout_per_trial: bool
     reset: tuple[str, ...]
+    anew: bool
+    after: int
     origin: Where | None
 
 

@@ -104,6 +104,7 @@ def about(sim: Any, threads: int) -> dict[str, Any]:
         "python": platform.python_version(),
         **{name: version(name) for name in ("numpy", "numba")},
         **{f"counts.{name}": getattr(counts, name) for name in totals},
+        **{f"native.{name}": count for name, count in counts.native.items()},
     }
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -138,8 +140,13 @@ class TrialLoop:
         self.maps_of = np.arange(section.maps // self.per_label * self.per_label).reshape(-1, self.per_label)
         taught = [(q, p.synapse) for q, p in enumerate(program.projections) if p.synapse.learns == "trials"]
         self.learners = [q for q, _ in taught]
+        pairs = [(q, p) for q, p in enumerate(program.projections) if p.synapse.learns == "pairs"]
+        self.by_dopamine = [q for q, _ in pairs]
+        self.signals = {p.signal: program.populations[p.target].size for _, p in pairs if p.signal >= 0}
+        intervals = [int(p.synapse.parameters().get("deliver_interval", 1)) for _, p in pairs]
+        self.grid = math.lcm(*(program.min_delay * interval for interval in intervals))
         self.growing = {q for q, rule in taught if hasattr(rule.arithmetic, "encourage")}
-        self.supervised = not taught or any(rule.supervised for _, rule in taught)
+        self.supervised = not (taught or pairs) or bool(self.signals) or any(rule.supervised for _, rule in taught)
         self.peaks = any(rule.peaks for _, rule in taught)
         self.several = program.groups[section.group].choice.several
         self.key = keyed_random.key(program.seed, "dropout", output.name)
@@ -170,7 +177,8 @@ class TrialLoop:
         """Present a batch; `Simulation.trials` says what the arguments are."""
         ends = self._offsets(offsets, np.size(times))
         n = len(ends) - 1
-        ticks, neurons = self._input(times, ids, ends, once=learn)
+        once = learn and self.section.spikes == "once" and bool(self.learners or not self.section.anew)
+        ticks, neurons = self._input(times, ids, ends, once)
         right = self._labels(labels, n, learn)
         silenced = self._dropout(samples, n, int(epoch)) if learn else np.zeros((1, self.section.maps), dtype=bool)
         peaks = learn and self.peaks
@@ -178,10 +186,13 @@ class TrialLoop:
         potential = np.empty((n, self.section.maps))
         wins: list[Wins] = []
         before = self.engine.counts()
+        weights = {} if learn else self._learnt()
         present, quiet, bounds = self.engine.present, silenced[0] if len(silenced) else None, ends.tolist()
         for i in range(n):
             a, b = bounds[i], bounds[i + 1]
             mute = silenced[i] if learn else quiet
+            if self.by_dopamine:
+                self._start_on_grid(weights)
             outcome = present(Trial(ticks[a:b], neurons[a:b], mute, peaks))  # type: ignore[arg-type]
             winner[i], step[i], ran[i], potential[i] = outcome.winner, outcome.tick, outcome.ticks, outcome.potential
             if outcome.wins is not None:
@@ -194,6 +205,12 @@ class TrialLoop:
                     each_alone = [replace(outcome, winner=neuron, tick=at) for neuron, at in won]
                 for each in each_alone:
                     self._teach(each, -1 if right is None else int(right[i]), mute)  # type: ignore[arg-type]
+                if self.by_dopamine:
+                    reward = self._reward(outcome, -1 if right is None else int(right[i]))
+                    for signal, size in self.signals.items():
+                        self.engine.signal(signal, np.full(size, reward))
+                    self.engine.run(self.section.after)
+        self._put_back(weights)
         several = tuple(wins) if self.several else None
         label = np.where(winner >= 0, winner // self.per_label_neurons, -1)
         return TrialResults(winner, label, step, potential, ran, several, self.tally, before, self.engine.counts())
@@ -202,7 +219,7 @@ class TrialLoop:
         """Let each rule teach whom it chooses by what it sees of a trial."""
         decided = outcome.winner >= 0
         hit = decided and outcome.winner // self.per_label_neurons == right
-        reward = self.section.reward[0 if hit else 1] if decided and right >= 0 else 0.0
+        reward = self._reward(outcome, right)
         maps = self.maps_of[right] if right >= 0 else _NOBODY
         end = TrialEnd(
             outcome.winner, outcome.tick, outcome.ticks, right, hit, reward, maps, silenced,
@@ -229,6 +246,32 @@ class TrialLoop:
                         expected = f"expected maps from 0 to {self.section.maps - 1}"
                         raise ModelError(f"{rule.name}: growth of maps {taught.maps.tolist()}: {expected}")
                     self.engine.encourage(projection, taught.maps)
+
+    def _learnt(self) -> dict[int, Floats]:
+        """The weights that learn by dopamine."""
+        return {q: self.engine.get_synapses(q, "weight") for q in self.by_dopamine}
+
+    def _start_on_grid(self, weights: Mapping[int, Floats]) -> None:
+        """Go on to where dopamine's grid, which counts from the beginning of a trial, begins; nothing learns there.
+
+        Args:
+            weights: to be put back anyway, by projection.
+        """
+        if off := -self.engine.step % self.grid:
+            weights = weights or self._learnt()
+            self.engine.run(off)
+        self._put_back(weights)
+
+    def _put_back(self, weights: Mapping[int, Floats]) -> None:
+        """Undo what dopamine has changed since, where it should not teach."""
+        for projection, each in weights.items():
+            self.engine.set_weights(projection, each)
+
+    def _reward(self, outcome: Outcome, right: int) -> float:
+        """The reward of a trial, 0 in silence and where no label is known."""
+        if outcome.winner < 0 or right < 0:
+            return 0.0
+        return self.section.reward[0 if outcome.winner // self.per_label_neurons == right else 1]
 
     def _offsets(self, offsets: ArrayLike, total: int) -> Ints:
         array = np.asarray(offsets)
@@ -266,7 +309,7 @@ class TrialLoop:
         return ticks, neurons
 
     def _refuse_repeats(self, trial: Ints, neurons: Ints) -> None:
-        """First-spike rules know one spike of each input in a trial."""
+        """Refuse a second spike of an input in a trial, which `spikes: once` rules out."""
         n = int(trial[-1]) + 1 if trial.size else 0
         chunk = min(n, max(1, _CHUNK // self.inputs))
         for first in range(0, n, max(chunk, 1)):
@@ -279,7 +322,7 @@ class TrialLoop:
                 raise ModelError(
                     f"trials: input {neuron} spikes twice in trial {number + first}: "
                     "expected at most once while learning",
-                    hint="keep the first spike of each input",
+                    hint="trials.spikes: first lets the first spike of each input teach, each all of them",
                 )
 
     def _labels(self, labels: ArrayLike | None, n: int, learn: bool) -> Ints | None:

@@ -234,6 +234,32 @@ def test_compare_with_stable_baselines(walk, monkeypatch, observations):
     assert len(told) == 3
 
 
+def test_joules_of_a_deep_training(neuro, walk):
+    if find_spec("stable_baselines3") is None:
+        pytest.skip("stable-baselines3 is not installed: pip install stable-baselines3")
+    with Path("my_walk.py").open("a") as file:
+        file.write(STARTS)
+    words = ("energy", "my_walk:Starts", "--steps", 128, "--chips", "cpu,gpu")
+    told = json.loads(neuro(*words, "--json")[1])
+    critic = 1 * 64 + 64 * 64 + 64 * 1
+    both = critic + 1 * 64 + 64 * 64 + 64 * 3
+    batches, parameters = 10 * 128 // 64, both + 4 * 64 + 1 + 3
+    taught = 10 * 128 * both
+    macs = {
+        "layers, forward": taught + 128 * both + critic,  # the value behind the rollout
+        "layers, backward": 2 * taught,
+        "optimiser": 5 * batches * parameters,
+    }
+    cpu, gpu = told["bills"]
+    assert {item["of"]: item["count"] for item in cpu["items"]} == macs
+    assert (told["steps"], told["episodes"], told["solved"]) == (128, 12, None)
+    assert gpu["total_high_j"] == pytest.approx(sum(macs.values()) * 172.5e-9)
+    out = neuro(*words, "--until", 0, "--steps", 2048, "--sources").out
+    assert "\nppo: 100 episodes, 1,000 steps, mean return of the last 100: " in out
+    assert out.endswith(", solved\n")
+    assert "Degnan" in out
+
+
 STARTS = """
 class Starts(gymnasium.Env):
     observation_space = spaces.Box(0, 1, (1,))
@@ -280,7 +306,7 @@ def test_spaces_that_stable_baselines_does_not_take_are_named(messages):
 
 def test_a_baseline_that_fails_loses_no_other_training(walk, monkeypatch):
     def fails(trial, env):
-        raise compare._BaselineError("PPO of stable-baselines3, defaults: no such space")
+        raise compare.BaselineError("PPO of stable-baselines3, defaults: no such space")
 
     monkeypatch.setitem(compare._TRAINED, "ppo", fails)
     monkeypatch.setattr(compare, "side_by_side", lambda run, jobs, report: [run(job, report) for job in jobs])

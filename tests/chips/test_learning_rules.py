@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
+import os
+import warnings
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+import loihi_twin
 import neuro
+from loihi_twin import Engine
 from neuro.chips.loihi_learning import COARSE_UPDATE, SMALLEST_UPDATE, fading, nearest_fit, rule_of
 from neuro.chips.loihi_registers import bounds, grain_of
-from neuro.core import keyed_random
+from neuro.extend import Modulated, State, Synapse, quantity
 from neuro.model.synapses import stdp, stdp_dopa
 from neuro.model.synapses.loihi_registers import SIGN_MODES, loihi_learning, parse
 from neuro.model.synapses.loihi_rule import (
@@ -27,7 +32,7 @@ from neuro.model.synapses.loihi_rule import (
     text,
 )
 from neuro_chip.plastic import Plastic, ThreeFactors, numbers_of
-from refused import refusals_of, refused
+from refused import refusals_of, refused, without_place
 
 TRACES = {"x1_impulse": 20, "x1_tau": 10, "y1_impulse": 20, "y1_tau": 10}
 
@@ -193,88 +198,6 @@ def test_dopamine_spikes_are_one_impulse_each():
 NONE = np.zeros(0, dtype=np.int64)
 
 
-def cut(x: Fraction) -> Fraction:
-    """Towards 0 to 2^-7."""
-    return Fraction(int(abs(x) * 128), 128) * (1 if x > 0 else -1)
-
-
-def held(x: Fraction) -> Fraction:
-    return min(Fraction(32767, 128), max(Fraction(-256), x))
-
-
-class Twin:
-    """The learning engine with dictionaries and fractions; draws are those of `neuro.core.keyed_random`."""
-
-    def __init__(self, rule, n_source, n_target, weights, bits, mode, seed, name):
-        self.rule, self.seed, self.name = rule, seed, name
-        self.w = weights.astype(int).copy()
-        self.t = np.zeros_like(self.w)
-        self.step_of_weight, self.bounds = grain_of(bits, mode == "mixed"), bounds(mode)[:2]
-        sizes = {**dict.fromkeys(PRE, n_source), **dict.fromkeys((*POST, *MODULATORY), n_target)}
-        self.trace = {name: [0] * size for name, size in sizes.items()}
-        self.past: list[dict[str, list[int]]] = []
-        self.fired: tuple[dict[int, int], dict[int, int]] = ({}, {})
-
-    def draw(self, purpose, step, index, below):
-        u = keyed_random.uniform(keyed_random.key(self.seed, purpose, self.name), step, np.array([index]))[0]
-        return (int(u * 2.0**32) * below) >> 32
-
-    def step(self, step, pre, post):
-        for name, values in self.trace.items():
-            trace = self.rule.traces.get(name, Trace(0, 0, 1))
-            for i, v in enumerate(values):
-                whole, rest = divmod(v * trace.numerator, trace.denominator)
-                values[i] = whole + bool(rest and self.draw(name, step, i, trace.denominator) < rest)
-            ids = pre if name in PRE else post if name in POST else ()
-            for i in ids:
-                values[i] = min(127, values[i] + trace.impulse)
-        self.past.append({name: list(values) for name, values in self.trace.items()})
-        for fired, ids in zip(self.fired, (pre, post), strict=True):
-            fired.update(dict.fromkeys(map(int, ids), len(self.past) - 1))
-        if step % self.rule.epoch == 0:
-            for i, j in np.ndindex(self.w.shape):
-                self.learn(step, i, j)
-            self.past, self.fired = [], ({}, {})
-
-    def value(self, factor: Factor, i, j, at):
-        name = factor.name
-        known = {"w": self.w[i, j], "t": self.t[i, j], "x0": i in self.fired[0], "y0": j in self.fired[1]}
-        if name in known:
-            return int(known[name]) + factor.add
-        return self.past[-1 if name in MODULATORY else at][name][i if name in PRE else j] + factor.add
-
-    def change(self, terms: tuple[Term, ...], value, step, i, j):
-        total = Fraction(int(value))
-        for term in terms:
-            at = {"x0": self.fired[0].get(i), "y0": self.fired[1].get(j), "u": self.rule.epoch - 1}[term.gate]
-            if at is None or (step // self.rule.epoch) % 2**term.every:
-                continue
-            product = Fraction(term.mantissa) * Fraction(2) ** term.exponent
-            for factor in term.factors:
-                product *= self.value(factor, i, j, at)
-            total = held(total + held(cut(product)))
-        return total - int(value)
-
-    def rounded(self, delta, size, purpose, step, e):
-        if self.rule.rounding == "away" and purpose == "w":
-            whole = -(-abs(delta) // 1)
-            return int(whole // size) * size * (1 if delta > 0 else -1)
-        whole, rest = divmod(delta, size)
-        units = int(rest * 128)
-        return (int(whole) + bool(units and self.draw(purpose, step, e, size * 128) < units)) * size
-
-    def learn(self, step, i, j):
-        e = i * self.w.shape[1] + j
-        dw = self.change(self.rule.dw, self.w[i, j], step, i, j)
-        dt = self.change(self.rule.dt, self.t[i, j], step, i, j)
-        if dw:
-            low, high = self.bounds
-            new = int(self.w[i, j]) + self.rounded(dw, self.step_of_weight, "w", step, e)
-            self.w[i, j] = min(high, max(low, new))
-        if dt:
-            self.t[i, j] = min(255, max(-256, int(self.t[i, j]) + self.rounded(dt, 1, "t", step, e)))
-
-
 SHIFTED = st.builds(Factor, st.sampled_from(FACTORS), st.sampled_from([0, 0, -3, 9]))
 LEARNT = st.lists(SHIFTED, min_size=1, max_size=3).flatmap(
     lambda factors: terms(tuple(factors), st.sampled_from(["x0", "y0", "u"]), 2, st.sampled_from([0, 0, 0, 1, 2]))
@@ -313,18 +236,17 @@ def same_as_twin(rule, bits, mode, seed, *, steps=13, size=(2, 3), rewards=0):
     step_of_weight = grain_of(bits, mode == "mixed")
     weights = rng.integers(-(-low // step_of_weight), high // step_of_weight + 1, size) * step_of_weight
     plastic = dense(rule, n, m, weights, bits, mode, seed)
-    twin = Twin(rule, n, m, weights, bits, mode, seed, "p")
+    twin = Engine(rule, n, m, [*np.ndindex(*size)], weights.ravel(), bits, mode, seed, "p")
     for step in range(1, steps + 1):
         pre, post = spikes(rng, n), spikes(rng, m)
         if rewards and step % rewards == 0:
             values = rng.normal(0, 40, m)
             plastic.modulate(step - 1, values, 1.0)
-            for name, sign in zip(MODULATORY, (1, -1), strict=True):
-                twin.trace[name] = [int(min(127, max(0, np.rint(sign * v)))) for v in values]
+            twin.modulate(values)
         plastic.step(step, pre, post)
         twin.step(step, pre, post)
-        np.testing.assert_array_equal(plastic.weights.reshape(n, m), twin.w)
-        np.testing.assert_array_equal(plastic.tags.reshape(n, m), twin.t)
+        np.testing.assert_array_equal(plastic.weights, twin.w)
+        np.testing.assert_array_equal(plastic.tags, twin.t)
         slot = (step - 1) % rule.epoch
         np.testing.assert_array_equal(plastic.xs[slot], [twin.trace[name] for name in PRE])
         np.testing.assert_array_equal(plastic.ys[slot], [twin.trace[name] for name in (*POST, *MODULATORY)])
@@ -335,6 +257,29 @@ def same_as_twin(rule, bits, mode, seed, *, steps=13, size=(2, 3), rewards=0):
 @given(RULE, st.integers(3, 8), st.sampled_from(sorted(SIGN_MODES)), st.integers(0, 2**32), st.booleans())
 def test_kernel_equals_twin(rule, bits, mode, seed, rewarded):
     same_as_twin(rule, bits, mode, seed, rewards=5 if rewarded else 0)
+
+
+NETWORKS = int(os.environ.get("NEURO_LEARNING_NETWORKS", "24"))
+
+
+@pytest.mark.parametrize("seed", range(NETWORKS))
+def test_random_networks_learn_as_their_twin(seed):
+    net, told = loihi_twin.network(seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim = neuro.compile(net, "loihi", seed=seed)
+        twin = loihi_twin.Learning(net, sim.program, sim._engine.fixed)
+        for k in range(1, loihi_twin.STEPS + 1):
+            sim.run(1.0)
+            fired = twin.step(k)
+            times, ids = sim.spikes("b")
+            assert ids[times == k].tolist() == fired["b"], k
+            for index, engine in enumerate(twin.engines):
+                assert sim._engine.synapse_registers(index, "weight").tolist() == engine.w, k
+                assert sim._engine.synapse_registers(index, "t").tolist() == engine.t, k
+            if k in told:
+                sim.signal("r", told[k])
+                twin.engines[0].modulate(told[k] / twin.wires[0].n_scale)
 
 
 @pytest.mark.parametrize(
@@ -403,3 +348,115 @@ def test_dopamine_spikes_add_up():
     plastic.release(1, np.array([0, 0, 0]))
     assert plastic.ys[0, 3].tolist() == [127, 0, 30]
     assert plastic.saturated == 1
+
+
+# a rule of one's own, with its own sums of products
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class windowed(Synapse):
+    """Pairs by a sum of products that no rule of this library has."""
+
+    learns: ClassVar[str] = "pairs"
+
+    tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
+    eta: float = quantity(0.8, "", "change by a pair", above=0)
+    Wmax: float = quantity(20.0, "", "largest weight", above=0)
+
+    def constants(p, h, c):
+        c[:3] = p[:3]
+
+    def on_post(y, e, c, pre, post):
+        y[0, e] = min(c[2], y[0, e] + c[1] * pre[0])
+
+    def on_pre(y, e, c, pre, post):
+        y[0, e] = max(0.0, y[0, e] - 0.5 * c[1] * post[0])
+
+    def microcode(self, engine):
+        k = round(np.log2(self.eta / engine.mantissa / 16))
+        return engine.rule(
+            f"2^{k}*x1*y0 - 2^{k - 1}*x0*y1 - u3*2^-4*(w - 8)", x1=(16, self.tau_plus), y1=(16, engine.tau_minus)
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class taught(Modulated):
+    """The same eligibility under a signal; n stays as it was set."""
+
+    states: ClassVar[tuple[State, ...]] = (State("c", "", "eligibility"),)
+
+    tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
+    Wmax: float = quantity(20.0, "", "largest weight", above=0)
+
+    def constants(p, h, c):
+        c[0] = h
+
+    def on_post(y, e, c, pre, post):
+        y[1, e] += pre[0]
+
+    def on_pre(y, e, c, pre, post):
+        y[1, e] -= post[0]
+
+    def advance(y, e, c, begin, end, n, grid):
+        y[0, e] += n * c[0] * (end - begin) * y[1, e]
+
+    def microcode(self, engine):
+        return engine.rule("2^-12*t*r1 - 2^-12*t*r2", "y0*x1 - x0*y1", x1=(8, self.tau_plus), y1=(8, engine.tau_minus))
+
+
+def own(synapse):
+    net = neuro.Network("own", resolution=1.0)
+    net.population("pre", 4, neuro.poisson_generator(rate=60.0))
+    net.population("noise", 3, neuro.poisson_generator(rate=300.0))
+    net.population("post", 3, neuro.iaf_psc_delta(I_e=300.0, tau_minus=15.0))
+    net.connect("noise", "post", neuro.one_to_one(), weight=12.0, delay=1.0)
+    net.probe("spikes", "pre")
+    if synapse.modulated:
+        net.signal("reward", to="post")
+    net.connect("pre", "post", neuro.all_to_all(), synapse, weight=8.0, delay=2.0, name="learnt")
+    return net
+
+
+@pytest.mark.parametrize("synapse", [windowed(), taught(signal="reward")])
+def test_sums_of_products_of_ones_own_run_as_their_twin(synapse):
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        sim = neuro.compile(own(synapse), "loihi", seed=4)
+    assert any("the engine runs its microcode: dw = " in str(one.message) for one in heard)
+    wires = sim._engine.fixed.projections[1]
+    begin = np.broadcast_to(wires.mantissas, 12).reshape(4, 3)
+    twin = Engine(wires.rule, 4, 3, [*np.ndindex(4, 3)], begin.ravel(), wires.bits, wires.sign_mode, 4, "learnt")
+    for block in range(4):
+        if synapse.modulated:
+            n = np.array([0.5, -1.0, 2.0]) * (-1.0) ** block
+            sim.signal("reward", n)
+            for name, sign in zip(MODULATORY, (1, -1), strict=True):
+                twin.trace[name] = [int(min(127, max(0, np.rint(sign * v / wires.n_scale)))) for v in n]
+        sim.run(50.0)
+        fired = [sim.spikes(name) for name in ("pre", "post")]
+        for step in range(50 * block + 1, 50 * block + 51):
+            twin.step(step, *(ids[np.rint(times) == step] for times, ids in fired))
+    assert sim._engine.synapse_registers(1, "weight").tolist() == twin.w
+    assert sim._engine.synapse_registers(1, "t").tolist() == twin.t
+    assert len({*twin.w}) > 3
+    if synapse.modulated:
+        assert sim.get("learnt", "c").tolist() == twin.t
+    event = neuro.compile(own(synapse), seed=4)
+    event.run(50.0)
+
+
+def test_sums_of_products_of_ones_own_that_do_not_fit_are_refused(messages):
+    def told(code, **words):
+        kind = type("wrong", (windowed,), {"microcode": code, "__module__": __name__, **words})
+        return without_place(neuro.compile, own(kind()), "loihi")
+
+    messages(
+        {
+            "result": told(lambda self, engine: "2^-2*x1*y0"),
+            "trace": told(lambda self, engine: engine.rule("x3*y0", x3=(16, 20.0))),
+            "impulse": told(lambda self, engine: engine.rule("x1*y0", x1=(1.5, 20.0))),
+            "product": told(lambda self, engine: engine.rule("x1*y0 / 2", x1=(16, 20.0))),
+            "never": told(lambda self, engine: engine.rule("x1*y0")),
+            "arguments": told(lambda engine: engine.rule("x1*y0")),
+        }
+    )

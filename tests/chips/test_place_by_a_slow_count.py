@@ -74,7 +74,13 @@ def bytes_of(program, target, size, counts):
     if target.arithmetic == "spinnaker":
         for index in {index for index, _ in counts}:
             longest = max(n for (i, _), n in counts.items() if i == index)
-            total += program.populations[program.projections[index].source].size * (3 + longest) * 4
+            synapse = program.projections[index].synapse
+            words = longest
+            if synapse.learns == "pairs" and not synapse.delays:
+                taught, triplets = synapse.name == "stdp_dopa", synapse.name == "stdp_triplet"
+                words = math.ceil(((8 if taught or triplets else 6) + (4 if taught else 2) * longest) / 4)
+                words += math.ceil(2 * longest / 4)
+            total += program.populations[program.projections[index].source].size * (3 + words) * 4
         return total
     index_width = 0 if size == 1 else max(6, math.ceil(math.log2(size)))
     for (index, _), n in counts.items():

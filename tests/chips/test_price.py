@@ -10,9 +10,10 @@ from hypothesis import given, settings, strategies as st
 
 import neuro
 from bills import AB_OPS, ACTIVE, IN_OPS, INACTIVE, LEARNT, STEPS, Moves, Placed, counted, ints, lines, pair, placed
-from neuro.chips import chip, neurobench, place, price, quantising
+from neuro.chips import chip, dense, neurobench, place, price, quantising
 from neuro.chips.energy import quantity
 from neuro.chips.pricing import RULES_APPLIED
+from neuro.chips.spinnaker_rule import SIGNAL_SPIKES
 from neuro.core.errors import ModelError, Where
 from neuro.program.backend import EngineCounts, Problem
 from neuro.program.counts import Tally
@@ -123,9 +124,47 @@ def test_weights_that_the_host_writes():
     energy = price(sim.program, sim._engine.counts(), Placed({0: Moves(*[ints(0, 0)] * 4)}, ()), chip("loihi"))
     written = sim.counts().learning_updates
     assert written > 0
-    assert lines(energy)["weight_write", "w"] == (written, None)
-    assert ("learning_update", "w") not in lines(energy)
+    by_host, macs = dict(list(lines(energy).items())[-3:-1]), 4 * written
+    assert by_host == {("weight_write", "w"): (written, None), ("mac", "cpu"): (macs, pytest.approx(macs * 8.6e-9))}
     assert "the rule for trials is applied by the host, which writes each weight that changes" in energy.notes
+
+
+@pytest.mark.parametrize(
+    "rule", [neuro.stdp_dopa(signal="reward"), neuro.td_lambda(signal="reward")], ids=["dopa", "td"]
+)
+def test_what_a_signal_teaches(rule):
+    net = neuro.Network("taught", resolution=1.0)
+    net.population("input", 2, neuro.spike_generator(spike_times=((1.0, 4.0), (2.0,))))
+    net.population("out", 3, neuro.iaf_psc_delta(tau_m=10.0, E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=0.0, I_e=200.0))
+    net.signal("reward", to="out")
+    net.connect("input", "out", neuro.all_to_all(), rule, weight=0.5, delay=1.0, name="w")
+    sim = neuro.compile(net, "reference")
+    sim.run(10.0)
+    post = sim.counts().populations["out"].spikes
+    assert post > 0
+    counts = replace(sim._engine.counts(), native={f"{SIGNAL_SPIKES} in w": 4})
+    loihi = price(sim.program, counts, Placed({0: Moves(*[ints(0, 0)] * 4)}, ()), chip("loihi"), ran_on="loihi")
+    assert lines(loihi)["learning_update", "w"][0] == 3 * 3 + post * 2
+    assert lines(loihi)["signal_update", "w"] == (6 * 10, None)
+    assert (loihi.missing, loihi.total()[:2]) == (("signal_update",), "> ")
+    assert ("synaptic_op", "reward") not in lines(loihi)  # only SpiNNaker's signals come as spikes
+    note = "spikes that bring a signal are counted in a run on the chip only, so they are not priced"
+    placement = Placed({0: Moves(*[ints(0, 0)] * 4)}, ())
+    spinnaker = price(sim.program, counts, placement, chip("spinnaker"))
+    assert lines(spinnaker)["packet", "reward"] == (4, pytest.approx(4 * 0.8e-9))
+    assert note not in spinnaker.notes
+    assert note in price(sim.program, sim._engine.counts(), placement, chip("spinnaker")).notes
+
+
+def test_dense_layers_of_a_program_of_a_users_own():
+    bill = dense({"forward": 100.0, "backward": 200.0}, "cpu", steps=5, of="training", notes=("counted by hand",))
+    assert lines(bill) == {
+        ("mac", name): (n, pytest.approx(n * 8.6e-9)) for name, n in (("forward", 100), ("backward", 200))
+    }
+    assert (bill.low_j, bill.high_j) == (pytest.approx(300 * 8.6e-9), pytest.approx(300 * 36.5e-9))
+    assert (bill.missing, bill.notes[0], bill.of) == (("static_per_chip",), "counted by hand", "training")
+    with pytest.raises(neuro.ModelError, match=r"'loihi' has no cost of a multiply-accumulate"):
+        dense({}, "loihi")
 
 
 def test_several_spikes_in_a_step_are_told():

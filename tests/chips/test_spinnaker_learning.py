@@ -1,6 +1,7 @@
 """SpiNNaker's plastic synapses come out as in the machine code of its released programs, bit for bit."""
 
 import json
+import os
 import shutil
 import warnings
 
@@ -8,11 +9,23 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.chips.spinnaker_rule import DOWN, PROGRAMS, UP, fixed_point, rule_of, table_of
-from neuro.model.synapses import stdp, stdp_dopa, stdp_nn_restr, stdp_nn_symm, stdp_triplet, vogels_sprekeler
+import spinnaker_twin
+from neuro.chips import chip, place, spinnaker_core
+from neuro.chips.spinnaker_rule import DOWN, PROGRAMS, UP, fixed_point, rule_of, table_length, table_of
+from neuro.model.synapses import (
+    spinnaker_learning,
+    static,
+    stdp,
+    stdp_dopa,
+    stdp_nn_restr,
+    stdp_nn_symm,
+    stdp_triplet,
+    vogels_sprekeler,
+)
 from neuro.testing.verify import verify
 from neuro_chip.replay import replay
-from refused import refused
+from neuro_models import path
+from refused import refused, without_place
 from spinnaker_twin import Neuron, Row, Rule
 
 NAME = "spinnaker_learning"
@@ -50,6 +63,79 @@ def test_every_case_comes_out(folder, cases):
     assert len({r.case for r in results}) == len(cases) == 80
     ran = {case["ran"]["released_program"].removeprefix("synapses_stdp_") for case in cases.values()}
     assert ran == {*PROGRAMS.values()}
+
+
+IN_NETWORKS = (
+    *("pair_additive_many_pre", "pair_multiplicative_random_delays", "nearest_additive_random_delays"),
+    *("nearest_multiplicative_regular_dep", "triplet_additive_many_pre", "vogels_additive_random_delays"),
+    *("recurrent_dual_fsm", "nm_reward", "known_neuromodulation_multiplicative", "nm_vogels_negative"),
+)
+"""A case for each program, whose packets are on time and of which the events of a tick are in the emulator's order."""
+SAME = (
+    *("A_plus", "A_minus", "A3_plus", "A3_minus", "alpha", "tau_plus", "tau_minus", "tau_x", "tau_y"),
+    *("accumulator_depression", "accumulator_potentiation", "mean_pre_window", "mean_post_window"),
+)
+"""Words of a case that are those of the synapse."""
+NONE = np.zeros(0, dtype=np.int64)
+
+
+@pytest.mark.parametrize("name", IN_NETWORKS)
+def test_every_program_comes_out_of_a_network(cases, arrays, name):
+    case, events = cases[name], arrays[f"{name}__events"]
+    sim, rule = played(case, events)
+    assert rule.program == case["ran"]["released_program"].removeprefix("synapses_stdp_")
+    post = [(k, j) for k, row in enumerate(case["rows"]) if row["kind"] == "stdp" for j in row["post"]]
+    order = sorted(range(len(post)), key=post.__getitem__)
+    for register, what in (("weight", "weights"), ("t", "eligibility")):
+        if f"{name}__{what}" in arrays:
+            words = sim._engine.synapse_registers(0, register) & 65535
+            np.testing.assert_array_equal(words, arrays[f"{name}__{what}"][-1][order])
+
+
+def played(case, events):
+    """Run the events of a case as a network of `spinnaker_lif`, which fire in each tick in which nothing inhibits."""
+    params, rows, n, shift, h = case["params"], case["rows"], case["n_post"], case["shifts"][0], case["params"]["dt"]
+    plastic, unit, end = [row for row in rows if row["kind"] == "stdp"], 2.0 ** (15 - shift), int(events[-1, 2]) + 2
+
+    def ticks(spike, k):
+        return events[(events[:, 0] == spike) & (events[:, 1] == k), 2]
+
+    def trains(steps):
+        return neuro.spike_generator(spike_times=[(each * h).tolist() for each in steps])
+
+    net = neuro.Network("case", resolution=h)
+    net.population("a", len(plastic), trains([ticks(0, k) + 1 for k in range(len(plastic))]))
+    net.population("quiet", n, trains([np.setdiff1d(np.arange(1, end), ticks(1, j)) for j in range(n)]))
+    milli = {"v_init": -3000, "v_reset": -1000, "v_rest": 0, "v_thresh": -500, "i_offset": 1000}
+    registers = {word: value << 15 for word, value in milli.items()} | {"r_m": 32768, "exp_tc": 16384, "t_refract": 0}
+    decays = {"inh_decay": 0, "exc_decay": 0, "inh_init": 2**32 - 1, "exc_shift": shift, "inh_shift": 15}
+    net.population("b", n, neuro.spinnaker_lif(**registers, **decays))
+    numbers = {word: params[word] for word in SAME if word in params}
+    numbers |= {"tau_plus": params["tau"]} if "tau" in params else {}
+    if params["weight_dependence"] == "additive" and params["rule"] != "triplet":
+        numbers |= {word: numbers[word] / params["w_max"] for word in ("A_plus", "A_minus")}
+    bounds = {"Wmin": params["w_min"] * unit, "Wmax": params["w_max"] * unit}
+    if taught := params.get("neuromodulation"):
+        bounds = {"c_min": bounds["Wmin"], "c_max": bounds["Wmax"]}
+        bounds |= {"Wmin": taught["w_min"] * unit, "Wmax": taught["w_max"] * unit}
+        net.population("d", 1, trains([ticks(0, len(plastic)) + 1]))
+        numbers |= {"dopamine": "d", "concentration": rows[-1]["concentration"][0]}
+        numbers |= {"tau_c": taught["tau_c"], "tau_n": taught["tau_d"]}
+    synapse = spinnaker_learning(timing=params["rule"], dependence=params["weight_dependence"], **numbers, **bounds)
+    columns = {word: np.concatenate([row[word] for row in plastic]) for word in ("post", "w0", "delay")}
+    pre = np.repeat(np.arange(len(plastic)), [len(row["post"]) for row in plastic])
+    place = {"weight": np.rint(columns["w0"] * unit), "delay": columns["delay"] * h}
+    net.connect("a", "b", neuro.pairs(pre=pre, post=columns["post"]), synapse, **place, name="ab")
+    net.connect("quiet", "b", neuro.one_to_one(), weight=-2001.0, delay=h)
+    net.connect("quiet", "b", neuro.one_to_one(), weight=0.0, delay=h * ((1 << case["delay_bits"]) - 1), name="slots")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim = neuro.compile(net, "spinnaker")
+        sim.run(end * h)
+    times, ids = sim.spikes("b")
+    for j in range(n):
+        np.testing.assert_array_equal(np.rint(times[ids == j] / h) - 1, ticks(1, j))
+    return sim, sim._engine.fixed.projections[0].rule
 
 
 def test_known_numbers(cases, arrays):
@@ -104,8 +190,25 @@ def test_what_no_program_does_is_refused(messages):
     )
 
 
+def test_a_program_that_is_not_there_is_refused(messages):
+    def told(backend="spinnaker", **words):
+        return without_place(lambda: neuro.compile(learner(spinnaker_learning(Wmax=6.0, **words), 1), backend))
+
+    messages(
+        {
+            "no program": told(timing="triplet", dependence="multiplicative"),
+            "no program with dopamine": told(timing="nearest", dopamine="d"),
+            "no unit of dopamine": told(dopamine="d", concentration=1e-5),
+            "bounds": told(Wmin=8.0),
+            "float": told("event"),
+            "another chip": told("loihi"),
+        }
+    )
+
+
 # whole networks against a twin in plain integers
 
+NEAR = {"Wmax": 6.0, "A_plus": 0.05, "A_minus": 0.03}
 RULES = {
     "pair, additive": (stdp(mu_plus=0.0, mu_minus=0.0, lambda_=0.05, Wmax=6.0), "pair", False),
     "pair, multiplicative": (stdp(lambda_=0.05, alpha=1.3, Wmax=6.0), "pair", True),
@@ -119,6 +222,40 @@ RULES = {
     "vogels": (vogels_sprekeler(eta=0.02, Wmax=-6.0, alpha=0.9), "vogels", False),
     "dopamine": (stdp_dopa(dopamine="d", A_plus=0.02, A_minus=0.005, c_min=0.0, Wmax=6.0, tau_n=50.0), "pair", False),
     "signal": (stdp_dopa(signal="r", A_plus=0.02, A_minus=0.005, c_min=0.0, Wmax=6.0, tau_n=50.0), "pair", False),
+    "recurrent": (
+        spinnaker_learning(
+            timing="recurrent",
+            dependence="multiplicative",
+            accumulator_potentiation=2,
+            accumulator_depression=-2,
+            **NEAR,
+        ),
+        "recurrent",
+        True,
+    ),
+    "dopamine, multiplicative": (
+        spinnaker_learning(dependence="multiplicative", dopamine="d", c_max=3.0, tau_n=50.0, **NEAR),
+        "pair",
+        True,
+    ),
+    "signal, multiplicative": (
+        spinnaker_learning(dependence="multiplicative", signal="r", c_max=3.0, tau_n=50.0, **NEAR),
+        "pair",
+        True,
+    ),
+    "dopamine, vogels": (
+        spinnaker_learning(
+            timing="vogels",
+            dopamine="d",
+            alpha=0.0,
+            concentration=-0.001,
+            tau_n=50.0,
+            c_max=3.0,
+            **NEAR | {"Wmax": -6.0},
+        ),
+        "vogels",
+        False,
+    ),
 }
 STEPS = 400
 
@@ -130,7 +267,7 @@ def learner(synapse, seed, recurrent=False):
     net.population("b", 4, neuro.iaf_psc_delta(tau_m=15.0, t_ref=2.0, I_e=380.0, tau_minus=20.0))
     net.population("d", 2, neuro.spike_generator(spike_times=[[50.0, 51.0, 120.0, 300.0], [52.0, 200.0]]))
     net.signal("r", to="b")
-    sign = -1.0 if isinstance(synapse, vogels_sprekeler) else 1.0
+    sign = np.sign(synapse.Wmax)
     source = "b" if recurrent else "a"
     weight = neuro.uniform(low=min(sign * 1.0, sign * 4.0), high=max(sign * 1.0, sign * 4.0))
     net.connect(
@@ -154,12 +291,14 @@ def twin_of(sim, synapse, timing, multiplicative):
     c = rule.constants
     taus = {"plus": getattr(synapse, "tau_plus", 20.0), "minus": 20.0}
     if timing == "triplet":
-        taus |= {"x": synapse.tau_plus_triplet, "y": synapse.tau_minus_triplet}
+        slow = ("tau_x", "tau_y") if synapse.chip else ("tau_plus_triplet", "tau_minus_triplet")
+        taus |= {name: getattr(synapse, word) for name, word in zip("xy", slow, strict=True)}
+    if timing == "recurrent":
+        taus = {"plus": synapse.mean_pre_window, "minus": synapse.mean_post_window}
     if rule.concentrations:
         taus |= {"c": synapse.tau_c, "d": synapse.tau_n}
-    names = ("low", "high", "up", "down", "up3", "down3", "alpha")
-    numbers = dict(zip(names, (int(value) for value in c[3:10]), strict=True))
-    numbers |= {"gain": int(c[12]), "w_low": int(c[13]), "w_high": int(c[14])}
+    names = ("low", "high", "up", "down", "up3", "down3", "alpha", "least", "most", "gain", "w_low", "w_high")
+    numbers = dict(zip(names, (int(value) for value in c[3:15]), strict=True))
     twin = Rule(timing, multiplicative, taus, **numbers)
     pre, post = sim.program.connections(0)
     delays = np.broadcast_to(wires.delay, pre.size) % rule.slots
@@ -176,6 +315,7 @@ def twin_of(sim, synapse, timing, multiplicative):
 @pytest.mark.parametrize("name", RULES)
 def test_networks_learn_as_their_twin(name, recurrent):
     synapse, timing, multiplicative = RULES[name]
+    by_signal = getattr(synapse, "signal", None) is not None
     for seed in range(3):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -183,7 +323,7 @@ def test_networks_learn_as_their_twin(name, recurrent):
             told = {150: 0.02, 230: -0.01, 231: 0.015}
             for at in (*told, STEPS):
                 sim.run(at - sim.time)
-                if name == "signal" and at in told:
+                if by_signal and at in told:
                     sim.signal("r", told[at])
         rule, neurons, rows, synapses = twin_of(sim, synapse, timing, multiplicative)
         fired = {part: by_step(sim, part) for part in ("a", "b", "d")}
@@ -191,11 +331,11 @@ def test_networks_learn_as_their_twin(name, recurrent):
         scale = sim._engine.fixed.projections[0].n_scale
         for step in range(1, STEPS + 1):
             t = step - 1
-            if name == "dopamine":
+            if getattr(synapse, "dopamine", None):
                 for _ in fired["d"].get(step, ()):
                     for neuron in neurons:
                         neuron.append(t, unit)
-            if name == "signal" and t in told:
+            if by_signal and t in told:
                 signal(neurons, t, told[t] / scale, unit)
             for j in fired["b"].get(step, ()):
                 neurons[j].append(t)
@@ -205,7 +345,7 @@ def test_networks_learn_as_their_twin(name, recurrent):
         words = [sign * made[2] for made in synapses]
         assert sim._engine.synapse_registers(0, "weight").tolist() == words, (name, seed)
         assert sim._engine.synapse_registers(0, "t").tolist() == [made[3] for made in synapses]
-        assert len({*words}) > 10
+        assert len({*words}) > 4
 
 
 def signal(neurons, t, wanted, unit):
@@ -217,11 +357,49 @@ def signal(neurons, t, wanted, unit):
                 neuron.append(t, (unit << bit) * (1 if missing > 0 else -1))
 
 
+def test_dopamine_of_both_signs_does_not_lower_all_weights():
+    net = neuro.load(path("drone"), params={"c_min": 0.0, "delay": 2.0, "eta": 0.4, "tau_c": 50.0})
+    net.world_section = None
+    with warnings.catch_warnings(action="ignore"):
+        sim = neuro.compile(net, "spinnaker", seed=1, shifts={"motors": (2, 0)}, signals={"cells_motors": 0.1})
+    cells = [27, 28, 35, 36]  # those that see a ball in the middle
+    sim.set("cells", {"rate": 100.0 * np.isin(np.arange(64), cells)})
+    for right, down in np.random.default_rng(0).normal(0.0, 0.004, (60, 2)):
+        sim.signal("dopamine", [right, -right, down, -down])
+        sim.run(50.0)
+    learnt = np.reshape(sim.weights("cells_motors")[2], (64, 4))[cells]
+    assert learnt.std() > 20.0
+    assert learnt.mean() > 1440.0  # 1371 if a signal takes only the root of what it shares with the eligibility
+
+
 def by_step(sim, part):
     found = {}
     for time, i in zip(*sim.spikes(part), strict=True):
         found.setdefault(round(time), []).append(int(i))
     return {step: sorted(ids) for step, ids in found.items()}
+
+
+NETWORKS = int(os.environ.get("NEURO_LEARNING_NETWORKS", "32"))
+
+
+@pytest.mark.parametrize("seed", range(NETWORKS))
+def test_random_networks_learn_as_their_twin(seed):
+    net, told = spinnaker_twin.network(seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim = neuro.compile(net, "spinnaker", seed=seed, signals={"ab": 0.03} if told else {})
+        twin = spinnaker_twin.Learning(net, sim.program, sim._engine.fixed)
+        for k in range(1, spinnaker_twin.STEPS + 1):
+            sim.run(1.0)
+            fired = twin.step(k)
+            times, ids = sim.spikes("b")
+            assert ids[times == k].tolist() == fired["b"], k
+            sign = -1 if twin.rule.inhibits else 1
+            assert sim._engine.synapse_registers(0, "weight").tolist() == [sign * made[2] for made in twin.synapses], k
+            assert sim._engine.synapse_registers(0, "t").tolist() == [made[3] for made in twin.synapses], k
+            if k in told:
+                sim.signal("r", told[k])
+                twin.signal(k, told[k])
 
 
 # what a run does with it
@@ -358,6 +536,15 @@ def test_the_spikes_that_bring_a_signal_are_priced(started):
     assert lines["learning_update", "ab"].joules_each is None
 
 
+def test_a_file_of_results_has_what_only_the_chip_counts(started, tmp_path):
+    sim = started()
+    with sim.record_to(tmp_path / "run.h5"):
+        steered(sim, 150.0, 230.0, 400.0)
+    left = neuro.results.read(tmp_path / "run.h5")
+    assert left.counts() == sim.counts()
+    assert left.energy("spinnaker").items == sim.energy("spinnaker").items
+
+
 @pytest.mark.parametrize(("model", "extra"), [("iaf_psc_exp", 1), ("iaf_psc_delta", 0)])
 def test_amplitudes_make_up_for_a_longer_delay_register(model, extra):
     net = neuro.Network("windows", resolution=1.0)
@@ -371,3 +558,80 @@ def test_amplitudes_make_up_for_a_longer_delay_register(model, extra):
     assert wires.delay.tolist() == [4 + extra]
     assert wires.rule.constants[UP] / 16384 == pytest.approx(np.exp(extra / 20.0), abs=1e-4)
     assert wires.rule.constants[DOWN] / 16384 == pytest.approx(np.exp(-extra / 10.0), abs=1e-4)
+
+
+# limits of a core
+
+
+def layer(synapse, neurons, weight=300.0):
+    net = neuro.Network("layer", resolution=1.0)
+    net.population("a", 20, neuro.poisson_generator(rate=20.0))
+    net.population("d", 1, neuro.poisson_generator(rate=5.0))
+    net.population("b", neurons, neuro.iaf_psc_exp(tau_minus=20.0))
+    net.connect("a", "b", neuro.all_to_all(), synapse, weight=weight, delay=15.0, name="ab")
+    return net
+
+
+@pytest.mark.parametrize("kind", spinnaker_core.KNOWN)
+def test_tables_of_a_core_are_as_long_as_those_of_the_rule(kind):
+    weights = {"Wmax": -900.0} if kind is vogels_sprekeler else {"Wmax": 900.0}
+    numbers = {
+        "mu_plus": 0.0,
+        "mu_minus": 0.0,
+        "pre_at_start": True,
+        "c_min": 0.0,
+        "dopamine": "d",
+        "A_plus": 20.0,
+        "eta": 1.0,
+    }
+    numbers |= weights | {f"A{side}": 10.0 for side in ("plus", "minus")}
+    synapse = kind(**{name: value for name, value in numbers.items() if hasattr(kind, name)})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim = neuro.compile(layer(synapse, 3, weights["Wmax"] / 3), "spinnaker")
+    rule = sim._engine.fixed.projections[0].rule
+    lengths = [table_length(tau, 1.0, shift) for tau, shift in spinnaker_core._tables(synapse, 20.0)]
+    assert sum(lengths) == rule.table.size
+    assert len(lengths) == np.count_nonzero(rule.places[:, 1])
+    assert spinnaker_core.slots_of(sim.program, chip("spinnaker"), 2) == rule.slots
+
+
+def test_a_population_is_split_where_its_histories_fill_a_core():
+    """A history of a pair rule has 100 bytes, and with dopamine 136, as in the released programs."""
+    machine = chip("spinnaker")
+    for synapse, history in ((stdp(Wmax=900.0), 100), (stdp_dopa(dopamine="d", Wmax=900.0), 136)):
+        program = neuro.compile(layer(synapse, 300), "event").program
+        least, more = (spinnaker_core.bytes_of(program, machine, 2, n) for n in (202, 204))
+        of_rows = 2 * 2 * (4 if history == 100 else 6)  # in two buffers
+        assert more - least == 2 * (history + 60) + of_rows
+        placement = place(program, machine)
+        cores = [core for core in placement.cores if core.parts[0][0] == 2]
+        assert len(cores) == 2
+        assert 128 < cores[0].neurons < 256
+        assert max(core.own_bytes for core in cores) <= 59756
+        assert spinnaker_core.bytes_of(program, machine, 2, max(core.neurons for core in cores) + 1) > 59756
+        assert f"learning takes up to {cores[0].own_bytes:,} bytes of a core's own memory, of 59,756" in str(placement)
+    assert place(neuro.compile(layer(static(), 300), "event").program, machine).cores[0].own_bytes == 0
+
+
+def test_what_fits_on_no_core_is_refused(messages):
+    net = layer(stdp(mu_plus=0.0, mu_minus=0.0, Wmax=900.0, lambda_=0.1, tau_plus=4000.0), 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        messages({"memory of a core": refused(neuro.compile, net, "spinnaker")})
+
+
+def test_cycles_of_learning(started):
+    """Each packet visits its synapses, each post spike is applied to all of them."""
+    sim = started(RULES["pair, additive"][0])
+    sim.run(400.0)
+    program = sim.program
+    assert spinnaker_core.busiest(program, [[(1, 0, 4)], [(0, 0, 12)]], {0: (3.0, 2.0)}) == 3 * 170 + 2 * 44
+    assert spinnaker_core.busiest(program, [[(1, 0, 1)], [(1, 1, 4)]], {0: (3.0, 2.0)}) == 0.75 * (3 * 170 + 2 * 44)
+    spikes = [sim.spikes(name)[0].size for name in "ab"]
+    cycles = (spikes[0] * 4 * 170 + spikes[1] * 12 * 44) / 400
+    (note,) = (note for note in sim.energy("spinnaker").notes if "cycles of a tick" in note)
+    assert note == f"learning takes > {cycles:,.0f} of the 200,000 cycles of a tick on the busiest core on average"
+    (note,) = place(neuro.compile(layer(stdp(Wmax=900.0), 100), "event").program, chip("spinnaker")).notes[1:]
+    assert note.endswith("if all sources and targets spike once in a tick: real time is not kept")
+    assert f"> {20 * 100 * (170 + 44):,} of the 200,000" in note

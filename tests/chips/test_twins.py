@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import neuro
+from loihi_twin import Compartments, loihi_word
 from neuro.program.backend import OverflowWarning
 from neuro.run.compiled import ApproximationWarning
+from spinnaker_twin import Neurons
 
 MODES = {"mixed": (-256, 254), "excitatory": (0, 255), "inhibitory": (-255, 0)}
 INPUTS, CELLS = 3, 4
@@ -101,60 +103,6 @@ def arrays(registers: list[dict[str, int]]):
 # Loihi
 
 
-def loihi_word(m: int, weight_exp: int, num_weight_bits: int, sign_mode: str) -> int:
-    """What a spike adds to u: the lowest bits of |m| are dropped, m is shifted (floor), then x 64 and clipped."""
-    lost = 8 - num_weight_bits + (sign_mode == "mixed")
-    kept = (abs(m) >> lost) << lost
-    kept = kept if m >= 0 else -kept
-    shifted = kept * 2**weight_exp if weight_exp >= 0 else kept // 2**-weight_exp
-    return max(-(2**21) + 64, min(2**21 - 64, shifted * 64))
-
-
-def decayed(x: int, keep: int) -> int:
-    """x keep / 4096, cut towards 0."""
-    return (1 if x >= 0 else -1) * ((abs(x) * keep) >> 12)
-
-
-def wrapped(x: int, bits: int) -> int:
-    """x as a two's complement of so many bits."""
-    return (x + 2 ** (bits - 1)) % 2**bits - 2 ** (bits - 1)
-
-
-class Compartments:
-    """Compartments as dictionaries of Python integers, which cannot overflow."""
-
-    def __init__(self, registers: list[dict[str, int]], synapses: list[tuple[str, int, int, int, int]]):
-        self.r, self.synapses = registers, synapses
-        self.u, self.v, self.held = ([0] * len(registers) for _ in range(3))
-        self.due: dict[int, list[tuple[int, int]]] = {}
-
-    def run(self, spikes, steps: int):
-        """States and spikes of steps 0..; `spikes` are the sources that spike in each step."""
-        rows = []
-        for k in range(steps):
-            fired = [self.step(k, i) for i in range(len(self.r))]
-            for kind, pre, post, add, delay in self.synapses:
-                if pre in spikes[k] if kind == "in" else fired[pre]:
-                    self.due.setdefault(k + 1 + delay, []).append((post, add))
-            rows.append((list(self.u), list(self.v), fired))
-        return dict(zip(("u", "v", "fired"), (np.array(column) for column in zip(*rows, strict=True)), strict=True))
-
-    def step(self, k: int, i: int) -> bool:
-        r = self.r[i]
-        arrived = wrapped(sum(add for post, add in self.due.get(k, ()) if post == i), 22)
-        self.u[i] = wrapped(decayed(self.u[i], 4096 - (r["du"] + 1)) + arrived, 24)
-        drive = wrapped(self.u[i] + r["bias_mant"] * 2 ** r["bias_exp"], 24)
-        v = decayed(self.v[i], 4096 - r["dv"]) + drive
-        v = max(-(2**23) + 1, min(2**23 - 1, v))
-        if self.held[i]:
-            self.held[i], v = self.held[i] - 1, 0
-        spike = v > r["vth"] * 64
-        self.v[i] = 0 if spike else v
-        if spike:
-            self.held[i] = r["refractory"] - 1
-        return spike
-
-
 COMPARTMENT = st.fixed_dictionaries(
     {
         "du": edge(0, 4095),
@@ -206,57 +154,6 @@ def test_the_largest_delay_register_of_loihi():
 
 
 # SpiNNaker
-
-
-def cut(x: int) -> int:
-    """To 32 bits, two's complement."""
-    return wrapped(x, 32)
-
-
-def product(a: int, b: int) -> int:
-    """s16.15, floor."""
-    return (a * b) >> 15
-
-
-class Neurons:
-    """Neurons of SpiNNaker as dictionaries of Python integers."""
-
-    def __init__(self, registers, shifts, synapses):
-        self.r, self.shifts, self.synapses = registers, shifts, synapses
-        self.v = [r["v_init"] for r in registers]
-        self.g = [[0, 0] for _ in registers]
-        self.held = [0] * len(registers)
-        self.ring: dict[tuple[int, int, int], int] = {}
-
-    def run(self, spikes, ticks):
-        rows = []
-        for t in range(ticks):
-            states = [self.tick(t, i) for i in range(len(self.r))]
-            for kind, pre, post, add, delay in self.synapses:
-                if pre in spikes[t] if kind == "in" else states[pre][3]:
-                    slot = (t + delay, post, int(add < 0))
-                    self.ring[slot] = min(65535, self.ring.get(slot, 0) + abs(add))
-            rows.append(list(zip(*states, strict=True)))
-        names = ("v", "g_exc", "g_inh", "fired")
-        return dict(zip(names, (np.array(column) for column in zip(*rows, strict=True)), strict=True))
-
-    def tick(self, t, i):
-        r, g = self.r[i], self.g[i]
-        for k, word in enumerate(("exc", "inh")):
-            arrived = self.ring.get((t, i, k), 0) << self.shifts[k]
-            g[k] = cut(g[k] + (arrived * r[f"{word}_init"] >> 32))
-        used = tuple(g)
-        if self.held[i] <= 0:
-            alpha = cut(product(cut(g[0] - g[1] + r["i_offset"]), r["r_m"]) + r["v_rest"])
-            self.v[i] = cut(alpha - product(r["exp_tc"], cut(alpha - self.v[i])))
-        else:
-            self.held[i] -= 1
-        spike = self.v[i] >= r["v_thresh"]
-        if spike:
-            self.v[i], self.held[i] = r["v_reset"], r["t_refract"]
-        for k, word in enumerate(("exc", "inh")):
-            g[k] = cut((g[k] * r[f"{word}_decay"]) >> 32)
-        return self.v[i], *used, spike
 
 
 mV = 32768

@@ -228,7 +228,7 @@ def test_bills(bills, capsys):
     assert spinnaker.dynamic_j == pytest.approx(dynamic + spinnaker.by_cost()["packet"])
     assert cpu.total_j == pytest.approx(20 * 256 * 8.6e-9)
     assert all(bill.of == "control step" for bill in bills.spiking)
-    assert [(d.target, d.macs, d.joules) for d in bills.dense] == [
+    assert [(d.target, d.items[0].count, d.total_j) for d in bills.dense] == [
         ("cpu", MACS, pytest.approx(MACS * 8.6e-9)),
         ("gpu", MACS, pytest.approx(MACS * 0.3e-9)),
     ]
@@ -253,5 +253,7 @@ def test_bills(bills, capsys):
     learnt |= {f"q_net.q_net.{k}.bias": np.zeros(shape[0], np.float32) for k, shape in shapes.items()}
     model = Model("dqn", LAP, 0, 1, 100, {"hidden": 16}, learnt=learnt)
     bills = priced(model, ("loihi", "gpu"))
-    assert [(d.target, d.what, d.macs) for d in bills.dense] == [("gpu", "dqn: 64-16-16-9", 64 * 16 + 16 * 16 + 16 * 9)]
+    assert [(d.target, d.items[0].of, d.items[0].count) for d in bills.dense] == [
+        ("gpu", "dqn: 64-16-16-9", 64 * 16 + 16 * 16 + 16 * 9)
+    ]
     assert bills.spiking == ()

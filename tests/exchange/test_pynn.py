@@ -121,6 +121,9 @@ def test_what_cannot_come_is_told_by_line(comes, messages):
     messages({"all": refused(comes, script)})
 
 
+TAUGHT = {
+    **{"dopamine_delay": 1.0, "tau_c": 500.0, "tau_n": 100.0, "concentration": 0.25, "Wmax": 4000.0, "c_max": 4000.0},
+}
 LEARNS = """
 import pyNN.spiNNaker as p
 p.setup(timestep=1.0)
@@ -136,22 +139,30 @@ rules = {
     ),
     "vogels": (extra.Vogels2011Rule(alpha=0.2, A_plus=0.02, tau=20.0), p.AdditiveWeightDependence(w_max=4.0)),
     "taught": (p.SpikePairRule(A_plus=1.0, A_minus=1.0), p.AdditiveWeightDependence(w_max=4.0)),
+    "taught soft": (p.SpikePairRule(A_plus=0.25, A_minus=0.125), p.MultiplicativeWeightDependence(w_max=4.0)),
+    "taught vogels": (extra.Vogels2011Rule(alpha=0.25, A_plus=0.5, tau=20.0), p.AdditiveWeightDependence(w_max=4.0)),
+    "nearest soft": (extra.SpikeNearestPairRule(A_minus=0.02), p.MultiplicativeWeightDependence(w_max=4.0)),
+    "recurrent": (
+        extra.RecurrentRule(accumulator_depression=-3, mean_pre_window=10.0, A_plus=0.25, A_minus=0.125),
+        p.MultiplicativeWeightDependence(w_min=0.5, w_max=4.0),
+    ),
 }
 for name, parts in rules.items():
     cells = p.Population(2, p.IF_curr_exp(), label=name)
     kind = "inhibitory" if name == "vogels" else "excitatory"
     learns = p.STDPMechanism(*parts, weight=2.0, delay=3.0)
     p.Projection(source, cells, p.AllToAllConnector(), learns, receptor_type=kind)
-    if name == "taught":
-        dopamine = p.Population(1, p.SpikeSourceArray(spike_times=times), label="dopamine")
+    if name.startswith("taught"):
+        dopamine = p.Population(1, p.SpikeSourceArray(spike_times=times), label=name + " dopamine")
         by = extra.Neuromodulation(weight=0.25, tau_c=500.0, tau_d=100.0, w_max=4.0)
-        p.Projection(dopamine, cells, p.AllToAllConnector(), by, receptor_type="reward")
+        receptor = "punishment" if name == "taught vogels" else "reward"
+        p.Projection(dopamine, cells, p.AllToAllConnector(), by, receptor_type=receptor)
 p.run(100)
 """
 
 
 @needs_pynn
-def test_what_learns_on_spinnaker_comes_with_its_amplitudes(comes):
+def test_what_learns_on_spinnaker_comes_with_its_amplitudes(comes, tmp_path):
     """Additive steps are weights there, those of triplets shares of the largest weight, in nA."""
     net = comes(LEARNS)
     found = {part.target: part.synapse for part in net.projections.values()}
@@ -165,8 +176,21 @@ def test_what_learns_on_spinnaker_comes_with_its_amplitudes(comes):
         ),
         "vogels": neuro.vogels_sprekeler(eta=20.0, alpha=0.2, Wmax=-4000.0),
         "taught": neuro.stdp_dopa(
-            **{"dopamine": "dopamine", "dopamine_delay": 1.0, "tau_c": 500.0, "tau_n": 100.0, "c_min": 0.0},
+            **{"dopamine": "taught_dopamine", "dopamine_delay": 1.0, "tau_c": 500.0, "tau_n": 100.0, "c_min": 0.0},
             **{"A_plus": 25000.0, "A_minus": 25000.0, "Wmax": 4000.0},
+        ),
+        "taught_soft": neuro.spinnaker_learning(
+            **{"dopamine": "taught_soft_dopamine", "dependence": "multiplicative", "A_plus": 0.25, "A_minus": 0.125},
+            **TAUGHT,
+        ),
+        "taught_vogels": neuro.spinnaker_learning(
+            **{"dopamine": "taught_vogels_dopamine", "timing": "vogels", "alpha": 0.25, "A_plus": 0.125},
+            **{"A_minus": 0.0025} | TAUGHT | {"concentration": -0.25},
+        ),
+        "nearest_soft": neuro.stdp_nn_symm(lambda_=0.01, alpha=2.0, Wmax=4000.0, pre_at_start=True),
+        "recurrent": neuro.spinnaker_learning(
+            **{"timing": "recurrent", "dependence": "multiplicative", "A_plus": 0.25, "A_minus": 0.125},
+            **{"accumulator_depression": -3, "mean_pre_window": 10.0, "Wmin": 500.0, "Wmax": 4000.0},
         ),
     }
     for name, synapse in wanted.items():
@@ -176,7 +200,19 @@ def test_what_learns_on_spinnaker_comes_with_its_amplitudes(comes):
         sim = neuro.compile(net, "spinnaker")
     rules = [wires.rule for wires in sim._engine.fixed.projections]
     programs = {rule.program for rule in rules if rule is not None}
-    assert len(programs) == 6
+    assert len(programs) == 10
+    neuro.to_pynn(net, tmp_path / "again.py")
+    again = neuro.from_pynn(tmp_path / "again.py", run_script=True)
+    for path in tmp_path.glob("again.*"):
+        path.unlink()
+    assert len(again.projections) == len(net.projections)
+    for part in net.projections.values():
+        (back,) = [one for one in again.projections.values() if one.target == part.target]
+        assert type(back.synapse) is type(part.synapse)
+        for word, value in part.synapse.parameters().items():
+            assert back.synapse.parameters()[word] == (value if isinstance(value, str) else pytest.approx(value)), word
+        assert (back.source, back.delay) == (part.source, part.delay)
+        assert np.allclose(back.weight, part.weight)
 
 
 BEGIN = "import pyNN.nest as sim\nsim.setup()\np = sim.Population(3, sim.IF_curr_exp())\n"
@@ -282,7 +318,7 @@ def test_what_pynn_has_not_is_told_by_part(tmp_path, messages):
     net.population("a", 2, neuro.sinusoidal_poisson_generator(rate=5.0))
     net.population("b", 2, neuro.mat2_psc_exp())
     net.population("c", 2, neuro.iaf_psc_exp())
-    net.connect("c", "c", neuro.all_to_all(), neuro.stdp_triplet(), weight=1.0)
+    net.connect("c", "c", neuro.all_to_all(), neuro.stdp_pl_hom(), weight=1.0)
     net.signal("reward", to="c")
     others = error_of(neuro.to_pynn, net, tmp_path / "odd.py").others
     places = [str(one).partition(": ")[2].partition("\n")[0] for one in others]
@@ -297,6 +333,33 @@ def test_what_pynn_has_not_is_told_by_part(tmp_path, messages):
         net = neuro.Network("odd")
         net.population("a", 2, model)
         assert f"'{word}' has no counterpart in PyNN's IF_curr_" in refused(neuro.to_pynn, net, tmp_path / "odd.py")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_learning_that_spynnaker_has_not_is_told_by_part(tmp_path, messages):
+    def told(*rules, model=None):
+        net = neuro.Network("odd", resolution=1.0)
+        net.population("a", 2, neuro.spike_generator(spike_times=[[1.0], [2.0]]))
+        net.population("b", 2, model or neuro.iaf_psc_exp())
+        if getattr(rules[0], "signal", None):
+            net.signal("s", to="b")
+        for k, rule in enumerate(rules):
+            net.connect("a", "b", neuro.all_to_all(), rule, weight=1.0, delay=1.0, name=f"learns{k}")
+        return "; ".join(one.message for one in error_of(neuro.to_pynn, net, tmp_path / "odd.py").others)
+
+    taught = {"dopamine": "a", "c_min": 0.0}
+    messages(
+        {
+            "mixed exponents": told(neuro.stdp_nn_symm(mu_plus=0.0, pre_at_start=True)),
+            "the start": told(neuro.stdp_nn_symm()),
+            "baseline": told(neuro.stdp_dopa(**taught, b=0.1)),
+            "two signs": told(neuro.stdp_dopa(dopamine="a")),
+            "a signal": told(neuro.stdp_dopa(c_min=0.0, signal="s")),
+            "two teachers": told(neuro.stdp_dopa(**taught), neuro.stdp_dopa(**taught, tau_c=500.0)),
+            "one is not taught": told(neuro.stdp_dopa(**taught), neuro.stdp()),
+            "mV": told(neuro.spinnaker_learning(), model=neuro.iaf_psc_delta()),
+        }
+    )
     assert list(tmp_path.iterdir()) == []
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 import neuro
+from neuro.model.synapses import spinnaker_learning
 
 STEPS = 60
 """That a test compares."""
@@ -297,3 +298,69 @@ def _taught(net: neuro.Network, draws: np.random.Generator, pre: str, post: str,
     first, name = neuro.uniform(low=0.3 * top, high=top), f"wires-{len(net.projections)}"
     delay = float(draws.choice([1.0, 7.0]))
     net.connect(pre, post, rules[int(draws.integers(0, len(rules)))], synapse, weight=first, delay=delay, name=name)
+
+
+def random_deferred(seed: int) -> neuro.Network:
+    """A network of SpiNNaker of a number that learns by each of its rules: pairs, triplets, Vogels, dopamine."""
+    draws = np.random.default_rng([seed, 9])
+    net = neuro.Network(f"deferred{seed}", resolution=1.0)
+    n = int(draws.integers(1, 6))
+    net.population("noise", n, neuro.poisson_generator(rate=float(draws.choice([100.0, 200.0, 900.0]))))
+    for k in range(int(draws.integers(1, 4))):
+        name, rule = f"cells{k}", (seed + k) % len(DEFERRED)
+        cell = neuro.iaf_psc_delta if draws.random() < 0.5 else neuro.iaf_psc_exp
+        words = {"E_L": 0.0, "V_reset": 0.0, "V_th": 4.0, "tau_m": 20.0, "t_ref": float(draws.integers(0, 3))}
+        net.population(name, int(draws.choice([n, 4])), cell(**words, tau_minus=20.0))
+        unit = _unit(net, name)
+        _connect(net, draws, "noise", name, unit)
+        net.signal(f"reward.{k}", to=name)
+        of = [pre for pre in net.populations if len(net.populations[pre]) == len(net.populations[name])]
+        synapse = DEFERRED[rule](draws, 2.0 * unit, f"reward.{k}", str(draws.choice(list(net.populations))), of)
+        for pre in {str(pre) for pre in draws.choice(list(net.populations), 2)}:
+            rules = [neuro.all_to_all(), neuro.fixed_indegree(int(draws.integers(1, 4)))]
+            rules += [neuro.one_to_one()] * (len(net.populations[pre]) == len(net.populations[name]))
+            sign = -1.0 if synapse.Wmax < 0.0 else 1.0
+            first = neuro.uniform(low=min(sign * unit, 0.0), high=max(sign * unit, 0.0))
+            longest = float(draws.choice([1.0, 3.0, 7.0]))
+            delay = neuro.uniform(low=1.0, high=longest) if longest > 1.0 and draws.random() < 0.5 else longest
+            chosen = rules[int(draws.integers(0, len(rules)))]
+            net.connect(pre, name, chosen, synapse, weight=first, delay=delay, name=f"wires-{len(net.projections)}")
+    return net
+
+
+def _pairs(kind: Any, mu: float) -> Any:
+    """A rule of pairs with a dependence on the weight."""
+    start = {"pre_at_start": True} if "pre_at_start" in kind.__dataclass_fields__ else {}
+    return lambda draws, top, signal, by, of: kind(
+        lambda_=float(draws.choice([0.02, 0.3])), alpha=1.2, mu_plus=mu, mu_minus=mu, Wmax=top, **start
+    )
+
+
+def _taught_by(draws: np.random.Generator, top: float, signal: str, by: str, of: list[str]) -> Any:
+    """Dopamine of a signal, of all spikes of a population, or of the spike of one's own neuron."""
+    source = [{"signal": signal}, {"dopamine": by}, {"dopamine": of[0], "dopamine_rule": "one_to_one"}]
+    plus = top * float(draws.choice([0.02, 0.2]))
+    times = {"tau_c": float(draws.choice([200.0, 30.0])), "tau_n": float(draws.choice([100.0, 20.0]))}
+    words = {"A_minus": plus * float(draws.choice([0.0, 0.5])), **times, **source[int(draws.choice([0, 0, 1, 2]))]}
+    return neuro.stdp_dopa(A_plus=plus, c_min=0.0, Wmax=top, **words)
+
+
+DEFERRED = (
+    _pairs(neuro.stdp, 0.0),
+    _taught_by,
+    _pairs(neuro.stdp, 1.0),
+    _pairs(neuro.stdp_nn_symm, 0.0),
+    _taught_by,
+    _pairs(neuro.stdp_nn_restr, 1.0),
+    lambda draws, top, signal, by, of: neuro.stdp_triplet(
+        Aplus=0.1 * top, Aplus_triplet=0.2 * top, Aminus=0.2 * top, Aminus_triplet=0.05 * top, Wmax=top
+    ),
+    lambda draws, top, signal, by, of: neuro.vogels_sprekeler(eta=0.1 * top, Wmax=-top, alpha=0.9, tau=20.0),
+    lambda draws, top, signal, by, of: spinnaker_learning(
+        dependence="multiplicative", signal=signal, A_plus=0.1, A_minus=0.05, Wmax=top, c_max=top, tau_n=50.0
+    ),
+    lambda draws, top, signal, by, of: spinnaker_learning(
+        timing="vogels", dopamine=by, alpha=0.0, A_plus=0.1, Wmax=-top, c_max=top, concentration=-0.01, tau_n=50.0
+    ),
+)
+"""A synapse model of each released program of SpiNNaker but the recurrent rule; additive rules of dopamine twice."""

@@ -192,6 +192,26 @@ def test_the_first_spikes_of_a_frame():
         assert np.array_equal(few[name], np.concatenate([every[name][a : a + 20] for a in starts]))
 
 
+def test_all_scales_merged_are_the_spikes_of_each_scale():
+    """Those of each scale by itself, scaled by the largest response of the frame, in the order of their ticks."""
+    values = responses(random_events())
+    codes, ids, lengths = FRONT.encoder.encode(values)
+    all_codes, all_ids, all_lengths = replace(FRONT.encoder, scales="all").encode(values)
+    ends, all_ends = np.cumsum(lengths), np.cumsum(all_lengths)
+    for k, frame in enumerate(values):
+        one = slice(ends[k] - lengths[k], ends[k])
+        every = slice(all_ends[k] - all_lengths[k], all_ends[k])
+        merged = sorted(zip(all_codes[every].tolist(), all_ids[every].tolist(), strict=True))
+        assert merged == list(zip(all_codes[every].tolist(), all_ids[every].tolist(), strict=True))
+        relative = (frame / frame.max()).reshape(len(frame), -1)
+        scale, place = np.nonzero(relative >= 0.1)
+        ticks = np.minimum(log_intensity_to_latency(relative[scale, place], 0.1, 1.0, 64.0) // 1.0, 63)
+        assert merged == sorted(zip(ticks.astype(int).tolist(), place.tolist(), strict=True))
+        # The first spike of a place is that of its strongest scale.
+        first = {place: tick for tick, place in reversed(merged)}
+        assert first == dict(zip(ids[one].tolist(), codes[one].tolist(), strict=True))
+
+
 def test_features_name_the_recording(tmp_path):
     (tmp_path / "set" / "a").mkdir(parents=True)
     save(random_events(10, size=(128, 128), low=40), tmp_path / "set" / "a" / "1.bin")

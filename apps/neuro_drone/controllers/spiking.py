@@ -63,7 +63,8 @@ class SpikingSettings(ControllerSettings):
 class Spiking:
     """A network with 64 cells, whose rates follow the events in their fields, and two motors an axis.
 
-    An action is the difference of a pair's spikes over the most that are possible. After each step the error of an
+    An action is the difference of a pair's spikes over the most that are possible (eq. 129), times a gain that the
+    thesis does not have, cut at -1 and 1. After each step the error of an
     axis is the dopamine of its positive motor and, with the opposite sign, of its negative one: so says its world.
 
     Args:

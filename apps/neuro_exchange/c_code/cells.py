@@ -40,7 +40,7 @@ class Cells:
         out: whether its spikes are output.
         group: whether its neurons compete.
         onto: numbers of the projections that it sends along.
-        noted: statements with which learning hears of a spike of neuron i.
+        noted: statements with which learning hears of TIMES spikes of neuron i.
     """
 
     number: int
@@ -235,7 +235,8 @@ def arriving(cells: Cells) -> str:
 def sent(cells: Cells, times: str) -> list[str]:
     """Statements with which neuron i emits."""
     lines = [f"emit({cells.first}u + i, {times}, {int(cells.out)});"]
-    return [*lines, *(f"send_{q}(i, {times});" for q in cells.onto), *cells.noted]
+    noted = (line.replace("TIMES", times) for line in cells.noted)
+    return [*lines, *(f"send_{q}(i, {times});" for q in cells.onto), *noted]
 
 
 def _unless(hold: str, free: Sequence[str], held: Iterable[str]) -> list[str]:

@@ -32,10 +32,10 @@ from neuro import (
 )
 from neuro.apps import Clock, Quantity, check, file_path, keyed_random, make_folder, output, sealed, unknown
 from neuro.chips import FixedProgram, arithmetic_of, chip, quantise
-from neuro.extend import Chip, Ints, Population, Problem, Program, Projection
+from neuro.extend import Chip, Ints, Population, Problem, Program, Projection, spinnaker_rule as sr
 from neuro_exchange.c_code.arrays import Memory, number
 from neuro_exchange.c_code.cells import function, supports
-from neuro_exchange.c_code.source import FAMILIES, INPUTS, LARGEST, MARK, STEPS, Dopamine, Source, source_of
+from neuro_exchange.c_code.source import FAMILIES, INPUTS, MARK, STEPS, Dopamine, Source, source_of
 from neuro_exchange.templates import filled
 
 __all__ = ["CCode", "save_c"]
@@ -173,7 +173,7 @@ def save_c(
         f"{name}_test.c": filled("c_code/templates/test.c", **words),
     }
     shared = ["integers.h", f"{target.arithmetic}.h", "Makefile", "m4.c", "m4.ld"]
-    shared += ["learning.h"] if '"learning.h"' in source.code else []
+    shared += [file for file in ("learning.h", "deferred.h") if f'"{file}"' in source.code]
     # Write all files, or none if one of them cannot be written.
     make_folder(place)
     with ExitStack() as parts:  # none takes its name before all are written
@@ -238,7 +238,7 @@ def _draw_rewards(signals: Mapping[str, Dopamine], steps: int) -> Rewards:
     draws, rewards = np.random.default_rng(1), dict[str, tuple[Ints, Ints]]()
     for name, signal in signals.items():
         when = np.flatnonzero(draws.random(steps) < _DRAWN)
-        rewards[name] = when, draws.integers(-LARGEST, LARGEST, (when.size, signal.size))
+        rewards[name] = when, draws.integers(-signal.largest, signal.largest, (when.size, signal.size))
     return rewards
 
 
@@ -438,11 +438,18 @@ def _populations(fixed: FixedProgram) -> Iterator[Problem]:
 
 def _projections(fixed: FixedProgram) -> Iterator[Problem]:
     for part, wires in zip(fixed.program.projections, fixed.projections, strict=True):
-        if part.synapse.learns and (wires is None or wires.rule is None or fixed.chip.arithmetic != "loihi"):
+        if part.synapse.learns and (wires is None or wires.rule is None or fixed.chip.arithmetic == "loihi2"):
             why = "the host applies the rule, and the program in C has none"
             if wires is not None and wires.rule is not None:
                 why = f"the program in C has no learning of {fixed.chip.name}"
             yield _refused(part, part.synapse.name, why, _FROZEN)
+        elif wires is not None and isinstance(wires.rule, sr.SpinnakerRule):
+            if sr.TIMINGS[wires.rule.constants[sr.TIMING]] == "recurrent":
+                why = "the program in C has no windows at random"
+                yield _refused(part, part.synapse.name, why, "use another timing")
+            if wires.delay.max(initial=0) > wires.rule.slots:
+                why = f"a delay of {wires.delay.max()} steps: a neuron has {wires.rule.slots} slots"
+                yield _refused(part, part.synapse.name, why, "use shorter delays")
 
 
 def _refused(part: Population | Projection, what: str, why: str, way_out: str) -> Problem:

@@ -6,7 +6,6 @@ have one slot more than the longest lag, so the slot that a population reads now
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from zlib import crc32
 import numpy as np
 
 from neuro.chips import FixedProgram, FixedProjection, arithmetic_of, longest_lag, names_of
+from neuro.extend import spinnaker_rule
 from neuro_exchange.c_code.arrays import TYPES, Memory, comment, narrowest, number
 from neuro_exchange.c_code.cells import (
     Cells,
@@ -38,6 +38,7 @@ from neuro_exchange.c_code.cells import (
     spinnaker_delta,
     spinnaker_lif,
 )
+from neuro_exchange.c_code.deferred import Deferred, History
 from neuro_exchange.c_code.synapses import Delivery, Learning, lags_of
 from neuro_exchange.templates import filled
 
@@ -68,6 +69,7 @@ class Family(NamedTuple):
         kind: type of the field.
         about: what an event is.
         by_sign: whether words below 0 go to a receptor of their own.
+        learning: the header of what learns.
     """
 
     slot: str = "uint16_t"
@@ -75,13 +77,14 @@ class Family(NamedTuple):
     kind: str = "uint16_t"
     about: str = "A neuron that sends `times` spikes in a step"
     by_sign: bool = False
+    learning: str = "learning.h"
 
 
 _GRADED = "A neuron that sends a spike with a payload; one whose spikes have none sends as many in a step"
 FAMILIES = {
     "loihi": Family(),
     "loihi2": Family("uint32_t", "payload", "int32_t", _GRADED),
-    "spinnaker": Family(by_sign=True),
+    "spinnaker": Family(by_sign=True, learning="deferred.h"),
 }
 """Families of chips that are written as C, by the name of their header."""
 
@@ -92,11 +95,6 @@ REGISTERS = {"V_m": ("v", "hold"), "I_syn_ex": ("u", "g_exc"), "I_syn_in": ("u",
 """What a trial puts back with a state; with the potential refractoriness ends."""
 
 MARK = "Written by neuro for a microcontroller"
-
-_LEVELS = 256
-"""Numbers of a signal that stand for one unit of a trace, at most, of the finest projection that listens."""
-LARGEST = 128 * _LEVELS
-"""Numbers of a signal that surely saturate that trace."""
 
 _POINTER = 4
 _TOGETHER = -1
@@ -112,11 +110,13 @@ class Dopamine(NamedTuple):
         call: the function that sets it.
         one: what stands for 1/ms.
         size: neurons that hear it.
+        largest: a number that is surely beyond the largest dopamine.
     """
 
     call: str
     one: int
     size: int
+    largest: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,20 +165,22 @@ class _Writer:
         self._spiking = [
             q for q, wires in enumerate(fixed.projections) if wires is not None and self._program.projections[q].size
         ]
-        self._learning = {
-            q: Learning(self._program, q, self._wires(q), self._memory)
-            for q in self._spiking
-            if self._program.projections[q].synapse.learns
-        }
+        self._histories: dict[tuple[int, float], History] = {}
+        self._learning = {q: self._learner(q) for q in self._spiking if self._program.projections[q].synapse.learns}
         self._cells = {k: self._described(k) for k, part in enumerate(fixed.populations) if part.kind in STEPS}
         self._inputs = [k for k, part in enumerate(self._program.populations) if part.kind in INPUTS]
+
+    def _learner(self, q: int) -> Learning | Deferred:
+        words = self._program, q, self._wires(q), self._memory
+        deferred = isinstance(self._wires(q).rule, spinnaker_rule.SpinnakerRule)
+        return Deferred(*words, self._histories) if deferred else Learning(*words)
 
     def _described(self, k: int) -> Cells:
         part, cells, wires = self._program.populations[k], self._fixed.populations[k], self._fixed.projections
         into = [q for q in self._spiking if self._program.projections[q].target == k]
         lag = max((int(longest_lag(self._program, q).max(initial=1)) for q in into), default=0)
         second = any(
-            wire.receptor or (self._family.by_sign and np.any(wire.words < 0))
+            wire.receptor or (self._family.by_sign and bool(np.any(wire.words < 0) or self._inhibits(q)))
             for q in into
             if (wire := wires[q]) is not None
         )
@@ -189,9 +191,14 @@ class _Writer:
         onto, noted = self._along(k), self._noted(k)
         return Cells(k, cells, part.size, self._firsts[k], lag + 1, receptors, slot, out, group, onto, noted)
 
+    def _inhibits(self, q: int) -> bool:
+        """Whether what a projection has learnt is subtracted, also where all of its words are 0 in the beginning."""
+        return isinstance(part := self._learning.get(q), Deferred) and part.rule.inhibits
+
     def _along(self, k: int) -> tuple[int, ...]:
-        """The projections that a population sends along."""
-        return tuple(q for q in self._spiking if self._program.projections[q].source == k)
+        """The projections that a population sends along at once; deferred ones learn before they send."""
+        at_once = (q for q in self._spiking if not isinstance(self._learning.get(q), Deferred))
+        return tuple(q for q in at_once if self._program.projections[q].source == k)
 
     def _noted(self, k: int) -> tuple[str, ...]:
         """Statements with which the projections that learn hear of a spike of neuron i of a population."""
@@ -208,6 +215,7 @@ class _Writer:
             memory.variable(f"at_{k}", TYPES[narrowest(0, cells.slots)], f"{name}: the slot of this step")
         self._sums = self._summed()
         sending = [line for q in self._spiking for line in self._delivery(q)]
+        signals, calls, declared = self._calls()
         learning = [line for part in self._learning.values() for line in part.lines()]
         stepped = {k: STEPS[cells.fixed.kind](cells, memory) for k, cells in self._cells.items()}
         deciding, opened = list[str](), list[str]()
@@ -218,7 +226,6 @@ class _Writer:
         functions = [line for part in stepped.values() for line in part.lines]
         inputs, step = self._input(), self._step()
         parts = [sending, functions, deciding, learning, inputs, self._init(stepped, opened), step]
-        signals, calls, declared = self._calls()
         parts += [self._voltage(stepped), calls, self._digest(stepped)]
         family, upper = self._family, self._name.upper()
         words = {
@@ -233,7 +240,7 @@ class _Writer:
             "c_code/network/network.c",
             **words,
             chip=self._fixed.chip.arithmetic,
-            learning='#include "learning.h"\n' if self._learning else "",
+            learning=f'#include "{self._family.learning}"\n' if self._learning else "",
             memory="\n".join(memory.lines),
             value="wrap32(times)" if family.kind == "int32_t" else f"({family.kind})times",
             functions="\n".join(line for part in parts for line in [*part, ""]),
@@ -315,7 +322,7 @@ class _Writer:
             first, last = self._firsts[k], self._firsts[k + 1]
             sent = [f"        send_{q}(i, times);" for q in self._along(k)]
             sent = [f"        uint32_t i = neuron - {first}u;", "        (void)i;", *sent]
-            sent += [f"        {each}" for each in self._noted(k)]
+            sent += [f"        {each.replace('TIMES', 'times')}" for each in self._noted(k)]
             about = comment(self._program.populations[k].name)
             lines += [f"    if ({_inside(first, last)}) {{ /* {about} */", *sent, "    }"]
         if not self._inputs:
@@ -353,7 +360,7 @@ class _Writer:
             lines += [f"for (uint32_t e = 0; e < n; e++) {{ {clear} }}"]
         for k, cells in self._cells.items():
             lines += [f"step_{k}();", *([f"decide_{k}();"] if cells.group else []), *self._poured(k)]
-        lines += [f"learn_{q}();" for q in self._learning]
+        lines += [call for part in self._learning.values() for call in part.calls]
         for k, cells in self._cells.items():
             kind = TYPES[narrowest(0, cells.slots)]
             lines += [f"at_{k} = ({kind})later(at_{k}, 1u, {cells.slots}u);"] if cells.slots > 1 else []
@@ -374,18 +381,18 @@ class _Writer:
         indices = sorted({parts[q].signal for q in self._learning} - {-1})
         for call, index in _call_names("reward", [self._program.signals[index].name for index in indices], indices):
             signal, listening = self._program.signals[index], [q for q in self._learning if parts[q].signal == index]
-            to, finest = populations[signal.target], min(self._wires(q).n_scale for q in listening)
-            one = 1 << max(0, math.floor(math.log2(_LEVELS / finest)))
-            signals[signal.name] = Dopamine(f"{self._name}_{call}", one, to.size)
-            body = ["uint32_t size = values[i] < 0 ? 0u - (uint32_t)values[i] : (uint32_t)values[i], level;"]
-            body += [line for q in listening for line in self._learning[q].set_by(one)]
+            to, learners = populations[signal.target], [self._learning[q] for q in listening]
+            one, largest = type(learners[0]).numbers(learners)
+            signals[signal.name] = Dopamine(f"{self._name}_{call}", one, to.size, largest)
+            body = [line for part in learners for line in ("{", *indented(part.set_by(one)), "}")]
             loop = [f"for (uint32_t i = 0; i < {to.size}u; i++) {{", *indented(body), "}"]
             code += function(f"void NAME_{call}(const int32_t *values)", loop)
             words = {"signal": comment(signal.name), "to": comment(to.name), "size": to.size, "one": number(one)}
             declared += filled("c_code/network/reward.h", call=call, CALL=call.upper(), **words)
         for call, q in _call_names("weights", [parts[q].name for q in self._learning], self._learning):
-            code += function(f"int16_t *NAME_{call}(void)", [f"return w_{q};"])
-            words = {"of": comment(parts[q].name), "size": parts[q].size}
+            kind = self._learning[q].kind
+            code += function(f"{kind} *NAME_{call}(void)", [f"return w_{q};"])
+            words = {"of": comment(parts[q].name), "size": parts[q].size, "kind": kind}
             declared += filled("c_code/network/weights.h", call=call, CALL=call.upper(), **words)
         return signals, code, declared
 

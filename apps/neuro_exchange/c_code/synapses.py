@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from neuro.chips import FixedProjection, bounds
 from neuro.extend import Program, Projection, loihi_rule
 from neuro_exchange.c_code.arrays import TYPES, Memory, narrowest, number, scaled
 from neuro_exchange.c_code.cells import Cells, function, indented
+
+_LEVELS = 256
+"""Numbers of a signal that stand for one unit of a trace, at most, of the finest projection that listens."""
 
 
 class Delivery:
@@ -161,8 +165,17 @@ def _loop(name: str, begin: str, end: str, body: Sequence[str], without_i: bool 
     return [*(["(void)i;"] if without_i else []), head, *(f"    {line}" for line in body), "}"]
 
 
+def row_of(part: Projection, q: int, targets: int, body: Sequence[str]) -> list[str]:
+    """What is done to the synapses e of source i onto neurons j."""
+    if part.layout == "one_to_one":
+        return ["uint32_t j = i, e = i;", *body]
+    if part.layout == "dense":
+        return _loop("j", "0", f"{targets}u", [f"uint32_t e = i * {targets}u + j;", *body])
+    return _loop("e", f"ends_{q}[i]", f"ends_{q}[i + 1]", [f"uint32_t j = targets_{q}[e];", *body])
+
+
 class Learning:
-    """A projection that learns.
+    """A projection that learns by a rule of Loihi.
 
     Args:
         program: has it.
@@ -170,6 +183,8 @@ class Learning:
         wires: its rule and its mantissas.
         memory: takes its states.
     """
+
+    kind = "int16_t"
 
     def __init__(self, program: Program, index: int, wires: FixedProjection, memory: Memory) -> None:
         assert isinstance(wires.rule, loihi_rule.LearningRule)
@@ -225,6 +240,17 @@ class Learning:
         lag = f"(now + {steps}u)" if steps else "now"
         return f"(uint32_t)({lag} % {self._part.dopamine_delay + 1}u) * {self._sent}u"
 
+    @staticmethod
+    def numbers(parts: Sequence[Any]) -> tuple[int, int]:
+        """The number of a signal that stands for 1/ms, and one that saturates the traces of what listens."""
+        finest = min(part._wires.n_scale for part in parts)
+        return 1 << max(0, math.floor(math.log2(_LEVELS / finest))), 128 * _LEVELS
+
+    @property
+    def calls(self) -> list[str]:
+        """What a step does in its end."""
+        return [f"learn_{self._q}();"]
+
     def set_by(self, one: int) -> list[str]:
         """Statements that set the dopamine of neuron i to values[i] / `one` in 1/ms, rounded as on the emulator."""
         # Of each of the 127 values of a trace the smallest number that is rounded to it.
@@ -235,7 +261,7 @@ class Learning:
         name = self._memory.table(f"levels_{q}", ends, about, True)
         at = f"[(uint32_t)((now + {self.rule.epoch - 1}u) % {self.rule.epoch}u) * {n}u + i]"
         return [
-            "level = 0;",
+            "uint32_t size = values[i] < 0 ? 0u - (uint32_t)values[i] : (uint32_t)values[i], level = 0;",
             f"for (uint32_t bit = 64u; bit != 0; bit /= 2u) level += size >= {name}[level + bit - 1u] ? bit : 0;",
             f"r1_{q}{at} = (uint8_t)(values[i] > 0 ? level : 0);",
             f"r2_{q}{at} = (uint8_t)(values[i] < 0 ? level : 0);",
@@ -342,15 +368,7 @@ class Learning:
         lines += [f"for (uint32_t i = 0; i < {self._sources}u; i++) {{"]
         acts += " || " if acts else ""
         test = f"if ({acts}x_last_{q}[i] != 0 || y_last_{q}[j] != 0) apply_{q}(i, j, e, number);"
-        if self._part.layout == "one_to_one":
-            lines += indented(["uint32_t j = i, e = i;", test])
-        elif self._part.layout == "dense":
-            lines += [f"    for (uint32_t j = 0; j < {self._targets}u; j++) {{"]
-            lines += [f"        uint32_t e = i * {self._targets}u + j;", f"        {test}", "    }"]
-        else:
-            lines += [f"    for (uint32_t e = ends_{q}[i]; e < ends_{q}[i + 1]; e++) {{"]
-            lines += [f"        uint32_t j = targets_{q}[e];", f"        {test}", "    }"]
-        lines.append("}")
+        lines += [*indented(row_of(self._part, q, self._targets, [test])), "}"]
         for side, size in (("x", self._sources), ("y", self._targets)):
             lines.append(f"for (uint32_t i = 0; i < {size}u; i++) {side}_last_{q}[i] = 0;")
         return lines

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,6 +24,7 @@ from neuro import (
     pairs,
     poisson_generator,
     spike_generator,
+    spinnaker_learning,
     static,
     stdp,
     stdp_dopa,
@@ -45,6 +46,15 @@ _OF_POST = {
     "Vogels2011Rule": "tau",
 }
 """What PyNN's rules call the time constant of post spikes."""
+TIMINGS = {
+    **{"SpikePairRule": "pair", "SpikeNearestPairRule": "nearest", "PfisterSpikeTriplet": "triplet"},
+    **{"Vogels2011Rule": "vogels", "RecurrentRule": "recurrent"},
+}
+DEPENDENCES_OF_PROGRAMS = {
+    **dict.fromkeys(("AdditiveWeightDependence", "WeightDependenceAdditiveTriplet"), "additive"),
+    "MultiplicativeWeightDependence": "multiplicative",
+}
+"""Rules of sPyNNaker by the words of `spinnaker_learning`."""
 _NEVER = 1e10
 """PyNN's default for the duration of a source; its current sources stop at 100 times that."""
 _ALMOST = 1e-6
@@ -329,11 +339,15 @@ class Gathered:
         mechanism = bundle.made.synapse_type
         timing, dependence = type(mechanism.timing_dependence).__name__, type(mechanism.weight_dependence).__name__
         modulators = [one for one in self.modulators if one.target is bundle.target]
+        least = bundle.number("w_min")
         if modulators and factor > 0:
-            if (timing, dependence) != ("SpikePairRule", "AdditiveWeightDependence"):
-                raise Incomplete(f"{timing} with {dependence} and dopamine has no counterpart")
-            return self._dopamine(bundle, modulators, factor)
-        if bundle.number("w_min") != 0.0:
+            rewards = len(modulators) == 1 and modulators[0].made.receptor_type == "reward"
+            if (timing, dependence, least) == ("SpikePairRule", "AdditiveWeightDependence", 0.0) and rewards:
+                return self._dopamine(bundle, modulators, factor)
+            return self._program(bundle, modulators, factor)
+        if timing == "RecurrentRule" or (least != 0.0 and self.experiment.spinnaker):
+            return self._program(bundle, (), factor)
+        if least != 0.0:
             raise Incomplete("'w_min' is not 0: weights that learn end at 0")
         if timing == "Vogels2011Rule" and dependence == "AdditiveWeightDependence":
             return self._vogels(bundle, factor)
@@ -377,29 +391,58 @@ class Gathered:
         rule = {"tau": bundle.number("tau"), "alpha": alpha, "eta": eta * abs(factor)}
         return vogels_sprekeler(Wmax=largest * factor, **rule)
 
-    def _dopamine(self, bundle: Synapses, modulators: list[Synapses], factor: float) -> Any:
+    def _dopamine(self, bundle: Synapses, modulators: Sequence[Synapses], factor: float) -> Any:
         """sPyNNaker's: a spike raises dopamine by the weight of its synapse, here by 1 / tau_n."""
-        if len(modulators) > 1 or modulators[0].made.receptor_type != "reward":
+        by, words = self._released(modulators, factor)
+        scale = by.number("weight") * by.number("tau_d") * factor
+        steps: dict[str, Any] = {word: bundle.number(word) * scale for word in ("A_plus", "A_minus")}
+        return stdp_dopa(tau_plus=bundle.number("tau_plus"), c_min=0.0, **steps, **words)
+
+    def _released(self, modulators: Sequence[Synapses], factor: float) -> tuple[Synapses, dict[str, Any]]:
+        """The synapses that release dopamine, and the words of a rule that say so."""
+        if len(modulators) > 1:
             kinds = " and ".join(sorted({f"'{one.made.receptor_type}'" for one in modulators}))
-            raise Incomplete(f"dopamine by receptors {kinds}: expected one projection to 'reward'")
+            raise Incomplete(f"dopamine by {len(modulators)} projections to {kinds}: expected one")
         by, rule = modulators[0], _rule(modulators[0])
         if not isinstance(rule, all_to_all | one_to_one):
             raise Incomplete("dopamine reaches some neurons: expected all to all, or one to one")
-        tau, rises = by.number("tau_d"), by.number("weight")
-        scale = rises * tau * factor
-        return stdp_dopa(
-            dopamine=self._end(by.source),
-            dopamine_rule="one_to_one" if isinstance(rule, one_to_one) else "all_to_all",
-            dopamine_delay=self._rounded(by.number("delay"), "delays", 1),
-            tau_plus=bundle.number("tau_plus"),
-            A_plus=bundle.number("A_plus") * scale,
-            A_minus=bundle.number("A_minus") * scale,
-            tau_c=by.number("tau_c"),
-            tau_n=tau,
-            c_min=0.0,
-            Wmin=bundle.number("w_min") * factor,
-            Wmax=bundle.number("w_max") * factor,
-        )
+        return by, {
+            "dopamine": self._end(by.source),
+            "dopamine_rule": "one_to_one" if isinstance(rule, one_to_one) else "all_to_all",
+            "dopamine_delay": self._rounded(by.number("delay"), "delays", 1),
+            "tau_c": by.number("tau_c"),
+            "tau_n": by.number("tau_d"),
+            "Wmin": by.number("w_min") * factor,
+            "Wmax": by.number("w_max") * factor,
+        }
+
+    def _program(self, bundle: Synapses, modulators: Sequence[Synapses], factor: float) -> Any:
+        """A rule of sPyNNaker that has no words but those of the machine."""
+        mechanism = bundle.made.synapse_type
+        kinds = [type(part).__name__ for part in (mechanism.timing_dependence, mechanism.weight_dependence)]
+        timing, dependence = TIMINGS.get(kinds[0]), DEPENDENCES_OF_PROGRAMS.get(kinds[1])
+        known = {*bundle.made.numbers()}
+        if timing is None or dependence is None:
+            raise Incomplete(f"{kinds[0]} with {kinds[1]} has no counterpart")
+        if "dual_fsm" in known and not bundle.number("dual_fsm"):
+            raise Incomplete("'dual_fsm' is False: the program of two machines is expected")
+        words: dict[str, Any] = {w: bundle.number(w) for w in spinnaker_learning.numbers() if w in known}
+        words |= {word: int(words[word]) for word in words if word.startswith("accumulator")}
+        largest, least = bundle.number("w_max"), bundle.number("w_min")
+        if "tau" in known:
+            words["tau_plus"] = bundle.number("tau")
+        if dependence == "additive" and timing != "triplet":
+            words |= {word: words[word] / largest for word in ("A_plus", "A_minus")}
+        words |= {"Wmin": least * factor, "Wmax": largest * factor}
+        if modulators:
+            by, said = self._released(modulators, factor)
+            sign = 1.0 if by.made.receptor_type == "reward" else -1.0
+            words |= said | {
+                "concentration": sign * by.number("weight"),
+                "c_min": least * factor,
+                "c_max": largest * factor,
+            }
+        return spinnaker_learning(timing=timing, dependence=dependence, **words)
 
     # -- currents and probes
 

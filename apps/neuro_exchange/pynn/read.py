@@ -54,7 +54,8 @@ def from_pynn(
     Args:
         script: a file of Python.
         run_script: that the script may be run; without it the script is refused.
-        arguments: of the script; "nest", as the name of a simulator, if it reads any.
+        arguments: of the script. A script that reads any gets a simulator's name if none are given: "spiNNaker" where
+            the script has `extra_models`, else "nest".
         network: which one, from 1, where the script builds several; the last one if not given.
         seconds: that the script may take.
         memory: that it may use, GiB.
@@ -74,7 +75,8 @@ def from_pynn(
         )
     needed("pyNN", "pynn", "PyNN's scripts are read with PyNN, which is not installed")
     if arguments is None:
-        arguments = ["nest"] if _ARGUMENTS.search(path.read_text("utf-8", "replace")) else []
+        text = path.read_text("utf-8", "replace")
+        arguments = ["spiNNaker" if "extra_models" in text else "nest"] if _ARGUMENTS.search(text) else []
     limits = {"seconds": check(_SECONDS, seconds, "seconds"), "memory": int(check(_MEMORY, memory, "memory") * 2**30)}
     chosen = None if network is None else check(_NUMBER, network, "network")
     with _folder(path) as folder:

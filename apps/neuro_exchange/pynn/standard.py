@@ -208,6 +208,16 @@ class WeightDependenceAdditiveTriplet(STDPWeightDependence):
     translations = _same(*default_parameters)
 
 
+class RecurrentRule(STDPTimingDependence):
+    """Pairs within windows that are drawn move a counter of the synapse, which at its ends changes the weight."""
+
+    default_parameters = {
+        **{"accumulator_depression": -6, "accumulator_potentiation": 3, "mean_pre_window": 35.0},
+        **{"mean_post_window": 35.0, "dual_fsm": True, "A_plus": 0.01, "A_minus": 0.01},
+    }
+    translations = _same(*default_parameters)
+
+
 class SpikeSourcePoissonVariable(StandardCellType):
     """Poisson trains whose rates change at listed times."""
 
@@ -223,7 +233,7 @@ class SpikeSourcePoissonVariable(StandardCellType):
 
 _ADDED = (
     *(Neuromodulation, Vogels2011Rule, SpikeNearestPairRule, PfisterSpikeTriplet),
-    *(WeightDependenceAdditiveTriplet, SpikeSourcePoissonVariable),
+    *(WeightDependenceAdditiveTriplet, RecurrentRule, SpikeSourcePoissonVariable),
 )
 
 

@@ -12,7 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from neuro import ModelError, Network, static, stdp, tsodyks2
+from neuro import (
+    ModelError,
+    Network,
+    spinnaker_learning,
+    static,
+    stdp,
+    stdp_dopa,
+    stdp_nn_symm,
+    stdp_triplet,
+    tsodyks2,
+    vogels_sprekeler,
+)
 from neuro.apps import Quantity, Where, check, compile_network, file_path, marked, output, sealed, some
 from neuro.extend import Floats, Ints, Population, Program, Projection
 from neuro_exchange.pynn.cells import BY_MODEL, DEPENDENCES, Cell, difference
@@ -38,6 +49,25 @@ _WITHOUT = {
 """Parameters that no cell of PyNN has, with the value that stands for none."""
 _PEAK = 30.0
 """mV, the threshold of Izhikevich's neuron in PyNN."""
+
+_OF_SPINNAKER = (stdp_nn_symm, stdp_triplet, vogels_sprekeler, stdp_dopa, spinnaker_learning)
+"""Rules that only sPyNNaker has."""
+_EXTRA = "sim.extra_models"
+_PAIR = {word: word for word in ("tau_plus", "tau_minus", "A_plus", "A_minus")}
+_COUNTS = ("accumulator_depression", "accumulator_potentiation", "mean_pre_window", "mean_post_window")
+_TIMINGS = {
+    "pair": ("sim.SpikePairRule", _PAIR),
+    "nearest": (f"{_EXTRA}.SpikeNearestPairRule", _PAIR),
+    "triplet": (f"{_EXTRA}.PfisterSpikeTriplet", _PAIR | {"tau_x": "tau_x", "tau_y": "tau_y"}),
+    "vogels": (
+        f"{_EXTRA}.Vogels2011Rule",
+        {"tau": "tau_plus", "alpha": "alpha", "A_plus": "A_plus", "A_minus": "A_minus"},
+    ),
+    "recurrent": (f"{_EXTRA}.RecurrentRule", {word: word for word in (*_COUNTS, "A_plus", "A_minus")}),
+}
+"""Of each timing the rule of sPyNNaker, and its parameters with ours."""
+_PAIRS = 16.0
+"""Pairs of spikes for which an eligibility has room."""
 
 _DELTA = """if not hasattr(sim.IF_curr_delta, "variable_map"):  # pyNN.nest 0.13 has forgotten its potential
     sim.IF_curr_delta.variable_map, sim.IF_curr_delta.scale_factors = {"v": "V_m"}, {"v": 1.0}"""
@@ -92,6 +122,8 @@ class _Script:
         self.problems: list[ModelError] = []
         self.notes: list[tuple[str, str, str]] = []
         self.trains: dict[str, tuple[Floats, Ints]] = {}
+        self.spinnaker = any(isinstance(part.synapse, _OF_SPINNAKER) for part in self.program.projections)
+        self.dopamine: dict[int, tuple[str, list[str]]] = {}
 
     def text(self, file: Path) -> tuple[str, dict[str, Any]]:
         """The script, and the arrays for the file beside it."""
@@ -102,6 +134,9 @@ class _Script:
             self._try(part.origin, f"population '{part.name}'", self._population, part)
         for index, one in enumerate(self.program.projections):
             self._try(one.origin, f"projection '{one.name}'", self._projection, index)
+        for _, call in self.dopamine.values():
+            if call:
+                self._call("sim.Projection(", call)
         self._others()
         if self.problems:
             count = f"{len(self.problems)} problem" + "s" * (len(self.problems) > 1)
@@ -116,6 +151,8 @@ class _Script:
             mark=_MARK,
             duration=repr(self.duration or _DEFAULT_DURATION),
             data='np.load(Path(__file__).with_suffix(".npz"))' if self.arrays else "{}",
+            simulators="spiNNaker" if self.spinnaker else "nest | brian2 | spiNNaker",
+            simulator="spiNNaker" if self.spinnaker else "nest",
             step=repr(self.step),
             longest=repr(max(steps) * self.step),
             lines="\n".join(self.lines),
@@ -254,10 +291,13 @@ class _Script:
             np.broadcast_to(part.delay, part.size)[place] * self.step if part.grid is None else part.delay * self.step
         )
         delays = np.broadcast_to(delays, pre.size)
-        negative = weights < 0.0 if not isinstance(part.synapse, stdp) else np.full(pre.size, part.synapse.Wmax < 0)
+        largest = getattr(part.synapse, "Wmax", None)
+        negative = weights < 0.0 if largest is None else np.full(pre.size, np.max(largest) < 0)
+        if self.spinnaker:
+            weights = abs(weights)  # the receptor has the sign
         for receptor, chosen in (("excitatory", ~negative), ("inhibitory", negative)):
             if chosen.any():
-                sign = -1.0 if receptor == "inhibitory" and cell.conductance else 1.0
+                sign = -1.0 if receptor == "inhibitory" and cell.conductance and not self.spinnaker else 1.0
                 ends = (pre[chosen], post[chosen], weights[chosen] * sign, delays[chosen])
                 name = part.name if chosen.all() else f"{part.name}.{receptor}"
                 for layer, rows in enumerate(_once(ends[0], ends[1])):
@@ -300,20 +340,31 @@ class _Script:
             if active is not None:
                 self._note(part.name, rule.name, difference(share, tau_rec, tau_fac, float(np.mean(active))))
             return f"TsodyksMarkramSynapse({_words({'U': share, 'tau_rec': tau_rec, 'tau_facil': tau_fac})}, "
-        if not isinstance(rule, stdp):
+        if not isinstance(rule, (stdp, *_OF_SPINNAKER)):
             raise ModelError(f"{rule.name} is no standard synapse of PyNN")
         if cell.weight == 1.0:
-            raise ModelError("stdp of weights in mV: simulators of PyNN disagree about the unit of 'w_max'")
-        numbers = {word: np.unique(getattr(rule, word)) for word in ("lambda_", "alpha", "mu_plus", "mu_minus", "Wmax")}
-        numbers["tau_minus"] = np.unique(target.parameters["tau_minus"])
-        for word, values in numbers.items():
+            raise ModelError(f"{rule.name} of weights in mV: simulators of PyNN disagree about the unit of 'w_max'")
+        described = {word: np.unique(rule.parameters()[word]) for word in rule.numbers()}
+        described.setdefault("tau_minus", np.unique(target.parameters.get("tau_minus", 0.0)))
+        for word, values in described.items():
             if values.size > 1:
-                raise ModelError(f"'{word.rstrip('_')}' differs from synapse to synapse; PyNN has one number")
-        up, down, plus, minus, largest, tau = (float(values[0]) for values in numbers.values())
+                raise ModelError(f"'{word}' differs from synapse to synapse; PyNN has one number")
+        p = {word: float(values[0]) for word, values in described.items()}
+        mechanism = self._pairs(rule, p, cell) if isinstance(rule, (stdp, stdp_nn_symm)) else ""
+        mechanism = mechanism or self._of_spinnaker(part, p, cell)
+        if self.spinnaker and self.dopamine.setdefault(part.target, ("", []))[0] != self._teacher(part):
+            raise ModelError("all that learn onto a population of sPyNNaker share one source of dopamine")
+        return f"STDPMechanism({mechanism}, dendritic_delay_fraction=dendritic, "
+
+    def _pairs(self, rule: stdp | stdp_nn_symm, p: dict[str, float], cell: Cell) -> str:
+        """Timing and weight dependence of `stdp` and `stdp_nn_symm`."""
+        up, down, plus, minus, largest = (p[word] for word in ("lambda", "alpha", "mu_plus", "mu_minus", "Wmax"))
         if up == 0.0 and down:
             up = down = 0.0
-        pair = {"tau_plus": float(rule.tau_plus), "tau_minus": tau, "A_plus": up, "A_minus": up * down}
+        pair = {"tau_plus": p["tau_plus"], "tau_minus": p["tau_minus"], "A_plus": up, "A_minus": up * down}
         bounds = {"w_min": 0.0, "w_max": largest / cell.weight * (-1.0 if largest < 0 and cell.conductance else 1.0)}
+        if self.spinnaker:
+            bounds["w_max"] = abs(largest) / cell.weight
         dependence = next((name for name, mus in DEPENDENCES.items() if mus == (plus, minus)), "GutigWeightDependence")
         if dependence == "GutigWeightDependence":
             bounds |= {"mu_plus": plus, "mu_minus": minus}
@@ -321,9 +372,80 @@ class _Script:
         if dependence == "AdditiveWeightDependence":
             steps = (f"A_{side}=additive({pair[f'A_{side}']!r}, {bounds['w_max']!r})" for side in ("plus", "minus"))
             words = ", ".join((_words({word: pair[word] for word in ("tau_plus", "tau_minus")}), *steps))
-        timing = f"sim.SpikePairRule({words})"
-        weight = f"sim.{dependence}({_words(bounds)})"
-        return f"STDPMechanism({timing}, {weight}, dendritic_delay_fraction=dendritic, "
+        if isinstance(rule, stdp_nn_symm):
+            if plus != minus or plus not in (0.0, 1.0) or not rule.pre_at_start:
+                raise ModelError("stdp_nn_symm: expected mu_plus and mu_minus both 0 or both 1, and pre_at_start: true")
+            return f"{_EXTRA}.SpikeNearestPairRule({words}), sim.{dependence}({_words(bounds)})"
+        return f"sim.SpikePairRule({words}), sim.{dependence}({_words(bounds)})"
+
+    def _of_spinnaker(self, part: Projection, p: dict[str, float], cell: Cell) -> str:
+        """Timing and weight dependence of the rules that only sPyNNaker has; notes where dopamine comes from."""
+        rule, unit = part.synapse, cell.weight
+        largest, multiplicative, timing = abs(p["Wmax"]), False, "pair"
+        bounds = {"w_min": abs(p.get("Wmin", 0.0)) / unit, "w_max": largest / unit}
+        if isinstance(rule, stdp_dopa):
+            self._teach(part, p, bounds, rises := self._rise(part, p))
+            p |= {word: p[word] / (rises * p["tau_n"] * unit) for word in ("A_plus", "A_minus")}
+            bounds |= {"w_min": 0.0}
+        elif isinstance(rule, stdp_triplet):
+            timing = "triplet"
+            p |= {"tau_x": p["tau_plus_triplet"], "tau_y": p["tau_minus_triplet"]}
+            p |= {"A_plus": p["Aplus"] / largest, "A_minus": p["Aminus"] / largest}
+            p |= {"A3_plus": p["Aplus_triplet"] / largest, "A3_minus": p["Aminus_triplet"] / largest}
+        elif isinstance(rule, vogels_sprekeler):
+            timing = "vogels"
+            p |= {"tau_plus": p["tau"], "A_plus": p["eta"] / unit, "A_minus": 0.0}
+        elif isinstance(rule, spinnaker_learning):
+            timing, multiplicative = rule.timing, rule.dependence == "multiplicative"
+            if rule.taught:
+                self._teach(part, p, bounds, p["concentration"])
+                bounds = {"w_min": p["c_min"] / unit, "w_max": p["c_max"] / unit}
+            if not multiplicative and timing != "triplet":
+                p |= {word: p[word] * bounds["w_max"] for word in ("A_plus", "A_minus")}
+        name, words = _TIMINGS[timing]
+        values = {theirs: int(p[ours]) if theirs.startswith("acc") else p[ours] for theirs, ours in words.items()}
+        dependence = "sim.MultiplicativeWeightDependence" if multiplicative else "sim.AdditiveWeightDependence"
+        if timing == "triplet":
+            dependence = f"{_EXTRA}.WeightDependenceAdditiveTriplet"
+            bounds |= {word: p[word] for word in ("A3_plus", "A3_minus")}
+        return f"{name}({_words(values)}), {dependence}({_words(bounds)})"
+
+    def _rise(self, part: Projection, p: dict[str, float]) -> float:
+        """By how much a spike raises dopamine of `stdp_dopa`, so that eligibility has room for some pairs."""
+        if p["b"] != 0.0:
+            raise ModelError(f"stdp_dopa.b = {p['b']:g}: dopamine of sPyNNaker has no baseline")
+        if p["A_plus"] < 0.0 or p["A_minus"] < 0.0 or (p["c_min"] != 0.0 and p["A_minus"] > 0.0):
+            message = "stdp_dopa: eligibility of sPyNNaker has one sign: expected A_plus and A_minus at least 0"
+            raise ModelError(f"{message}, and c_min: 0")
+        share = max(p["A_plus"], p["A_minus"]) / (p["tau_n"] * abs(p["Wmax"]))
+        rises = min(max(_PAIRS * share, 1.0 / 32.0), 1.0)
+        if share > rises / _PAIRS:
+            how = f"there the eligibility ends after {rises / share:.2g} pairs of spikes, at w_max"
+            self._note(part.name, "stdp_dopa", how)
+        return rises
+
+    def _teacher(self, part: Projection) -> str:
+        """What a projection hears of dopamine."""
+        return "" if part.dopamine < 0 else self.dopamine[part.target][0]
+
+    def _teach(self, part: Projection, p: dict[str, float], bounds: dict[str, float], rises: float) -> None:
+        """Note the projection that brings dopamine.
+
+        Raises:
+            ModelError: no population releases it, or another one does for the same neurons.
+        """
+        if part.dopamine < 0:
+            raise ModelError(f"{part.synapse.name} without 'dopamine': PyNN has no signals")
+        source, target = self.program.populations[part.dopamine], self.program.populations[part.target]
+        words = {"weight": abs(rises), "tau_c": p["tau_c"], "tau_d": p["tau_n"]}
+        if part.dopamine_delay != 1:  # sPyNNaker's has no delay
+            self._note(part.name, part.synapse.name, "there dopamine acts after the delay of the synapse alone")
+        connector = "OneToOneConnector()" if part.dopamine_one_to_one else "AllToAllConnector()"
+        ends = [f'populations["{source.name}"]', f'populations["{target.name}"]', f"sim.{connector}"]
+        made = f"{_EXTRA}.Neuromodulation({_words(words | bounds)})"
+        call = [*ends, made, f'receptor_type="{"reward" if rises > 0 else "punishment"}"']
+        if self.dopamine.setdefault(part.target, (", ".join(call), call))[1] != call:
+            raise ModelError("all that learn onto a population of sPyNNaker share one source of dopamine")
 
     # -- currents, probes
 

@@ -24,8 +24,8 @@ ADAPTED = {"per_class": 2, "rescue": False, "dropout": 0.25, "decay": 0.7, "orde
 Source: table 3, lines 2450-2463; majority is line 2431.
 """
 
-THESIS = {**ADAPTED, "theta": 30.0, "epsilon": 0.004}
-"""Table 3 as printed. Epsilon is added on every wrong frame, which drives all weights to 1: decisions are at chance."""
+THESIS = {**ADAPTED, "theta": 30.0, "epsilon": 0.004, "ties_after": True}
+"""Table 3 and eq. 126 as printed. Epsilon on every wrong frame drives all weights to 1: decisions are at chance."""
 
 EARLY = {"representation": "leaky", "segmenter": "hes", "segmenter.window": 5.0}
 """A decision every 5 ms, from the first on: thesis section 6.2.8, lines 2549-2560."""
@@ -93,7 +93,7 @@ class Mozafari(Framewise):
     """Frames of ReMuS's front end, and a layer whose learning follows the share of mistakes."""
 
     title = "reward-modulated STDP whose rates follow the share of mistakes"
-    source = "Mozafari et al., IEEE TNNLS 29:6178, 2018; thesis eq. 120"
+    source = "Mozafari et al., IEEE TNNLS 29:6178, 2018; thesis eqs 120, 121; there natural images, one scale"
     presets = {"poker": {"theta": 30.0, "size": [34, 34]}}
     measured = {"N-MNIST": "88.9 %", "POKER-DVS": "95.0 %"}
 
@@ -152,7 +152,7 @@ class MasquelierThorpe(Framewise):
 
     known_as = "masquelier_thorpe"
     title = "unsupervised STDP, read by a support vector machine"
-    source = "Masquelier and Thorpe, PLoS Comput. Biol. 3:e31, 2007; there an RBF network reads"
+    source = "Masquelier and Thorpe, PLoS Comput. Biol. 3:e31, 2007; there natural images, one scale, an RBF network"
     needs = "recognise"
     presets = {"poker": {"size": [34, 34], "field": 7, "theta": 25.0, "epochs": 3}}
     measured = {"N-MNIST": "85.0 %", "POKER-DVS": "95.4 %"}

@@ -28,6 +28,7 @@ from neuro_recognise.parts.segmenters import Msd, Segmenter
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints, unlabelled
 
 TABLE_3 = "thesis table 3, lines 2450-2463"
+EQ_126 = "docs/how-to/remus.md; thesis eq. 126: true"
 BEST = "benchmarks/recognisers.py"
 FOLLOWS = {"maps": "the classes and per_class", "rows": "the field and the pool", "columns": "the field and the pool"}
 """Parameters of networks that cannot be set, and what they follow from."""
@@ -78,6 +79,11 @@ class Layer(Part):
     supervised: ClassVar[bool] = True
     batch: ClassVar[int] = 1000
 
+    spikes: str = setting(
+        "once", "", "which spikes of an input teach, see neuro.Trials", "as it is with scales=strongest",
+        words=("once", "first", "each"),
+    )  # fmt: skip
+
     @classmethod
     def called(cls) -> str:
         """The name of its file."""
@@ -89,8 +95,11 @@ class Layer(Part):
         Raises:
             ModelError: a value is out of the network's bounds.
         """
-        values = {name: value for name, value in self.as_words().items() if name not in self.teaching}
-        return neuro.load(network_path(self.file), params=values | self.following(inputs, classes))
+        values = {name: value for name, value in self.as_words().items() if name not in ("spikes", *self.teaching)}
+        net = neuro.load(network_path(self.file), params=values | self.following(inputs, classes))
+        assert net.trials_section is not None
+        net.trials_section = replace(net.trials_section, spikes=self.spikes)
+        return net
 
     def following(self, inputs: Inputs, classes: int) -> dict[str, Any]:
         """Parameters that follow from the input and the classes."""
@@ -161,6 +170,7 @@ class RemusLayer(Labelled):
         f"ours; {TABLE_3}: 0.004, which drives all weights to 1",
     )  # fmt: skip
     rescue: bool = setting(True, "", "whether a mistake rewards the best-excited grid of the right class", BEST)
+    ties_after: bool = setting(False, "", "whether on reward an input in the decision's tick counts as late", EQ_126)
     dropout: float = setting(0.5, "", "share of the grids that are silent in a recording", f"{BEST}; {TABLE_3}: 0.25")
     decay: float = setting(0.8, "", "factor on dropout from epoch to epoch", f"{BEST}; {TABLE_3}: 0.7")
     rate_decay: float = setting(1.0, "", "factor on rates, epoch by epoch", "none in the thesis", above=0, at_most=1)

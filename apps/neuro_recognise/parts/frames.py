@@ -73,7 +73,7 @@ class Encoder(Part):
 
 @dataclass(frozen=True)
 class LogLatency(Encoder):
-    """A spike of each orientation and place, that of the strongest scale, by the logarithm of its response."""
+    """Spikes of each orientation and place, of the strongest scale or of all, by the logarithms of responses."""
 
     known_as = "log_latency"
     source = "thesis 6.2.3, eq. 15, lines 2371-2395"
@@ -83,6 +83,10 @@ class LogLatency(Encoder):
         above=0, below=1,
     )  # fmt: skip
     first: int = setting(0, "", "how many spikes of a frame are kept, the first ones; 0: all", "thesis", at_least=0)
+    scales: str = setting(
+        "strongest", "", "whose spikes come from a place: the strongest scale's, or those of all, merged",
+        "all: thesis 6.2.3, line 2387; strongest: docs/reference/recognisers.md", words=("strongest", "all"),
+    )  # fmt: skip
 
     def channels(self, scales: int, orientations: int) -> int:
         """The orientations."""
@@ -90,11 +94,14 @@ class LogLatency(Encoder):
 
     def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:
         """Codes are ticks; equal ones are in the order of their ids."""
-        fused = responses.max(axis=1).reshape(len(responses), int(np.prod(responses.shape[2:])))
-        peak = fused.max(axis=1, initial=0.0)
-        relative = np.divide(fused, peak[:, None], out=np.zeros_like(fused), where=peak[:, None] > 0)
-        frame, ids = np.nonzero(relative >= self.min_response)
-        latency = log_intensity_to_latency(relative[frame, ids], self.min_response, 1.0, self.window)
+        seen = responses.max(axis=1, keepdims=True) if self.scales == "strongest" else responses
+        places = int(np.prod(seen.shape[2:]))
+        fused = np.moveaxis(seen, 1, -1).reshape(len(seen), places, seen.shape[1])
+        peak = fused.max(axis=(1, 2), initial=0.0)
+        at = peak[:, None, None]
+        relative = np.divide(fused, at, out=np.zeros_like(fused), where=at > 0)
+        frame, ids, scale = np.nonzero(relative >= self.min_response)
+        latency = log_intensity_to_latency(relative[frame, ids, scale], self.min_response, 1.0, self.window)
         ticks = np.minimum(latency // self.resolution, self.last).astype(np.int64)
         order = np.argsort(frame * (self.last + 1) + ticks, kind="stable")
         lengths = np.bincount(frame, minlength=len(peak)).astype(np.int64)

@@ -18,7 +18,7 @@ from neuro_event.building import layout
 from neuro_event.building.layout import EventArrays, aligned_table, zeros
 from neuro_event.loop import tables as t
 from neuro_event.loop.eager_rules import eager_entry
-from neuro_event.loop.lazy_rules import DECAYS, ENTRY, NEWEST, OF_NEURON, OWN, TAU, TIME, rule_entry
+from neuro_event.loop.lazy_rules import APPLIED, DECAYS, ENTRY, NEWEST, OF_NEURON, OWN, TAU, TIME, rule_entry
 from neuro_event.loop.lazy_stdp import lazy_entry
 from neuro_event.loop.operations import RULES
 
@@ -114,6 +114,23 @@ def add_learning(a: EventArrays, learning: list[int]) -> None:
     a.plastic["others"] = np.zeros(_others_shape(a))
     add_notes(a, learning)
     lay_constants(a, {q: program.projections[q].synapse.vector() for q in learning})
+
+
+def start_anew(a: EventArrays, step: int) -> None:
+    """Let all neurons, traces, eligibilities and dopamine be as at step 0; weights, caught up to `step`, stay."""
+    net, plastic = a.net, a.plastic
+    net["state"][:] = net["initial"]
+    for population, place in zip(a.program.populations, a.places, strict=True):
+        if population.kind == "neuron":
+            blocks = slice(place.begin // t.BLOCK, -(-place.end // t.BLOCK))
+            net["awake"][blocks], net["busy"][blocks] = 1, step
+    for name in ("k_plus", "n", "past"):
+        plastic[name][:] = 0
+    for name in ("k_time", "spiked", "n_time", "reached"):
+        plastic[name][:] = step
+    plastic["past"][:, APPLIED] = step
+    plastic["y"][1:] = 0.0
+    plastic["sent"][:] = plastic["y"][0]
 
 
 def of_sources(a: EventArrays, row: Ints, traces: Floats) -> list[Floats]:

@@ -16,6 +16,7 @@ from neuro.program.backend import EngineCounts, Outcome, Sent, Trial, Wins
 from neuro.program.program import Floats, Ints, Trials
 from neuro.program.together import Engines
 from neuro_event.building import build, joined_rows, layout, learning, move_rules, shared_kernels, thread_partition
+from neuro_event.host import reading
 from neuro_event.host.settable import Settable
 from neuro_event.loop import steps, tables as t, trial_rules
 from neuro_event.loop.together import follow_peaks
@@ -35,6 +36,11 @@ class EventEngine(Settable):
         net, start, h = self._a.net, self._step, self._program.resolution
         self._refuse_torn()
         self.join_rows()
+        if spec.anew:
+            self._copy.drop()
+            for k in self._a.plastic_of.values():
+                reading.bring_all(self._a, self._view, k, start)
+            learning.start_anew(self._a, start)
         steps.begin_trial(self._view, spec.output, spec.group, start, h)
         peaks = None
         if trial.peaks:  # largest V_m of each neuron up to the decision, and its tick
@@ -88,20 +94,30 @@ class EventEngine(Settable):
         p, (arithmetic, c) = self._program.projections[projection], self._rule(projection)
         inside = self._a.places[p.target].inside
         local = neuron if inside is None else int(inside[neuron])
-        first = np.full(self._program.populations[p.source].size, NEVER)
-        trial_rules.first_spikes(self._view, p.source, self._trial_start, self._step, first)
+        spikes = self._spikes_that_teach(p.source)
         moment, h = self._trial_start + 1 + tick, self._program.resolution
         late = self._a.net["late"][learning.own_delays_of(self._a, projection)] if p.synapse.delays else None
-        values, where = self._weights_of(projection) if late is None else late, (first, moment, neuron, local)
+        values, where = self._weights_of(projection) if late is None else late, (spikes, moment, neuron, local)
         self._trial_updates[projection] += trial_rules.teacher(arithmetic.teach)(
             self._view, projection, values, c, *where, lesson, h
         )
         if late is not None:
             trial_rules.round_inputs(self._view, projection, values, local, *p.delay_range(h), h)
         elif (settle := getattr(arithmetic, "settle", None)) is not None:
-            total = np.zeros(1)
+            total, where = np.zeros(1), (spikes[:1], moment, neuron, local)
             trial_rules.teacher(trial_rules.added)(self._view, projection, values, total, *where, 0.0, h)
             trial_rules.teacher(settle)(self._view, projection, values, c, *where, float(total[0]), h)
+
+    def _spikes_that_teach(self, population: int) -> Ints:
+        """The steps of the spikes of each neuron in the trial just presented, the first or all: (spikes, neurons)."""
+        assert self._program.trials is not None
+        rows, size = 1, self._program.populations[population].size
+        while True:
+            spikes, count = np.full((rows, size), NEVER), np.zeros(size, dtype=np.int64)
+            trial_rules.spikes_of(self._view, population, self._trial_start, self._step, spikes, count)
+            if self._program.trials.spikes != "each" or rows >= (most := int(count.max(initial=0))):
+                return spikes
+            rows = most
 
     def _weights_of(self, projection: int) -> Floats:
         """The weights of a projection that learns by trials, in internal order; no copy."""

@@ -10,33 +10,39 @@ from functools import cache
 import numpy as np
 
 from neuro.core.clock import NEVER
-from neuro.kernels.jit import compiled, kernel, subkernel
+from neuro.kernels.jit import compiled, inlined, kernel, subkernel
 from neuro.model.synapses.base import steps_of
 from neuro_event.loop import tables as t
 from neuro_event.loop.tables import net_of
 
 
 @kernel
-def first_spikes(view, pop, start, end, first):
-    """Fill `first` with the step of the first spike of each neuron of a population in the steps start + 1 to end."""
+def spikes_of(view, pop, start, end, spikes, count):
+    """Fill `spikes` with the steps of the spikes of each neuron of a population in the steps start + 1 to end.
+
+    Row k has the k-th spike of each neuron; `count` becomes how many it has, though there be fewer rows.
+    """
     net = net_of(view)
     mask = net.log_ids.shape[1] - 1
-    # Backwards: the last write of a neuron is its first spike, and nothing is compared.
-    for step in range(end, start, -1):
+    for step in range(start + 1, end + 1):
         slot = step & (net.log_ends.shape[1] - 1)
         for thread in range(net.edges.shape[1] - 1):
             for place in range(net.log_ends[thread, slot, pop], net.log_ends[thread, slot, pop + 1]):
-                first[np.int64(net.log_ids[thread, place & mask]) - net.pops[pop, t.BEGIN]] = step
+                neuron = np.int64(net.log_ids[thread, place & mask]) - net.pops[pop, t.BEGIN]
+                before = count[neuron]
+                count[neuron] += np.int64(net.log_counts[thread, place & mask])
+                for k in range(before, min(count[neuron], spikes.shape[0])):
+                    spikes[k, neuron] = step
 
 
 nearest = compiled(steps_of)
 
 
 @subkernel
-def since(first, delay, moment, h):
-    """Time in ms from the arrival of an input's first spike to the moment of a lesson."""
+def since(spike, delay, moment, h):
+    """Time in ms from the arrival of an input's spike to the moment of a lesson."""
     # An input that stayed silent came infinitely late, so a rule needs no second case for it.
-    return -math.inf if first == NEVER else (moment - first - delay) * h
+    return -math.inf if spike == NEVER else (moment - spike - delay) * h
 
 
 @subkernel
@@ -52,14 +58,24 @@ def source_place(row, channel, y, x):
 @cache
 def teacher(teach):
     """The pass over the inputs of one neuron, compiled for a rule's `teach`."""
-    act = compiled(teach)
+    rule = compiled(teach)
+
+    @inlined
+    def act(value, spikes, source, delay, moment, lesson, c, h):
+        """An input's value after each of its spikes has taught it; a silent input is taught once."""
+        value = rule(value, since(spikes[0, source], delay, moment, h), lesson, c)
+        for k in range(1, spikes.shape[0]):
+            if spikes[k, source] != NEVER:
+                value = rule(value, since(spikes[k, source], delay, moment, h), lesson, c)
+        return value
 
     @kernel
-    def learn(view, q, values, c, first, moment, neuron, local, lesson, h):
+    def learn(view, q, values, c, spikes, moment, neuron, local, lesson, h):
         """Change the value of each input of a neuron, e.g. its weight; return how many there are.
 
-        `values` are laid out as the weights of the projection are. `first` holds the step of each input's first spike,
-        `moment` the step of the lesson; `neuron` is the id of the neuron, `local` its internal place.
+        `values` are laid out as the weights of the projection are. `spikes` holds the steps of each input's spikes that
+        teach, a row for its first, its second, ..., `moment` the step of the lesson; `neuron` is the id of the neuron,
+        `local` its internal place.
         """
         net = net_of(view)
         row = net.projections[q]
@@ -84,16 +100,16 @@ def teacher(teach):
                         place = (channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j
                         # The kernel is shared: one neuron's lesson changes it for all places of its map.
                         e = place * maps + at
-                        values[e] = act(values[e], since(first[source], delay, moment, h), lesson, c)
+                        values[e] = act(values[e], spikes, source, delay, moment, lesson, c, h)
                         changed += 1
             return changed
         threads = net.edges.shape[1] - 1
         n_target = net.pops[row[t.TARGET], t.END] - net.pops[row[t.TARGET], t.BEGIN]
-        for source in range(first.shape[0]):
+        for source in range(spikes.shape[1]):
             if row[t.LAYOUT] != t.CSR:
                 if row[t.LAYOUT] == t.DENSE or source == local:
                     e = source * n_target + local if row[t.LAYOUT] == t.DENSE else source
-                    values[e] = act(values[e], since(first[source], delay, moment, h), lesson, c)
+                    values[e] = act(values[e], spikes, source, delay, moment, lesson, c, h)
                     changed += 1
                 continue
             # Rows are by source, so all are gone through: a list by target would cost 8 bytes a synapse for something
@@ -103,7 +119,7 @@ def teacher(teach):
                 if net.targets[s] == local:
                     k = s - row[t.SYNAPSE]
                     own = np.int64(net.delays[row[t.DELAY] + k * row[t.DELAY_STRIDE]])
-                    values[k] = act(values[k], since(first[source], own, moment, h), lesson, c)
+                    values[k] = act(values[k], spikes, source, own, moment, lesson, c, h)
                     changed += 1
         return changed
 

@@ -19,9 +19,10 @@ A rule for trials says in its method `lessons` whom the end of a trial teaches (
 `constants` and
 
     teach(w, since, lesson, c)                new weight of one input of a neuron that is taught: `since` is the time in
-                                              ms from the arrival of the input's first spike to the moment of the
-                                              lesson, negative after it, -inf without a spike; of a rule with `delays`
-                                              not the weight but the delay in ms, now and new
+                                              ms from the arrival of the input's first spike (with `spikes: each` of
+                                              each in turn) to the moment of the lesson, negative after it, -inf
+                                              without a spike; of a rule with `delays` not the weight but the delay in
+                                              ms, now and new
     settle(w, since, total, c)                new weight after all inputs of the neuron were taught and have the sum
                                               `total`; only where the rule has it
     encourage(w, c)                           new weight of an input of maps that grow; only where lessons name some
@@ -199,7 +200,7 @@ class Synapse(Choice):
 
         None for other rules, whose weights may begin anywhere. Weights of all synapses or one.
         """
-        if self.learns not in ("pairs", "moves"):
+        if self.learns not in ("pairs", "moves", "chip"):
             return None
         low, high = self.bounds()
         bad = np.flatnonzero((weight < low) | (weight > high))

@@ -27,6 +27,7 @@ from neuro.model.synapses.pairs import (
     tsodyks2 as tsodyks2,
     vogels_sprekeler as vogels_sprekeler,
 )
+from neuro.model.synapses.spinnaker_programs import spinnaker_learning as spinnaker_learning
 from neuro.model.synapses.trials import (
     first_spike_stdp as first_spike_stdp,
     mozafari as mozafari,

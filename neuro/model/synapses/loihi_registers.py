@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from neuro.core.errors import ModelError, here
@@ -246,6 +246,45 @@ class loihi2_learning(RegisterLearning):
             message = f"u{periods[0]} and u{periods[1]} in one rule: lava has one of them for dw and dt together"
             raise ModelError(message, hint="use one period", path=("dt",))
         return rule
+
+
+@dataclass(frozen=True, slots=True)
+class LoihiEngine:
+    """Loihi's learning engine, as the method `microcode` of a synapse model of one's own is told of it.
+
+    Attributes:
+        h: length of a step in ms.
+        tau_minus: time constant of the target's K- in ms.
+        mantissa: weight of one mantissa, in the unit of the weight.
+        n: modulator of one unit of r1, which holds its positive part, and of r2, which holds its negative part.
+        modulatory: the traces r1 and r2 of a rule under a modulator.
+    """
+
+    h: float
+    tau_minus: float
+    mantissa: float
+    n: float = 0.0
+    modulatory: Mapping[str, Trace] = field(default_factory=dict)
+
+    def rule(self, dw: str, dt: str = "", **traces: tuple[int, float]) -> LearningRule:
+        """Return what the engine does at the end of each step.
+
+        Args:
+            dw: the sum of products that changes the mantissa, as of `loihi_learning`; also r1 and r2 are factors.
+            dt: the sum that changes the tag.
+            traces: impulse of a spike, 0 to 127, and time constant in ms by trace, e.g. x1=(16, 20.0); 0 ms: one step.
+
+        Raises:
+            ModelError: a sum cannot be read or does not fit the chip, or a trace does not exist or never rises.
+        """
+        made = dict(self.modulatory)
+        for name, (impulse, tau) in traces.items():
+            if name not in (*PRE, *POST):
+                raise ModelError(f"trace '{name}': expected {', '.join((*PRE, *POST))}", hint=near(name, (*PRE, *POST)))
+            if impulse != round(impulse) or not tau >= 0.0:
+                raise ModelError(f"{name} = ({impulse!r}, {tau!r}): expected a whole number and at least 0 ms")
+            made[name] = Trace.exponential(round(impulse), tau / self.h) if tau else Trace(round(impulse), 0, 1)
+        return LearningRule(parse(dw), parse(dt, "dt"), made)
 
 
 _TOKEN = re.compile(r"\s*(?:(\d+\.\d*|\.\d+)|(2\s*\^\s*[+-]?\d+)|(\d+)|([A-Za-z_]\w*)|(.))")

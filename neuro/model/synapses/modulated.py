@@ -51,6 +51,8 @@ class stdp_dopa(Modulated):
     post neuron, or of its own with `dopamine_rule` one_to_one) or from a signal (`signal`; sets n).
     Clipping to [Wmin, Wmax] happens at events and on the grid of `deliver_interval` x the smallest delay
     of the network. With c_min = 0 the eligibility has one sign, as on SpiNNaker.
+    Either sign of c moves the weight, as in eqs 107 to 109 of Mosca, MSc thesis, 2020. The text of the thesis has c > 0
+    only; c_min = 0 is nearest to the text.
     Source: NEST 3.10, `stdp_dopamine_synapse`; Izhikevich, Cereb. Cortex 17:2443, 2007;
     Potjans, Morrison & Diesmann, Front. Comput. Neurosci. 4:141, 2010.
     """

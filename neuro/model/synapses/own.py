@@ -35,6 +35,9 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         functions = FUNCTIONS | ({"advance": 7} if model.modulated else {}) | ({"on_pre": 6} if model.draws else {})
         check_functions(message, model, functions | ({"sent": 3} if hasattr(model.arithmetic, "sent") else {}))
         _check_constants(message, model)
+    code = getattr(model, "microcode", None)
+    if code is not None and (model.learns != "pairs" or code.__code__.co_argcount != 2):
+        raise TypeError(f"{message}: expected a method microcode(self, engine), of a rule with learns = 'pairs'")
     if model.learns == "moves":
         if not issubclass(model, MoveRule):
             raise TypeError(f"{message}: learns = 'moves': expected a subclass of MoveRule")

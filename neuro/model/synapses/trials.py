@@ -13,7 +13,7 @@ from neuro.core.quantities import quantity
 from neuro.model.synapses.base import DelayRule, Growth, Lesson, Synapse, TrialEnd
 
 W_MIN, W_MAX, AR_PLUS, AR_MINUS, AP_PLUS, AP_MINUS = range(6)
-EPSILON = 6
+EPSILON, TIES_AFTER = 6, 8
 MISSES, HITS = 6, 7
 A_PLUS, A_MINUS, TOTAL = range(2, 5)
 STEP, TAU_M, TAU_S = range(2, 5)
@@ -59,10 +59,12 @@ class r_stdp(TrialRule):
     Reward: A is Ar_plus where the input arrived before the decision and Ar_minus elsewhere. Punishment:
     Ap_minus before, Ap_plus elsewhere. On punishment and on silence every weight of the right label's maps
     grows by epsilon; with `rescue` their best-excited neuron is rewarded instead, as if it had decided.
-    Weights are taken relative to [Wmin, Wmax].
+    An input that arrives in the tick of the decision took part in it and counts as before. Eq. 126 as printed
+    takes Ar_minus for this input on reward: `ties_after`. Weights are taken relative to [Wmin, Wmax].
 
-    Source: Mosca, MSc thesis, 2020, eqs 126-128, of which eq. 127 is read as its text says; `rescue` is this
-    project's. The rule extends Mozafari et al., IEEE Trans. Neural Netw. Learn. Syst. 29:6178, 2018.
+    Source: Mosca, MSc thesis, 2020, eqs 126-128, in which t^f(j) is read as the time of the input and t_i as that
+    of the decision, as the text around the equations needs. `rescue` is this project's. The rule extends Mozafari
+    et al., IEEE Trans. Neural Netw. Learn. Syst. 29:6178, 2018, where ties count as before.
     """
 
     equation: ClassVar[str] = "dw = A w (1 - w), A by outcome and by whether the input came before the decision"
@@ -74,6 +76,9 @@ class r_stdp(TrialRule):
     Ap_minus: float = quantity(-0.04, "", "rate on punishment, input before the decision")
     epsilon: float = quantity(0.0002, "", "growth of the right label's weights on punishment and silence", at_least=0)
     rescue: bool = quantity(False, "", "reward the right label's best-excited neuron instead", kind="boolean")
+    ties_after: bool = quantity(
+        False, "", "on reward an input in the tick of the decision counts as after the decision", kind="boolean"
+    )
 
     def lessons(self, end: TrialEnd) -> list[Lesson | Growth]:
         """The neuron that decided; after a mistake or silence also the right label's maps."""
@@ -92,7 +97,8 @@ class r_stdp(TrialRule):
 
     def teach(w, since, lesson, c):
         """New weight of one input of a rewarded or punished neuron."""
-        return softly(w, rate_of(since, lesson, c), c[W_MIN], c[W_MAX])
+        late = since == 0.0 and lesson > 0.0 and c[TIES_AFTER] > 0.0
+        return softly(w, c[AR_MINUS] if late else rate_of(since, lesson, c), c[W_MIN], c[W_MAX])
 
     def encourage(w, c):
         """New weight of one input of a map of the right label after a wrong or silent trial (eq. 128)."""
@@ -109,7 +115,7 @@ class mozafari(TrialRule):
     learns from rewards, one that is mostly wrong hardly from punishments. Weights are taken relative to [Wmin, Wmax].
 
     Source: Mozafari et al., IEEE Trans. Neural Netw. Learn. Syst. 29:6178, 2018; Mosca, MSc thesis, 2020, eqs 120 and
-    121, of which eq. 121 is read as eq. 127 of `r_stdp`.
+    121, read as eqs 126 and 127 of `r_stdp`. Eq. 120 takes Ar_minus for what arrived with the decision.
     """
 
     equation: ClassVar[str] = "dw = s A w (1 - w), s = N_miss/N on reward, N_hit/N on punishment"
@@ -264,8 +270,8 @@ class r_stddp(DelayRule):
     earlier from then on, so Ar_plus < 0 < Ar_minus, and the other way round after a wrong one: with the signs of rates
     of weights the rule unlearns.
 
-    Source: Mosca, MSc thesis, 2020, eq. 131; the signs, and that arrivals count and not emissions, are choices measured
-    to learn.
+    Source: Mosca, MSc thesis, 2020, eq. 131, which takes Ar_minus for what arrived with the decision; the signs, and
+    that arrivals count and not emissions, are choices measured to learn.
     """
 
     equation: ClassVar[str] = "dd = A d, A by outcome and by whether the input came before the decision"

@@ -1,0 +1,150 @@
+"""What learning takes of a core of SpiNNaker: bytes of its own memory, and cycles of its ticks.
+
+| of the 64 KiB | bytes |
+| --- | --- |
+| history of a neuron | 4 + 16 (4 + traces), traces 2 (nearest 0, triplet 8); with dopamine 8 + 16 (6 + traces) |
+| slots | 2 for each delay, receptor and neuron, each a power of two |
+| tables | 2 an entry, and 4 |
+| two buffers of rows | the longest row onto the core |
+| neuron | 15 words: the registers and states of `iaf_psc_exp` |
+
+A program may allocate 59,756 bytes; stack, recordings and the table of sources take a part that is not counted here. So
+what is refused does not fit, and what is near the limit may not fit either.
+
+Cycles are those of the machine code of two released programs, `synapses_stdp_mad_pair_additive` and
+`synapses_stdp_izhikevich_neuromodulation_pair_additive`, executed in an emulator with the timings of the ARM9E-S and
+memory without wait states. Packets, transfers of rows, neurons and static synapses are not in them: they are a lower
+bound. The other programs have not been counted and are taken for these. Source: sPyNNaker 7.4.1; its issue 620.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from neuro.chips.description import Chip
+from neuro.chips.incoming import row_form, row_words, rows_of, spiking
+from neuro.chips.inputs import longest_lag, register
+from neuro.chips.spinnaker_rule import INDEX_SHIFTS, PLUS, C, D, X, Y, table_length
+from neuro.model.synapses import Synapse, stdp, stdp_dopa, stdp_nn_restr, stdp_nn_symm, stdp_triplet, vogels_sprekeler
+from neuro.program.program import Program
+
+SLOT_BITS = 14
+"""Of the index of a slot: its delay, the receptor and the neuron of a core."""
+REGISTER_OF_ONE = 1
+Parts = Sequence[tuple[int, int, int]]
+"""Of a core: populations and their neurons first <= i < last."""
+Visits = Mapping[int, tuple[float, float]]
+"""Of a tick, by projection: synapses that packets visit, and post spikes times synapses that they are applied to."""
+ENTRIES = 16
+NEURON_BYTES = 60
+CLOCK_HZ = 200e6
+
+
+PAIR, TAUGHT = (170, 44), (379, 123)
+"""Cycles of a synapse that a packet visits, and of a post spike of its history, of both programs."""
+KNOWN = (stdp, stdp_nn_restr, stdp_nn_symm, stdp_triplet, vogels_sprekeler, stdp_dopa)
+"""The rules that have programs."""
+
+
+def neuron_bits(neurons: int) -> int:
+    """Return the bits that tell the neurons of a core apart."""
+    return max(1, (neurons - 1).bit_length())
+
+
+def slots_of(program: Program, chip: Chip, target: int) -> int:
+    """Return the slots that the host reserves for the delays onto a population; the rest of a delay is held back."""
+    size = program.populations[target].size
+    most = int(2 ** (SLOT_BITS - neuron_bits(min(size, chip.limit("neurons_per_core") or size)) - 1))
+    lags = (longest_lag(program, k) for k in spiking(program) if program.projections[k].target == target)
+    longest = max((int(register(lag, REGISTER_OF_ONE).max(initial=1)) for lag in lags), default=1)
+    return min(max(2, 1 << (longest - 1).bit_length()), most)
+
+
+def learning_onto(program: Program, target: int) -> list[int]:
+    """Return the projections onto a population that learn on the machine."""
+    parts = program.projections
+    onto = (k for k in spiking(program) if parts[k].target == target and parts[k].grid is None)
+    return [k for k in onto if isinstance(parts[k].synapse, KNOWN)]
+
+
+def bytes_of(program: Program, chip: Chip, target: int, neurons: int) -> int:
+    """Return the bytes of a core's own memory that some neurons of a population take onto which synapses learn.
+
+    Args:
+        program: has the population.
+        chip: has the limit of neurons.
+        target: the population.
+        neurons: how many are on the core.
+
+    Returns:
+        0 where nothing learns.
+    """
+    plastic = learning_onto(program, target)
+    if not plastic:
+        return 0
+    part = program.populations[target]
+    synapse, tau_minus = program.projections[plastic[0]].synapse, float(np.max(part.parameters.get("tau_minus", 20.0)))
+    slots = 4 * slots_of(program, chip, target) << neuron_bits(neurons)
+    rows = [rows_of(program, k) for k in plastic]
+    longest = [min(int((each.end - each.begin).max(initial=0)), neurons) for each in rows]
+    buffers = 2 * max(4 * int(row_words(n, row_form(program, k))) for k, n in zip(plastic, longest, strict=True))
+    tables = sum(2 * table_length(tau, program.resolution, shift) + 4 for tau, shift in _tables(synapse, tau_minus))
+    return neurons * (_history_bytes(synapse) + NEURON_BYTES) + slots + tables + buffers
+
+
+def _history_bytes(synapse: Synapse) -> int:
+    if isinstance(synapse, stdp_dopa):
+        return 8 + ENTRIES * 8
+    traces = 0 if isinstance(synapse, (stdp_nn_restr, stdp_nn_symm)) else 8 if isinstance(synapse, stdp_triplet) else 2
+    return 4 + ENTRIES * (4 + traces)
+
+
+def _tables(synapse: Synapse, tau_minus: float) -> list[tuple[float, int]]:
+    """Return the time constants of a rule's tables in ms, and the shifts of their indices."""
+    numbers = synapse.parameters()
+    taus: dict[int, Any] = {PLUS: numbers["tau" if isinstance(synapse, vogels_sprekeler) else "tau_plus"]}
+    if isinstance(synapse, stdp_triplet):
+        taus |= {X: numbers["tau_plus_triplet"], Y: numbers["tau_minus_triplet"]}
+    taus |= {C: numbers["tau_c"], D: numbers["tau_n"]} if isinstance(synapse, stdp_dopa) else {}
+    return [(tau_minus, 0), *((float(np.max(tau)), INDEX_SHIFTS[k]) for k, tau in taus.items())]
+
+
+def busiest(program: Program, cores: Iterable[Parts], visits: Visits) -> float:
+    """Return the cycles that learning takes at least on the core that has most.
+
+    Args:
+        program: has the projections.
+        cores: the parts of each.
+        visits: what learning does; a core has its share of the target's neurons.
+    """
+    most = 0.0
+    for parts in cores:
+        cycles = 0.0
+        for population, first, last in parts:
+            for k in learning_onto(program, population):
+                taught = isinstance(program.projections[k].synapse, stdp_dopa)
+                work = sum(n * each for n, each in zip(visits[k], TAUGHT if taught else PAIR, strict=True))
+                cycles += work * (last - first) / program.populations[population].size
+        most = max(most, cycles)
+    return most
+
+
+def told(program: Program, chip: Chip, cores: Sequence[Parts], visits: Visits | None) -> Iterator[str]:
+    """Yield what learning takes of the cores; arguments are those of `Arithmetic.told_of_learning`."""
+    if not any(learning_onto(program, k) for k in range(len(program.populations))):
+        return
+    when = "if all sources and targets spike once in a tick"
+    if visits is None:
+        limit = chip.limit("memory_bytes_per_core")
+        need = max((sum(bytes_of(program, chip, p, b - a) for p, a, b in parts) for parts in cores), default=0)
+        of = "" if limit is None else f", of {limit:,}"
+        yield f"learning takes up to {need:,} bytes of a core's own memory{of}"
+        visits = {k: (part.size, part.size) for k, part in enumerate(program.projections)}
+    else:
+        when = "on average"
+    cycles, tick = busiest(program, cores, visits), CLOCK_HZ * (1e-3 if chip.step_s is None else chip.step_s.value)
+    late = ": real time is not kept" if cycles > tick else ""
+    yield f"learning takes > {cycles:,.0f} of the {tick:,.0f} cycles of a tick on the busiest core {when}{late}"
