@@ -13,7 +13,7 @@ import pytest
 
 import neuro
 from benchmark_scripts import script
-from neuro.coding import world_teachers as teachers
+from neuro.coding import world_decoders as parts
 from neuro.events import DVS, DVSParameters
 
 BACKENDS = pytest.mark.parametrize("backend", ["reference", "event"])

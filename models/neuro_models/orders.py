@@ -43,10 +43,10 @@ def network(rule: neuro.extend.Synapse | None = None, labels: int = 2, threshold
     net.population("inputs", INPUTS, neuro.spike_generator())
     cells = neuro.iaf_psc_delta(tau_m=np.inf, E_L=0.0, V_reset=0.0, V_th=threshold)
     net.population("cells", (labels, 1), cells)
-    begun: dict[str, Any] = {"weight": 1.0, "delay": neuro.uniform(low=4.0, high=8.0)}
+    words: dict[str, Any] = {"weight": 1.0, "delay": neuro.uniform(low=4.0, high=8.0)}
     if not rule.delays:
-        begun = {"weight": neuro.uniform(low=0.4, high=0.6), "delay": 4.0}
-    net.connect("inputs", "cells", neuro.all_to_all(), rule, **begun, name="learnt")
+        words = {"weight": neuro.uniform(low=0.4, high=0.6), "delay": 4.0}
+    net.connect("inputs", "cells", neuro.all_to_all(), rule, **words, name="learnt")
     net.group("choice", neuro.winner_take_all(of="cells", first_to_fire=True))
     net.trials(input="inputs", duration=_DURATION, labels={"of": "cells"})
     return net
@@ -72,8 +72,7 @@ def batch(seed: int, trials: int, orders: int = 0) -> tuple[Floats, Ints, Ints, 
 def bars(seed: int, trials: int) -> tuple[Floats, Ints, Ints, Ints]:
     """Trials of one of the `BARS` each, whose pixels come first and the others later, as `batch` gives them.
 
-    The grid stands for that of the demonstrator by which the thesis verifies its rule (line 3175), which it does not
-    describe further.
+    The grid stands for the demonstrator of the thesis (line 3175), whose sizes the thesis does not print.
 
     Args:
         seed: of the draws.

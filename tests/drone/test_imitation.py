@@ -28,46 +28,46 @@ def scenes(steps, seed=0):
 
 def flown(controller, steps=400):
     """Shares, the oracle's actions, and the actions that were flown."""
-    oracle, seen, shown, taken = make("oracle", BALL), [], [], []
+    oracle, inputs, wanted, actions = make("oracle", BALL), [], [], []
     controller.begin()
     for counts, info in scenes(steps):
-        taken.append(controller.act(counts, info))
-        shown.append(oracle.act(counts, info))
-        seen.append(shares(counts, "shares"))
+        actions.append(controller.act(counts, info))
+        wanted.append(oracle.act(counts, info))
+        inputs.append(shares(counts, "shares"))
         controller.learn(info)
-    return np.array(seen), np.array(shown), np.array(taken)
+    return np.array(inputs), np.array(wanted), np.array(actions)
 
 
-def missing(seen, shown, weights):
+def missing(inputs, wanted, weights):
     """The largest sum of shares times what the fit misses, which is 0 of least squares."""
-    return np.abs(np.einsum("ki,ka->ia", seen, shown - np.einsum("ki,ai->ka", seen, weights))).max()
+    return np.abs(np.einsum("ki,ka->ia", inputs, wanted - np.einsum("ki,ai->ka", inputs, weights))).max()
 
 
 def test_a_clone_never_flies_and_is_the_least_squares_fit_of_what_the_oracle_did():
     clone = make("clone", BALL, 1, {"round": 100})
-    seen, shown, taken = flown(clone)
-    assert (taken == shown).all()
-    assert missing(seen, shown, clone.learnt()["0.weight"]) < 0.003
-    assert missing(seen, shown, 0.9 * clone.learnt()["0.weight"]) > 0.03
+    inputs, wanted, actions = flown(clone)
+    assert (actions == wanted).all()
+    assert missing(inputs, wanted, clone.learnt()["0.weight"]) < 0.003
+    assert missing(inputs, wanted, 0.9 * clone.learnt()["0.weight"]) > 0.03
     acts = [clone.frozen().act(counts, {}) for counts, _ in scenes(400)]
-    assert np.array(acts) == pytest.approx(shown, abs=0.02)
+    assert np.array(acts) == pytest.approx(wanted, abs=0.02)
 
 
 def test_dagger_flies_more_from_round_to_round_and_is_told_what_the_oracle_would_do():
     dagger = make("dagger", BALL, 1, {"round": 100, "expert": 0.5})
-    seen, shown, taken = flown(dagger)
-    by_oracle = (taken == shown).all(axis=1).reshape(4, 100).mean(axis=1)
+    inputs, wanted, actions = flown(dagger)
+    by_oracle = (actions == wanted).all(axis=1).reshape(4, 100).mean(axis=1)
     assert by_oracle[0] == 1.0
     assert by_oracle[1:] == pytest.approx([0.5, 0.25, 0.125], abs=0.12)
-    assert missing(seen, shown, dagger.learnt()["0.weight"]) < 0.003
-    first, own = make("clone", BALL), np.flatnonzero((taken != shown).any(axis=1))
+    assert missing(inputs, wanted, dagger.learnt()["0.weight"]) < 0.003
+    first, own = make("clone", BALL), np.flatnonzero((actions != wanted).any(axis=1))
     flown(first, 100)
     second, fields = own[own < 200], [counts for counts, _ in scenes(400)]
-    assert taken[second].tolist() == [first.frozen().act(fields[k], {}).tolist() for k in second]
+    assert actions[second].tolist() == [first.frozen().act(fields[k], {}).tolist() for k in second]
     alone = make("dagger", BALL, 1, {"round": 100, "expert": 0.0})
-    _, shown, taken = flown(alone)
-    assert (taken[:100] == shown[:100]).all()
-    assert (taken[100:] != shown[100:]).any(axis=1).all()
+    _, wanted, actions = flown(alone)
+    assert (actions[:100] == wanted[:100]).all()
+    assert (actions[100:] != wanted[100:]).any(axis=1).all()
 
 
 @pytest.mark.parametrize("scenario", ["B60", "B60-height"])
@@ -97,7 +97,7 @@ def test_a_training_goes_on_after_a_kill_to_the_same_bits(hidden, tmp_path, monk
 def test_hidden_layers_learn_and_fly_without_torch(monkeypatch):
     pytest.importorskip("torch", reason="the extra 'torch' is not installed")
     clone = make("clone", BALL, 1, {"hidden": 32, "updates": 600, "rate": 3e-3})
-    _, shown, _ = flown(clone)
+    _, wanted, _ = flown(clone)
     learnt, fresh = clone.learnt(), make("clone", BALL, 1, {"hidden": 32}).learnt()
     monkeypatch.setitem(sys.modules, "torch", None)
 
@@ -105,7 +105,7 @@ def test_hidden_layers_learn_and_fly_without_torch(monkeypatch):
         again = make("clone", BALL, 1, {"hidden": 32})
         again.restore(arrays)
         acts = np.array([again.frozen().act(counts, {}) for counts, _ in scenes(400)])
-        return np.mean((acts - shown) ** 2)
+        return np.mean((acts - wanted) ** 2)
 
     assert missed(learnt) < 0.2 * missed(fresh)
     said = refused(lambda: train(BALL, "clone", steps=10, settings={"hidden": 32}))

@@ -97,7 +97,7 @@ class ControllerKind:
 
     @property
     def learns(self) -> bool:
-        """Whether training it makes sense."""
+        """Return whether the controller is trained at all."""
         return self.taught != NOBODY
 
 

@@ -24,8 +24,8 @@ class ImitationSettings(Gain):
     """Settings of imitation; `gain` is that of the oracle.
 
     Attributes:
-        expert: share of the steps of a round that the oracle flies, to that of the round before; it flies all of the
-            first one. 1 is behavioural cloning, less is DAgger.
+        expert: share of the steps of a round that the oracle flies, to that of the round before; the oracle flies
+            all of the first round. 1 is behavioural cloning, less is DAgger.
         round: steps from one fit of the actions to the next.
         coding: shares, rows or peaks, see `simple.shares`.
         hidden: units of each of two hidden layers, which need torch; 0 is a linear read-out by least squares.
@@ -61,17 +61,17 @@ class Imitation:
         self._settings, self._seed, self._axes = settings, seed, scenario.axes
         self._oracle = Oracle(scenario, seed, settings)
         self._rng = np.random.default_rng((seed, 5))
-        self._seen: list[Singles] = []
-        self._shown: list[Floats] = []
+        self._inputs: list[Singles] = []
+        self._actions: list[Floats] = []
         self._learnt: dict[str, npt.NDArray[Any]] = {}
         self._begin_round()
 
     def _begin_round(self) -> None:
-        """Fit all that was shown in the rounds before."""
-        rounds, whole = divmod(len(self._seen), self._settings.round)
+        """Fit the steps of the rounds before."""
+        rounds, rest = divmod(len(self._inputs), self._settings.round)
         self._share = self._settings.expert**rounds
         if self._share < 1.0:
-            self._flier = self._flier_of(self._fit(len(self._seen) - whole))
+            self._flier = self._flier_of(self._fit(len(self._inputs) - rest))
 
     def _flier_of(self, arrays: Mapping[str, npt.NDArray[Any]]) -> Flier:
         """The controller with these layers."""
@@ -89,21 +89,21 @@ class Imitation:
         return self._last[1] if self._rng.random() < self._share else self._flier.act(counts, info)
 
     def learn(self, info: Mapping[str, Any]) -> None:
-        """Keep what was seen and shown in the step; fit it at the end of a round."""
-        seen, shown = self._last
-        self._seen.append(seen)
-        self._shown.append(shown)
-        if len(self._seen) % self._settings.round == 0:
+        """Keep the input and the oracle's action of the step; fit all at the end of a round."""
+        inputs, actions = self._last
+        self._inputs.append(inputs)
+        self._actions.append(actions)
+        if len(self._inputs) % self._settings.round == 0:
             self._begin_round()
 
     def _fit(self, steps: int) -> dict[str, npt.NDArray[Any]]:
         """Weights and biases of each layer, fitted to the first steps."""
-        seen = np.array(self._seen[:steps], np.float32).reshape(-1, 64)
-        shown = np.array(self._shown[:steps]).reshape(-1, self._axes)
+        inputs = np.array(self._inputs[:steps], np.float32).reshape(-1, 64)
+        actions = np.array(self._actions[:steps]).reshape(-1, self._axes)
         s = self._settings
         if not s.hidden:
-            x = seen.astype(np.float64)  # einsum waits for no other thread, as matrix products on busy cores do
-            squares, products = np.einsum("ki,kj->ij", x, x), np.einsum("ki,ka->ia", x, shown)
+            x = inputs.astype(np.float64)  # einsum waits for no other thread, as matrix products on busy cores do
+            squares, products = np.einsum("ki,kj->ij", x, x), np.einsum("ki,ka->ia", x, actions)
             weights = np.linalg.solve(squares + RIDGE * np.eye(64), products).T
             return {"0.weight": weights.astype(np.float32), "0.bias": np.zeros(self._axes, np.float32)}
         import torch
@@ -113,23 +113,23 @@ class Imitation:
             first, second = nn.Linear(64, s.hidden), nn.Linear(s.hidden, s.hidden)
             net = nn.Sequential(first, nn.ReLU(), second, nn.ReLU(), nn.Linear(s.hidden, self._axes))
             adam = torch.optim.Adam(net.parameters(), lr=s.rate, fused=True)
-            given, wanted = torch.from_numpy(seen), torch.from_numpy(shown.astype(np.float32))
+            x, y = torch.from_numpy(inputs), torch.from_numpy(actions.astype(np.float32))
             for batch in torch.randint(max(steps, 1), (s.updates if steps else 0, s.batch)):
                 adam.zero_grad()
-                nn.functional.mse_loss(net(given[batch]), wanted[batch]).backward()  # type: ignore[no-untyped-call]
+                nn.functional.mse_loss(net(x[batch]), y[batch]).backward()  # type: ignore[no-untyped-call]
                 adam.step()
             return {name: tensor.numpy().copy() for name, tensor in net.state_dict().items()}
 
     def learnt(self) -> dict[str, npt.NDArray[Any]]:
-        """Weights and biases of the layers, fitted to all that was shown."""
-        return self._fit(len(self._seen)) if self._seen or not self._learnt else self._learnt
+        """Return weights and biases of the layers, fitted to all steps."""
+        return self._fit(len(self._inputs)) if self._inputs or not self._learnt else self._learnt
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
-        """What was seen, what was shown, and where the generator is."""
+        """Return the inputs and the oracle's actions of all steps, and where the generator is."""
         rng = json.dumps(self._rng.bit_generator.state).encode()
         return {
-            "seen": np.array(self._seen, np.float32).reshape(-1, 64),
-            "shown": np.array(self._shown).reshape(-1, self._axes),
+            "inputs": np.array(self._inputs, np.float32).reshape(-1, 64),
+            "actions": np.array(self._actions).reshape(-1, self._axes),
             "rng": np.frombuffer(rng, np.uint8),
         }
 
@@ -138,10 +138,10 @@ class Imitation:
         if "rng" not in state:
             self._learnt = dict(state)
             return
-        self._seen, self._shown = list(state["seen"]), list(state["shown"])
+        self._inputs, self._actions = list(state["inputs"]), list(state["actions"])
         self._rng.bit_generator.state = json.loads(state["rng"].tobytes())
         self._begin_round()
 
     def frozen(self) -> Flier:
-        """The fit of all that was shown, without the oracle."""
+        """The fit of all steps, without the oracle."""
         return self._flier_of(self.learnt())
