@@ -102,8 +102,9 @@ class Imitation:
         actions = np.array(self._actions[:steps]).reshape(-1, self._axes)
         s = self._settings
         if not s.hidden:
-            x = inputs.astype(np.float64)  # einsum waits for no other thread, as matrix products on busy cores do
-            squares, products = np.einsum("ki,kj->ij", x, x), np.einsum("ki,ka->ia", x, actions)
+            exact = inputs.astype(np.float64)
+            # einsum waits for no other thread, as matrix products on busy cores do.
+            squares, products = np.einsum("ki,kj->ij", exact, exact), np.einsum("ki,ka->ia", exact, actions)
             weights = np.linalg.solve(squares + RIDGE * np.eye(64), products).T
             return {"0.weight": weights.astype(np.float32), "0.bias": np.zeros(self._axes, np.float32)}
         import torch
