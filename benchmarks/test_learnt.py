@@ -148,3 +148,26 @@ def test_orders_are_told_apart(figure):
         recovered = (found[:, -50:].mean(axis=1) >= 0.95).mean()
         told = f"r_stddp: labels swapped at 300 of 900, d_max {most:g} ms, seeds at 0.95 or more"
         figure(told, float(recovered), "", "reported")
+
+
+def test_bars_of_a_spiking_grid(figure):
+    """By delays and by weights, 5 seeds that no setting was chosen on; labels are moved on by one at 600 of 1500."""
+    for name, rule in {
+        "r_stddp": neuro.r_stddp(),
+        "r_stdp": neuro.r_stdp(),
+        "rescue": neuro.r_stdp(rescue=True),
+    }.items():
+        rightly = []
+        for seed in range(5):
+            times, inputs, begins, labels = orders.bars(seed, 1500)
+            labels = np.where(np.arange(1500) < 600, labels, (labels + 1) % 4)
+            sim = neuro.compile(orders.network(rule, 4, 1.5), seed=seed)
+            rightly.append(sim.trials(times, inputs, begins, labels, learn=True).label == labels)
+        for told, part in {
+            "51 to 100": slice(50, 100),
+            "551 to 600": slice(550, 600),
+            "1451 to 1500": slice(1450, 1500),
+        }.items():
+            each = np.array(rightly)[:, part].mean(axis=1)
+            figure(f"bars, {name}: right in trials {told}, mean", float(each.mean()), "", "reported")
+            figure(f"bars, {name}: right in trials {told}, least", float(each.min()), "", "reported")

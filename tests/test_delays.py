@@ -207,6 +207,21 @@ def test_the_signs_of_rates_of_weights_unlearn():
     assert found[:, -50:].mean() < 0.3
 
 
+@pytest.mark.parametrize("rule", [neuro.r_stddp(), neuro.r_stdp()], ids=lambda rule: rule.name)
+def test_bars_of_a_spiking_grid_are_told_apart_by_delays_and_by_weights(rule):
+    times, inputs, begins, labels = orders.bars(3, 600)
+    assert all(
+        set(np.argsort(one)[:3]) == set(orders.BARS[label])
+        for one, label in zip(times.reshape(-1, 9), labels, strict=True)
+    )
+    sim = neuro.compile(orders.network(rule, 4, 1.5), seed=3)
+    rightly = sim.trials(times, inputs, begins, labels, learn=True).label == labels
+    assert rightly[:8].mean() < 0.7
+    assert rightly[-50:].mean() >= 0.96
+    fixed = "weight" if rule.delays else "delay"
+    assert len(np.unique(sim.get("learnt", fixed))) == 1
+
+
 def onto_a_kernel() -> None:
     net = neuro.Network("shared")
     net.population("sheet", (1, 4, 4), neuro.spike_generator())

@@ -96,12 +96,34 @@ def test_a_pair_and_reward_move_a_weight_as_florian_says(backend):
 
 
 @BACKENDS
-@pytest.mark.parametrize(("reward", "bound"), [(1e4, 5.0), (-1e4, 0.0)])
-def test_a_weight_stays_within_its_bounds(backend, reward, bound):
-    sim = one_pair(neuro.mstdpet(signal="reward", Wmax=5.0), backend)
+@pytest.mark.parametrize("reward", [1.7, -2.0])
+def test_a_moment_of_reward_moves_a_weight_as_vasilaki_says(backend, reward):
+    """alpha(w) (R - b) e with alpha = 3000 w/5 (1 - w/5) for 0.1 ms, here in 1,000 small steps."""
+    sim = one_pair(neuro.mstdpet(signal="reward", gamma=3000.0, b=0.5, tau_z=30.0, Wmax=5.0, soft=True), backend)
+    sim.signal("reward", 0.5)
+    sim.run(40.0)
+    z, w = sim.get("learnt", "z")[0] * math.exp(-0.05 / 30.0), START
+    sim.signal("reward", reward)
+    sim.run(0.1)
+    sim.signal("reward", 0.5)
+    sim.run(40.0)
+    for _ in range(1000):
+        w += 1e-4 * 3000.0 * (reward - 0.5) * z * w / 5.0 * (1.0 - w / 5.0)
+    assert abs(w - START) > 0.3
+    assert sim.get("learnt", "weight") == pytest.approx(w, rel=1e-3)
+
+
+@BACKENDS
+@pytest.mark.parametrize("soft", [False, True])
+@pytest.mark.parametrize(("reward", "bound"), [(1e6, 5.0), (-1e6, 0.0)])
+def test_a_weight_stays_within_its_bounds(backend, reward, bound, soft):
+    sim = one_pair(neuro.mstdpet(signal="reward", Wmax=5.0, soft=soft), backend)
     sim.signal("reward", reward)
     sim.run(40.0)
     assert sim.get("learnt", "weight") == bound
+    sim.signal("reward", -reward)
+    sim.run(40.0)
+    assert sim.get("learnt", "weight") == (bound if soft else 5.0 - bound)
 
 
 def test_a_modulator_that_never_falls_comes_from_a_signal(messages):

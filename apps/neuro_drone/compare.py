@@ -12,7 +12,7 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import JobResults, make_folder, provenance, side_by_side
-from neuro_drone.controllers import kind_of
+from neuro_drone.controllers import ERROR, kind_of
 from neuro_drone.evaluate import Lap, grid, try_out
 from neuro_drone.model import Model
 from neuro_drone.paths import FlightCourse
@@ -139,8 +139,7 @@ class ComparisonJob:
     def _tried(self, model: Model, say: Callable[[float, str], None]) -> dict[str, Any]:
         """Figures of the test and, of what is steered by the supervised error, with learning on."""
         places, flown = grid(model.scenario, self.starts, course=self.course), [0]
-        kind = kind_of(model.controller)
-        both = kind.learns and not kind.rewarded
+        both = kind_of(model.controller).taught == ERROR
 
         def tell(lap: Lap) -> None:
             flown[0] += 1

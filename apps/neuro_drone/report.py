@@ -109,7 +109,7 @@ def learnt(model: Model) -> str:
     reward = returns[-last:].sum() / lengths[-last:].sum() if len(lengths) else np.nan
     return (
         f"{named(model)}: {frozen}a mean reward of {reward:.3f} in the last tenth of {len(lengths):,} episodes, in "
-        "which it explores and dopamine steers"
+        "which it explores, or what teaches it steers"
     )
 
 
@@ -161,7 +161,7 @@ def show(model: Model, tried: FlightTest, course: FlightCourse) -> None:
     steps = round(sum(one.steps for one in tried.each) / tried.starts)
     rows.append(("mean", *(("",) if line else ()), steps, *mean, f"{tried.laps} of {tried.starts}"))
     out = console()
-    how = "learning goes on, dopamine steers" if tried.learning else "weights frozen, no dopamine"
+    how = "learning goes on, what teaches steers" if tried.learning else "weights frozen, no dopamine"
     out.print(table(columns, rows, title=f"{named(model)}; {how}; {course}"))
     signed = ", ".join(f"{name} {value:.2f}" for name, value in zip(names, tried.signed, strict=True))
     out.print(
@@ -250,8 +250,7 @@ def list_controllers() -> None:
         own = {word: getattr(kind.settings, word) for word in kind.settings.own()}
         plain = {word: f"{v:g}" if isinstance(v, float) else v for word, v in own.items() if not isinstance(v, Mapping)}
         numbers = ", ".join(f"{word} {value}" for word, value in plain.items())
-        source = "the reward" if kind.rewarded else "the error" if kind.learns else "-"
-        rows.append((name, kind.what, source, numbers))
+        rows.append((name, kind.what, kind.taught, numbers))
     console().print(table(("name", "what", "learns from", "settings"), rows))
 
 

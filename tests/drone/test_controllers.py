@@ -81,6 +81,8 @@ def test_hand_made_controllers():
     learning = {
         "lms",
         "random-search",
+        "clone",
+        "dagger",
         "snn",
         "snn-static-init",
         "snn-eta0",
@@ -91,7 +93,7 @@ def test_hand_made_controllers():
         "ppo",
     }
     assert {name for name in CONTROLLERS if CONTROLLERS[name].learns} == learning
-    assert all(isinstance(make(name, BALL), Learner) for name in ("lms", "random-search"))
+    assert all(isinstance(make(name, BALL), Learner) for name in ("lms", "random-search", "clone", "dagger"))
     assert not isinstance(make("oracle", BALL), Learner)
 
 

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import unknown
 from neuro_drone.controllers.deep import DDPG, DQN, DDPGSettings, Deep, DQNSettings
+from neuro_drone.controllers.imitation import Imitation, ImitationSettings
 from neuro_drone.controllers.ppo import PPO, PPOSettings
 from neuro_drone.controllers.simple import (
     LMS,
@@ -74,6 +75,10 @@ class Learner(Controller, Protocol):
         """The same as it is now, without learning; each of its episodes is the same whatever came before."""
 
 
+ERROR, REWARD, ORACLE, NOBODY = "the error", "the reward", "the oracle", "-"
+"""What teaches a controller: the supervised error, which then also steers; the reward alone; the oracle; nothing."""
+
+
 @dataclass(frozen=True, slots=True)
 class ControllerKind:
     """A row of the table.
@@ -82,24 +87,27 @@ class ControllerKind:
         what: it is, for lists.
         maker: class or function of scenario, seed and settings.
         settings: the defaults.
-        learns: whether training it makes sense.
-        rewarded: learns from the reward alone; else from the supervised error, which then also steers.
+        taught: by what, see `ERROR`, `REWARD`, `ORACLE` and `NOBODY`.
     """
 
     what: str
     maker: Callable[[Scenario, int, Any], Controller | Spiking]
     settings: ControllerSettings
-    learns: bool = True
-    rewarded: bool = False
+    taught: str = ERROR
+
+    @property
+    def learns(self) -> bool:
+        """Return whether the controller is trained at all."""
+        return self.taught != NOBODY
 
 
 CONTROLLERS: dict[str, ControllerKind] = {
-    "nothing": ControllerKind("never moves", Nothing, NothingSettings(), learns=False),
-    "oracle": ControllerKind("in proportion to the true error, which no other one sees", Oracle, Gain(), learns=False),
-    "centroid": ControllerKind("in proportion to where the events are on average", Centroid, Gain(), learns=False),
-    "static": ControllerKind("the network with weights by side", Spiking, SpikingSettings(start="sign"), learns=False),
+    "nothing": ControllerKind("never moves", Nothing, NothingSettings(), taught=NOBODY),
+    "oracle": ControllerKind("in proportion to the true error, which no other one sees", Oracle, Gain(), taught=NOBODY),
+    "centroid": ControllerKind("in proportion to where the events are on average", Centroid, Gain(), taught=NOBODY),
+    "static": ControllerKind("the network with weights by side", Spiking, SpikingSettings(start="sign"), taught=NOBODY),
     "static-linear": ControllerKind(
-        "the network with weights by distance", Spiking, SpikingSettings(start="linear"), learns=False
+        "the network with weights by distance", Spiking, SpikingSettings(start="linear"), taught=NOBODY
     ),
     "lms": ControllerKind("linear in the counts, learnt from the same error by least mean squares", LMS, LMSSettings()),
     "snn": ControllerKind("the network, learning by dopamine from equal weights", Spiking, SpikingSettings()),
@@ -115,11 +123,23 @@ CONTROLLERS: dict[str, ControllerKind] = {
     "snn-loihi": ControllerKind(
         "the network, learning on the emulated Loihi", Spiking, SpikingSettings(backend="loihi")
     ),
-    "dqn": ControllerKind("deep reinforcement learning on nine actions", DQN, DQNSettings(), rewarded=True),
-    "ddpg": ControllerKind("deep reinforcement learning on continuous actions", DDPG, DDPGSettings(), rewarded=True),
-    "ppo": ControllerKind("deep reinforcement learning of likely actions", PPO, PPOSettings(), rewarded=True),
+    "dqn": ControllerKind("deep reinforcement learning on nine actions", DQN, DQNSettings(), taught=REWARD),
+    "ddpg": ControllerKind("deep reinforcement learning on continuous actions", DDPG, DDPGSettings(), taught=REWARD),
+    "ppo": ControllerKind("deep reinforcement learning of likely actions", PPO, PPOSettings(), taught=REWARD),
+    "clone": ControllerKind(
+        "acts as the oracle did, behavioural cloning", Imitation, ImitationSettings(), taught=ORACLE
+    ),
+    "dagger": ControllerKind(
+        "acts as the oracle would where it flew itself",
+        Imitation,
+        ImitationSettings(expert=0.5),
+        taught=ORACLE,
+    ),
     "random-search": ControllerKind(
-        "linear in the centroid, its weights by random search", RandomSearch, RandomSearchSettings(), rewarded=True
+        "linear in the centroid, its weights by random search",
+        RandomSearch,
+        RandomSearchSettings(),
+        taught=REWARD,
     ),
 }
 """The controllers by name."""
@@ -127,11 +147,16 @@ CONTROLLERS: dict[str, ControllerKind] = {
 LINE: dict[Any, dict[str, Any]] = {
     Oracle: {"gain": (8.0, 4.0)},
     LMS: {"gain": (8.0, 4.0), "coding": "rows", "mu": 0.005},
+    Imitation: {"gain": (8.0, 4.0), "coding": "rows"},
 }
 """Defaults that differ for a line, see `spiking.LINE`."""
 
 
-HEIGHT: dict[Any, dict[str, Any]] = {Oracle: {"gain": 4.0}, Centroid: {"gain": (8.0, 2.0, 1.0)}}
+HEIGHT: dict[Any, dict[str, Any]] = {
+    Oracle: {"gain": 4.0},
+    Centroid: {"gain": (8.0, 2.0, 1.0)},
+    Imitation: {"gain": 4.0},
+}
 """Defaults that differ for a drone that also climbs: a drone that climbs sees the ball further down, and one that flies
 forward sees it taller, so that both axes swing with gains that suit one."""
 

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import install, setting
-from neuro_drone.controllers.simple import ControllerSettings, Fixed
+from neuro_drone.controllers.simple import ControllerSettings, Fixed, shares
 from neuro_drone.env import ACTIONS
 from neuro_drone.scenario import Scenario
 
@@ -37,7 +37,8 @@ def observed(counts: npt.NDArray[Any], kind: str) -> Singles:
 
     Args:
         counts: (8, 8) events.
-        kind: binary (whether a field had events; thesis, section 7.2.1) or counts (15 and more are 1).
+        kind: binary (whether a field had events; thesis, section 7.2.1), counts (15 and more are 1), or a coding of
+            `shares`.
 
     Returns:
         (64,) in [0, 1].
@@ -45,8 +46,10 @@ def observed(counts: npt.NDArray[Any], kind: str) -> Singles:
     flat = counts.ravel()
     if kind == "binary":
         return (flat > 0).astype(np.float32)
-    seen: Singles = np.minimum(flat.astype(np.float32) / MOST, np.float32(1.0))
-    return seen
+    if kind == "counts":
+        seen: Singles = np.minimum(flat.astype(np.float32) / MOST, np.float32(1.0))
+        return seen
+    return shares(counts, kind).astype(np.float32)
 
 
 ACTIVATIONS: dict[str, Callable[[Singles], Singles]] = {
@@ -87,7 +90,7 @@ class Flier(Fixed):
     Args:
         dense: the network that acts.
         command: the drone's action, (2,), of what the network gives.
-        observation: binary or counts.
+        observation: see `observed`.
 
     Attributes:
         dense: as given.
@@ -285,7 +288,8 @@ class Deep(Fixed, ABC):
 @contextmanager
 def alone(seed: int) -> Iterator[None]:
     """Lend the global generators to the package, and one thread: of small networks more only wait for each other."""
-    _, torch = needed("")
+    import torch
+
     threads, kept, drawn = torch.get_num_threads(), np.random.get_state(), torch.random.get_rng_state()  # noqa: NPY002
     torch.set_num_threads(1)
     np.random.seed(seed)  # noqa: NPY002

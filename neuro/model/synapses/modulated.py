@@ -16,7 +16,7 @@ from neuro.model.synapses.pairs import within
 TABLE = 1024
 """Steps over which the decays of c and n are kept in a table; beyond it they are computed."""
 TAU_PLUS, A_PLUS, A_MINUS, TAU_C, TAU_N, B, W_MIN, W_MAX, H, TAU, C_MIN = range(11)
-GAMMA, TAU_Z = 3, 4
+GAMMA, TAU_Z, SOFT = 3, 4, 10
 Q_0, ETA, DELTA_Z, TAU_R = 1, 2, 6, 7
 """Constants; the first are those of `stdp_dopa`."""
 
@@ -114,17 +114,37 @@ class stdp_dopa(Modulated):
         drift(y, e, c, int(end - at), n)
 
 
+def grown(w, change, w_max):
+    """A weight after a change that is slowed down by s (1 - s), s = w / w_max, all the way: logit(s) is what moves."""
+    s, way = w / w_max, change / w_max
+    if s <= 0.0 or s >= 1.0:
+        return within(w, w_max)
+    left = math.exp(-abs(way))
+    return w_max * s / (s + (1.0 - s) * left) if way > 0.0 else w_max * s * left / (1.0 - s + s * left)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class mstdpet(Modulated):
     """Spike pairs leave an eligibility z; the weight moves while the reward n differs from its baseline b.
 
     A signal sets n, which stays until it is set again: to b after a moment of reward. If it stays long, a pair moves
     the weight by gamma (n - b) A_plus K+ or -gamma (n - b) A_minus K- in all. Integration is exact; the weight is
-    within 0 and Wmax at all times. Source: Florian, Neural Comput. 19:1468, 2007 (MSTDPET).
+    within 0 and Wmax at all times. With `soft` gamma is multiplied by s (1 - s), s = w / Wmax, so that a weight slows
+    down towards both bounds and stays at either.
+
+    n = R in one step and b in all others is the rule alpha(w) (R - b) delta(t - t_f) e of Vasilaki et al.: alpha is
+    gamma times the step, with `soft` a function of the weight.
+
+    Source: Florian, Neural Comput. 19:1468, 2007 (MSTDPET); Vasilaki et al., PLoS Comput. Biol. 5:e1000586, 2009, as in
+    Mosca, MSc thesis, 2020, eq. 116, which leaves alpha open: s (1 - s) is that of eq. 126.
     """
 
-    equation: ClassVar[str] = "w' = gamma (n - b) z; tau_z z' = -z + A_plus K+ (post) - A_minus K- (pre)"
-    source: ClassVar[str] = "Florian, Neural Comput. 19:1468, 2007"
+    equation: ClassVar[str] = (
+        "w' = gamma (n - b) z, if soft times s (1 - s), s = w/Wmax; tau_z z' = -z + A_plus K+ (post) - A_minus K- (pre)"
+    )
+    source: ClassVar[str] = (
+        "Florian, Neural Comput. 19:1468, 2007; Vasilaki et al., PLoS Comput. Biol. 5:e1000586, 2009"
+    )
     states: ClassVar[tuple[State, ...]] = (State("z", "1/ms", "eligibility trace"),)
 
     tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
@@ -136,10 +156,12 @@ class mstdpet(Modulated):
     Wmax: float = quantity(
         100.0, "", "largest weight, in the unit of the weight; below 0 it inhibits", nonzero=True, of_value=True
     )
+    soft: bool = quantity(False, "", "learn more slowly near 0 and Wmax", kind="boolean")
 
     def constants(p, h, c):
         """The parameters and the step."""
         c[A_PLUS], c[A_MINUS], c[TAU_Z], c[GAMMA], c[B], c[W_MAX], c[H] = p[1], p[2], p[3], p[4], p[5], p[6], h
+        c[SOFT] = p[7]
 
     def on_post(y, e, c, pre, post):
         """A pre-post pair raises the eligibility."""
@@ -152,7 +174,8 @@ class mstdpet(Modulated):
     def advance(y, e, c, begin, end, n, grid):
         """Integrate from step `begin` to `end`; n is held, so the weight moves one way and is clipped at the end."""
         z, passed = y[1, e], (end - begin) * c[H] / c[TAU_Z]
-        y[0, e] = within(y[0, e] - c[GAMMA] * (n - c[B]) * z * c[TAU_Z] * math.expm1(-passed), c[W_MAX])
+        change = -c[GAMMA] * (n - c[B]) * z * c[TAU_Z] * math.expm1(-passed)
+        y[0, e] = grown(y[0, e], change, c[W_MAX]) if c[SOFT] != 0.0 else within(y[0, e] + change, c[W_MAX])
         y[1, e] = z * math.exp(-passed)
 
 
