@@ -81,7 +81,11 @@ class Layered(Framewise):
         }
         below = Framewise(**settings, layer=self.features, epochs=1, order="frames")
         chosen = np.random.default_rng(course.seed).permutation(len(shown))[: self.examples]
-        learnt = below.fit(shown.take(chosen), replace(course, checkpoint=None))
+        # Learnt again after a kill, to the same bits: one pass over few recordings.
+        alone = replace(
+            course, checkpoint=None, report=lambda p: course.report(replace(p, what="learning the features"))
+        )
+        learnt = below.fit(shown.take(chosen), alone)
         words: Learnt = {"features": learnt["c1_s2"], "below": learnt["network"], "seed": learnt["seed"]}
         return {**super().fit(self.entering(words, course.backend)(shown), course), **words}
 
