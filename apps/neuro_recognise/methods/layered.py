@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from neuro.apps import part, setting
 from neuro_recognise.method import Answer, Course, Drawings, Learnt
 from neuro_recognise.methods.frame_networks import MasquelierThorpeLayer
 from neuro_recognise.methods.framewise import AT_ONCE, ORDERS, Framewise, Inputs, Layer, RemusLayer, from_text
-from neuro_recognise.parts.frames import Frames, LogLatency
+from neuro_recognise.parts.frames import Encoder, Frames, LogLatency
 from neuro_recognise.shown import Array, Features
 
 CHOSEN = "chosen on 160 of the 800 digits that fold 1 of 5, seed 0, learns from"
@@ -38,6 +39,7 @@ class Layered(Framewise):
     unobserved = (*Framewise.unobserved, "features", "examples", "cell")
     measured = {"N-MNIST": "not yet"}
 
+    encoder: Encoder = part(Encoder, LogLatency(window=16.0))
     features: Layer = part(Layer, MasquelierThorpeLayer(maps=100, field=5, theta=10.0))
     examples: int = setting(160, "", "recordings that the features learn from, at most", CHOSEN, at_least=1)
     cell: int = setting(2, "places", "side of a cell of the pool", CHOSEN, at_least=1)
@@ -56,6 +58,17 @@ class Layered(Framewise):
         ):
             if not isinstance(found, expected):
                 raise ModelError(f"{self.place()}: {name} = {found.called()}: expected {expected.called()}")
+
+    def fitting(self, size: tuple[int, int]) -> Self:
+        """With the sensor's size; refused where a field of the features is larger than the front end's sheet."""
+        settled = super().fitting(size)
+        if min(settled.places) < 1:
+            most = min(settled.front_end.shape[1:])
+            field = self.features.as_words()["field"]
+            raise ModelError(
+                f"{self.place()}: features.field = {field}: expected at most {most}, the cells of the front end"
+            )
+        return settled
 
     @property
     def places(self) -> tuple[int, int, int]:
