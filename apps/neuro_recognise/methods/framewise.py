@@ -268,7 +268,7 @@ class Framewise(Method):
 
     @property
     def front_end(self) -> Inputs:
-        """What the front end makes of a frame."""
+        """The sheet of the front end's spikes."""
         width, height = self.size
         channels = self.encoder.channels(len(self.bank.sizes), len(self.bank.orientations))
         shape = (channels, height // self.pool.side, width // self.pool.side)
@@ -276,7 +276,7 @@ class Framewise(Method):
 
     @property
     def inputs(self) -> Inputs:
-        """What the network is shown."""
+        """The sheet of spikes that the network is shown."""
         return self.front_end
 
     def observe(self, events: Events) -> Evidence:
@@ -407,7 +407,7 @@ class Framewise(Method):
             yield batch, *self.present(sim, learnt, batch)
 
     def entering(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Features]:
-        """A function from what the front end shows to what the network that decides is shown: here the same."""
+        """A function from the front end's spikes to those that the deciding network is shown: here the same."""
         return lambda shown: shown
 
     def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
@@ -452,8 +452,7 @@ class Framewise(Method):
             for neuron, label in zip(results.winner.tolist(), results.label.tolist(), strict=True)
         )
         times, size = self.encoder.times(frames.codes, learnt), int(np.prod(self.inputs.shape))
-        named_bands = self.encoder.bands(self.bank.sizes, self.bank.orientations)
-        bands = named_bands if len(named_bands) == self.inputs.shape[0] else ()
+        bands = self.encoder.bands(self.bank.sizes, self.bank.orientations) if self.inputs == self.front_end else ()
         return [
             Pictures("Frame", at_ms, self.representation.pixels(seen, bounds).pictures(self.size)),
             TrialView("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, labels, bands),
