@@ -38,7 +38,7 @@ class Layered(Framewise):
     title = "STDP below, reward-modulated STDP above, no field above 7"
     source = "thesis lines 3192 and 3441; as Mozafari et al., Pattern Recognition 94:87, 2019, with the rules here"
     unobserved = (*Framewise.unobserved, "features", "examples", "cell")
-    measured = {"N-MNIST": "not yet"}
+    measured = {"N-MNIST": "92.3 %"}
 
     encoder: Encoder = part(Encoder, LogLatency(window=16.0))
     features: Layer = part(Layer, MasquelierThorpeLayer(maps=100, field=5, theta=10.0))
