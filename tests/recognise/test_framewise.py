@@ -23,6 +23,7 @@ from neuro_recognise.method import METHODS, SILENT, choose
 from neuro_recognise.methods.frame_networks import Remus
 from neuro_recognise.methods.framewise import Framewise, Inputs, Layer, Shares
 from neuro_recognise.observations import observe
+from neuro_recognise.parts.frames import Frames
 from neuro_recognise.recogniser import AT_MOST, Ready, Recogniser, learn, method_of
 from neuro_recognise.shown import Features
 from neuro_recognise.telling.report import Tried
@@ -30,6 +31,15 @@ from refused import refused
 
 FRONT_END = {"segmenter": "msd", "bank": "gabors", "pool": "max", "encoder": "log_latency"}
 SMALL = {
+    "layered": {
+        "features.maps": 10,
+        "features.field": 3,
+        "features.theta": 2.5,
+        "layer.field": 3,
+        "layer.theta": 3.0,
+        "per_class": 2,
+        "epochs": 3,
+    },
     "edhmax_tempotron": {**FRONT_END, "per_class": 3, "epochs": 5, "share": 0.6},
     "masquelier_thorpe": {"field": 5, "theta": 8.0, "maps": 8, "epochs": 3},
     "mozafari": {"field": 7, "theta": 16.0, "per_class": 2, "epochs": 3},
@@ -101,18 +111,21 @@ def test_each_decides_alike_and_has_a_bill(made, letters, backend):
     for scores in answer.votes.values():
         assert np.mean(choose(scores)[:24] == letters.labels[:24]) >= 0.9
         assert np.isnan(scores[24:]).all()
+    if made.method.network(made.learnt) is None:  # layers that run one after the other have no common bill
+        assert answer.run is None
+        return
     sim, results = answer.run()
     assert len(results) == 72
     assert isinstance(sim.energy("loihi", of=results), Energy)
 
 
 def test_a_training_of_each_goes_on_draws_and_decides_on_the_reference_alike(made, letters, tmp_path):
-    name, n = made.method.called(), {"masquelier_thorpe": 8, "must": 3 * 8, "mozafari": 6, "remus": 6}
+    name, n = made.method.called(), {"masquelier_thorpe": 8, "must": 3 * 8, "mozafari": 6, "remus": 6, "layered": 10}
     drawn = made.method.pictures(made.learnt, made.classes)
     assert ("learning" in drawn) == made.method.layer.supervised
     if name in n:
-        figure = drawn["prototypes" if made.method.layer.supervised else "features"]
-        key = 1 if made.method.layer.supervised else 0  # to the colours of prototypes
+        figure = drawn.get("features") or drawn["prototypes"]
+        key = 1 if "prototypes" in drawn else 0  # to the colours of prototypes
         assert len(figure.axes) == n[name] + key
     else:
         assert list(drawn) == ["learning"]
@@ -132,6 +145,50 @@ def test_a_training_of_each_goes_on_draws_and_decides_on_the_reference_alike(mad
         assert np.array_equal(again.learnt[name], part, equal_nan=name in ("history", "mistakes")), name
     assert [file.name for file in tmp_path.iterdir()] == ["model.h5"]
     assert learn(made.method, letters, "letters", **words, report=pytest.fail).training == made.training
+
+
+def pooled_by_hand(weights, theta, codes, ids, last):
+    """Tick by (feature, row, column) of a cell of 2 x 2 places: the first of its places to choose that feature."""
+    maps, _, side, _ = weights.shape
+    rows = 8 - side + 1
+    potential, chosen = np.zeros((maps, rows, rows)), np.zeros((rows, rows), bool)
+    ticks = {}
+    for tick in range(last):  # a spike arrives one tick later
+        for channel, y, x in zip(*np.unravel_index(ids[codes == tick], (4, 8, 8)), strict=True):
+            for i, j in np.ndindex(side, side):
+                if 0 <= y - i < rows and 0 <= x - j < rows:
+                    potential[:, y - i, x - j] += weights[:, channel, i, j]
+        for y, x in zip(*np.nonzero((potential.max(axis=0) >= theta) & ~chosen), strict=True):
+            ticks.setdefault((int(potential[:, y, x].argmax()), int(y) // 2, int(x) // 2), tick + 1)
+            chosen[y, x] = True
+    return ticks
+
+
+def test_the_upper_layer_sees_the_first_feature_of_each_place_once_in_a_cell(letters):
+    made = learn(with_small("layered", epochs=1), letters, "letters", seed=1)
+    entered = made.method.entering(made.learnt)(letters)
+    for recording in (0, 1, 2, 24):
+        shown, above = (Frames.of(one.take([recording])) for one in (letters, entered))
+        assert len(shown) == len(above)
+        for k in range(len(shown)):
+            one, other = shown.take(np.array([k])), above.take(np.array([k]))
+            by_hand = pooled_by_hand(made.learnt["features"], 2.5, one.codes, one.ids, last=9)
+            cells = zip(*np.unravel_index(other.ids.astype(int), (10, 3, 3)), strict=True)
+            assert dict(zip(((int(m), int(y), int(x)) for m, y, x in cells), other.codes, strict=True)) == by_hand
+            assert len(by_hand) > 9
+            assert (np.diff(other.codes.astype(int)) >= 0).all()
+
+
+def test_layers_refuse_parts_that_cannot_be_joined():
+    assert refused(method_of, "layered", "", {"features": "must"}) == (
+        "method 'layered': features = must: expected masquelier_thorpe"
+    )
+    assert refused(method_of, "layered", "", {"encoder": "latency"}) == (
+        "method 'layered': encoder = latency: expected log_latency"
+    )
+    assert refused(method_of("layered", "", {"features.field": 19}).fitting, (34, 34)) == (
+        "method 'layered': features.field = 19: expected at most 17, the cells of the front end"
+    )
 
 
 def test_remus_learns_on_the_reference_alike(letters, small, train):

@@ -32,6 +32,7 @@ GRADIENTS = ("dense", "conv", "recurrent", "learnt_delays")
 FEW = {"masquelier_thorpe": {"A_plus": 0.05, "epochs": 5}, "must": {"neurons": 60, "epochs": 10}}
 """What learns without labels needs thousands of frames, or larger steps; the bars make about a hundred."""
 FEW |= {"edhmax_tempotron": {"epochs": 4}}
+FEW |= {"layered": {"features.maps": 12, "features.A_plus": 0.05, "layer.theta": 25.0, "per_class": 2, "epochs": 4}}
 for _name in GRADIENTS:  # few recordings are few batches, of which these take more
     FEW[_name] = {"scale": 2, "epochs": 12, "batch": 6, **({"maps": 4} if _name == "conv" else {"hidden": 12})}
 

@@ -12,10 +12,11 @@ from neuro_recognise.methods.frame_networks import EdhmaxTempotron, MasquelierTh
 from neuro_recognise.methods.gradients import Conv, Dense, LearntDelays, Recurrent
 from neuro_recognise.methods.hfirst import HFirst
 from neuro_recognise.methods.hots import Hots
+from neuro_recognise.methods.layered import Layered
 
 __all__ = ["METHODS", "method_of"]
 
-_LOCAL = (Remus, Boe, EdhmaxTempotron, Hats, HFirst, Hots, MasquelierThorpe, Mozafari, Must, TarHats)
+_LOCAL = (Remus, Layered, Boe, EdhmaxTempotron, Hats, HFirst, Hots, MasquelierThorpe, Mozafari, Must, TarHats)
 for _method in (*_LOCAL, Dense, Conv, Recurrent, LearntDelays):
     METHODS.add(_method)
 

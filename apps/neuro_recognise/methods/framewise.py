@@ -243,7 +243,7 @@ class Framewise(Method):
 
     spikes = True
     changeable = ("segmenter", "representation", "vote")
-    unobserved = ("layer", "epochs", "order", "vote", "readout")
+    unobserved: ClassVar[tuple[str, ...]] = ("layer", "epochs", "order", "vote", "readout")
 
     segmenter: Segmenter = part(Segmenter, Msd())
     representation: Representation = part(Representation, Counts())
@@ -287,12 +287,17 @@ class Framewise(Method):
         return {name: value for name, value in self.as_words().items() if name != "epochs"}
 
     @property
-    def inputs(self) -> Inputs:
-        """What the network is shown."""
+    def front_end(self) -> Inputs:
+        """The sheet of the front end's spikes."""
         width, height = self.size
         channels = self.encoder.channels(len(self.bank.sizes), len(self.bank.orientations))
         shape = (channels, height // self.pool.side, width // self.pool.side)
         return Inputs(shape, self.encoder.window, self.encoder.resolution)
+
+    @property
+    def inputs(self) -> Inputs:
+        """The sheet of spikes that the network is shown."""
+        return self.front_end
 
     def observe(self, events: Events) -> Evidence:
         """The spikes of each frame.
@@ -307,7 +312,7 @@ class Framewise(Method):
         responses = self.bank.responses(seen, bounds, self.pool.side, self.representation)
         codes, ids, lengths = self.encoder.encode(self.pool.passed(responses, self.bank.sizes))
         ends = self.segmenter.complete_at(seen.t, bounds) - first
-        fitting = np.min_scalar_type(int(np.prod(self.inputs.shape)))
+        fitting = np.min_scalar_type(int(np.prod(self.front_end.shape)))
         lasts = events.t[-1:] - events.t[:1]
         return {"codes": codes, "ids": ids.astype(fitting), "lengths": lengths, "ends": ends, "lasts": lasts}
 
@@ -390,8 +395,12 @@ class Framewise(Method):
             return Shares(right=float("nan"), wrong=float("nan"))
         return Shares(right=right / len(frames), wrong=wrong / len(frames))
 
-    def network(self, learnt: Learnt) -> neuro.Network:
-        """The network with what it has learnt."""
+    def network(self, learnt: Learnt) -> neuro.Network | None:
+        """The network with what it has learnt; None where several decide one after the other."""
+        return self.deciding(learnt)
+
+    def deciding(self, learnt: Learnt) -> neuro.Network:
+        """The network that decides, with what it has learnt."""
         net = from_text(str(learnt["network"]))
         for name in taught(net):
             net.projections[name] = replace(net.projections[name], weight=learnt[name])
@@ -399,7 +408,7 @@ class Framewise(Method):
 
     def simulation(self, learnt: Learnt, backend: str = "event") -> neuro.Simulation:
         """The learnt network, ready to be shown recordings."""
-        return neuro.compile(self.network(learnt), backend=backend, seed=int(learnt["seed"]))
+        return neuro.compile(self.deciding(learnt), backend=backend, seed=int(learnt["seed"]))
 
     def present(self, sim: neuro.Simulation, learnt: Learnt, shown: Features) -> tuple[neuro.TrialResults, Frames]:
         """Show all frames of recordings without teaching: how each ended, and the frames."""
@@ -415,19 +424,23 @@ class Framewise(Method):
         for batch in shown.batches(AT_ONCE):
             yield batch, *self.present(sim, learnt, batch)
 
+    def entering(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Features]:
+        """A function from the front end's spikes to those that the deciding network is shown: here the same."""
+        return lambda shown: shown
+
     def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
         """By each vote; a recording without frames is silent."""
         return self.asker(learnt, backend)(shown)
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
         """With a network that is compiled once; `Answer.run` gives it as it is after the last question."""
-        sim = self.simulation(learnt, backend)
+        sim, entering = self.simulation(learnt, backend), self.entering(learnt, backend)
 
         def ask(shown: Features) -> Answer:
             sim.reset()  # noise and rounding are drawn by the step
             found: dict[str, list[Floats]] = {}
             taken: list[neuro.TrialCounts] = []
-            for batch, results, frames in self.presented(sim, learnt, shown):
+            for batch, results, frames in self.presented(sim, learnt, entering(shown)):
                 for name, scores in self.votes(learnt, results, frames, batch).items():
                     found.setdefault(name, []).append(scores)
                 taken.append(results.taken)
@@ -449,14 +462,15 @@ class Framewise(Method):
         if not len(at_ms):
             return []
         bounds = self.segmenter.bounds(seen.t)
-        results, frames = self.present(self.simulation(learnt), learnt, unlabelled([evidence], tuple(classes)))
+        shown = self.entering(learnt)(unlabelled([evidence], tuple(classes)))
+        results, frames = self.present(self.simulation(learnt), learnt, shown)
         named = [f" for {name}" for name in classes] if self.layer.supervised else [""] * results.potential.shape[1]
         labels = tuple(
             f"neuron {neuron} wins{named[label]}" if label >= 0 else "none wins"
             for neuron, label in zip(results.winner.tolist(), results.label.tolist(), strict=True)
         )
         times, size = self.encoder.times(frames.codes, learnt), int(np.prod(self.inputs.shape))
-        bands = self.encoder.bands(self.bank.sizes, self.bank.orientations)
+        bands = self.encoder.bands(self.bank.sizes, self.bank.orientations) if self.inputs == self.front_end else ()
         return [
             Pictures("Frame", at_ms, self.representation.pixels(seen, bounds).pictures(self.size)),
             TrialView("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, labels, bands),
