@@ -197,10 +197,12 @@ def energy(
     """Train PPO or DQN and print the joules of its training on processors, beside 'neuro energy NET --until R'."""
     from json import dumps
 
-    from neuro.apps import print_bills, unknown
+    from neuro.apps import argument, print_bills, unknown
     from neuro.chips import dense
     from neuro_agent import compare, deep, environments
 
+    if until is not None:
+        argument("--until", until)
     if method not in deep.NAMES:
         raise unknown("deep agent", method, deep.NAMES)
     compare.Plan(environment, steps, (seed,), only=(method,))  # refuses what cannot be trained
@@ -214,6 +216,8 @@ def energy(
         about = {"method": method, "seed": seed, "episodes": len(log), "steps": taken, "solved": log.solved}
         typer.echo(dumps({**about, "bills": [bill.as_dict() for bill in bills]}, indent=1))
     else:
+        if bar is not None and not log.solved:
+            typer.echo(f"the goal is not reached: joules of {taken:,} steps")
         print_bills(bills, sources)
         typer.echo(f"{method}: {str(log).removeprefix('Log(').removesuffix(')')}")
 

@@ -39,8 +39,9 @@ from numpy.typing import NDArray
 from neuro.chips.description import Chip
 from neuro.chips.inputs import longest_lag, register
 from neuro.chips.loihi_registers import REGISTER_OF_ONE
+from neuro.chips.spinnaker_rule import KNOWN, program_of
 from neuro.kernels.jit import kernel, subkernel
-from neuro.model.synapses import loihi2_convolution, stdp_dopa, stdp_triplet
+from neuro.model.synapses import loihi2_convolution
 from neuro.program.program import Floats, Ints, Program
 
 BLOCK = 64
@@ -66,9 +67,10 @@ def memory_limit(chip: Chip) -> int | None:
 def row_form(program: Program, index: int) -> tuple[int, int, int]:
     """Return the bytes of a row of SpiNNaker: of traces, of each weight, and of the place of each synapse."""
     synapse = program.projections[index].synapse
-    if synapse.learns != "pairs" or synapse.delays:
+    if not isinstance(synapse, KNOWN):
         return 0, 4, 0
-    return 8 if isinstance(synapse, (stdp_dopa, stdp_triplet)) else 6, 4 if isinstance(synapse, stdp_dopa) else 2, 2
+    timing, taught = program_of(synapse)
+    return 8 if taught or timing == "triplet" else 6, 4 if taught else 2, 2
 
 
 def row_words(synapses: Any, form: Any) -> Any:

@@ -294,13 +294,15 @@ LEARN_ELSEWHERE = f"run it on event: {SAVE_FROZEN}"
 def foreign(program: Program, chip: Chip, index: int) -> Problem | None:
     """Why a synapse model cannot be on a chip: another family has its registers, or synapses share weights; or None."""
     part = program.projections[index]
-    if part.grid is not None and part.synapse.learns == "pairs":
+    if part.grid is not None and part.synapse.learns in ("pairs", "chip"):
         why = "its synapses are spelled out, so each would learn a weight of its own"
         return refused(part, part.synapse.name, f"a shared kernel that learns: {why}", LEARN_ELSEWHERE)
     other = part.synapse.chip
     if not other or other == chip.arithmetic:
         return None
-    return refused(part, part.synapse.name, f"its parameters are registers of {other}", f"backend '{other}' runs it")
+    return refused(
+        part, part.synapse.name, f"it is in the registers or programs of {other}", f"backend '{other}' runs it"
+    )
 
 
 def no_rule(program: Program, index: int) -> Problem | None:

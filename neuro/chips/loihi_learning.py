@@ -230,7 +230,12 @@ def _own(p: Any, h: float, tau_minus: float, scale: float, largest_n: float) -> 
         tau, impulse = p.parameters().get("tau_n", math.inf), 0 if p.dopamine is None else LARGEST_IMPULSE
         n = 1.0 / (tau * impulse) if impulse else largest_n / TRACE_MAX
         modulatory = {"r1": Trace.exponential(impulse, tau / h), "r2": Trace.exponential(0, tau / h)}
-    rule = p.microcode(LoihiEngine(h, tau_minus, scale, n, modulatory))
+    try:
+        rule = p.microcode(LoihiEngine(h, tau_minus, scale, n, modulatory))
+    except ModelError:
+        raise
+    except Exception as error:  # a third party's code, with the parameters of a user
+        raise ModelError(f"{p.name}.microcode: {type(error).__name__}: {error}") from error
     if not isinstance(rule, LearningRule):
         raise ModelError(f"{p.name}.microcode: found {rule!r:.60}: expected what the engine's 'rule' returns")
     notes = (

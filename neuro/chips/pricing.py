@@ -400,6 +400,8 @@ class _Bill:
             if part.signal >= 0 and part.synapse.learns:
                 self.add("signal_update", "projection", part.name, part.size * self.counts.steps)
             if by_host and (macs := RULE_MACS * made.learning_updates):
+                note = f"host: {RULE_MACS} multiply-accumulates of a {HOST} a weight, as r_stdp takes"
+                self.notes += [] if note in self.notes else [note]
                 self.items.append(self._item(chip(HOST), "mac", "host", HOST, macs, macs, macs))
         time = chip_time(self.program, self.counts, placement, self.chip, self.run, self.step_s)
         self.explain(raw, time)

@@ -27,8 +27,8 @@ import numpy as np
 from neuro.chips.description import Chip
 from neuro.chips.incoming import row_form, row_words, rows_of, spiking
 from neuro.chips.inputs import longest_lag, register
-from neuro.chips.spinnaker_rule import INDEX_SHIFTS, PLUS, C, D, X, Y, table_length
-from neuro.model.synapses import Synapse, stdp, stdp_dopa, stdp_nn_restr, stdp_nn_symm, stdp_triplet, vogels_sprekeler
+from neuro.chips.spinnaker_rule import INDEX_SHIFTS, KNOWN, PLUS, C, D, X, Y, program_of, table_length
+from neuro.model.synapses import Synapse, spinnaker_learning, vogels_sprekeler
 from neuro.program.program import Program
 
 SLOT_BITS = 14
@@ -45,8 +45,6 @@ CLOCK_HZ = 200e6
 
 PAIR, TAUGHT = (170, 44), (379, 123)
 """Cycles of a synapse that a packet visits, and of a post spike of its history, of both programs."""
-KNOWN = (stdp, stdp_nn_restr, stdp_nn_symm, stdp_triplet, vogels_sprekeler, stdp_dopa)
-"""The rules that have programs."""
 
 
 def neuron_bits(neurons: int) -> int:
@@ -96,19 +94,22 @@ def bytes_of(program: Program, chip: Chip, target: int, neurons: int) -> int:
 
 
 def _history_bytes(synapse: Synapse) -> int:
-    if isinstance(synapse, stdp_dopa):
-        return 8 + ENTRIES * 8
-    traces = 0 if isinstance(synapse, (stdp_nn_restr, stdp_nn_symm)) else 8 if isinstance(synapse, stdp_triplet) else 2
-    return 4 + ENTRIES * (4 + traces)
+    timing, taught = program_of(synapse)
+    return 8 + ENTRIES * 8 if taught else 4 + ENTRIES * (4 + {"nearest": 0, "triplet": 8}.get(timing, 2))
 
 
 def _tables(synapse: Synapse, tau_minus: float) -> list[tuple[float, int]]:
     """Return the time constants of a rule's tables in ms, and the shifts of their indices."""
-    numbers = synapse.parameters()
+    numbers, (timing, taught) = synapse.parameters(), program_of(synapse)
+    if timing == "recurrent":  # both windows have tables as of the pair rule
+        return [(numbers["mean_pre_window"], 0), (numbers["mean_post_window"], 0)]
     taus: dict[int, Any] = {PLUS: numbers["tau" if isinstance(synapse, vogels_sprekeler) else "tau_plus"]}
-    if isinstance(synapse, stdp_triplet):
-        taus |= {X: numbers["tau_plus_triplet"], Y: numbers["tau_minus_triplet"]}
-    taus |= {C: numbers["tau_c"], D: numbers["tau_n"]} if isinstance(synapse, stdp_dopa) else {}
+    if isinstance(synapse, spinnaker_learning):
+        tau_minus = synapse.tau_minus
+    if timing == "triplet":
+        own = ("tau_x", "tau_y") if "tau_x" in numbers else ("tau_plus_triplet", "tau_minus_triplet")
+        taus |= {X: numbers[own[0]], Y: numbers[own[1]]}
+    taus |= {C: numbers["tau_c"], D: numbers["tau_n"]} if taught else {}
     return [(tau_minus, 0), *((float(np.max(tau)), INDEX_SHIFTS[k]) for k, tau in taus.items())]
 
 
@@ -125,7 +126,7 @@ def busiest(program: Program, cores: Iterable[Parts], visits: Visits) -> float:
         cycles = 0.0
         for population, first, last in parts:
             for k in learning_onto(program, population):
-                taught = isinstance(program.projections[k].synapse, stdp_dopa)
+                _, taught = program_of(program.projections[k].synapse)
                 work = sum(n * each for n, each in zip(visits[k], TAUGHT if taught else PAIR, strict=True))
                 cycles += work * (last - first) / program.populations[population].size
         most = max(most, cycles)

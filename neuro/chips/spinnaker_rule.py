@@ -14,6 +14,16 @@ from typing import Any
 import numpy as np
 
 from neuro.core.errors import ModelError
+from neuro.model.synapses import (
+    Synapse,
+    spinnaker_learning,
+    stdp,
+    stdp_dopa,
+    stdp_nn_restr,
+    stdp_nn_symm,
+    stdp_triplet,
+    vogels_sprekeler,
+)
 from neuro.model.synapses.spinnaker_programs import (
     ADDITIVE as ADDITIVE,
     MULTIPLICATIVE as MULTIPLICATIVE,
@@ -34,6 +44,27 @@ PROGRAMS = {
     ("vogels", ADDITIVE, True): "izhikevich_neuromodulation_vogels_2011_additive",
 }
 """The released programs, by timing, weight dependence and whether dopamine teaches."""
+
+TIMING_OF: dict[type[Synapse], str] = {
+    stdp: "pair",
+    stdp_nn_restr: "nearest",
+    stdp_nn_symm: "nearest",
+    stdp_triplet: "triplet",
+    vogels_sprekeler: "vogels",
+    stdp_dopa: "pair",
+}
+"""The timing of the program of each rule; `spinnaker_learning` names its own."""
+KNOWN = (*TIMING_OF, spinnaker_learning)
+"""The rules that have programs."""
+
+
+def program_of(synapse: Synapse) -> tuple[str, bool]:
+    """Return the timing of the program that runs a rule of `KNOWN`, and whether the program is a neuromodulated one."""
+    if isinstance(synapse, spinnaker_learning):
+        return synapse.timing, synapse.taught
+    timing = next(timing for rule, timing in TIMING_OF.items() if isinstance(synapse, rule))
+    return timing, isinstance(synapse, stdp_dopa)
+
 
 SIGNAL_SPIKES = "spikes of sources for signals"
 """What the spikes are called, in counts, that bring a signal to the machine."""

@@ -251,7 +251,7 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
     if synapse.learns == "trials" and net.trials_section is None:
         message = f"{synapse.name} learns at the end of trials: expected a section 'trials'"
         refuse(part, message, "add one, or use stdp", synapse.name, "trials")
-    if synapse.learns in ("pairs", "moves") and net.trials_section is not None:
+    if synapse.learns in ("pairs", "moves", "chip") and net.trials_section is not None:
         shared = isinstance(part.rule, grid)
         if synapse.name not in LEARNING_IN_TRIALS or shared:
             what = f"{synapse.name} on a shared kernel" if shared else synapse.name

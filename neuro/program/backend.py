@@ -393,7 +393,7 @@ def floats_only(program: Program) -> list[Problem]:
         Problem(
             True,
             f"{what}: {choice.name}",
-            f"its parameters are registers of {choice.chip}",
+            f"it is in the registers or programs of {choice.chip}",
             f"backend '{choice.chip}' runs it",
             origin,
         )

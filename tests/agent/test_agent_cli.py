@@ -239,6 +239,7 @@ def test_joules_of_a_deep_training(neuro, walk):
         pytest.skip("stable-baselines3 is not installed: pip install stable-baselines3")
     with Path("my_walk.py").open("a") as file:
         file.write(STARTS)
+    assert "--until = .nan: expected a finite number" in neuro("energy", "my_walk:Starts", "--until", "nan")[2]
     words = ("energy", "my_walk:Starts", "--steps", 128, "--chips", "cpu,gpu")
     told = json.loads(neuro(*words, "--json")[1])
     critic = 1 * 64 + 64 * 64 + 64 * 1

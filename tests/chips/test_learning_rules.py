@@ -458,5 +458,6 @@ def test_sums_of_products_of_ones_own_that_do_not_fit_are_refused(messages):
             "product": told(lambda self, engine: engine.rule("x1*y0 / 2", x1=(16, 20.0))),
             "never": told(lambda self, engine: engine.rule("x1*y0")),
             "arguments": told(lambda engine: engine.rule("x1*y0")),
+            "an error inside": told(lambda self, engine: engine.rule(f"2^{int(self.name)}*x1*y0")),
         }
     )

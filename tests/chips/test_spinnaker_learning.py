@@ -635,3 +635,49 @@ def test_cycles_of_learning(started):
     (note,) = place(neuro.compile(layer(stdp(Wmax=900.0), 100), "event").program, chip("spinnaker")).notes[1:]
     assert note.endswith("if all sources and targets spike once in a tick: real time is not kept")
     assert f"> {20 * 100 * (170 + 44):,} of the 200,000" in note
+
+
+def test_programs_in_trials_and_on_grids_are_refused():
+    def net(synapse, rule, shape):
+        net = neuro.Network("n", resolution=1.0)
+        net.population("a", shape, neuro.spike_generator())
+        net.population("b", (2, 1, 1), neuro.iaf_psc_delta())
+        net.connect("a", "b", rule, synapse, weight=5.0, delay=1.0)
+        return net
+
+    in_trials = net(spinnaker_learning(Wmax=6.0), neuro.all_to_all(), 4)
+    in_trials.group("choice", neuro.winner_take_all(of="b"))
+    in_trials.trials(input="a", duration=20.0)
+    assert "spinnaker_learning in a network with trials" in refused(neuro.compile, in_trials, "spinnaker")
+    on_grid = net(spinnaker_learning(Wmax=6.0), neuro.grid(kernel=2), (1, 2, 2))
+    assert "a shared kernel that learns" in refused(neuro.compile, on_grid, "spinnaker")
+
+
+@pytest.mark.parametrize(
+    ("rule", "program"),
+    [
+        (stdp(mu_plus=0.0, mu_minus=0.0, Wmax=6.0), spinnaker_learning(Wmax=6.0)),
+        (
+            stdp_dopa(signal="r", A_plus=0.02, A_minus=0.005, c_min=0.0, Wmax=6.0, tau_n=50.0),
+            spinnaker_learning(signal="r", Wmax=6.0, tau_n=50.0),
+        ),
+    ],
+)
+def test_a_program_takes_the_memory_and_the_cycles_of_its_rule(rule, program):
+    def cores(synapse):
+        net = neuro.Network("n", resolution=1.0)
+        net.population("a", 100, neuro.spike_generator())
+        net.population("b", 256, neuro.iaf_psc_delta(tau_minus=20.0))
+        net.signal("r", to="b")
+        net.connect("a", "b", neuro.all_to_all(), synapse, weight=5.0, delay=14.0)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            sim = neuro.compile(net, "spinnaker")
+        placement = place(sim.program, chip("spinnaker"))
+        parts = [core.parts for core in placement.cores]
+        told = [*spinnaker_core.told(sim.program, chip("spinnaker"), parts, None)]
+        return parts, told, sum(core.synapse_bytes for core in placement.cores)
+
+    assert cores(program)[0] == cores(rule)[0]
+    assert cores(program)[2] == cores(rule)[2]
+    assert cores(program)[1][-1] == cores(rule)[1][-1]
