@@ -299,7 +299,7 @@ def that_learns(**words) -> neuro.Network:
 def test_rewards_change_weights_as_on_the_emulator(chip: str, tmp_path: Path):
     """Values of all sizes: each is rounded to the unit of the trace, or to the level, of the emulator."""
     needs("gcc")
-    words = {"loihi": {"A_plus": 20.0, "A_minus": 10.0}, "spinnaker": {"A_plus": 0.23, "A_minus": 0.1, "c_min": 0.0}}
+    words = {"loihi": {"A_plus": 20.0, "A_minus": 10.0}, "spinnaker": {"A_plus": 0.3, "A_minus": 0.13, "c_min": 0.0}}
     net = that_learns(**words[chip], tau_c=50.0)
     other = neuro.stdp_dopa(signal="reward", Wmax=90.0, A_plus=9.0)
     other = other if chip == "loihi" else net.projections["learns"].synapse  # a population has one rule there
