@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -56,7 +57,9 @@ class Picture:
 
 
 def is_pictures(where: str) -> bool:
-    """Whether there is an NPZ file with pictures."""
+    """Return True if a path is an NPZ file with pictures."""
+    if not os.path.isfile(where):  # to open a pipe waits for its writer
+        return False
     try:
         with zipfile.ZipFile(where) as archive:
             return f"{ARRAYS[0]}.npy" in archive.namelist()
