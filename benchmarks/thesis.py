@@ -83,8 +83,8 @@ def ran(*lines: str) -> subprocess.CompletedProcess[str]:
 
 
 def compare(chosen: Sequence[Row]) -> int:
-    """Check rows and print the table; how many left their range."""
-    left = []
+    """Check rows and print the table; return the number of rows that left their range."""
+    left, skipped = [], 0
     print(f"{'':>9}", *line(HEADS))
     for k, row in enumerate(chosen, 1):
         measured, right = check(row)
@@ -92,9 +92,16 @@ def compare(chosen: Sequence[Row]) -> int:
         cells = (row["name"], row.get("thesis", ""), measured, span, row["verdict"])
         print(f"{k:>3}/{len(chosen)}", " " if right else "!", *line(cells), flush=True)
         left += [] if right else [row["name"]]
+        skipped += int(measured.startswith("skipped"))
     spent = resource.getrusage(resource.RUSAGE_CHILDREN)
-    print(f"{len(chosen)} rows, {spent.ru_utime + spent.ru_stime:.0f} s of the processor")
-    print(f"{len(left)} left their range: {', '.join(left)}" if left else "all are in their range")
+    print(f"{len(chosen)} rows, {skipped} skipped, {spent.ru_utime + spent.ru_stime:.0f} s of the processor")
+    print(
+        f"{len(left)} left their range: {', '.join(left)}"
+        if left
+        else "all others are in their range"
+        if skipped
+        else "all are in their range"
+    )
     return len(left)
 
 

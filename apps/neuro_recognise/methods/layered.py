@@ -35,7 +35,7 @@ class Layered(Framewise):
         cell: rows and columns of places that are pooled.
     """
 
-    title = "STDP below, reward-modulated STDP above, no field above 7"
+    title = "STDP below, reward-modulated STDP above"
     source = "thesis lines 3192 and 3441; as Mozafari et al., Pattern Recognition 94:87, 2019, with the rules here"
     unobserved = (*Framewise.unobserved, "features", "examples", "cell")
     measured = {"N-MNIST": "92.3 %"}

@@ -79,7 +79,7 @@ class LogLatency(Encoder):
     source = "thesis 6.2.3, eq. 15, lines 2371-2395"
 
     min_response: float = setting(
-        0.1, "", "share of the frame's largest response below which none spikes", "ours; r_min of eq. 15 is open",
+        0.1, "", "share of the frame's largest response below which none spikes", "ours; thesis: r_min of a filter",
         above=0, below=1,
     )  # fmt: skip
     first: int = setting(0, "", "how many spikes of a frame are kept, the first ones; 0: all", "thesis", at_least=0)

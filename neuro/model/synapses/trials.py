@@ -60,7 +60,9 @@ class r_stdp(TrialRule):
     Ap_minus before, Ap_plus elsewhere. On punishment and on silence every weight of the right label's maps
     grows by epsilon; with `rescue` their best-excited neuron is rewarded instead, as if it had decided.
     An input that arrives in the tick of the decision took part in it and counts as before. Eq. 126 as printed
-    takes Ar_minus for this input on reward: `ties_after`. Weights are taken relative to [Wmin, Wmax].
+    takes Ar_minus for this input on reward: `ties_after`. An input that never spikes counts as "elsewhere", also on
+    punishment, where the text of the thesis asks for a spike after the decision. Weights are taken relative to
+    [Wmin, Wmax].
 
     Source: Mosca, MSc thesis, 2020, eqs 126-128, in which t^f(j) is read as the time of the input and t_i as that
     of the decision, as the text around the equations needs. `rescue` is this project's. The rule extends Mozafari
