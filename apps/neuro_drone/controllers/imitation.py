@@ -117,7 +117,8 @@ class Imitation:
             x, y = torch.from_numpy(inputs), torch.from_numpy(actions.astype(np.float32))
             for batch in torch.randint(max(steps, 1), (s.updates if steps else 0, s.batch)):
                 adam.zero_grad()
-                nn.functional.mse_loss(net(x[batch]), y[batch]).backward()  # type: ignore[no-untyped-call]
+                loss: Any = nn.functional.mse_loss(net(x[batch]), y[batch])
+                loss.backward()
                 adam.step()
             return {name: tensor.numpy().copy() for name, tensor in net.state_dict().items()}
 
