@@ -43,6 +43,39 @@ def telling() -> Iterator[None]:
         sys.exit(2)
 
 
+@contextmanager
+def counted_approximations(backend: str, command: str) -> Iterator[None]:
+    """Print one line with the number of a backend's approximations; other warnings are printed as usual.
+
+    Args:
+        backend: the name of the backend, for the printed line.
+        command: the command that lists the approximations, for the printed line.
+    """
+    from neuro.run.compiled import ApproximationWarning
+
+    approximations: list[str] = []
+    tell = warnings.showwarning
+
+    def count(message: Warning | str, category: type[Warning], *more: Any, **named: Any) -> None:
+        if issubclass(category, ApproximationWarning):
+            approximations.append(str(message))
+        else:
+            tell(message, category, *more, **named)
+
+    warnings.showwarning = count
+    try:
+        yield
+    finally:
+        warnings.showwarning = tell
+    if approximations and speaks():
+        from neuro.core.errors import some
+
+        count_text = some(len(approximations), "approximation")
+        typer.echo(
+            f"warning: backend '{backend}': {count_text} of the network; --verbose or {command} lists all", err=True
+        )
+
+
 def _give_up_output() -> None:
     """Throw away what could not be printed, which would be tried again at the end."""
     if sys.stdout is not None:

@@ -7,12 +7,15 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from neuro.cli.mistakes import counted_approximations
 from neuro.cli.options import (
     Backend,
     Duration,
@@ -50,6 +53,9 @@ Pace = Annotated[
     float | None, typer.Option("--pace", metavar="X", help="Times real time in its world; else as fast as it can.")
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with a run that was interrupted or killed.")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", help="List all approximations of the backend, not only their number.")
+]
 SaveFrozen = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Also write the network in YAML with what it has learnt, as static synapses."),
@@ -75,6 +81,7 @@ def run(
     pace: Pace = None,
     resume: Resume = False,
     save_frozen: SaveFrozen = None,
+    verbose: Verbose = False,
 ) -> None:
     """Run a network and write its spikes, traces and weights, and the network itself, to one HDF5 file.
 
@@ -105,6 +112,7 @@ def run(
         ends: dict[str, Any] = {"steps": steps, "episodes": episodes, "until": until}
         words: dict[str, Any] = {"record": record, "all_weights": all_weights, "save_frozen": save_frozen}
         acts: dict[str, Any] = {"backend": backend, "seed": seed, "threads": threads, "copies": copies, "pace": pace}
+        words["compiling"] = partial(approximations, file, backend, verbose)
         results, loop = run_world(net, out, ends=ends, frozen=frozen, resume=resume, **words, **acts)
         print_results(results, out)
         typer.echo(summary(loop.log))
@@ -116,7 +124,8 @@ def run(
     ticks = Clock(net.resolution).step(duration, "--for")
     with stoppable(lambda: _left_of(out)) as bar:
         bar.say("preparing")
-        sim = compiled(net, backend=backend, seed=seed, threads=threads)
+        with approximations(file, backend, verbose):
+            sim = compiled(net, backend=backend, seed=seed, threads=threads)
         words = {"threads": threads, "record": record, "all_weights": all_weights}
         began = time.perf_counter()
         if shared() or (out.exists() and not out.is_file()):
@@ -136,6 +145,17 @@ def run(
         tell_joules(sim)
         # What differs from run to run is not among what can be compared.
         typer.echo(f"{duration:g} ms took {taken:.3g} s, {taken * 1000.0 / duration:.3g} x its own time", err=True)
+
+
+def approximations(file: Path | str, backend: str, verbose: bool) -> AbstractContextManager[None]:
+    """Return a context in which a network is compiled and the backend's approximations are counted, or listed."""
+    from neuro.chips.known import CHIPS, is_table
+
+    if verbose:
+        return nullcontext()
+    is_chip = backend in CHIPS or is_table(backend)
+    command = ["fit", str(file), "--chip"] if is_chip else ["check", str(file), "--backend"]
+    return counted_approximations(backend, shlex.join(["neuro", *command, backend]))
 
 
 def _at_the_end(

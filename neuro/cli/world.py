@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +24,7 @@ def run_world(
     record: list[str],
     all_weights: bool,
     save_frozen: Path | None,
+    compiling: Callable[[], AbstractContextManager[None]],
     **words: Any,
 ) -> tuple[Results, ClosedLoop]:
     """Run the closed loop and write its results, with the episodes beside the spikes of the last block.
@@ -35,6 +38,7 @@ def run_world(
         record: names of the populations whose spikes to write; all if empty.
         all_weights: whether to write all weights, as of `collect`.
         save_frozen: where the network goes with what it has learnt, if anywhere.
+        compiling: gives the context in which the network is compiled, see `neuro.cli.run.approximations`.
         words: as of `closed_loop`.
 
     Raises:
@@ -53,7 +57,8 @@ def run_world(
     learns = not frozen and net.world_section is not None and bool(net.world_section.reward)
     with stoppable(lambda: _left(loop, out, learns)) as bar:
         bar.say("preparing")
-        loop = closed_loop(net, learns=learns, record=True, **words)
+        with compiling():
+            loop = closed_loop(net, learns=learns, record=True, **words)
         if learns:
             import hashlib
 

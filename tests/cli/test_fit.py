@@ -55,6 +55,32 @@ def test_a_network_that_fits(neuro, file):
     assert report["problems"] == []
 
 
+@pytest.mark.filterwarnings("default")
+def test_a_run_counts_the_approximations_that_fit_lists(neuro, file):
+    run = ("run", file(OFTEN), "--for", "10", "--backend", "loihi")
+    counted, verbose, fit = neuro(*run), neuro(*run, "--verbose"), neuro("fit", "net.yaml", "--chip", "loihi")
+    listed = [line.removeprefix("approximated: ") for line in fit.out.splitlines() if line.startswith("approximated: ")]
+    assert len(listed) == 2
+    line = "backend 'loihi': 2 approximations of the network; --verbose or neuro fit net.yaml --chip loihi lists all"
+    assert [each for each in counted.err.splitlines() if "loihi" in each] == [f"warning: {line}"]
+    warned = [each for each in verbose.err.splitlines() if each.startswith("warning: ")]
+    assert warned == [f"warning: backend 'loihi': {each}" for each in listed]
+    assert counted.out == verbose.out
+
+
+OFTEN = """\
+neuro: 1
+name: often
+resolution: 1.0
+populations:
+  in: {model: {poisson_generator: {rate: 100.0}}, shape: 4}
+  out: {model: iaf_psc_exp, shape: 4}
+projections:
+  static: {from: in, to: out, rule: one_to_one, weight: 10.0, delay: 1.0}
+  learning: {from: in, to: out, rule: one_to_one, weight: 400.0, delay: 1.0, synapse: {stdp: {Wmax: 800.0}}}
+"""
+
+
 def end(answer):
     """What `fit` says of problems, and its verdict."""
     lines = answer.out.splitlines()

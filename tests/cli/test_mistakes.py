@@ -67,7 +67,7 @@ def test_a_warning_is_a_line(neuro, network):
         "  out: {model: iaf_psc_exp, shape: 4}\n"
         "projections:\n  w: {from: in, to: out, rule: one_to_one, weight: 10.0, delay: 1.0}\n"
     )
-    answer = neuro("run", "fast.yaml", "--for", "10", "--backend", "loihi")
+    answer = neuro("run", "fast.yaml", "--for", "10", "--backend", "loihi", "--verbose")
     assert answer.status == 0
     assert answer.err.startswith("warning: backend 'loihi': fast.yaml:5:3: population 'in': poisson_generator: 4.8% of")
     assert ".py" not in answer.err
