@@ -1,4 +1,4 @@
-"""Networks of other tools: `neuro convert`."""
+"""The command `neuro convert`: networks from and to other tools."""
 
 from __future__ import annotations
 
@@ -24,7 +24,11 @@ T = TypeVar("T")
 
 
 def memory_size(text: str) -> int:
-    """A size of memory in bytes: a whole number, with K or M for 1024 or 1024 x 1024 of them."""
+    """Return a size of memory in bytes, e.g. 65536 for "64K". K is 1024 bytes, M is 1024 K.
+
+    Raises:
+        typer.BadParameter: the text is not a size.
+    """
     units = {"K": 1 << 10, "M": 1 << 20}
     digits, unit = (text[:-1], units[text[-1]]) if text[-1:] in units else (text, 1)
     if not digits.isascii() or not digits.isdigit():
@@ -33,56 +37,88 @@ def memory_size(text: str) -> int:
 
 
 class Use(NamedTuple):
-    """Formats that an option is for: endings of IN, and endings of OUT or words of --to."""
+    """Formats that use an option.
+
+    Attributes:
+        reading: endings of IN.
+        writing: endings of OUT, and values of --to.
+    """
 
     reading: tuple[str, ...] = ()
     writing: tuple[str, ...] = ()
 
 
-_NIR, _PYNN, _SCRIPTS, _C = Use((".nir",), (".nir",)), Use((".py",)), Use((), (".py", "c")), Use((), ("c",))
-_TO = "The tool that reads OUT: norse, snntorch, sinabs, spikingjelly or nir; or c: OUT is a folder for C99."
-_RESET = (
-    "What a spike does in IN: to_value, to_value_next, subtract or subtract_next; "
-    "of lava-dl's networks the steps between two resets."
-)
+_NIR = "NIR (.nir) and lava-dl (.net)"
+_READ_NIR: dict[str, Any] = {"use": Use((".nir",)), "panel": _NIR}
+_READ_OR_WRITE_NIR: dict[str, Any] = {"use": Use((".nir",), (".nir",)), "panel": _NIR}
+_READ_NIR_OR_NETX: dict[str, Any] = {"use": Use((".nir", ".net")), "panel": _NIR}
+_LIMIT: dict[str, Any] = {"panel": "Reading a PyNN script (.py)"}
+_PYNN: dict[str, Any] = {"use": Use((".py",)), **_LIMIT}
+_SCRIPTS: dict[str, Any] = {"use": Use((), (".py", "c")), "panel": "Writing a PyNN script (.py) or C (--to c)"}
+_C: dict[str, Any] = {"use": Use((), ("c",)), "panel": "Writing C (--to c)"}
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What the user says beside the files; fields have the names of arguments in Python.
+    """Options of `neuro convert`. Fields have the names of the arguments in Python.
 
-    An option without a `Use` is for all formats.
+    An option without a `Use` is for all formats. None means that the user did not set the option.
     """
 
-    dt: float | None = option("--resolution MS", "Length of a step, in ms.", parser=milliseconds, use=_NIR)
-    from_: str | None = option(
-        "--from TOOL", "The tool that wrote IN: norse, snntorch, sinabs, ...", use=Use((".nir",))
+    for_: str | None = option(
+        "--to TOOL",
+        "Tool that will read OUT: norse, snntorch, sinabs, spikingjelly or nir (default); c: C99 in the folder OUT.",
+        use=Use((), (".nir",)),
     )
-    for_: str | None = option("--to TOOL", _TO, use=Use((), (".nir",)))
-    reset: str | None = option("--reset WORD", _RESET, use=Use((".nir", ".net")))
     as_json: bool = option("--json", "Print the verdicts as JSON instead of a table.", False)
+    from_: str | None = option(
+        "--from TOOL",
+        "Tool that wrote IN: norse, snntorch, sinabs, spikingjelly, spyx, rockpool or nir; default: as noted in IN, "
+        "else nir.",
+        **_READ_NIR,
+    )
+    dt: float | None = option(
+        "--resolution MS",
+        "Length of a step in ms; default: as noted in IN, else 1.",
+        parser=milliseconds,
+        **_READ_OR_WRITE_NIR,
+    )
+    reset: str | None = option(
+        "--reset RULE",
+        "Reset after a spike, if not that of --from: to_value, to_value_next, subtract or subtract_next. "
+        "For lava-dl: number of steps between two resets of the network.",
+        **_READ_NIR_OR_NETX,
+    )
     run_script: bool = option(
-        "--run-script", "Run IN, a script of PyNN, in a confined process that simulates nothing.", False, use=_PYNN
+        "--run-script",
+        "Run IN, which reading a script needs: without simulating, in a process without access to other files.",
+        False,
+        **_PYNN,
     )
-    arguments: str | None = option("--arguments TEXT", "What IN reads from its command line.", use=_PYNN)
-    network: int | None = option("--network N", "Which network of IN, from 1; else the last.", use=_PYNN)
-    seconds: float = option("--seconds S", "How long IN may take.", 120.0)
-    memory: float = option("--memory GIB", "How much memory IN may use.", 4.0)
-    seed: int | None = option(
-        "--seed N", "Of what is drawn and written into the file beside OUT; else 0.", use=_SCRIPTS
-    )
+    arguments: str | None = option("--arguments TEXT", "Command-line arguments for IN.", **_PYNN)
+    network: int | None = option("--network N", "Number of the network in IN, from 1; default: the last.", **_PYNN)
+    seconds: float = option("--seconds S", "Time limit of IN in seconds.", 120.0, **_LIMIT)
+    memory: float = option("--memory GIB", "Memory limit of IN in GiB.", 4.0, **_LIMIT)
+    seed: int | None = option("--seed N", "Seed of random parameters and connections; default: 0.", **_SCRIPTS)
     duration: float | None = option(
-        "--for MS", "How long OUT runs; random trains are then written.", parser=milliseconds, use=_SCRIPTS
+        "--for MS",
+        "Duration of the run in OUT in ms. Spikes of random generators are then written as lists.",
+        parser=milliseconds,
+        **_SCRIPTS,
     )
-    chip: str | None = option("--chip NAME", "Whose integers: loihi (default), loihi2 or spinnaker.", use=_C)
-    name: str | None = option("--name WORD", "With which names in C begin; else net.", use=_C)
-    ram: int | None = option("--ram SIZE", "RAM that C may take, such as 64K.", parser=memory_size, use=_C)
-    flash: int | None = option("--flash SIZE", "Flash that C may take, such as 1M.", parser=memory_size, use=_C)
-    frozen: bool = option("--frozen", "Leave out in C what learns: weights stay as they are in IN.", False, use=_C)
-    recording: Path | None = option("--recording REC", "Of an event camera, that the test in C shows.", use=_C)
+    chip: str | None = option("--chip NAME", "Chip to emulate: loihi (default), loihi2 or spinnaker.", **_C)
+    name: str | None = option("--name WORD", "Prefix of the C names; default: net.", **_C)
+    ram: int | None = option(
+        "--ram SIZE", "Largest RAM of the program, such as 64K; an error above.", parser=memory_size, **_C
+    )
+    flash: int | None = option(
+        "--flash SIZE", "Largest flash of the program, such as 1M; an error above.", parser=memory_size, **_C
+    )
+    frozen: bool = option("--frozen", "Leave out learning rules; weights stay as in IN.", False, **_C)
+    recording: Path | None = option("--recording REC", "Event recording that the C test uses as input.", **_C)
 
-    def given(self, *names: str) -> dict[str, Any]:
-        """The values of some options that the user has given."""
+    def set_by_user(self, *names: str) -> dict[str, Any]:
+        """Return the values of those of the named options that the user set."""
         values = ((name, getattr(self, name)) for name in names)
         return {name: value for name, value in values if value is not None and value is not False}
 
@@ -96,9 +132,9 @@ def _read_yaml(file: Path, options: Options) -> tuple[Network | None, Verdicts |
 def _read_nir(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
     from neuro_exchange.nir.importing import examine_file, network_of
 
-    found, note = examine_file(file, options.dt, options.from_, options.reset)
-    table = replace(found.table(), note=note)
-    return None if table.refused else network_of(found), table
+    analysis, note = examine_file(file, options.dt, options.from_, options.reset)
+    table = replace(analysis.table(), note=note)
+    return None if table.refused else network_of(analysis), table
 
 
 def _read_pynn(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
@@ -107,9 +143,9 @@ def _read_pynn(file: Path, options: Options) -> tuple[Network | None, Verdicts |
 
     for sentence in not_held() if options.run_script else ():
         typer.echo(f"warning: {sentence}", err=True)
-    words = options.given("run_script", "network", "seconds", "memory")
+    settings = options.set_by_user("run_script", "network", "seconds", "memory")
     arguments = None if options.arguments is None else shlex.split(options.arguments)
-    net = from_pynn(file, arguments=arguments, **words)
+    net = from_pynn(file, arguments=arguments, **settings)
     return net, net.verdicts
 
 
@@ -117,7 +153,9 @@ def _read_netx(file: Path, options: Options) -> tuple[Network | None, Verdicts |
     from neuro_exchange.netx import examine_netx
 
     if options.reset is not None and not options.reset.isdigit():
-        raise ModelError(f"--reset {options.reset}: expected a number of steps, of a network of lava-dl")
+        raise ModelError(
+            f"--reset {options.reset}: expected the number of steps between two resets of a lava-dl network"
+        )
     return examine_netx(file, reset=int(options.reset or 0))
 
 
@@ -148,20 +186,20 @@ def _write_pynn(net: Network, file: Path, options: Options) -> Verdicts | None:
 def _write_c(net: Network, folder: Path, options: Options) -> Verdicts | None:
     from neuro_exchange.c_code.export import save_c
 
-    words = options.given("chip", "name", "ram", "flash", "frozen", "seed", "duration")
+    settings = options.set_by_user("chip", "name", "ram", "flash", "frozen", "seed", "duration")
     if options.recording is not None:
-        words["given"] = _shown(net, options.recording)
-    typer.echo(str(save_c(net, folder, **words)))
+        settings["given"] = _pixel_spikes(net, options.recording)
+    typer.echo(str(save_c(net, folder, **settings)))
     return None
 
 
-def _shown(net: Network, file: Path) -> dict[str, tuple[Any, Any]]:
-    """The spikes of the network's pixels in a recording: steps, from 1, and neurons."""
+def _pixel_spikes(net: Network, file: Path) -> dict[str, tuple[Any, Any]]:
+    """Return the spikes of the network's pixels in a recording, by input: steps, counted from 1, and neurons."""
     from neuro.apps import app
 
-    asked = app("neuro_predict.asked", "a recording shown to a C program")
-    first, readout = asked.gather([file], None, False).samples[0], asked.readout_of(net)
-    step, neuron = asked.Pixels(net, readout).spikes(asked.load(first), str(first.path))
+    predict = app("neuro_predict.asked", "a recording shown to a C program")
+    sample, readout = predict.gather([file], None, False).samples[0], predict.readout_of(net)
+    step, neuron = predict.Pixels(net, readout).spikes(predict.load(sample), str(sample.path))
     return {readout.input: (step + 1, neuron)}
 
 
@@ -172,7 +210,7 @@ READERS: dict[str, Callable[[Path, Options], tuple[Network | None, Verdicts | No
     ".net": _read_netx,
     ".py": _read_pynn,
 }
-"""What reads a network and says what becomes of its nodes, by the ending of a file; no network if one is refused."""
+"""By ending of IN, the function that returns the network, None if a node is refused, and the verdicts, if any."""
 
 WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
     ".yaml": _write_yaml,
@@ -182,36 +220,41 @@ WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
     ".py": _write_pynn,
     "c": _write_c,
 }
-"""What writes one, by the ending of a file, or by the word of --to."""
+"""By ending of OUT or value of --to, the function that writes a network and returns the verdicts, if any."""
 
-ARGUMENTS: dict[str, str] = {one.name: one.metadata["name"] for one in fields(Options)}
-"""The options that take the place of arguments in Python."""
-USES: dict[str, Use] = {one.name: one.metadata["use"] for one in fields(Options) if "use" in one.metadata}
-"""What options are for that not all formats have."""
+ARGUMENTS: dict[str, str] = {each.name: each.metadata["name"] for each in fields(Options)}
+"""Names of the options by argument in Python, e.g. "--from" by "from_"."""
+USES: dict[str, Use] = {each.name: each.metadata["use"] for each in fields(Options) if "use" in each.metadata}
+"""Formats that use an option, for options that not all formats use."""
 
 
 @with_settings
 def convert(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="The network to read.")],
-    destination: Annotated[Path, typer.Argument(metavar="OUT", help="The file to write.")],
+    source: Annotated[
+        Path, typer.Argument(metavar="IN", help="Network to read: .yaml, .nir, .py (PyNN) or .net (lava-dl).")
+    ],
+    destination: Annotated[
+        Path, typer.Argument(metavar="OUT", help="File to write: .yaml, .nir, .py or .json (SONATA).")
+    ],
     options: Options,
 ) -> None:
-    """Convert a network from or to the format of another tool, chosen by the endings, with a verdict for each node.
+    """Convert a network from or to another tool, and print how exactly each part is converted.
 
-    With --to c it is written as C99 for a microcontroller, with the spikes and states of an emulated chip.
+    The endings of IN and OUT choose the formats. With --to c, OUT is a folder with C99 code for a microcontroller,
+    which has the spikes and states of the emulated chip.
     """
-    form = _form(destination, options.for_)
-    if options.for_ == form:  # --to names what is written, and no tool
+    form = _output_format(destination, options.for_)
+    if options.for_ == form:  # --to is the format, not a tool
         options = replace(options, for_=None)
-    read, write = _of(READERS, source, "read"), WRITERS[form]
-    for name in options.given(*USES):
+    read, write = _by_ending(READERS, source, "read"), WRITERS[form]
+    for name in options.set_by_user(*USES):
         use = USES[name]
         if source.suffix not in use.reading and form not in use.writing:
-            ends = [f"IN to end in {end}" for end in use.reading]
-            ends += [f"OUT to end in {end}" if end.startswith(".") else f"--to {end}" for end in use.writing]
-            message = f"{ARGUMENTS[name]}: has no use from {source} to {destination}: expected {', or '.join(ends)}"
+            formats = [f"IN to end in {end}" for end in use.reading]
+            formats += [f"OUT to end in {end}" if end.startswith(".") else f"--to {end}" for end in use.writing]
+            message = f"{ARGUMENTS[name]}: not used from {source} to {destination}: expected {', or '.join(formats)}"
             raise ModelError(message)
-    with _in_options():
+    with _messages_for_command_line():
         net, table = read(source, options)
         if net is not None:
             table = write(net, destination, options) or table
@@ -222,16 +265,17 @@ def convert(
             table.check()
 
 
-_WORDS = "|".join(ARGUMENTS)
+# Patterns of Python code in messages.
+_NAMES = "|".join(ARGUMENTS)
 _IN_PYTHON = re.compile(r" \(\w+=True\)")
 _CALL = re.compile(r"^(?:from|to|save)_(?:nir|pynn|netx|sonata|c): ")
-_FLAG = re.compile(rf"(?<!in Python )\b({_WORDS})=True\b")
-_VALUE = re.compile(rf"(?<![\w'])(?<!in Python )({_WORDS}) ?= ?(?:'([\w-]+)'|(?=\S))")
+_FLAG = re.compile(rf"(?<!in Python )\b({_NAMES})=True\b")
+_VALUE = re.compile(rf"(?<![\w'])(?<!in Python )({_NAMES}) ?= ?(?:'([\w-]+)'|(?=\S))")
 _BARE = re.compile(r"\b(dt|from_|for_)(?= is\b|$|:|,)")
 
 
 def _as_option(text: str) -> str:
-    """A message with the options of the command line in place of Python's arguments."""
+    """Replace Python's arguments in a message by options, e.g. "from_='norse'" by "--from norse"."""
     text = _CALL.sub("", _IN_PYTHON.sub("", text)).replace("for_=None", "--to nir")
     text = _FLAG.sub(lambda match: ARGUMENTS[match[1]], text)
     text = _VALUE.sub(lambda match: f"{ARGUMENTS[match[1]]} {match[2] or ''}", text)
@@ -239,32 +283,32 @@ def _as_option(text: str) -> str:
 
 
 @contextmanager
-def _in_options() -> Iterator[None]:
-    """Tell mistakes in the words of the command line."""
+def _messages_for_command_line() -> Iterator[None]:
+    """Name options instead of Python's arguments in errors."""
 
-    def told(error: ModelError) -> ModelError:
-        others = tuple(told(each) for each in error.others)
+    def translate(error: ModelError) -> ModelError:
+        others = tuple(translate(each) for each in error.others)
         return error.but(message=_as_option(error.message), hint=_as_option(error.hint), others=others)
 
     try:
         yield
     except ModelError as error:
-        raise told(error) from None
+        raise translate(error) from None
 
 
-def _of(table: dict[str, T], file: Path, done: str, hint: str = "") -> T:
+def _by_ending(table: dict[str, T], file: Path, action: str, hint: str = "") -> T:
     if file.suffix not in table:
-        raise ModelError(f"{file}: cannot be {done}: expected a name ending in {', '.join(sorted(table))}", hint=hint)
+        raise ModelError(f"{file}: cannot be {action}: expected a name ending in {', '.join(sorted(table))}", hint=hint)
     return table[file.suffix]
 
 
-def _form(destination: Path, to: str | None) -> str:
-    """What is written: a word of `WRITERS` that --to gives, or the ending of a file."""
-    words = [word for word in WRITERS if not word.startswith(".")]
-    if to in words:
+def _output_format(destination: Path, to: str | None) -> str:
+    """Return the key of `WRITERS`: --to if it names a format, else the ending of OUT."""
+    formats = [key for key in WRITERS if not key.startswith(".")]
+    if to in formats:
         return to
-    ends = {end: write for end, write in WRITERS.items() if end not in words}
-    if to is not None and destination.suffix not in ends:
-        raise ModelError(f"--to {to}: expected {' or '.join(words)}", hint="other formats are chosen by OUT's ending")
-    _of(ends, destination, "written", "--to c writes C into a folder of that name")
+    endings = {key: write for key, write in WRITERS.items() if key not in formats}
+    if to is not None and destination.suffix not in endings:
+        raise ModelError(f"--to {to}: expected {' or '.join(formats)}", hint="OUT's ending chooses other formats")
+    _by_ending(endings, destination, "written", "--to c writes C into a folder of that name")
     return destination.suffix

@@ -1,4 +1,4 @@
-"""Texts with places for values: the files in `c_code/network` and `c_code/templates`, and `pynn/script.txt`."""
+"""Templates: the files in `c_code/network` and `c_code/templates`, and `pynn/script.txt`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from importlib.resources import files
 
 
 def filled(file: str, **words: object) -> str:
-    """Return a file of this package with values in the places of words, which stand between two @."""
+    """Return a file of this package with each placeholder replaced by its value, e.g. "@size@" by "10" for size=10."""
     text = files("neuro_exchange").joinpath(file).read_text("utf-8")
     for word, value in words.items():
         text = text.replace(f"@{word}@", str(value))

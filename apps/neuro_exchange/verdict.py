@@ -1,4 +1,4 @@
-"""What becomes of each part of a network that goes from one tool to another."""
+"""Verdicts: how exactly each part of a network is converted from one tool to another."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ EXACT, APPROXIMATE, REFUSED = "exact", "approximate", "refused"
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What becomes of one node.
+    """The result of converting one node.
 
     Attributes:
-        node: its name.
-        kind: its type, e.g. "LIF".
+        node: name of the node.
+        kind: type of the node, e.g. "LIF".
         verdict: "exact", "approximate" or "refused".
-        how: the convention under which it is exact, what differs, or why it is refused.
-        way_out: what to do if it is refused.
-        measured: by how much it differs if it is approximate, in a short run, or why nothing is measured.
+        how: the convention under which the node is exact, the difference, or the reason for the refusal.
+        way_out: advice for a refused node.
+        measured: for an approximate node, the difference in spikes in a short run, or why nothing was measured.
     """
 
     node: str
@@ -36,12 +36,14 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Verdicts:
-    """The verdicts of all nodes of a network, in its order. It prints as a table, and has a length and an order.
+    """The verdicts of all nodes of a network, in the network's order.
+
+    Verdicts print as a table. `len`, iteration and indexing by the name of a node work as for a list.
 
     Attributes:
         heading: the network, the direction and the convention.
-        nodes: one verdict for each node.
-        note: what was assumed, and what follows from it; "" if nothing was.
+        nodes: one verdict per node.
+        note: assumptions and their consequences; "" without assumptions.
     """
 
     heading: str
@@ -50,12 +52,12 @@ class Verdicts:
 
     @property
     def exact(self) -> bool:
-        """Whether every node is exact."""
+        """True if every node is exact."""
         return all(each.verdict == EXACT for each in self.nodes)
 
     @property
     def refused(self) -> tuple[Verdict, ...]:
-        """The nodes that are refused."""
+        """The verdicts of the refused nodes."""
         return tuple(each for each in self.nodes if each.verdict == REFUSED)
 
     def __iter__(self) -> Iterator[Verdict]:
@@ -71,16 +73,16 @@ class Verdicts:
         raise unknown("node", node, [each.node for each in self.nodes])
 
     def to_json(self) -> str:
-        """The heading, a list of nodes, and the note."""
+        """Return the heading, the list of nodes and the note as JSON."""
         content = {"heading": self.heading, "exact": self.exact, "nodes": [asdict(each) for each in self.nodes]}
         content |= {"note": self.note} if self.note else {}
         return json.dumps(content, indent=1)
 
     def check(self) -> None:
-        """Refuse the network if a node is refused.
+        """Raise an error if a node is refused.
 
         Raises:
-            ModelError: names every refused node, why, and the way out.
+            ModelError: a node is refused. The error lists every refused node with the reason and the way out.
         """
         if self.refused:
             first, *others = (

@@ -80,7 +80,14 @@ def with_settings(command: Callable[..., Any]) -> Callable[..., Any]:
     return called
 
 
-def option(words: str, doc: str, default: Any = None, parser: Callable[[str], Any] | None = None, **more: Any) -> Any:
+def option(
+    words: str,
+    doc: str,
+    default: Any = None,
+    parser: Callable[[str], Any] | None = None,
+    panel: str | None = None,
+    **more: Any,
+) -> Any:
     """Make a field of a dataclass that `with_settings` gives an option.
 
     Args:
@@ -88,10 +95,11 @@ def option(words: str, doc: str, default: Any = None, parser: Callable[[str], An
         doc: its help.
         default: its value if it is not given.
         parser: makes a value of its text.
+        panel: heading of the group in the command's help; None for "Options".
         more: other metadata of the field.
     """
     name, *metavar = words.split()
-    made = typer.Option(name, metavar=metavar[0] if metavar else None, parser=parser, help=doc)
+    made = typer.Option(name, metavar=metavar[0] if metavar else None, parser=parser, help=doc, rich_help_panel=panel)
     return field(default=default, metadata={"typer": made, "name": name, **more})
 
 

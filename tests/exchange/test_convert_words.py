@@ -45,8 +45,10 @@ def test_without_options_the_equations_of_nir_hold_in_steps_of_1_ms():
     own, same = (neuro.load(name) for name in ("own.yaml", "same.yaml"))
     assert own.populations["lif"].model == same.populations["lif"].model
     assert "net.nir: from nir, steps of 1 ms" in done.stdout
-    assert "net.nir: nothing names the tool that wrote it (--from TOOL), so the equations of NIR hold; " in done.stdout
-    assert "NIR has no steps (--resolution MS), so a step has 1 ms." in done.stdout
+    assert (
+        "net.nir: assuming the equations of NIR, since the file does not name its tool (--from TOOL); "
+        "steps of 1 ms, since NIR has no steps (--resolution MS)."
+    ) in done.stdout
     run = re.search(
         r"In 200 steps of random input nir has ([\d,]+) spikes, norse ([\d,]+) spikes, ([\d,]+) at", done.stdout
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro_exchange.nir.graph import Node, map_of, outcome, sheet, together
+from neuro_exchange.nir.graph import Node, compose, map_of, output_shape, sheet
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 nir = pytest.importorskip("nir", reason="nir is not installed")
@@ -49,7 +49,7 @@ def test_one_node(seed):
     x = rng.normal(size=shape)
     expected = call(torch.from_numpy(x)[None])[0].numpy()
     found = map_of(node, shape)
-    assert found.target == outcome(node, shape) == expected.shape
+    assert found.target == output_shape(node, shape) == expected.shape
     assert np.allclose(found(x), expected)
 
 
@@ -65,7 +65,7 @@ def test_several_in_a_row(seed):
     for node, call in nodes:
         maps.append(map_of(node, shape))
         shape, y = maps[-1].target, call(y)
-    whole = together(maps)
+    whole = compose(maps)
     assert np.allclose(whole(x), y[0].numpy())
     assert (whole.kernel is not None) == (seed % 2 == 0)
 
@@ -76,7 +76,7 @@ def test_grids_of_the_language_send_what_the_map_gives(seed):
     rng = np.random.default_rng(seed)
     node, _ = conv(rng)
     shape = (4, 9, 8)
-    target = outcome(node, shape)
+    target = output_shape(node, shape)
     words = {word: value for word, value in node.fields.items() if word not in ("weight", "bias")}
     graph = nir.NIRGraph(
         {

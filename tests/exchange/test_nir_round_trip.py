@@ -104,7 +104,7 @@ def test_tools_without_delays_refuse_them_by_name(tool, place):
         net.connect(source, target, neuro.all_to_all(), weight=1.0, delay=one + 3.0 * (name == late))
     with pytest.raises(neuro.ModelError) as error:
         neuro.to_nir(net, for_=tool)
-    expected = f"node '{late}' (static): a delay of 3 steps beyond one a layer: {tool} has no Delay"
+    expected = f"node '{late}' (static): its delay exceeds one step per layer by 3 steps: {tool} has no Delay"
     assert expected in str(error.value)
     assert delays_of(neuro.to_nir(net)) == {f"{late}.delay": [0.003]} if tool != "sinabs" else True
 
@@ -398,5 +398,5 @@ def test_a_bias_before_a_delay_is_not_exact():
     nodes = two_layers() | {"w": nir.Affine(np.eye(2), np.full(2, 0.1)), "d": delay(3, 2)}
     before = neuro.check_nir(graph("input>w w>d d>a a>v v>b b>out", **nodes), dt=1.0, from_="nir")
     assert [each.node for each in before if each.verdict != "exact"] == ["d"]
-    assert "the bias of 'w' acts from the first step on" in before["d"].how
+    assert "the bias of 'w' acts from the first step here" in before["d"].how
     assert neuro.check_nir(graph("input>d d>w w>a a>v v>b b>out", **nodes), dt=1.0, from_="nir").exact

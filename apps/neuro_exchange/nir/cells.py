@@ -1,12 +1,12 @@
-"""What a neuron of NIR is in the convention of the tool that wrote it.
+"""Difference equations of NIR's neurons, by the convention of the tool that wrote the graph.
 
-A cell is a difference equation, the form that all these tools have in common. In each step
+All supported tools step a neuron by a difference equation, a `Cell`. In each step
 
-    i = i_keep i + i_gain w s                       only where it has a synapse
+    i = i_keep i + i_gain w s                       only with a synapse
     v = rest + keep (v - rest) + gain (i, or w s)
-    spike where v >= threshold, or > if strict; then v = reset, or v falls by the threshold
+    spike if v >= threshold, or v > threshold if strict; then v = reset, or v falls by the threshold
 
-The second part finds the model of this package that has a cell's equation.
+`model_of` then finds the model of this package that has the equation of a cell.
 """
 
 from __future__ import annotations
@@ -22,49 +22,54 @@ from neuro.apps import unknown
 from neuro.extend import Neuron, from_exponential
 from neuro_exchange.nir.graph import Floats, Node
 
-ASK = "say which tool wrote it: from_='norse', 'snntorch', 'sinabs', 'spikingjelly', 'spyx', 'rockpool' or 'nir'"
+ASK = "name the tool: from_='norse', 'snntorch', 'sinabs', 'spikingjelly', 'spyx', 'rockpool' or 'nir'"
 BY_GRAPH_EXECUTOR = ("norse", "sinabs")
-"""Tools whose importers run a graph by the `GraphExecutor` of nirtorch."""
+"""Tools whose importers run a graph with the `GraphExecutor` of nirtorch."""
 
 FALLS_AND_RISES = "fires at V > V_th, and falls by V_th; at 2 V_th while more than V_th is left"
-"""What a spike does in snnTorch 1.0 with reset by subtraction and without reset delay."""
+"""The spike rule of snnTorch 1.0 with reset by subtraction and without reset delay."""
 
 BEYOND = "while more than V_th is left after a spike, snnTorch fires at 2 V_th, and cuba_lif at V_th"
-"""What differs of a CubaLIF of snnTorch that is reset by subtraction."""
+"""How `cuba_lif` differs from a CubaLIF of snnTorch with reset by subtraction."""
 
 MOST_SPIKES = 255
-"""Of a step here, where a tool has any number."""
+"""Most spikes of a neuron in one step here. Sinabs and Rockpool have no limit."""
 
 FIRES_AND_FALLS = (
     f"fires at V >= V_th, several times if V_th fits several times (here {MOST_SPIKES} at most), "
     "and falls by V_th each time"
 )
-"""What a spike does in Sinabs and Rockpool."""
+"""The spike rule of Sinabs and Rockpool."""
 
 SNNTORCH_STEP = 1e-4
-"""The step in seconds that snnTorch 1.0 has in its importer and exporter, whatever a step lasts."""
+"""Step in seconds that the importer and exporter of snnTorch 1.0 assume, whatever the simulated step is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cell:
-    """The difference equation of the neurons of one node; arrays have its shape.
+    """The difference equation of the neurons of one node. Arrays have the shape of the node.
+
+    The module's docstring has the equation. Potentials are in the unit of NIR.
 
     Attributes:
-        keep, rest, gain: of the potential.
-        how: the convention in words.
-        i_keep, i_gain: of the synapse, None without one.
-        offset: a constant that is added to i.
-        threshold: None where it never fires.
-        strict: whether it fires above the threshold only.
-        reset: the potential after a spike; None: it falls by the threshold.
-        several: whether it fires as often in a step as the threshold fits.
-        lowest: a bound of the potential from below after a spike, None without one.
-        start: the potential at the beginning, `rest` if None.
-        rises: whether a spike needs the threshold once more while what is left is above it.
-        late: by how many steps the tool sends a spike after the threshold was crossed.
-        fall: how far the potential falls where that is not the threshold.
-        hold: for how many steps after a spike the potential stays, and does not take input.
-        differs: what of it cannot be had exactly, "" if nothing.
+        keep: share of the potential's distance from `rest` that is left after a step.
+        rest: resting potential.
+        gain: factor of the input (of i with a synapse) that is added to the potential.
+        how: the convention in words, for the verdict.
+        i_keep: share of the synaptic current that is left after a step; None without a synapse.
+        i_gain: factor of the input that is added to the synaptic current; None without a synapse.
+        offset: constant that is added to i; None means 0.
+        threshold: None for neurons that never fire.
+        strict: a neuron fires at v > threshold instead of v >= threshold.
+        reset: the potential after a spike. None: a spike lowers the potential by `fall`.
+        several: a neuron fires floor((v - threshold) / fall) + 1 times in a step.
+        lowest: lower bound of the potential after a spike; None without a bound.
+        start: initial potential; None means `rest`.
+        rises: a neuron whose potential is still above the threshold after a spike needs twice the threshold to fire.
+        spike_delay: steps from the crossing of the threshold to the spike in the tool.
+        fall: decrease of the potential at a spike; None means the threshold.
+        hold: steps after a spike in which the potential is constant and ignores input.
+        differs: difference between the model here and the tool; "" if they agree exactly.
     """
 
     keep: Floats
@@ -82,13 +87,13 @@ class Cell:
     start: Floats | None = None
     rises: bool = False
     hold: int = 0
-    late: int = 0
+    spike_delay: int = 0
     fall: Floats | None = None
     differs: str = ""
 
 
 class Unsupported(Exception):
-    """A node that a convention cannot have: why, and the way out."""
+    """Raised for a node that a convention lacks. `why` is the reason, `way_out` the advice to the user."""
 
     def __init__(self, why: str, way_out: str) -> None:
         self.why, self.way_out = why, way_out
@@ -96,17 +101,17 @@ class Unsupported(Exception):
 
 
 def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
-    """The cell of a stateful node.
+    """Return the cell of a stateful node.
 
     Args:
         node: the node.
         tool: a name of `TOOLS`.
         step: seconds.
-        reset: a word of `from_nir` in place of the convention's, or None.
+        reset: the rule of `from_nir` that replaces the reset of the convention, or None.
 
     Raises:
-        Unsupported: the convention has no such node, or not with these parameters.
-        ModelError: a field does not fit.
+        Unsupported: the convention lacks this type of node, or lacks it with these parameters.
+        ModelError: a field has the wrong shape.
     """
     if node.kind == "Threshold":
         zero = np.zeros(node.shape)
@@ -122,27 +127,27 @@ def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
         fall = cell.threshold / np.maximum(cell.keep, 1e-9) if reset == "subtract_next" else cell.threshold
         when = "in the next step, after the decay" if reset == "subtract_next" else "in the same step"
         rises = tool == "snntorch" and reset == "subtract" and cell.i_keep is None
-        spikes = FALLS_AND_RISES if rises else f"fires as there, and V falls by V_th {when}"
-        how = f"{cell.how.rpartition('; ')[0]}; {spikes}, as `reset` says"
+        spikes = FALLS_AND_RISES if rises else f"fires by the rule of the tool, and V falls by V_th {when}"
+        how = f"{cell.how.rpartition('; ')[0]}; {spikes}, by `reset`"
         differs = "" if rises or tool != "snntorch" or reset == "subtract_next" else BEYOND
         cell = replace(cell, reset=None, fall=fall, hold=0, rises=rises, how=how, differs=differs)
     elif cell.threshold is not None and reset in ("to_value", "to_value_next"):
         hold = int(reset == "to_value_next")
         when = "in the next step, which takes no input" if hold else "in the same step"
-        how = f"{cell.how.rpartition('; ')[0]}; fires as there, then V = v_reset {when}, as `reset` says"
+        how = f"{cell.how.rpartition('; ')[0]}; fires by the rule of the tool, then V = v_reset {when}, by `reset`"
         cell = replace(cell, reset=_reset_value(node), several=False, rises=False, fall=None, hold=hold, how=how)
     return cell
 
 
-def find_tool(said: str | None, metadata: object) -> str | None:
-    """The convention that is asked for, or that the graph says it has; None where nothing tells.
+def find_tool(from_: str | None, metadata: object) -> str | None:
+    """Return the convention: `from_`, else that of the graph's metadata, else None.
 
     Raises:
-        ModelError: there is none of that name.
+        ModelError: no convention has that name.
     """
-    known = metadata.get("neuro_convention") if isinstance(metadata, dict) else None
-    known = known.decode("utf-8", "replace") if isinstance(known, bytes) else known
-    name = known if said is None else said
+    convention = metadata.get("neuro_convention") if isinstance(metadata, dict) else None
+    convention = convention.decode("utf-8", "replace") if isinstance(convention, bytes) else convention
+    name = convention if from_ is None else from_
     if name is not None and str(name) not in TOOLS:
         raise unknown("convention", name, TOOLS)
     return None if name is None else str(name)
@@ -170,20 +175,20 @@ def _reset_value(node: Node) -> Floats:
 
 
 def _synaptic(node: Node, lost: Floats, i_lost: Floats, how: str, **words: Any) -> Cell:
-    """Return the cell of CubaLIF or CubaLI, whose states take the share of the input that they lose in a step."""
+    """Return the cell of CubaLIF or CubaLI. A state loses the share `lost` per step, which is also its gain."""
     gain, i_gain = lost * node.array("r"), i_lost * node.array("w_in")
     return Cell(1.0 - lost, words.pop("rest"), gain, how, i_keep=1.0 - i_lost, i_gain=i_gain, **words)
 
 
 def _firing(node: Node, cell: Cell, spikes: str, **rule: Any) -> Cell:
-    """Return the cell with a threshold and the rule of its spikes; unchanged for nodes that do not fire."""
+    """Add the threshold and the spike rule to a cell. Cells of nodes without a threshold are returned unchanged."""
     if "v_threshold" not in node.fields:
         return cell
     return replace(cell, how=f"{cell.how}; {spikes}", threshold=node.array("v_threshold"), **rule)
 
 
 def _norse(node: Node, step: float) -> Cell:
-    """Norse 1.1: `lif_box`, `iaf`, `leaky_integrator_box`, and the module that its importer makes of CubaLIF."""
+    """Norse 1.1: `lif_box`, `iaf`, `leaky_integrator_box`, and the module that its importer builds for CubaLIF."""
     one, zero = np.ones(node.shape), np.zeros(node.shape)
     match node.kind:
         case "IF":
@@ -200,7 +205,7 @@ def _norse(node: Node, step: float) -> Cell:
 
 
 def _snntorch(node: Node, step: float) -> Cell:
-    """SnnTorch 1.0: `Leaky` and `Synaptic` as its importer makes them, with its step of 1e-4 s."""
+    """SnnTorch 1.0: `Leaky` and `Synaptic` as built by the importer, which has a fixed step of 1e-4 s."""
     one, zero = np.ones(node.shape), np.zeros(node.shape)
     how = "snnTorch: Euler with its step of 1e-4 s"
     match node.kind:
@@ -229,7 +234,7 @@ def _snntorch(node: Node, step: float) -> Cell:
 
 
 def _sinabs(node: Node, step: float) -> Cell:
-    """Sinabs 3.1: `IAF`, `LIF` and `ExpLeak` as its importer makes them, whose tau is in steps."""
+    """Sinabs 3.1: `IAF`, `LIF` and `ExpLeak` as built by the importer, with tau in steps."""
     one, zero = np.ones(node.shape), np.zeros(node.shape)
     if node.kind == "IF":
         threshold = node.array("v_threshold")
@@ -247,7 +252,7 @@ def _sinabs(node: Node, step: float) -> Cell:
 
 
 def _spikingjelly(node: Node, step: float) -> Cell:
-    """Spikingjelly 2.0: `IFNode`, `LIFNode` and `CUBALIFNode` as its importer makes them."""
+    """Spikingjelly 2.0: `IFNode`, `LIFNode` and `CUBALIFNode` as built by the importer."""
     reset = _reset_value(node)
     match node.kind:
         case "IF":
@@ -268,27 +273,28 @@ def _spikingjelly(node: Node, step: float) -> Cell:
 
 
 def _spyx(node: Node, step: float) -> Cell:
-    """Spyx 1.0: `IF`, `LIF` and `CuBaLIF`, whose spikes are those of the potential of the step before."""
+    """Spyx 1.0: `IF`, `LIF` and `CuBaLIF`. A spike follows one step after the potential crosses the threshold."""
     one, zero = np.ones(node.shape), np.zeros(node.shape)
     match node.kind:
         case "IF":
             cell = Cell(one, zero, one, "Spyx: V grows by the input")
         case "LIF":
             a = _euler(node, "tau", step)
-            own = np.allclose(node.array("r"), 1.0 - a, rtol=1e-4)  # what Spyx 1.0 writes; it does not read r
-            gain = one if own else a * node.array("r")
-            how = "Spyx: Euler, the input as it is" if own else "Spyx: Euler, the input times r dt / tau"
+            # Spyx 1.0 writes r = 1 - dt / tau and ignores r on import, so a file with this r has a gain of 1.
+            by_spyx = np.allclose(node.array("r"), 1.0 - a, rtol=1e-4)
+            gain = one if by_spyx else a * node.array("r")
+            how = "Spyx: Euler, the input as it is" if by_spyx else "Spyx: Euler, the input times r dt / tau"
             fall = node.array("v_threshold") / np.maximum(1.0 - a, 1e-9)
             cell = Cell(1.0 - a, zero, gain, how, fall=fall)
         case _:
             a, b = (_euler(node, word, step) for word in ("tau_mem", "tau_syn"))
             how = "Spyx: Euler, the current first, then V with it, the input as it is"
             cell = Cell(1.0 - a, zero, one, how, i_keep=1.0 - b, i_gain=one)
-    return _firing(node, cell, "fires a step after V > V_th, and falls by V_th then", strict=True, late=1)
+    return _firing(node, cell, "fires a step after V > V_th, and falls by V_th then", strict=True, spike_delay=1)
 
 
 def _rockpool(node: Node, step: float) -> Cell:
-    """Rockpool 3.1: `LIFNeuronTorch` and `LIFTorch`, whose input decays in the step in which it arrives."""
+    """Rockpool 3.1: `LIFNeuronTorch` and `LIFTorch`. Input decays already in the step in which it arrives."""
     one, zero = np.ones(node.shape), np.zeros(node.shape)
     if node.kind == "LIF":
         tau = _positive(node, "tau")
@@ -302,7 +308,7 @@ def _rockpool(node: Node, step: float) -> Cell:
 
 
 def _nir(node: Node, step: float) -> Cell:
-    """The equations of NIR, solved exactly for an input that is held for a step."""
+    """The equations of NIR, solved exactly for input that is constant during a step."""
     match node.kind:
         case "IF" | "I":
             cell = Cell(np.ones(node.shape), np.zeros(node.shape), step * node.array("r"), "NIR: V' = r I")
@@ -328,26 +334,26 @@ TOOLS: dict[str, tuple[str, tuple[str, ...], bool, Callable[[Node, float], Cell]
     "rockpool": ("Rockpool", ("LIF", "CubaLIF"), True, _rockpool),
     "nir": ("NIR", _ALL, False, _nir),
 }
-"""Conventions by the name of the tool: its title, the nodes that it has, whether they rest at 0, and their cells."""
+"""Conventions by tool: title, types of nodes, whether all nodes rest at 0, and the function that returns a cell."""
 
 
 AT_ONCE = 1e-3
-"""Time constant, in steps, of a potential that keeps nothing: e^-1000 is 0 in a double."""
+"""Time constant in steps of a potential that is forgotten after one step: e^-1000 is 0 in a double."""
 
 NEVER = 1e30
-"""A threshold in mV that no potential reaches."""
+"""Threshold in mV of neurons that never fire."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Made:
-    """A model for the neurons of a node.
+class CellModel:
+    """The model of the neurons of a node, with the scales of its inputs.
 
     Attributes:
-        model: the model.
-        gain: weight per weight of NIR, an element for each neuron.
-        per_input: pA of a constant current per unit of constant input; None where a synapse filters the input.
-        offset: pA of a constant current that belongs to the cell itself.
-        initial: states at the beginning that differ from the model's.
+        model: the neuron model.
+        gain: factor from a weight of NIR to a weight here, one element per neuron.
+        per_input: constant current in pA per unit of constant input; None if a synapse filters the input.
+        offset: constant current in pA that is part of the cell.
+        initial: initial states that differ from the model's.
     """
 
     model: Neuron
@@ -357,19 +363,19 @@ class Made:
     initial: dict[str, Any] = field(default_factory=dict)
 
 
-def model_of(cell: Cell, h: float) -> Made:
-    """The model of a cell.
+def model_of(cell: Cell, h: float) -> CellModel:
+    """Return the model that has the difference equation of a cell.
 
     Args:
         cell: the difference equation.
         h: length of a step, ms.
 
     Raises:
-        Unsupported: no model has it.
+        Unsupported: no model has this equation.
     """
     tau = time_constant(cell.keep, h)
     endless = np.isinf(tau)
-    # With this capacity a current of 1 pA adds 1 - keep mV in a step, as in NIR; without a leak 1 mV.
+    # With this capacity a current of 1 pA adds 1 - keep mV in a step, as in NIR; without a leak it adds 1 mV.
     capacity, push = np.where(endless, h, tau), np.where(endless, 1.0, 1.0 - cell.keep)
     words = {"tau_m": tau, "C_m": capacity, "t_ref": h * cell.hold, "E_L": cell.rest, **_spike(cell)}
     if cell.lowest is not None:
@@ -377,13 +383,13 @@ def model_of(cell: Cell, h: float) -> Made:
     initial = {} if cell.start is None or np.all(cell.start == cell.rest) else {"V_m": one_or_all(cell.start)}
     offset = cell.gain * (0.0 if cell.offset is None else cell.offset) / push
     if cell.i_keep is None or cell.i_gain is None:
-        return Made(_model(iaf_psc_delta, words), cell.gain, cell.gain / push, offset, initial)
+        return CellModel(_model(iaf_psc_delta, words), cell.gain, cell.gain / push, offset, initial)
     tau_syn = time_constant(cell.i_keep, h)
     if np.any(np.isinf(tau_syn)):
-        raise Unsupported("a current that never decays has no model here", "choose a finite tau_syn")
+        raise Unsupported("its current never decays, and no model here has such a current", "choose a finite tau_syn")
     p32 = np.vectorize(from_exponential)(tau, tau_syn, capacity, h)
     words |= {"tau_syn_ex": tau_syn, "tau_syn_in": tau_syn}
-    return Made(_model(cuba_lif, words), cell.i_gain * cell.gain / p32, None, offset, initial)
+    return CellModel(_model(cuba_lif, words), cell.i_gain * cell.gain / p32, None, offset, initial)
 
 
 def _model(kind: type[Neuron], words: dict[str, Any]) -> Neuron:
@@ -392,13 +398,13 @@ def _model(kind: type[Neuron], words: dict[str, Any]) -> Neuron:
 
 
 def _spike(cell: Cell) -> dict[str, Any]:
-    """Threshold and reset. V_m > V_th is V_m >= the next number above it."""
+    """Return the parameters of threshold and reset. V > V_th is expressed as V >= the next larger double."""
     if cell.threshold is None:
         return {"V_th": NEVER, "V_reset": cell.rest}
     v_th = np.nextafter(cell.threshold, np.inf) if cell.strict else cell.threshold
     if cell.reset is None:
         if np.any(cell.threshold <= 0.0):
-            raise Unsupported("v_threshold is not above 0, so that no spike lowers the potential", "raise it")
+            raise Unsupported("v_threshold is not above 0, so no spike lowers the potential", "raise v_threshold")
         fall = cell.threshold if cell.fall is None else cell.fall
         words = {"V_th": v_th, "V_reset": v_th - fall, "reset_by_subtraction": True}
         words |= {"threshold_rises": True} if cell.rises else {}
@@ -409,13 +415,13 @@ def _spike(cell: Cell) -> dict[str, Any]:
 
 
 def time_constant(keep: Floats, h: float) -> Floats:
-    """The time constant in ms that leaves the share `keep` after h ms."""
+    """Return the time constant in ms after which the share `keep` is left after h ms, e.g. 10 for e^-0.1 and 1 ms."""
     with np.errstate(divide="ignore"):
         tau = -h / np.log(keep)
     return np.where(keep <= 0.0, AT_ONCE * h, np.where(keep >= 1.0, np.inf, tau))
 
 
 def one_or_all(values: Any) -> Any:
-    """One number where all are the same, else a number for each neuron."""
+    """Return a single number if all values are equal, else one value per neuron."""
     flat = np.asarray(values, dtype=np.float64).reshape(-1)
     return float(flat[0]) if np.all(flat == flat[0]) else flat

@@ -1,4 +1,4 @@
-"""NIR graphs as plain nodes without subgraphs: their fields and shapes, and what nodes in a row are together."""
+"""NIR graphs as plain nodes without subgraphs: fields, shapes, and the product of linear nodes in a row."""
 
 from __future__ import annotations
 
@@ -50,15 +50,15 @@ FIELDS = _NEURON | {
 
 @dataclass(slots=True)
 class Node:
-    """One node.
+    """A node of a graph.
 
     Attributes:
-        name: its name; those of nodes in a subgraph begin with that of the subgraph and a dot.
-        kind: its type in NIR.
-        fields: its arrays and numbers by name.
-        shape: of what it gives; () until `Graph` has found it.
-        recurrent: whether weights lead from it back to it.
-        problem: why it cannot be used, and the way out; ("", "") if it can.
+        name: name; a node of a subgraph is named "subgraph.node".
+        kind: type in NIR, e.g. "LIF".
+        fields: arrays and numbers by name.
+        shape: shape of the output; () until `reading.read` has computed it.
+        recurrent: the node is part of a loop of two nodes, e.g. a neuron and its recurrent weights.
+        problem: reason why the node cannot be used, and the way out; ("", "") for a usable node.
     """
 
     name: str
@@ -69,19 +69,19 @@ class Node:
     problem: tuple[str, str] = ("", "")
 
     def array(self, word: str) -> Floats:
-        """A field as an array of the node's shape."""
+        """Return a field as an array of the node's shape."""
         return spread(self.fields[word], self.shape, f"node '{self.name}': {word}")
 
 
 @dataclass(slots=True)
 class Graph:
-    """Nodes by name, and edges between them.
+    """A graph of nodes without subgraphs.
 
     Attributes:
-        source: the file, or "graph".
-        nodes: without subgraphs.
-        edges: source and target of each.
-        metadata: of the graph, e.g. who wrote it.
+        source: name of the file, or "graph".
+        nodes: nodes by name.
+        edges: (source, target) of each edge.
+        metadata: metadata of the graph, e.g. the tool that wrote the graph.
     """
 
     source: str
@@ -90,24 +90,30 @@ class Graph:
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     def before(self, name: str) -> list[str]:
-        """The nodes whose output a node receives."""
+        """Return the names of the nodes whose output a node receives."""
         return [a for a, b in self.edges if b == name]
 
     def order(self) -> list[str]:
-        """All nodes, each after those that it receives from; stateful nodes count as beginnings."""
-        waits = {name: self.before(name) if node.kind not in STATEFUL else [] for name, node in self.nodes.items()}
+        """Return the names of all nodes in topological order. Edges into stateful nodes are ignored.
+
+        Raises:
+            ModelError: a loop has no stateful node.
+        """
+        predecessors = {
+            name: self.before(name) if node.kind not in STATEFUL else [] for name, node in self.nodes.items()
+        }
         try:
-            return list(TopologicalSorter(waits).static_order())
+            return list(TopologicalSorter(predecessors).static_order())
         except CycleError as error:
             loop = " -> ".join(error.args[1])
-            raise ModelError(f"{self.source}: the loop {loop} has no neuron in it") from None
+            raise ModelError(f"{self.source}: the loop {loop} has no neuron") from None
 
 
 def spread(value: Any, shape: Shape, what: str) -> Floats:
-    """An array of a shape from one of it, of as many elements, or of one that broadcasts to it.
+    """Return the value as an array of a shape: reshaped if it has as many elements, else broadcast.
 
     Raises:
-        ModelError: it does not fit, or a number is not finite.
+        ModelError: the value does not fit the shape, or a number is not finite.
     """
     try:
         array = np.asarray(value, dtype=np.float64)
@@ -120,14 +126,14 @@ def spread(value: Any, shape: Shape, what: str) -> Floats:
     try:
         return np.broadcast_to(array, shape).astype(np.float64)
     except ValueError:
-        raise ModelError(f"{what} has the shape {list(array.shape)}: expected {list(shape)}") from None
+        raise ModelError(f"{what}: found the shape {list(array.shape)}: expected {list(shape)}") from None
 
 
 def package(what: str) -> Any:
-    """The package `nir`.
+    """Return the package `nir`.
 
     Raises:
-        ModelError: it is not installed.
+        ModelError: the package is not installed.
     """
     return needed("nir", "nir", f"{what}: the package nir is not installed")
 
@@ -136,8 +142,8 @@ def shorten(depths: list[float], edges: Sequence[tuple[int, int, int]]) -> None:
     """Lower depths until no target is deeper than the source plus the steps between them (Bellman and Ford).
 
     Args:
-        depths: one for each node, changed in place.
-        edges: source, target and steps.
+        depths: depths of the nodes in steps, changed in place.
+        edges: (source, target, steps) of each edge.
     """
     for _ in depths:
         before = list(depths)
@@ -148,7 +154,7 @@ def shorten(depths: list[float], edges: Sequence[tuple[int, int, int]]) -> None:
 
 
 def sources(graph: Graph, name: str) -> Iterator[list[str]]:
-    """The paths that lead to a node from Input and stateful nodes, each with both ends."""
+    """Yield the paths from Input and stateful nodes to a node. A path includes both ends."""
     stack = [[name]]
     while stack:
         path = stack.pop()
@@ -162,7 +168,7 @@ def sources(graph: Graph, name: str) -> Iterator[list[str]]:
 
 Pair = tuple[int, int]
 _HUGE = 2**40
-"""What no stride, size or axis reaches."""
+"""Upper bound of strides, sizes and axes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,9 +176,10 @@ class Kernel:
     """A convolution over a sheet (channels, height, width).
 
     Attributes:
-        weight: (maps, channels that reach each, height, width).
-        stride, padding: of rows and of columns; the padding is the border before the sheet.
-        depthwise: whether map m is reached from channel m // (maps / channels) only.
+        weight: weights, shape (maps, channels per map, height, width).
+        stride: strides along rows and columns.
+        padding: width of the border before the first row and the first column.
+        depthwise: map m receives only from channel m // (maps / channels).
     """
 
     weight: Floats
@@ -187,9 +194,9 @@ class Map:
 
     Attributes:
         source, target: the shapes.
-        diagonal: the factor of each element where elements are not mixed, else None.
-        kernel: the convolution that it is, else None.
-        matrix: as scipy sparse, target x source, where it is none of these.
+        diagonal: factor of each element, if the map is diagonal; else None.
+        kernel: kernel, if the map is a convolution; else None.
+        matrix: scipy sparse matrix, target x source, of all other maps; else None.
     """
 
     source: Shape
@@ -199,19 +206,19 @@ class Map:
     matrix: Any = None
 
     def sparse(self) -> Any:
-        """The matrix, target x source."""
+        """Return the map as a sparse matrix, target x source."""
         from scipy.sparse import diags_array
 
         if self.diagonal is not None:
             return diags_array(self.diagonal.reshape(-1)).tocsr()
-        return _spelt_out(self) if self.kernel is not None else self.matrix
+        return _convolution_matrix(self) if self.kernel is not None else self.matrix
 
     def __call__(self, values: Floats) -> Floats:
-        """Values of the source's shape, mapped."""
+        """Apply the map to values of the source's shape."""
         return np.asarray(self.sparse() @ values.reshape(-1), dtype=np.float64).reshape(self.target)
 
     def onto(self, targets: NDArray[np.bool_]) -> Map:
-        """The same map onto some elements of the target; the others receive nothing."""
+        """Return the map restricted to some elements of the target. All other elements receive 0."""
         from scipy.sparse import diags_array
 
         mask = diags_array(targets.reshape(-1).astype(np.float64))
@@ -221,28 +228,28 @@ class Map:
 
 
 def sheet(shape: Shape) -> Shape:
-    """A shape as (channels, height, width)."""
+    """Return a shape of two or three axes as (channels, height, width), e.g. (2, 1, 10) for (2, 10)."""
     return (shape[0], 1, shape[1]) if len(shape) == 2 else shape
 
 
-def outcome(node: Node, shape: Shape) -> Shape:
-    """The shape that a node gives for one that it receives.
+def output_shape(node: Node, shape: Shape) -> Shape:
+    """Return the shape of a node's output for an input of a shape.
 
     Raises:
-        ModelError: it cannot receive that shape.
+        ModelError: the node cannot receive that shape.
     """
     match node.kind:
         case "Linear" | "Affine":
             weight = np.asarray(node.fields["weight"])
             if weight.ndim == 2 and shape[-1] != weight.shape[1] == math.prod(shape):
-                return (weight.shape[0],)  # Norse writes no Flatten
+                return (weight.shape[0],)  # Norse does not write Flatten nodes
             if weight.ndim < 2 or shape[-1] != weight.shape[-1] or weight.ndim > 2:
                 raise _unfit(node, shape, f"weights of shape {list(weight.shape)}")
             return (*shape[:-1], weight.shape[0])
         case "Conv1d" | "Conv2d":
-            return _sliding_outcome(node, shape, np.asarray(node.fields["weight"]))
+            return _sliding_output_shape(node, shape, np.asarray(node.fields["weight"]))
         case "SumPool2d" | "AvgPool2d":
-            return _sliding_outcome(node, shape, None)
+            return _sliding_output_shape(node, shape, None)
         case "Flatten":
             first, last = (_axis(node, word, len(shape)) for word in ("start_dim", "end_dim"))
             if first > last:
@@ -252,59 +259,59 @@ def outcome(node: Node, shape: Shape) -> Shape:
 
 
 def _axis(node: Node, word: str, axes: int) -> int:
-    given = _whole(node, word)
-    axis = given + axes if given < 0 else given
+    number = _whole(node, word)
+    axis = number + axes if number < 0 else number
     if not 0 <= axis < axes:
-        raise ModelError(f"node '{node.name}': {word} = {given} of {axes} axes")
+        raise ModelError(f"node '{node.name}': {word} = {number}: expected an axis of {axes}")
     return axis
 
 
 def _whole(node: Node, word: str) -> int:
-    """A field that is one whole number."""
+    """Return a field that is a single whole number."""
     numbers = wholes(node.fields[word])
     if len(numbers) != 1:
-        raise ModelError(f"node '{node.name}': {word} = {shown(node.fields[word])}: expected a whole number")
+        raise ModelError(f"node '{node.name}': {word} = {as_text(node.fields[word])}: expected a whole number")
     return numbers[0]
 
 
 def wholes(value: Any) -> list[int]:
-    """Whole numbers; none where a number is not whole, or beyond what a shape may be."""
+    """Return a list of whole numbers; an empty one if a number is not whole or not below 2^40."""
     array = np.atleast_1d(np.asarray(value, dtype=np.float64))
     if array.ndim > 1 or not np.all(np.abs(array) < _HUGE) or np.any(array != np.rint(array)):
         return []
     return [int(n) for n in array]
 
 
-def shown(value: Any) -> str:
-    """A field for messages."""
+def as_text(value: Any) -> str:
+    """Return a field as text for messages, 60 characters at most."""
     return f"{np.asarray(value).tolist()!r:.60}"
 
 
-def _unfit(node: Node, shape: Shape, of: str) -> ModelError:
-    return ModelError(f"node '{node.name}' ({node.kind}) with {of} receives the shape {list(shape)}")
+def _unfit(node: Node, shape: Shape, expected: str) -> ModelError:
+    return ModelError(f"node '{node.name}' ({node.kind}) with {expected} receives the shape {list(shape)}")
 
 
 def _pair(node: Node, value: Any, word: str, least: int) -> Pair:
-    """One whole number for each axis of a sheet; of one axis the columns."""
+    """Return the numbers of a field for rows and columns. A single number of Conv1d is for the columns."""
     numbers = wholes(value)
     first = 0 if word == "padding" else 1
     pair = (first, *numbers) if node.kind == "Conv1d" else tuple(numbers * 2 if len(numbers) == 1 else numbers)
     if len(pair) != 2 or min(pair) < least:
-        raise ModelError(f"node '{node.name}': {word} = {shown(value)}: expected whole numbers >= {least}")
+        raise ModelError(f"node '{node.name}': {word} = {as_text(value)}: expected whole numbers >= {least}")
     return pair[0], pair[1]
 
 
 def _extent(node: Node, weight: NDArray[Any] | None) -> tuple[Pair, Pair, Pair, Pair, Pair]:
-    """Kernel, dilation, stride, and the border before and after."""
+    """Return kernel size, dilation, stride, and the borders before and after, each for rows and columns."""
     if weight is None:
         kernel, dilation = _pair(node, node.fields["kernel_size"], "kernel_size", 1), (1, 1)
     else:
         kernel = (1, weight.shape[-1]) if node.kind == "Conv1d" else (weight.shape[-2], weight.shape[-1])
         dilation = _pair(node, node.fields["dilation"], "dilation", 1)
     stride = _pair(node, node.fields["stride"], "stride", 1)
-    said = node.fields["padding"]
-    if isinstance(said, (str, bytes)) or np.asarray(said).dtype.kind in "SU":
-        word = str(np.asarray(said).astype(str).reshape(-1)[0])
+    padding = node.fields["padding"]
+    if isinstance(padding, (str, bytes)) or np.asarray(padding).dtype.kind in "SU":
+        word = str(np.asarray(padding).astype(str).reshape(-1)[0])
         if word not in ("same", "valid") or (word == "same" and stride != (1, 1)):
             raise ModelError(
                 f"node '{node.name}': padding '{word}': expected numbers, 'valid', or 'same' with stride 1"
@@ -313,14 +320,15 @@ def _extent(node: Node, weight: NDArray[Any] | None) -> tuple[Pair, Pair, Pair, 
         before = (total[0] // 2, total[1] // 2)
         after = (total[0] - before[0], total[1] - before[1])
     else:
-        before = after = _pair(node, said, "padding", 0)
+        before = after = _pair(node, padding, "padding", 0)
     return kernel, dilation, stride, before, after
 
 
-def _sliding_outcome(node: Node, shape: Shape, weight: NDArray[Any] | None) -> Shape:
+def _sliding_output_shape(node: Node, shape: Shape, weight: NDArray[Any] | None) -> Shape:
+    """Return the output shape of a convolution, or of a pool, which has no weight."""
     axes = 2 if node.kind == "Conv1d" else 3
     if len(shape) != axes or (weight is not None and weight.ndim != axes + 1):
-        raise _unfit(node, shape, f"{axes - 1} axes that it slides along")
+        raise _unfit(node, shape, f"a kernel of {'one axis' if axes == 2 else 'two axes'}")
     maps = shape[0]
     if weight is not None:
         groups = _groups(node)
@@ -346,14 +354,14 @@ def _groups(node: Node) -> int:
 
 
 def map_of(node: Node, source: Shape) -> Map:
-    """What a node does to an array of a shape, without its bias.
+    """Return the linear map of a node for an input of a shape, without its bias. Nodes without one are the identity.
 
     Raises:
-        ModelError: it does not fit.
+        ModelError: a field does not fit the shape.
     """
     from scipy.sparse import csr_array, eye_array, kron
 
-    target = outcome(node, source)
+    target = output_shape(node, source)
     match node.kind:
         case "Linear" | "Affine":
             weight = spread(node.fields["weight"], np.shape(node.fields["weight"]), f"node '{node.name}': weight")
@@ -378,14 +386,14 @@ def _kernel(node: Node, source: Shape) -> Kernel:
     if node.kind == "Conv1d":
         weight = weight[:, :, None, :]
     _, (dy, dx), stride, before, _ = _extent(node, np.asarray(node.fields["weight"]))
-    if (dy, dx) != (1, 1):  # a dilated kernel is a larger one with zeros
+    if (dy, dx) != (1, 1):  # a dilated kernel is a larger kernel with zeros, e.g. [a, b] dilated by 2 is [a, 0, b]
         wide = np.zeros((*weight.shape[:2], dy * (weight.shape[2] - 1) + 1, dx * (weight.shape[3] - 1) + 1))
         wide[:, :, ::dy, ::dx] = weight
         weight = wide
     groups, depthwise = _groups(node), False
     if groups > 1:
         depthwise = weight.shape[1] == 1
-        if not depthwise:  # channels of other groups reach a map with weight 0
+        if not depthwise:  # `grid` has no groups, so channels of other groups get weights of 0
             maps, depth = weight.shape[:2]
             full = np.zeros((maps, source[0], *weight.shape[2:]))
             for m in range(maps):
@@ -395,12 +403,12 @@ def _kernel(node: Node, source: Shape) -> Kernel:
     return Kernel(weight, stride, before, depthwise)
 
 
-def together(maps: Sequence[Map]) -> Map:
-    """Several maps in a row as one; a convolution where they are one."""
-    return reduce(_then, maps)
+def compose(maps: Sequence[Map]) -> Map:
+    """Return the product of maps in a row: diagonal or a convolution where possible, else a matrix."""
+    return reduce(_compose_two, maps)
 
 
-def _then(first: Map, second: Map) -> Map:
+def _compose_two(first: Map, second: Map) -> Map:
     if first.diagonal is not None and np.all(first.diagonal == 1.0) and first.source == second.source:
         return second
     if second.diagonal is not None:
@@ -415,37 +423,40 @@ def _then(first: Map, second: Map) -> Map:
             kernel = replace(first.kernel, weight=first.kernel.weight * per_map[:, None, None, None])
             return Map(first.source, first.target, kernel=kernel)
     if first.kernel is not None and second.kernel is not None and first.target == second.source:
-        pooled = _pooled(first, second)
+        pooled = _compose_pool(first, second)
         if pooled is not None:
             return Map(first.source, second.target, kernel=pooled)
     return Map(first.source, second.target, matrix=(second.sparse() @ first.sparse()).tocsr())
 
 
 def same_in_each_map(values: Floats) -> Floats | None:
-    """The value of each map of (maps, ...), None where a map has several."""
+    """Return the value of each map from values of shape (maps, ...), or None if values differ within a map."""
     rows = values.reshape(values.shape[0], -1)
     return rows[:, 0].copy() if np.all(rows == rows[:, :1]) else None
 
 
-def _pooled(pool: Map, then: Map) -> Kernel | None:
-    """The convolution that a pool and a convolution are together; None where they are none."""
-    a, b = pool.kernel, then.kernel
-    assert a is not None and b is not None  # noqa: PT018
-    channels, height, width = sheet(pool.source)
-    _, rows, columns = sheet(pool.target)
-    size = a.weight.shape[2:]
-    whole = (rows * size[0], columns * size[1]) == (height, width)
-    one_each = a.depthwise and a.weight.shape[0] == channels
-    if not (one_each and whole and size == a.stride and a.padding == (0, 0) and np.all(a.weight == a.weight.flat[0])):
+def _compose_pool(first: Map, second: Map) -> Kernel | None:
+    """Return the product of a pool and a convolution as one convolution.
+
+    A pool of 2 x 2 without overlap before a 3 x 3 kernel of stride 1 is a 6 x 6 kernel of stride 2. Returns None if the
+    first map is not such a pool.
+    """
+    pool, kernel = first.kernel, second.kernel
+    assert pool is not None and kernel is not None  # noqa: PT018
+    channels, height, width = sheet(first.source)
+    _, rows, columns = sheet(first.target)
+    size = pool.weight.shape[2:]
+    one_each = pool.depthwise and pool.weight.shape[0] == channels
+    tiles = (rows * size[0], columns * size[1]) == (height, width) and size == pool.stride and pool.padding == (0, 0)
+    if not (one_each and tiles and np.all(pool.weight == pool.weight.flat[0])):
         return None
-    weight = np.repeat(np.repeat(b.weight * a.weight.flat[0], size[0], axis=2), size[1], axis=3)
-    stride = b.stride[0] * size[0], b.stride[1] * size[1]
-    padding = b.padding[0] * size[0], b.padding[1] * size[1]
-    return Kernel(weight, stride, padding, b.depthwise)
+    weight = np.repeat(np.repeat(kernel.weight * pool.weight.flat[0], size[0], axis=2), size[1], axis=3)
+    stride = kernel.stride[0] * size[0], kernel.stride[1] * size[1]
+    padding = kernel.padding[0] * size[0], kernel.padding[1] * size[1]
+    return Kernel(weight, stride, padding, kernel.depthwise)
 
 
-def _spelt_out(part: Map) -> Any:
-    """The matrix of a convolution."""
+def _convolution_matrix(part: Map) -> Any:
     from scipy.sparse import csr_array
 
     kernel = part.kernel

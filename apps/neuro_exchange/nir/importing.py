@@ -1,4 +1,4 @@
-"""A `Network` from a NIR graph."""
+"""Build a `Network` from a NIR graph."""
 
 from __future__ import annotations
 
@@ -24,160 +24,164 @@ from neuro_exchange.nir.graph import (
     same_in_each_map,
     sheet,
 )
-from neuro_exchange.nir.judging import MOST_PATHS, STEP, Link, Read, grid_of, judge
+from neuro_exchange.nir.judging import MOST_PATHS, STEP, Analysis, Link, grid_of, judge
 from neuro_exchange.nir.measured import differences, measure
 from neuro_exchange.nir.reading import read
 from neuro_exchange.verdict import APPROXIMATE, Verdicts
 
 LONGEST = 200
-"""Letters of a name; YAML has none of more than 1024."""
+"""Largest length of a name in characters. YAML keys may have 1024."""
 
 CURRENT, TICKS = "bias", "every_step"
-"""The population that sends constant currents, and the neuron that fires in every step."""
+"""Names of the population that sends constant currents, and of the neuron that fires in every step."""
 
 DENSE = 0.5
-"""Share of weights that are not 0 from which all pairs are connected."""
+"""Share of nonzero weights from which a projection connects all pairs instead of listing its synapses."""
 
 
 def from_nir(graph: Any, dt: float, from_: str | None = None, *, reset: str | None = None) -> Network:
-    """A network from a NIR graph, which spikes as the tool that wrote the graph.
+    """Return a network with the spikes of the tool that wrote a NIR graph.
 
-    A layer sends its spikes one step later here, since a spike takes at least one step: the spikes of a population that
-    is d layers behind the input come d steps later than in the tool (one more if the first layer has a bias), and are
-    otherwise the same. The verdict of a node says its d. The input is a `spike_generator`; a count of events is a spike
-    of that multiplicity. Each Output is a probe of its name.
+    Spikes take at least one step per layer here, and no step in the tools. So the spikes of a population d layers
+    behind the input are d steps later than in the tool (one more if the first layer has a bias), and otherwise equal.
+    The verdict of each node names its d. An Input becomes a `spike_generator`; a count of events becomes a spike of
+    that multiplicity. An Output becomes a probe of the same name.
 
     Args:
         graph: a `nir.NIRGraph`, or the name of a file.
-        dt: length of a step, ms. NIR has no steps, and its times are in seconds.
+        dt: length of a step in ms. NIR has no steps, and its times are in seconds.
         from_: the tool whose convention holds: "norse", "snntorch", "sinabs", "spikingjelly", "spyx", "rockpool", or
-            "nir" for the equations of NIR; not needed if the graph was written by `to_nir`.
-        reset: "to_value", "to_value_next", "subtract" or "subtract_next", where the file is known to mean another than
-            its tool's importer takes. "to_value_next" is in the step after the spike, which takes no input;
-            "subtract_next" lowers V by V_th after the decay of the next step, as snnTorch by default.
+            "nir" for the equations of NIR. Not needed for a graph that `to_nir` wrote.
+        reset: "to_value", "to_value_next", "subtract" or "subtract_next": the reset of the network that was exported,
+            if the tool's importer uses another. "to_value_next" resets V in the step after the spike, and ignores the
+            input of that step; "subtract_next" lowers V by V_th after the decay of the next step, as snnTorch does by
+            default.
 
     Returns:
-        The network; its `verdicts` says what became of each node.
+        The network. Its attribute `verdicts` has a verdict for each node.
 
     Raises:
-        ModelError: the file is damaged, nothing tells the convention, or a node is refused: all of them, each with the
-            way out.
+        ModelError: the file is damaged, no convention is known, or nodes are refused. The error lists every refused
+            node with the way out.
     """
     return network_of(examine(graph, dt, from_, reset))
 
 
-def network_of(found: Read) -> Network:
-    """The network of a graph that has been read, with its verdicts.
+def network_of(analysis: Analysis) -> Network:
+    """Build the network of an analysed graph, with its verdicts.
 
     Raises:
         ModelError: a node is refused.
     """
-    table = found.table()
+    table = analysis.table()
     table.check()
-    net = _network(found)
+    net = _network(analysis)
     net.verdicts = table
     return net
 
 
 def check_nir(graph: Any, dt: float, from_: str | None = None, *, reset: str | None = None) -> Verdicts:
-    """What would become of each node of a NIR graph; arguments as of `from_nir`.
+    """Return the verdict that `from_nir` would give each node of a graph. The arguments are those of `from_nir`.
 
     Raises:
-        ModelError: the file is damaged, or nothing tells the convention.
+        ModelError: the file is damaged, or no convention is known.
     """
     return examine(graph, dt, from_, reset).table()
 
 
-def examine(graph: Any, dt: float, from_: str | None, reset: str | None) -> Read:
-    """Read a graph, decide on each node, and measure by how much approximate nodes differ.
+def examine(graph: Any, dt: float, from_: str | None, reset: str | None) -> Analysis:
+    """Analyse a graph, and measure the difference in spikes that approximate nodes make.
 
-    Nodes of one kind are measured together, since the tool has all of them so.
+    Nodes of one type are measured together, since a tool treats all nodes of a type alike.
     """
-    found = judge(graph, dt, from_, reset)
+    analysis = judge(graph, dt, from_, reset)
     kinds: dict[str, list[str]] = {}
-    for name, verdict in found.verdicts.items():
+    for name, verdict in analysis.verdicts.items():
         if verdict.verdict == APPROXIMATE and not verdict.measured:
             kinds.setdefault(verdict.kind, []).append(name)
-    if kinds and not found.table().refused:
-        net = _network(found)
+    if kinds and not analysis.table().refused:
+        net = _network(analysis)
         for names in kinds.values():
-            measured = measure(found, net, found.names, found.depths, names)
+            measured = measure(analysis, net, analysis.names, analysis.depths, names)
             for name in names:
-                found.verdicts[name] = replace(found.verdicts[name], measured=measured)
-    return found
+                analysis.verdicts[name] = replace(analysis.verdicts[name], measured=measured)
+    return analysis
 
 
-def examine_file(path: Path, dt: float | None, from_: str | None, reset: str | None) -> tuple[Read, str]:
-    """Read a file by what is known of it, else by the equations of NIR in steps of 1 ms.
+def examine_file(path: Path, dt: float | None, from_: str | None, reset: str | None) -> tuple[Analysis, str]:
+    """Analyse a file whose step and convention may be unknown.
+
+    A value is the argument, else that of the file's metadata, else the default: the equations of NIR, a step of 1 ms.
 
     Returns:
-        the graph with its verdicts, and what was assumed: "" if nothing was.
+        The analysis, and a note that names both defaults if they were used ("" otherwise) and compares the tools.
     """
     plain = read(path)
-    known_step, tool = plain.metadata.get(STEP), find_tool(from_, plain.metadata)
-    step = dt if dt is not None else 1.0 if known_step is None else float(known_step)
-    found = examine(plain, step, tool or "nir", reset)
-    assumed = []
+    file_step, tool = plain.metadata.get(STEP), find_tool(from_, plain.metadata)
+    step = dt if dt is not None else 1.0 if file_step is None else float(file_step)
+    analysis = examine(plain, step, tool or "nir", reset)
+    assumptions = []
     if tool is None:
-        assumed.append("nothing names the tool that wrote it (--from TOOL), so the equations of NIR hold")
-    if dt is None and known_step is None:
-        assumed.append(f"NIR has no steps (--resolution MS), so a step has {step:g} ms")
-    if not assumed:
-        return found, ""
-    note = f"{path}: {'; '.join(assumed)}."
-    if tool is not None or found.table().refused:
-        return found, note
-    others: dict[str, Read | str] = {}
+        assumptions.append("the equations of NIR, since the file does not name its tool (--from TOOL)")
+    if dt is None and file_step is None:
+        assumptions.append(f"steps of {step:g} ms, since NIR has no steps (--resolution MS)")
+    if not assumptions:
+        return analysis, ""
+    note = f"{path}: assuming {'; '.join(assumptions)}."
+    if tool is not None or analysis.table().refused:
+        return analysis, note
+    others: dict[str, Analysis | str] = {}
     for name in TOOLS:
-        if name != found.tool:
+        if name != analysis.tool:
             try:
                 others[name] = judge(plain, step, name, reset)
             except ModelError as error:
                 others[name] = error.message
-    return found, f"{note}\n{differences(found, others)}"
+    return analysis, f"{note}\n{differences(analysis, others)}"
 
 
-def _network(found: Read) -> Network:
-    graph, h = found.graph, found.step * 1e3
+def _network(analysis: Analysis) -> Network:
+    graph, h = analysis.graph, analysis.step * 1e3
     net = Network(_name(graph.source.rpartition("/")[2].removesuffix(".nir"), set()), resolution=round(h, 12))
-    names = found.names = {}
-    for name, node in sorted(graph.nodes.items(), key=lambda item: found.depths.get(item[0], 0)):
+    names = analysis.names = {}
+    for name, node in sorted(graph.nodes.items(), key=lambda item: analysis.depths.get(item[0], 0)):
         if node.kind == "Input":
             names[name] = _name(name, names.values())
-            net.population(names[name], _laid(node.shape), spike_generator())
-        if name in found.cells:
+            net.population(names[name], _population_shape(node.shape), spike_generator())
+        if name in analysis.cells:
             names[name] = _name(name, names.values())
-            made = found.made[name]
-            net.population(names[name], _laid(node.shape), made.model, initial=made.initial)
-    for link in sorted(found.links, key=lambda link: found.depths.get(link.target, 0)):
-        if link.target in found.cells:
-            _connect(net, found, link, names, h)
-    _connect_biases(net, found, names, h)
+            cell_model = analysis.models[name]
+            net.population(names[name], _population_shape(node.shape), cell_model.model, initial=cell_model.initial)
+    for link in sorted(analysis.links, key=lambda link: analysis.depths.get(link.target, 0)):
+        if link.target in analysis.cells:
+            _connect(net, analysis, link, names, h)
+    _connect_biases(net, analysis, names, h)
     for name, node in graph.nodes.items():
         if node.kind == "Output":
-            of = name if name in found.cells else next(link.source for link in found.links if link.target == name)
-            fires = of not in found.cells or found.cells[of].threshold is not None
-            net.probe(_name(name, net.probes), names[of], "spikes" if fires else "V_m")
+            links = analysis.links
+            probed = name if name in analysis.cells else next(link.source for link in links if link.target == name)
+            fires = probed not in analysis.cells or analysis.cells[probed].threshold is not None
+            net.probe(_name(name, net.probes), names[probed], "spikes" if fires else "V_m")
     return net
 
 
-def _name(name: str, taken: Iterable[str]) -> str:
-    """A name that a part may have."""
+def _name(name: str, used: Iterable[str]) -> str:
+    """Return a valid name of a part that is not used yet, e.g. "conv_1_2" for "conv/1" if "conv_1" is used."""
     plain = re.sub(r"[^\w.-]", "_", name)[:LONGEST] or "node"
     names = (plain if k == 1 else f"{plain}_{k}" for k in range(1, MOST_PATHS))
-    return next(each for each in names if each not in set(taken))
+    return next(each for each in names if each not in set(used))
 
 
-def _laid(shape: Shape) -> Shape:
-    """The shape of a population, with the axes of a sheet where it has two or three."""
+def _population_shape(shape: Shape) -> Shape:
+    """Return the shape of a population; two or three axes become (channels, height, width)."""
     return sheet(shape) if len(shape) in (2, 3) else shape
 
 
-def _connect(net: Network, found: Read, link: Link, names: dict[str, str], h: float) -> None:
+def _connect(net: Network, analysis: Analysis, link: Link, names: dict[str, str], h: float) -> None:
     source, target = names[link.source], names[link.target]
-    part, gain = link.map, found.made[link.target].gain
-    steps = found.depths[link.target] - found.depths[link.source] + (link.source == link.target)
-    lags = steps + np.rint(link.lag.reshape(-1) / found.step)
+    part, gain = link.map, analysis.models[link.target].gain
+    steps = analysis.depths[link.target] - analysis.depths[link.source] + (link.source == link.target)
+    lags = steps + np.rint(link.lag.reshape(-1) / analysis.step)
     delay: Any = round(h * lags[0], 9) if np.all(lags == lags[0]) else np.round(h * lags, 9)
     label = _name(f"{source}_{target}", net.projections)
     if part.kernel is not None and np.isscalar(delay):
@@ -202,26 +206,29 @@ def _connect(net: Network, found: Read, link: Link, names: dict[str, str], h: fl
     net.connect(source, target, pairs(pre, post), weight=weight, delay=delay, name=label)
 
 
-def _connect_biases(net: Network, found: Read, names: dict[str, str], h: float) -> None:
-    """Constant input, which begins with the first step of the tool, `depth` steps later here.
+def _connect_biases(net: Network, analysis: Analysis, names: dict[str, str], h: float) -> None:
+    """Connect the constant inputs, which begin with the first step of the tool, `depth` steps later here.
 
-    A generator of currents acts two steps after it begins. Input that a synapse filters comes as spikes, from a neuron
-    that fires in every step.
+    A current generator acts two steps after it starts. Where a synapse filters the input, the constant input is made of
+    spikes, from a neuron that fires in every step.
     """
     constant, ticks = (_name(source, net.populations) for source in (CURRENT, TICKS))
     every_step = iaf_psc_delta(tau_m=math.inf, C_m=h, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0, I_e=1.0)
-    for name, made in found.made.items():
-        offset, depth = made.offset, found.depths[name]
-        for bias, begin in ((found.bias[name], depth), (found.late[name], depth + 1)):
-            current = offset if made.per_input is None else offset + bias * made.per_input
+    for name, cell_model in analysis.models.items():
+        offset, depth = cell_model.offset, analysis.depths[name]
+        for bias, begin in ((analysis.bias[name], depth), (analysis.late_bias[name], depth + 1)):
+            current = offset if cell_model.per_input is None else offset + bias * cell_model.per_input
             if current.any():
-                _from_one(net, constant, dc_generator(amplitude=1.0), names[name], current, h * (begin - 1))
-            if made.per_input is None and bias.any():
-                _from_one(net, ticks, every_step, names[name], bias * made.gain, h * begin)
+                _connect_from_one(net, constant, dc_generator(amplitude=1.0), names[name], current, h * (begin - 1))
+            if cell_model.per_input is None and bias.any():
+                _connect_from_one(net, ticks, every_step, names[name], bias * cell_model.gain, h * begin)
             offset = np.zeros_like(offset)
 
 
-def _from_one(net: Network, source: str, model: Neuron | Generator, target: str, values: Floats, delay: float) -> None:
+def _connect_from_one(
+    net: Network, source: str, model: Neuron | Generator, target: str, values: Floats, delay: float
+) -> None:
+    """Connect a population of one neuron to all neurons of the target. A missing population is added."""
     if source not in net.populations:
         net.population(source, 1, model)
     label = _name(f"{source}_{target}", net.projections)

@@ -1,4 +1,4 @@
-"""By how much approximate nodes differ: a short run of the network beside the tool's difference equations in NumPy."""
+"""The difference that approximate nodes make: a short run of the network beside the tool's equations in NumPy."""
 
 from __future__ import annotations
 
@@ -14,38 +14,42 @@ from numpy.typing import NDArray
 from neuro import ModelError, Network, compile, spike_generator
 from neuro_exchange.nir.cells import Cell
 from neuro_exchange.nir.graph import Floats, Map
-from neuro_exchange.nir.judging import Read
+from neuro_exchange.nir.judging import Analysis
 
 Counts = NDArray[np.int64]
-"""Of spikes, shape (steps, neurons)."""
+"""Numbers of spikes, shape (steps, neurons)."""
 
 STEPS, CHANCE, SEED = 200, 0.3, 0
-"""Steps of the run, and the chance that an input has a spike in one."""
+"""Steps of the run, the probability of a spike of an input per step, and the seed of the inputs."""
 
 MOST = 500_000
-"""Weights with which a run takes well below a second."""
+"""Largest number of weights that is simulated; such a run lasts well below a second."""
 
 
 def measure(
-    found: Read, net: Network, names: Mapping[str, str], depths: Mapping[str, int], differing: Container[str] = ()
+    analysis: Analysis,
+    net: Network,
+    names: Mapping[str, str],
+    depths: Mapping[str, int],
+    differing: Container[str] = (),
 ) -> str:
-    """Compare the spikes of a network with those of a graph in the tool.
+    """Compare the spikes of a network with the spikes of its graph in the tool.
 
     Args:
-        found: the graph.
+        analysis: the analysis of the graph.
         net: the network.
         names: the population of each Input and of each stateful node.
-        depths: by how many steps each is later here.
-        differing: the nodes that the tool has otherwise than the graph says.
+        depths: delay of each node here, in steps.
+        differing: nodes that the tool's importer interprets differently from the graph's definition.
 
     Returns:
-        in words, how many spikes are at the same step; or why nothing is measured.
+        A phrase with both numbers of spikes and the share at the same step, or the reason why nothing was measured.
     """
-    if sum(_weights(link.map) for link in found.links) > MOST:
+    if sum(_weights(link.map) for link in analysis.links) > MOST:
         return "not measured: the network is too large for a short run"
-    layers = [Layer(found, name, differing) for name in names if _fires(found, name)]
-    layers.sort(key=lambda layer: found.depths[layer.name])
-    inputs = [name for name in names if found.graph.nodes[name].kind == "Input"]
+    layers = [Layer(analysis, name, differing) for name in names if _fires(analysis, name)]
+    layers.sort(key=lambda layer: analysis.depths[layer.name])
+    inputs = [name for name in names if analysis.graph.nodes[name].kind == "Input"]
     spikes = {name: names[name] for name in (*inputs, *(layer.name for layer in layers))}
     try:
         here = run_here(net, spikes, depths)
@@ -57,16 +61,16 @@ def measure(
     if not any(counts):
         return f"not measured: no neuron fires in {STEPS} steps of random input"
     same = 100.0 * sum(int(np.minimum(*pair).sum()) for pair in pairs) / max(counts)
-    said = f"{counts[0]:,} spikes in {found.tool} and {counts[1]:,} here, {same:.1f} % of them at the same step"
-    return f"in {STEPS} steps of random input {said}"
+    spikes_text = f"{counts[0]:,} spikes in {analysis.tool} and {counts[1]:,} here"
+    return f"in {STEPS} steps of random input {spikes_text}, {same:.1f} % of them at the same step"
 
 
-def differences(found: Read, others: Mapping[str, Read | str]) -> str:
-    """Say how many spikes a graph has by other conventions, and how many of them at the same steps.
+def differences(analysis: Analysis, others: Mapping[str, Analysis | str]) -> str:
+    """Return a text that compares the spikes of a graph under several conventions.
 
     Args:
-        found: the graph by one convention, no node of which is refused.
-        others: the graph by the conventions of other tools, or why one cannot read it.
+        analysis: the graph under one convention, without refused nodes.
+        others: by tool, the graph under its convention, or the reason why the tool cannot read the graph.
     """
     refused = {
         tool: other
@@ -74,17 +78,17 @@ def differences(found: Read, others: Mapping[str, Read | str]) -> str:
         else next((f"node '{each.node}' ({each.kind}): {each.how}" for each in other.table().refused), "")
         for tool, other in others.items()
     }
-    readers = {tool: other for tool, other in others.items() if isinstance(other, Read) and not refused[tool]}
+    readers = {tool: other for tool, other in others.items() if isinstance(other, Analysis) and not refused[tool]}
     lines = [f"{tool} refuses it: {why}" for tool, why in refused.items() if why]
-    if sum(_weights(link.map) for link in found.links) > MOST:
-        return "\n".join(["It is too large for a short run: other tools may have other spikes.", *lines])
+    if sum(_weights(link.map) for link in analysis.links) > MOST:
+        return "\n".join(["The network is too large for a short run: other tools may have other spikes.", *lines])
     rng = np.random.default_rng(SEED)
     inputs = {
         name: (rng.random((STEPS, math.prod(node.shape))) < CHANCE).astype(np.int64)
-        for name, node in found.graph.nodes.items()
+        for name, node in analysis.graph.nodes.items()
         if node.kind == "Input"
     }
-    own = _spikes_of(found, inputs)
+    own = _spikes_of(analysis, inputs)
     total = sum(int(counts.sum()) for counts in own.values())
     runs = []
     for tool, other in readers.items():
@@ -94,20 +98,20 @@ def differences(found: Read, others: Mapping[str, Read | str]) -> str:
             f"{tool} {sum(int(counts.sum()) for counts in spikes.values()):,} spikes, {same:,} at the same step"
         )
     if runs:
-        lines.insert(0, f"In {STEPS} steps of random input {found.tool} has {total:,} spikes, {'; '.join(runs)}.")
+        lines.insert(0, f"In {STEPS} steps of random input {analysis.tool} has {total:,} spikes, {'; '.join(runs)}.")
     return "\n".join(lines)
 
 
-def _spikes_of(found: Read, inputs: Mapping[str, Counts]) -> dict[str, Counts]:
-    """The spikes of the neurons in a tool."""
-    layers = [Layer(found, name, ()) for name in found.cells if _fires(found, name)]
-    layers.sort(key=lambda layer: found.depths[layer.name])
+def _spikes_of(analysis: Analysis, inputs: Mapping[str, Counts]) -> dict[str, Counts]:
+    """Return the spikes of all nodes that fire, in the tool."""
+    layers = [Layer(analysis, name, ()) for name in analysis.cells if _fires(analysis, name)]
+    layers.sort(key=lambda layer: analysis.depths[layer.name])
     spikes = run_there(layers, inputs)
     return {layer.name: spikes[layer.name] for layer in layers}
 
 
-def _fires(found: Read, name: str) -> bool:
-    return name in found.cells and found.cells[name].threshold is not None
+def _fires(analysis: Analysis, name: str) -> bool:
+    return name in analysis.cells and analysis.cells[name].threshold is not None
 
 
 def _weights(part: Map) -> int:
@@ -117,7 +121,7 @@ def _weights(part: Map) -> int:
 
 
 def run_here(net: Network, names: Mapping[str, str], depths: Mapping[str, int]) -> dict[str, Counts]:
-    """The spikes of the network, by node and by the step of the tool to which they belong."""
+    """Run the network with random input. Return the spikes by node, shifted back by the node's delay in steps."""
     probed, h, rng = copy.copy(net), net.resolution, np.random.default_rng(SEED)
     probed.probes = {}
     for population in names.values():
@@ -129,20 +133,20 @@ def run_here(net: Network, names: Mapping[str, str], depths: Mapping[str, int]) 
             steps, ids = np.nonzero(rng.random((STEPS, len(part))) < CHANCE)
             sim.inject(population, (steps + 1) * h, ids)
     sim.run(h * (STEPS + max(depths[name] for name in names)))
-    found = {}
+    counts = {}
     for name, population in names.items():
         times, ids = sim.spikes(population)
         steps = np.rint(times / h).astype(np.int64) - 1 - depths[name]
         inside = (steps >= 0) & (steps < STEPS)
-        found[name] = np.zeros((STEPS, len(net.populations[population])), dtype=np.int64)
-        np.add.at(found[name], (steps[inside], ids[inside]), 1)
-    return found
+        counts[name] = np.zeros((STEPS, len(net.populations[population])), dtype=np.int64)
+        np.add.at(counts[name], (steps[inside], ids[inside]), 1)
+    return counts
 
 
 def run_there(layers: Sequence[Layer], inputs: Mapping[str, Counts]) -> dict[str, Counts]:
-    """The spikes of the inputs and of all layers, which fire one after the other in the same step."""
+    """Step the equations of the tool, in which all layers fire one after the other in the same step."""
     spikes = {**inputs, **{layer.name: np.zeros((STEPS, layer.v.size), dtype=np.int64) for layer in layers}}
-    with np.errstate(all="ignore"):  # of potentials that run away
+    with np.errstate(all="ignore"):  # potentials may diverge
         for step in range(STEPS):
             for layer in layers:
                 spikes[layer.name][step] = layer.step(step, spikes)
@@ -150,55 +154,55 @@ def run_there(layers: Sequence[Layer], inputs: Mapping[str, Counts]) -> dict[str
 
 
 class Layer:
-    """The neurons of a node, as a tool steps them.
+    """The neurons of a node, stepped by the equations of a tool.
 
     Args:
-        found: the graph.
-        name: of the node.
-        differing: the nodes that the tool has otherwise than the graph says.
+        analysis: the analysis of the graph.
+        name: name of the node.
+        differing: nodes that the tool's importer interprets differently from the graph's definition.
     """
 
-    def __init__(self, found: Read, name: str, differing: Container[str]) -> None:
-        cell, graph = found.cells[name], found.graph
+    def __init__(self, analysis: Analysis, name: str, differing: Container[str]) -> None:
+        cell, graph = analysis.cells[name], analysis.graph
         self.name = name
-        # The cell with arrays of one axis.
         values = ((each.name, getattr(cell, each.name)) for each in fields(cell))
-        words: dict[str, Any] = {word: v.reshape(-1) if isinstance(v, np.ndarray) else v for word, v in values}
-        self.cell = Cell(**words)
+        flat: dict[str, Any] = {word: v.reshape(-1) if isinstance(v, np.ndarray) else v for word, v in values}
+        self.cell = Cell(**flat)
         self.rises = cell.rises or name in differing
-        self.inputs = [(link, link.map.sparse()) for link in found.links if link.target == name]
-        self.lags = [np.rint(link.lag.reshape(-1) / found.step).astype(int) for link, _ in self.inputs]
-        self.bias, self.late = found.bias[name].reshape(-1), found.late[name].reshape(-1)
-        # snnTorch's importer sends all input through recurrent weights, and makes neurons of it that hold no reset.
+        self.inputs = [(link, link.map.sparse()) for link in analysis.links if link.target == name]
+        self.lags = [np.rint(link.lag.reshape(-1) / analysis.step).astype(int) for link, _ in self.inputs]
+        self.bias, self.late_bias = analysis.bias[name].reshape(-1), analysis.late_bias[name].reshape(-1)
+        # snnTorch's importer sends all input through the recurrent weights, and its neurons do not hold the reset.
         back = [n for n in graph.before(name) if n in differing and graph.before(n) == [name]]
         self.back = np.asarray(graph.nodes[back[0]].fields["weight"], dtype=float) if back else None
         self.hold = 0 if back else cell.hold
         bias = graph.nodes[back[0]].fields.get("bias") if back else None
         self.back_bias = np.zeros(self.bias.size) if bias is None else np.asarray(bias, dtype=float).reshape(-1)
         self.v = np.array((self.cell.rest if self.cell.start is None else self.cell.start), dtype=float)
-        self.i, self.held, self.above = np.zeros(self.v.size), np.zeros(self.v.size), np.zeros(self.v.size, dtype=bool)
+        self.i, self.above = np.zeros(self.v.size), np.zeros(self.v.size, dtype=bool)
+        self.steps_on_hold = np.zeros(self.v.size)
 
     def _input(self, step: int, spikes: Mapping[str, Counts]) -> Floats:
-        x, own = self.bias - self.back_bias + (self.late if step else 0.0), self.back_bias
+        feedforward, recurrent = self.bias - self.back_bias + (self.late_bias if step else 0.0), self.back_bias
         for (link, matrix), lags in zip(self.inputs, self.lags, strict=True):
-            at = step - lags - (link.source == self.name)
+            emission = step - lags - (link.source == self.name)
             source = spikes[link.source]
-            arrives = matrix @ np.where(at >= 0, source[np.maximum(at, 0), np.arange(source.shape[1])], 0)
+            arriving = np.where(emission >= 0, source[np.maximum(emission, 0), np.arange(source.shape[1])], 0)
             if link.source == self.name:
-                own = own + arrives
+                recurrent = recurrent + matrix @ arriving
             else:
-                x = x + arrives
-        return own + (x if self.back is None else self.back @ x)
+                feedforward = feedforward + matrix @ arriving
+        return recurrent + (feedforward if self.back is None else self.back @ feedforward)
 
     def step(self, step: int, spikes: Mapping[str, Counts]) -> Counts:
-        """The spikes of a step."""
+        """Advance the neurons by one step, and return how often each fires."""
         cell, x = self.cell, self._input(step, spikes)
         assert cell.threshold is not None
         if cell.i_keep is not None and cell.i_gain is not None:
             x = self.i = cell.i_keep * self.i + cell.i_gain * x
         x = x if cell.offset is None else x + cell.offset
-        free = self.held == 0
-        self.held -= ~free
+        free = self.steps_on_hold == 0
+        self.steps_on_hold -= ~free
         self.v = np.where(free, cell.rest + cell.keep * (self.v - cell.rest) + cell.gain * x, self.v)
         needed = cell.threshold * (1 + self.above)
         fires = free & ((self.v > needed) if cell.strict else (self.v >= needed))
@@ -208,5 +212,5 @@ class Layer:
         self.v = self.v - counts * fall if cell.reset is None else np.where(fires, cell.reset, self.v)
         self.v = self.v if cell.lowest is None else np.maximum(self.v, cell.lowest)
         self.above = self.rises & (self.v > cell.threshold)
-        self.held[fires] = self.hold
+        self.steps_on_hold[fires] = self.hold
         return counts

@@ -1,4 +1,4 @@
-"""The node of NIR that a population is, in the scales of the tool that reads it."""
+"""The NIR node of a population, in the scales of the tool that reads the graph."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from neuro_exchange.nir.cells import SNNTORCH_STEP, Unsupported
 from neuro_exchange.nir.graph import Floats
 
 ENDLESS = 1e12
-"""Seconds of a time constant beside which a step is nothing in a double, for tools that have no IF."""
+"""Time constant in seconds that stands for no leak in tools without IF. A step is 0 beside it in a double."""
 
 READOUT = "Output"
-"""The kind of neurons that keep nothing and never fire."""
+"""Type of neurons that have no memory and never fire."""
 
 STRICT = ("norse", "snntorch")
-"""Tools that fire above the threshold only."""
+"""Tools that fire at V > V_th instead of V >= V_th."""
 
 NEVER = 1e20
-"""A threshold in mV above which a neuron counts as one that never fires."""
+"""Threshold in mV from which neurons never fire."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scaled:
-    """A population as a node.
+class ScaledNode:
+    """The node of a population, with the scales of its inputs.
 
     Attributes:
-        kind: its type in NIR.
-        fields: of the node, an element for each neuron.
-        factor: weight of NIR per weight, of each neuron.
-        bias: of NIR, that is its own constant current.
-        per_pa: bias of NIR per pA; None where currents go past the synapse, and no bias does.
-        how: what it is, for the verdict.
+        kind: type in NIR, e.g. "LIF".
+        fields: fields of the node, one element per neuron.
+        factor: factor from a weight here to a weight of NIR, one element per neuron.
+        bias: bias of NIR that equals the population's own constant current `I_e`.
+        per_pa: bias of NIR per pA. None for CubaLIF, whose bias passes through the synapse, as no current here does.
+        how: description for the verdict.
     """
 
     kind: str
@@ -47,12 +47,12 @@ class Scaled:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Share:
-    """A state of which the share `keep` is left after a step, as a tool writes it.
+    """A decaying state in the arithmetic of a tool.
 
     Attributes:
-        tau: its time constant, in the tool's unit.
-        gain: what one unit of input adds to it, for a gain (r or w_in) of 1.
-        unity: the r or w_in with which one unit of input adds one.
+        tau: time constant in the tool's unit.
+        gain: increase of the state per unit of input if the factor (r or w_in) is 1.
+        unity: the factor (r or w_in) with which one unit of input increases the state by one.
     """
 
     tau: Floats
@@ -60,11 +60,11 @@ class Share:
     unity: Floats
 
 
-def neuron_of(part: Population, tool: str, h: float) -> Scaled:
-    """The node of a population, for steps of h ms.
+def neuron_of(part: Population, tool: str, h: float) -> ScaledNode:
+    """Return the node of a population for steps of h ms.
 
     Raises:
-        Unsupported: it has none in this convention.
+        Unsupported: the convention has no such node.
     """
     if type(part.model) not in (iaf_psc_delta, iaf_psc_exp, cuba_lif):
         raise Unsupported(f"{part.said} has no node in NIR", "use iaf_psc_delta, iaf_psc_exp or cuba_lif")
@@ -80,14 +80,14 @@ def neuron_of(part: Population, tool: str, h: float) -> Scaled:
     elif "tau_syn_ex" not in p and np.all(np.exp(-h / p["tau_m"]) == 0.0) and np.all(p["E_L"] == 0.0):
         one = np.ones(part.size)
         push = p["tau_m"] / p["C_m"]
-        return Scaled(READOUT, {}, one, push * p["I_e"], push, "an Output of what arrives in a step")
+        return ScaledNode(READOUT, {}, one, push * p["I_e"], push, "an Output of the input of a step")
     elif tool != "nir":
         raise Unsupported(f"{tool} reads no neurons that never fire", "leave them out, or read V_m of the layer before")
     return _synaptic(p, tool, h, fires) if "tau_syn_ex" in p else _direct(p, tool, h, fires)
 
 
 def _check_spikes(p: dict[str, Floats], tool: str) -> None:
-    """Refuse what a tool does otherwise at a spike."""
+    """Refuse parameters of threshold and reset that a tool does not support."""
     if np.any(p["t_ref"] > 0):
         raise Unsupported("t_ref is above 0: nodes of NIR have no refractory period", "give it t_ref: 0")
     falls = p["reset_by_subtraction"] != 0.0
@@ -100,7 +100,9 @@ def _check_spikes(p: dict[str, Floats], tool: str) -> None:
             )
         lowest = np.where(np.isinf(p["tau_m"]), -p["V_th"], -np.inf)
         if np.any(p.get("V_min", np.array(-np.inf)) != lowest):
-            raise Unsupported("Sinabs's IF has the lowest potential -V_th, its LIF none", "set V_min so")
+            raise Unsupported(
+                "Sinabs's IF has the lowest potential -V_th, its LIF none", "set V_min: -V_th for IF, -inf for LIF"
+            )
         return
     if falls.any() or np.any(p.get("threshold_rises", 0.0)):
         raise Unsupported(f"{tool} resets to a value where it reads NIR", "for_='sinabs', or reset to a value")
@@ -111,8 +113,8 @@ def _check_spikes(p: dict[str, Floats], tool: str) -> None:
         raise Unsupported(f"V_reset is not E_L: {tool} resets to its resting potential", "reset to E_L, or for_=None")
 
 
-def _direct(p: dict[str, Floats], tool: str, h: float, fires: bool) -> Scaled:
-    """IF and LIF, or I and LI."""
+def _direct(p: dict[str, Floats], tool: str, h: float, fires: bool) -> ScaledNode:
+    """Return the node of neurons without a synapse: IF or LIF, or I or LI if they never fire."""
     step, one = h / 1e3, np.ones(p["tau_m"].size)
     endless = np.isinf(p["tau_m"])
     keep = np.where(endless, 1.0, np.exp(-h / p["tau_m"]))
@@ -122,18 +124,18 @@ def _direct(p: dict[str, Floats], tool: str, h: float, fires: bool) -> Scaled:
     if endless.all() and tool != "snntorch":
         r = one if tool in ("norse", "sinabs") else one / step
         kind = "IF" if fires else "I"
-        return Scaled(kind, {"r": r, **fields}, one, push * p["I_e"], push, f"{kind}, as {_called(tool)} reads it")
+        return ScaledNode(kind, {"r": r, **fields}, one, push * p["I_e"], push, f"{kind}, as {_reader(tool)} reads it")
     share = _share(keep, tool, step)
     r = one if tool in ("norse", "sinabs") else share.unity
     factor = 1.0 / (share.gain * r)
     fields = {"tau": share.tau, "r": r, "v_leak": p["E_L"] - _zero(p, tool), **fields}
     kind = "LIF" if fires else "LI"
-    how = f"{kind}, as {_called(tool)} reads it"
-    return Scaled(kind, fields, factor, push * p["I_e"] * factor, push * factor, how)
+    how = f"{kind}, as {_reader(tool)} reads it"
+    return ScaledNode(kind, fields, factor, push * p["I_e"] * factor, push * factor, how)
 
 
-def _synaptic(p: dict[str, Floats], tool: str, h: float, fires: bool) -> Scaled:
-    """CubaLIF, or CubaLI."""
+def _synaptic(p: dict[str, Floats], tool: str, h: float, fires: bool) -> ScaledNode:
+    """Return the node of neurons with a synapse: CubaLIF, or CubaLI if they never fire."""
     if tool == "sinabs":
         raise Unsupported("Sinabs reads no CubaLIF", "use iaf_psc_delta, or another tool")
     if np.any(p["tau_syn_ex"] != p["tau_syn_in"]):
@@ -143,19 +145,18 @@ def _synaptic(p: dict[str, Floats], tool: str, h: float, fires: bool) -> Scaled:
     if np.isinf(p["tau_m"]).any() and tool == "nir":
         raise Unsupported("tau_m is infinite: CubaLIF has a leak", "give it a finite tau_m")
     step, one = h / 1e3, np.ones(p["tau_m"].size)
-    keep, kept = (np.exp(-h / p[word]) for word in ("tau_m", "tau_syn_ex"))
-    membrane, synapse = _share(keep, tool, step), _share(kept, tool, step)
+    membrane, synapse = (_share(np.exp(-h / p[word]), tool, step) for word in ("tau_m", "tau_syn_ex"))
     r, w_in = (one, one) if tool == "norse" else (membrane.unity, synapse.unity)
     factor = np.vectorize(from_exponential)(p["tau_m"], p["tau_syn_ex"], p["C_m"], h)
     factor = factor / (membrane.gain * r * synapse.gain * w_in)
     fields = {"tau_syn": synapse.tau, "tau_mem": membrane.tau, "r": r, "v_leak": 0.0 * one, "w_in": w_in}
     kind = "CubaLIF" if fires else "CubaLI"
     fields |= _spike(p, tool) if fires else {}
-    return Scaled(kind, fields, factor, 0.0 * one, None, f"{kind}, as {_called(tool)} reads it")
+    return ScaledNode(kind, fields, factor, 0.0 * one, None, f"{kind}, as {_reader(tool)} reads it")
 
 
 def _share(keep: Floats, tool: str, step: float) -> Share:
-    """The time constant that keeps a share, by the arithmetic of a tool."""
+    """Return the state of which the share `keep` is left after a step, in the tool's arithmetic. `step` is in s."""
     one, endless = np.ones(keep.shape), keep >= 1.0
     lost = np.where(endless, 1.0, 1.0 - keep)
     with np.errstate(divide="ignore"):
@@ -175,12 +176,12 @@ def _spike(p: dict[str, Floats], tool: str) -> dict[str, Floats]:
 
 
 def _zero(p: dict[str, Floats], tool: str) -> Floats:
-    """The potential that is 0 there: Norse resets to 0, and the others rest at 0."""
+    """Return the potential that corresponds to 0 in the tool: V_reset for Norse, E_L for all other tools."""
     return p["V_reset"] if tool == "norse" and np.all(p["V_th"] < NEVER) else p["E_L"]
 
 
 def _threshold(values: Floats, tool: str) -> Floats:
-    """A threshold with which the tool fires where V >= V_th, in the precision in which it computes."""
+    """Return the single-precision threshold with which the tool fires at V >= V_th; the value itself for "nir"."""
     if tool == "nir":
         return values
     single = values.astype(np.float32)
@@ -189,5 +190,5 @@ def _threshold(values: Floats, tool: str) -> Floats:
     return np.where(single < values, np.nextafter(single, np.float32(np.inf)), single).astype(np.float64)
 
 
-def _called(tool: str) -> str:
+def _reader(tool: str) -> str:
     return "the definition of NIR" if tool == "nir" else tool

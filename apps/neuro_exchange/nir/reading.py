@@ -1,4 +1,4 @@
-"""Reads a NIR graph from a file or a `nir.NIRGraph`, and checks it."""
+"""Read a NIR graph from a file or a `nir.NIRGraph`, and check it."""
 
 from __future__ import annotations
 
@@ -12,57 +12,56 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import existing, hdf5, record_input
-from neuro_exchange.nir.graph import FIELDS, Graph, Node, outcome, package, shown, wholes
+from neuro_exchange.nir.graph import FIELDS, Graph, Node, as_text, output_shape, package, wholes
 
 LARGEST = 2**28
-"""Elements of a shape; more is taken for damage."""
+"""Largest number of elements of an array. A larger array is treated as damage of the file."""
 
-SIZES = f"whole sizes of at least 1, of {LARGEST:,} elements at most"
+SIZES = f"sizes >= 1 and {LARGEST:,} elements at most"
 
 
 def read(source: Any) -> Graph:
-    """A graph from a file or a `nir.NIRGraph`.
+    """Return the graph of a file or of a `nir.NIRGraph`, with subgraphs dissolved and all shapes computed.
 
     Raises:
-        ModelError: the file is not there or damaged, it is no graph, or the graph is not consistent.
+        ModelError: the file is missing or damaged, is not a graph, or its shapes do not fit together.
     """
     if isinstance(source, (str, PathLike)):
         path = existing(source)
         record_input(path)
-        named = str(path)
+        name = str(path)
     else:
-        path, named = None, "graph"
+        path, name = None, "graph"
         if not all(hasattr(source, word) for word in ("nodes", "edges")):
-            found = type(source).__name__
-            raise ModelError(f"from_nir: found {found}: expected a file, or a nir.NIRGraph")
+            raise ModelError(f"from_nir: found {type(source).__name__}: expected a file, or a nir.NIRGraph")
     try:
         graph = source if path is None else _from_file(path)
         nodes: dict[str, Node] = {}
         edges: list[tuple[str, str]] = []
         _gather(graph, "", nodes, edges, depth=0)
-        flat = Graph(named, nodes, list(dict.fromkeys(edges)), dict(graph.metadata or {}))
+        flat = Graph(name, nodes, list(dict.fromkeys(edges)), dict(graph.metadata or {}))
         if not any(node.kind == "Input" for node in nodes.values()):
-            raise ModelError(f"{named}: has no Input node")
-        if into := [(a, b) for a, b in flat.edges if nodes[b].kind == "Input"]:
-            raise ModelError(f"{named}: edge '{into[0][0]}' -> '{into[0][1]}': an Input receives nothing")
+            raise ModelError(f"{name}: found no Input node: expected at least one")
+        if bad_edges := [(a, b) for a, b in flat.edges if nodes[b].kind == "Input"]:
+            raise ModelError(f"{name}: edge '{bad_edges[0][0]}' -> '{bad_edges[0][1]}': an Input cannot be a target")
         _find_shapes(flat)
-        for name, node in nodes.items():
-            node.recurrent = any((b, name) in flat.edges for a, b in flat.edges if a == name)
+        for node in nodes.values():
+            node.recurrent = any((b, node.name) in flat.edges for a, b in flat.edges if a == node.name)
         return flat
     except ModelError as error:
-        raise (error if path is None else error.at(None, named)) from None
-    except (TypeError, ValueError, OverflowError, AttributeError) as error:  # of a field that is something else
-        raise ModelError(f"{named}: cannot be read as NIR: {str(error).partition(chr(10))[0]}") from None
+        raise (error if path is None else error.at(None, name)) from None
+    except (TypeError, ValueError, OverflowError, AttributeError) as error:  # a field has an unexpected type
+        raise ModelError(f"{name}: cannot be read as NIR: {str(error).partition(chr(10))[0]}") from None
 
 
 def _from_file(path: Path) -> Any:
     with path.open("rb") as file:
         if file.read(8) != b"\x89HDF\r\n\x1a\n":
-            raise ModelError(f"{path}: is no NIR file: expected HDF5")
+            raise ModelError(f"{path}: is not a NIR file: expected HDF5")
     nir = package("from_nir")
     try:
         _check_sizes(path)
-        graph = nir.read(path, type_check=False)  # `_find_shapes` reports what does not fit
+        graph = nir.read(path, type_check=False)  # `_find_shapes` checks the shapes
     except ModelError:
         raise
     except Exception as error:  # the package and HDF5 raise many kinds on damaged files
@@ -73,7 +72,7 @@ def _from_file(path: Path) -> Any:
 
 
 def _culprit(path: Path) -> str:
-    """The first node that the package cannot read, for a message that says what is wrong but not where."""
+    """Return "node 'NAME': " for the first node that the package cannot read, or "". The package names no node."""
     import h5py
 
     nir = package("from_nir")
@@ -87,36 +86,37 @@ def _culprit(path: Path) -> str:
 
 
 def _check_sizes(path: Path) -> None:
-    """Refuse arrays that the file cannot hold: HDF5 believes their shapes, and would read for hours.
+    """Check that the arrays fit in the file. HDF5 trusts a damaged shape, and would read for hours.
 
     Raises:
-        ModelError: an array is larger than what the file has of it.
+        ModelError: an array is larger than the file allows.
     """
     import h5py
 
-    room, texts = path.stat().st_size, hdf5.Texts(path.read_bytes())
+    file_size, texts = path.stat().st_size, hdf5.Texts(path.read_bytes())
     if not texts.whole:
-        raise ModelError(f"{path}: is damaged: its texts are not whole")
+        raise ModelError(f"{path}: is damaged: its texts are incomplete")
 
-    def look(name: str, item: Any) -> None:
+    def check_item(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset):
             return
         size = math.prod(item.shape or ())
-        packed = item.compression is not None
-        if size > LARGEST or item.size * item.dtype.itemsize > (room * 1100 if packed else room):
+        most_bytes = file_size if item.compression is None else file_size * 1100  # deflate packs 1032 to 1 at most
+        if size > LARGEST or item.size * item.dtype.itemsize > most_bytes:
             raise ModelError(f"{path}: is damaged: array '{name}' of shape {list(item.shape)} does not fit in the file")
         if item.dtype.kind == "O" and not texts.has(item):
             raise ModelError(f"{path}: is damaged: the texts of '{name}' are not in the file")
 
     with h5py.File(path, "r") as file:
         hdf5.check_tree(file, several_names=True)
-        file.visititems(look)
+        file.visititems(check_item)
         kind = file["node/type"][()].decode() if "node/type" in file else "no node"
         if kind != "NIRGraph":
-            raise ModelError(f"{path}: holds {kind}: expected a graph, NIRGraph")
+            raise ModelError(f"{path}: found {kind}: expected a graph, NIRGraph")
 
 
 def _gather(graph: Any, prefix: str, nodes: dict[str, Node], edges: list[tuple[str, str]], depth: int) -> None:
+    """Add the nodes and edges of a graph and its subgraphs. Input and Output of a subgraph become Identity nodes."""
     if depth > 16:
         raise ModelError("graph: subgraphs are nested more than 16 deep")
     ends: dict[str, tuple[str, str]] = {}
@@ -124,7 +124,7 @@ def _gather(graph: Any, prefix: str, nodes: dict[str, Node], edges: list[tuple[s
         full = prefix + str(name)
         kind = type(node).__name__
         if full in nodes:
-            raise ModelError(f"node '{full}': is there twice, in a subgraph and beside it: expected different names")
+            raise ModelError(f"node '{full}': found twice, in a subgraph and beside it: expected different names")
         if kind == "NIRGraph":
             _gather(node, full + ".", nodes, edges, depth + 1)
             inner = {
@@ -142,20 +142,20 @@ def _gather(graph: Any, prefix: str, nodes: dict[str, Node], edges: list[tuple[s
                 value = next(iter((node.input_type or {}).values()), None)
                 sizes = () if value is None else tuple(wholes(value))
                 if not sizes or min(sizes) < 1 or math.prod(sizes) > LARGEST:
-                    raise ModelError(f"node '{full}': shape {shown(value)}: expected {SIZES}")
+                    raise ModelError(f"node '{full}': shape {as_text(value)}: expected {SIZES}")
                 nodes[full].shape = sizes
-    known = {str(name) for name in graph.nodes}
+    names = {str(name) for name in graph.nodes}
     for a, b in ((str(a), str(b)) for a, b in graph.edges):
-        if lost := [end for end in (a, b) if end not in known]:
-            raise ModelError(f"an edge names '{prefix}{lost[0]}', which is no node")
+        if missing := [end for end in (a, b) if end not in names]:
+            raise ModelError(f"edge '{prefix}{a}' -> '{prefix}{b}': there is no node '{prefix}{missing[0]}'")
         edges.append((ends[a][1] if a in ends else prefix + a, ends[b][0] if b in ends else prefix + b))
 
 
 def _plain(value: Any, name: str, word: str) -> Any:
-    """A field as a NumPy array of real numbers; nothing as it is, and the word that a padding may be.
+    """Return a field as a NumPy array of real numbers. None, and a padding that is a word, are returned unchanged.
 
     Raises:
-        ModelError: it holds something else.
+        ModelError: the field holds anything but real numbers.
     """
     if value is None or (word == "padding" and isinstance(value, (str, bytes))):
         return value
@@ -170,30 +170,37 @@ def _plain(value: Any, name: str, word: str) -> Any:
 
 
 def _find_shapes(graph: Graph) -> None:
+    """Compute the shapes of all nodes from those of the Inputs, and check the edges.
+
+    Nodes that no Input reaches get a `problem`, which their verdicts report.
+
+    Raises:
+        ModelError: a shape is too large, or shapes at an edge do not fit.
+    """
     pending = [n for n in graph.order() if not graph.nodes[n].shape]
     for _ in range(len(pending) + 1):
         for name in pending:
             node = graph.nodes[name]
-            known = [graph.nodes[a].shape for a in graph.before(name) if graph.nodes[a].shape]
-            if known and not node.shape:
-                shape = outcome(node, known[0])
+            input_shapes = [graph.nodes[a].shape for a in graph.before(name) if graph.nodes[a].shape]
+            if input_shapes and not node.shape:
+                shape = output_shape(node, input_shapes[0])
                 if min(shape, default=0) < 1 or math.prod(shape) > LARGEST:
                     raise ModelError(f"{graph.source}: node '{node.name}': shape {list(shape)}: expected {SIZES}")
                 node.shape = shape
-        left = [n for n in pending if not graph.nodes[n].shape]
-        if not left or len(left) == len(pending):
+        remaining = [n for n in pending if not graph.nodes[n].shape]
+        if not remaining or len(remaining) == len(pending):
             break
-        pending = left
+        pending = remaining
     for node in graph.nodes.values():
         if not node.shape:
-            why = "receives what comes from no Input" if graph.before(node.name) else "receives nothing"
+            why = "is not reached from an Input" if graph.before(node.name) else "receives nothing"
             node.problem = why, "connect it, or leave it out"
             node.shape = (1,)
     for a, b in graph.edges:
         node = graph.nodes[b]
         if node.problem[0] or graph.nodes[a].problem[0]:
             continue
-        if node.shape != outcome(node, graph.nodes[a].shape):
+        if node.shape != output_shape(node, graph.nodes[a].shape):
             raise ModelError(
                 f"{graph.source}: edge '{a}' -> '{b}': shape {list(graph.nodes[a].shape)} does not fit {node.kind}"
             )

@@ -1,4 +1,4 @@
-"""A `Network` from a module of a tool for torch, by that tool's own writer of NIR."""
+"""Read a module of a tool for torch as a `Network`, through the tool's own exporter to NIR."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from neuro_exchange.nir.importing import from_nir
 from neuro_exchange.verdict import APPROXIMATE, EXACT
 
 STEPS = {"norse": 1.0, "snntorch": 0.1, "sinabs": 1.0, "spikingjelly": 0.1}
-"""The step in ms that a tool takes where none is said."""
+"""Default step in ms by tool."""
 
 
 def from_torch(module: Any, example: Any, of: str, dt: float | None = None) -> Network:
-    """A network from a module of snnTorch, Norse, Sinabs or spikingjelly.
+    """Return a network with the spikes of a module of snnTorch, Norse, Sinabs or spikingjelly.
 
     Args:
         module: a `torch.nn.Module`, made of neurons of the tool and layers of torch.
-        example: an input of it for one step, a tensor whose first axis is the batch.
+        example: an input of the module for one step, a tensor whose first axis is the batch.
         of: the tool: "snntorch", "norse", "sinabs" or "spikingjelly".
-        dt: length of a step, ms; the tool's own if not given.
+        dt: length of a step in ms; default: 1 for Norse and Sinabs, 0.1 for snnTorch and spikingjelly.
 
     Returns:
-        The network, see `from_nir`; its `verdicts` says what became of each node.
+        The network, see `from_nir`. Its attribute `verdicts` has a verdict for each node.
 
     Raises:
-        ModelError: the tool is not installed, its writer of NIR fails, or a node is refused.
+        ModelError: the tool is not installed, its exporter to NIR fails, or a node is refused.
     """
     if of not in WRITERS:
         raise unknown("tool", of, WRITERS)
@@ -50,11 +50,11 @@ def from_torch(module: Any, example: Any, of: str, dt: float | None = None) -> N
         raise ModelError(
             f"from_torch: {error.name or of} is not installed", hint=f"pip install {of} nirtorch"
         ) from None
-    except Exception as error:  # the writers raise many kinds
+    except Exception as error:  # the exporters raise many kinds
         reason = f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
-        raise ModelError(f"from_torch: {of} cannot write the module as NIR: {reason}") from None
+        raise ModelError(f"from_torch: {of} cannot export the module to NIR: {reason}") from None
     net = from_nir(graph, step, of, reset=reset)
-    if of == "snntorch":  # a module has no importer, whose recurrence may differ
+    if of == "snntorch":  # verdicts on recurrence are about snnTorch's importer, which is not used here
         recurrent = {n.node: n for n in net.verdicts if n.verdict == APPROXIMATE and n.kind in ("Linear", "Affine")}
         exact = {"verdict": EXACT, "how": "weights", "measured": ""}
         nodes = tuple(replace(n, **exact) if n.node in recurrent else n for n in net.verdicts)
@@ -69,13 +69,17 @@ def _norse(module: Any) -> tuple[Writer, str | None]:
     import_module("norse.torch")
     for part in module.modules():
         if type(part).__name__ in ("LIFCell", "LIF", "LIFRecurrentCell", "LIFRecurrent"):
-            message = f"from_torch: Norse writes {type(part).__name__} as a CubaLIF, which it reads as another neuron"
+            message = f"from_torch: Norse exports {type(part).__name__} as CubaLIF, but imports another neuron"
             raise ModelError(message, hint="use LIFBoxCell, or write the graph by hand and read it with from_='nir'")
     writer, nirtorch = import_module("norse.torch.utils.export_nir"), import_module("nirtorch")
     nir = package("from_torch")
 
     def scaled(module: Any, example: Any, step: float) -> Any:
-        """As `norse.torch.to_nir`, which writes dt / tau_mem_inv (so 1 s here), a batch as an axis, and no Flatten."""
+        """Export as `norse.torch.to_nir` does, with three corrections.
+
+        Norse's function writes dt / tau_mem_inv as a time constant (so dt is 1 s here), keeps the axis of the batch,
+        and ignores Flatten.
+        """
 
         def node(part: Any) -> Any:
             if type(part).__name__ == "Flatten":
@@ -89,17 +93,19 @@ def _norse(module: Any) -> tuple[Writer, str | None]:
 
 def _snntorch(module: Any) -> tuple[Writer, str | None]:
     write = import_module("snntorch.export_nir").export_to_nir
-    found = {_snntorch_reset(part) for part in module.modules() if hasattr(part, "reset_mechanism")}
-    if len(found) > 1:
-        message = "from_torch: neurons with different resets in one module, of which NIR holds none"
+    resets = {_snntorch_reset(part) for part in module.modules() if hasattr(part, "reset_mechanism")}
+    if len(resets) > 1:
+        message = "from_torch: found neurons with different resets: expected one, since NIR does not store the reset"
         raise ModelError(message, hint="give all neurons one reset_mechanism and reset_delay")
-    return lambda module, example, step: write(_spread(module, example), example, ignore_dims=[0]), next(
-        iter(found), None
-    )
+
+    def export(module: Any, example: Any, step: float) -> Any:
+        return write(_with_parameters_per_neuron(module, example), example, ignore_dims=[0])
+
+    return export, next(iter(resets), None)
 
 
-def _spread(module: Any, example: Any) -> Any:
-    """A copy whose neurons have a number each where they share one: the writer takes no shape from one number."""
+def _with_parameters_per_neuron(module: Any, example: Any) -> Any:
+    """Return a copy with parameters per neuron, since the exporter derives the shapes of layers from parameters."""
     copied = copy.deepcopy(module)
     copied(example)
     for part in copied.modules():
@@ -114,7 +120,7 @@ def _spread(module: Any, example: Any) -> Any:
 
 
 def _snntorch_reset(part: Any) -> str:
-    """What a spike does to a neuron of snnTorch, in the words of `from_nir`."""
+    """Return the reset rule of a neuron of snnTorch, as `reset` of `from_nir`."""
     if part.reset_mechanism == "none":
         raise ModelError("from_torch: reset_mechanism 'none'", hint="choose 'subtract' or 'zero'")
     if part.reset_mechanism == "zero":
@@ -139,4 +145,4 @@ WRITERS: dict[str, Callable[[Any], tuple[Writer, str | None]]] = {
     "sinabs": _sinabs,
     "spikingjelly": _spikingjelly,
 }
-"""By tool what writes a module as NIR, and what a spike does where NIR does not hold it."""
+"""By tool, the function that returns the exporter to NIR and, if NIR does not store it, the reset rule of a module."""
