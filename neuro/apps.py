@@ -1,8 +1,8 @@
-"""What applications on this framework are made of: files that are replaced whole, commands, YAML with places, kernels.
+"""The public API for applications on this framework: commands, output files, YAML with places, kernels and more.
 
 from neuro.apps import console, kernel, output, read
 
-Names here stay, wherever they are defined.
+Names in this module are stable, wherever they are defined.
 """
 
 from __future__ import annotations

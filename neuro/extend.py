@@ -1,8 +1,8 @@
-"""What parts of one's own are made of: neurons, generators, synapses, rules, distributions, formats, filters, chips.
+"""The public API for extensions: neurons, generators, synapses, rules, distributions, formats, filters and chips.
 
 from neuro.extend import Neuron, State, quantity, register
 
-Names here stay, wherever they are defined.
+Names in this module are stable, wherever they are defined.
 """
 
 from __future__ import annotations

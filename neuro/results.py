@@ -1,4 +1,4 @@
-"""Runs that were written to a file: `read` gives what a simulation gives, by the same calls."""
+"""Results of finished runs, read from a file. They have the methods of a simulation that read values."""
 
 from __future__ import annotations
 
@@ -19,14 +19,17 @@ __all__ = ["Results", "Trace", "Train", "Weights", "read"]
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Results(files.Results):
-    """A run; its spikes, traces and weights are asked for as of a simulation, see `neuro.files.results.Results`."""
+    """The results of a run.
+
+    Spikes, traces and weights are read as from a simulation, see `neuro.files.results.Results`.
+    """
 
     def plot(self, of: Any = None, window: Any = None) -> Figure:
-        """Raster, rates and traces of the run, as `neuro.plots.overview` draws them.
+        """Draw raster, rates and traces of the run, as `neuro.plots.overview` does.
 
         Args:
-            of: a population or a list of these; all that was recorded if not given.
-            window: begin and end in ms; all of the run if not given.
+            of: a population or a list of populations; default: everything that was recorded.
+            window: begin and end in ms; default: the whole run.
 
         Raises:
             ModelError: nothing of this was recorded.
@@ -36,15 +39,15 @@ class Results(files.Results):
         return overview(self, of, window=window)
 
     def energy(self, target: str | PathLike[str], *, step_s: float | None = None, chips: int | None = None) -> Energy:
-        """What the run would take on a chip, as `neuro.Simulation.energy` gives it.
+        """Return the energy bill of the run on a chip, as `neuro.Simulation.energy` does.
 
         Args:
-            target: the name of a chip, or a table file of your own.
-            step_s: how long a step takes on the chip in s; the chip's own time if not given.
-            chips: that are on; those that the network needs if not given.
+            target: the name of a chip, or the file of a table of your own.
+            step_s: duration of a step on the chip in s; default: the chip's own time.
+            chips: number of chips that are on; default: the number that the network needs.
 
         Raises:
-            ModelError: as of a simulation.
+            ModelError: as for a simulation.
         """
         from neuro.files.finished_runs import energy
 
@@ -52,10 +55,10 @@ class Results(files.Results):
 
 
 def read(path: str | PathLike[str]) -> Results:
-    """Read the file of a run, also of one that was ended while it wrote; arrays when they are asked for.
+    """Read the results of a run from a file, also if the run ended while it wrote. Arrays are read on first access.
 
     Raises:
-        ModelError: there is no such file, or it is none of this format.
+        ModelError: there is no such file, or it has another format.
     """
-    found = files.read(path)
-    return Results(*(getattr(found, field.name) for field in fields(found)))
+    results = files.read(path)
+    return Results(*(getattr(results, field.name) for field in fields(results)))

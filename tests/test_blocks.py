@@ -209,7 +209,7 @@ def test_each_share_tells_of_the_whole(monkeypatch: pytest.MonkeyPatch, name: st
         np.testing.assert_array_equal(Tally(program)._fan(0)[0], tally)
         np.testing.assert_array_equal(program.synapse_probes[0].synapses, whole.synapse_probes[0].synapses)
         assert fingerprint(program) == fingerprint(whole)
-        with pytest.raises(neuro.ModelError, match="energy: found a network of which 3 processes have a share each"):
+        with pytest.raises(neuro.ModelError, match="energy: found a network that is divided among 3 processes"):
             program.refuse_share("energy")
 
     of_shares(3, check)

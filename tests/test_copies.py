@@ -136,7 +136,7 @@ def test_values_of_copies_come_copies_first():
     for wrong in (np.zeros(2), np.zeros((3, 2)), np.full((2, 1), np.nan)):
         assert "signal 'error'" in refused(copies.signal, "error", wrong)
     copies[0].run(5.0)
-    assert "stand at 5, 0" in refused(copies.run, 5.0)
+    assert "are at 5, 0" in refused(copies.run, 5.0)
     assert copies.port("policy", "weight").get().shape == (2, 16)
 
 

@@ -109,7 +109,7 @@ def test_a_sheet_is_silenced_as_a_whole(backend):
     sim.run(100.0)
     fired = sim.counts().populations["maps"].spikes
     assert fired > 0
-    with pytest.raises(neuro.ModelError, match=r"'kernels' has one kernel for all neurons: expected all of them"):
+    with pytest.raises(neuro.ModelError, match=r"'kernels' has one kernel for all neurons: expected all neurons"):
         sim.silence(net.populations["sheet"][0, 0, 0])
     sim.silence("sheet")
     sim.silence("maps")

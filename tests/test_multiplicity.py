@@ -56,7 +56,7 @@ def test_one_by_one_they_need_memory_and_are_refused(backend):
     sim = neuro.compile(multiplied(3, 50_000), backend)
     sim.run(5.0)
     with pytest.raises(
-        neuro.ModelError, match=r"spikes of 'last': 125,000,000,000,000 spikes one by one need \S+ byte"
+        neuro.ModelError, match=r"spikes of 'last': a list of 125,000,000,000,000 spikes needs \S+ byte"
     ):
         sim.spikes("last")
 
@@ -66,7 +66,7 @@ def test_more_than_63_bits_are_refused(backend):
     sim = neuro.compile(multiplied(5, 50_000), backend)
     with pytest.raises(
         neuro.ModelError,
-        match=r"population 'p5': a neuron sent 2\^63 spikes or more, in a step or in all: expected fewer",
+        match=r"population 'p5': a neuron sent 2\^63 spikes or more, in a step or in total: expected fewer",
     ):
         sim.run(10.0)
 

@@ -36,7 +36,7 @@ RUNAWAY = neuro.equations(
     parameters={"E_L": "-70 mV", "tau_m": "10 ms"},
     integrator="euler",
 )
-STEPS = "take smaller steps, weaker input or currents, and states nearer to where they rest"
+STEPS = "use a finer resolution, weaker input or currents, and states nearer to rest"
 
 
 @pytest.mark.parametrize("backend", ["reference", "event"])
@@ -94,7 +94,7 @@ def test_a_weight_that_is_no_number_is_told(backend: str, on_pre: str, shown: tu
     }
     assert told_by <= {
         f"projection 'plastic': weight of synapse 1 is {number}: a numerical instability of rule\n"
-        "  hint: bound what the rule adds to the weight, e.g. min(w + ..., Wmax), and divide by nothing that can be 0"
+        "  hint: bound the weight in the rule, e.g. min(w + ..., Wmax), and avoid divisions by 0"
         for number in shown
     }
     assert len(told_by) == 1

@@ -352,7 +352,7 @@ def test_a_run_that_is_replayed_is_not_saved(path):
     again = neuro.compile(camera, "reference")
     again.replay(neuro.results.read(path))
     for call in (again.save, again.restore):
-        expected = f"{call.__name__}: a run is replayed, which no state keeps: expected a simulation without 'replay'"
+        expected = f"{call.__name__}: a state cannot hold a replayed run: expected a simulation without 'replay'"
         assert refusal(call, path.with_name("state.h5")) == expected
     again.run(5.0)
     assert again.counts().populations["eye"].spikes == 1

@@ -1,1 +1,1 @@
-"""What a backend sees: the arrays of a compiled network, the protocol of engines, counts, currents, spikes."""
+"""The interface between compiler and backends: compiled networks, the engine protocol, counts, currents and spikes."""

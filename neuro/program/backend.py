@@ -1,4 +1,4 @@
-"""What a backend is: a package that turns a `Program` into an engine, registered as `neuro.backends`."""
+"""The interface of a backend: a package, registered as `neuro.backends`, that turns a `Program` into an engine."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from neuro.program.program import Floats, Ints, Program, Share
 
 
 class OverflowWarning(UserWarning):
-    """A register of an emulated chip overflowed while a network ran: what follows is the chip's, not the network's.
+    """A register of an emulated chip overflowed in a run: from here on, results are the chip's, not the network's.
 
     Attributes:
         what: overflows, such as "input wraps of hidden".
-        hint: what keeps it from that.
+        hint: how to avoid the overflow.
     """
 
     def __init__(self, message: str, what: str = "", hint: str = "") -> None:
@@ -32,12 +32,12 @@ class OverflowWarning(UserWarning):
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Something that a backend cannot run as described.
+    """A part of a network that a backend cannot run as described.
 
     Attributes:
-        refused: True if it cannot run at all, False if it is approximated.
+        refused: True if the part cannot run at all, False if it is approximated.
         what: the part and the property, e.g. "population 'exc': 1500 neurons".
-        why: the limit, and what is done instead where it is approximated.
+        why: the limit, and the substitute if the part is approximated.
         way_out: what the author can do.
         origin: the place in the description.
     """
@@ -49,15 +49,15 @@ class Problem:
     origin: Where | None = None
 
     def error(self) -> ModelError:
-        """It as an error; `ModelError.others` of one that refuses a network are such."""
+        """Return the problem as an error, such as `ModelError.others` lists when a network is refused."""
         return ModelError(f"{self.what}: {self.why}", where=self.origin, hint=self.way_out)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spikes:
-    """Spikes of one population, by step, then id. A multiplicity above 1 is several spikes in one step.
+    """Spikes of one population, by step, then id. A multiplicity above 1 stands for several spikes in one step.
 
-    Those of a graded population have a multiplicity of 1 and a payload each.
+    Spikes of a graded population have a multiplicity of 1 and a payload each.
     """
 
     steps: Ints
@@ -68,12 +68,12 @@ class Spikes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sent:
-    """A state of synapses as pre spikes have left it, and with which they are sent, by step.
+    """A state of synapses, as left by presynaptic spikes and as sent with them, sorted by step.
 
     Attributes:
-        steps: of the emission.
-        synapses: their places in the order of the program's weights.
-        values: of the state.
+        steps: steps of the emission.
+        synapses: indices of the synapses in the order of the program's weights.
+        values: values of the state.
     """
 
     steps: Ints
@@ -86,9 +86,9 @@ class Trial:
     """One presentation.
 
     Attributes:
-        ticks, ids: input spikes, sorted by tick, then id; an input fires at most once if a rule learns.
+        ticks, ids: input spikes, sorted by tick, then id. An input fires at most once if a rule learns.
         silenced: maps of the output that must not fire, shape (maps,), bool.
-        peaks: whether the largest V_m of each neuron of the output is asked for.
+        peaks: whether the outcome must have the largest V_m of each output neuron.
     """
 
     ticks: Ints
@@ -99,7 +99,7 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wins:
-    """The neurons that won in a trial, in the order in which they did, and the tick of each."""
+    """The neurons that won in a trial, in order, and the tick of each win."""
 
     neurons: Ints
     ticks: Ints
@@ -107,18 +107,18 @@ class Wins:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """How a trial ended.
+    """The result of a trial.
 
     Attributes:
-        winner: the neuron that decided, of several the first, or -1.
+        winner: the neuron that decided, the first one of several, or -1.
         tick: the tick of the decision, or -1.
-        potential: largest V_m of each map at the decision, of several at its own first (before the reset), or at the
-            end, shape (maps,).
-        best: the neuron of each map that has it, shape (maps,).
-        ticks: ticks that were run.
-        peak: if asked for, the largest V_m of each neuron of the output up to the decision, shape (neurons,); infinite
-            for the winner.
-        peak_tick: the first tick at which it had it; for the winner the decision.
+        potential: largest V_m of each map at the decision, shape (maps,), before the reset. With several winners the
+            value of a map is the one at its own first win. Without a decision it is the value at the end.
+        best: the neuron of each map with this V_m, shape (maps,).
+        ticks: number of ticks that ran.
+        peak: if requested, the largest V_m of each output neuron up to the decision, shape (neurons,); infinite for the
+            winner.
+        peak_tick: the first tick at which V_m had this value; for the winner the tick of the decision.
         wins: all winners, where there may be several.
     """
 
@@ -137,12 +137,12 @@ class EngineCounts:
     """Raw counts since the start.
 
     Attributes:
-        steps: steps run.
+        steps: number of steps.
         events: spike events of each population (a multiplicity counts once), per neuron.
-        spikes: spikes of each population with their multiplicity, per neuron; of a graded one its messages.
+        spikes: spikes of each population with their multiplicity, per neuron; of a graded population its messages.
         active: neuron-steps of each population with an arrival or a spike.
         trial_updates: weights changed at the end of trials, per projection.
-        native: what only this backend counts, by name: of a chip its overflows, say. They are not shared.
+        native: counts of this backend only, by name, e.g. the overflows of a chip.
     """
 
     steps: int
@@ -161,102 +161,107 @@ class Engine(Protocol):
         """The last finished step."""
 
     def run(self, steps: int) -> None:
-        """Advance."""
+        """Advance by a number of steps."""
 
     def present(self, trial: Trial) -> Outcome:
-        """Run one trial: clear what is under way, reset, present, decide. Advances the clock by its ticks.
+        """Run one trial: drop spikes in flight, reset, present, decide. Advance the clock by the ticks of the trial.
 
-        With `anew` in the program's trials all states are as at step 0 first, and synapses keep their weights alone.
+        With `anew` in the program's trials, everything except the weights is first reset to step 0.
         """
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
-        """Apply the rule's `teach` to the inputs of a neuron, of the trial just presented, at a tick of it.
+        """Apply the rule's `teach` to the inputs of a neuron, at a tick of the trial just presented.
 
-        An input is taught by its first spike, with `spikes` "each" by all of them in turn.
+        An input is taught by its first spike; with `spikes` "each", by all its spikes in turn.
         """
 
     def encourage(self, projection: int, maps: Ints) -> None:
-        """Apply the rule's `encourage` to every weight of the given maps, once to a weight that several share."""
+        """Apply the rule's `encourage` to every weight of the given maps, once per shared weight."""
 
     def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
-        """Add spikes of a listed population, at steps after the present one; with payloads where it is graded."""
+        """Add spikes of a listed population, with payloads if it is graded, at steps after the present one."""
 
     def signal(self, signal: int, values: Floats) -> None:
-        """Set the dopamine concentration of every synapse that listens to a signal, one value per post neuron."""
+        """Set the dopamine concentration of all synapses that a signal modulates, one value per target neuron."""
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
-        """A state or parameter of all neurons, or of those of `ids` in their order; a copy."""
+        """Return a copy of a state or parameter of all neurons, or of the neurons `ids` in their order."""
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
-        """Change states and parameters together, all or none; acts from the next step on.
+        """Change states and parameters together, all or none, from the next step on.
 
-        Each value has the shape (1,) or (size,). A `ModelError` names what the engine cannot hold.
+        Each value has the shape (1,) or (size,). A `ModelError` names the values that the engine cannot hold.
         """
 
     def get_synapses(self, projection: int, name: str) -> Floats:
-        """A state of every synapse, in the order of the program's weights.
+        """Return a state of every synapse, in the order of the program's weights.
 
-        "weight" (stored, as NEST's), a state of the model such as "c", "K_plus" of the synapse's source, or
-        "n" of its target.
+        The name is "weight" (as stored, like NEST's), a state of the model such as "c", "K_plus" of the synapse's
+        source, or "n" of its target.
         """
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
-        """Change the numbers of a synapse model, all of them, in the order of `Synapse.vector`.
+        """Change all parameters of a synapse model, in the order of `Synapse.vector`.
 
-        Shape (numbers,), or (synapses, numbers) where a rule takes a value for each, see `Synapse.of_each`.
+        Shape (parameters,), or (synapses, parameters) for a rule with a value per synapse, see `Synapse.of_each`.
         """
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
-        """Replace all weights, or those that are chosen of them: the others are what a read shows, and stay."""
+        """Replace all weights, or only the chosen ones.
+
+        The entries of `weights` that are not chosen are the values of the last read, and do not change.
+        """
 
     def spikes(self, population: int, since: int) -> Spikes:
-        """Recorded spikes with step > since."""
+        """Return the recorded spikes with step > since."""
 
     def forget(self, before: int) -> None:
         """Drop recorded spikes with step <= before."""
 
     def counts(self) -> EngineCounts:
-        """Counts since the start or the last reset."""
+        """Return the counts since the start or the last reset."""
 
     def memory(self) -> dict[str, int]:
-        """Bytes by what they hold, e.g. {"synapses": ..., "neurons": ...}."""
+        """Return the bytes in use by content, e.g. {"synapses": ..., "neurons": ...}."""
 
     def reset(self, weights: bool) -> None:
-        """Back to step 0 and the initial states, and to the initial weights if asked."""
+        """Return to step 0 and the initial states, and to the initial weights if `weights` is true."""
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Everything that `restore` needs to continue bit for bit."""
+        """Return everything that `restore` needs to continue bit for bit."""
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Continue from a snapshot of the same program."""
 
 
 class Backend(Protocol):
-    """How a program gets to run.
+    """A way to run programs.
 
-    A backend that computes in integers says `arithmetic = "integer"`; "float" is taken otherwise.
+    A backend that computes in integers says `arithmetic = "integer"`; the default is "float".
     A backend that cannot run some cases of `neuro.testing` lists them, with reasons, in an attribute
-    `unsupported: dict[str, str]`. One that does not show some states of neurons names them in an attribute
-    `unreadable: frozenset[str]`; its engine has it, too. One whose processes run a network together under mpirun is
-    `Distributed`, too. One that runs many targets is a `Family`, too. One that draws synapses itself is `Draws`, too.
+    `unsupported: dict[str, str]`. A backend that cannot read some states of neurons names them in an attribute
+    `unreadable: frozenset[str]`, which its engine has, too.
+
+    Optional protocols: `Distributed` (several processes run one network under mpirun), `Family` (one backend runs many
+    targets), `Draws` (the backend draws synapses).
     """
 
     name: str
     description: str
 
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
-        """What of the program is refused or approximated; `options` are those of `build`."""
+        """Return the parts of the program that are refused or approximated, for the options of `build`."""
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
-        """Make an engine at step 0."""
+        """Return an engine at step 0."""
 
 
 @runtime_checkable
 class Distributed(Protocol):
-    """A backend of which several processes that mpirun started run a network together."""
+    """A backend that can run one network in several processes, started by mpirun."""
 
     def share(self) -> Share:
-        """What of a network this process has; its methods reach the others.
+        """Return the share of a network that this process has. Its methods exchange values with the other processes.
 
         Raises:
             ModelError: the processes cannot work together.
@@ -268,30 +273,30 @@ class Draws(Protocol):
     """A backend with connection rules of its own, which draw the synapses of rules with `draw: backend`."""
 
     draws_synapses: bool
-    """That it is so: true."""
+    """Always true; the attribute marks the protocol."""
 
 
 @runtime_checkable
 class Family(Protocol):
-    """A backend that runs many targets, such as the chips of one arithmetic, of which its own name is one."""
+    """A backend that runs many targets, such as all chips of one arithmetic. Its own name is one of the targets."""
 
     def of(self, target: str) -> Backend | None:
-        """The backend for a target by name or by the file that describes it; None if it is of no or another family.
+        """Return the backend of a target by name or by the file that describes it; None if another family may run it.
 
         Raises:
             ModelError: no family runs that target, or its file cannot be read.
         """
 
     def targets(self) -> Iterable[str]:
-        """The names that `of` takes."""
+        """Return the names of the targets that `of` accepts."""
 
 
 @runtime_checkable
 class Replays(Protocol):
-    """A backend that can be compared with single calls of a chip's programs, beside whole networks."""
+    """A backend that can be compared with single calls of a chip's programs, in addition to whole networks."""
 
     def replay(self, case: Mapping[str, Any], events: NDArray[Any]) -> Mapping[str, NDArray[Any]]:
-        """Return the states after every event of a case, by name; `neuro.testing.chip_traces` has such cases.
+        """Return the states after every event of a case, by name. `neuro.testing.chip_traces` has the cases.
 
         Raises:
             ModelError: the chip has no such programs.
@@ -303,15 +308,15 @@ class Registers(Protocol):
     """An engine whose neurons and synapses have registers that can be read."""
 
     def registers(self, population: int, name: str) -> Ints:
-        """A register of every neuron, by its own name or that of the state or parameter it stands for."""
+        """Return a register of every neuron, by its own name or by the state or parameter that it holds."""
 
     def synapse_registers(self, projection: int, name: str) -> Ints:
-        """A register of every synapse, in the order of the program's weights."""
+        """Return a register of every synapse, in the order of the program's weights."""
 
 
 @runtime_checkable
 class SettableSynapses(Protocol):
-    """An engine that runs rules that learn by moves, the states of whose synapses can be set."""
+    """An engine in which the synaptic states of rules that learn by moves can be set."""
 
     def set_synapses(self, projection: int, name: str, values: Floats) -> None:
         """Set a state of every synapse, in the order of the program's weights."""
@@ -319,30 +324,30 @@ class SettableSynapses(Protocol):
 
 @runtime_checkable
 class Notes(Protocol):
-    """An engine that notes what pre spikes leave in synapses that learn from spike pairs."""
+    """An engine that records synaptic states after presynaptic spikes, for rules that learn from spike pairs."""
 
     def noted(self, probe: int) -> Sent:
-        """What those of the program's `synapse_probes` number `probe` were left with since this was last asked."""
+        """Return the records of synapse probe number `probe` since the last call."""
 
 
 @runtime_checkable
 class Samples(Protocol):
-    """An engine that reads states of neurons by itself while it runs, in the steps that are multiples of a probe's."""
+    """An engine that samples states of neurons while it runs, in the steps that a probe asks for."""
 
     @property
     def samples(self) -> Collection[int]:
-        """The numbers of those of the program's `probes` that it reads."""
+        """Indices of the program's `probes` that the engine samples."""
 
     def sampled(self, probe: int) -> tuple[Ints, Floats]:
-        """Steps, and the values in them, shape (steps, neurons), of one of them since this was last asked."""
+        """Return steps and values, shape (steps, neurons), of one probe since the last call."""
 
 
 @runtime_checkable
 class Fired(Protocol):
-    """An engine that tells of one population how often each neuron has fired, without counting everything."""
+    """An engine that can count the spikes of one population without computing all other counts."""
 
     def fired(self, population: int) -> Ints:
-        """Spikes since the start or the last reset, with their multiplicity, per neuron; a copy."""
+        """Return a copy of the spike counts per neuron since the start or the last reset, with multiplicity."""
 
 
 def counter(engine: Engine) -> Callable[[int], Ints]:
@@ -351,7 +356,7 @@ def counter(engine: Engine) -> Callable[[int], Ints]:
 
 
 def unnoted(program: Program) -> list[Problem]:
-    """The problems of a backend whose engine does not note what pre spikes leave."""
+    """Return the problems of a backend whose engine cannot record synapses at presynaptic spikes (`Notes`)."""
     return [
         Problem(
             True,
@@ -365,26 +370,26 @@ def unnoted(program: Program) -> list[Problem]:
     ]
 
 
-def unreadable(shows: Backend | Engine) -> frozenset[str]:
-    """The states of neurons that a backend or its engine does not show."""
-    names: frozenset[str] = getattr(shows, "unreadable", frozenset())
+def unreadable(owner: Backend | Engine) -> frozenset[str]:
+    """Return the names of the states of neurons that a backend or its engine cannot read."""
+    names: frozenset[str] = getattr(owner, "unreadable", frozenset())
     return names
 
 
 def are_finite(engine: Engine, population: int, states: Sequence[str]) -> bool:
-    """Whether states of a population of a linear model are neither NaN nor infinite, in any of its neurons.
+    """Return whether states of a linear model are finite, neither NaN nor infinite, in all neurons of a population.
 
-    An engine whose neurons sleep may have an `are_finite` of its own, which need not bring them to the present: what is
-    finite when a linear neuron falls asleep stays finite.
+    An engine whose neurons sleep may have its own `are_finite`, which need not update them to the present: a value that
+    is finite when a linear neuron falls asleep stays finite.
     """
-    own: Callable[[int, Sequence[str]], bool] | None = getattr(engine, "are_finite", None)
-    if own is not None:
-        return own(population, states)
+    engine_check: Callable[[int, Sequence[str]], bool] | None = getattr(engine, "are_finite", None)
+    if engine_check is not None:
+        return engine_check(population, states)
     return all(bool(np.isfinite(engine.get(population, name)).all()) for name in states)
 
 
 def floats_only(program: Program) -> list[Problem]:
-    """The problems of a float backend: parts in a chip's registers."""
+    """Return the problems of a float backend: models and rules defined in registers of a chip."""
     parts: list[tuple[str, Model | Synapse, Where | None]] = [
         (f"population '{p.name}'", p.model, p.origin) for p in program.populations if p.model.chip
     ]
@@ -402,14 +407,14 @@ def floats_only(program: Program) -> list[Problem]:
 
 
 SAVE_FROZEN = "neuro run FILE --save-frozen learnt.yaml writes what it learns as static synapses"
-"""The way out of a backend that cannot learn."""
+"""Hint for a backend that cannot learn."""
 
 TAKE_PAYLOADS = "run it on event, reference, torch or loihi2"
-"""The way out of a backend whose spikes carry no payloads."""
+"""Hint for a backend whose spikes carry no payloads."""
 
 
 def ungraded(program: Program) -> list[Problem]:
-    """The problems of a backend whose spikes carry no payloads."""
+    """Return the problems of a backend whose spikes carry no payloads."""
     return [
         Problem(
             True,
@@ -424,24 +429,26 @@ def ungraded(program: Program) -> list[Problem]:
 
 
 def own_generators(program: Program) -> list[Problem]:
-    """The problems of a backend whose host sends listed and Poisson spikes, and writes currents that change seldom."""
+    """Return the problems of a backend whose host sends listed and Poisson spikes and steps currents."""
     emitting = "only poisson_generator, inhomogeneous_poisson_generator and spike_generator emit spikes here"
     inject = "run it on backend 'event', or inject the spikes that it emits there into a spike_generator"
     varying = "its current changes at every step, and the host writes a current only when it changes"
-    found = []
+    problems = []
     for part in program.populations:
         message = f"population '{part.name}': {part.model.name}"
         if part.kind == "generator":
-            found.append(Problem(True, message, emitting, inject, part.origin))
+            problems.append(Problem(True, message, emitting, inject, part.origin))
         elif isinstance(part.model, CurrentGenerator) and part.model.varies:
             steps = "list its values in a step_current_generator, or run it on backend 'event'"
-            found.append(Problem(True, message, varying, steps, part.origin))
+            problems.append(Problem(True, message, varying, steps, part.origin))
     for projection in program.projections:
         if projection.carries == "current" and projection.receptor is not None:
             message = f"projection '{projection.name}': a current to receptor '{projection.receptor.name}'"
             way_out = "leave the receptor out: the current then acts on V_m as it is"
-            found.append(Problem(True, message, "the host writes currents into the bias", way_out, projection.origin))
-    return found
+            problems.append(
+                Problem(True, message, "the host writes currents into the bias", way_out, projection.origin)
+            )
+    return problems
 
 
 BACKENDS: Registry[Backend] = Registry(
@@ -455,12 +462,12 @@ BACKENDS: Registry[Backend] = Registry(
 
 
 def installed() -> dict[str, Backend]:
-    """All backends by name, imported."""
+    """Import all backends and return them by name."""
     return dict(sorted(BACKENDS.items()))
 
 
 def find_backend(name: str | PathLike[str]) -> Backend:
-    """The backend of that name, or that of a family (`Family`) for the target of that name or file.
+    """Return the backend of that name, or the one of a family (`Family`) for a target, by name or file.
 
     Raises:
         ModelError: there is none, or the file does not describe such a target.
@@ -470,7 +477,7 @@ def find_backend(name: str | PathLike[str]) -> Backend:
         return BACKENDS[text]
     families = [each for each in installed().values() if isinstance(each, Family)]
     for family in families:
-        if (found := family.of(text)) is not None:
-            return found
+        if (member := family.of(text)) is not None:
+            return member
     known = dict.fromkeys((*BACKENDS, *(target for family in families for target in family.targets())))
     raise unknown("backend", text, known)

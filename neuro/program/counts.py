@@ -1,4 +1,4 @@
-"""What a run took: counts that every backend shares, since they follow from spikes and connections alone."""
+"""Counts of a run that every backend computes alike, because they follow from spikes and connections only."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from neuro.program.backend import EngineCounts
 from neuro.program.program import Grid, Ints, Program
 
 BY_SPIKES = ("pairs", "chip", "moves")
-"""Ways to learn in which each spike reaches all plastic synapses of its neuron."""
+"""Kinds of learning in which each spike updates all plastic synapses of its neuron."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,8 @@ class ProjectionCounts:
     """Counts of one projection.
 
     Attributes:
-        synaptic_ops: spikes x the synapses each one travels along; in the mean where the backend draws these.
+        synaptic_ops: each spike counts the synapses that it travels along; an expected value where the backend draws
+            them.
         learning_updates: plastic synapses of each pre and each post spike, and weights changed after trials.
     """
 
@@ -44,14 +45,14 @@ class ProjectionCounts:
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Counts of a run: totals, and the same by population and projection.
+    """Counts of a run: totals, and the counts of each population and projection.
 
     Attributes:
-        steps: steps run.
+        steps: number of steps.
         spikes, neuron_updates, neuron_updates_active: sums over the populations.
         synaptic_ops, learning_updates: sums over the projections.
-        populations, projections: the parts by name.
-        native: what only this backend counts, such as a chip's overflows, by name.
+        populations, projections: counts by name of the part.
+        native: counts of this backend only, such as a chip's overflows, by name.
     """
 
     steps: int
@@ -76,20 +77,20 @@ class Counts:
 
     @property
     def synaptic_ops(self) -> int:
-        """Spikes x the synapses each one travels along."""
+        """Synapses that each spike travels along, summed over all spikes."""
         return sum(part.synaptic_ops for part in self.projections.values())
 
     @property
     def learning_updates(self) -> int:
-        """Plastic synapses of each pre and each post spike, and weights changed after trials."""
+        """Plastic synapses of each pre and each post spike, plus weights changed after trials."""
         return sum(part.learning_updates for part in self.projections.values())
 
 
 class Tally:
-    """Turns an engine's raw counts into `Counts`.
+    """Converts an engine's raw counts to `Counts`.
 
     Args:
-        program: has the connections.
+        program: the network with the connections.
     """
 
     def __init__(self, program: Program) -> None:
@@ -97,7 +98,7 @@ class Tally:
         self._fans: dict[int, tuple[Ints, Ints]] = {}
 
     def between(self, before: EngineCounts | None, after: EngineCounts) -> Counts:
-        """Counts from one moment (None: the start) to another."""
+        """Return the counts from one moment (None: the start) to another."""
         if before is not None:
             after = difference(after, before)
         populations = {
@@ -122,7 +123,7 @@ class Tally:
         return Counts(after.steps, populations, projections, dict(after.native))
 
     def _fan(self, index: int) -> tuple[Ints, Ints]:
-        """Synapses of each source, and onto each target of a projection that learns by spikes."""
+        """Return the synapses of each source, and onto each target if the projection learns by spikes."""
         if index not in self._fans:
             self._fans[index] = fan_out(self.program, index), self._fan_in(index)
         return self._fans[index]
@@ -143,7 +144,7 @@ class Tally:
 
 
 def fan_out(program: Program, projection: int) -> Ints:
-    """Synapses of each source neuron of a projection (by index), whatever their weights; shape (sources,)."""
+    """Return the number of synapses of each source neuron of a projection (by index), shape (sources,)."""
     program.refuse_undrawn(projection)
     part = program.projections[projection]
     n_pre = program.populations[part.source].size
@@ -157,7 +158,7 @@ def fan_out(program: Program, projection: int) -> Ints:
 
 
 def difference(after: EngineCounts, before: EngineCounts) -> EngineCounts:
-    """What was counted between two moments."""
+    """Return the counts between two moments."""
     return EngineCounts(
         steps=after.steps - before.steps,
         events=tuple(a - b for a, b in zip(after.events, before.events, strict=True)),
@@ -168,28 +169,28 @@ def difference(after: EngineCounts, before: EngineCounts) -> EngineCounts:
     )
 
 
-def total(one: EngineCounts, other: EngineCounts) -> EngineCounts:
-    """What was counted in two runs of one program."""
-    names = sorted({*one.native, *other.native})
+def total(first: EngineCounts, second: EngineCounts) -> EngineCounts:
+    """Return the sum of the counts of two runs of one program."""
+    names = sorted({*first.native, *second.native})
     return EngineCounts(
-        steps=one.steps + other.steps,
-        events=tuple(a + b for a, b in zip(one.events, other.events, strict=True)),
-        spikes=tuple(a + b for a, b in zip(one.spikes, other.spikes, strict=True)),
-        active=one.active + other.active,
-        trial_updates=one.trial_updates + other.trial_updates,
-        native={name: one.native.get(name, 0) + other.native.get(name, 0) for name in names},
+        steps=first.steps + second.steps,
+        events=tuple(a + b for a, b in zip(first.events, second.events, strict=True)),
+        spikes=tuple(a + b for a, b in zip(first.spikes, second.spikes, strict=True)),
+        active=first.active + second.active,
+        trial_updates=first.trial_updates + second.trial_updates,
+        native={name: first.native.get(name, 0) + second.native.get(name, 0) for name in names},
     )
 
 
-def _grid_fan_out(g: Grid) -> Ints:
-    """Targets of every source of a grid: those whose kernel covers it."""
+def _grid_fan_out(grid: Grid) -> Ints:
+    """Return the number of targets of every source of a grid: the targets whose kernel covers the source."""
 
     def covering(length: int, before: int, kernel: int, places: int) -> Ints:
-        offset = np.arange(length)[:, None] + before - np.arange(places)[None, :] * g.stride
+        offset = np.arange(length)[:, None] + before - np.arange(places)[None, :] * grid.stride
         covered: Ints = ((offset >= 0) & (offset < kernel)).sum(axis=1)
         return covered
 
-    rows = covering(g.height, g.top, g.kernel_height, g.rows)
-    columns = covering(g.width, g.left, g.kernel_width, g.columns)
-    sheet: Ints = np.outer(rows, columns).reshape(-1) * g.reach
-    return np.tile(sheet, g.channels)
+    rows = covering(grid.height, grid.top, grid.kernel_height, grid.rows)
+    columns = covering(grid.width, grid.left, grid.kernel_width, grid.columns)
+    sheet: Ints = np.outer(rows, columns).reshape(-1) * grid.reach
+    return np.tile(sheet, grid.channels)

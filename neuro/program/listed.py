@@ -1,4 +1,4 @@
-"""Listed spikes that an engine still has to emit, for backends with compiled loops."""
+"""Storage of the listed spikes that an engine still has to emit, for backends with compiled loops."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ _NO_INTS = np.zeros(0, dtype=np.int64)
 
 
 class ListedSpikes:
-    """Keeps the spikes to come by population and writes them into the arrays that the loop reads.
+    """Stores the spikes to come by population and writes them into the arrays that the loop reads.
 
-    These are `list_steps`, `list_ids` and `list_counts`, and `cursor` (threads + 1, populations): the next listed spike
-    for each thread; its last row holds the ends.
+    The arrays are `list_steps`, `list_ids` and `list_counts`, and `cursor` (threads + 1, populations): the next listed
+    spike for each thread. The last row of `cursor` holds the ends.
 
     Args:
-        program: what runs.
-        arrays: of the loop, by name.
-        begins: the first neuron of each population among all.
-        threads: of the loop.
+        program: the network that runs.
+        arrays: the arrays of the loop, by name.
+        begins: index of the first neuron of each population among all neurons.
+        threads: number of threads of the loop.
     """
 
     def __init__(
@@ -38,45 +38,47 @@ class ListedSpikes:
             if p.kind == "listed"
         }
         self._first: dict[int, int] = {}
-        self._room: dict[int, int] = {}
+        self._capacity: dict[int, int] = {}
         self._write(0)
 
     def add(self, population: int, steps: Ints, ids: Ints, now: int, payloads: Ints | None = None) -> bool:
-        """Add spikes after step `now`, with payloads where they are graded; return whether arrays were replaced."""
+        """Add spikes after step `now`, with payloads if graded; return whether arrays were replaced."""
         old = self._spikes[population]
         new: tuple[Ints, ...] = (steps, ids) if payloads is None else (steps, ids, payloads)
-        ahead = old[0] > now
-        if ahead.any():
-            new = tuple(np.concatenate([one[ahead], other]) for one, other in zip(old, new, strict=True))
+        is_ahead = old[0] > now
+        if is_ahead.any():
+            new = tuple(np.concatenate([one[is_ahead], other]) for one, other in zip(old, new, strict=True))
         self._spikes[population] = new
         return self._put(population, _rows(*new, begin=self._begins[population]), now)
 
     def replace(self, population: int, steps: Ints, ids: Ints, now: int) -> bool:
-        """Let these, sorted by step, then id, be all that a population has; return whether arrays were replaced."""
+        """Replace the spikes of a population, sorted by step, then id; return whether arrays were replaced."""
         self._spikes[population] = (_NO_INTS,) * len(self._spikes[population])
         neurons = ids + self._begins[population]
         return self._put(population, np.column_stack([steps, neurons, np.ones_like(steps)]), now)
 
     def reserve(self, population: int, n: int, now: int) -> bool:
-        """Have room for n spikes of a population; return whether arrays were replaced."""
-        if n <= self._room.get(population, 0):
+        """Allocate space for n spikes of a population; return whether arrays were replaced."""
+        if n <= self._capacity.get(population, 0):
             return False
-        self._room[population] = 2 * n + 64
+        self._capacity[population] = 2 * n + 64
         self._write(now)
         return True
 
     def place(self, population: int) -> int:
-        """Where the spikes of a population are listed."""
+        """Return the index of a population's first spike in the lists."""
         return self._first[population]
 
     def pending(self, population: int, now: int) -> bool:
-        """Whether spikes that were added are still to come."""
+        """Return whether added spikes are still to come."""
         steps = self._spikes[population][0]
         return steps.size > 0 and bool((steps > now).any())
 
     def _put(self, population: int, rows: Ints, now: int) -> bool:
-        """Let the loop read rows of a population, where they have room; else make twice the room for it."""
-        # A closed loop brings some spikes before each call: to replace arrays takes 0.5 ms, as all are linked anew.
+        """Write the rows of a population into the arrays; allocate twice the space if they do not fit.
+
+        A closed loop adds a few spikes before each call. Replacing the arrays takes 0.5 ms, since all are linked anew.
+        """
         n = len(rows)
         grows = self.reserve(population, n, now)
         first = self._first[population]
@@ -87,39 +89,39 @@ class ListedSpikes:
         return grows
 
     def drop(self, population: int) -> None:
-        """Forget the spikes of a population."""
+        """Remove the spikes of a population."""
         self._spikes[population] = (_NO_INTS,) * len(self._spikes[population])
         self._a["cursor"][:-1, population] = self._a["cursor"][-1, population]
 
     def _write(self, now: int) -> None:
-        """Write all spikes after step `now`, equal ones joined."""
+        """Write all spikes after step `now`, with equal ones joined."""
         cursor = np.zeros(self._cursor_shape, dtype=np.int64)
-        columns, at = [np.zeros((0, 3), dtype=np.int64)], 0
+        columns, begin = [np.zeros((0, 3), dtype=np.int64)], 0
         for k, spikes in self._spikes.items():
-            ahead = spikes[0] > now
-            rows = _rows(*(column[ahead] for column in spikes), begin=self._begins[k])
-            self._first[k] = at
-            cursor[:-1, k], cursor[-1, k] = at, at + len(rows)
-            room = max(len(rows), self._room.get(k, 0))
-            columns.append(np.pad(rows, ((0, room - len(rows)), (0, 0))))
-            at += room
+            is_ahead = spikes[0] > now
+            rows = _rows(*(column[is_ahead] for column in spikes), begin=self._begins[k])
+            self._first[k] = begin
+            cursor[:-1, k], cursor[-1, k] = begin, begin + len(rows)
+            capacity = max(len(rows), self._capacity.get(k, 0))
+            columns.append(np.pad(rows, ((0, capacity - len(rows)), (0, 0))))
+            begin += capacity
         table = np.concatenate(columns)
         self._a["list_steps"], self._a["list_ids"], self._a["list_counts"] = (np.ascontiguousarray(c) for c in table.T)
         self._a["cursor"] = cursor
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """The spikes by population."""
+        """Return the spikes by population."""
         return {f"listed.{k}": np.stack(spikes) for k, spikes in self._spikes.items()}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], now: int) -> None:
-        """Take over a snapshot."""
+        """Replace all spikes by those of a snapshot."""
         for k in self._spikes:
             self._spikes[k] = tuple(column.copy() for column in arrays[f"listed.{k}"])
         self._write(now)
 
 
 def _rows(steps: Ints, ids: Ints, payloads: Ints | None = None, *, begin: int) -> Ints:
-    """Rows (step, neuron, multiplicity or payload), sorted; equal ones joined."""
+    """Return rows (step, neuron, multiplicity or payload), sorted, with equal ones joined."""
     if payloads is None:
         return _with_multiplicity(steps, begin + ids)
     pairs, which = np.unique(np.stack([steps, begin + ids], axis=1), axis=0, return_inverse=True)
@@ -130,7 +132,7 @@ def _rows(steps: Ints, ids: Ints, payloads: Ints | None = None, *, begin: int) -
 
 
 def _with_multiplicity(steps: Ints, neurons: Ints) -> Ints:
-    """Rows (step, neuron, multiplicity), sorted; equal ones joined."""
+    """Return rows (step, neuron, multiplicity), sorted, with equal ones joined."""
     begin, end, span = _extents(steps, neurons)
     if (end - begin) * span >= 1 << 63:
         pairs, counts = np.unique(np.stack([steps, neurons], axis=1), axis=0, return_counts=True)
@@ -141,7 +143,7 @@ def _with_multiplicity(steps: Ints, neurons: Ints) -> Ints:
 
 @kernel
 def _extents(steps: Ints, neurons: Ints) -> tuple[int, int, int]:
-    """The first step, the one after the last, and the neuron after the last."""
+    """Return the first step, the step after the last one, and the index after the largest neuron."""
     begin, end, span = 0, 0, 0
     for k in range(steps.size):
         begin = min(begin, int(steps[k])) if k else int(steps[0])
@@ -151,13 +153,13 @@ def _extents(steps: Ints, neurons: Ints) -> tuple[int, int, int]:
 
 @kernel
 def _join(keys: Ints, begin: int, span: int, rows: Ints) -> int:
-    """Write rows of sorted keys, `(step - begin) * span + neuron`, equal ones joined; return how many they are."""
+    """Write the rows of sorted keys, `(step - begin) * span + neuron`, with equal ones joined; return their number."""
     n, step, first, beyond = 0, 0, 0, 0
     for k in range(keys.size):
         if k and keys[k] == keys[k - 1]:
             rows[2, n - 1] += 1
             continue
-        if keys[k] >= beyond:  # of a later step: most divisions are spared
+        if keys[k] >= beyond:  # a new step; avoids a division for each key
             step = keys[k] // span
             first, beyond = step * span, step * span + span
         rows[0, n], rows[1, n], rows[2, n] = begin + step, keys[k] - first, 1

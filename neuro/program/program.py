@@ -1,8 +1,7 @@
-"""A network resolved and checked: flat arrays, steps and indices; names and origins for messages only.
+"""A compiled network: flat arrays, times in steps, parts by index. Names and origins serve messages only.
 
-A process may have a share of it: the synapses onto some neurons of each population.
-
-This is all that a backend sees.
+A backend sees nothing else of a network. A process may have a share of it: the synapses onto some neurons of each
+population.
 """
 
 from __future__ import annotations
@@ -33,40 +32,40 @@ StoredSynapses = tuple[NDArray[np.integer[Any]], NDArray[np.floating[Any]], NDAr
 class Share:
     """One of several shares of equal size; `WHOLE` is the only one.
 
-    All shares of a network call the methods that join them in the same order.
+    All shares of a network must call the methods that exchange values in the same order.
 
     Attributes:
-        index: which one.
-        number: how many there are.
+        index: the index of this share.
+        number: the number of shares.
     """
 
     index: int = 0
     number: int = 1
 
     def of(self, neurons: int) -> tuple[int, int]:
-        """The first of the neurons of a population that are of this share, and the end."""
+        """Return the first neuron of a population in this share, and the end of the range."""
         each, more = divmod(neurons, self.number)
         first = self.index * each + min(self.index, more)
         return first, first + each + (self.index < more)
 
     def gather(self, values: NDArray[Any]) -> NDArray[Any]:
-        """The values of all shares, in their order."""
+        """Return the values of all shares, in the order of the shares."""
         return values
 
     def total(self, values: Ints) -> Ints:
-        """The sum of the values of all shares."""
-        found: Ints = self.gather(values[None]).sum(axis=0)
-        return found
+        """Return the sum of the values over all shares."""
+        sums: Ints = self.gather(values[None]).sum(axis=0)
+        return sums
 
     def every(self, holds: bool) -> bool:
-        """Whether something holds for all shares."""
+        """Return whether a condition holds in all shares."""
         return bool(self.gather(np.array([holds])).all())
 
     def agree(self, make: Callable[[], T]) -> T:
-        """What a function gives, if it gives something for every share.
+        """Return the result of a function, if the function succeeds in every share.
 
         Raises:
-            ModelError: that of the first share for which it raises one.
+            ModelError: the error of the first share in which the function failed.
         """
         return make()
 
@@ -74,19 +73,19 @@ class Share:
 WHOLE = Share()
 
 AT_ONCE = 1 << 20
-"""Synapses that are joined at a time."""
+"""Number of synapses that are gathered from all shares in one step."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SynapseStretch:
-    """The synapses of neighbouring sources, of all shares.
+    """The synapses of some neighbouring sources, gathered from all shares.
 
     Attributes:
         sources: the first source, and the end.
-        begin: the place of the first of the synapses among all.
-        order: which of the gathered ones each is.
-        own: those of this share.
-        at: where these begin among the gathered ones.
+        begin: index of the first of these synapses among all synapses of the projection.
+        order: the permutation that sorts the gathered synapses.
+        own: the synapses of this share, as a slice of the arrays of this share.
+        at: index at which the synapses of this share begin among the gathered ones.
     """
 
     sources: tuple[int, int]
@@ -98,12 +97,14 @@ class SynapseStretch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """The synapses of a projection in the order of their sources, of each share some; all shares ask alike.
+    """The synapses of a projection in the order of their sources. Every share has some synapses of each source.
+
+    All shares must call the methods together.
 
     Attributes:
-        share: which ones these are.
-        row_ends: those of source i are row_ends[i] : row_ends[i + 1].
-        delays: of each; None where those of a source are not sorted by delay.
+        share: the share that these synapses belong to.
+        row_ends: source i has the synapses row_ends[i] : row_ends[i + 1].
+        delays: the delay of each synapse; None where the synapses of a source are not sorted by delay.
     """
 
     share: Share
@@ -111,11 +112,11 @@ class Rows:
     delays: NDArray[np.integer[Any]] | None
 
     def fan_out(self) -> Ints:
-        """Synapses of each source, of all shares."""
+        """Return the number of synapses of each source, over all shares."""
         return self.share.total(np.diff(self.row_ends))
 
     def stretches(self) -> Iterator[SynapseStretch]:
-        """All synapses in order, some sources at a time."""
+        """Yield all synapses in order, some sources at a time."""
         ends = np.concatenate(([0], np.cumsum(self.fan_out())))
         first = 0
         while first < ends.size - 1:
@@ -133,17 +134,17 @@ class Rows:
             first = last
 
     def joined(self, values: NDArray[Any]) -> NDArray[Any]:
-        """The values of the synapses of all shares, in order, from those of this one."""
+        """Return the values of the synapses of all shares, in order, from the values of this share."""
         return np.concatenate([self.share.gather(values[each.own])[each.order] for each in self.stretches()])
 
     def places(self) -> Ints:
-        """Which of all synapses those of this share are."""
-        found = np.empty(int(self.row_ends[-1]), dtype=np.int64)
+        """Return the index of each synapse of this share among those of all shares."""
+        places = np.empty(int(self.row_ends[-1]), dtype=np.int64)
         for each in self.stretches():
-            among = np.empty(each.order.size, dtype=np.int64)
-            among[each.order] = np.arange(each.order.size)
-            found[each.own] = each.begin + among[each.at : each.at + each.own.stop - each.own.start]
-        return found
+            sorted_at = np.empty(each.order.size, dtype=np.int64)
+            sorted_at[each.order] = np.arange(each.order.size)
+            places[each.own] = each.begin + sorted_at[each.at : each.at + each.own.stop - each.own.start]
+        return places
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,19 +153,19 @@ class Schedule:
 
     Attributes:
         steps: ascending, from 1.
-        values: those that hold from each of the steps on, shape (steps, 1) or (steps, size).
+        values: the value from each of the steps on, shape (steps, 1) or (steps, size).
     """
 
     steps: Ints
     values: Floats
 
     def at(self, step: int) -> Floats:
-        """What holds in a step, shape (1,) or (size,)."""
+        """Return the value in a step, shape (1,) or (size,)."""
         k = int(np.searchsorted(self.steps, step, side="right"))
         return self.values[k - 1] if k else np.zeros(1)
 
     def next_change(self, step: int) -> int:
-        """The last step before the next change after step + 1, or a step that never comes."""
+        """Return the last step before the next change after step + 1, or `NEVER`."""
         k = int(np.searchsorted(self.steps, step + 1, side="right"))
         return int(self.steps[k]) - 1 if k < self.steps.size else NEVER
 
@@ -174,18 +175,18 @@ class Population:
     """Neurons of one model.
 
     Attributes:
-        model: the model; its numbers are in `parameters`.
-        kind: what it does, `model.role`: "neuron", "poisson", "listed", "current" or "generator" (third-party).
+        model: the model; the parameter values are in `parameters`.
+        kind: `model.role`: "neuron", "poisson", "listed", "current" or "generator" (third-party).
         shape: sizes of the axes; `size` is their product and neuron ids run in C order.
-        parameters: by word, shape (1,) where all neurons share it, else (size,).
-        initial: states at step 0 by name, likewise.
-        spike_steps, spike_ids: a spike_generator's listed spikes, sorted by step, then id; `spike_payloads` are those
-            of a graded one, else none.
+        parameters: values by parameter name, shape (1,) where all neurons share the value, else (size,).
+        initial: states at step 0 by name, with the same shapes.
+        spike_steps, spike_ids: a spike_generator's listed spikes, sorted by step, then id; `spike_payloads` are the
+            payloads of a graded generator, else empty.
         start, stop: a generator emits spikes in steps start < k <= stop, and a current in steps start <= k < stop.
-        records: whether its spikes are kept for reading.
-        stream: gives spikes to a listed population while it runs; None where none does.
-        schedule: of a generator whose rate or amplitude is not a parameter but listed.
-        declared: the name of the model that was described, where another stands for it; "" elsewhere.
+        records: whether the engine stores the spikes for reading.
+        stream: source of spikes for a listed population during a run; None without one.
+        schedule: the listed rates or amplitudes of a generator; None where the value is a parameter.
+        declared: the name of the model in the description, where a substitute runs instead; "" elsewhere.
     """
 
     name: str
@@ -208,21 +209,21 @@ class Population:
 
     @property
     def said(self) -> str:
-        """The name of its model as its author knows it."""
+        """The name of the model in the description, for messages."""
         return self.declared or self.model.name
 
     def rate(self, step: int) -> Floats:
-        """The rate in Hz that a generator of kind "poisson" begins with, or comes to in a step."""
+        """Return the rate in Hz of a generator of kind "poisson" in a step."""
         return self.parameters["rate"] if self.schedule is None else self.schedule.at(step)
 
     def largest(self, word: str) -> float:
-        """The largest magnitude that its rate or amplitude has or comes to, as described."""
+        """Return the largest magnitude that the rate or amplitude has at any time, as described."""
         values = self.parameters[word] if self.schedule is None else self.schedule.values
         return float(np.abs(values).max(initial=0.0))
 
 
 def drawn_for(population: Population) -> str:
-    """The purpose of a population's keyed draws, see `neuro.core.keyed_random.key`."""
+    """Return the purpose of a population's keyed draws, see `neuro.core.keyed_random.key`."""
     return {"generator": "generator", "neuron": "escape"}.get(population.kind, "poisson")
 
 
@@ -231,9 +232,9 @@ class Grid:
     """Sizes of a shared-kernel projection: source (channels, height, width), target (maps, rows, columns).
 
     Attributes:
-        top, left: lines of the silent border above and left of the source; what it needs below and right follows.
-        depthwise: whether map m is reached from channel m // (maps / channels) only.
-        mean: whether a weight that learns takes the mean of the changes at its places, not their sum.
+        top, left: lines of silent padding above and left of the source. Padding below and right follows from the sizes.
+        depthwise: whether map m receives from channel m // (maps / channels) only.
+        mean: whether learning changes a shared weight by the mean of the changes at its places, not by their sum.
     """
 
     channels: int
@@ -252,24 +253,24 @@ class Grid:
 
     @property
     def kernels(self) -> tuple[int, int, int, int]:
-        """Shape of the weights: maps, the channels that reach each, height and width."""
+        """Shape of the weights: maps, channels per map, kernel height, kernel width."""
         return self.maps, 1 if self.depthwise else self.channels, self.kernel_height, self.kernel_width
 
     @property
     def reach(self) -> int:
-        """Maps that a channel reaches."""
+        """Number of maps that receive from a channel."""
         return self.maps // self.channels if self.depthwise else self.maps
 
 
 @dataclass(frozen=True, slots=True)
 class Receptor:
-    """The receptor of its target that a projection names.
+    """The receptor of the target neurons that a projection names.
 
     Attributes:
-        index: which input of the neurons it is.
-        conductance: whether it is a conductance, whose weights must be >= 0.
-        negated: whether a weight is delivered with a minus sign, as models whose two conductances are chosen by sign
-            expect it at the second.
+        index: index of the input of the neurons.
+        conductance: whether the input is a conductance, whose weights must be >= 0.
+        negated: whether weights are delivered with a minus sign. Models that choose between two conductances by sign
+            expect negative values at the second one.
     """
 
     name: str
@@ -280,7 +281,7 @@ class Receptor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Undrawn:
-    """What a backend draws synapses by: the rule, and a number or a distribution for weights and for delays in ms."""
+    """The rules by which a backend draws synapses. Weights and delays (ms) are a number or a distribution."""
 
     rule: NamedRule
     weight: float | Distribution
@@ -295,27 +296,28 @@ class Projection:
         source, target: indices of the populations.
         carries: "spikes" or "current".
         layout: "one_to_one", "dense" (every pair, source-major), "csr", "grid" (a shared kernel), or "undrawn".
-        row_ends: csr: synapses of source i are row_ends[i] : row_ends[i + 1], targets ascending; in a network
-            of about a million synapses or more, of static ones with drawn delays: delays ascending, then targets.
+        row_ends: csr: source i has the synapses row_ends[i] : row_ends[i + 1], with targets ascending. In a network of
+            about a million synapses or more, static synapses with drawn delays are sorted by delay, then by target.
         targets: csr: the target of each synapse, int32.
         weight: shape (1,) where shared, else one per synapse; grid: (maps, channels, height, width) flat.
-        delay: in steps, shape (1,) or one per synapse, int32, >= 1; of so many static synapses uint8 where delays are
-            drawn and none is longer than 255.
-        size: number of synapses (of a grid: of its kernels' weights), of all shares together.
+        delay: in steps, shape (1,) or one per synapse, int32, >= 1; uint8 in such a large network, where drawn delays
+            of static synapses are at most 255.
+        size: number of synapses of all shares together; of a grid: number of weights in the kernels.
         grid: the sizes of a grid, else None.
         synapse: the model; a parameter is a number, or one for each synapse in the order of the weights.
-        receptor: the one of its target that all spikes go to; None where each goes by the sign of its weight. That of a
-            current filters it; without one it acts on V_m as it is.
+        receptor: the receptor that all spikes go to; None where the sign of a weight chooses the receptor. A current
+            is filtered by its receptor; without one the current acts on V_m directly.
         signal: index of the signal that sets n, or -1.
         dopamine: index of the population that releases dopamine, or -1; `dopamine_one_to_one` and
             `dopamine_delay` (steps) say how.
-        gate: index of the signal that says how much a rule that learns by moves gathers, or -1.
-        span: the fewest and the most steps in `delay`, see `delay_span`; None: not yet looked for.
+        gate: index of the signal that scales what a rule that learns by moves gathers, or -1.
+        span: the smallest and the largest value in `delay`, see `delay_span`; None: not yet computed.
         by_delay: csr: whether the synapses of a source are sorted by delay.
-        share: which of the synapses these are: those onto the neurons of a share, in the layout csr.
-        whole_layout: the layout of those of all shares together.
-        undrawn: what the backend draws the synapses by; None where the program has them. If it has not, `weight` and
-            `delay` are the least and the largest that may be drawn, and `size` is a mean where it is drawn, too.
+        share: the share whose neurons these synapses target. With several shares the layout is csr.
+        whole_layout: the layout of the synapses of all shares together.
+        undrawn: the rules by which the backend draws the synapses; None where the program has the synapses. With such
+            rules, `weight` and `delay` hold the smallest and the largest value that can be drawn, and `size` is a mean
+            if the number of synapses is random.
     """
 
     name: str
@@ -345,7 +347,7 @@ class Projection:
 
     @property
     def delay_span(self) -> tuple[int, int]:
-        """The fewest and the most steps in `delay`; of no synapses 1."""
+        """The smallest and the largest delay in steps; (1, 1) without synapses."""
         if self.span is not None:
             return self.span
         return (int(self.delay.min()), int(self.delay.max())) if self.delay.size else (1, 1)
@@ -353,28 +355,31 @@ class Projection:
     @property
     def rows(self) -> Rows:
         """The synapses of all shares, in layout csr."""
-        sorted_by_delay = self.by_delay and self.share.number > 1  # those of the whole network lie in order
+        sorted_by_delay = self.by_delay and self.share.number > 1  # a single share is in order already
         return Rows(self.share, self.row_ends, self.delay if sorted_by_delay else None)
 
     def stored(self) -> StoredSynapses:
-        """Targets, weights and delays in the types in which they are kept, see `neuro.program.compact`."""
+        """Return targets, weights and delays in the types in which they are stored, see `neuro.program.compact`."""
         return self.targets, self.weight, self.delay
 
     def delay_range(self, resolution: float) -> tuple[int, int]:
-        """The fewest and the most steps that a spike may take along it, now or when it has learnt."""
+        """Return the smallest and the largest delay in steps, including the delays that learning can reach."""
         if isinstance(self.synapse, DelayRule):
             return self.synapse.delay_range(resolution)
         return self.delay_span
 
     def arriving(self, weights: NDArray[W]) -> NDArray[W]:
-        """Weights as delivered: negated if the receptor is `negated`. Applied twice it gives the weights back."""
+        """Return the weights as delivered: negated if the receptor is `negated`.
+
+        Applied twice, the method returns the original weights.
+        """
         if self.receptor is None or not self.receptor.negated:
             return weights
         negated: NDArray[W] = np.subtract(0.0, weights, dtype=weights.dtype)
         return negated
 
     def as_by_sign(self, weights: Floats) -> bool:
-        """Whether routing by sign would deliver every weight to the named receptor; true if none is named."""
+        """Return whether routing by sign gives all weights to the named receptor; True if none is named."""
         if self.receptor is None:
             return True
         if self.receptor.index > 1:
@@ -384,7 +389,7 @@ class Projection:
 
 
 def synapse_states(part: Projection) -> list[str]:
-    """What can be read of a projection's synapses."""
+    """Return the names of the states of a projection's synapses that can be read."""
     names = ["weight", *(state.name for state in part.synapse.states if not state.hidden)]
     if part.grid is not None and part.synapse.learns == "pairs":  # a weight stands for many synapses
         return names[:1]
@@ -397,14 +402,15 @@ def synapse_states(part: Projection) -> list[str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Operation:
-    """An operation of an expression; the value is a number.
+    """An operation of an expression; the result is a number.
 
     Attributes:
-        name: a sign or a function; "number", "count", "mean", "trace" and "after" have a number or a memory.
-        of: the operations before it that it takes.
-        number: itself; of a mean the share of a new value, 0 for that of all; the share of a trace that is left; the
-            steps within which a spike comes after another.
-        reads: whose spikes: a population and some of its neurons, None for all.
+        name: an operator or a function. "number", "count", "mean", "trace" and "after" have a constant or a memory.
+        of: indices of the earlier operations whose results are the operands.
+        number: the constant of "number"; of "mean" the share of a new value, 0 for the mean of all values; of "trace"
+            the share that remains after a step; of "after" the number of steps within which one spike must follow
+            another.
+        reads: the populations whose spikes are read, each with some of its neurons, or None for all.
     """
 
     name: str
@@ -418,12 +424,12 @@ class Computed:
     """Values of an expression of spikes.
 
     Attributes:
-        name: keys the draws of delays.
-        operations: of which the last gives the value.
+        name: key for the draws of delays.
+        operations: the last one gives the value.
         every: steps between two values.
         delay: from a value to its effect: steps, or a distribution in ms.
-        tau: with which the sum of doses decays in ms; 0: values are no doses.
-        largest: bound of the absolute values; None where it is not known.
+        tau: time constant in ms with which the sum of doses decays; 0: the values are not doses.
+        largest: bound of the absolute values; None if unknown.
     """
 
     name: str
@@ -436,12 +442,13 @@ class Computed:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A signal and the index of the population it goes to.
+    """A signal and the index of its target population.
 
     Attributes:
-        values: what sets it, the same for signals that are set together; None: what is outside.
+        values: the source of the values, the same object for signals that are set together; None: set from outside.
         scale: the factor on these values, shape (1,) or (size,).
-        in_world: the largest absolute value that the world of the network sets, None where it sets none.
+        in_world: the largest absolute value that the world of the network sets; None without a world that sets the
+            signal.
     """
 
     name: str
@@ -453,7 +460,7 @@ class Signal:
 
     @property
     def largest(self) -> float | None:
-        """The largest absolute value that it will have; None if that is not known."""
+        """The largest absolute value that the signal can have; None if unknown."""
         if self.scale is None or self.values is None:
             return self.in_world
         largest = self.values.values if isinstance(self.values, Schedule) else self.values.largest
@@ -462,7 +469,7 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Neurons of a population that compete, and how."""
+    """Neurons of a population that compete, and the rule of competition."""
 
     name: str
     population: int
@@ -472,9 +479,9 @@ class Group:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Probe:
-    """What to record of a population: "spikes", its "rate" or a state, every `every` steps; or the mean of a state.
+    """A recording of a population: "spikes", the "rate" or a state, every `every` steps, or the mean of a state.
 
-    `ids` are the neurons, in this order (None: all).
+    `ids` are the recorded neurons, in this order (None: all).
     """
 
     name: str
@@ -488,12 +495,12 @@ class Probe:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SynapseProbe:
-    """A state of synapses to record.
+    """A recording of a state of synapses.
 
     Attributes:
-        every: steps between two records; 0: as each pre spike leaves them.
-        synapses: which ones, in the order of the weights, ascending; None: all.
-        mean: whether their mean is recorded instead of each.
+        every: steps between two records; 0: the value after each presynaptic spike.
+        synapses: indices of the recorded synapses in the order of the weights, ascending; None: all.
+        mean: whether the mean over the synapses is recorded instead of each value.
     """
 
     name: str
@@ -507,19 +514,20 @@ class SynapseProbe:
 
 @dataclass(frozen=True, slots=True)
 class Trials:
-    """How trials go.
+    """The settings of trials.
 
     Attributes:
         input, output: indices of the generator and of the population that decides.
         group: index of the winner-take-all group of the output.
         duration: ticks.
         stop_at_decision: whether the first spike ends a trial.
-        spikes: which spikes of an input teach: "once" (a second is refused), "first" or "each".
-        maps, maps_per_label: maps of the output and how many stand for one label (0: no labels).
+        spikes: the spikes of an input that teach: "once" (a second spike is refused), "first" or "each".
+        maps, maps_per_label: maps of the output, and maps for each label (0: no labels).
         reward: by outcome (correct, wrong, silent).
         dropout: share of maps dropped in epoch 0; `dropout_decay` per epoch; `dropout_per_trial`.
-        reset: states of the output that start anew.
-        anew: whether all neurons and all that learns start anew, but the weights, as synapses learn by dopamine.
+        reset: states of the output that are reset before each trial.
+        anew: whether all neurons and all states that learn, except weights, are reset before each trial. Synapses that
+            learn by dopamine need this.
         after: ticks that follow a trial that teaches.
     """
 
@@ -543,13 +551,13 @@ class Trials:
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Program:
-    """The whole network.
+    """A compiled network.
 
     Attributes:
         resolution: length of a step in ms, for the models' constants.
         min_delay: the smallest delay in steps.
-        share: the synapses that this process has. What the methods give is of all of them: every process that has a
-            share calls them.
+        share: the share of the synapses that this process has. Methods return values over all shares, so every process
+            with a share must call them.
     """
 
     name: str
@@ -566,22 +574,22 @@ class Program:
     share: Share = WHOLE
 
     def refuse_share(self, what: str) -> None:
-        """Refuse what needs all synapses in one process.
+        """Refuse an operation that needs all synapses in one process.
 
         Raises:
-            ModelError: this process has a share of them, or the backend draws some.
+            ModelError: this process has only a share of the synapses, or the backend draws some.
         """
         for index in range(len(self.projections)):
             self.refuse_undrawn(index)
         if self.share.number > 1:
-            message = f"{what}: found a network of which {self.share.number} processes have a share each"
-            raise ModelError(f"{message}: expected one process", hint="without mpirun it has all synapses")
+            message = f"{what}: found a network that is divided among {self.share.number} processes"
+            raise ModelError(f"{message}: expected one process", hint="run it without mpirun")
 
     def refuse_undrawn(self, index: int) -> None:
-        """Refuse what needs the synapses of a projection.
+        """Refuse an operation that needs the synapses of a projection.
 
         Raises:
-            ModelError: the backend draws them.
+            ModelError: the backend draws the synapses.
         """
         part = self.projections[index]
         if part.undrawn is not None:
@@ -590,15 +598,15 @@ class Program:
             raise ModelError(message, where=part.origin, hint=hint)
 
     def sends_at_once(self, part: Projection) -> bool:
-        """Whether a spike takes the weights of the step of its emission along a projection, not those of the next step.
+        """Return whether a spike is sent with the weights of the step of its emission, not with those of the next step.
 
-        NEST's generators are devices, which send while they update; neurons send when the next step begins, and so does
-        whoever sends along synapses that learn by pairs or moves.
+        NEST's generators are devices, which send while they update. Neurons send when the next step begins, and so does
+        every source of synapses that learn by pairs or moves.
         """
         return self.populations[part.source].kind != "neuron" and part.synapse.learns not in ("pairs", "moves")
 
     def connections(self, index: int) -> tuple[Ints, Ints]:
-        """Source and target of every synapse of a projection, in the order of its weights (not for a grid)."""
+        """Return source and target of every synapse of a projection, in weight order (not for a grid)."""
         self.refuse_undrawn(index)
         part = self.projections[index]
         own = connections_of(part, self.populations[part.source].size, self.populations[part.target].size)
@@ -606,12 +614,12 @@ class Program:
         return pre, post
 
     def joined(self, index: int, values: NDArray[Any]) -> NDArray[Any]:
-        """The values of all synapses of a projection, in the order of its weights, from those of the share."""
+        """Return the values of all synapses of a projection, in weight order, from those of the share."""
         part = self.projections[index]
         return values if part.share.number == 1 else part.rows.joined(values)
 
     def delays(self, index: int) -> NDArray[np.integer[Any]]:
-        """The delays of all synapses of a projection in steps, shape (1,) where shared."""
+        """Return the delays of all synapses of a projection in steps, shape (1,) where shared."""
         self.refuse_undrawn(index)
         part = self.projections[index]
         shortest, longest = part.delay_span
@@ -620,12 +628,12 @@ class Program:
         return np.array([longest]) if shortest == longest else self.joined(index, part.delay)
 
     def own(self, index: int, values: NDArray[Any]) -> NDArray[Any]:
-        """Of the values of all synapses of a projection those of the share."""
+        """Return the values of the synapses of the share, from the values of all synapses of a projection."""
         part = self.projections[index]
         return values if part.share.number == 1 or len(values) == 1 else values[part.rows.places()]
 
     def own_synapses(self, index: int) -> tuple[Ints, Ints, Ints]:
-        """As `synapses`, of those of the share; the places are among these."""
+        """Return `synapses` for the share only. The indices of the weights count within the share."""
         part = self.projections[index]
         if part.share.number == 1:
             return self.synapses(index)
@@ -633,18 +641,19 @@ class Program:
         return (*connections_of(part, *sizes), np.arange(part.targets.size))
 
     def synapses(self, index: int) -> tuple[Ints, Ints, Ints]:
-        """Source, target and place of the weight of every synapse of a projection, in the order of its weights.
+        """Return source, target and weight index of every synapse of a projection, in weight order.
 
-        Those of a grid are sorted by source, then target, and share weights; elsewhere each has its own.
+        The synapses of a grid are sorted by source, then target, and share weights. Elsewhere each synapse has its own
+        weight.
         """
         part = self.projections[index]
         if part.grid is not None:
-            return _spelt_out(part.grid)
+            return _grid_synapses(part.grid)
         return (*self.connections(index), np.arange(part.size))
 
 
 def connections_of(part: Projection, n_source: int, n_target: int) -> tuple[Ints, Ints]:
-    """Source and target of every synapse of a projection between populations of these sizes (not of a grid)."""
+    """Return source and target of every synapse between populations of these sizes (not of a grid)."""
     if part.layout == "one_to_one":
         ids = np.arange(n_source, dtype=np.int64)
         return ids, ids
@@ -657,21 +666,21 @@ def connections_of(part: Projection, n_source: int, n_target: int) -> tuple[Ints
     return source, part.targets.astype(np.int64)
 
 
-def _spelt_out(g: Grid) -> tuple[Ints, Ints, Ints]:
-    """Source, target and weight of every synapse of a grid, sorted by source, then target."""
-    maps, depth, height, width = g.kernels
-    m, r, c, k, i, j = np.indices((maps, g.rows, g.columns, depth, height, width))
-    y, x = r * g.stride + i - g.top, c * g.stride + j - g.left
-    inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
-    source = (((k + m // g.reach) * g.height + y) * g.width + x)[inside]
-    target = ((m * g.rows + r) * g.columns + c)[inside]
+def _grid_synapses(grid: Grid) -> tuple[Ints, Ints, Ints]:
+    """Return source, target and index of the weight of every synapse of a grid, sorted by source, then target."""
+    maps, depth, height, width = grid.kernels
+    m, r, c, k, i, j = np.indices((maps, grid.rows, grid.columns, depth, height, width))
+    y, x = r * grid.stride + i - grid.top, c * grid.stride + j - grid.left
+    inside = (y >= 0) & (y < grid.height) & (x >= 0) & (x < grid.width)
+    source = (((k + m // grid.reach) * grid.height + y) * grid.width + x)[inside]
+    target = ((m * grid.rows + r) * grid.columns + c)[inside]
     slot = (((m * depth + k) * height + i) * width + j)[inside]
     order = np.lexsort((target, source))
     return source[order], target[order], slot[order]
 
 
 class Stretch(NamedTuple):
-    """Some spikes by step; with those before, all up to step `until`."""
+    """A batch of spikes, sorted by step. With the batches before, all spikes up to step `until`."""
 
     until: int
     steps: Ints
@@ -679,27 +688,27 @@ class Stretch(NamedTuple):
 
 
 class Stream(Protocol):
-    """Where a population's spikes come from. The caller keeps how far they came, so that many may ask."""
+    """A source of spikes for a population. Several callers can read one, since each stores its own position."""
 
     @property
     def again(self) -> bool:
-        """Whether it can be begun several times."""
+        """Whether the stream can be read from the beginning several times."""
 
     @property
     def identity(self) -> str:
-        """What distinguishes it from another when a saved state is restored."""
+        """Text that distinguishes this stream from others, to check a saved state against it."""
 
     def after(self, step: int) -> Iterator[Stretch]:
-        """All spikes of later steps, in stretches; when they end no more come.
+        """Return all spikes of later steps, in batches, up to the end of the stream.
 
         Raises:
-            ModelError: what they are made of is damaged; all spikes before have been given, and a caller that asks
-                again for those after the last stretch gets the same error.
+            ModelError: the source is damaged. All spikes before the damage have been returned. A caller that asks again
+                for the spikes after the last batch gets the same error.
         """
 
     def given(self, events: Any) -> tuple[Ints, Ints]:
-        """Steps and neurons of what a program gives while the network runs.
+        """Return steps and neurons of the spikes that a caller supplies while the network runs.
 
         Raises:
-            ModelError: it is nothing that can be emitted.
+            ModelError: the values cannot be emitted as spikes.
         """

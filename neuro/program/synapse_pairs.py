@@ -1,4 +1,4 @@
-"""Synapses of a projection that are named by the neurons at both ends."""
+"""Selection of synapses by pairs of a source and a target neuron."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from neuro.program.program import Ints
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ends:
-    """The ends of the synapses of a projection.
+    """The source and target neurons of the synapses of a projection.
 
     Attributes:
-        name: of the projection.
-        populations: names of its source and its target.
-        sizes: their neurons.
-        pre, post: the source and the target of each synapse.
+        name: name of the projection.
+        populations: names of the source and the target population.
+        sizes: number of neurons of the source and the target population.
+        pre, post: the source and the target neuron of each synapse.
     """
 
     name: str
@@ -33,10 +33,10 @@ class Ends:
 
 
 def places_of_pairs(ends: Ends, of: Any) -> Ints:
-    """Where the synapses of pairs (source, target) lie, in the order of the pairs.
+    """Return the indices of the synapses between pairs (source, target), in the order of the pairs.
 
     Raises:
-        ModelError: these are no pairs, one names no neuron, has no synapse, or stands there twice.
+        ModelError: the value is no list of pairs, or a pair names no neuron, has no synapse or is repeated.
     """
     pairs = _pairs(of)
     for k, word in enumerate(("source", "target")):
@@ -45,33 +45,39 @@ def places_of_pairs(ends: Ends, of: Any) -> Ints:
             message = f"of: pair {row}: found {word} {pairs[row, k]}"
             raise ModelError(f"{message}: expected a neuron of '{ends.populations[k]}', 0 to {n - 1}")
     n = ends.sizes[1]
-    keys, asked = ends.pre * n + ends.post, pairs[:, 0] * n + pairs[:, 1]
+    keys, wanted_keys = ends.pre * n + ends.post, pairs[:, 0] * n + pairs[:, 1]
     order = None if (keys[1:] >= keys[:-1]).all() else np.argsort(keys, kind="stable")
     ascending = keys if order is None else keys[order]
-    first, end = np.searchsorted(ascending, asked), np.searchsorted(ascending, asked, side="right")
-    number = end - first
-    for row in np.flatnonzero(number == 0)[:1]:
+    first, end = np.searchsorted(ascending, wanted_keys), np.searchsorted(ascending, wanted_keys, side="right")
+    multiplicity = end - first
+    for row in np.flatnonzero(multiplicity == 0)[:1]:
         pair = f"{pairs[row, 0]} to {pairs[row, 1]}"
         message = f"none of the {keys.size:,} synapses of '{ends.name}' goes from {pair}"
         raise ModelError(f"of: pair {row}: {message}")
-    if np.unique(asked).size < asked.size:
+    if np.unique(wanted_keys).size < wanted_keys.size:
         raise ModelError("of: found a pair more than once: expected each once")
-    places: Ints = np.arange(number.sum()) + np.repeat(first - np.cumsum(number) + number, number)
+    places: Ints = np.arange(multiplicity.sum()) + np.repeat(
+        first - np.cumsum(multiplicity) + multiplicity, multiplicity
+    )
     return places if order is None else order[places]
 
 
-def refuse_some_of_a_grid(name: str, said: str) -> None:
-    """Refuse to choose among synapses that share weights.
+def refuse_some_of_a_grid(name: str, argument: str) -> None:
+    """Refuse a choice of some synapses of a grid, where synapses share weights.
+
+    Args:
+        name: name of the projection.
+        argument: the argument that chose the synapses, for the message.
 
     Raises:
-        ModelError: always; `said` is the word by which they were to be chosen.
+        ModelError: always.
     """
-    message = f"{said} of '{name}', a grid, whose synapses share weights: expected all of them"
-    raise ModelError(message, hint="its kernels are set as a whole, by map")
+    message = f"{argument} of '{name}', a grid, whose synapses share weights: expected all synapses"
+    raise ModelError(message, hint="set its kernels as a whole, by map")
 
 
 def _pairs(of: Any) -> Ints:
-    """Pairs of neurons as rows, shape (n, 2)."""
+    """Return pairs of neurons as an array, shape (n, 2)."""
     message = "expected pairs (source, target) of neurons as whole numbers, such as [(0, 5), (3, 1)]"
     if isinstance(of, (Part, View, str)):
         text = f"'{of.name}'" if isinstance(of, Part) else repr(of)

@@ -1,4 +1,4 @@
-"""Engines of one network that differ in their seeds, advanced, read and set as one."""
+"""Engines of one network with different seeds, which are advanced, read and set together."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from neuro.program.program import Floats, Ints, Program
 
 
 class Engines(Protocol):
-    """Engines that stand at the same step. Arrays have a first axis, an entry for each engine."""
+    """Engines at the same step. The first axis of arrays has an entry for each engine."""
 
     def run(self, steps: int, forget: bool) -> None:
-        """Advance all; with `forget` what they record of spikes is dropped."""
+        """Advance all engines; `forget` drops the recorded spikes."""
 
     def list_spikes(self, lists: Sequence[tuple[int, Ints, Ints, Ints]]) -> None:
-        """Let listed populations emit in the steps to come.
+        """Schedule spikes of listed populations in the next steps.
 
         Args:
-            lists: population; `offsets`, so that those of engine k are `offsets[k] : offsets[k + 1]`; `ticks`, steps
-                after the present one; `ids`. Of an engine they are by tick, then id, and no id twice in a tick.
+            lists: tuples (population, offsets, ticks, ids). Engine k emits the entries `offsets[k] : offsets[k + 1]`,
+                by tick, then id, without repeated ids in a tick. Ticks count from the present step.
         """
 
     def fired(self, population: int) -> Ints:
-        """How often each neuron has fired since the start or the last reset, (engines, neurons)."""
+        """Return the spike count of each neuron since the start or the last reset, (engines, neurons)."""
 
     def set_rate(self, population: int, rates: Floats) -> None:
         """Set the rates in Hz of a poisson_generator, (engines, neurons)."""
@@ -35,28 +35,31 @@ class Engines(Protocol):
     def signal(self, signal: int, values: Floats) -> None:
         """Set a signal, (engines, neurons of its population)."""
 
-    def clear(self, projection: int, which: NDArray[np.bool_]) -> None:
-        """Let the states of synapses that learn by moves be 0 in those engines for which `which` says so."""
+    def clear(self, projection: int, chosen: NDArray[np.bool_]) -> None:
+        """Set the states of synapses that learn by moves to 0 in the chosen engines."""
 
     def merge(self, projection: int, before: Floats) -> Floats:
-        """Let the weights of a projection that learns by moves be `before` and what each engine has added; return them.
+        """Set the weights of a projection that learns by moves to `before` plus the changes of all engines.
 
         Args:
-            projection: the projection.
-            before: weights that all had, (synapses,).
+            projection: index of the projection.
+            before: weights that all engines had, (synapses,).
+
+        Returns:
+            The new weights.
         """
 
 
 @runtime_checkable
 class Joins(Protocol):
-    """An engine that joins others of its network."""
+    """An engine that its backend can join with other engines of the same network."""
 
     def joined(self, engines: Sequence[Engine]) -> Engines:
-        """All of `engines`, of which it is one, as one."""
+        """Return all `engines`, which include this one, as one."""
 
 
 def together(program: Program, engines: Sequence[Engine]) -> Engines:
-    """Engines of a network as one, as its backend does it, or one by one."""
+    """Return engines of a network as one: joined by their backend, or called one after the other."""
     first = engines[0]
     return first.joined(engines) if isinstance(first, Joins) else OneByOne(program, engines)
 
@@ -68,20 +71,20 @@ class OneByOne:
         self._program, self._engines, self._fired = program, engines, [counter(engine) for engine in engines]
 
     def run(self, steps: int, forget: bool) -> None:
-        """Advance all."""
+        """Advance all engines."""
         for engine in self._engines:
             engine.run(steps)
             if forget:
                 engine.forget(engine.step)
 
     def list_spikes(self, lists: Sequence[tuple[int, Ints, Ints, Ints]]) -> None:
-        """Let listed populations emit."""
+        """Schedule spikes of listed populations."""
         for population, offsets, ticks, ids in lists:
             for engine, first, end in zip(self._engines, offsets[:-1], offsets[1:], strict=True):
                 engine.inject(population, engine.step + ticks[first:end], ids[first:end])
 
     def fired(self, population: int) -> Ints:
-        """How often each neuron has fired."""
+        """Return the spike count of each neuron."""
         return np.array([fired(population) for fired in self._fired])
 
     def set_rate(self, population: int, rates: Floats) -> None:
@@ -94,18 +97,18 @@ class OneByOne:
         for engine, each in zip(self._engines, values, strict=True):
             engine.signal(signal, each)
 
-    def clear(self, projection: int, which: NDArray[np.bool_]) -> None:
-        """Let the states of synapses be 0."""
+    def clear(self, projection: int, chosen: NDArray[np.bool_]) -> None:
+        """Set the states of synapses to 0 in the chosen engines."""
         part = self._program.projections[projection]
-        for engine in (each for each, chosen in zip(self._engines, which, strict=True) if chosen):
+        for engine in (each for each, is_chosen in zip(self._engines, chosen, strict=True) if is_chosen):
             assert isinstance(engine, SettableSynapses)
             for state in part.synapse.states:
                 engine.set_synapses(projection, state.name, np.zeros(part.size))
 
     def merge(self, projection: int, before: Floats) -> Floats:
-        """Add up what each has learnt."""
-        gained = [engine.get_synapses(projection, "weight") - before for engine in self._engines]
-        after: Floats = before + np.sum(gained, axis=0)
+        """Add up the weight changes of all engines."""
+        changes = [engine.get_synapses(projection, "weight") - before for engine in self._engines]
+        after: Floats = before + np.sum(changes, axis=0)
         for engine in self._engines:
             engine.set_weights(projection, after)
         return after

@@ -1,1 +1,1 @@
-"""What users hold: the simulation, its trials, records and settings."""
+"""The runtime that users hold: simulations with their trials, records and settings."""

@@ -1,4 +1,4 @@
-"""From a simulation to its `Results`: gathered when it has run, or written to a file while it runs."""
+"""Collection of the `Results` of a simulation: at the end of a run, or in a file while the network runs."""
 
 from __future__ import annotations
 
@@ -46,19 +46,19 @@ def collect(
     all_weights: bool = False,
     weights: bool = True,
 ) -> Results:
-    """Gather everything worth keeping.
+    """Return the results of a simulation.
 
     Args:
         sim: a simulation that has run.
-        net: the network it was made of.
-        threads: that it ran on.
-        record: the populations whose spikes to keep; all that were recorded if empty.
-        all_weights: keep also the weights of static projections above a million synapses, which follow from
-            network and seed.
-        weights: whether weights are kept at all; `all_weights_of` gives them one projection after the other.
+        net: the network it was compiled from.
+        threads: number of threads of the run.
+        record: the populations whose spikes are included; empty: all that were recorded.
+        all_weights: include the weights of static projections above a million synapses, too. They follow from network
+            and seed.
+        weights: whether weights are included at all; `all_weights_of` yields them one projection after the other.
     """
     program, counts, raw = sim.program, sim.counts(), sim.taken().raw_counts
-    keep = record or [part.name for part in program.populations]
+    included = record or [part.name for part in program.populations]
     return Results(
         {
             **about(sim, threads),
@@ -68,29 +68,32 @@ def collect(
         },
         files_of(net),
         {
-            p.name: replace(train_of(sim, p, p.name in keep, counts), spike_counts=spikes, event_counts=events)
+            p.name: replace(train_of(sim, p, p.name in included, counts), spike_counts=spikes, event_counts=events)
             for p, spikes, events in zip(program.populations, raw.spikes, raw.events, strict=True)
         },
-        {p.name: weights_of(sim, p, counts, all_weights=all_weights, kept=weights) for p in program.projections},
+        {
+            p.name: weights_of(sim, p, counts, all_weights=all_weights, includes_weights=weights)
+            for p in program.projections
+        },
         traces(sim),
     )
 
 
 def traces(sim: Any) -> dict[str, Trace]:
-    """What the probes of states have recorded, by the names of the traces."""
-    found: dict[str, Trace] = {}
+    """Return the traces that the probes of states have recorded, by name."""
+    traces_by_name: dict[str, Trace] = {}
     probes: list[Probe | SynapseProbe] = [probe for probe in sim.program.probes if probe.record != "spikes"]
     for probe in [*probes, *sim.program.synapse_probes]:
         times, values = sim.trace(probe.name)
         ends = {}
         if isinstance(values, dict):
             values, ends = values[probe.record], {"pre": values["pre"], "post": values["post"]}
-        found[probe.name] = replace(trace_of(sim, probe), times_ms=times, values=values, **ends)
-    return found
+        traces_by_name[probe.name] = replace(trace_of(sim, probe), times_ms=times, values=values, **ends)
+    return traces_by_name
 
 
 def about(sim: Any, threads: int) -> dict[str, Any]:
-    """What a run is of, how far it is, and what it has taken."""
+    """Return the attributes of a run: network, backend, seed, versions, duration and counts."""
     program, counts = sim.program, sim.counts()
     totals = ("steps", "spikes", "neuron_updates", "neuron_updates_active", "synaptic_ops", "learning_updates")
     return {
@@ -109,7 +112,7 @@ def about(sim: Any, threads: int) -> dict[str, Any]:
 
 
 def origin(sim: Any, net: Network, threads: int, record: Collection[str], all_weights: bool) -> str:
-    """Where a run comes from, as JSON, see `neuro.core.provenance`; with what it keeps, and how it was steered."""
+    """Return the provenance of a run as JSON, see `neuro.core.provenance`, with its options and `steered`."""
     about_run = record_of(
         net, backend=sim.backend, threads=threads, seed=sim.program.seed, network=fingerprint(sim.program)
     )
@@ -117,17 +120,17 @@ def origin(sim: Any, net: Network, threads: int, record: Collection[str], all_we
 
 
 def steered_since(record: str, sim: Any) -> str:
-    """The record of the begin of a run, see `origin`, with how it was steered since."""
+    """Return the record of `origin` with the present list of calls that changed the simulation."""
     return json.dumps({**json.loads(record), "steered": list(sim.steered)})
 
 
 def record_of(net: Network, **of_a_run: Any) -> dict[str, Any]:
-    """The record of what is made with a network now."""
+    """Return the provenance of something that is made with a network now."""
     return provenance((*net.inputs, *recordings_of(net).values(), *extensions()), **of_a_run)
 
 
 def recordings_of(net: Network) -> dict[str, str]:
-    """Where the recordings lie that event cameras play, and the files of wiring diagrams, as attributes of results."""
+    """Return the paths of event camera recordings and wiring diagrams, as attributes of results."""
     files = {name: getattr(part.model, "file", None) for name, part in net.populations.items()}
     tables = ((name, part.neurons) for name, part in net.populations.items())
     files |= {f"{name}.neurons": table.file for name, table in tables if table is not None}
@@ -136,33 +139,40 @@ def recordings_of(net: Network) -> dict[str, str]:
 
 
 def files_of(net: Network) -> dict[str, bytes]:
-    """The files that `net.save` writes, by name; recordings are named, not kept."""
+    """Return the files that `net.save` writes, by name. Recordings are referenced, not copied."""
     with tempfile.TemporaryDirectory() as folder:
         save(net, Path(folder) / YAML, anywhere=True)
         return {file.name: file.read_bytes() for file in sorted(Path(folder).iterdir())}
 
 
-def train_of(sim: Any, part: Population, kept: bool, counts: Counts, empty: bool = False) -> Train:
-    """A population with its spikes if they are kept, before any was counted; without them if `empty`."""
+def train_of(sim: Any, part: Population, includes_spikes: bool, counts: Counts, empty: bool = False) -> Train:
+    """Return the results of a population, without spike counts.
+
+    Spikes are included if `kept` is true and `empty` is false.
+    """
     none, zeros = np.zeros(0, np.int64), np.zeros(part.size, np.int64)
-    about = (part.said, part.shape, asdict(counts.populations[part.name]), kept and part.records)
+    about = (part.said, part.shape, asdict(counts.populations[part.name]), includes_spikes and part.records)
     steps, ids, multiplicity = none, none, none
     payloads = none.astype(np.int32) if part.model.graded else None
-    if kept and part.records and not empty:
-        steps, ids, multiplicity, carried = sim._records.train(
-            sim.handles.neurons(part.name)
-        )  # in steps, as they are kept
+    if includes_spikes and part.records and not empty:
+        steps, ids, multiplicity, carried = sim._records.train(sim.handles.neurons(part.name))
         payloads = None if carried is None else carried.astype(np.int32)
     emits = "current" if part.kind == "current" else "spikes"
     return Train(*about, sim.program.resolution, steps, ids, multiplicity, zeros, zeros, emits, payloads)
 
 
-def weights_of(sim: Any, part: Projection, counts: Counts, *, all_weights: bool = False, kept: bool = True) -> Weights:
-    """A projection, with its weights if they are kept."""
+def weights_of(
+    sim: Any, part: Projection, counts: Counts, *, all_weights: bool = False, includes_weights: bool = True
+) -> Weights:
+    """Return the results of a projection, with its weights if they are included."""
     names = [population.name for population in sim.program.populations]
     about = (names[part.source], names[part.target], part.synapse.name, part.size)
     words = (*about, asdict(counts.projections[part.name]))
-    if part.undrawn is not None or not kept or not (all_weights or part.synapse.learns or part.size <= SMALL):
+    if (
+        part.undrawn is not None
+        or not includes_weights
+        or not (all_weights or part.synapse.learns or part.size <= SMALL)
+    ):
         return Weights(*words, drawn_by=None if part.undrawn is None else sim.backend)
     if part.grid is not None:
         return Weights(*words, weight=sim.weights(part.name))
@@ -172,15 +182,15 @@ def weights_of(sim: Any, part: Projection, counts: Counts, *, all_weights: bool 
 
 
 def all_weights_of(sim: Any, all_weights: bool) -> Iterator[tuple[str, Weights]]:
-    """The projections by name, with the weights that are kept, one after the other."""
+    """Yield the projections by name, with weights, one after the other."""
     counts = sim.counts()
     for part in sim.program.projections:
         yield part.name, weights_of(sim, part, counts, all_weights=all_weights)
 
 
 def trace_of(sim: Any, probe: Probe | SynapseProbe) -> Trace:
-    """A trace of which nothing is recorded yet."""
-    about: dict[str, Any] = {"probe": sim.handles.of_trace(probe.name), "mean": probe.mean}
+    """Return a trace without values."""
+    about: dict[str, Any] = {"probe": sim.handles.probe_name(probe.name), "mean": probe.mean}
     if isinstance(probe, Probe):
         population = sim.program.populations[probe.population]
         states = {state.name: state.unit for state in population.model.states}
@@ -204,35 +214,36 @@ def trace_of(sim: Any, probe: Probe | SynapseProbe) -> Trace:
 
 
 def counts_of(part: PopulationCounts | ProjectionCounts) -> dict[str, int]:
-    """Counts as attributes of a file."""
+    """Return counts as attributes of a file."""
     return {f"counts.{name}": count for name, count in asdict(part).items()}
 
 
 COMMIT_S = 1.0
-"""Seconds after which what was recorded is committed; a kill loses what came after the last commit."""
+"""Seconds between commits. A run that is killed loses the records after the last commit."""
 
 STRETCH_S = 0.25
-"""About how long a stretch of a run takes, between which it is seen whether to commit."""
+"""Approximate duration in seconds of one part of a run. Between two parts a commit is possible."""
 
 _FIRST = np.ones(1, dtype=np.bool_)
 
 
 class ResultsWriter:
-    """A file of results that grows with a run, and takes its name when it ends.
+    """A file of results that grows during a run, and gets its final name at the end.
 
     Args:
-        sim: the simulation, which asks it to run.
-        net: the network it was made of.
-        engine: that of the simulation.
-        recorder: that of the simulation.
-        path: of the file; it is written beside, to the first part that keeps no recording of an earlier run.
-        threads: that it runs on.
-        record: the populations whose spikes to keep; all that are recorded if empty.
-        all_weights: as of `neuro.run.collect.collect`.
+        sim: the simulation, which calls `run`.
+        net: the network it was compiled from.
+        engine: the engine of the simulation.
+        recorder: the recorder of the simulation.
+        path: the final path. The first free `.part` file beside it is written, so that no recording of an earlier run
+            is lost.
+        threads: number of threads of the run.
+        record: the populations whose spikes are stored; empty: all that are recorded.
+        all_weights: as for `neuro.run.collect.collect`.
         live: whether another process writes the file, so that the run waits for no disk.
 
     Attributes:
-        drained: the step up to which what was recorded has been moved out of memory.
+        drained: the step up to which records have been moved out of memory.
 
     Raises:
         Unwritable: the file cannot be written, or another run writes it.
@@ -265,7 +276,7 @@ class ResultsWriter:
         self._file: ResultsFile | RemoteFile = RemoteFile(self.part) if live else ResultsFile(self.part)
         self._origin = origin(sim, net, threads, record, all_weights)
         head = {**about(sim, threads), **recordings_of(net), ATTRIBUTE: self._origin}
-        self._kept = [
+        self._recorded = [
             index
             for index, part in enumerate(sim.program.populations)
             if part.records and (not record or part.name in record)
@@ -274,7 +285,7 @@ class ResultsWriter:
         self._stretch = 1
         try:
             self._file.begin({**head, "finished": False}, files)
-            self._make_room()
+            self._create_groups()
             self.commit()
             if isinstance(self._file, RemoteFile):
                 self._file.wait()
@@ -282,16 +293,16 @@ class ResultsWriter:
             self._file.close()
             raise
 
-    def _make_room(self) -> None:
-        """The parts of the file, still without content."""
+    def _create_groups(self) -> None:
+        """Create the groups of the file, still without content."""
         program, counts = self._sim.program, self._sim.counts()
         for index, part in enumerate(program.populations):
-            kept = index in self._kept
-            train = train_of(self._sim, part, kept, counts, empty=True)
+            includes_spikes = index in self._recorded
+            train = train_of(self._sim, part, includes_spikes, counts, empty=True)
             grows = ("steps", "ids", "multiplicity", *(("payloads",) if part.model.graded else ()))
-            self._file.add(f"populations/{part.name}", train, grows, kept)
+            self._file.add(f"populations/{part.name}", train, grows, includes_spikes)
         for projection in program.projections:
-            weights = weights_of(self._sim, projection, counts, kept=False)
+            weights = weights_of(self._sim, projection, counts, includes_weights=False)
             self._file.add(f"projections/{projection.name}", weights, ())
         probes: list[Probe | SynapseProbe] = [*program.probes, *program.synapse_probes]
         for probe in probes:
@@ -301,35 +312,35 @@ class ResultsWriter:
                 self._file.add(f"traces/{probe.name}", trace, ("times_ms", "values", *at_pre))
 
     def feed(self, population: str, steps: Ints, ids: Ints) -> None:
-        """Keep what an event camera was fed, so that the run can be made again."""
+        """Store the events that an event camera was fed, so that the run can be repeated."""
         if steps.size:
             firsts = np.flatnonzero(np.concatenate([_FIRST, steps[1:] != steps[:-1]]))
             sizes = np.diff(firsts, append=steps.size)
             self._fed.setdefault(population, []).append((steps[firsts], sizes, ids.astype(np.uint32)))
 
     def run(self, steps: int) -> None:
-        """Advance the simulation, committing about once a second; what is live commits when it is asked to."""
-        done = 0
-        while done < steps:
-            stretch = min(self._stretch, steps - done)
-            began = time.perf_counter()
+        """Advance the simulation and commit about once a second. A live run commits only when `commit` is called."""
+        finished = 0
+        while finished < steps:
+            stretch = min(self._stretch, steps - finished)
+            begin = time.perf_counter()
             self._recorder.run(stretch)
             now = time.perf_counter()
-            done += stretch
-            self._stretch = max(1, int(stretch * min(10.0, STRETCH_S / max(now - began, 1e-9))))
+            finished += stretch
+            self._stretch = max(1, int(stretch * min(10.0, STRETCH_S / max(now - begin, 1e-9))))
             if now - self._committed >= COMMIT_S and not self.live:
                 self.commit()
 
     def drain(self) -> None:
-        """Move what has been recorded to the file; it is not kept in memory."""
+        """Move the records from memory to the file."""
         clock, now = self._clock, self._engine.step
-        for index in self._kept:
-            found = self._engine.spikes(index, -1)
-            end = int(np.searchsorted(found.steps, now, side="right"))
-            spikes: dict[str, NDArray[Any]] = {"steps": found.steps[:end], "ids": found.ids[:end]}
-            spikes["multiplicity"] = found.multiplicity[:end]
-            if found.payloads is not None:
-                spikes["payloads"] = found.payloads[:end]
+        for index in self._recorded:
+            recorded_spikes = self._engine.spikes(index, -1)
+            end = int(np.searchsorted(recorded_spikes.steps, now, side="right"))
+            spikes: dict[str, NDArray[Any]] = {"steps": recorded_spikes.steps[:end], "ids": recorded_spikes.ids[:end]}
+            spikes["multiplicity"] = recorded_spikes.multiplicity[:end]
+            if recorded_spikes.payloads is not None:
+                spikes["payloads"] = recorded_spikes.payloads[:end]
             self._append(f"populations/{self._sim.program.populations[index].name}", spikes)
         if self._sim._signals is not None:
             self._sim._signals.listen()
@@ -354,18 +365,18 @@ class ResultsWriter:
             self._file.append(place, arrays)
 
     def commit(self) -> None:
-        """Move what has been recorded to the disk, where it stays whatever happens to this process.
+        """Write all records to disk, where they survive a crash of this process.
 
         Raises:
-            Unwritable: it cannot be written.
+            Unwritable: the file cannot be written.
         """
         self.drain()
-        self._count()
+        self._write_counts()
         self._file.commit()
         self._committed = time.perf_counter()
 
-    def _count(self) -> None:
-        """Write the time and the counts of now."""
+    def _write_counts(self) -> None:
+        """Write the present time and counts."""
         program, counts, raw = self._sim.program, self._sim.counts(), self._engine.counts()
         origin = steered_since(self._origin, self._sim)
         attributes: dict[str, dict[str, Any]] = {"/": {**about(self._sim, self._threads), ATTRIBUTE: origin}}
@@ -379,35 +390,35 @@ class ResultsWriter:
 
     @property
     def results(self) -> Results:
-        """All that has been recorded."""
+        """The results so far."""
         self.drain()
         if self.live:
-            self._count()
+            self._write_counts()
         return self._file.results
 
     def note(self, place: str, numbers: Mapping[str, Any]) -> None:
-        """Write what else is to be kept, as attributes of a group."""
+        """Write other numbers as attributes of a group."""
         self._file.update({place: numbers}, {})
 
     def finish(self) -> None:
-        """Write the weights, and give the file its name.
+        """Write the weights, and give the file its final name.
 
         Raises:
-            Unwritable: it cannot be written.
+            Unwritable: the file cannot be written.
         """
         counts = self._sim.counts()
         for part in self._sim.program.projections:
             weights = weights_of(self._sim, part, counts, all_weights=self._all_weights)
             self._file.complete(f"projections/{part.name}", weights)
         self.drain()
-        self._count()
+        self._write_counts()
         self._file.update({"/": {"finished": True}}, {})
         self._file.finish(self.path)
         self._finished = True
 
     def close(self) -> None:
-        """Let go of the file; a run that did not end stays in `part` as far as it was recorded."""
-        with suppress(ModelError, OSError, RuntimeError):  # after another error, which is the one to report
+        """Close the file. After an unfinished run, the `.part` file holds the records so far."""
+        with suppress(ModelError, OSError, RuntimeError):  # an earlier error is the one to report
             if not self._finished:
                 self.commit()
         self._file.close()

@@ -1,4 +1,4 @@
-"""From a network to a simulation: everything that a backend refuses or approximates is reported first."""
+"""Compilation of a network to a simulation, with all refusals and approximations of the backend reported first."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _THREADS = Quantity(kind="integer", at_least=1, at_most=max(64, os.cpu_count() o
 
 
 class ModelWarning(UserWarning):
-    """A network runs, but its parameters are likely not meant so."""
+    """A network runs, but some of its parameters are likely a mistake."""
 
 
 class ApproximationWarning(UserWarning):
@@ -111,11 +111,11 @@ def compile(
     except MemoryError as error:
         free = free_memory()
         at_hand = f"; {free:,} bytes are free" if free is not None else ""
-        raise ModelError(f"network '{net.name}' needs more memory than there is: {error}{at_hand}") from None
+        raise ModelError(f"network '{net.name}' does not fit into memory: {error}{at_hand}") from None
 
 
 def _caution(program: Program) -> None:
-    """Warn of parameters that are likely not meant so."""
+    """Warn of parameters that are likely a mistake."""
     for part in program.populations:
         if isinstance(part.model, Neuron) and (caution := part.model.caution(part.parameters, program.resolution)):
             place = f"{part.origin}: " if part.origin else ""
@@ -123,11 +123,11 @@ def _caution(program: Program) -> None:
 
 
 def _report(backend: str, problems: Iterable[Problem]) -> None:
-    """Raise one error for all that is refused; warn of what is approximated."""
-    every = list(problems)
-    refused = tuple(problem.error() for problem in every if problem.refused)
+    """Raise one error for all refusals; warn of each approximation."""
+    all_problems = list(problems)
+    refused = tuple(problem.error() for problem in all_problems if problem.refused)
     if refused:
         count = f"{len(refused)} problem" + "s" * (len(refused) > 1)
         raise ModelError(f"backend '{backend}' cannot run this network ({count})", others=refused)
-    for problem in every:
+    for problem in all_problems:
         warnings.warn(f"backend '{backend}': {problem.error()}", ApproximationWarning, stacklevel=3)

@@ -1,4 +1,4 @@
-"""Many copies of a network as one simulation: what is done to all is one call, however many there are."""
+"""Copies of a network with different seeds, controlled together: one call acts on all copies."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from neuro.run.stepper import Joined, Stepper
 
 
 class Copies:
-    """Copies of a network with seeds of their own; made by `neuro.compile(net, copies=n, seed=s)`.
+    """Copies of a network with different seeds, made by `neuro.compile(net, copies=n, seed=s)`.
 
-    Copy k is the simulation of seed s + k, bit for bit. `copies[k]` reads and sets one of them; what is named here is
-    done to all in one call, and its arrays have a first axis, an entry for each copy.
+    Copy k gives the same bits as a simulation with seed s + k. `copies[k]` reads and sets one copy. The methods of this
+    class act on all copies in one call, and the first axis of their arrays has an entry for each copy.
     """
 
     def __init__(self, sims: Sequence[Simulation]) -> None:
@@ -48,17 +48,17 @@ class Copies:
         return self._sims[0].time
 
     def run(self, ms: float) -> None:
-        """Advance all by a multiple of the resolution, as `Simulation.run` does.
+        """Advance all copies by a multiple of the resolution, as `Simulation.run` does.
 
         Raises:
-            ModelError: as of that; and copies that were run apart do not stand at one time.
+            ModelError: as for `Simulation.run`, or copies that were run separately are not at the same time.
         """
         steps = self._joined.run.steps(ms)
         self._joined.check_together()
         self._advance(steps, forget=False)
 
     def _advance(self, steps: int, forget: bool) -> None:
-        """Run all; with `forget` what was recorded before is dropped, or not recorded."""
+        """Run all copies; `forget` drops earlier records, or records nothing."""
         if self._joined.plain:
             self._joined.advance(steps, forget)
             return
@@ -68,47 +68,47 @@ class Copies:
             sim.run(self._joined.run.clock.ms(steps))
 
     def reset(self, weights: bool = False) -> None:
-        """Back to time 0, as `Simulation.reset`."""
+        """Return all copies to time 0, as `Simulation.reset`."""
         for sim in self._sims:
             sim.reset(weights)
 
     def signal(self, of: Signal | str, values: ArrayLike) -> None:
-        """Set a signal: a number, one for each copy (copies, 1), or for each copy and neuron (copies, neurons)."""
+        """Set a signal: a number, an array (copies, 1), or an array (copies, neurons)."""
         index = self._sims[0].handles.signal(of)
         if index not in self._signals:
             self._signals[index] = self.port(of)
         self._signals[index].set(values)
 
     def clear(self, of: Projection | str, which: ArrayLike | None = None) -> None:
-        """Let the states of the synapses of a projection that learns by moves be 0, as at an episode's end.
+        """Set the states of the synapses of a projection that learns by moves to 0, as at the end of an episode.
 
         Args:
             of: the projection.
-            which: whether of each copy, (copies,), bool; of all if not given.
+            which: the copies to clear, (copies,), bool; default: all.
         """
-        index = self._moves(of, "clear")
+        index = self._moving_projection(of, "clear")
         chosen = np.ones(len(self), dtype=np.bool_) if which is None else np.ascontiguousarray(which, dtype=np.bool_)
         if chosen.shape != (len(self),):
             raise ModelError(f"clear: which has shape {list(chosen.shape)}: expected [{len(self)}], one for each copy")
         self._joined.engines.clear(index, chosen)
 
     def merge(self, of: Projection | str, before: ArrayLike) -> Floats:
-        """Let all have the same weights, of a projection that learns by moves: what each has learnt is added up.
+        """Give all copies of a projection that learns by moves the same weights, with the changes of all added up.
 
         Args:
             of: the projection.
-            before: weights that all copies had at first, (synapses,), as `weights` and `get` list them.
+            before: weights that all copies had at first, (synapses,), in the order of `weights` and `get`.
 
         Returns:
-            the weights that all have now: `before` and the sum of what each has added to it.
+            the new weights of all copies: `before` plus the sum of the changes.
         """
-        index = self._moves(of, "merge")
-        size, given = self.program.projections[index].size, np.asarray(before, dtype=np.float64)
-        if given.shape != (size,):
-            raise ModelError(f"merge: before has shape {list(given.shape)}: expected [{size}], one for each synapse")
-        return self._joined.engines.merge(index, given)
+        index = self._moving_projection(of, "merge")
+        size, previous = self.program.projections[index].size, np.asarray(before, dtype=np.float64)
+        if previous.shape != (size,):
+            raise ModelError(f"merge: before has shape {list(previous.shape)}: expected [{size}], one for each synapse")
+        return self._joined.engines.merge(index, previous)
 
-    def _moves(self, of: Projection | str, what: str) -> int:
+    def _moving_projection(self, of: Projection | str, what: str) -> int:
         index = self._sims[0].handles.projection(of)
         part = self.program.projections[index]
         if part.synapse.learns != "moves":
@@ -116,20 +116,20 @@ class Copies:
         return index
 
     def port(self, of: Population | View | Projection | Signal | str, what: str | None = None) -> Port:
-        """A port as of `Simulation.port` whose arrays have a first axis, an entry for each copy."""
+        """Return a port as `Simulation.port` does; the first axis of its arrays has an entry for each copy."""
         return self._ports.port(of, what)
 
     def stepper(
         self, ms: float, emit: Sequence[Population | str] = (), count: Sequence[Population | str] = ()
     ) -> Stepper:
-        """Control steps of `ms`: spikes in, run, counts out, in one call; see `Stepper`.
+        """Return a stepper for control steps of `ms`: spikes in, run, counts out, in one call; see `Stepper`.
 
         Args:
             ms: the length of a control step.
-            emit: populations of spike_generator that are given spikes at each.
+            emit: populations of spike_generator that receive spikes at each control step.
             count: populations whose spikes are counted.
 
         Raises:
-            ModelError: there is no such population, or one of `emit` is another model.
+            ModelError: there is no such population, or one of `emit` has another model.
         """
         return Stepper(self._joined, ms, emit, count)

@@ -1,4 +1,4 @@
-"""Parts of a network as callers name them: by name, by the part itself, or by a view of a population."""
+"""Resolution of what callers pass to name a part: its name, the part itself, or a view of a population."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from neuro.program.backend import Engine
 from neuro.program.program import Ints, Program
 
 _SMALL = 1_000_000
-"""Synapses of a projection up to which their ends are kept."""
+"""Largest number of synapses of a projection whose sources and targets are cached."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,10 +27,10 @@ class Neurons:
     """Neurons of a population that a caller names.
 
     Attributes:
-        index: of the population in the program.
-        part: the population there.
-        end: which of its neurons.
-        view: the view that was named, if one was.
+        index: index of the population in the program.
+        part: the population in the program.
+        end: the selected neurons of the population.
+        view: the view that was named, if any.
     """
 
     index: int
@@ -40,27 +40,27 @@ class Neurons:
 
     @property
     def ids(self) -> Ints | None:
-        """The neurons in their order, None for all."""
+        """The selected neurons in their order, None for all."""
         return self.end.ids
 
     @property
     def text(self) -> str:
-        """What was named, for messages."""
+        """The population or view as text, for messages."""
         return f"'{self.part.name}'" if self.view is None else repr(self.view)
 
-    def among(self) -> NDArray[np.bool_]:
-        """Whether each neuron of the population is one of them."""
-        mask = np.zeros(self.part.size, dtype=np.bool_)
-        mask[slice(None) if self.ids is None else self.ids] = True
-        return mask
+    def mask(self) -> NDArray[np.bool_]:
+        """Return a mask of the population that is True for the selected neurons."""
+        is_selected = np.zeros(self.part.size, dtype=np.bool_)
+        is_selected[slice(None) if self.ids is None else self.ids] = True
+        return is_selected
 
 
 class Handles:
-    """Finds parts of a compiled network.
+    """Finds parts of a compiled network by name, object or view.
 
     Args:
         net: the network that was compiled.
-        program: its resolved form.
+        program: its compiled form.
     """
 
     def __init__(self, net: Network, program: Program) -> None:
@@ -69,7 +69,7 @@ class Handles:
         self._projections = {part.name: index for index, part in enumerate(program.projections)}
         self._signals = {part.name: index for index, part in enumerate(program.signals)}
         self._probes = {part.name: index for index, part in enumerate(net.probes.values())}
-        self._said = tuple(net.probes.values())
+        self._declared_probes = tuple(net.probes.values())
         self._whole = {
             part.name: Neurons(index, part, End(part.shape, None, part.size))
             for index, part in enumerate(program.populations)
@@ -77,7 +77,7 @@ class Handles:
         self._ends: dict[int, tuple[Ints, Ints]] = {}
 
     def neurons_or_projection(self, of: Population | View | Projection | str) -> Neurons | int:
-        """The neurons, or the index of the projection.
+        """Return the neurons, or the index of the projection.
 
         Raises:
             ModelError: this network has neither, or the view reaches beyond its population.
@@ -88,10 +88,10 @@ class Handles:
             return self.neurons(named(of, self._net.populations))
         if isinstance(of, Projection) or (isinstance(of, str) and of in self._projections):
             return self.projection(of)
-        raise _none("population or projection", of, [*self._populations, *self._projections])
+        raise _wrong_part("population or projection", of, [*self._populations, *self._projections])
 
     def neurons(self, of: Population | View | str) -> Neurons:
-        """The neurons of a population, or of a view of one.
+        """Return the neurons of a population, or of a view of one.
 
         Raises:
             ModelError: this network has no such population, or the view reaches beyond it.
@@ -107,12 +107,12 @@ class Handles:
         return Neurons(index, part, end_of(of, part.shape), of)
 
     def neurons_or_ids(self, of: Side, population: int, word: str) -> Neurons:
-        """The neurons of a population or a view, or those of a population that ids name.
+        """Return the neurons of a population or view, or the neurons with some ids.
 
         Args:
             of: the population, the view, or ids.
-            population: the one that ids are of.
-            word: where they were said, for messages.
+            population: index of the population that the ids belong to.
+            word: name of the argument, for messages.
 
         Raises:
             ModelError: this network has no such population, or no neuron with one of the ids.
@@ -127,17 +127,17 @@ class Handles:
         return Neurons(population, part, end_of(chosen, part.shape), chosen)
 
     def recorded(self, probe: resolved.Probe) -> Neurons:
-        """The neurons that a probe records."""
+        """Return the neurons that a probe records."""
         part = self._program.populations[probe.population]
         shape = part.shape if probe.ids is None else probe.ids.shape
         return Neurons(probe.population, part, End(shape, probe.ids, part.size))
 
     def projection(self, of: Projection | str) -> int:
-        """The index of a projection."""
+        """Return the index of a projection."""
         return self._find("projection", Projection, of, self._projections, self._net.projections)
 
     def signal(self, of: Signal | str) -> int:
-        """The index of a signal that a program sets.
+        """Return the index of a signal that the caller sets.
 
         Raises:
             ModelError: the network has no such signal, or the description sets it.
@@ -145,30 +145,30 @@ class Handles:
         index = self._find("signal", Signal, of, self._signals, self._net.signals)
         if self._program.signals[index].values is not None:
             part = self._program.signals[index]
-            message = f"signal '{part.name}' has values, which set it while the network runs"
-            hint = "leave 'values' out where a program sets it"
-            raise ModelError(f"{message}: expected one without", where=part.origin, hint=hint)
+            message = f"signal '{part.name}' has values of its own"
+            hint = "leave 'values' out to set the signal from outside"
+            raise ModelError(f"{message}: expected a signal without", where=part.origin, hint=hint)
         return index
 
     def probe(self, of: Probe | str) -> Probe:
-        """A probe, as it was said; its traces are named by `Probe.traces`."""
-        for probe in self._said:
+        """Return a probe as described. A trace is found by its name in `Probe.traces`."""
+        for probe in self._declared_probes:
             if not isinstance(probe.record, str):
                 for state, name in probe.traces().items():
                     if of == name:
                         return replace(probe, name=name, record=state)
-        return self._said[self._find("probe", Probe, of, self._probes, self._net.probes)]
+        return self._declared_probes[self._find("probe", Probe, of, self._probes, self._net.probes)]
 
-    def of_trace(self, name: str) -> str:
-        """The name of the probe that records a trace."""
-        return next(probe.name for probe in self._said if name in probe.traces().values())
+    def probe_name(self, name: str) -> str:
+        """Return the name of the probe that records a trace."""
+        return next(probe.name for probe in self._declared_probes if name in probe.traces().values())
 
     def recording(self, name: str) -> resolved.Probe:
-        """The probe of a population that records a trace."""
+        """Return the probe of a population that records a trace."""
         return next(probe for probe in self._program.probes if probe.name == name)
 
     def ends(self, index: int) -> tuple[Ints, Ints]:
-        """Source and target of every synapse of a projection, in the order of the weights."""
+        """Return source and target of every synapse of a projection, in the order of the weights."""
         if index in self._ends:
             return self._ends[index]
         ends: tuple[Ints, Ints] = self._program.connections(index)
@@ -184,7 +184,7 @@ class Handles:
         if isinstance(of, str) and of in known:
             return known[of]
         if not isinstance(of, kind):
-            raise _none(word, of, known)
+            raise _wrong_part(word, of, known)
         if parts.get(of.name) is not of:
             message = f"{word} '{of.name}' is a part of another network: expected one of '{self._net.name}'"
             raise ModelError(message, hint=f"'{of.name}' names the one here" if of.name in known else "")
@@ -192,17 +192,17 @@ class Handles:
 
 
 class Run:
-    """A network in execution, as the parts of a simulation share it.
+    """A network in execution: the state that the parts of a simulation share.
 
     Args:
         net: the network that was compiled.
         backend: the name of the backend.
-        program: its resolved form.
-        engine: runs it.
+        program: the compiled network.
+        engine: the engine that runs the program.
 
     Attributes:
-        clock: of the network.
-        handles: finds its parts.
+        clock: the clock of the network.
+        handles: finds parts of the network.
         rules: the present synapse models of projections, changed in place.
     """
 
@@ -212,10 +212,10 @@ class Run:
         self.rules = {index: part.synapse for index, part in enumerate(program.projections)}
 
     def steps(self, ms: float) -> int:
-        """Return the time of a run in steps.
+        """Return the duration of a run in steps.
 
         Raises:
-            ModelError: the time is no multiple of the resolution, or not finite.
+            ModelError: the time is not a multiple of the resolution, or not finite.
         """
         steps = self.clock.step(ms, "run")
         if not 0 <= steps < NEVER:
@@ -223,8 +223,8 @@ class Run:
         return steps
 
 
-def _none(word: str, found: object, known: Iterable[str]) -> ModelError:
-    """The error for what is no part of that word."""
+def _wrong_part(word: str, found: object, known: Iterable[str]) -> ModelError:
+    """Return the error for an object that is not the expected kind of part."""
     if isinstance(found, Part):
         return ModelError(f"found the {found.word} '{found.name}': expected a {word} or its name")
     if isinstance(found, View):

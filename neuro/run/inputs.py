@@ -1,4 +1,4 @@
-"""What comes from outside while a network runs: spikes, events, signals, and neurons that are silenced or driven."""
+"""Input from outside while a network runs: spikes, events, signals, and the silencing or driving of neurons."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from neuro.run.handles import Neurons, Run
 
 
 class InputFeeder:
-    """Brings to an engine what a user gives.
+    """Passes input of the user to an engine.
 
     Args:
         run: the network in execution.
@@ -31,7 +31,8 @@ class InputFeeder:
         """Add spikes to a spike_generator, with payloads to a graded_spike_train.
 
         Raises:
-            ModelError: it is another model, a time has passed or is off the grid, or there is no such neuron.
+            ModelError: the population has another model, a time has passed or is off the grid, or there is no such
+                neuron.
         """
         part = neurons.part
         if part.kind != "listed" or part.stream is not None:
@@ -50,10 +51,10 @@ class InputFeeder:
             self._engine.inject(neurons.index, steps, emit, carried)
 
     def feed(self, neurons: Neurons, events: Any) -> tuple[Ints, Ints]:
-        """Let an event camera emit more events; return the steps and neurons of its spikes.
+        """Add events to an event camera; return the steps and neurons of its spikes.
 
         Raises:
-            ModelError: it is another model, the events are of another sensor, or one comes too late.
+            ModelError: the population has another model, the events are of another sensor, or an event is too late.
         """
         part = neurons.part
         if neurons.view is not None:
@@ -79,52 +80,57 @@ class InputFeeder:
 
 
 def outgoing(program: Program, neurons: Neurons) -> list[int]:
-    """The projections that have synapses from some neurons.
+    """Return the indices of the projections with at least one synapse from the given neurons.
 
     Raises:
-        ModelError: only some neurons share a kernel with the others, or weights learn and would grow again.
+        ModelError: silencing these neurons would not silence their synapses. Either they share a kernel with neurons
+            that stay active, or the synapses learn, so that their weights would grow again.
     """
-    found = [k for k, part in enumerate(program.projections) if part.source == neurons.index and part.size]
-    among = neurons.among()
-    for part in (program.projections[k] for k in found):
-        if part.grid is not None and not among.all():
-            message = f"silence: {neurons.text}: '{part.name}' has one kernel for all neurons: expected all of them"
+    candidates = [k for k, part in enumerate(program.projections) if part.source == neurons.index and part.size]
+    is_silenced = neurons.mask()
+    for part in (program.projections[k] for k in candidates):
+        if part.grid is not None and not is_silenced.all():
+            message = f"silence: {neurons.text}: '{part.name}' has one kernel for all neurons: expected all neurons"
             raise ModelError(message, hint=f"sim.silence('{neurons.part.name}')")
-    # All neurons have synapses along projections that are not listed.
-    csr = [program.projections[k].layout == "csr" for k in found]
-    reached = [k for k, listed in zip(found, csr, strict=True) if not listed or fan_out(program, k)[among].any()]
-    for part in (program.projections[k] for k in reached):
+    # Dense, one-to-one and grid projections connect every source neuron; sparse ones are looked up by fan-out.
+    is_sparse = [program.projections[k].layout == "csr" for k in candidates]
+    indices = [
+        k
+        for k, sparse in zip(candidates, is_sparse, strict=True)
+        if not sparse or fan_out(program, k)[is_silenced].any()
+    ]
+    for part in (program.projections[k] for k in indices):
         if part.synapse.learns and not part.synapse.delays and not isinstance(part.synapse, tsodyks2):
             rule = part.synapse.name
             message = f"silence: {neurons.text}: '{part.name}' learns by {rule}, so its weights would grow again"
-            hint = "sim.network() has what was learnt; silence it with static synapses"
-            raise ModelError(f"{message}: expected weights that stay", hint=hint)
-    return reached
+            hint = "sim.network(frozen=True) has the learnt weights as static synapses"
+            raise ModelError(f"{message}: expected static synapses", hint=hint)
+    return indices
 
 
 def driver(program: Program, neurons: Neurons) -> Neurons:
-    """The generators that drive some neurons one to one; of several the ones that are described without a rate.
+    """Return the generators that drive some neurons one to one. Among several, those with a described rate of 0 count.
 
     Raises:
-        ModelError: there are none, or several between which nothing decides.
+        ModelError: there are none, or several that the rule does not distinguish.
     """
-    found = [
+    sources = [
         part.source
         for part in program.projections
         if part.target == neurons.index
         and part.whole_layout == "one_to_one"
         and program.populations[part.source].kind == "poisson"
     ]
-    if len(found) > 1:
-        found = [index for index in found if not np.any(program.populations[index].parameters["rate"])] or found
+    if len(sources) > 1:
+        sources = [index for index in sources if not np.any(program.populations[index].parameters["rate"])] or sources
     name = neurons.part.name
-    if not found:
+    if not sources:
         message = f"activate: {neurons.text}: expected a poisson_generator that is connected to '{name}' one_to_one"
         raise ModelError(message, hint="net.wiring(..., drive=weight) adds one")
-    if len(found) > 1:
-        names = " and ".join(f"'{program.populations[index].name}'" for index in found)
+    if len(sources) > 1:
+        names = " and ".join(f"'{program.populations[index].name}'" for index in sources)
         message = (
             f"activate: {neurons.text}: {names} are connected to '{name}' one_to_one: expected one with a rate of 0"
         )
-        raise ModelError(message, hint=f"sim.set('{program.populations[found[0]].name}', rate=...) sets one of them")
-    return Neurons(found[0], program.populations[found[0]], neurons.end)
+        raise ModelError(message, hint=f"sim.set('{program.populations[sources[0]].name}', rate=...) sets one of them")
+    return Neurons(sources[0], program.populations[sources[0]], neurons.end)

@@ -1,4 +1,4 @@
-"""Weights whose sum onto each neuron is held, as by a neuron with a limited resource."""
+"""Tools for learning: normalised weights, errors of reward and temporal differences, and labels of neurons."""
 
 from __future__ import annotations
 
@@ -15,55 +15,55 @@ from neuro.run.simulation import Simulation
 
 
 def normalise(sim: Simulation, projection: Projection | str, total: ArrayLike) -> None:
-    """Scale the weights onto each post neuron so that they have a given sum; call it now and then while it learns.
+    """Scale the weights onto each target neuron to a given sum. Call it at intervals while the network learns.
 
-    The weights are those that `sim.weights` shows: of `stdp` and its like those sent last, so what post spikes have
-    added to a weight since is left out.
+    The weights are the ones that `sim.weights` returns. For `stdp` and similar rules these are the last weights that
+    were sent, so changes by later postsynaptic spikes are lost.
 
     Args:
         sim: the simulation.
-        projection: the projection or its name; of a grid the weights of each map are scaled.
-        total: the sum, in the unit of the weights: a number, or one for each post neuron (of a grid: map).
+        projection: the projection or its name; for a grid the weights of each map are scaled.
+        total: the sum, in the unit of the weights: a number, or one for each target neuron (for a grid: map).
 
     Raises:
         ModelError: there is no such projection, the weights onto a neuron cannot be scaled to the sum, or a weight
-            would pass the bounds of its rule. No weight is changed then.
+            would exceed the bounds of its rule. No weight is changed then.
 
     Source: Diehl & Cook, Front. Comput. Neurosci. 9:99, 2015; von der Malsburg, Kybernetik 14:85, 1973.
     """
-    found = sim.weights(projection)
+    rows = sim.weights(projection)
     part = sim.program.projections[sim.handles.projection(projection)]
-    shared = not isinstance(found, tuple)
-    weights = found.reshape(-1) if shared else found[2]
-    onto = np.repeat(np.arange(len(found)), found[0].size) if shared else found[1]
+    shared = not isinstance(rows, tuple)
+    weights = rows.reshape(-1) if shared else rows[2]
+    onto = np.repeat(np.arange(len(rows)), rows[0].size) if shared else rows[1]
     sums = np.bincount(onto, weights)
-    wanted = finite(total, "total")
-    size = len(found) if shared else sim.program.populations[part.target].size
-    if wanted.shape not in ((), (size,)):
-        raise ModelError(f"total has the shape {list(wanted.shape)}, expected a number or [{size}]", path=("total",))
-    wanted = np.broadcast_to(wanted, size)[: sums.size]
-    reached = np.bincount(onto, minlength=sums.size) > 0
-    bad = np.flatnonzero(reached & (sums * wanted <= 0.0))
+    totals = finite(total, "total")
+    size = len(rows) if shared else sim.program.populations[part.target].size
+    if totals.shape not in ((), (size,)):
+        raise ModelError(f"total has the shape {list(totals.shape)}, expected a number or [{size}]", path=("total",))
+    totals = np.broadcast_to(totals, size)[: sums.size]
+    has_synapses = np.bincount(onto, minlength=sums.size) > 0
+    bad = np.flatnonzero(has_synapses & (sums * totals <= 0.0))
     if bad.size:
         what = "map" if shared else "neuron"
         raise ModelError(
             f"normalise: the weights of '{part.name}' onto {what} {bad[0]} have the sum {sums[bad[0]]:g}: "
-            f"expected a sum that can be scaled to {wanted[bad[0]]:g}, of its sign and not 0"
+            f"expected a sum that can be scaled to {totals[bad[0]]:g}, of its sign and not 0"
         )
-    scale = np.divide(wanted, sums, out=np.ones(sums.size), where=reached)
-    sim.set_weights(projection, (weights * scale[onto]).reshape(found.shape if shared else -1))
+    scale = np.divide(totals, sums, out=np.ones(sums.size), where=has_synapses)
+    sim.set_weights(projection, (weights * scale[onto]).reshape(rows.shape if shared else -1))
 
 
 def reward_error(reward: ArrayLike, baseline: ArrayLike, rate: float) -> tuple[Any, Any]:
-    """Reward less its baseline, and the baseline after it, a running mean: (R - b, b + rate (R - b)).
+    """Return the reward minus its baseline, and the updated baseline, a running mean: (R - b, b + rate (R - b)).
 
     Args:
         reward: R, a number or an array, in any unit.
         baseline: b so far; 0 before the first reward.
-        rate: share of the error by which the baseline follows, 0 to 1; 0 keeps it.
+        rate: share of the error by which the baseline follows, 0 to 1; with 0 the baseline stays.
 
     Raises:
-        ModelError: something is not finite, or the rate is out of its bounds.
+        ModelError: a value is not finite, or the rate is out of bounds.
 
     Source: R - b of the thesis' eq. 116; Williams, Mach. Learn. 8:229, 1992 (REINFORCE).
     """
@@ -74,16 +74,16 @@ def reward_error(reward: ArrayLike, baseline: ArrayLike, rate: float) -> tuple[A
 
 
 def td_error(reward: ArrayLike, value: ArrayLike, next_value: ArrayLike, discount: float) -> Any:
-    """The temporal-difference error of one step: reward + discount x next_value - value.
+    """Return the temporal-difference error of one step: reward + discount x next_value - value.
 
     Args:
-        reward: got in the step.
-        value: what the critic expected of the state before it.
-        next_value: what it expects of the state after it; 0 where an episode ends.
-        discount: worth of a reward one step later, 0 to 1.
+        reward: reward in the step.
+        value: the critic's value of the state before the step.
+        next_value: the critic's value of the state after the step; 0 at the end of an episode.
+        discount: weight of a reward one step later, 0 to 1.
 
     Raises:
-        ModelError: something is not finite, or the discount is out of its bounds.
+        ModelError: a value is not finite, or the discount is out of bounds.
 
     Source: Sutton & Barto, Reinforcement Learning, 2nd ed., eq. 6.5.
     """
@@ -92,83 +92,83 @@ def td_error(reward: ArrayLike, value: ArrayLike, next_value: ArrayLike, discoun
 
 
 def td_error_rate(reward: ArrayLike, value: ArrayLike, slope: ArrayLike, tau_r: float) -> Any:
-    """The temporal-difference error in continuous time: V' - V / tau_r + r.
+    """Return the temporal-difference error in continuous time: V' - V / tau_r + r.
 
     Args:
         reward: r, reward per ms.
-        value: V, what the critic expects.
-        slope: V', change of it per ms.
-        tau_r: time in ms over which rewards are discounted.
+        value: V, the value of the critic.
+        slope: V', the change of V per ms.
+        tau_r: time constant in ms over which rewards are discounted.
 
     Returns:
         The error per ms.
 
     Raises:
-        ModelError: something is not finite, or tau_r is not above 0.
+        ModelError: a value is not finite, or tau_r is not above 0.
 
     Source: Doya, Neural Comput. 12:219, 2000; Fremaux, Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013.
     """
-    lost = finite(value, "value") / argument("tau_r", tau_r, above=0)
-    return (finite(slope, "slope") - lost + finite(reward, "reward"))[()]
+    discounted = finite(value, "value") / argument("tau_r", tau_r, above=0)
+    return (finite(slope, "slope") - discounted + finite(reward, "reward"))[()]
 
 
 def assign_labels(decided: ArrayLike, labels: ArrayLike, size: int) -> Ints:
-    """The label for which each neuron stands: the one whose trials it decided most often, by share.
+    """Return the label of each neuron: the label with the largest share of trials that the neuron decided.
 
-    A share is taken of the trials of a label, so that a frequent label has no advantage; of equal shares the smaller
+    Shares are taken of the trials of a label, so that a frequent label has no advantage. Of equal shares the smaller
     label counts. Use trials of the training data, presented without learning.
 
     Args:
         decided: the neuron that decided each trial, -1 where none did: `results.winner`, or `results.label`
             for the maps of a network without labels; shape (trials,).
-        labels: the right label of each trial, from 0, shape (trials,).
-        size: how many neurons, or maps, there are.
+        labels: the correct label of each trial, from 0, shape (trials,).
+        size: number of neurons, or of maps.
 
     Returns:
-        The label of each, -1 where one never decided, shape (size,).
+        The label of each neuron, -1 for a neuron that never decided, shape (size,).
 
     Raises:
-        ModelError: the arrays are not whole numbers of one shape, or beyond their bounds.
+        ModelError: the arrays are not whole numbers of one shape, or out of bounds.
     """
-    neurons, right = _whole(decided, "decided"), _whole(labels, "labels")
-    if neurons.shape != right.shape:
-        raise ModelError(f"assign_labels: {neurons.size} decided and {right.size} labels: expected as many of each")
+    neurons, correct = _whole_numbers(decided, "decided"), _whole_numbers(labels, "labels")
+    if neurons.shape != correct.shape:
+        raise ModelError(f"assign_labels: {neurons.size} decided and {correct.size} labels: expected as many of each")
     _check_bounds("assign_labels", "decided", neurons, size)
-    if right.min(initial=0) < 0:
-        raise ModelError(f"assign_labels: labels has {right.min()}: expected labels from 0")
-    answers = np.zeros((size, int(right.max(initial=0)) + 1))
-    np.add.at(answers, (neurons[neurons >= 0], right[neurons >= 0]), 1.0)
-    shown = np.bincount(right, minlength=answers.shape[1])
-    found: Ints = (answers / np.maximum(shown, 1)).argmax(axis=1)
-    return np.where(answers.any(axis=1), found, -1)
+    if correct.min(initial=0) < 0:
+        raise ModelError(f"assign_labels: labels has {correct.min()}: expected labels from 0")
+    decisions = np.zeros((size, int(correct.max(initial=0)) + 1))
+    np.add.at(decisions, (neurons[neurons >= 0], correct[neurons >= 0]), 1.0)
+    trials_of_label = np.bincount(correct, minlength=decisions.shape[1])
+    best_labels: Ints = (decisions / np.maximum(trials_of_label, 1)).argmax(axis=1)
+    return np.where(decisions.any(axis=1), best_labels, -1)
 
 
 def read_labels(decided: ArrayLike, assigned: ArrayLike) -> Ints:
-    """What the decisions of some trials mean.
+    """Return the labels that the decisions of some trials stand for.
 
     Args:
         decided: the neuron that decided each trial, -1 where none did, shape (trials,).
-        assigned: of `assign_labels`.
+        assigned: the result of `assign_labels`.
 
     Returns:
-        The label of each trial, -1 where no neuron decided, or one without a label, shape (trials,).
+        The label of each trial, -1 where no neuron decided or the neuron has no label, shape (trials,).
 
     Raises:
-        ModelError: the arrays are not whole numbers, or a neuron decided that has no label.
+        ModelError: the arrays are not whole numbers, or a neuron decided that is not in `assigned`.
     """
-    neurons, given = _whole(decided, "decided"), _whole(assigned, "assigned")
-    _check_bounds("read_labels", "decided", neurons, given.size)
-    return np.append(given, -1)[neurons]
+    neurons, label_of = _whole_numbers(decided, "decided"), _whole_numbers(assigned, "assigned")
+    _check_bounds("read_labels", "decided", neurons, label_of.size)
+    return np.append(label_of, -1)[neurons]
 
 
-def _whole(values: ArrayLike, what: str) -> Ints:
+def _whole_numbers(values: ArrayLike, what: str) -> Ints:
     array = np.asarray(values)
     if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
         raise ModelError(f"{what}: {array.dtype} of shape {list(array.shape)}: expected a row of whole numbers")
     return array.astype(np.int64)
 
 
-def _check_bounds(where: str, what: str, neurons: Ints, size: int) -> None:
+def _check_bounds(caller: str, what: str, neurons: Ints, size: int) -> None:
     bad = np.flatnonzero((neurons < -1) | (neurons >= size))
     if bad.size:
-        raise ModelError(f"{where}: {what}[{bad[0]}] = {neurons[bad[0]]}: expected -1 to {size - 1}")
+        raise ModelError(f"{caller}: {what}[{bad[0]}] = {neurons[bad[0]]}: expected -1 to {size - 1}")

@@ -1,7 +1,7 @@
-"""Ports, which are set or read at every step of a closed loop.
+"""Ports, which set or read values at every step of a closed loop.
 
-A port accepts at once what needs no conversion: an array of doubles within the bounds. Whatever else it is given goes
-the way of `Simulation.set`, `signal` and `get`, and so has their meaning and their errors.
+A port accepts values that need no conversion directly: an array of doubles within the bounds. All other values are
+passed to `Simulation.set`, `signal` and `get`, with their rules and errors.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ _DOUBLE, _WHOLE = np.dtype(np.float64), np.dtype(np.int64)
 
 
 class Port:
-    """Something of a running network that is set or read again and again; made by `Simulation.port` and `Copies.port`.
+    """A value of a running network that is set or read repeatedly, made by `Simulation.port` and `Copies.port`.
 
-    Of copies all arrays have a first axis, with an entry for each copy.
+    For copies the first axis of all arrays has an entry for each copy.
 
     Args:
         ports: the simulations and their engines.
         text: the name of the part and of its value, for messages.
-        size: how many values are set for each simulation.
-        low: values that are accepted at once are not below.
-        high: they are not above.
+        size: number of values for each simulation.
+        low: smallest value that is accepted directly.
+        high: largest value that is accepted directly.
 
     Attributes:
         text: the name in messages: "rate of 'cells'".
     """
 
     _call = ""
-    """The call of a simulation for which `set` stands."""
+    """The method of a simulation that `set` replaces."""
 
     def __init__(self, ports: Ports, text: str, size: int = 0, low: float = math.inf, high: float = -math.inf) -> None:
         self.text, self._turn, self._sims, self._engines = text, ports.turn, ports.sims, ports.engines
@@ -59,14 +59,14 @@ class Port:
         return f"Port({self.text}{'' if self._together is None else f', {len(self._sims)} copies'})"
 
     def set(self, values: ArrayLike) -> None:
-        """Set the values, one for all or one for each; they act from the next step on.
+        """Set the values from the next step on, one for all or one for each.
 
         Args:
-            values: as `Simulation.set` and `signal` take them, of copies an array (copies, n) or (copies, 1), or one
-                value for all; fastest is an array of float64, one for each.
+            values: in the forms of `Simulation.set` and `signal`. For copies an array (copies, n) or (copies, 1), or
+                one value for all. The fastest form is an array of float64, one value for each.
 
         Raises:
-            ModelError: a value is out of bounds, this can only be read, or a call of the simulation is under way.
+            ModelError: a value is out of bounds, the port can only be read, or a call of the simulation is under way.
         """
         turn, mine = self._turn, ("a port's set", get_ident())
         try:
@@ -78,17 +78,17 @@ class Port:
                 del turn[NOW]
 
     def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
-        """The values of now.
+        """Return the present values.
 
         Args:
-            out: an array that takes them: float64, of spikes and counts int64, one for each; of spikes as many as
-                may come.
+            out: an array for the result: float64, or int64 for spikes and counts, one value for each. For spikes its
+                size is the largest number of spikes.
 
         Returns:
-            `out`, of spikes the part of it that is filled, or a new array; of copies (copies, n).
+            `out`, for spikes the part of it that is filled, or a new array; for copies (copies, n).
 
         Raises:
-            ModelError: `out` does not fit, this can only be set, or a call of the simulation is under way.
+            ModelError: `out` does not fit, the port can only be set, or a call of the simulation is under way.
         """
         turn, mine = self._turn, ("a port's get", get_ident())
         try:
@@ -119,8 +119,8 @@ class Port:
         else:
             rows, n = np.asarray(values), len(self._sims)
             if rows.ndim and (rows.ndim == 1 or len(rows) != n):
-                found = f"an array of shape {list(rows.shape)}"
-                raise ModelError(f"port: {self.text}: {found}: expected {n} copies first, then values")
+                actual = f"an array of shape {list(rows.shape)}"
+                raise ModelError(f"port: {self.text}: {actual}: expected {n} copies first, then values")
             for k, sim in enumerate(self._sims):
                 self._set_one(sim, values if not rows.ndim else rows[k, 0] if rows.shape[1:] == (1,) else rows[k])
 
@@ -133,7 +133,7 @@ class Port:
             self._accept(engine, each)
 
     def _set_one(self, sim: Any, values: ArrayLike) -> None:
-        """Set any values of one simulation, by the call for which the port stands."""
+        """Set any values of one simulation, by the method that the port replaces."""
         raise ModelError(f"port: {self.text}: it is read and not set")
 
     def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
@@ -150,7 +150,7 @@ class Port:
         raise ModelError(f"port: {self.text}: it is set and not read")
 
     def begin(self) -> None:
-        """The simulation went back, or on to another state: forget what was read before."""
+        """Forget earlier reads, because the simulation was reset or restored."""
 
     def _filled(self, values: NDArray[Any], out: NDArray[Any] | None) -> NDArray[Any]:
         if out is None:
@@ -160,13 +160,13 @@ class Port:
         out[...] = values
         return out
 
-    def _unfit(self, out: Any, dtype: np.dtype[Any], room: str) -> ModelError:
-        found = f"{out.dtype} of shape {list(out.shape)}" if isinstance(out, np.ndarray) else type(out).__name__
-        return ModelError(f"port: {self.text}: out is {found}: expected an array of {dtype} of {room}")
+    def _unfit(self, out: Any, dtype: np.dtype[Any], extent: str) -> ModelError:
+        actual = f"{out.dtype} of shape {list(out.shape)}" if isinstance(out, np.ndarray) else type(out).__name__
+        return ModelError(f"port: {self.text}: out is {actual}: expected an array of {dtype} of {extent}")
 
 
-class _OfNeurons(Port):
-    """A state or parameter of neurons."""
+class _NeuronPort(Port):
+    """A port for a state or parameter of neurons."""
 
     _call = "set"
 
@@ -185,9 +185,9 @@ class _OfNeurons(Port):
 
     def _accept(self, engine: Engine, values: Floats) -> None:
         if self._ids is not None:
-            every = engine.get(self._index, self._word)
-            every[self._ids] = values
-            values = every
+            full = engine.get(self._index, self._word)
+            full[self._ids] = values
+            values = full
         named = {self._word: values}
         if self._partners:
             settable.check_together(self._run.program, self._index, named, engine, self._run.clock)
@@ -206,19 +206,19 @@ class _OfNeurons(Port):
         return self._engines[copy].get(self._index, self._word, self._ids)
 
 
-class _OfSynapses(Port):
-    """The weight, or another state, of the synapses of a projection."""
+class _SynapsePort(Port):
+    """A port for the weight or another state of the synapses of a projection."""
 
     def __init__(self, ports: Ports, of: Any, index: int, word: str) -> None:
         part = ports.run.program.projections[index]
         super().__init__(ports, f"{word} of '{part.name}'")
-        self._of, self._index, self._word, self._held = of, index, word, word in synapse_states(part)
+        self._of, self._index, self._word, self._is_state = of, index, word, word in synapse_states(part)
 
     def _set_one(self, sim: Any, values: ArrayLike) -> None:
         sim.set(self._of, **{self._word: values})
 
     def _read(self, copy: int) -> Floats:
-        if self._held:
+        if self._is_state:
             values = self._engines[copy].get_synapses(self._index, self._word)
             if within(values, -_HUGE, _HUGE):
                 return values
@@ -226,8 +226,8 @@ class _OfSynapses(Port):
         return checked
 
 
-class _OfSignal(Port):
-    """A signal, one value for each neuron that hears it."""
+class _SignalPort(Port):
+    """A port for a signal, with one value for each modulated neuron."""
 
     _call = "signal"
 
@@ -246,8 +246,8 @@ class _OfSignal(Port):
         sim.signal(self._of, values)
 
 
-class _Counts(Port):
-    """How often each neuron has fired since this was last read."""
+class _CountPort(Port):
+    """A port for the number of spikes of each neuron since the last read."""
 
     def __init__(self, ports: Ports, neurons: Neurons) -> None:
         super().__init__(ports, f"counts of {neurons.text}")
@@ -269,8 +269,8 @@ class _Counts(Port):
         return new
 
 
-class _Spikes(Port):
-    """Neurons that have fired since this was last read: ids in the order of time, then id."""
+class _SpikePort(Port):
+    """A port for the neurons that have fired since the last read: ids in the order of time, then id."""
 
     def __init__(self, ports: Ports, of: Any, neurons: Neurons) -> None:
         super().__init__(ports, f"spikes of {neurons.text}")
@@ -291,12 +291,12 @@ class _Spikes(Port):
 
 
 class Ports:
-    """Makes the ports of a simulation, or of copies; a port holds simulations, which do not hold it.
+    """Makes the ports of a simulation, or of copies. A port refers to simulations; simulations refer weakly to ports.
 
     Args:
-        sims: the simulations for whose calls a port stands.
-        turn: the call that is under way.
-        together: the engines of copies as one; None of a single simulation, whose arrays have no axis of copies.
+        sims: the simulations whose methods a port replaces.
+        turn: the turn of the simulation, which has the present call.
+        together: the engines of copies as one; None for a single simulation, whose arrays have no axis of copies.
     """
 
     def __init__(self, sims: Sequence[Any], turn: Turn, together: Engines | None = None) -> None:
@@ -305,30 +305,30 @@ class Ports:
         self.engines: list[Engine] = [sim._engine for sim in sims]
 
     def port(self, of: Any, what: str | None) -> Port:
-        """A port; see `Simulation.port`."""
+        """Return a port; see `Simulation.port`."""
         handles = self.run.handles
         if what is None:
-            return _OfSignal(self, of, handles.signal(of))
+            return _SignalPort(self, of, handles.signal(of))
         if what not in ("counts", "spikes"):
             part = handles.neurons_or_projection(of)
-            self.sims[0].get(of, what)  # refuses an unknown word
+            self.sims[0].get(of, what)  # raises an error for an unknown word
             if isinstance(part, int):
-                return _OfSynapses(self, of, part, what)
-            return _OfNeurons(self, of, part, word_of(what))
+                return _SynapsePort(self, of, part, what)
+            return _NeuronPort(self, of, part, word_of(what))
         neurons = handles.neurons(of)
         if what == "spikes":
-            self.sims[0].spikes(of, since=math.inf)  # refuses what is not recorded
+            self.sims[0].spikes(of, since=math.inf)  # raises an error for spikes that are not recorded
             if self.together is not None:
-                message = "port: spikes of copies are not equally many: expected 'counts'"
+                message = "port: the number of spikes differs between copies: expected 'counts'"
                 raise ModelError(message, hint="copies[k].port")
-        port: Port = _Counts(self, neurons) if what == "counts" else _Spikes(self, of, neurons)
+        port: Port = _CountPort(self, neurons) if what == "counts" else _SpikePort(self, of, neurons)
         for sim in self.sims:
             sim._ports.add(port)
         return port
 
 
 def _closed(q: Quantity) -> tuple[float, float]:
-    """The smallest and the largest finite number within the bounds of a quantity."""
+    """Return the smallest and the largest finite number within the bounds of a quantity."""
     low, high = -_HUGE, _HUGE
     if q.at_least is not None:
         low = max(low, q.at_least)
@@ -343,8 +343,8 @@ def _closed(q: Quantity) -> tuple[float, float]:
 
 @kernel
 def within(values: NDArray[Any], low: float, high: float) -> bool:
-    """Whether all values lie in [low, high]; NaN does not."""
-    # one pass: several passes of NumPy take longer than a step of a small network
+    """Return whether all values are in [low, high]. NaN is not."""
+    # A single pass, since several passes of NumPy take longer than a step of a small network.
     inside = True
     for k in range(values.size):
         inside &= (low <= values[k]) & (values[k] <= high)

@@ -1,8 +1,8 @@
-"""The file of results of a run that is under way, written here or by another process.
+"""The file of results of a present run, written by this process or by another one.
 
-The other process lets a run in real time wait for no disk:
-`python -m neuro.run.results_file SOCKET FILE` does what it is sent, one call of a `ResultsFile` after the other.
-Where the other end is gone, killed say, it does what it was sent and ends.
+With another process, a run in real time never waits for the disk: `python -m neuro.run.results_file SOCKET FILE`
+executes the calls of a `ResultsFile` that it receives. When the sender ends or is killed, the process executes the
+calls received so far and ends.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 class ResultsFile:
-    """A file of results that grows, and takes its name when it ends.
+    """A file of results that grows, and gets its final name at the end.
 
     Args:
-        part: where it is written.
+        part: path of the file until then.
 
     Raises:
         Unwritable: the file cannot be written, or another run writes it.
@@ -47,30 +47,30 @@ class ResultsFile:
 
     def __init__(self, part: Path) -> None:
         self._part = part
-        with self._writing():
+        with self._reporting():
             self._disk = JournaledFile(part, FORMAT)
         self._file = h5py.File(self._disk, "w", userblock_size=FRONT)
 
     def begin(self, about: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-        """Write what the run is of."""
-        with self._writing():
+        """Write the attributes of the run and the files of the network."""
+        with self._reporting():
             write_head(self._file, about, files)
 
     def add(self, place: str, part: Any, growing: tuple[str, ...], gzip: bool = False) -> None:
-        """Make room for a part; `growing` are its arrays to which more is appended."""
-        with self._writing():
+        """Create the group of a part; `growing` are the names of its extensible arrays."""
+        with self._reporting():
             group = self._file.create_group(place)
             for word in growing:
-                _growing(group, word, getattr(part, word), gzip)
+                _create_extensible(group, word, getattr(part, word), gzip)
             write_part(group, part)
 
     def append(self, place: str, arrays: Arrays) -> None:
-        """Append to arrays of a part; those that are not there yet begin."""
-        with self._writing():
+        """Append to arrays of a part; create missing arrays."""
+        with self._reporting():
             group = self._file.require_group(place)
             for word, array in arrays.items():
                 if word not in group:
-                    _growing(group, word, array[:0])
+                    _create_extensible(group, word, array[:0])
                 if len(array):
                     data = group[word]
                     n = data.shape[0]
@@ -78,8 +78,8 @@ class ResultsFile:
                     data[n:] = array
 
     def update(self, attributes: Mapping[str, Mapping[str, Any]], arrays: Mapping[str, Arrays]) -> None:
-        """Write attributes and whole arrays of parts anew."""
-        with self._writing():
+        """Overwrite attributes and whole arrays of parts."""
+        with self._reporting():
             for place, named in attributes.items():
                 self._file.require_group(place).attrs.update(named)
             for place, each in arrays.items():
@@ -87,46 +87,46 @@ class ResultsFile:
                     self._file[place][word][...] = array
 
     def complete(self, place: str, part: Any) -> None:
-        """Write what a part has got since `add`."""
-        with self._writing():
+        """Write the fields of a part that were missing at `add`."""
+        with self._reporting():
             write_part(self._file.require_group(place), part)
 
     def commit(self) -> None:
-        """Let all this be on the disk, where it stays whatever happens to this process.
+        """Write everything to disk, where it survives a crash of this process.
 
         Raises:
-            Unwritable: it cannot be written.
+            Unwritable: the file cannot be written.
         """
-        with self._writing():
+        with self._reporting():
             self._file.flush()
             self._disk.commit()
 
     @property
     def results(self) -> Results:
-        """All that has been written."""
+        """The results so far."""
         return read_file(self._file, lambda: nullcontext(self._file))
 
     def finish(self, path: Path) -> None:
-        """Commit, and give the file its name.
+        """Commit, and give the file its final name.
 
         Raises:
-            Unwritable: it cannot be written.
+            Unwritable: the file cannot be written.
         """
         self.commit()
-        with self._writing():
+        with self._reporting():
             self._file.close()
             self._disk.commit()
             self._part.replace(path)
 
     def close(self) -> None:
-        """Close the file; one that did not end stays as it was committed."""
+        """Close the file; an unfinished one stays as last committed."""
         with suppress(OSError, RuntimeError):
             self._file.close()
         self._disk.close()
 
     @contextmanager
-    def _writing(self) -> Iterator[None]:
-        """Report the first failure as soon as HDF5 is done with a call."""
+    def _reporting(self) -> Iterator[None]:
+        """Raise the first error of the disk as soon as HDF5 has finished a call."""
         try:
             yield
             if self._disk.error is not None:
@@ -138,7 +138,7 @@ class ResultsFile:
             raise Unwritable(self._part, what, recorded_in(self._part)) from None
 
 
-def _growing(group: h5py.Group, word: str, empty: NDArray[Any], gzip: bool = False) -> None:
+def _create_extensible(group: h5py.Group, word: str, empty: NDArray[Any], gzip: bool = False) -> None:
     chunk = (max(1, _CHUNK // max(1, int(np.prod(empty.shape[1:])))), *empty.shape[1:])
     packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if gzip else {}
     group.create_dataset(
@@ -149,17 +149,17 @@ def _growing(group: h5py.Group, word: str, empty: NDArray[Any], gzip: bool = Fal
 _LENGTH = struct.Struct("<Q")
 _BUFFER = 1 << 22
 _MOST = 1 << 28
-"""Bytes that wait for the other process; where there are more the run does, too, so that memory does not grow."""
+"""Largest number of bytes in the queue to the other process. Above it the run waits, so that memory does not grow."""
 
 
 class RemoteFile:
-    """A `ResultsFile` of another process: calls are sent as far as the socket takes them, and the rest with later ones.
+    """A `ResultsFile` in another process. Calls that do not fit into the socket are queued and sent with later ones.
 
     Args:
-        part: where it is written.
+        part: path of the file.
 
     Raises:
-        Unwritable: it cannot be written, or another run writes it.
+        Unwritable: the file cannot be written, or another run writes it.
     """
 
     def __init__(self, part: Path) -> None:
@@ -176,7 +176,7 @@ class RemoteFile:
                 env=env,
                 start_new_session=True,  # Ctrl-C is for the run
             )
-        self._waiting: deque[memoryview] = deque()
+        self._queue: deque[memoryview] = deque()
         self._here.setblocking(False)
         try:
             self.wait()
@@ -185,15 +185,15 @@ class RemoteFile:
             raise
 
     def wait(self) -> None:
-        """Wait until all calls are done."""
+        """Wait until all calls are executed."""
         self._ask("wait")
 
     def begin(self, about: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-        """Write what the run is of."""
+        """Write the attributes of the run and the files of the network."""
         self._send("begin", about, files)
 
     def add(self, place: str, part: Any, growing: tuple[str, ...], gzip: bool = False) -> None:
-        """Make room for a part; nothing is packed, as the processor has other work."""
+        """Create the group of a part, without compression, which would take processor time from the run."""
         self._send("add", place, part, growing)
 
     def append(self, place: str, arrays: Arrays) -> None:
@@ -201,33 +201,33 @@ class RemoteFile:
         self._send("append", place, arrays)
 
     def update(self, attributes: Mapping[str, Mapping[str, Any]], arrays: Mapping[str, Arrays]) -> None:
-        """Write attributes and whole arrays of parts anew."""
+        """Overwrite attributes and whole arrays of parts."""
         self._send("update", attributes, arrays)
 
     def complete(self, place: str, part: Any) -> None:
-        """Write what a part has got since `add`."""
+        """Write the fields of a part that were missing at `add`."""
         self._send("complete", place, part)
 
     def commit(self) -> None:
-        """Let all this be on the disk soon."""
+        """Write everything to disk soon."""
         self._send("commit")
 
     @property
     def results(self) -> Results:
-        """All that has been written."""
+        """The results so far."""
         self._ask("commit")
         return read(self._part)
 
     def finish(self, path: Path) -> None:
-        """Commit, and give the file its name.
+        """Commit, and give the file its final name.
 
         Raises:
-            Unwritable: it cannot be written.
+            Unwritable: the file cannot be written.
         """
         self._ask("finish", path)
 
     def close(self) -> None:
-        """Let the process do what it was sent, and end."""
+        """Let the process execute all calls, and end it."""
         with suppress(OSError, ModelError):
             self._flush()
         self._here.close()
@@ -235,27 +235,27 @@ class RemoteFile:
 
     def _send(self, call: str, *words: Any, answer: bool = False) -> None:
         message = pickle.dumps((call, words, answer), protocol=5)
-        self._waiting.append(memoryview(_LENGTH.pack(len(message)) + message))
+        self._queue.append(memoryview(_LENGTH.pack(len(message)) + message))
         self.push()
-        if sum(each.nbytes for each in self._waiting) > _MOST:
+        if sum(each.nbytes for each in self._queue) > _MOST:
             self._flush()
 
     def push(self) -> None:
-        """Send what the socket takes at once.
+        """Send as many calls as the socket accepts at once.
 
         Raises:
             Unwritable: the other process could not write.
         """
-        while self._waiting:
+        while self._queue:
             try:
-                sent = self._here.send(self._waiting[0])
+                n_sent = self._here.send(self._queue[0])
             except BlockingIOError:
                 return
             except OSError:
                 raise self._failure() from None
-            rest = self._waiting.popleft()[sent:]
+            rest = self._queue.popleft()[n_sent:]
             if rest:
-                self._waiting.appendleft(rest)
+                self._queue.appendleft(rest)
 
     def _flush(self) -> None:
         self._here.setblocking(True)
@@ -265,7 +265,7 @@ class RemoteFile:
             self._here.setblocking(False)
 
     def _ask(self, call: str, *words: Any) -> None:
-        """Call, and wait until it is done."""
+        """Send a call, and wait until it is executed."""
         self._send(call, *words, answer=True)
         self._flush()
         self._here.setblocking(True)
@@ -275,23 +275,23 @@ class RemoteFile:
             raise self._failure()
 
     def _failure(self) -> Unwritable:
-        """What kept the other process from writing; it has ended."""
-        what = b""
+        """Return the error of the other process, which has ended."""
+        report = b""
         self._here.setblocking(True)
         with suppress(OSError):
             while block := self._here.recv(1 << 16):
-                what += block
+                report += block
         self._here.setblocking(False)
-        what = what.removeprefix(b"-")
-        reason, _, hint = what.decode("utf-8", "replace").partition("\0")
+        report = report.removeprefix(b"-")
+        reason, _, hint = report.decode("utf-8", "replace").partition("\0")
         if not reason:
             reason, hint = "the process that writes it has ended", recorded_in(self._part)
         return Unwritable(self._part, reason, hint)
 
 
 def main(number: str, part: str) -> None:
-    """Do what comes, until no more does."""
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # it ends with the run, after what the run has sent
+    """Execute the calls from a socket until it closes."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the process ends after the last call of the run
     with socket.socket(fileno=int(number)) as pipe, pipe.makefile("rb", buffering=_BUFFER) as calls:
         file = None
         try:

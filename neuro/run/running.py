@@ -1,4 +1,4 @@
-"""A network that runs: the engine, what is recorded of it, and the watch on its states."""
+"""The base class of `Simulation`: advance a network, and read the recorded spikes and traces."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ _FLAG = Quantity(kind="boolean")
 
 
 class RunningNetwork:
-    """What a `Simulation` needs to advance a network and to tell what it recorded.
+    """The part of a `Simulation` that advances a network and reads its records.
 
-    Each other purpose of a simulation is imported when it is asked for, so that a run enters few modules.
+    Modules for other purposes of a simulation are imported on first use, so that a plain run imports few modules.
     """
 
     def __init__(self, net: Network, backend: str, program: Any, engine: Engine) -> None:
@@ -70,18 +70,19 @@ class RunningNetwork:
 
     @alone
     def run(self, ms: float, progress: bool = False, out: str | PathLike[str] | None = None) -> None:
-        """Advance by a multiple of the resolution; running in parts gives the same bits.
+        """Advance by a multiple of the resolution. Several short runs give the same bits as a long one.
 
         Args:
-            ms: how long.
-            progress: whether to report progress on stderr: by a bar on a terminal, elsewhere a line every 10 s.
-            out: a file to which what is recorded goes, as of `record_to`.
+            ms: duration.
+            progress: whether to report progress on stderr: a bar on a terminal, elsewhere a line every 10 s.
+            out: a file for the records, as for `record_to`.
 
         Raises:
-            ModelError: the network got a part since it was compiled, the time is no such multiple, a recording that is
-                played is damaged, before which the run stops, or a state is NaN or infinite at the end: a numerical
-                instability. Of models that cannot run away by themselves that is looked for when the time has doubled,
-                and every 10,000 steps.
+            ModelError: a part was added to the network after compilation, the time is not a multiple of the resolution,
+                a recording that is played is damaged (the run stops before the damage), or a state is NaN or infinite
+                at the end: a numerical instability. Models that cannot become unstable by themselves are checked only
+                    each time
+                that the elapsed time has doubled, and at least every 10,000 steps.
         """
         if self._net.latest is not self._latest:
             self._refuse_changed()
@@ -103,18 +104,18 @@ class RunningNetwork:
         self._watch.look()
 
     def check_room(self, steps: int) -> None:
-        """Refuse a run whose probes record more than memory, or the disk of the file that takes it, has room for.
+        """Refuse a run whose records do not fit into memory, or onto the disk of the file of `record_to`.
 
         Args:
-            steps: of the whole run; `run` may then be called for parts of it.
+            steps: steps of the whole run; `run` may then be called for parts of it.
 
         Raises:
-            ModelError: the bytes needed and those that are free, and the probe that needs most.
+            ModelError: the message has the bytes needed, the bytes free, and the probe that needs most.
         """
         self._records.check_room(steps)
 
     def _refuse_changed(self) -> NoReturn:
-        """Say which part the network got since it was compiled: a file would hold a network that did not run."""
+        """Raise an error for a part added after compilation: a file would hold a network that did not run."""
         added = self._net.latest
         what = f"{added.word} '{added.name}' was" if isinstance(added, Part) else "trials were"
         where = getattr(added, "origin", self._net.trials_origin)
@@ -131,21 +132,23 @@ class RunningNetwork:
         all_weights: bool = False,
         live: bool = False,
     ) -> Iterator[ResultsWriter]:
-        """Write what is recorded to a file of results while the network runs, and keep none of it in memory.
+        """Write records to a file of results while the network runs, instead of storing them in memory.
 
-        What memory holds of the time before goes there, too. `spikes` and `trace` read it from the file until the
-        network runs on after the block, and then have what came since; `neuro.results.read` reads it at any time. The
-        file is called PATH.part until the block ends well. If it does not, or the process is killed, that has all but
-        the last two seconds (of the clock on the wall).
+        Earlier records in memory are moved to the file, too. `spikes` and `trace` read from the file until the network
+        runs again after the block; from then on they return only later records. `neuro.results.read` reads the file at
+        any time.
+
+        The file is called PATH.part until the block ends without an error. After an error or a kill, that file has all
+        records except those of the last two seconds of wall-clock time.
 
         Args:
-            path: of the file.
-            threads: that the network runs on, to be written there.
-            record: names of the populations whose spikes to keep; all that are recorded if empty.
-            all_weights: keep also the weights of static projections above a million synapses, which follow from
-                network and seed.
-            live: let another process write the file, so that the run waits for no disk. Nothing is packed, and what was
-                recorded goes there at the calls of `drain` and `commit` of what the block is given.
+            path: path of the file.
+            threads: number of threads of the run, stored in the file.
+            record: names of the populations whose spikes are stored; empty: all that are recorded.
+            all_weights: store the weights of static projections above a million synapses, too. They follow from network
+                and seed.
+            live: let another process write the file, so that the run waits for no disk. Nothing is compressed, and
+                records are written when the caller calls `drain` or `commit` of the writer that the block gets.
 
         Raises:
             ModelError: the file cannot be written, now or later, or the simulation records to a file already.
@@ -159,31 +162,31 @@ class RunningNetwork:
     def spikes(
         self, of: Population | View | str, since: float | None = None, until: float | None = None
     ) -> tuple[Floats, Ints]:
-        """Recorded spikes of a population or of some of its neurons.
+        """Return recorded spikes of a population or of some of its neurons.
 
         Args:
             of: the population, or a view of it.
-            since: only those after this time in ms; all that are held if not given.
-            until: only those up to this time in ms, so that `until` of one call is `since` of the next.
+            since: only spikes after this time in ms; default: all in memory.
+            until: only spikes up to this time in ms, so that `until` of one call is `since` of the next.
 
         Returns:
-            times in ms and neurons, sorted by time, then neuron; several spikes of one neuron in one step are
-            listed as often. Neurons are ids of the population, also of a view.
+            times in ms and neurons, sorted by time, then neuron. Several spikes of a neuron in a step are repeated
+            entries. Neurons are ids of the population, also for a view.
 
         Raises:
-            ModelError: they are not recorded, or a time is asked of which they were forgotten, or are in a file only.
+            ModelError: spikes are not recorded, or those of that time were forgotten, or are in a file only.
         """
         return self._records.spikes(self.handles.neurons(of), since, until)
 
     @alone
     def train(self, of: Population | View | str) -> tuple[Ints, Ints, Ints]:
-        """Recorded spikes as `spikes` gives them, but several of one neuron in one step as one entry.
+        """Return recorded spikes in steps, with several spikes of a neuron in a step as one entry.
 
         Returns:
-            steps, neurons, and how many spikes each entry has, sorted by step, then neuron.
+            steps, neurons and number of spikes of each entry, sorted by step, then neuron.
 
         Raises:
-            ModelError: as `spikes`.
+            ModelError: as for `spikes`.
         """
         return self._records.train(self.handles.neurons(of))[:3]
 
@@ -191,37 +194,37 @@ class RunningNetwork:
     def payloads(
         self, of: Population | View | str, since: float | None = None, until: float | None = None
     ) -> tuple[Floats, Ints, Ints]:
-        """Recorded spikes of a graded population, as `spikes` gives them, and the payload of each.
+        """Return recorded spikes of a graded population, as `spikes` does, and the payload of each.
 
         Raises:
-            ModelError: as `spikes`, or its spikes carry no payloads.
+            ModelError: as for `spikes`, or the spikes carry no payloads.
         """
         return self._records.payloads(self.handles.neurons(of), since, until)
 
     @alone
     def trace(self, of: Probe | str) -> tuple[Floats, Any]:
-        """What a probe has recorded.
+        """Return the records of a probe.
 
         Returns:
-            times in ms, shape (times,), and what was recorded at them: of one quantity, a rate or a mean, shape
-            (times,); of neurons or synapses (times, n), also of a single one, columns of a view or of chosen synapses
-            in their order; of spikes the neurons, (times,). A list of states gives a dictionary of these by state. At
-            pre spikes `pre`, `post` and the state by name, each (times,): an entry for each synapse and spike, by time,
-            then synapse.
+            times in ms, shape (times,), and values. A single number such as a rate or a mean has the shape (times,); a
+            state of n neurons or synapses (times, n), in the order of the view or of the chosen synapses, also for n =
+            1; spikes have the neurons, (times,). A list of states gives a dictionary by state. A probe at presynaptic
+            spikes gives a dictionary with `pre`, `post` and the state, each (times,), with an entry per synapse and
+            spike, by time, then synapse.
         """
         return self._records.trace(self.handles.probe(of))
 
     @property
     def held(self) -> float:
-        """The time in ms after which spikes and traces are held: 0, or that up to which they were forgotten."""
+        """The time in ms after which spikes and traces are in memory; earlier ones were forgotten."""
         return self._records.held_ms
 
     @alone
     def forget(self, before: float) -> None:
         """Free the memory of spikes and traces recorded up to a time in ms.
 
-        From then on `spikes` and `trace` give what came later; `spikes` refuses a `since` before it.
+        Afterwards `spikes` and `trace` return later records only, and `spikes` refuses a `since` before that time.
         """
-        if self._signals is not None:  # they may depend on times of spikes that are forgotten now
+        if self._signals is not None:  # they may need the times of spikes that are forgotten now
             self._signals.listen()
         self._records.forget(before)

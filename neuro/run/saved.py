@@ -1,4 +1,4 @@
-"""A simulation as it is now: its network with what it learnt, its program for a copy, and its whole state in a file."""
+"""The present state of a simulation: its learnt network, its program for a copy, and its state in a file."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
 
 def learnt_network(run: Run) -> Network:
-    """A copy of a network in execution that holds the present weights and parameters and nothing random in connections.
+    """Return a copy of a network in execution with the present weights and parameters, and without random connections.
 
-    Delays that learn are those that the next spikes would take, in whole steps.
-    Synapses that were drawn at random become listed pairs; weights, delays and initial states that were drawn
-    become arrays, and what was encoded becomes spikes or rates. States such as V_m begin anew.
+    Delays that learn have the values of the next spikes, in whole steps. Random synapses become listed pairs. Random
+    weights, delays and initial states become arrays, and encoded input becomes spikes or rates. States such as V_m
+    start from their initial values.
     """
     net, program = run.net, run.program
     copy = Network(net.name, resolution=net.resolution)
@@ -67,8 +67,8 @@ def _population(part: parts.Population, run: Run, index: int) -> parts.Populatio
     for entry in fields(model):
         word = word_of(entry.name)
         if word in resolved.parameters:
-            now = _one_or_all(run.engine.get(index, word))
-            changed[entry.name] = bool(now) if entry.metadata["quantity"].kind == "boolean" else now
+            present = _one_or_all(run.engine.get(index, word))
+            changed[entry.name] = bool(present) if entry.metadata["quantity"].kind == "boolean" else present
     initial = {name: _one_or_all(resolved.initial[name]) for name in part.initial}
     return replace(part, shape=resolved.shape, model=replace(model, **changed), initial=initial)
 
@@ -76,7 +76,7 @@ def _population(part: parts.Population, run: Run, index: int) -> parts.Populatio
 def _projection(part: parts.Projection, run: Run, index: int) -> parts.Projection:
     program, resolved, synapse = run.program, run.program.projections[index], run.rules[index]
     weight = run.engine.get_synapses(index, "weight")
-    if resolved.synapse.delays:  # as the next spike would take them
+    if resolved.synapse.delays:  # the delays of the next spikes
         fewest, most = resolved.delay_range(program.resolution)
         learnt = run.engine.get_synapses(index, "delay")
         steps = np.array([steps_of(each, program.resolution, fewest, most) for each in learnt], dtype=np.int64)
@@ -101,7 +101,7 @@ def _projection(part: parts.Projection, run: Run, index: int) -> parts.Projectio
 
 
 def _one_or_all(values: Floats, shape: tuple[int, ...] | None = None) -> Any:
-    """A number where all are equal, else an array that cannot be changed."""
+    """Return a number where all values are equal, else a read-only array."""
     if values.size and (values == values[0]).all():
         return float(values[0])
     array = values.copy() if shape is None else values.reshape(shape).copy()
@@ -114,9 +114,9 @@ class Saved:
 
     Args:
         run: the network in execution.
-        records: what it has recorded.
-        inflow: what it plays, if it plays streams.
-        signals: what sets its signals, if they have values.
+        records: the records of the simulation.
+        inflow: the feeder of its streams, if any.
+        signals: the feeder of its signals, if they have values.
     """
 
     def __init__(
@@ -128,19 +128,19 @@ class Saved:
 
     @property
     def fingerprint(self) -> str:
-        """Hash of the resolved network."""
+        """Hash of the compiled network."""
         return self._identity.fingerprint
 
     def write(
         self, path: Path, trials: TrialLoop | None, record: Mapping[str, Any], files: Mapping[str, bytes]
     ) -> None:
-        """Write the state.
+        """Write the state to a file.
 
         Args:
-            path: of the file.
-            trials: of a network that has them.
-            record: where it comes from, see `neuro.core.provenance`.
-            files: of the network, by name.
+            path: path of the file.
+            trials: the trial loop of a network with trials.
+            record: the provenance, see `neuro.core.provenance`.
+            files: files of the network, by name.
 
         Raises:
             ModelError: the file cannot be written.
@@ -158,42 +158,42 @@ class Saved:
         write_state(path, self._identity, arrays, record, files)
 
     def read(self, path: Path, trials: TrialLoop | None) -> None:
-        """Go on from a state.
+        """Continue from a state in a file.
 
         Raises:
-            ModelError: it is of something else; all stays as it is.
+            ModelError: the file belongs to another network, backend or seed; nothing is changed.
         """
         arrays = read_state(path, self._identity)
-        self._engine.restore(_below("engine/", arrays))
-        self._records.restore(_below("probes/", arrays), int(arrays.get("held", 0)))
+        self._engine.restore(_without_prefix("engine/", arrays))
+        self._records.restore(_without_prefix("probes/", arrays), int(arrays.get("held", 0)))
         for index, rule in self._rules.items():
             self._rules[index] = settable.rule_of(rule, arrays[f"rules/{index}"])
         if self._inflow is not None:
-            self._inflow.put(_below("streams/", arrays))
+            self._inflow.put(_without_prefix("streams/", arrays))
         if self._signals is not None:
-            self._signals.put(_below("signals/", arrays))
+            self._signals.put(_without_prefix("signals/", arrays))
         if trials is not None:
             trials.put(arrays["trials"])
 
 
-def _below(begin: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The arrays of one part, by their names there."""
-    return {name.removeprefix(begin): values for name, values in arrays.items() if name.startswith(begin)}
+def _without_prefix(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return the arrays whose names begin with a prefix, without that prefix."""
+    return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
 
 
-_OF_WEIGHTS = ("set", "set_weights", "silence", "restore", "trials")
+_CALLS_THAT_SET_WEIGHTS = ("set", "set_weights", "silence", "restore", "trials")
 
 
 def present(run: Run, steered: Collection[str]) -> Program:
-    """The program with the present weights and parameters, whose listed inputs emit what they have emitted.
+    """Return the program with the present weights and parameters; listed inputs repeat the spikes they emitted.
 
     Args:
         run: the network in execution; its engine is only read.
-        steered: the calls by which the simulation was changed.
+        steered: the names of the calls that changed the simulation.
     """
     program, engine = run.program, run.engine
     populations = tuple(_present_population(k, part, engine) for k, part in enumerate(program.populations))
-    changed = any(call in steered for call in _OF_WEIGHTS)
+    changed = any(call in steered for call in _CALLS_THAT_SET_WEIGHTS)
     projections = list(program.projections)
     for q, part in enumerate(program.projections):
         if part.carries == "spikes" and part.size and (changed or part.synapse.learns):
@@ -213,22 +213,24 @@ def _present_population(k: int, part: Population, engine: Engine) -> Population:
         listed, several = np.unique(part.spike_steps * part.size + part.spike_ids, return_counts=True)
         keys = np.concatenate([listed, emitted.steps * part.size + emitted.ids])
         spikes, places = np.unique(keys, return_inverse=True)
-        most = np.zeros(spikes.size, dtype=np.int64)  # what is listed was emitted, too, if it was its time
+        most = np.zeros(
+            spikes.size, dtype=np.int64
+        )  # a listed spike is also among the emitted ones if its time has passed
         np.maximum.at(most, places, np.concatenate([several, emitted.multiplicity]))
         spikes = np.repeat(spikes, most)
         return replace(part, spike_steps=spikes // part.size, spike_ids=spikes % part.size, stream=None)
     if part.kind == "current" or part.schedule is not None:
         return part
-    now = {word: engine.get(k, word) for word in part.parameters}
-    return replace(part, parameters={word: v[:1] if (v == v[0]).all() else v for word, v in now.items()})
+    values = {word: engine.get(k, word) for word in part.parameters}
+    return replace(part, parameters={word: v[:1] if (v == v[0]).all() else v for word, v in values.items()})
 
 
 def _with_payloads(part: Population, emitted: Spikes) -> Population:
-    """A graded population that lists what it has emitted, and what it still lists for later."""
+    """Return a graded population that lists the spikes it has emitted and those it still lists for later."""
     later = part.spike_steps > emitted.steps[-1]
     steps, ids = (
-        np.concatenate([sent, listed[later]])
-        for sent, listed in ((emitted.steps, part.spike_steps), (emitted.ids, part.spike_ids))
+        np.concatenate([past, listed[later]])
+        for past, listed in ((emitted.steps, part.spike_steps), (emitted.ids, part.spike_ids))
     )
     payloads = np.concatenate([emitted.payloads, part.spike_payloads[later]]).astype(np.int64)
     return replace(part, spike_steps=steps, spike_ids=ids, spike_payloads=payloads)

@@ -1,4 +1,4 @@
-"""What may be changed while a simulation runs, checked and brought into the engine's form."""
+"""Checks of the values that may change while a simulation runs, and their conversion for the engine."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from neuro.program.program import Floats, Ints, Population, Program, Projection,
 from neuro.run.handles import Neurons
 
 Chosen = NDArray[np.bool_] | Ints
-"""Some synapses of a projection: whether each is one of them, or their places in an order."""
+"""Some synapses of a projection: a mask over all synapses, or indices in a chosen order."""
 _WEIGHT = Quantity(arrays=True)
 _FIXED = ("deliver_interval",)
 _RANGE = ("d_min", "d_max")
 _DRAWN = "a distribution is drawn where connections are made: net.connect(..., weight=...)"
 _PAIRS = (("V_th", "V_reset"), ("V_peak", "V_reset"), ("std", "std_mod"), ("rate", "amplitude"))
 _PARTNERS = (*_PAIRS, *((second, first) for first, second in _PAIRS))
-"""Parameters that are checked together."""
+"""Pairs of parameters that are checked together, in both orders."""
 
 
 @cache
@@ -45,48 +45,50 @@ def _quantities(model: type[Model]) -> dict[str, Quantity]:
 
 @cache
 def _states(model: type[Model]) -> dict[str, Quantity]:
-    """Return the states of a model, cached likewise."""
+    """Return the states of a model, cached for the same reason."""
     return {state.name: state.quantity() for state in model.states}
 
 
 def states(part: Population) -> list[str]:
-    """The states of a population that can be read and set."""
+    """Return the names of the states of a population that can be read and set."""
     return [state.name for state in part.model.states if not state.hidden]
 
 
 def new_values(neurons: Neurons, word: str, value: Any, engine: Engine, seed: int) -> Floats:
-    """Values of a state or parameter of a population, shape (1,) or (size,), of which some are new.
+    """Return all values of a state or parameter of a population, shape (1,) or (size,), after a change of some.
 
     Args:
-        neurons: those that are given values.
+        neurons: the neurons whose values change.
         word: the state or parameter.
         value: a number, an array or a distribution.
-        engine: has the values of the others; draws differ from step to step.
-        seed: of a distribution's draws.
+        engine: source of the values that do not change. Draws depend on its step.
+        seed: seed for the draws of a distribution.
     """
     part, ids = neurons.part, neurons.ids
-    q = _settable(part, word)
+    quantity = _settable_quantity(part, word)
     what = f"{part.name}.{word}"
     key = (seed, "set", f"{what}@{engine.step}")
     if ids is None:
-        return _one_or_each(q, value, part.shape, what, key)
+        return _one_or_each(quantity, value, part.shape, what, key)
     values = engine.get(neurons.index, word)
-    if isinstance(value, Distribution):  # drawn for all, so that a neuron gets the same in whatever view
-        values[ids] = _one_or_each(q, value, part.shape, what, key)[ids]
+    if isinstance(
+        value, Distribution
+    ):  # drawn for all neurons, so that the value of a neuron does not depend on the view
+        values[ids] = _one_or_each(quantity, value, part.shape, what, key)[ids]
     else:
-        values[ids] = _one_or_each(q, value, neurons.end.shape, what, key)
+        values[ids] = _one_or_each(quantity, value, neurons.end.shape, what, key)
     return values
 
 
-def _settable(part: Population, word: str) -> Quantity:
-    """A parameter or state of a population that can be set."""
+def _settable_quantity(part: Population, word: str) -> Quantity:
+    """Return the quantity of a parameter or state that can be set; raise an error otherwise."""
     model: Any = type(part.model)
     if word in part.parameters and word not in part.model.fixed:
-        q = _quantities(model)[word]
+        quantity = _quantities(model)[word]
     elif word in states(part):
         if any(state.follows for state in part.model.states if state.name == word):
             raise ModelError(f"{part.model.name}.{word} of '{part.name}' follows from its other states: set those")
-        q = _states(model)[word]
+        quantity = _states(model)[word]
     else:
         known = [*(name for name in part.parameters if name not in part.model.fixed), *states(part)]
         if word in _quantities(model):
@@ -94,47 +96,49 @@ def _settable(part: Population, word: str) -> Quantity:
                 f"{part.model.name}.{word} of '{part.name}' is fixed: change the network and compile again"
             )
         raise unknown("parameter or state", word, known).at(None, f"population '{part.name}'")
-    return q
+    return quantity
 
 
 def quantity_of(part: Population, word: str) -> Quantity | None:
-    """What a parameter or state of a population may be; None if it cannot be set."""
+    """Return the quantity of a parameter or state of a population; None if it cannot be set."""
     try:
-        return _settable(part, word)
+        return _settable_quantity(part, word)
     except ModelError:
         return None
 
 
-def _one_or_each(q: Quantity, value: Any, shape: tuple[int, ...], what: str, key: tuple[int, str, str]) -> Floats:
-    """Values of neurons of a shape, shape (1,) or (size,)."""
+def _one_or_each(
+    quantity: Quantity, value: Any, shape: tuple[int, ...], what: str, key: tuple[int, str, str]
+) -> Floats:
+    """Return values of neurons of a shape, as an array (1,) or (size,)."""
     size = math.prod(shape)
-    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (size,) and _inside(q, value):
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (size,) and _inside(quantity, value):
         return value
-    if q.kind == "boolean":
-        return np.array([float(check(q, value, what))])
-    accepted = check(q, value, what)
+    if quantity.kind == "boolean":
+        return np.array([float(check(quantity, value, what))])
+    accepted = check(quantity, value, what)
     array = per_neuron(accepted, shape, what, key)
     if isinstance(accepted, (Distribution, FromFile)):
-        check(q, array, what)
+        check(quantity, array, what)
     return array
 
 
-def _inside(q: Quantity, array: Floats) -> bool:
-    """Whether all values of an array are finite and within the bounds; the fast way to say yes."""
+def _inside(quantity: Quantity, array: Floats) -> bool:
+    """Return whether all values of an array are finite and within the bounds. False only means a slower check."""
     low, high = array.min(), array.max()
     finite = low > -np.inf and high < np.inf
-    return bool(finite and all(holds(low, bound) and holds(high, bound) for _, bound, holds in q.bounds))
+    return bool(finite and all(holds(low, bound) and holds(high, bound) for _, bound, holds in quantity.bounds))
 
 
 def check_together(program: Program, index: int, new: Mapping[str, Floats], engine: Engine, clock: Clock) -> None:
-    """Refuse parameters that do not go with each other or with the rest of their population.
+    """Refuse parameters that conflict with each other or with other parameters of their population.
 
     Args:
         program: the whole network.
-        index: the population.
-        new: parameters and states by name.
-        engine: knows the present values of the others.
-        clock: of the network.
+        index: index of the population.
+        new: new parameters and states by name.
+        engine: source of the present values of the other parameters.
+        clock: clock of the network.
     """
     part = program.populations[index]
     if "tau_minus" in new and any(p.target == index and p.synapse.learns == "pairs" for p in program.projections):
@@ -151,65 +155,70 @@ def check_together(program: Program, index: int, new: Mapping[str, Floats], engi
 
 
 def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any], chosen: Chosen | None = None) -> Synapse:
-    """A synapse model with some numbers changed.
+    """Return a synapse model with some parameters changed.
 
     Args:
         part: the projection.
         rule: its present synapse model.
-        values: by word, a number, or an array with a value for each synapse where the model takes them.
-        chosen: which synapses they are for, None for all.
+        values: by word, a number, or an array with a value for each synapse where the model accepts one.
+        chosen: the synapses to change, None for all.
     """
     names = {word_of(entry.name): entry.name for entry in fields(rule)}
-    of_post = _of_post(rule)
-    settable = [*settable_numbers(rule), *of_post]
+    fixed_taus = _postsynaptic_taus(rule)
+    settable = [*settable_numbers(rule), *fixed_taus]
     for word in values:
-        if word in of_post:
+        if word in fixed_taus:
             message = f"{rule.name}.{word} of '{part.name}': a trace of post spikes decays with it, so it is fixed"
             raise ModelError(message, hint="change the network and compile again")
         if word in names and word not in settable:
             raise ModelError(f"{rule.name}.{word} of '{part.name}' is fixed: change the network and compile again")
         if word not in settable:
             raise _no_parameter(part, rule, word, settable)
-    new = {word: _of_synapses(part, rule, word, value, chosen) for word, value in values.items()}
+    new = {word: _changed_parameter(part, rule, word, value, chosen) for word, value in values.items()}
     return replace(rule, **{names[word]: value for word, value in new.items()})
 
 
 def settable_numbers(rule: Synapse) -> list[str]:
-    """The numbers of a synapse model that can be set."""
-    fixed = {*_FIXED, *(trace.starts for trace in rule.pre), *(_RANGE if rule.delays else ()), *_of_post(rule)}
+    """Return the names of the parameters of a synapse model that can be set."""
+    fixed = {
+        *_FIXED,
+        *(trace.starts for trace in rule.pre),
+        *(_RANGE if rule.delays else ()),
+        *_postsynaptic_taus(rule),
+    }
     return [word for word in rule.numbers() if word not in fixed]
 
 
-def _of_post(rule: Synapse) -> set[str]:
-    """Those with which a trace of post spikes decays."""
+def _postsynaptic_taus(rule: Synapse) -> set[str]:
+    """Return the names of the time constants of postsynaptic traces, for rules that learn from spike pairs."""
     return {trace.tau for trace in rule.post} if rule.learns == "pairs" else set()
 
 
-def _of_synapses(part: Projection, rule: Synapse, word: str, value: Any, chosen: Chosen | None) -> Any:
-    """A parameter of all synapses, or of each, of which some are new."""
+def _changed_parameter(part: Projection, rule: Synapse, word: str, value: Any, chosen: Chosen | None) -> Any:
+    """Return a parameter of all synapses, or of each, after a change of some."""
     what, old = f"{rule.name}.{word} of '{part.name}'", rule.parameters()[word]
-    given = check(replace(rule.quantities()[word], of_value=False), value, f"{rule.name}.{word}")
-    if isinstance(given, (Distribution, FromFile, of_distance)):
+    new = check(replace(rule.quantities()[word], of_value=False), value, f"{rule.name}.{word}")
+    if isinstance(new, (Distribution, FromFile, of_distance)):
         hint = "it is drawn where connections are made: net.connect(...)"
-        raise ModelError(f"{what} = {shown(given)}: expected a number or an array", hint=hint)
-    size = part.size if chosen is None else _number(chosen)
-    if np.ndim(given) and given.shape != (size,):
-        raise ModelError(f"{what}: an array of shape {list(given.shape)}: expected [{size}]")
+        raise ModelError(f"{what} = {shown(new)}: expected a number or an array", hint=hint)
+    size = part.size if chosen is None else _count(chosen)
+    if np.ndim(new) and new.shape != (size,):
+        raise ModelError(f"{what}: an array of shape {list(new.shape)}: expected [{size}]")
     if chosen is None:
-        return given if part.size or not np.ndim(given) else old
+        return new if part.size or not np.ndim(new) else old
     if size == 0:
         return old
     each = np.full(part.size, old, dtype=np.float64)
-    each[chosen] = given
+    each[chosen] = new
     return each
 
 
-def _number(chosen: Chosen) -> int:
+def _count(chosen: Chosen) -> int:
     return int(np.count_nonzero(chosen)) if chosen.dtype == np.bool_ else chosen.size
 
 
 def _no_parameter(part: Projection, rule: Synapse, word: str, known: list[str]) -> ModelError:
-    """The error for a word that is no parameter of a rule; the message says what it is."""
+    """Return the error for a word that is not a settable parameter of a rule."""
     subject = f"{rule.name}.{word} of '{part.name}' is"
     if word in synapse_states(part):
         message = f"{subject} a state of its synapses, which is read and not set"
@@ -220,19 +229,19 @@ def _no_parameter(part: Projection, rule: Synapse, word: str, known: list[str]) 
 
 
 def rule_of(rule: Synapse, vector: Floats) -> Synapse:
-    """A synapse model with the numbers of a vector, or of one for each synapse."""
+    """Return a synapse model with the parameters of a vector, or of one vector per synapse."""
     kinds = {word_of(entry.name): entry for entry in fields(rule)}
     convert = {"boolean": bool, "integer": int}
     changed: dict[str, Any] = {}
     for word, values in zip(rule.numbers(), vector.T, strict=True):
-        one = bool((values == values.flat[0]).all())
+        is_shared = bool((values == values.flat[0]).all())
         kind = kinds[word].metadata["quantity"].kind
-        changed[kinds[word].name] = convert.get(kind, float)(values.flat[0]) if one else values
+        changed[kinds[word].name] = convert.get(kind, float)(values.flat[0]) if is_shared else values
     return replace(rule, **changed)
 
 
 def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
-    """Refuse weights beyond the bounds of their rule."""
+    """Refuse weights out of the bounds of their rule."""
     bad = rule.outside(weight)
     if bad is not None:
         raise ModelError(
@@ -243,20 +252,20 @@ def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
 def new_weights(
     part: Projection, rule: Synapse, weights: ArrayLike, among: tuple[Floats, Chosen] | None = None, unit: str = ""
 ) -> Floats:
-    """Weights of every synapse (of a grid: of its kernels), shape (size,).
+    """Return the weights of all synapses (for a grid: of its kernels), shape (size,), after a change of some.
 
     Args:
         part: the projection.
         rule: its present synapse model.
         weights: the new ones, a number or an array.
-        among: if only some change, the weights of all and which of them change.
-        unit: in which one that is written with a unit is taken.
+        among: if only some change, the weights of all synapses and the chosen ones.
+        unit: unit to which weights with a unit are converted.
     """
-    given = check(replace(_WEIGHT, taken_in=unit), weights, f"weights of '{part.name}'")
-    if isinstance(given, Distribution | FromFile):
-        raise ModelError(f"weights of '{part.name}' = {shown(given)}: expected a number or an array", hint=_DRAWN)
-    array = np.asarray(given, dtype=np.float64)
-    size = part.size if among is None else _number(among[1])
+    checked = check(replace(_WEIGHT, taken_in=unit), weights, f"weights of '{part.name}'")
+    if isinstance(checked, Distribution | FromFile):
+        raise ModelError(f"weights of '{part.name}' = {shown(checked)}: expected a number or an array", hint=_DRAWN)
+    array = np.asarray(checked, dtype=np.float64)
+    size = part.size if among is None else _count(among[1])
     shapes: list[tuple[int, ...]] = [(size,)]
     if part.grid is not None:
         shapes.append(part.grid.kernels)
@@ -267,9 +276,9 @@ def new_weights(
         )
     full = np.broadcast_to(array.reshape(-1), size) + 0.0
     if among is not None:
-        every, chosen = among[0].copy(), among[1]
-        every[chosen] = full
-        full = every
+        all_weights, chosen = among[0].copy(), among[1]
+        all_weights[chosen] = full
+        full = all_weights
     check_rule(part, rule, full)
     try:
         check_conductance(part.receptor, full)
@@ -281,45 +290,45 @@ def new_weights(
 def new_spikes(
     clock: Clock, times: ArrayLike, ids: ArrayLike | None, of: Neurons, payloads: ArrayLike | None = None
 ) -> tuple[Ints, Ints, Ints | None]:
-    """Steps, neurons and payloads, if given, of spikes, sorted by step, then neuron.
+    """Return steps, neurons and payloads (if any) of spikes, sorted by step, then neuron.
 
-    Without ids each neuron of those emits at all times.
+    Without ids, each neuron emits at all times.
     """
-    steps = clock.steps(_listed(numbers(times, "times"), "times"), "times")
-    carried = None if payloads is None else _payloads(payloads, steps.size)
+    steps = clock.steps(_one_axis(numbers(times, "times"), "times"), "times")
+    checked_payloads = None if payloads is None else _payloads(payloads, steps.size)
     if ids is None:
-        every = np.flatnonzero(of.among())
-        carried = None if carried is None else np.repeat(carried, every.size)
-        steps, ids = np.repeat(steps, every.size), np.tile(every, steps.size)
-    neurons = _listed(neuron_ids(ids, of.part.size), "ids")
-    if of.ids is not None and (outside := np.flatnonzero(~of.among()[neurons])).size:
+        emitting = np.flatnonzero(of.mask())
+        checked_payloads = None if checked_payloads is None else np.repeat(checked_payloads, emitting.size)
+        steps, ids = np.repeat(steps, emitting.size), np.tile(emitting, steps.size)
+    neurons = _one_axis(neuron_ids(ids, of.part.size), "ids")
+    if of.ids is not None and (outside := np.flatnonzero(~of.mask()[neurons])).size:
         raise ModelError(f"ids[{outside[0]}] = {neurons[outside[0]]}: expected a neuron of {of.text}")
     if steps.shape != neurons.shape:
         raise ModelError(f"{steps.size} times and {neurons.size} ids: expected as many of each")
     order = np.lexsort((neurons, steps))
-    return steps[order], neurons[order], None if carried is None else carried[order]
+    return steps[order], neurons[order], None if checked_payloads is None else checked_payloads[order]
 
 
 def _payloads(payloads: ArrayLike, times: int) -> Ints:
-    found = _listed(numbers(payloads, "payloads"), "payloads")
-    if found.size != times:
-        raise ModelError(f"{times} times and {found.size} payloads: expected as many of each")
-    bad = np.flatnonzero((found != np.rint(found)) | (np.abs(found) > LARGEST))
+    values = _one_axis(numbers(payloads, "payloads"), "payloads")
+    if values.size != times:
+        raise ModelError(f"{times} times and {values.size} payloads: expected as many of each")
+    bad = np.flatnonzero((values != np.rint(values)) | (np.abs(values) > LARGEST))
     if bad.size:
-        value = shown(float(found[bad[0]]))
+        value = shown(float(values[bad[0]]))
         raise ModelError(f"payloads[{bad[0]}] = {value}: expected a whole number from -{LARGEST} to {LARGEST}")
-    return found.astype(np.int64)
+    return values.astype(np.int64)
 
 
-def _listed(array: NDArray[Any], what: str) -> NDArray[Any]:
-    """A number or a plain list of them, as a list."""
+def _one_axis(array: NDArray[Any], what: str) -> NDArray[Any]:
+    """Return a number or a list of numbers as an array with one axis."""
     if array.ndim > 1:
         raise ModelError(f"{what}: an array of shape {list(array.shape)}: expected a list, one for each spike")
     return np.atleast_1d(array)
 
 
 def neuron_ids(ids: ArrayLike, size: int) -> Ints:
-    """Neurons of a population of `size`, each checked."""
+    """Check ids of neurons of a population of `size`, and return them as an array."""
     refuse_masked(ids, "ids")
     array = np.atleast_1d(np.asarray(ids))
     if array.size == 0:
@@ -334,7 +343,7 @@ def neuron_ids(ids: ArrayLike, size: int) -> Ints:
 
 
 def signal_values(name: str, values: ArrayLike, size: int) -> Floats:
-    """Values of a signal, shape (size,)."""
+    """Check values of a signal, and return them as an array (size,)."""
     array = numbers(values, f"signal '{name}'")
     if array.shape not in ((), (size,)):
         raise ModelError(f"signal '{name}': an array of shape {list(array.shape)}: expected a number or [{size}]")

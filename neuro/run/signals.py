@@ -1,4 +1,4 @@
-"""Signals whose values are described, set while a network runs."""
+"""Signals with described values, which are set while a network runs."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ _SIGNS: Mapping[str, Callable[..., Any]] = {
     **{"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge},
 }
 _REMEMBERED = {"count": 1, "mean": 1, "trace": 1, "after": 3}
-"""How many numbers an operation keeps from one period to the next."""
+"""Numbers that an operation stores from one period to the next."""
 
 
 def signals_of(program: Program, engine: Engine) -> SignalFeeder | None:
-    """The feeder of the signals of a program; None if nothing does."""
+    """Return the feeder of the signals of a program; None if no signal has values."""
     described = any(part.values is not None for part in program.signals)
     return SignalFeeder(program, engine) if described else None
 
 
 class SignalFeeder:
-    """Sets the signals of a program that have values, between stretches of a run.
+    """Sets the signals of a program that have values, between parts of a run.
 
     Args:
-        program: says what sets them.
-        engine: runs it.
+        program: the program with the signals.
+        engine: the engine that runs it.
 
     Raises:
         ModelError: several processes run the network together.
@@ -64,7 +64,7 @@ class SignalFeeder:
         self._players = list(players.values())
 
     def stretches(self, steps: int) -> Iterator[int]:
-        """Cut a run into stretches; before each, and at the end, what is due is set."""
+        """Divide a run into parts. Signals are set before each part and at the end."""
         end = self._engine.step + steps
         while True:
             now = self._engine.step
@@ -76,33 +76,33 @@ class SignalFeeder:
             yield min(end, *(player.due for player in self._players)) - now
 
     def listen(self) -> None:
-        """Read the spikes whose times count, before their records are forgotten."""
+        """Read the spikes that expressions need, before the records are forgotten."""
         for player in self._players:
             player.listen()
 
     def begin(self) -> None:
-        """Back to the beginning."""
+        """Return to time 0."""
         for player in self._players:
             player.begin()
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return values that were computed and are under way, by signal."""
+        """Return the computed values that are still to be set, by signal."""
         self.listen()
         return {f"{p.name}/{word}": array for p in self._players for word, array in p.state().items()}
 
     def put(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Go on where `state` was asked for."""
+        """Continue from a `state`."""
         for player in self._players:
-            own = f"{player.name}/"
-            player.put({name.removeprefix(own): array for name, array in arrays.items() if name.startswith(own)})
+            prefix = f"{player.name}/"
+            player.put({name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)})
 
 
 class _Player:
     """Sets some signals together.
 
     Attributes:
-        targets: the index of each, and the factor for each neuron.
-        due: the step after which something is to be done.
+        targets: the index of each signal, and the factor for each neuron.
+        due: the step after which `set` must be called next.
     """
 
     due: int
@@ -112,18 +112,18 @@ class _Player:
         self.begin()
 
     def begin(self) -> None:
-        """Back to the beginning."""
+        """Return to time 0."""
 
     def listen(self) -> None:
-        """Read spikes that are about to be forgotten; most ask for none."""
+        """Read spikes that are about to be forgotten; most players need none."""
 
-    def _tell(self, values: float | Floats) -> None:
+    def _set_signals(self, values: float | Floats) -> None:
         for index, scale in self.targets:
             self._engine.signal(index, values * scale + 0.0)
 
 
 class _Listed(_Player):
-    """Sets values that are listed."""
+    """Sets listed values."""
 
     def __init__(self, plan: Schedule, engine: Engine, name: str) -> None:
         self._plan = plan
@@ -134,7 +134,7 @@ class _Listed(_Player):
 
     def set(self, now: int) -> None:
         following = int(np.searchsorted(self._plan.steps, now, side="right"))
-        self._tell(self._plan.values[following - 1])
+        self._set_signals(self._plan.values[following - 1])
         self.due = int(self._plan.steps[following]) if following < self._plan.steps.size else NEVER
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -145,7 +145,7 @@ class _Listed(_Player):
 
 
 class _Expression(_Player):
-    """Sets values that are computed each period, when their delay is over."""
+    """Computes the value of an expression each period, and sets it after its delay."""
 
     def __init__(self, plan: Computed, engine: Engine, program: Program) -> None:
         self._plan, self._seed, self._clock = plan, program.seed, Clock(program.resolution)
@@ -162,30 +162,30 @@ class _Expression(_Player):
         self._memory[:] = 0.0
         for _, place in self._afters:
             self._memory[place] = -NEVER
-        self._coming: list[tuple[int, float]] = []  # as many as fall into the longest delay
+        self._delayed: list[tuple[int, float]] = []  # values whose delay is not over
         self._next = self.due = self._plan.every
-        self._level, self._since, self._heard = 0.0, 0, 0
+        self._level, self._since, self._read_up_to = 0.0, 0, 0
 
     def set(self, now: int) -> None:
         if now >= self._next:
             self._next = now + self._plan.every
             value = self._value(now)
             if value or not self._plan.tau:
-                self._coming.append((now + self._delay(now), value))
-        arrived = [value for step, value in self._coming if step <= now]
-        if arrived:
-            self._coming = [each for each in self._coming if each[0] > now]
+                self._delayed.append((now + self._delay(now), value))
+        due_values = [value for step, value in self._delayed if step <= now]
+        if due_values:
+            self._delayed = [each for each in self._delayed if each[0] > now]
             if self._plan.tau:
-                passed = (now - self._since) * self._clock.resolution
-                self._level = self._level * math.exp(-passed / self._plan.tau) + math.fsum(arrived)
+                elapsed = (now - self._since) * self._clock.resolution
+                self._level = self._level * math.exp(-elapsed / self._plan.tau) + math.fsum(due_values)
                 self._since = now
             else:
-                self._level = arrived[-1]
-            self._tell(self._level)
-        self.due = min(self._next, *(step for step, _ in self._coming), NEVER)
+                self._level = due_values[-1]
+            self._set_signals(self._level)
+        self.due = min(self._next, *(step for step, _ in self._delayed), NEVER)
 
     def _delay(self, now: int) -> int:
-        """Steps until the value of a period is set; a delay that is drawn below 0 is 0."""
+        """Return the steps until the value of a period is set; a delay drawn below 0 is 0."""
         delay = self._plan.delay
         if not isinstance(delay, Distribution):
             return delay
@@ -196,7 +196,7 @@ class _Expression(_Player):
         """Return the value of the expression at the end of a period.
 
         Raises:
-            ModelError: it is not finite.
+            ModelError: the value is not finite.
         """
         results: list[float] = []
         counted: dict[int, Ints] = {}
@@ -228,7 +228,7 @@ class _Expression(_Player):
                     results.append(float(self._memory[at]))
                 case _:
                     spikes = count(*operation.reads[1])
-                    if spikes != self._memory[at + 2]:  # to read them takes as long as many steps of a small network
+                    if spikes != self._memory[at + 2]:  # reading spikes takes as long as many steps of a small network
                         self.listen()
                     results.append(float(self._memory[at + 1]))
                     self._memory[at + 1 : at + 3] = 0.0, spikes
@@ -242,31 +242,31 @@ class _Expression(_Player):
             return
         now = self._engine.step
         for operation, at in self._afters:
-            (first, _), (second, several) = (self._heard_of(*each, now) for each in operation.reads)
+            (first, _), (second, several) = (self._new_spikes(*each, now) for each in operation.reads)
             first = np.concatenate([self._memory[at : at + 1], first])
             last = first[np.searchsorted(first, second, side="left") - 1]
             self._memory[at] = first[-1]
             self._memory[at + 1] += several[second - last <= operation.number].sum()
-        self._heard = now
+        self._read_up_to = now
 
-    def _heard_of(self, population: int, ids: Ints | None, now: int) -> tuple[Floats, Ints]:
-        """Steps of the spikes since this was last asked, and how many in each."""
-        train = self._engine.spikes(population, self._heard)
-        chosen = train.steps <= now
+    def _new_spikes(self, population: int, ids: Ints | None, now: int) -> tuple[Floats, Ints]:
+        """Return the steps of the spikes since the last call, and the number of spikes in each."""
+        train = self._engine.spikes(population, self._read_up_to)
+        is_selected = train.steps <= now
         if ids is not None:
-            chosen &= np.isin(train.ids, ids, kind="table")
-        return train.steps[chosen].astype(np.float64), train.multiplicity[chosen]
+            is_selected &= np.isin(train.ids, ids, kind="table")
+        return train.steps[is_selected].astype(np.float64), train.multiplicity[is_selected]
 
     def state(self) -> dict[str, NDArray[Any]]:
-        coming = np.array(self._coming, dtype=np.float64).reshape(-1, 2)
-        numbers = np.array([self.due, self._next, self._level, self._since, self._heard])
+        coming = np.array(self._delayed, dtype=np.float64).reshape(-1, 2)
+        numbers = np.array([self.due, self._next, self._level, self._since, self._read_up_to])
         return {"numbers": numbers, "memory": self._memory.copy(), "coming": coming}
 
     def put(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         due, following, self._level, since, last = arrays["numbers"].tolist()
-        self.due, self._next, self._since, self._heard = int(due), int(following), int(since), int(last)
+        self.due, self._next, self._since, self._read_up_to = int(due), int(following), int(since), int(last)
         self._memory[:] = arrays["memory"]
-        self._coming = [(int(step), value) for step, value in arrays["coming"].tolist()]
+        self._delayed = [(int(step), value) for step, value in arrays["coming"].tolist()]
 
 
 def _function(operation: Operation) -> Callable[..., Any] | None:
@@ -275,6 +275,6 @@ def _function(operation: Operation) -> Callable[..., Any] | None:
         return _SIGNS[operation.name]
     if operation.name in _REMEMBERED or operation.name == "number":
         return None
-    own = getattr(functions, f"of_{operation.name}", None) or getattr(functions, operation.name, None)
-    function: Callable[..., Any] = own or getattr(builtins, operation.name)
+    specific = getattr(functions, f"of_{operation.name}", None) or getattr(functions, operation.name, None)
+    function: Callable[..., Any] = specific or getattr(builtins, operation.name)
     return function

@@ -1,4 +1,4 @@
-"""The class that users hold: what can be set, read, told and saved of a network that runs."""
+"""The class `Simulation`: the methods to set, read, run and save a compiled network."""
 
 from __future__ import annotations
 
@@ -41,22 +41,22 @@ _FLAG = Quantity(kind="boolean")
 
 
 class Simulation(RunningNetwork):
-    """A network in execution; made by `neuro.compile`.
+    """A network in execution, made by `neuro.compile`.
 
-    Times are in ms, neurons are counted from 0 in C order of their population's shape, values are in the units
-    of their models. A part is named by its name, or by what `net.population`, `net.connect` and others returned; where
-    neurons are asked for, also by a view such as `exc[:100]`. Values of a view are in its order; ids are always those
-    of the population.
+    Times are in ms. Neurons are counted from 0 in C order of their population's shape. Values are in the units of their
+    models. A part is named by its name or by the object that `net.population`, `net.connect` and similar methods
+    returned. Neurons can also be named by a view such as `exc[:100]`: values are then in the order of the view, but ids
+    are always ids of the population.
 
-    One call at a time: while one is under way, others of another thread or of a callback are refused, and only `time`
-    can be read. Several simulations may run in as many threads. A simulation is not copied or pickled: `save` and
-    `restore` take its state to another.
+    Only one call is allowed at a time: a call from another thread or from a callback during a call is an error, except
+    reading `time`. Several simulations may run in as many threads. A simulation cannot be copied or pickled; use `save`
+    and `restore`.
 
     Attributes:
         backend: the name of the backend.
-        program: the resolved network.
-        handles: finds its parts by what names them.
-        steered: the calls by which it was changed since it was compiled, in the order of the first of each.
+        program: the compiled network.
+        handles: finds parts by the names and objects that callers use.
+        steered: the names of the calls that changed the simulation since compilation, in the order of first use.
     """
 
     @cached_property
@@ -100,7 +100,7 @@ class Simulation(RunningNetwork):
         return as_html(repr(self), self._tables())
 
     def _tables(self) -> list[Table]:
-        """A row for each population and projection."""
+        """Return a table of the populations and one of the projections."""
         from neuro.files.parts import synapse_text
         from neuro.files.results import projection_table, run_table
 
@@ -122,7 +122,7 @@ class Simulation(RunningNetwork):
 
     @alone
     def reset(self, weights: bool = False) -> None:
-        """Back to time 0 and the initial states; weights only if asked. Parameters that were set stay."""
+        """Return to time 0 and the initial states, and with `weights` to the initial weights. Parameters stay."""
         self._records.refuse_while_recording("reset")
         weights = check(_FLAG, weights, "reset: weights")
         if self._inflow is not None:
@@ -138,7 +138,7 @@ class Simulation(RunningNetwork):
         for port in self._ports:
             port.begin()
         if self.program.trials is not None:
-            self._trials.start_anew()
+            self._trials.forget_samples()
 
     # parameters, states and weights
 
@@ -156,17 +156,18 @@ class Simulation(RunningNetwork):
     ) -> None:
         """Change parameters or states of neurons, or weights or parameters of the synapse model of a projection.
 
-        The change acts from the next step on. A value is one for all or one for each: for neurons also a distribution,
-        of which a neuron draws the same value in whatever view; for synapses in the order in which `weights` gives
-        them. `weight` stands alone; parameters of which synapses have their own may be set of chosen ones.
+        The change acts from the next step on. A value is a number for all or an array with a number for each. For
+        neurons a distribution is allowed, too; the draw of a neuron does not depend on the view. For synapses the order
+        is the one in which `weights` lists them. `weight` is set in a call of its own. Parameters with a value per
+        synapse may be set for chosen synapses.
 
         Args:
             part: the population, a view, or the projection.
-            values: by name, beside or instead of `named`.
+            values: values by name, in addition to or instead of `named`.
             of: of a projection only the synapses of these pairs (source, target) of neurons, shape (n, 2).
             pre: only the synapses from these neurons: a population, a view of it, or ids.
-            post: likewise those onto these neurons.
-            named: the values by name, e.g. `V_m=-60.0`.
+            post: only the synapses onto these neurons, in the same forms.
+            named: values by name, e.g. `V_m=-60.0`.
 
         Raises:
             ModelError: a name is unknown, a value is out of bounds, or no synapse is chosen.
@@ -186,9 +187,9 @@ class Simulation(RunningNetwork):
         pre: Side = None,
         post: Side = None,
     ) -> Any:
-        """A state or parameter of neurons, or a state of synapses, in physical units; one value each, in a row.
+        """Return a state or parameter of neurons, or a state of synapses, in physical units, one value each.
 
-        A list of names gives a dictionary of these by name.
+        A list of names gives a dictionary of arrays by name.
 
         Args:
             part: the population, a view, or the projection.
@@ -196,14 +197,14 @@ class Simulation(RunningNetwork):
                 a state of its synapses, where "K_plus" is the trace of each synapse's source and "n" the dopamine of
                 its target.
             raw: read a chip's registers instead.
-            of: of a projection only the synapses of these pairs (source, target), in their order, as of `set`.
-            pre: only those from these neurons; `weights` says which they are.
-            post: likewise those onto these neurons.
+            of: of a projection only the synapses of these pairs (source, target), in their order, as for `set`.
+            pre: only the synapses from these neurons; `weights` returns their sources and targets.
+            post: only the synapses onto these neurons.
         """
         return self._values.get(part, what, raw, of, pre, post)
 
     def states(self, of: Population | View | str) -> list[str]:
-        """The states of a population's neurons that this backend shows, in the order of its model."""
+        """Return the names of a population's states that this backend can read, in the order of its model."""
         return self._cells.states(self.handles.neurons(of))
 
     @alone
@@ -217,19 +218,20 @@ class Simulation(RunningNetwork):
         post: Side = None,
         delays: bool = False,
     ) -> Any:
-        """The weights of a projection.
+        """Return the weights of a projection.
 
         Args:
             part: the projection.
-            of: only of the synapses of these pairs (source, target), in their order, as of `set`.
-            pre: only of the synapses from these neurons.
-            post: only of the synapses onto these neurons.
-            delays: whether to give the delays in ms, too.
+            of: only the synapses of these pairs (source, target), in their order, as for `set`.
+            pre: only the synapses from these neurons.
+            post: only the synapses onto these neurons.
+            delays: whether to return the delays in ms, too.
 
         Returns:
-            (pre, post, weight), one entry a synapse, sorted by pre, then post, and with `delays` a fourth row; of a
-            grid its kernels, shape (maps, channels, height, width), with `delays` (kernels, delay). The weights are
-            those stored, as in NEST: that of `stdp` changes when a pre spike is sent.
+            (pre, post, weight), one entry per synapse, sorted by pre, then post, and with `delays` a fourth array. For
+            a grid the kernels, shape (maps, channels, height, width), with `delays` (kernels, delay). Weights are the
+            stored values,
+            as in NEST: a weight of `stdp` changes when a presynaptic spike is sent.
 
         Raises:
             ModelError: there is no such projection, or a weight is NaN or infinite: its rule is unstable.
@@ -238,7 +240,7 @@ class Simulation(RunningNetwork):
 
     @alone
     def set_weights(self, of: Projection | str, weights: ArrayLike) -> None:
-        """Replace the weights of a projection: one for all, or an array in the form that `weights` gives."""
+        """Replace the weights of a projection by a number for all, or an array in the form of `weights`."""
         self._synapses.set_weights(self.handles.projection(of), weights, None)
         self.steered["set_weights"] = None
 
@@ -257,26 +259,27 @@ class Simulation(RunningNetwork):
         Args:
             of: the population, or a view of it.
             times: in ms, on the grid of steps and later than `time`.
-            ids: its neurons, one for each time; of a view these are ids of the population, too, and must be among
-                those of the view. If not given, each neuron emits at all times.
-            payloads: of a graded_spike_train, whole numbers, one for each time.
+            ids: the neuron of each spike, as an id of the population. For a view, the ids must be in the view. Default:
+                each neuron emits at all times.
+            payloads: for a graded_spike_train, a whole number for each time.
         """
         self._inputs.inject(self.handles.neurons(of), times, ids, payloads)
         self.steered["inject"] = None
 
     @alone
     def feed(self, of: Population | str, events: Any) -> None:
-        """Let an event camera emit more events than those of its recording, while it runs.
+        """Add events to those of an event camera's recording, while the network runs.
 
-        A file of `record_to` keeps them, so that `neuro rerun` makes the run again.
+        A file of `record_to` stores the events, so that `neuro rerun` can repeat the run.
 
         Args:
             of: the population, an `event_camera`.
-            events: Events, a structured array with t, x, y and p, or an iterable of such, in the order of time. Their
-                times count as those of the recording do; without one from `origin`, or from 0.
+            events: Events, a structured array with t, x, y and p, or an iterable of such arrays, in the order of time.
+                Times have the origin of the recording; without a recording, `origin` or 0.
 
         Raises:
-            ModelError: they are of another sensor, or one comes too late: its step is not after the present.
+            ModelError: the events are of another sensor, or an event is too late: its step is not after the present
+                one.
         """
         neurons = self.handles.neurons(of)
         steps, ids = self._inputs.feed(neurons, events)
@@ -287,7 +290,7 @@ class Simulation(RunningNetwork):
 
     @alone
     def replay(self, run: Results) -> None:
-        """Feed event cameras what they were fed in a run, at the same steps, while this one runs.
+        """Feed event cameras the events of an earlier run, at the same steps, while this network runs.
 
         Args:
             run: results of the same network that were recorded to a file.
@@ -303,19 +306,20 @@ class Simulation(RunningNetwork):
 
     def _refuse_replaying(self, what: str) -> None:
         if self._inflow is not None and self._inflow.fed.plays:
-            raise ModelError(f"{what}: a run is replayed, which no state keeps: expected a simulation without 'replay'")
+            raise ModelError(f"{what}: a state cannot hold a replayed run: expected a simulation without 'replay'")
 
     @alone
     def silence(self, of: Population | View | str) -> None:
-        """Cut neurons off: the weights of all synapses from them become 0, from the next step on.
+        """Set the weights of all synapses from some neurons to 0, from the next step on.
 
-        They still receive, and what they fire is recorded; spikes under way arrive. `reset(weights=True)` undoes it.
+        The neurons still receive input, and their spikes are recorded. Spikes in flight arrive. `reset(weights=True)`
+        undoes the call.
 
         Args:
             of: the population, or a view of it.
 
         Raises:
-            ModelError: weights from them learn, or they are some of the neurons that share a kernel.
+            ModelError: weights from these neurons learn, or some of the neurons share a kernel with others.
         """
         self._values.silence(of)
         self.steered["silence"] = None
@@ -324,13 +328,13 @@ class Simulation(RunningNetwork):
     def activate(self, of: Population | View | str, rate: ArrayLike) -> None:
         """Drive neurons by independent Poisson spikes, from the next step on.
 
-        The spikes are those of the `poisson_generator` that is connected to them one to one, as of
-        `net.wiring(drive=...)`, with the weight of that projection. Of several generators it is the one whose rate is
-        described as 0.
+        The spikes come from the `poisson_generator` that is connected one to one to the neurons, as by
+        `net.wiring(drive=...)`, with the weight of that projection. If there are several such generators, the one with
+        a described rate of 0 is used.
 
         Args:
             of: the population, or a view of it.
-            rate: in Hz, one for all or one for each; 0 ends it.
+            rate: in Hz, one for all or one for each; 0 stops the spikes.
 
         Raises:
             ModelError: no such generator drives them, or several do, or a rate is below 0.
@@ -340,24 +344,25 @@ class Simulation(RunningNetwork):
 
     @alone
     def signal(self, of: Signal | str, values: ArrayLike) -> None:
-        """Set a signal: one value for all neurons of its population or one for each; acts from the next step on."""
+        """Set a signal from the next step on: one value for all neurons of its population or one for each."""
         self._inputs.signal(self.handles.signal(of), values)
         self.steered["signal"] = None
 
     @alone
     def port(self, of: Population | View | Projection | Signal | str, what: str | None = None) -> Port:
-        """Something that a closed loop sets or reads at every step, found once: `set` and `get` in less time.
+        """Return a port, which sets or reads one value at every step of a closed loop faster than `set` and `get`.
 
         The values, and the errors, are those of `set`, `signal`, `get` and `spikes`.
 
         Args:
             of: the population, a view, the projection, or the signal.
-            what: a parameter or state of the neurons; the weight or another state of the synapses; of neurons
-                "spikes", the ids of those that fired since the port was made or last read, and "counts", how often each
-                did. A signal has none. After `reset` and `restore` spikes and counts begin anew.
+            what: a parameter or state of the neurons; the weight or another state of the synapses; for neurons also
+                "spikes", the ids of the neurons that fired since the port was made or last read, and "counts", the
+                number of spikes of each neuron since then. None for a signal. `reset` and `restore` reset spikes and
+                counts.
 
         Raises:
-            ModelError: there is no such part, it has nothing of that name, or its spikes are not recorded.
+            ModelError: there is no such part, the part has nothing of that name, or its spikes are not recorded.
         """
         from neuro.run.ports import Ports
 
@@ -366,15 +371,15 @@ class Simulation(RunningNetwork):
     def stepper(
         self, ms: float, emit: Sequence[Population | str] = (), count: Sequence[Population | str] = ()
     ) -> Stepper:
-        """Control steps of `ms`, each of which is one call: spikes in, run, counts out; see `neuro.Stepper`.
+        """Return a stepper, which makes one call of a control step: spikes in, run, counts out; see `neuro.Stepper`.
 
         Args:
             ms: the length of a control step.
-            emit: populations of spike_generator that are given spikes at each.
+            emit: populations of spike_generator that receive spikes at each control step.
             count: populations whose spikes are counted.
 
         Raises:
-            ModelError: there is no such population, one of `emit` is another model, or the network has probes.
+            ModelError: there is no such population, one of `emit` has another model, or the network has probes.
         """
         from neuro.run.stepper import Joined, Stepper
 
@@ -382,17 +387,17 @@ class Simulation(RunningNetwork):
 
     @property
     def traces(self) -> dict[str, Trace]:
-        """What probes of states have recorded so far, by the names of their traces, with units, as of results."""
+        """The traces that probes of states have recorded so far, by name, with units, as in results."""
         from neuro.run.collect import traces
 
         return traces(self)
 
     def plot(self, of: Any = None, window: tuple[float, float] | None = None) -> Figure:
-        """Raster, rates and traces of the run so far, as `neuro.plots.overview` draws them.
+        """Draw raster, rates and traces of the run so far, as `neuro.plots.overview` does.
 
         Args:
-            of: a population or a list of these; all that is recorded if not given.
-            window: begin and end in ms; all of the run if not given.
+            of: a population or a list of populations; default: everything that is recorded.
+            window: begin and end in ms; default: the whole run.
 
         Raises:
             ModelError: nothing of this was recorded.
@@ -402,13 +407,13 @@ class Simulation(RunningNetwork):
         return overview(self, of, window=window)
 
     def to_neo(self) -> neo.Block:
-        """Spikes and traces so far as a block of Neo, see `neuro.files.recorded.to_neo`; needs the extra `neo`."""
+        """Return spikes and traces so far as a Neo block, see `neuro.files.recorded.to_neo`; needs the extra `neo`."""
         from neuro.files.recorded import to_neo
 
         return to_neo(self)
 
     def to_pandas(self) -> DataFrames:
-        """Spikes, rates, traces and weights so far as data frames; needs the extra `pandas`."""
+        """Return spikes, rates, traces and weights so far as data frames; needs the extra `pandas`."""
         from neuro.files.recorded import to_pandas
 
         return to_pandas(self)
@@ -435,17 +440,18 @@ class Simulation(RunningNetwork):
         """Present a batch of trials, one after the other.
 
         Args:
-            times: of the input spikes in ms from the start of their trial, 0 <= t < duration, on the grid.
-            ids: neurons of the trials' input, one for each time.
-            offsets: where each trial begins in `times`, and the end: one more than there are trials.
-            labels: the right label of each trial; rules that are not supervised learn without.
+            times: times of the input spikes in ms from the start of their trial, 0 <= t < duration, on the grid of
+                steps.
+            ids: the neuron of the trials' input for each time.
+            offsets: the index in `times` at which each trial begins, and the end: one more than there are trials.
+            labels: the correct label of each trial; optional for rules that are not supervised.
             learn: whether the trials teach.
-            samples: which sample each trial belongs to, for dropout; each is its own if not given.
-            epoch: how often all has been seen, for the decay of dropout.
+            samples: the sample that each trial belongs to, for dropout; default: a sample of its own.
+            epoch: number of earlier passes through the data, for the decay of dropout.
 
         Raises:
             ModelError: the network has no trials, the batch does not fit them, or a state is NaN or infinite at the
-                end, as of `run`.
+                end, as in `run`.
         """
         if self.program.trials is None:
             raise ModelError("the network has no section 'trials'", hint="net.trials(input=..., duration=...) adds one")
@@ -458,12 +464,12 @@ class Simulation(RunningNetwork):
 
     @alone
     def counts(self) -> Counts:
-        """What has happened since the start or the last reset."""
+        """Return the counts of spikes, updates and synaptic operations since the start or the last reset."""
         return self._tally.between(None, self._engine.counts())
 
     @alone
     def taken(self) -> TrialCounts:
-        """What has happened since the start or the last reset, to be added up over several runs for one bill."""
+        """Return the counts since the start or the last reset in a form that can be added over several runs."""
         from neuro.run.trials import TrialCounts
 
         return TrialCounts(0, self._engine.counts(), self._tally)
@@ -478,16 +484,16 @@ class Simulation(RunningNetwork):
         chips: int | None = None,
         duration_s: float | None = None,
     ) -> Energy:
-        """What the run would take on a chip: the counts of any backend x published figures, and static power.
+        """Return the energy bill of the run on a chip: counts of any backend x published figures, plus static power.
 
         Args:
-            target: "loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu", or a table file of your own.
-            of: a batch of trials to price instead of all since the start, or what several took together.
-            step_s: how long a step takes on the chip in s, e.g. 1e-3 for a step of 1 ms in real time; the chip's own
-                time if not given.
-            chips: that are on, e.g. all of a board; those that the network needs if not given.
-            duration_s: how long the run lasts in real time in s, if not as long as its steps, e.g. the time of
-                recordings whose frames are shown over more steps.
+            target: "loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu", or the file of a table of your own.
+            of: a batch of trials, or the sum of several batches, to price instead of all since the start.
+            step_s: duration of a step on the chip in s, e.g. 1e-3 for a step of 1 ms in real time; default: the chip's
+                own time.
+            chips: number of chips that are on, e.g. all of a board; default: the number that the network needs.
+            duration_s: duration of the run in real time in s; default: the duration of its steps. Use the duration of
+                the recordings where their frames are shown over more steps.
 
         Returns:
             the bill: `total_j`, `dynamic_j`, `static_j`, `low_j` and `high_j`, `items` with count, joules each and
@@ -495,7 +501,7 @@ class Simulation(RunningNetwork):
 
         Raises:
             ModelError: there is no such target, the network does not fit on it, it has no published costs, or
-                `step_s`, `chips` or `duration_s` cannot be.
+                `step_s`, `chips` or `duration_s` is out of bounds.
         """
         from neuro.chips.pricing import bill
 
@@ -506,15 +512,15 @@ class Simulation(RunningNetwork):
 
     @alone
     def memory(self) -> dict[str, int]:
-        """Bytes of the engine by what they hold."""
+        """Return the size of the engine in bytes, by content."""
         return self._engine.memory()
 
     @alone
     def network(self, frozen: bool = False) -> Network:
-        """The network with what it has learnt: save it, or compile it for another backend.
+        """Return the network with the learnt weights, to save it or to compile it for another backend.
 
         Args:
-            frozen: whether nothing learns there: synapses are static, and there are no signals.
+            frozen: whether learning is removed: synapses become static, and signals are dropped.
         """
         self._synapses.check()
         from neuro.run.saved import learnt_network
@@ -532,17 +538,17 @@ class Simulation(RunningNetwork):
         drive: float = 0.0,
         reward_after: float | None = None,
     ) -> Diagnosis:
-        """Find out why the network does not work as it is now, see `neuro.doctor`; nothing of the simulation changes.
+        """Diagnose why the network in its present state does not work, see `neuro.doctor`. Nothing is changed.
 
         A copy runs from time 0, with the present weights and parameters, on `event` or on the emulated chip. Its inputs
-        emit what they have emitted here. What signals were set to is not repeated.
+        repeat the spikes that they emitted in this simulation. Values of signals are not repeated.
 
         Args:
-            ms: length of the run, to be rounded up to whole steps.
-            chip: also judge what becomes of the network on this chip.
-            train: also judge the gradients that training with surrogates would see.
-            drive: rate in Hz of Poisson spikes for inputs that have not emitted any; 0: these stay silent.
-            reward_after: how long after the spikes that earned it a reward comes, in ms.
+            ms: length of the run, rounded up to whole steps.
+            chip: check the network on this chip, too.
+            train: check the gradients of training with surrogates, too.
+            drive: rate in Hz of Poisson spikes for inputs that have not emitted any; 0: these inputs stay silent.
+            reward_after: delay of a reward after the spikes that earned it, in ms.
 
         Raises:
             ModelError: an argument is not as described.
@@ -599,7 +605,7 @@ class Simulation(RunningNetwork):
         """Continue from a file that `save` wrote for the same network, backend and seed, bit for bit.
 
         Raises:
-            ModelError: the file is of something else; the simulation stays as it is.
+            ModelError: the file does not belong to this network, backend and seed; the simulation does not change.
         """
         self._records.refuse_while_recording("restore")
         self._refuse_replaying("restore")

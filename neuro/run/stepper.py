@@ -1,4 +1,4 @@
-"""Control steps: spikes in, run, counts out, in one call for a simulation or for many copies of one."""
+"""Control steps: spikes in, run, counts out, in one call for a simulation or for many copies."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from neuro.run.watch import Watch
 Listed = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
 
 LOOK = 1000
-"""Steps after which control steps look at all states for NaN."""
+"""Steps between checks of all states for NaN, in control steps."""
 
 
 class Joined:
-    """Engines of one network as one, which stand at one step.
+    """Engines of one network at the same step, as one.
 
     Args:
         run: the network in execution.
-        engines: one for each copy.
-        watches: look at the states of each.
+        engines: the engine of each copy.
+        watches: the watch on the states of each copy.
 
     Attributes:
-        engines: all as one.
-        plain: whether nothing is recorded, streamed or set on the way, so that all can be advanced at once.
+        engines: all engines as one.
+        plain: whether there are no probes, streams or signals with values, so that all engines can advance at once.
     """
 
     def __init__(self, run: Run, engines: Sequence[Engine], watches: Sequence[Watch]) -> None:
@@ -47,46 +47,47 @@ class Joined:
         return len(self._each)
 
     def advance(self, steps: int, forget: bool) -> None:
-        """Run all; with `forget` spikes are not recorded, and states are looked at now and then.
+        """Advance all engines; with `forget` spikes are not recorded, and states are checked at intervals only.
 
         Raises:
             ModelError: a state is NaN or infinite.
         """
         self.engines.run(steps, forget)
         now = self._each[0].step
-        # To look at all states takes as long as a control step of a small network.
+        # A check of all states takes as long as a control step of a small network.
         if not forget or now >= self._due or now < steps:
             self._due = now + LOOK
             for watch in self._watches:
                 watch.look()
 
     def check_together(self) -> None:
-        """Refuse copies that were run apart.
+        """Refuse copies that were run separately.
 
         Raises:
-            ModelError: they do not stand at one time.
+            ModelError: the copies are at different times.
         """
-        at = [engine.step for engine in self._each]
-        if len(set(at)) > 1:
-            times = ", ".join(f"{self.run.clock.ms(step):g}" for step in at[:4])
-            raise ModelError(f"copies: they stand at {times} ... ms: expected one time", hint="run all, or reset all")
+        steps = [engine.step for engine in self._each]
+        if len(set(steps)) > 1:
+            times = ", ".join(f"{self.run.clock.ms(step):g}" for step in steps[:4])
+            raise ModelError(f"copies are at {times} ... ms: expected the same time", hint="run all, or reset all")
 
 
 class Stepper:
     """Control steps of one length: spikes in, run, counts out; made by `Simulation.stepper` and `Copies.stepper`.
 
-    Spikes are not recorded in its steps, so memory does not grow; `counts` of a port and `sim.counts()` go on.
+    Spikes of control steps are not recorded, so memory does not grow. `counts` of a port and `sim.counts()` include
+    them.
 
     Args:
         joined: the copies.
         ms: the length of a control step.
-        emit: populations that are given spikes.
+        emit: populations that receive spikes.
         count: populations whose spikes are counted.
-        run: advances all copies by so many steps in place of the stepper, and may record.
+        run: function that advances all copies by a number of steps instead of the stepper, and may record.
 
     Attributes:
         ms: the length of a control step.
-        ticks: in steps of the network.
+        ticks: the length in steps of the network.
     """
 
     def __init__(
@@ -114,15 +115,15 @@ class Stepper:
         self._before = [joined.engines.fired(index) for index in self._count]
 
     def step(self, *spikes: Listed) -> list[Ints]:
-        """One control step.
+        """Run one control step.
 
         Args:
-            spikes: of each population of `emit` (ticks, ids), sorted by tick, then id, no id twice in a tick; ticks are
-                steps from now, 1 to `ticks`. Of several copies (offsets, ticks, ids): those of copy k are
-                `offsets[k] : offsets[k + 1]`.
+            spikes: for each population of `emit` (ticks, ids), sorted by tick, then id, without repeated ids in a tick;
+                ticks are steps from now, 1 to `ticks`. For several copies (offsets, ticks, ids), where copy k has the
+                spikes `offsets[k] : offsets[k + 1]`.
 
         Returns:
-            of each population of `count` how often each neuron spiked, (copies, neurons).
+            for each population of `count` the number of spikes of each neuron, (copies, neurons).
 
         Raises:
             ModelError: a tick or an id is out of bounds, or a state became NaN.
@@ -144,16 +145,16 @@ class Stepper:
         self._before = now
         return counts
 
-    def _list(self, index: int, given: Listed) -> tuple[int, Ints, Ints, Ints]:
+    def _list(self, index: int, spikes: Listed) -> tuple[int, Ints, Ints, Ints]:
         part, n = self._joined.run.program.populations[index], len(self._joined)
-        *first, ticks, ids = (np.ascontiguousarray(each, dtype=np.int64) for each in given)
+        *first, ticks, ids = (np.ascontiguousarray(each, dtype=np.int64) for each in spikes)
         offsets = first[0] if first else np.array([0, len(ticks)], dtype=np.int64)
         if offsets.shape != (n + 1,) or offsets[0] != 0 or offsets[-1] != len(ticks) or len(ids) != len(ticks):
             message = f"step: spikes of '{part.name}': expected (offsets, ticks, ids) with {n + 1} offsets"
             raise ModelError(message if n > 1 else f"step: spikes of '{part.name}': expected as many ticks as ids")
-        for what, found, low, high in (("ticks", ticks, 1, self.ticks), ("ids", ids, 0, part.size - 1)):
-            # Four calls of numpy would take as long as some ticks of a small network.
-            if not within(found, low, high):
-                ends = f"{what} {found.min()} to {found.max()}"
+        for what, values, low, high in (("ticks", ticks, 1, self.ticks), ("ids", ids, 0, part.size - 1)):
+            # Four calls of NumPy would take as long as some ticks of a small network.
+            if not within(values, low, high):
+                ends = f"{what} {values.min()} to {values.max()}"
                 raise ModelError(f"step: spikes of '{part.name}': {ends}: expected {low} to {high}")
         return index, offsets, ticks, ids

@@ -1,4 +1,4 @@
-"""Streams that a network plays: events of recordings and of those that are replayed, while it runs."""
+"""Streams that a network plays while it runs: events of recordings, and events of replayed runs."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ _NONE = np.zeros(0, dtype=np.int64)
 
 
 class StreamFeeder:
-    """Fills an engine from streams.
+    """Feeds an engine from streams.
 
-    All that is kept of a run is, for each stream, the step up to which the engine has its spikes: a stream is asked
-    anew for what comes after it. So nothing depends on how a run is cut.
+    The only state is, for each stream, the step up to which the engine has its spikes. Later spikes are requested from
+    the stream again, so the result does not depend on how a run is divided.
 
     Args:
-        program: names the streams.
-        engine: takes their spikes.
-        streams: by population.
+        program: the program with the names of the populations.
+        engine: the engine that receives the spikes.
+        streams: streams by population.
     """
 
     def __init__(self, program: Program, engine: Engine, streams: Mapping[int, Stream]) -> None:
         self._engine = engine
         self._names = [part.name for part in program.populations]
         self._streams = dict(streams)
-        self._coming: dict[int, Iterator[Stretch]] = {}
-        self._filled = dict.fromkeys(self._streams, 0)
+        self._iterators: dict[int, Iterator[Stretch]] = {}
+        self._complete_up_to = dict.fromkeys(self._streams, 0)
 
     @property
     def plays(self) -> bool:
@@ -41,12 +41,12 @@ class StreamFeeder:
         return bool(self._streams)
 
     def play(self, index: int, stream: Stream) -> None:
-        """Let a population play one more stream, in the place of what it played by this."""
-        self._streams[index], self._filled[index] = stream, self._engine.step
-        self._coming.pop(index, None)
+        """Play a stream to a population from the present step on, instead of its earlier stream."""
+        self._streams[index], self._complete_up_to[index] = stream, self._engine.step
+        self._iterators.pop(index, None)
 
     def stretches(self, steps: int) -> Iterator[int]:
-        """Cut a run into stretches; before one is given the engine has all that it emits in it."""
+        """Divide a run into parts. Before each part, the engine has all spikes of that part."""
         if not self._streams:
             yield steps
             return
@@ -56,62 +56,60 @@ class StreamFeeder:
             yield min(ready, end) - self._engine.step
 
     def _fill(self, index: int) -> int:
-        """Bring spikes until there are all of the next step; up to which step there are."""
-        while self._filled[index] <= self._engine.step:
-            if index not in self._coming:
-                self._coming[index] = self._streams[index].after(self._filled[index])
+        """Inject spikes until the next step is complete; return the last complete step."""
+        while self._complete_up_to[index] <= self._engine.step:
+            if index not in self._iterators:
+                self._iterators[index] = self._streams[index].after(self._complete_up_to[index])
             try:
-                stretch = next(self._coming[index], Stretch(NEVER, _NONE, _NONE))
+                stretch = next(self._iterators[index], Stretch(NEVER, _NONE, _NONE))
             except BaseException:
-                del self._coming[index]
+                del self._iterators[index]
                 raise
             if stretch.steps.size:
                 self._engine.inject(index, stretch.steps, stretch.ids)
-            self._filled[index] = max(stretch.until, self._filled[index])
-        return self._filled[index]
+            self._complete_up_to[index] = max(stretch.until, self._complete_up_to[index])
+        return self._complete_up_to[index]
 
     def check_again(self, what: str) -> None:
-        """Refuse to go back where a stream cannot.
+        """Refuse to go back in time if a stream cannot be read again.
 
         Args:
-            what: what is asked for, for the message.
+            what: the call, for the message.
 
         Raises:
-            ModelError: a stream has been begun and can be begun once.
+            ModelError: a stream was begun that can be read only once.
         """
-        for index in self._coming:
+        for index in self._iterators:
             if not self._streams[index].again:
-                message = (
-                    f"{what}: '{self._names[index]}' has played events of an iterator or a stream, which come once"
-                )
+                message = f"{what}: '{self._names[index]}' has played events that can be read only once"
                 hint = "give it Events, a list of them, or a function that makes an iterator"
-                raise ModelError(f"{message}: expected events that can", hint=hint)
+                raise ModelError(f"{message}: expected events that can be read again", hint=hint)
 
     def rewind(self) -> None:
-        """Back to the beginning."""
-        self._coming.clear()
-        self._filled = dict.fromkeys(self._streams, 0)
+        """Return to time 0."""
+        self._iterators.clear()
+        self._complete_up_to = dict.fromkeys(self._streams, 0)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """How far each stream was read, by the name of its population."""
-        return {self._names[index]: np.array(step) for index, step in self._filled.items()}
+        """Return the position in each stream, by the name of its population."""
+        return {self._names[index]: np.array(step) for index, step in self._complete_up_to.items()}
 
     def put(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Go on where `state` was asked for."""
-        self._coming.clear()
-        self._filled = {index: int(arrays[self._names[index]]) for index in self._streams}
+        """Continue from a `state`."""
+        self._iterators.clear()
+        self._complete_up_to = {index: int(arrays[self._names[index]]) for index in self._streams}
 
 
 class Inflow:
-    """Fills an engine from the streams of a program, and from what other runs were fed.
+    """Feeds an engine from the streams of a program, and from the replayed input of earlier runs.
 
     Args:
-        program: names the streams.
-        engine: takes their spikes.
+        program: the program with the streams.
+        engine: the engine that receives the spikes.
 
     Attributes:
-        own: plays the streams of the program.
-        fed: plays what is replayed.
+        own: feeder of the streams of the program.
+        fed: feeder of replayed input.
     """
 
     def __init__(self, program: Program, engine: Engine) -> None:
@@ -119,11 +117,11 @@ class Inflow:
         self.own, self.fed = StreamFeeder(program, engine, streams), StreamFeeder(program, engine, {})
 
     def stretches(self, steps: int) -> Iterator[int]:
-        """Cut a run into stretches; before one is given the engine has all that it emits in it."""
+        """Divide a run into parts. Before each part, the engine has all spikes of that part."""
         for stretch in self.own.stretches(steps):
             yield from self.fed.stretches(stretch)
 
     def rewind(self) -> None:
-        """Back to the beginning."""
+        """Return to time 0."""
         self.own.rewind()
         self.fed.rewind()

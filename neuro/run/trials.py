@@ -1,4 +1,4 @@
-"""The trial loop: presentation, decision, labels, dropout and reward, once for all backends."""
+"""The trial loop of all backends: presentation, decision, labels, dropout and reward."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _NOBODY: Ints = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True, eq=False)
 class AllWins:
-    """All neurons that won in the trials of a batch, trial after trial, in the order in which they did.
+    """All neurons that won in the trials of a batch, trial after trial, each trial in the order of the wins.
 
     Attributes:
         neurons: the winners, shape (wins,).
-        steps: the tick of each, from 0.
+        steps: the tick of each win, from 0.
         offsets: trial i has the wins `offsets[i] : offsets[i + 1]`, shape (trials + 1,).
     """
 
@@ -42,11 +42,11 @@ class AllWins:
 
 @dataclass(frozen=True, eq=False)
 class TrialCounts:
-    """What trials or plain runs took, without how each ended; ``+`` adds those of several of one simulation.
+    """Counts of trials or plain runs, without the outcomes. ``+`` adds counts of several batches of one simulation.
 
     Attributes:
-        trials: their number, 0 of plain runs.
-        raw_counts: per neuron.
+        trials: number of trials, 0 for plain runs.
+        raw_counts: counts per neuron.
     """
 
     trials: int
@@ -55,7 +55,7 @@ class TrialCounts:
 
     @cached_property
     def counts(self) -> Counts:
-        """By population and projection."""
+        """Counts by population and projection."""
         return self._tally.between(None, self.raw_counts)
 
     def __len__(self) -> int:
@@ -67,15 +67,15 @@ class TrialCounts:
 
 @dataclass(frozen=True, eq=False)
 class TrialResults:
-    """How the trials of a batch ended, one entry for each.
+    """The outcomes of the trials of a batch, one entry per trial.
 
     Attributes:
-        winner: the neuron that decided, of several the first, or -1.
+        winner: the neuron that decided, the first one of several, or -1.
         label: the label of its map (the map itself where the network has no labels), or -1.
         step: the tick of the decision, from 0, or -1.
-        potential: the largest V_m of each map at the decision, with `local_winners` at its own first, or at the end
-            where it made none, shape (trials, maps).
-        ticks: ticks that were run.
+        potential: the largest V_m of each map at the decision, shape (trials, maps). With `local_winners` it is the
+            value at the map's own first win. Without a decision it is the value at the end.
+        ticks: number of ticks that ran.
     """
 
     winner: Ints
@@ -90,7 +90,7 @@ class TrialResults:
 
     @cached_property
     def wins(self) -> AllWins:
-        """All winners where there may be several; else the neurons that decided."""
+        """All winners, where there may be several; otherwise the neurons that decided."""
         if self._wins is None:
             decided = self.winner >= 0
             return AllWins(self.winner[decided], self.step[decided], np.append(0, np.cumsum(decided)))
@@ -102,17 +102,17 @@ class TrialResults:
 
     @cached_property
     def counts(self) -> Counts:
-        """What the batch took."""
+        """Counts of the batch by population and projection."""
         return self._tally.between(self._before, self._after)
 
     @property
     def raw_counts(self) -> EngineCounts:
-        """What the batch took, per neuron."""
+        """Counts of the batch per neuron."""
         return difference(self._after, self._before)
 
     @property
     def taken(self) -> TrialCounts:
-        """What the batch took, without how its trials ended: small, and batches can be added."""
+        """Counts of the batch without the outcomes: small, and counts of batches can be added."""
         return TrialCounts(len(self), self.raw_counts, self._tally)
 
     def __len__(self) -> int:
@@ -120,11 +120,11 @@ class TrialResults:
 
 
 class TrialLoop:
-    """Presents trials to an engine and teaches it.
+    """Presents trials to an engine and lets rules learn.
 
     Args:
         run: a network in execution that has trials.
-        tally: counts what a batch took.
+        tally: converts the counts of a batch.
     """
 
     def __init__(self, run: Run, tally: Tally) -> None:
@@ -138,31 +138,31 @@ class TrialLoop:
         self.per_label = max(section.maps_per_label, 1)
         self.per_label_neurons = output.size // section.maps * self.per_label
         self.maps_of = np.arange(section.maps // self.per_label * self.per_label).reshape(-1, self.per_label)
-        taught = [(q, p.synapse) for q, p in enumerate(program.projections) if p.synapse.learns == "trials"]
-        self.learners = [q for q, _ in taught]
+        learners = [(q, p.synapse) for q, p in enumerate(program.projections) if p.synapse.learns == "trials"]
+        self.learners = [q for q, _ in learners]
         pairs = [(q, p) for q, p in enumerate(program.projections) if p.synapse.learns == "pairs"]
         self.by_dopamine = [q for q, _ in pairs]
         self.signals = {p.signal: program.populations[p.target].size for _, p in pairs if p.signal >= 0}
         intervals = [int(p.synapse.parameters().get("deliver_interval", 1)) for _, p in pairs]
         self.grid = math.lcm(*(program.min_delay * interval for interval in intervals))
-        self.growing = {q for q, rule in taught if hasattr(rule.arithmetic, "encourage")}
-        self.supervised = not (taught or pairs) or bool(self.signals) or any(rule.supervised for _, rule in taught)
-        self.peaks = any(rule.peaks for _, rule in taught)
+        self.growing = {q for q, rule in learners if hasattr(rule.arithmetic, "encourage")}
+        self.supervised = not (learners or pairs) or bool(self.signals) or any(rule.supervised for _, rule in learners)
+        self.peaks = any(rule.peaks for _, rule in learners)
         self.several = program.groups[section.group].choice.several
         self.key = keyed_random.key(program.seed, "dropout", output.name)
-        self.start_anew()
+        self.forget_samples()
 
-    def start_anew(self) -> None:
-        """No sample has been seen."""
-        self.seen, self.last = 0, (-1, -1)
+    def forget_samples(self) -> None:
+        """Forget all samples, for dropout."""
+        self.samples_drawn, self.last_sample = 0, (-1, -1)
 
     def state(self) -> Ints:
-        """What dropout remembers: how many samples were drawn for, and the epoch and number of the last."""
-        return np.array([self.seen, *self.last], dtype=np.int64)
+        """Return the state of dropout: the number of samples drawn for, and epoch and number of the last sample."""
+        return np.array([self.samples_drawn, *self.last_sample], dtype=np.int64)
 
     def put(self, state: Ints) -> None:
-        """Set what `state` gave."""
-        self.seen, self.last = int(state[0]), (int(state[1]), int(state[2]))
+        """Restore a `state`."""
+        self.samples_drawn, self.last_sample = int(state[0]), (int(state[1]), int(state[2]))
 
     def run(
         self,
@@ -174,55 +174,55 @@ class TrialLoop:
         samples: ArrayLike | None,
         epoch: int,
     ) -> TrialResults:
-        """Present a batch; `Simulation.trials` says what the arguments are."""
+        """Present a batch; `Simulation.trials` describes the arguments."""
         ends = self._offsets(offsets, np.size(times))
         n = len(ends) - 1
         once = learn and self.section.spikes == "once" and bool(self.learners or not self.section.anew)
         ticks, neurons = self._input(times, ids, ends, once)
-        right = self._labels(labels, n, learn)
+        correct = self._labels(labels, n, learn)
         silenced = self._dropout(samples, n, int(epoch)) if learn else np.zeros((1, self.section.maps), dtype=bool)
         peaks = learn and self.peaks
         winner, step, ran = (np.full(n, -1, dtype=np.int64) for _ in range(3))
         potential = np.empty((n, self.section.maps))
         wins: list[Wins] = []
         before = self.engine.counts()
-        weights = {} if learn else self._learnt()
-        present, quiet, bounds = self.engine.present, silenced[0] if len(silenced) else None, ends.tolist()
+        weights = {} if learn else self._dopamine_weights()
+        present_trial, silent_maps, bounds = self.engine.present, silenced[0] if len(silenced) else None, ends.tolist()
         for i in range(n):
             a, b = bounds[i], bounds[i + 1]
-            mute = silenced[i] if learn else quiet
+            mute = silenced[i] if learn else silent_maps
             if self.by_dopamine:
                 self._start_on_grid(weights)
-            outcome = present(Trial(ticks[a:b], neurons[a:b], mute, peaks))  # type: ignore[arg-type]
+            outcome = present_trial(Trial(ticks[a:b], neurons[a:b], mute, peaks))  # type: ignore[arg-type]
             winner[i], step[i], ran[i], potential[i] = outcome.winner, outcome.tick, outcome.ticks, outcome.potential
             if outcome.wins is not None:
                 wins.append(outcome.wins)
             if learn:
-                # Of several winners each teaches as if only the first had been, then the second, and so on.
+                # Each of several winners teaches as if it were the only one, in the order of the wins.
                 each_alone = [outcome]
                 if outcome.wins is not None and len(outcome.wins.neurons) > 1:
                     won = zip(outcome.wins.neurons.tolist(), outcome.wins.ticks.tolist(), strict=True)
                     each_alone = [replace(outcome, winner=neuron, tick=at) for neuron, at in won]
                 for each in each_alone:
-                    self._teach(each, -1 if right is None else int(right[i]), mute)  # type: ignore[arg-type]
+                    self._teach(each, -1 if correct is None else int(correct[i]), mute)  # type: ignore[arg-type]
                 if self.by_dopamine:
-                    reward = self._reward(outcome, -1 if right is None else int(right[i]))
+                    reward = self._reward(outcome, -1 if correct is None else int(correct[i]))
                     for signal, size in self.signals.items():
                         self.engine.signal(signal, np.full(size, reward))
                     self.engine.run(self.section.after)
-        self._put_back(weights)
+        self._restore_weights(weights)
         several = tuple(wins) if self.several else None
         label = np.where(winner >= 0, winner // self.per_label_neurons, -1)
         return TrialResults(winner, label, step, potential, ran, several, self.tally, before, self.engine.counts())
 
-    def _teach(self, outcome: Outcome, right: int, silenced: Bools) -> None:
-        """Let each rule teach whom it chooses by what it sees of a trial."""
+    def _teach(self, outcome: Outcome, correct: int, silenced: Bools) -> None:
+        """Let each rule teach the neurons that it chooses from the outcome of a trial."""
         decided = outcome.winner >= 0
-        hit = decided and outcome.winner // self.per_label_neurons == right
-        reward = self._reward(outcome, right)
-        maps = self.maps_of[right] if right >= 0 else _NOBODY
+        hit = decided and outcome.winner // self.per_label_neurons == correct
+        reward = self._reward(outcome, correct)
+        maps = self.maps_of[correct] if correct >= 0 else _NOBODY
         end = TrialEnd(
-            outcome.winner, outcome.tick, outcome.ticks, right, hit, reward, maps, silenced,
+            outcome.winner, outcome.tick, outcome.ticks, correct, hit, reward, maps, silenced,
             outcome.potential, outcome.best, outcome.peak, outcome.peak_tick,
         )  # fmt: skip
 
@@ -230,7 +230,7 @@ class TrialLoop:
             rule = self.rules[projection]
             for taught in rule.lessons(end):
                 if isinstance(taught, Lesson):
-                    # Engines rely on this: a third-party rule may name a neuron that does not exist.
+                    # Engines do not check it, and a third-party rule may name a neuron that does not exist.
                     if not 0 <= (neuron := taught.neuron) < self.outputs:
                         expected = f"expected one of the output, 0 to {self.outputs - 1}"
                         message = f"{rule.name}: a lesson for neuron {neuron}: {expected}"
@@ -247,31 +247,31 @@ class TrialLoop:
                         raise ModelError(f"{rule.name}: growth of maps {taught.maps.tolist()}: {expected}")
                     self.engine.encourage(projection, taught.maps)
 
-    def _learnt(self) -> dict[int, Floats]:
-        """The weights that learn by dopamine."""
+    def _dopamine_weights(self) -> dict[int, Floats]:
+        """Return the weights that learn by dopamine."""
         return {q: self.engine.get_synapses(q, "weight") for q in self.by_dopamine}
 
     def _start_on_grid(self, weights: Mapping[int, Floats]) -> None:
-        """Go on to where dopamine's grid, which counts from the beginning of a trial, begins; nothing learns there.
+        """Advance to the next step of dopamine's grid, which counts from the beginning of a trial, without learning.
 
         Args:
-            weights: to be put back anyway, by projection.
+            weights: weights to restore in any case, by projection.
         """
         if off := -self.engine.step % self.grid:
-            weights = weights or self._learnt()
+            weights = weights or self._dopamine_weights()
             self.engine.run(off)
-        self._put_back(weights)
+        self._restore_weights(weights)
 
-    def _put_back(self, weights: Mapping[int, Floats]) -> None:
-        """Undo what dopamine has changed since, where it should not teach."""
+    def _restore_weights(self, weights: Mapping[int, Floats]) -> None:
+        """Restore weights that dopamine has changed where it should not teach."""
         for projection, each in weights.items():
             self.engine.set_weights(projection, each)
 
-    def _reward(self, outcome: Outcome, right: int) -> float:
-        """The reward of a trial, 0 in silence and where no label is known."""
-        if outcome.winner < 0 or right < 0:
+    def _reward(self, outcome: Outcome, correct: int) -> float:
+        """Return the reward of a trial; 0 without a decision or a label."""
+        if outcome.winner < 0 or correct < 0:
             return 0.0
-        return self.section.reward[0 if outcome.winner // self.per_label_neurons == right else 1]
+        return self.section.reward[0 if outcome.winner // self.per_label_neurons == correct else 1]
 
     def _offsets(self, offsets: ArrayLike, total: int) -> Ints:
         array = np.asarray(offsets)
@@ -285,7 +285,7 @@ class TrialLoop:
         return array.astype(np.int64)
 
     def _input(self, times: ArrayLike, ids: ArrayLike, ends: Ints, once: bool) -> tuple[Ints, Ints]:
-        """Ticks and neurons of the input spikes, sorted within each trial."""
+        """Return ticks and neurons of the input spikes, sorted within each trial."""
         try:
             ticks = self.clock.steps(np.ravel(numbers(times, "times")), "times")
             neurons = neuron_ids(np.ravel(np.asarray(ids)), self.inputs)
@@ -300,29 +300,29 @@ class TrialLoop:
                 f"{self.clock.ms(self.section.duration):g} ms, the duration"
             )
         trial = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
-        place = (trial * self.section.duration + ticks) * self.inputs + neurons
-        if np.any(place[1:] < place[:-1]):
-            order = np.argsort(place, kind="stable")
+        keys = (trial * self.section.duration + ticks) * self.inputs + neurons
+        if np.any(keys[1:] < keys[:-1]):
+            order = np.argsort(keys, kind="stable")
             ticks, neurons = ticks[order], neurons[order]
         if once:
             self._refuse_repeats(trial, neurons)
         return ticks, neurons
 
     def _refuse_repeats(self, trial: Ints, neurons: Ints) -> None:
-        """Refuse a second spike of an input in a trial, which `spikes: once` rules out."""
+        """Refuse a second spike of an input in a trial, which `spikes: once` excludes."""
         n = int(trial[-1]) + 1 if trial.size else 0
         chunk = min(n, max(1, _CHUNK // self.inputs))
         for first in range(0, n, max(chunk, 1)):
             a, b = np.searchsorted(trial, (first, first + chunk))
             rows = (trial[a:b] - first) * self.inputs + neurons[a:b]
-            seen = np.zeros(chunk * self.inputs, dtype=np.uint8)
-            seen[rows] = 1
-            if np.count_nonzero(seen) < len(rows):
+            has_spiked = np.zeros(chunk * self.inputs, dtype=np.uint8)
+            has_spiked[rows] = 1
+            if np.count_nonzero(has_spiked) < len(rows):
                 number, neuron = divmod(int(np.argmax(np.bincount(rows) > 1)), self.inputs)
                 raise ModelError(
                     f"trials: input {neuron} spikes twice in trial {number + first}: "
                     "expected at most once while learning",
-                    hint="trials.spikes: first lets the first spike of each input teach, each all of them",
+                    hint="with trials.spikes: first, the first spike of each input teaches; with each, all do",
                 )
 
     def _labels(self, labels: ArrayLike | None, n: int, learn: bool) -> Ints | None:
@@ -330,7 +330,7 @@ class TrialLoop:
             if learn and self.supervised:
                 raise ModelError("trials: learn=True without labels: expected one label for each trial")
             return None
-        array = _one_a_trial(labels, n, "labels")
+        array = _one_per_trial(labels, n, "labels")
         known = self.section.maps // self.per_label
         bad = np.flatnonzero((array < 0) | (array >= known))
         if bad.size:
@@ -338,7 +338,7 @@ class TrialLoop:
         return array
 
     def _dropout(self, samples: ArrayLike | None, n: int, epoch: int) -> Bools:
-        """Draw the maps that are silenced in each trial: a draw for each sample, counted over all that has been learnt.
+        """Draw the maps that are silenced in each trial. Each sample has a draw, counted over all samples that taught.
 
         A new sample begins where its number or the epoch changes.
         """
@@ -346,19 +346,19 @@ class TrialLoop:
             raise ModelError(f"trials: epoch = {epoch}: expected a whole number >= 0")
         share = self.section.dropout * self.section.dropout_decay**epoch
         if samples is None or self.section.dropout_per_trial:
-            new = np.ones(n, dtype=bool)
+            is_new = np.ones(n, dtype=bool)
         else:
-            array = _one_a_trial(samples, n, "samples")
-            before = self.last[1] if self.last[0] == epoch else -1
-            new = np.diff(array, prepend=before) != 0
+            array = _one_per_trial(samples, n, "samples")
+            before = self.last_sample[1] if self.last_sample[0] == epoch else -1
+            is_new = np.diff(array, prepend=before) != 0
             if n:
-                self.last = (epoch, int(array[-1]))
-        counted = self.seen + np.cumsum(new) - 1
-        self.seen += int(new.sum())
-        return keyed_random.uniform_table(self.key, counted, self.section.maps) < share
+                self.last_sample = (epoch, int(array[-1]))
+        indices = self.samples_drawn + np.cumsum(is_new) - 1
+        self.samples_drawn += int(is_new.sum())
+        return keyed_random.uniform_table(self.key, indices, self.section.maps) < share
 
 
-def _one_a_trial(values: ArrayLike, n: int, what: str) -> Ints:
+def _one_per_trial(values: ArrayLike, n: int, what: str) -> Ints:
     """Check whole numbers, one for each of n trials."""
     array = np.asarray(values)
     if array.shape != (n,) or array.dtype.kind not in "iu":

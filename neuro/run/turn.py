@@ -1,9 +1,9 @@
 """One call of a simulation at a time.
 
-A lock allows one call at a time: all that a call reads and changes is shared, so a second one is refused. Public
-methods of a simulation take the turn, and then work on an inner object of the same parts, whose methods take none. A
-turn is a dictionary with the call that is under way, if one is: to take it is one operation of the interpreter, which
-neither another thread nor Ctrl-C cuts in two.
+The calls of a simulation share all data, so a second call during a call is refused. Public methods acquire a lock (the
+"turn") and then work on an inner object with the same parts, whose methods acquire none. The turn is a dictionary with
+the present call, if any. Acquiring it is a single `dict.setdefault`, which neither another thread nor Ctrl-C can
+interrupt.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any, TypeVar, cast
 from neuro.core.errors import ModelError
 
 Turn = dict[str, tuple[str, int]]
-"""By `NOW` the name of the call that is under way, and its thread: an object of its own for each call."""
+"""The key `NOW` holds the name of the present call and its thread, as a new tuple."""
 
 NOW = "now"
 F = TypeVar("F", bound=Callable[..., Any])
@@ -27,15 +27,15 @@ _POLL_S = 1e-3
 
 
 def refused(name: str, turn: Turn) -> ModelError:
-    """The error for a call that comes while another is under way."""
+    """Return the error for a call during another call."""
     other, thread = turn.get(NOW, ("another call", 0))
-    found = f"found a call from within '{other}'" if thread == get_ident() else f"found another thread within '{other}'"
-    message = f"{name}: {found} of the same simulation: expected one call at a time"
+    from_ = f"found a call from within '{other}'" if thread == get_ident() else f"found another thread within '{other}'"
+    message = f"{name}: {from_} of the same simulation: expected one call at a time"
     return ModelError(message, hint="compile a simulation for each thread, or share one with a threading.Lock")
 
 
 def alone(method: F) -> F:
-    """Let a method of a `Simulation` take the turn, and run on the inner face."""
+    """Make a method of a `Simulation` acquire the turn and run on the inner object."""
     name = method.__name__
 
     @wraps(method)
@@ -57,12 +57,12 @@ def alone(method: F) -> F:
 
 @contextmanager
 def held(turn: Turn | None, name: str, wait: bool = False) -> Iterator[None]:
-    """Take the turn for a block, or on the inner face nothing.
+    """Hold the turn during a block; do nothing on the inner object.
 
     Args:
-        turn: that of the face.
-        name: of the call, for messages.
-        wait: whether to wait until the call of another thread is over.
+        turn: the turn of the simulation; None on the inner object.
+        name: name of the call, for messages.
+        wait: whether to wait for the end of a call of another thread.
 
     Raises:
         ModelError: a call is under way.

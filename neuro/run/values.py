@@ -1,4 +1,4 @@
-"""Parameters, states and weights, read and changed while a network runs."""
+"""Reading and setting of parameters, states and weights while a network runs."""
 
 from __future__ import annotations
 
@@ -39,22 +39,22 @@ class NeuronValues:
         """Change parameters or states by name, of all neurons or of each.
 
         Raises:
-            ModelError: a name is unknown, a value is out of bounds, or several do not go together.
+            ModelError: a name is unknown, a value is out of bounds, or several values conflict.
         """
         self._engine.set(neurons.index, self.checked(neurons, values))
 
     def checked(self, neurons: Neurons, values: Mapping[str, Any]) -> dict[str, Floats]:
-        """What `set` gives the engine, if it accepts the values."""
+        """Return the values that `set` would pass to the engine, after all checks."""
         seed = self._program.seed
         new = {word: settable.new_values(neurons, word, value, self._engine, seed) for word, value in values.items()}
         settable.check_together(self._program, neurons.index, new, self._engine, self._clock)
         return new
 
     def get(self, neurons: Neurons, what: str) -> Any:
-        """A state or parameter, one value a neuron.
+        """Return a state or parameter, one value per neuron.
 
         Raises:
-            ModelError: they have none of that name.
+            ModelError: the population has none of that name.
         """
         part, word = neurons.part, word_of(what) if isinstance(what, str) else ""
         if word not in part.parameters and word not in settable.states(part):
@@ -63,7 +63,7 @@ class NeuronValues:
         return self._engine.get(neurons.index, word, neurons.ids)
 
     def states(self, neurons: Neurons) -> list[str]:
-        """The states that the backend shows, in the order of the model."""
+        """Return the names of the states that the backend can read, in the order of the model."""
         hidden = unreadable(self._engine)
         return [word for word in settable.states(neurons.part) if word not in hidden]
 
@@ -80,42 +80,42 @@ class SynapseValues:
         self._handles = run.handles
 
     def ends(self, index: int) -> tuple[Ints, Ints]:
-        """Source and target of every synapse, in the order of the weights."""
+        """Return source and target of every synapse, in the order of the weights."""
         return self._handles.ends(index)
 
     def chosen(self, index: int, of: Any, pre: Side, post: Side, *, some: bool = False) -> Chosen | None:
-        """Which synapses are of some pairs of neurons, or go from some neurons to some neurons; None for all.
+        """Return the synapses of some pairs of neurons, or from some neurons to some neurons; None for all.
 
         Args:
-            index: the projection.
+            index: index of the projection.
             of: pairs (source, target), rows of ids; the synapses are in their order.
             pre: a population, a view of it or ids.
-            post: likewise.
-            some: whether there must be one.
+            post: a population, a view of it or ids.
+            some: whether at least one synapse must be chosen.
 
         Returns:
-            whether each synapse is one of them; of pairs their places.
+            a mask over all synapses; for pairs the indices of the synapses.
 
         Raises:
-            ModelError: no synapse is chosen where there must be one, a pair has none, they are neurons of other
+            ModelError: no synapse is chosen where there must be one, a pair has none, the neurons belong to other
                 populations, or the synapses of a grid share weights.
         """
         part = self._program.projections[index]
-        said = {word: given for word, given in (("of", of), ("pre", pre), ("post", post)) if given is not None}
-        if not said:
+        arguments = {word: value for word, value in (("of", of), ("pre", pre), ("post", post)) if value is not None}
+        if not arguments:
             return None
         if part.grid is not None:
-            refuse_some_of_a_grid(part.name, next(iter(said)))
+            refuse_some_of_a_grid(part.name, next(iter(arguments)))
         if of is None:
             return self._between(part, index, pre, post, some)
-        if len(said) > 1:
-            raise ModelError(f"found both 'of' and '{[*said][1]}': expected pairs, or the neurons at either end")
+        if len(arguments) > 1:
+            raise ModelError(f"found both 'of' and '{[*arguments][1]}': expected pairs, or the neurons at either end")
         source, target = (self._program.populations[end] for end in (part.source, part.target))
         ends = Ends(part.name, (source.name, target.name), (source.size, target.size), *self.ends(index))
         return places_of_pairs(ends, of)
 
     def _between(self, part: Projection, index: int, pre: Side, post: Side, some: bool) -> NDArray[np.bool_] | None:
-        kept: NDArray[np.bool_] | None = None
+        mask: NDArray[np.bool_] | None = None
         ways = []
         sides = (("pre", "from", pre, part.source), ("post", "to", post, part.target))
         for (word, way, side, population), ids in zip(sides, self.ends(index), strict=True):
@@ -127,27 +127,27 @@ class SynapseValues:
                 raise ModelError(f"{word} = {neurons.text}: expected neurons of '{of}', as '{part.name}' has there")
             ways.append(f"{way} {neurons.text}")
             if neurons.ids is not None:
-                these = neurons.among()[ids]
-                kept = these if kept is None else kept & these
-        if some and kept is not None and not kept.any():
+                is_selected = neurons.mask()[ids]
+                mask = is_selected if mask is None else mask & is_selected
+        if some and mask is not None and not mask.any():
             message = f"none of the {part.size:,} synapses of '{part.name}' goes {' '.join(ways)}"
             raise ModelError(f"{message}: expected at least one")
-        return kept
+        return mask
 
     def weights(self, index: int) -> Floats:
-        """The weights of all synapses.
+        """Return the weights of all synapses.
 
         Raises:
-            ModelError: one is NaN or infinite.
+            ModelError: a weight is NaN or infinite.
         """
         part, weight = self._program.projections[index], self._engine.get_synapses(index, "weight")
         return check_weights(part.name, part.synapse.name, weight) if part.synapse.learns else weight
 
     def read(self, index: int, what: str) -> Floats:
-        """A state, the weight, the delay in ms or a parameter of the model of all synapses.
+        """Return a state, the weight, the delay in ms or a parameter of the model, for all synapses.
 
         Raises:
-            ModelError: they have no such state.
+            ModelError: the synapses have no such state.
         """
         part = self._program.projections[index]
         known = synapse_states(part)
@@ -164,15 +164,15 @@ class SynapseValues:
         return self._engine.get_synapses(index, what)
 
     def set(self, index: int, values: Mapping[str, Any], chosen: Chosen | None) -> None:
-        """Change weights, or numbers of the synapse model, by name.
+        """Change weights, or parameters of the synapse model, by name.
 
         Args:
-            index: the projection.
-            values: `weight` stands alone; so do states, of a rule that learns by moves.
-            chosen: which synapses, None for all.
+            index: index of the projection.
+            values: `weight` in a call of its own; also states, in a call of their own, of a rule that learns by moves.
+            chosen: the synapses to change, None for all.
 
         Raises:
-            ModelError: there is no such number, or a value is not what the rule or the receptor takes.
+            ModelError: there is no such parameter, or the rule or the receptor does not accept a value.
         """
         if [*values] == ["weight"]:
             self.set_weights(index, values["weight"], chosen)
@@ -193,7 +193,7 @@ class SynapseValues:
         self._rules[index] = rule
 
     def checked_rule(self, index: int, values: Mapping[str, Any], chosen: Chosen | None = None) -> Synapse:
-        """The synapse model that `set` gives the engine, if it accepts the numbers."""
+        """Return the synapse model that `set` would pass to the engine, after all checks."""
         part = self._program.projections[index]
         rule = settable.new_rule(part, self._rules[index], values, chosen)
         settable.check_rule(part, rule, self._engine.get_synapses(index, "weight"))
@@ -211,16 +211,16 @@ class SynapseValues:
                 found = f"shape {list(np.shape(value))}"
                 raise ModelError(f"{word} of '{part.name}': {found}: expected {size} values, or one")
         for word, value in new.items():
-            every = np.broadcast_to(value, part.size) if chosen is None else engine.get_synapses(index, word)
+            all_values = np.broadcast_to(value, part.size) if chosen is None else engine.get_synapses(index, word)
             if chosen is not None:
-                every[chosen] = value
-            engine.set_synapses(index, word, np.ascontiguousarray(every, dtype=np.float64))
+                all_values[chosen] = value
+            engine.set_synapses(index, word, np.ascontiguousarray(all_values, dtype=np.float64))
 
     def set_weights(self, index: int, weights: Any, chosen: Chosen | None) -> None:
         """Replace the weights of all synapses, or of the chosen ones: a number, or one for each.
 
         Raises:
-            ModelError: they are not what the rule or the receptor takes.
+            ModelError: the rule or the receptor does not accept the weights.
         """
         new, mask = self.checked_weights(index, weights, chosen), None
         if chosen is not None:
@@ -229,28 +229,31 @@ class SynapseValues:
         self._engine.set_weights(index, new, mask)
 
     def checked_weights(self, index: int, weights: Any, chosen: Chosen | None = None) -> Floats:
-        """What `set_weights` gives the engine, if it accepts the weights."""
+        """Return the weights that `set_weights` would pass to the engine, after all checks."""
         among = None if chosen is None else (self.weights(index), chosen)
         part, unit = self._program.projections[index], self.weight_unit(index)
         return settable.new_weights(part, self._rules[index], weights, among, unit)
 
     def weight_unit(self, index: int) -> str:
-        """The unit of the weights of a projection, "" for none."""
+        """Return the unit of the weights of a projection, "" for none."""
         part = self._program.projections[index]
         target = self._program.populations[part.target].model
         return "" if part.carries == "current" else getattr(target, "weight_unit", "")
 
     def rows(self, index: int, chosen: Chosen | None, delays: bool) -> Any:
-        """(pre, post, weight), with `delays` a fourth row; of a grid its kernels, with `delays` (kernels, delay)."""
+        """Return (pre, post, weight), and with `delays` a fourth array.
+
+        For a grid return the kernels, and with `delays` (kernels, delay).
+        """
         grid, weight = self._program.projections[index].grid, self.weights(index)
-        late = (self.read(index, "delay"),) if delays else ()
+        delay = (self.read(index, "delay"),) if delays else ()
         if grid is not None:
-            return (weight.reshape(grid.kernels), float(late[0][0])) if late else weight.reshape(grid.kernels)
-        rows = (*self.ends(index), weight, *late)
+            return (weight.reshape(grid.kernels), float(delay[0][0])) if delay else weight.reshape(grid.kernels)
+        rows = (*self.ends(index), weight, *delay)
         return rows if chosen is None else tuple(row[chosen] for row in rows)
 
     def check(self) -> None:
-        """Refuse weights that are NaN, where a rule changes them."""
+        """Refuse weights that are NaN, for rules that change them."""
         for index, part in enumerate(self._program.projections):
             if part.synapse.learns:
                 self.weights(index)
@@ -260,7 +263,7 @@ _FLAG = Quantity(kind="boolean")
 
 
 class Values:
-    """Reads and sets what a user names: neurons of a population or a view, or synapses of a projection.
+    """Reads and sets what a caller names: neurons of a population or a view, or synapses of a projection.
 
     Args:
         run: the network in execution.
@@ -284,10 +287,10 @@ class Values:
         post: Side,
     ) -> None:
         """Change values by name; see `Simulation.set`."""
-        given = {} if values is None else values
-        if not isinstance(given, Mapping) or not all(isinstance(word, str) for word in given):
+        by_name = {} if values is None else values
+        if not isinstance(by_name, Mapping) or not all(isinstance(word, str) for word in by_name):
             raise ModelError(f"set: found {shown(values)}: expected values by name", hint="sim.set(cells, V_m=-60.0)")
-        new = {word_of(word): value for word, value in {**given, **named}.items()}
+        new = {word_of(word): value for word, value in {**by_name, **named}.items()}
         neurons = self._run.handles.neurons_or_projection(part)
         if not new:
             raise ModelError("set: found no value: expected one by name", hint="sim.set(cells, V_m=-60.0)")
@@ -300,7 +303,7 @@ class Values:
     def get(
         self, part: Population | View | Described | str, what: Any, raw: Any, of: Any, pre: Side, post: Side
     ) -> Any:
-        """A state or parameter, or several by name; see `Simulation.get`."""
+        """Return a state or parameter, or several by name; see `Simulation.get`."""
         if isinstance(raw, str) and raw.isidentifier():
             hint = f"sim.get(part, [{what!r}, {raw!r}]) gives both"
             raise ModelError(f"get: found {shown(what)} and {shown(raw)}: expected one name, or a list", hint=hint)
@@ -317,18 +320,18 @@ class Values:
         _refuse_ends(neurons, of, pre, post)
         if registers is None:
             return self.cells.get(neurons, what)
-        every = registers.registers(neurons.index, word_of(what))
-        return every if neurons.ids is None else every[neurons.ids]
+        all_values = registers.registers(neurons.index, word_of(what))
+        return all_values if neurons.ids is None else all_values[neurons.ids]
 
     def weights(self, index: int, of: Any, pre: Side, post: Side, delays: Any) -> Any:
-        """Weights of a projection; see `Simulation.weights`."""
+        """Return the weights of a projection; see `Simulation.weights`."""
         chosen = self.synapses.chosen(index, of, pre, post)
         return self.synapses.rows(index, chosen, check(_FLAG, delays, "delays"))
 
     def silence(self, of: Population | View | str) -> None:
-        """Let the weights of all synapses from some neurons be 0; see `Simulation.silence`."""
+        """Set the weights of all synapses from some neurons to 0; see `Simulation.silence`."""
         neurons = self._run.handles.neurons(of)
-        pre = None if neurons.among().all() else of
+        pre = None if neurons.mask().all() else of
         for index in outgoing(self._run.program, neurons):
             self.synapses.set_weights(index, 0.0, self.synapses.chosen(index, None, pre, None))
 

@@ -1,4 +1,4 @@
-"""States and weights, watched for NaN and infinity: an instability is reported where it would go on silently."""
+"""Checks of states and weights for NaN and infinity, so that an instability is reported."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from neuro.program.backend import are_finite, unreadable
 from neuro.program.program import Floats
 from neuro.run.handles import Run
 
-_STATES = "take smaller steps, weaker input or currents, and states nearer to where they rest"
+_STATES = "use a finer resolution, weaker input or currents, and states nearer to rest"
 _LONGEST = 10_000
-"""Steps after which every state is checked again."""
-_WEIGHTS = "bound what the rule adds to the weight, e.g. min(w + ..., Wmax), and divide by nothing that can be 0"
+"""Largest number of steps between checks of all states."""
+_WEIGHTS = "bound the weight in the rule, e.g. min(w + ..., Wmax), and avoid divisions by 0"
 
 
 class Watch:
-    """Looks at states at the end of runs, whatever backend runs them.
+    """Checks states at the end of runs, on every backend.
 
-    States that can run away by themselves are checked each time: those of models that are not linear, and where a
-    third-party rule sends its weights. Of all others only input without bounds makes NaN, which then stays: they are
-    checked when the time has doubled since, and after 10,000 steps at the latest. So runs of one step cost nothing.
+    States that can become unstable by themselves are checked each time: states of nonlinear models, and of targets of
+    third-party rules that learn. Other states become NaN only through unbounded input, and NaN stays. They are checked
+    when the number of steps has doubled since the last check, and at least every 10,000 steps, so that runs of one step
+    cost nothing.
 
     Args:
         run: the network in execution.
@@ -29,48 +30,50 @@ class Watch:
 
     def __init__(self, run: Run) -> None:
         self.program, self.engine, self.clock = run.program, run.engine, run.clock
-        hidden, parts = unreadable(run.engine), run.program.projections
+        unreadable_states, parts = unreadable(run.engine), run.program.projections
         foreign = [p for p in parts if not type(p.synapse).__module__.startswith("neuro.model.synapses.")]
-        taught = {part.target for part in foreign if part.synapse.learns}
-        self.steady: list[tuple[int, list[str]]] = []
-        self.watched: list[tuple[int, list[str]]] = []
+        learning_targets = {part.target for part in foreign if part.synapse.learns}
+        self.rarely_checked: list[tuple[int, list[str]]] = []
+        self.always_checked: list[tuple[int, list[str]]] = []
         for index, part in enumerate(self.program.populations):
             if isinstance(part.model, Neuron) and part.size:
-                # A state that is infinite at step 0 means something by it.
+                # An infinite initial state is intended.
                 states = [
                     s.name for s in part.model.states if not s.hidden and not np.isinf(part.initial[s.name]).any()
                 ]
-                names = [name for name in states if name not in hidden]
-                (self.watched if index in taught or not part.model.linear else self.steady).append((index, names))
+                names = [name for name in states if name not in unreadable_states]
+                (
+                    self.always_checked if index in learning_targets or not part.model.linear else self.rarely_checked
+                ).append((index, names))
         self.due = 0
 
     def look(self) -> None:
-        """Refuse to go on with a state that is NaN or infinite.
+        """Refuse to continue with a state that is NaN or infinite.
 
         Raises:
-            ModelError: one is; it names the projection whose weights brought it, or the neuron.
+            ModelError: a state is NaN or infinite. The message names the neuron, or the projection with such weights.
         """
-        for index, names in self.watched:
-            self._look_at(index, names)
+        for index, names in self.always_checked:
+            self._check(index, names)
         step = self.engine.step
         if step >= self.due:
             self.due = step + min(step, _LONGEST)
-            for index, names in self.steady:
+            for index, names in self.rarely_checked:
                 if not are_finite(self.engine, index, names):
-                    self._look_at(index, names)
+                    self._check(index, names)
 
     def begin(self) -> None:
-        """Begin anew, as after a reset."""
+        """Start again after a reset."""
         self.due = 0
 
-    def _look_at(self, index: int, names: list[str]) -> None:
+    def _check(self, index: int, names: list[str]) -> None:
         for name in names:
             values = self.engine.get(index, name)
             if np.isfinite(values).all():
                 continue
-            for projection, into in enumerate(self.program.projections):
-                if into.target == index and into.synapse.learns:
-                    check_weights(into.name, into.synapse.name, self.engine.get_synapses(projection, "weight"))
+            for projection, afferent in enumerate(self.program.projections):
+                if afferent.target == index and afferent.synapse.learns:
+                    check_weights(afferent.name, afferent.synapse.name, self.engine.get_synapses(projection, "weight"))
             part = self.program.populations[index]
             neuron = int(np.argmin(np.isfinite(values)))
             message = (
@@ -81,14 +84,14 @@ class Watch:
 
 
 def check_weights(projection: str, rule: str, weights: Floats) -> Floats:
-    """The weights of a projection, all of which are numbers.
+    """Return the weights of a projection, all of which are finite.
 
     Raises:
-        ModelError: one is none.
+        ModelError: a weight is NaN or infinite.
     """
-    good = np.isfinite(weights)
-    if not good.all():
-        synapse = int(np.argmin(good))
+    is_finite = np.isfinite(weights)
+    if not is_finite.all():
+        synapse = int(np.argmin(is_finite))
         message = (
             f"projection '{projection}': weight of synapse {synapse} is {weights[synapse]:g}: "
             f"a numerical instability of {rule}"
