@@ -1,17 +1,18 @@
-"""Networks of lava-dl (`.net`, HDF5 as its netx reads it) as networks of Loihi 2, integer by integer.
+"""Read networks of lava-dl (`.net`, HDF5) as networks of Loihi 2, with the integers of lava's netx.
 
 | in the file | here |
 | --- | --- |
 | neuron LOIHI or CUBA | `loihi2_lif`: du = iDecay - 1, dv = vDecay, vth = vThMant, the bias times 2^6 |
-| neuron SDNN | `sigma_delta`, without ReLU as input; `sigma_decoder` (`sigma_output`); exponents of 6 and 6 |
-| dense | `all_to_all`, mantissas such that no bit is dropped: what netx finds by its bits and exponent |
-| conv | `loihi2_convolution`; as a `grid`, or as pairs where strides differ, or with dilation or groups |
+| neuron SDNN | `sigma_delta`, as input without ReLU; `sigma_decoder` for `sigma_output`; both exponents are 6 |
+| dense | `all_to_all`, with mantissas that lose no bit: the integers that netx computes from bits and exponent |
+| conv | `loihi2_convolution`; as a `grid`, or as pairs for unequal strides, dilation or groups |
 | flatten | channels, rows, columns: the order of ids |
 
-A step is 1 ms. A spike takes one step to the next layer, as in lava. The input layer is fed by its bias, as in netx:
-`sim.set("input", bias_mant=...)` of LIF neurons, `sim.set("input", bias=...)` of SDNN, where a Delta of lava sends the
-same. What netx refuses (pooling, average, concatenation, transposed convolution, neurons of other types) or leaves out
-(delays, refractory periods) is refused. Source: lava-dl, `src/lava/lib/dl/netx`, whose tests assert it on chips.
+A step is 1 ms. A spike takes one step to the next layer, as in lava. The bias drives the input layer, as in netx:
+`sim.set("input", bias_mant=...)` for LIF neurons, and `sim.set("input", bias=...)` for SDNN, where a Delta of lava
+sends the same messages. Layers and neurons that netx refuses (pooling, average, concatenation, transposed convolution,
+other types of neurons) or ignores (delays, refractory periods) are refused. Source: lava-dl, `src/lava/lib/dl/netx`;
+its tests compare netx with chips.
 """
 
 from __future__ import annotations
@@ -47,32 +48,33 @@ from neuro_exchange.verdict import EXACT, REFUSED, Verdict, Verdicts
 
 LAYERS = ("input", "conv", "dense", "flatten")
 EXPONENT = 6
-"""Of the states and messages of SDNN neurons, and of the bias of LIF neurons."""
+"""Exponent of the states and messages of SDNN neurons, and of the bias of LIF neurons."""
 MOST = 2**31 - 1
+"""Largest whole number of a file."""
 TEXTS = ("type", "activation")
 ARRAYS = ("weight", "bias")
 WHOLE = {
     **{"shape": (3, 1), "stride": (2, 1), "padding": (2, 0), "dilation": (2, 1), "groups": (1, 1)},
     **dict.fromkeys(("vThMant", "iDecay", "vDecay", "refDelay", "wgtExp"), (1, -MOST)),
 }
-"""Words that are whole numbers: how many at most, and the least."""
+"""Fields that hold whole numbers: their largest count, and their lower bound."""
 PRESENT = ("delay", "sigma_output")
-"""Words of which only counts that they are there."""
+"""Fields whose presence counts, and whose value is ignored."""
 
 Ints = tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """A layer as it was read.
+    """A layer of a file.
 
     Attributes:
-        number: its place in the file.
+        number: index in the file, from 0.
         kind: one of `LAYERS`.
-        shape: channels, rows and columns of its neurons; of flat ones their number.
-        neuron: what the file says of its neurons, by word.
-        words: numbers and arrays of the layer itself.
-        before: the layer of neurons before it, None of the first.
+        shape: (channels, rows, columns), or (neurons,) for flat layers.
+        neuron: fields of the neurons by name.
+        words: fields of the layer by name.
+        before: the layer of neurons that sends to this layer; None for the first.
     """
 
     number: int
@@ -84,40 +86,40 @@ class Layer:
 
     @property
     def depth(self) -> int:
-        """How many layers of neurons lie before it."""
+        """The number of layers of neurons before the layer."""
         return 0 if self.before is None else self.before.depth + 1
 
     @property
     def size(self) -> int:
-        """The number of its neurons."""
+        """The number of neurons."""
         return prod(self.shape)
 
     def wrong(self, message: str, hint: str = "") -> ModelError:
-        """An error that names the layer."""
+        """Return an error that names the layer."""
         return ModelError(f"layer {self.number} ({self.kind}): {message}", hint=hint)
 
     def two(self, word: str) -> tuple[int, int]:
-        """A word of a convolution, down and across."""
+        """Return a field of a convolution for rows and columns, e.g. its stride."""
         numbers: Ints = self.words.get(word, (0 if word == "padding" else 1,))
         return numbers[0], numbers[-1]
 
     @property
     def groups(self) -> int:
-        """Of a convolution."""
+        """The number of groups of a convolution."""
         return int(self.words.get("groups", 1))
 
 
 def from_netx(file: str | PathLike[str], *, reset: int = 0, first: int = 0) -> Network:
-    """The network of a file of lava-dl.
+    """Return the network of a file of lava-dl.
 
     Args:
-        file: ends in `.net`.
-        reset: steps between two resets of u and v, of the i-th layer of neurons from 0 in the steps i + 1,
-            i + 1 + reset, ...; 0: none.
-        first: the first layer that is taken; the one before it is then a generator without spikes.
+        file: name of the file, which ends in `.net`.
+        reset: steps between two resets of u and v. Layer i of the neurons, from 0, is reset in the steps i + 1,
+            i + 1 + reset, ...; 0 for no resets.
+        first: number of the first layer to read. The layer before becomes a generator without spikes.
 
     Raises:
-        ModelError: the file is no such network, or has what is refused; all of that at once.
+        ModelError: the file is not such a network, or layers are refused. The error lists all refused layers.
     """
     path, layers = _layers(file, reset)
     if not _is_whole(first, range(layers[-1].number + 1)):
@@ -129,37 +131,37 @@ def from_netx(file: str | PathLike[str], *, reset: int = 0, first: int = 0) -> N
 
 
 def examine_netx(file: str | PathLike[str], *, reset: int = 0) -> tuple[Network | None, Verdicts]:
-    """The network of a file of lava-dl, None if a layer is refused, and a verdict for each layer.
+    """Return the network of a file of lava-dl, or None if a layer is refused, and a verdict for each layer.
 
-    `file` and `reset` are those of `from_netx`.
+    The arguments are those of `from_netx`.
 
     Raises:
-        ModelError: the file is no such network.
+        ModelError: the file is not such a network.
     """
     path, layers = _layers(file, reset)
     verdicts = []
     for layer in layers:
         problems = _problems(layer)
         kind = ", ".join(filter(None, (layer.kind, layer.neuron.get("type", ""))))
-        how = "; ".join(problem.message.partition(": ")[2] for problem in problems) or _becomes(layer, reset)
+        how = "; ".join(problem.message.partition(": ")[2] for problem in problems) or _counterpart(layer, reset)
         way_out = "; ".join(dict.fromkeys(filter(None, (problem.hint for problem in problems))))
         verdicts.append(Verdict(_name(layer), kind, REFUSED if problems else EXACT, how, way_out))
     table = Verdicts(f"'{path.stem}' of lava-dl, by the rules of lava's netx", tuple(verdicts))
     return None if table.refused else _network(path.stem, layers, reset, 0), table
 
 
-def _becomes(layer: Layer, reset: int) -> str:
-    """What a layer is here."""
+def _counterpart(layer: Layer, reset: int) -> str:
+    """Describe the counterpart of a layer, for its verdict."""
     if layer.kind == "flatten":
-        return "ids are in its order: channels, rows, columns"
-    cells = _neurons(layer, reset)
+        return "the order of ids: channels, rows, columns"
+    neurons = _neurons(layer, reset)
     if layer.kind == "input":
-        return f"{cells.name}, fed by its bias"
+        return f"{neurons.name}, driven by its bias"
     weights = layer.words["weight"]
     if layer.kind == "dense":
-        return f"{cells.name}, {weights.size:,} weights, none of which loses a bit"
-    rule = "a shared kernel" if _is_grid(layer) else "its synapses one by one"
-    return f"{cells.name}, {rule} of {weights.size:,} weights"
+        return f"{neurons.name}, {weights.size:,} weights without loss of bits"
+    rule = "a shared kernel" if _is_grid(layer) else "single synapses"
+    return f"{neurons.name}, {rule} of {weights.size:,} weights"
 
 
 def _is_whole(value: Any, allowed: range) -> bool:
@@ -175,15 +177,14 @@ def _layers(file: str | PathLike[str], reset: int) -> tuple[Path, list[Layer]]:
 
 
 def _network(name: str, layers: list[Layer], reset: int, first: int) -> Network:
-    """Layers that are not refused as populations."""
+    """Build the network of layers that are not refused, from layer `first` on."""
     net = Network(name, resolution=1.0)
-    taken = [layer for layer in layers if layer.kind != "flatten" and layer.number >= first]
-    for layer in taken:
-        if layer is taken[0] and layer.before:
+    populations = [layer for layer in layers if layer.kind != "flatten" and layer.number >= first]
+    for layer in populations:
+        if layer is populations[0] and layer.before:
             graded = layer.before.neuron["type"] == "SDNN"
             source = graded_spike_train() if graded else spike_generator()
             net.population(_name(layer.before), layer.before.shape, source)
-        # A layer and what connects it to the one before.
         net.population(_name(layer), layer.shape, _neurons(layer, reset))
         if layer.before:
             rule, synapse, weight = _synapses(layer, layer.before)
@@ -196,20 +197,20 @@ def _name(layer: Layer) -> str:
 
 
 def _neurons(layer: Layer, reset: int) -> Neuron:
-    said = layer.neuron
-    bias = layer.words.get("bias", np.zeros(1)) if layer.kind != "input" else np.zeros(1)
-    each: Any = np.broadcast_to(bias.reshape(-1, *(1,) * (len(layer.shape) - 1)), layer.shape).copy()
-    each = each if bias.any() else 0.0
-    if said["type"] == "SDNN":
+    fields = layer.neuron
+    layer_bias = layer.words.get("bias", np.zeros(1)) if layer.kind != "input" else np.zeros(1)
+    bias: Any = np.broadcast_to(layer_bias.reshape(-1, *(1,) * (len(layer.shape) - 1)), layer.shape).copy()
+    bias = bias if layer_bias.any() else 0.0
+    if fields["type"] == "SDNN":
         exponents: dict[str, Any] = {"spike_exp": EXPONENT, "state_exp": EXPONENT}
         if layer.kind == "input":
-            return sigma_delta(vth=float(said["vThMant"]), relu=False, **exponents)
-        if "sigma_output" in said:
+            return sigma_delta(vth=float(fields["vThMant"]), relu=False, **exponents)
+        if "sigma_output" in fields:
             return sigma_decoder()
-        return sigma_delta(vth=float(said["vThMant"]), bias=each, **exponents)
-    words = {"du": int(said["iDecay"]) - 1, "dv": int(said["vDecay"]), "vth": int(said["vThMant"])}
+        return sigma_delta(vth=float(fields["vThMant"]), bias=bias, **exponents)
+    words = {"du": int(fields["iDecay"]) - 1, "dv": int(fields["vDecay"]), "vth": int(fields["vThMant"])}
     offset = (layer.depth + 1) % reset if reset else 0
-    return loihi2_lif(**words, bias_mant=each, bias_exp=EXPONENT, reset_interval=reset, reset_offset=offset)
+    return loihi2_lif(**words, bias_mant=bias, bias_exp=EXPONENT, reset_interval=reset, reset_offset=offset)
 
 
 def _synapses(layer: Layer, before: Layer) -> tuple[Rule, Synapse, Floats]:
@@ -228,21 +229,24 @@ def _synapses(layer: Layer, before: Layer) -> tuple[Rule, Synapse, Floats]:
 
 
 def _is_grid(layer: Layer) -> bool:
-    """Whether a rule of the language shares the kernel."""
-    down, across = layer.two("stride")
-    return down == across and layer.two("dilation") == (1, 1) and layer.groups == 1
+    """Return whether the connection rule `grid` can express a convolution."""
+    row_stride, column_stride = layer.two("stride")
+    return row_stride == column_stride and layer.two("dilation") == (1, 1) and layer.groups == 1
 
 
 def _dense(weight: Floats) -> tuple[Synapse, Floats]:
-    """Mantissas and the synapse that sends each weight as it is: mixed mantissas are even."""
+    """Return the synapse and the mantissas with which each weight keeps its value.
+
+    Mantissas of mixed signs must be even. So odd weights of mixed signs are doubled, with an exponent of -1.
+    """
     mode = "excitatory" if weight.min() >= 0 else "inhibitory" if weight.max() < 0 else "mixed"
     doubled = mode == "mixed" and bool(np.any(weight % 2))
     return loihi2_static(weight_exp=-1 if doubled else 0, sign_mode=mode), weight * (2.0 if doubled else 1.0)
 
 
 def _problems(layer: Layer) -> list[ModelError]:
-    """Why a layer is refused."""
-    problems = list(_refused(layer))
+    """Return the reasons why a layer is refused."""
+    problems = list(_refusals(layer))
     if not problems and layer.kind != "flatten":
         try:
             _neurons(layer, 0)
@@ -251,8 +255,8 @@ def _problems(layer: Layer) -> list[ModelError]:
     return problems
 
 
-def _refused(layer: Layer) -> Iterator[ModelError]:
-    """What netx refuses or leaves out."""
+def _refusals(layer: Layer) -> Iterator[ModelError]:
+    """Yield an error for each property that netx refuses or ignores."""
     if layer.kind not in LAYERS:
         yield layer.wrong(f"netx has no layer '{layer.kind}': expected {', '.join(LAYERS)}")
         return
@@ -267,47 +271,48 @@ def _refused(layer: Layer) -> Iterator[ModelError]:
         if word not in layer.neuron
     ]:
         yield layer.wrong(f"its neuron has no '{missing[0]}'")
-    for word, kept in (("refDelay", (0, 1)), ("wgtExp", (0,))):
-        if layer.neuron.get(word, kept[0]) not in kept:
-            yield layer.wrong(f"{word} = {layer.neuron[word]}: netx leaves it out, and so nothing says what it does")
+    for word, allowed in (("refDelay", (0, 1)), ("wgtExp", (0,))):
+        if layer.neuron.get(word, allowed[0]) not in allowed:
+            expected = " or ".join(map(str, allowed))
+            yield layer.wrong(f"{word} = {layer.neuron[word]}: expected {expected}, since netx ignores {word}")
     if layer.neuron.get("activation", "relu") != "relu":
         yield layer.wrong(f"activation '{layer.neuron['activation']}': expected relu")
     if "delay" in layer.words:
-        yield layer.wrong("it has delays, which netx leaves out", "train it without delays")
+        yield layer.wrong("its delays are ignored by netx", "train the network without delays")
     if (layer.kind == "input") == bool(layer.before):
-        yield layer.wrong("expected the input as first layer, and only there")
+        yield layer.wrong("expected one input layer, as the first")
     elif layer.before:
-        yield from _of_weights(layer, layer.before)
+        yield from _weight_errors(layer, layer.before)
 
 
-def _of_weights(layer: Layer, before: Layer) -> Iterator[ModelError]:
+def _weight_errors(layer: Layer, before: Layer) -> Iterator[ModelError]:
     weight = layer.words.get("weight", np.zeros(0))
     if not weight.size:
-        yield layer.wrong("it has no weights")
+        yield layer.wrong("its weights are missing")
         return
-    if wrong := _of_convolution(layer, before) if layer.kind == "conv" else _of_dense(layer, before):
-        yield layer.wrong(wrong)
+    if error := _convolution_error(layer, before) if layer.kind == "conv" else _dense_error(layer, before):
+        yield layer.wrong(error)
     if (biases := layer.words.get("bias", np.zeros(1)).size) not in (1, layer.shape[0]):
         yield layer.wrong(f"{biases:,} biases: expected 1 or {layer.shape[0]:,}")
     if not np.array_equal(weight, np.rint(weight)):
-        yield layer.wrong("its weights are no whole numbers", "export the network quantised")
+        yield layer.wrong("its weights are not whole numbers", "export the network quantised")
     low, high = float(weight.min()), float(weight.max())
-    odd = layer.kind == "dense" and low < 0 <= high and bool(np.any(weight % 2))
-    most = 127 if odd else 254
+    is_doubled = layer.kind == "dense" and low < 0 <= high and bool(np.any(weight % 2))  # see `_dense`
+    most = 127 if is_doubled else 254
     if low < -most - (layer.kind == "dense") or high > most:
         yield layer.wrong(f"weights from {low:g} to {high:g}: a weight has 8 bits")
 
 
-def _of_dense(layer: Layer, before: Layer) -> str:
-    """What is wrong with the number of weights."""
-    expected, found = layer.size * before.size, layer.words["weight"].size
-    if found == expected:
+def _dense_error(layer: Layer, before: Layer) -> str:
+    """Return the error in the number of weights, or ""."""
+    expected, size = layer.size * before.size, layer.words["weight"].size
+    if size == expected:
         return ""
-    return f"{found:,} weights from {before.size:,} neurons to {layer.size:,}: expected {expected:,}"
+    return f"{size:,} weights from {before.size:,} neurons to {layer.size:,}: expected {expected:,}"
 
 
-def _of_convolution(layer: Layer, before: Layer) -> str:
-    """What is wrong with the shapes of a convolution and of its kernel."""
+def _convolution_error(layer: Layer, before: Layer) -> str:
+    """Return the error in the shapes of a convolution and its kernel, or ""."""
     kernel = layer.words["weight"]
     shapes = f"shape {list(layer.shape)} from {list(before.shape)}"
     if len(layer.shape) != 3 or len(before.shape) != 3:
@@ -316,7 +321,7 @@ def _of_convolution(layer: Layer, before: Layer) -> str:
         return f"weights of shape {list(kernel.shape)}: expected maps, channels, height, width"
     maps, depth, *size = kernel.shape[:4]
     if maps % layer.groups:
-        return f"groups = {layer.groups}: expected one that divides {maps} maps"
+        return f"groups = {layer.groups}: expected a divisor of {maps} maps"
     sizes = (layer.two("stride"), layer.two("padding"), layer.two("dilation"))
     expected = [maps, *out_size(before.shape[1:], tuple(size), *sizes)]
     source = [depth * layer.groups, *before.shape[1:]]
@@ -326,66 +331,65 @@ def _of_convolution(layer: Layer, before: Layer) -> str:
 
 
 def _read(path: Path) -> list[Layer]:
-    """All layers of a file."""
+    """Read all layers of a file, in order."""
     try:
         with h5py.File(path, "r") as file:
             hdf5.check_tree(file, several_names=True)
-            found = file.get("layer")
-            if not isinstance(found, h5py.Group):
-                raise ModelError("there is no 'layer' in it: expected a network of lava-dl")
+            groups = file.get("layer")
+            if not isinstance(groups, h5py.Group):
+                raise ModelError("found no group 'layer': expected a network of lava-dl")
             layers: list[Layer] = []
             before = None
-            for number in sorted(found, key=int):
-                layers.append(_layer(int(number), found[number], before))
+            for number in sorted(groups, key=int):
+                layers.append(_layer(int(number), groups[number], before))
                 before = before if layers[-1].kind == "flatten" else layers[-1]
             if before is None:
-                raise ModelError("there is no layer in it")
+                raise ModelError("found no layers: expected at least one")
             return layers
     except ModelError as error:
         raise error.at(None, str(path)) from None
     except (OSError, KeyError, ValueError, TypeError, RuntimeError, MemoryError) as error:
-        raise ModelError(f"{path}: it cannot be read as a network of lava-dl: {error}") from None
+        raise ModelError(f"{path}: cannot be read as a network of lava-dl: {error}") from None
 
 
 def _layer(number: int, group: h5py.Group, before: Layer | None) -> Layer:
     where = f"layer {number}"
-    words = _words(group, where)
-    neuron = _words(group["neuron"], f"{where}: its neuron") if "neuron" in group else {}
-    for needed in ("type", "shape"):
-        if needed not in words:
-            raise ModelError(f"{where} has no '{needed}'")
+    words = _fields(group, where)
+    neuron = _fields(group["neuron"], f"{where}: its neuron") if "neuron" in group else {}
+    for word in ("type", "shape"):
+        if word not in words:
+            raise ModelError(f"{where} has no '{word}'")
     kind, shape = words["type"], words["shape"]
     return Layer(number, kind, (prod(shape),) if kind == "dense" else shape, neuron, words, before)
 
 
-def _words(group: h5py.Group, where: str) -> dict[str, Any]:
-    """What a layer or its neuron says that is used here."""
+def _fields(group: h5py.Group, where: str) -> dict[str, Any]:
+    """Return the fields of a layer or of its neurons that are used here."""
     if not isinstance(group, h5py.Group):
-        raise ModelError(f"{where} is no group of words")
-    known = (*TEXTS, *ARRAYS, *WHOLE, *PRESENT)
-    return {word: _value(group[word], word, where.partition(":")[0]) for word in group if word in known}
+        raise ModelError(f"{where} is not a group")
+    names = (*TEXTS, *ARRAYS, *WHOLE, *PRESENT)
+    return {word: _value(group[word], word, where.partition(":")[0]) for word in group if word in names}
 
 
 def _value(item: h5py.Dataset, word: str, where: str) -> Any:
-    """A text, an array, a whole number or several."""
+    """Return the value of a field: a text, an array, a whole number, a tuple of whole numbers, or True if present."""
     most, least = WHOLE.get(word, (1, 0))
-    several = ("a whole number", "1 or 2 whole numbers", "1 to 3 whole numbers")[most - 1]
-    several += "" if least == -MOST else f" >= {least}"
-    expected = "a word" if word in TEXTS else "numbers" if word in ARRAYS else several
+    whole = ("a whole number", "1 or 2 whole numbers", "1 to 3 whole numbers")[most - 1]
+    whole += "" if least == -MOST else f" >= {least}"
+    expected = "a word" if word in TEXTS else "numbers" if word in ARRAYS else whole
     if not isinstance(item, h5py.Dataset):
         raise ModelError(f"{where}: {word} has no value: expected {expected}")
     value: NDArray[Any] = np.asarray(item[()])
-    listed: list[Any] = [
+    elements: list[Any] = [
         each.decode("ascii") if isinstance(each, bytes) else each for each in value.ravel()[:20].tolist()
     ]
     if word in PRESENT:
         return True
-    if word in TEXTS and len(listed) == 1 and isinstance(listed[0], str):
-        return listed[0]
+    if word in TEXTS and len(elements) == 1 and isinstance(elements[0], str):
+        return elements[0]
     if word in ARRAYS and value.dtype.kind in "iuf":
         return value.astype(np.float64)
-    are_whole = all(is_number(each) and least <= each <= MOST and each == int(each) for each in listed)
-    if word in WHOLE and 1 <= len(listed) <= most and are_whole:
-        return int(listed[0]) if most == 1 else tuple(map(int, listed))
-    found = listed if value.shape else listed[0]
-    raise ModelError(f"{where}: {word} = {found!r:.60}: expected {expected}")
+    are_whole = all(is_number(each) and least <= each <= MOST and each == int(each) for each in elements)
+    if word in WHOLE and 1 <= len(elements) <= most and are_whole:
+        return int(elements[0]) if most == 1 else tuple(map(int, elements))
+    raise ModelError(f"{where}: {word} = {elements if value.shape else elements[0]!r:.60}: expected {expected}")

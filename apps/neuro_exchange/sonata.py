@@ -1,6 +1,6 @@
-"""Networks and spikes as SONATA: nodes, edges and spikes in HDF5, their types in CSV, and a configuration in JSON.
+"""Write networks and spikes as SONATA: nodes, edges and spikes in HDF5, types in CSV, and a configuration in JSON.
 
-Source: the SONATA Developer Guide, AllenInstitute/sonata; read back by libsonata 0.2.
+Source: the SONATA Developer Guide, AllenInstitute/sonata. The tests read the files with libsonata 0.2.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ _SORTING = {"none": 0, "by_id": 1, "by_time": 2}
 
 
 def save_sonata(sim: Simulation, path: str | PathLike[str]) -> Verdicts:
-    """Write the network of a simulation as it is now, and the spikes that it has recorded.
+    """Write the network of a simulation with its present weights, and the recorded spikes.
 
-    Beside `net.json`, the configuration, are `net_nodes.h5` and `net_node_types.csv`, `net_edges.h5` and
-    `net_edge_types.csv`, and `net_spikes.h5` where spikes were recorded. A node has the parameters and initial states
-    of its neuron as attributes, an edge `syn_weight`, in the unit of the target's model, and `delay` in ms. Nodes are
-    counted from 0.
+    The configuration `net.json` names the files `net_nodes.h5`, `net_node_types.csv`, `net_edges.h5` and
+    `net_edge_types.csv`. Recorded spikes are in `net_spikes.h5`. The attributes of a node are the parameters and
+    initial states of the neuron. The attributes of an edge are `syn_weight`, in the unit of the target's model, and
+    `delay` in ms. Nodes are counted from 0.
 
     Args:
         sim: the simulation.
-        path: of the configuration, which ends in `.json`.
+        path: name of the configuration, which ends in `.json`.
 
     Returns:
-        what becomes of each population and projection.
+        A verdict for each population and projection.
 
     Raises:
-        ModelError: a projection has one kernel for all its neurons, or a file cannot be written.
+        ModelError: a projection has a kernel that all its neurons share, or a file cannot be written.
     """
     if not hasattr(sim, "program"):
         raise ModelError(f"save_sonata: found {sim!r:.60}: expected a Simulation", hint="neuro.compile(net)")
@@ -58,23 +58,23 @@ def save_sonata(sim: Simulation, path: str | PathLike[str]) -> Verdicts:
     table.check()
     populations, projections = sim.program.populations, sim.program.projections
 
-    def beside(what: str) -> Path:
+    def sibling(what: str) -> Path:
         return file.with_name(f"{file.stem}_{what}")
 
-    # The files belong together: none takes its name before all are written, the configuration last.
+    # The files belong together: all get their names only after the last is written, the configuration last.
     with ExitStack() as files:
 
         def add_text(path: Path, lines: list[str], kind: Kind) -> None:
             files.enter_context(output(path, kind)).write_text("\n".join([*lines, ""]), "utf-8")
 
         def add_hdf5(what: str) -> AbstractContextManager[Any]:
-            return _hdf5(files.enter_context(output(beside(what), _HDF5)))
+            return _hdf5(files.enter_context(output(sibling(what), _HDF5)))
 
         add_text(file, [json.dumps(_config(sim, file.stem), indent=1)], _CONFIG)
         rows = [f"{k} {_kind(part)} neuro:{part.said} {part.name}" for k, part in enumerate(populations)]
-        add_text(beside("node_types.csv"), [_NODE_TYPES, *rows], marked(_TYPES, _NODE_TYPES))
+        add_text(sibling("node_types.csv"), [_NODE_TYPES, *rows], marked(_TYPES, _NODE_TYPES))
         rows = [f"{k} {part.synapse.name} {part.name}" for k, part in enumerate(projections)]
-        add_text(beside("edge_types.csv"), [_EDGE_TYPES, *rows], marked(_TYPES, _EDGE_TYPES))
+        add_text(sibling("edge_types.csv"), [_EDGE_TYPES, *rows], marked(_TYPES, _EDGE_TYPES))
         with add_hdf5("nodes.h5") as nodes:
             for number, part in enumerate(populations):
                 group = nodes.create_group(f"nodes/{part.name}")
@@ -82,9 +82,9 @@ def save_sonata(sim: Simulation, path: str | PathLike[str]) -> Verdicts:
                 group["node_id"], group["node_group_index"] = ids, ids
                 group["node_type_id"] = np.full(part.size, number, dtype=np.int64)
                 group["node_group_id"] = np.zeros(part.size, dtype=np.int64)
-                own = group.create_group("0")
+                attributes = group.create_group("0")
                 for word, values in {**part.parameters, **part.initial}.items():
-                    own[word] = np.broadcast_to(values, part.size)
+                    attributes[word] = np.broadcast_to(values, part.size)
         with add_hdf5("edges.h5") as edges:
             for number, synapses in enumerate(projections):
                 _write_edges(edges, sim, synapses, number)
@@ -97,28 +97,28 @@ def save_sonata(sim: Simulation, path: str | PathLike[str]) -> Verdicts:
 
 
 def verdicts(sim: Simulation) -> Verdicts:
-    """What becomes of each population and projection in SONATA."""
-    found = [_node_verdict(sim, part) for part in sim.program.populations]
+    """Return a verdict for each population and projection of a network in SONATA."""
+    parts = [_node_verdict(sim, part) for part in sim.program.populations]
     for part in sim.program.projections:
         if part.grid is not None:
-            why = "one kernel for all its neurons: SONATA has a weight for each edge"
-            found.append(Verdict(part.name, "grid", REFUSED, why, "neuro.pairs lists the synapses"))
+            why = "its neurons share a kernel, and SONATA has a weight for each edge"
+            parts.append(Verdict(part.name, "grid", REFUSED, why, "neuro.pairs lists the synapses"))
         elif part.synapse.learns:
-            how = f"weights are those of now; SONATA has no {part.synapse.name}"
-            measured = "not measured: a run in SONATA has no learning to compare with"
-            found.append(Verdict(part.name, part.synapse.name, APPROXIMATE, how, measured=measured))
+            how = f"the present weights; SONATA has no {part.synapse.name}"
+            measured = "not measured: SONATA has no learning"
+            parts.append(Verdict(part.name, part.synapse.name, APPROXIMATE, how, measured=measured))
         else:
-            found.append(Verdict(part.name, part.synapse.name, EXACT, "weights and delays are attributes"))
-    return Verdicts(f"{sim.program.name} to SONATA", tuple(found))
+            parts.append(Verdict(part.name, part.synapse.name, EXACT, "weights and delays are attributes"))
+    return Verdicts(f"{sim.program.name} to SONATA", tuple(parts))
 
 
 def _node_verdict(sim: Simulation, part: Population) -> Verdict:
-    later = part.spike_steps.size and int(part.spike_steps[-1]) * sim.program.resolution > sim.time
-    if later or part.stream is not None:
-        how = "parameters are attributes; of its listed spikes those are written that it has sent"
-        return Verdict(part.name, part.said, APPROXIMATE, how, measured="not measured: a longer run sends more of them")
+    has_spikes_left = part.spike_steps.size and int(part.spike_steps[-1]) * sim.program.resolution > sim.time
+    if has_spikes_left or part.stream is not None:
+        how = "parameters are attributes; the listed spikes up to the present time are written"
+        return Verdict(part.name, part.said, APPROXIMATE, how, measured="not measured: a longer run has more spikes")
     if part.model.graded:
-        how = "parameters and initial states are attributes; its spikes are written without their payloads"
+        how = "parameters and initial states are attributes; spikes are written without payloads"
         return Verdict(part.name, part.said, APPROXIMATE, how, measured="not measured: SONATA has no payloads")
     return Verdict(part.name, part.said, EXACT, "parameters and initial states are attributes")
 
@@ -138,7 +138,7 @@ _HDF5 = Kind("a SONATA file of neuro", _is_ours)
 
 @contextmanager
 def _hdf5(path: Path) -> Iterator[Any]:
-    """A new file of SONATA."""
+    """Create a SONATA file."""
     with hdf5.new_file(path) as file:
         file.attrs["magic"] = np.uint32(MAGIC)
         file.attrs["version"] = np.array(VERSION, dtype=np.uint32)
@@ -176,7 +176,7 @@ def _kind(part: Population) -> str:
 
 def _config(sim: Simulation, stem: str) -> dict[str, Any]:
     base = f"$BASE_DIR/{stem}"
-    # libsonata knows only the populations that are named here.
+    # libsonata reads only the populations that the configuration names.
     nodes = {part.name: {"type": _kind(part)} for part in sim.program.populations}
     edges = {part.name: {"type": "chemical"} for part in sim.program.projections}
     node_files = {"nodes_file": f"{base}_nodes.h5", "node_types_file": f"{base}_node_types.csv"}

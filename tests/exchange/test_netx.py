@@ -100,7 +100,7 @@ def test_each_layer_of_a_file_has_a_verdict(tmp_path):
         ("dense1", "dense, LOIHI", "exact"),
     ]
     assert net.populations["dense1"].model.reset_interval == 5
-    assert table["dense1"].how == "loihi2_lif, 8 weights, none of which loses a bit"
+    assert table["dense1"].how == "loihi2_lif, 8 weights without loss of bits"
     net, table = examine_netx(netx_file(tmp_path / "pool.net", type=b"pool"))
     assert net is None
     assert [each.node for each in table.refused] == ["pool1"]
@@ -154,4 +154,4 @@ def test_other_tools_have_no_payloads(tmp_path):
     assert "graded_spike_train has no counterpart in PyNN" in str(error.value)
     verdict = neuro.save_sonata(neuro.compile(net), tmp_path / "net.json")["out"]
     assert verdict.verdict == "approximate"
-    assert verdict.how.endswith("its spikes are written without their payloads")
+    assert verdict.how.endswith("spikes are written without payloads")

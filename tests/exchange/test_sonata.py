@@ -60,7 +60,7 @@ def test_a_shared_kernel_is_refused(tmp_path: Path) -> None:
     net.population("a", (4, 4), neuro.poisson_generator(rate=1.0))
     net.population("b", (2, "auto", "auto"), neuro.iaf_psc_exp())
     net.connect("a", "b", neuro.grid((3, 3)), name="sheet")
-    with pytest.raises(neuro.ModelError, match="one kernel for all its neurons"):
+    with pytest.raises(neuro.ModelError, match="its neurons share a kernel"):
         neuro.save_sonata(neuro.compile(net), tmp_path / "net.json")
     assert not list(tmp_path.iterdir())
 

@@ -1,1 +1,1 @@
-"""A network in a chip's integers as C for a microcontroller."""
+"""Export of a network, in the integers of an emulated chip, as C for a microcontroller."""

@@ -1,4 +1,4 @@
-"""Arrays as C: the narrowest type that holds the values, and the bytes that they take in flash and RAM."""
+"""Arrays as C in the narrowest type that holds the values, and the sizes of arrays in flash and RAM."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LARGEST_SCALE = 15
 
 
 def narrowest(low: int, high: int) -> np.dtype[np.integer]:
-    """The narrowest type that holds whole numbers from `low` to `high`, unsigned where either can be."""
+    """Return the narrowest type that holds whole numbers from `low` to `high`; unsigned if both kinds do."""
     for kind in TYPES:
         limits = np.iinfo(kind)
         if limits.min <= low and high <= limits.max:
@@ -28,7 +28,7 @@ def narrowest(low: int, high: int) -> np.dtype[np.integer]:
 
 
 def number(value: int) -> str:
-    """A whole number as a C constant of the type of its place, from 32 bits on with a suffix."""
+    """Return a whole number as a C constant. Numbers of more than 32 bits have the macro of a 64-bit type."""
     if -(2**31) < value < 2**31:
         return str(value)
     if value == -(2**31):
@@ -37,18 +37,18 @@ def number(value: int) -> str:
 
 
 def comment(text: str) -> str:
-    """A name of the user inside a comment."""
+    """Return a text that is safe inside a C comment: other characters than letters, digits and " _.,:()-" become _."""
     return "".join(
         letter if letter.isascii() and (letter.isalnum() or letter in " _.,:()-") else "_" for letter in text
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scaled:
-    """Whole numbers as `factor` times stored ones, so that these are narrow.
+class ScaledInts:
+    """Whole numbers as the product of a factor and smaller numbers, which need a narrower type.
 
     Attributes:
-        stored: in the narrowest type.
+        stored: the smaller numbers, in the narrowest type.
         factor: a power of two or its negative.
     """
 
@@ -56,21 +56,22 @@ class Scaled:
     factor: int
 
 
-def scaled(values: Ints) -> Scaled:
-    """Words with the power of two that all have in common taken out, and a sign if none is positive."""
-    together = int(np.bitwise_or.reduce(np.abs(values), initial=0))
-    shift = min((together & -together).bit_length() - 1, _LARGEST_SCALE) if together else 0
-    sign = -1 if together and values.max() <= 0 else 1
+def scaled(values: Ints) -> ScaledInts:
+    """Factor out the common power of two, and the sign if no value is positive, e.g. [-4, -8] = -4 * [1, 2]."""
+    all_bits = int(np.bitwise_or.reduce(np.abs(values), initial=0))
+    shift = min((all_bits & -all_bits).bit_length() - 1, _LARGEST_SCALE) if all_bits else 0
+    sign = -1 if all_bits and values.max() <= 0 else 1
     stored = sign * (values >> shift)
-    return Scaled(stored.astype(narrowest(int(stored.min(initial=0)), int(stored.max(initial=0)))), sign << shift)
+    return ScaledInts(stored.astype(narrowest(int(stored.min(initial=0)), int(stored.max(initial=0)))), sign << shift)
 
 
 @dataclass(slots=True)
 class Memory:
-    """Arrays of a network as declarations, and what they take.
+    """Declarations of the arrays of a network, and their sizes.
 
     Attributes:
-        flash, ram: bytes of constant arrays, and of others with the gaps between them, at most.
+        flash: bytes of all constant arrays.
+        ram: bytes of all other arrays and variables; an upper bound, which includes the gaps between them.
         lines: the declarations.
     """
 
@@ -79,7 +80,7 @@ class Memory:
     lines: list[str] = field(default_factory=list)
 
     def table(self, name: str, values: NDArray[np.integer], about: str, unsigned: bool = False) -> str:
-        """Declare constants; returns the name."""
+        """Declare an array of constants, and return its name. With `unsigned`, numbers of 32 bits are unsigned."""
         kind = narrowest(int(values.min(initial=0)), int(values.max(initial=0)))
         values = values.astype(np.dtype(np.uint32) if unsigned and kind == np.int32 else kind)
         self.flash += values.nbytes
@@ -88,41 +89,42 @@ class Memory:
         return name
 
     def entry(self, name: str, values: NDArray[np.integer], about: str) -> str:
-        """Return number i of some constants as text: what all have in common, or an entry of a table."""
+        """Return the text of element i of some constants: a number if all are equal, else an entry of a table."""
         if np.all(values == values.flat[:1]):
             return number(int(values.flat[0])) if values.size else "0"
         return f"{self.table(name, values, about)}[i]"
 
     def constants(self, name: str, kind: str, words: Sequence[str]) -> None:
-        """Declare constants of a type by their text."""
+        """Declare an array of constants from their texts."""
         self.lines += [f"static const {kind} {name}[{len(words)}] = {{", *_wrapped(words), "};"]
 
     def state(self, name: str, kind: str, size: int, about: str) -> str:
-        """Declare what a network changes; returns the name."""
-        self.ram += room_of(kind, size)
+        """Declare an array of variables, and return its name."""
+        self.ram += bytes_in_ram(kind, size)
         self.lines.append(f"static {kind} {name}[{size}]; /* {comment(about)} */")
         return name
 
     def variable(self, name: str, kind: str, about: str) -> str:
-        """Declare one number that a network changes; returns the name."""
-        self.ram += room_of(kind)
+        """Declare a variable, and return its name."""
+        self.ram += bytes_in_ram(kind)
         self.lines.append(f"static {kind} {name}; /* {comment(about)} */")
         return name
 
 
-def room_of(kind: str, size: int = 0) -> int:
-    """Bytes of an array of a C type, or of one number, at most: compilers let arrays and long numbers begin at 8 n."""
-    gap = 4 if size or bytes_of(kind) == 8 else 0
-    return -(-max(1, size) * bytes_of(kind) // 4) * 4 + gap
+def bytes_in_ram(kind: str, size: int = 0) -> int:
+    """Return an upper bound of the bytes of an array of a C type, or of a single number for size 0."""
+    # Compilers align arrays and numbers of 64 bits to 8 bytes.
+    gap = 4 if size or bytes_per_number(kind) == 8 else 0
+    return -(-max(1, size) * bytes_per_number(kind) // 4) * 4 + gap
 
 
-def bytes_of(kind: str) -> int:
-    """Bytes of a number of a C type."""
+def bytes_per_number(kind: str) -> int:
+    """Return the bytes of a number of a C type."""
     return next(dtype.itemsize for dtype, name in TYPES.items() if name == kind)
 
 
 def _wrapped(words: Sequence[str]) -> list[str]:
-    """Words with commas behind them, in lines."""
+    """Return lines of words, each followed by a comma."""
     lines, line = list[str](), "   "
     for word in words:
         if len(line) + len(word) + 2 > _LINE:

@@ -1,10 +1,10 @@
-"""The neurons of one population as C: their registers, their states, and one function that steps them all.
+"""The neurons of a population as C: state arrays, and a function that steps all neurons.
 
-Registers that all neurons share are written into the function; others are tables. What every step replaces is no state:
-of a current that keeps nothing no array is left.
+A register that all neurons share is a constant in the function; any other register is a table. Values that are replaced
+in every step need no array: a current without memory is a local variable.
 
-Neurons that compete are decided after their step. No chip has such groups: where a chip runs, its host decides them, by
-the voltages of the step and keyed draws for ties.
+Neurons that compete are decided after their step. No chip has such groups: on a chip, the host decides them by the
+voltages of the step, and breaks ties by keyed random draws.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ class Cells:
     """A population of a network.
 
     Attributes:
-        number: with which its names in C end.
-        fixed: its registers.
-        size: neurons.
-        first: the first of them among all of the network.
-        slots: of its ring: one more than the longest lag of what it receives.
-        receptors: rings that it has; 2 where a word may go to the second receptor.
-        slot: type of what a neuron receives in a step.
-        out: whether its spikes are output.
-        group: whether its neurons compete.
-        onto: numbers of the projections that it sends along.
-        noted: statements with which learning hears of TIMES spikes of neuron i.
+        number: index of the population, the suffix of its names in C.
+        fixed: the registers.
+        size: number of neurons.
+        first: index of the first neuron among all neurons of the network.
+        slots: slots of the input ring, one more than the longest lag of the projections to the population.
+        receptors: number of input rings: 2 if a weight may go to the second receptor, else 1.
+        slot_type: C type of a neuron's input in a step.
+        is_output: the spikes are output of the program.
+        competes: the neurons belong to a group.
+        projections: indices of the outgoing projections that are sent at once.
+        learning_statements: statements that report TIMES spikes of neuron i to learning projections.
     """
 
     number: int
@@ -49,22 +49,22 @@ class Cells:
     first: int
     slots: int
     receptors: int
-    slot: str
-    out: bool
-    group: bool
-    onto: tuple[int, ...]
-    noted: tuple[str, ...]
+    slot_type: str
+    is_output: bool
+    competes: bool
+    projections: tuple[int, ...]
+    learning_statements: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Stepped:
-    """What the neurons of a population are in C.
+class StepCode:
+    """The C code of a population.
 
     Attributes:
-        states: registers that a step leaves to the next, with the names of their arrays.
+        states: names of the state arrays by register.
         lines: the functions.
-        init: statements that put the states where they are at step 0, by register.
-        threshold: of neuron i.
+        init: statements that initialise the states, by register.
+        threshold: expression for the threshold of neuron i.
     """
 
     states: dict[str, str]
@@ -73,12 +73,12 @@ class Stepped:
     threshold: str = ""
 
 
-class Registers:
-    """The registers of a population as text of C, of neuron i.
+class PopulationCode:
+    """Builder of the C code of a population. Texts of registers are expressions for neuron i.
 
     Args:
         cells: the population.
-        memory: takes tables and states.
+        memory: declarations, to which tables and states are added.
     """
 
     def __init__(self, cells: Cells, memory: Memory) -> None:
@@ -88,71 +88,71 @@ class Registers:
         self._reset = list[str]()
 
     def text(self, name: str, values: Ints) -> str:
-        """A register: a number that all neurons share, or an entry of a table."""
+        """Return the text of a constant register: a number if all neurons share it, else an entry of a table."""
         return self._memory.entry(f"{name}_{self._cells.number}", values, f"{self._cells.fixed.name}: {name}")
 
     def state(self, register: str) -> str:
-        """A state register of 32 bits."""
+        """Return the text of a state register of 32 bits. A new register is declared."""
         at = f"{register}_{self._cells.number}[i]"
         if register in self._states:
             return at
         self._array(register, "int32_t")
         begins = self.text(f"{register}_begin", self._cells.fixed.initial.get(register, _NOTHING))
-        self._init[register] = _all(self._cells.size, f"{at} = {begins};")
+        self._init[register] = _loop_in_a_line(self._cells.size, f"{at} = {begins};")
         return at
 
     def hold(self, steps: Ints) -> str:
-        """The count of refractory steps that are left; "" where no neuron is ever refractory."""
+        """Declare the counter of refractory steps left, and return its text; "" if no neuron is ever refractory."""
         if steps.max() <= 0:
             return ""
         at = self._array("hold", TYPES[narrowest(0, int(steps.max()))])
-        self._init["hold"] = _all(self._cells.size, f"{at} = 0;")
+        self._init["hold"] = _loop_in_a_line(self._cells.size, f"{at} = 0;")
         self._reset.append(f"{at} = {self.text('refractory', np.maximum(steps, 0))};")
         return at
 
-    def falls(self, v: str, to: str) -> None:
-        """Say what a spike does to the voltage: it goes to a value, or falls by one where a register says so."""
+    def reset_voltage(self, v: str, to: str) -> None:
+        """Let a spike set the voltage `v` to the value `to`, or lower it by the register `fall` if that is not 0."""
         fall = self._cells.fixed.registers.get("fall", _NOTHING)
-        here, by = f"{v} = {to};", self.text("fall", fall)
+        statement, by = f"{v} = {to};", self.text("fall", fall)
         if fall.all():
-            here = f"{v} -= {by};"
+            statement = f"{v} -= {by};"
         elif fall.any():
-            here = f"{v} = {by} == 0 ? {to} : {v} - {by};"
-        self._reset.insert(0, here)
+            statement = f"{v} = {by} == 0 ? {to} : {v} - {by};"
+        self._reset.insert(0, statement)
 
-    def stepped(self, before: Sequence[str], threshold: str, body: Sequence[str]) -> Stepped:
-        """The population, when all of its registers have a text.
+    def step_at_threshold(self, before: Sequence[str], threshold: str, body: Sequence[str]) -> StepCode:
+        """Return the code of neurons that fire at a threshold. All registers must have been declared before.
 
         Args:
             before: statements before the loop over neurons.
-            threshold: of neuron i.
-            body: what a neuron does; it calls `fire(i)` at threshold.
+            threshold: expression for the threshold of neuron i.
+            body: statements for neuron i; they call `fire(i)` at threshold.
         """
         k, size = self._cells.number, self._cells.size
-        lines = function(f"static void reset_{k}(uint32_t i)", self._reset) if self._cells.group else []
-        reset = [f"reset_{k}(i);"] if self._cells.group else self._reset
-        lines += function(f"static void fire_{k}(uint32_t i)", [*reset, *sent(self._cells, "1u")])
-        begins, reached = [], f"fire_{k}(i);"
-        if self._cells.group:
+        lines = function(f"static void reset_{k}(uint32_t i)", self._reset) if self._cells.competes else []
+        reset = [f"reset_{k}(i);"] if self._cells.competes else self._reset
+        lines += function(f"static void fire_{k}(uint32_t i)", [*reset, *emit_statements(self._cells, "1u")])
+        begins, at_threshold = [], f"fire_{k}(i);"
+        if self._cells.competes:
             fired = self._memory.state(f"fired_{k}", "uint8_t", size, f"{self._cells.fixed.name}: above threshold")
-            begins, reached = [f"{fired}[i] = 0;"], f"{fired}[i] = 1;"
-        text = [line.replace("fire(i);", reached) for line in _loop(size, [*begins, *body])]
+            begins, at_threshold = [f"{fired}[i] = 0;"], f"{fired}[i] = 1;"
+        text = [line.replace("fire(i);", at_threshold) for line in _loop(size, [*begins, *body])]
         lines += function(f"static void step_{k}(void)", [*before, *text])
-        return Stepped(self._states, lines, self._init, threshold)
+        return StepCode(self._states, lines, self._init, threshold)
 
-    def sending(self, before: Sequence[str], body: Sequence[str], payload: str) -> Stepped:
-        """A population whose neurons send numbers, and reset themselves in their step.
+    def step_that_sends(self, before: Sequence[str], body: Sequence[str], payload: str) -> StepCode:
+        """Return the code of neurons that send numbers. The body resets the neuron.
 
         Args:
             before: statements before the loop over neurons.
-            body: what a neuron does.
-            payload: what it then sends, as an unsigned number; nothing where that is 0.
+            body: statements for neuron i.
+            payload: expression for the unsigned number that the neuron then sends; 0 sends nothing.
         """
         k = self._cells.number
-        lines = function(f"static void fire_{k}(uint32_t i, uint32_t times)", sent(self._cells, "times"))
+        lines = function(f"static void fire_{k}(uint32_t i, uint32_t times)", emit_statements(self._cells, "times"))
         body = [*body, f"uint32_t payload = {payload};", f"if (payload != 0) fire_{k}(i, payload);"]
         lines += function(f"static void step_{k}(void)", [*before, *_loop(self._cells.size, body)])
-        return Stepped(self._states, lines, self._init)
+        return StepCode(self._states, lines, self._init)
 
     def _array(self, register: str, kind: str) -> str:
         name = f"{register}_{self._cells.number}"
@@ -162,92 +162,99 @@ class Registers:
         return f"{name}[i]"
 
 
-def loihi_lif(cells: Cells, memory: Memory) -> Stepped:
+def loihi_lif(cells: Cells, memory: Memory) -> StepCode:
     """Compartments of Loihi 1, see `neuro.model.neurons.loihi_lif`."""
-    r, own = cells.fixed.registers, Registers(cells, memory)
-    v, keep = own.state("v"), 4095 - r["du"]
-    u = own.state("u") if keep.any() else ""
-    hold = own.hold(r["refractory"] - 1)
-    own.falls(v, "0")
-    lowest = number(shared(r, "v_min") if "v_min" in r else -(2**23) + 1)
-    bias, leak = own.text("bias", r["bias_mant"] << r["bias_exp"]), own.text("keep_v", 4096 - r["dv"])
-    body = [f"int32_t u = next_u({u or '0'}, {own.text('keep_u', keep)}, in[i]);", *([f"{u} = u;"] if u else [])]
+    registers, code = cells.fixed.registers, PopulationCode(cells, memory)
+    v, keep = code.state("v"), 4095 - registers["du"]
+    u = code.state("u") if keep.any() else ""
+    hold = code.hold(registers["refractory"] - 1)
+    code.reset_voltage(v, "0")
+    lowest = number(shared(registers, "v_min") if "v_min" in registers else -(2**23) + 1)
+    bias = code.text("bias", registers["bias_mant"] << registers["bias_exp"])
+    leak = code.text("keep_v", 4096 - registers["dv"])
+    body = [f"int32_t u = next_u({u or '0'}, {code.text('keep_u', keep)}, in[i]);", *([f"{u} = u;"] if u else [])]
     body += ["in[i] = 0;"]
     free = [f"{v} = next_v({v}, {leak}, u, {bias}, {lowest});"]
-    threshold = own.text("threshold", r["vth"] * 64)
+    threshold = code.text("threshold", registers["vth"] * 64)
     free += [f"if ({v} > {threshold}) {{", "    fire(i);", "}"]
-    return own.stepped([arriving(cells)], threshold, body + _unless(hold, free, [f"{v} = 0;"]))
+    return code.step_at_threshold(
+        [input_declaration(cells)], threshold, body + _if_refractory(hold, free, [f"{v} = 0;"])
+    )
 
 
-def spinnaker_lif(cells: Cells, memory: Memory) -> Stepped:
+def spinnaker_lif(cells: Cells, memory: Memory) -> StepCode:
     """SpiNNaker's exponential neurons, see `neuro.model.neurons.spinnaker_lif`."""
-    r, own = cells.fixed.registers, Registers(cells, memory)
-    v, exc, inh = own.state("v"), own.state("g_exc"), own.state("g_inh")
-    hold = own.hold(r["t_refract"])
-    own.falls(v, own.text("v_reset", r["v_reset"]))
+    registers, code = cells.fixed.registers, PopulationCode(cells, memory)
+    v, exc, inh = code.state("v"), code.state("g_exc"), code.state("g_inh")
+    hold = code.hold(registers["t_refract"])
+    code.reset_voltage(v, code.text("v_reset", registers["v_reset"]))
     body, slots = [], ("in[i]", "below[i]" if cells.receptors == 2 else "0")
     for g, word, slot in ((exc, "exc", slots[0]), (inh, "inh", slots[1])):
-        decay, init = (own.text(f"{word}_{what}", r[f"{word}_{what}"]) for what in ("decay", "init"))
-        body += [f"{g} = next_g({g}, {decay}, {slot}, {r[f'{word}_shift'][0]}, {init});"]
+        decay, init = (code.text(f"{word}_{what}", registers[f"{word}_{what}"]) for what in ("decay", "init"))
+        body += [f"{g} = next_g({g}, {decay}, {slot}, {registers[f'{word}_shift'][0]}, {init});"]
     body += [f"{slot} = 0;" for slot in slots[: cells.receptors]]
-    drive = f"(int64_t){exc} - {inh} + {own.text('bias', r['i_offset'])}"
-    words = (own.text(word, r[name]) for word, name in (("r_m", "r_m"), ("v_rest", "v_rest"), ("keep_v", "exp_tc")))
-    body += _unless(hold, [f"{v} = next_v({v}, {drive}, {', '.join(words)});"], [])
+    drive = f"(int64_t){exc} - {inh} + {code.text('bias', registers['i_offset'])}"
+    words = (
+        code.text(word, registers[name]) for word, name in (("r_m", "r_m"), ("v_rest", "v_rest"), ("keep_v", "exp_tc"))
+    )
+    body += _if_refractory(hold, [f"{v} = next_v({v}, {drive}, {', '.join(words)});"], [])
     # A refractory neuron is compared as well, as in the machine's code.
-    threshold = own.text("threshold", r["v_thresh"])
+    threshold = code.text("threshold", registers["v_thresh"])
     body += [f"if ({v} >= {threshold}) {{", "    fire(i);", "}"]
-    return own.stepped([arriving(cells)], threshold, body)
+    return code.step_at_threshold([input_declaration(cells)], threshold, body)
 
 
-def spinnaker_delta(cells: Cells, memory: Memory) -> Stepped:
+def spinnaker_delta(cells: Cells, memory: Memory) -> StepCode:
     """Neurons with delta input in SpiNNaker's arithmetic."""
-    r, own = cells.fixed.registers, Registers(cells, memory)
-    v, hold = own.state("v"), own.hold(r["t_refract"])
-    own.falls(v, own.text("v_reset", r["v_reset"]))
+    registers, code = cells.fixed.registers, PopulationCode(cells, memory)
+    v, hold = code.state("v"), code.hold(registers["t_refract"])
+    code.reset_voltage(v, code.text("v_reset", registers["v_reset"]))
     slots = ("in[i]", "below[i]")[: cells.receptors]
     inputs = [
-        f"((int64_t){slot} << {r[f'{word}_shift'][0]})" for slot, word in zip(slots, ("exc", "inh"), strict=False)
+        f"((int64_t){slot} << {registers[f'{word}_shift'][0]})"
+        for slot, word in zip(slots, ("exc", "inh"), strict=False)
     ]
-    lowest = number(shared(r, "v_min") if "v_min" in r else -(2**31) + 1)
+    lowest = number(shared(registers, "v_min") if "v_min" in registers else -(2**31) + 1)
     words = (
-        own.text(word, r[name]) for word, name in (("bias", "i_offset"), ("v_rest", "v_rest"), ("keep_v", "exp_tc"))
+        code.text(word, registers[name])
+        for word, name in (("bias", "i_offset"), ("v_rest", "v_rest"), ("keep_v", "exp_tc"))
     )
     body = [f"int64_t input = {' - '.join(inputs)};", *(f"{slot} = 0;" for slot in slots)]
     free = [f"{v} = next_v_delta({v}, input, {', '.join(words)}, {lowest});"]
-    threshold = own.text("threshold", r["v_thresh"])
+    threshold = code.text("threshold", registers["v_thresh"])
     free += [f"if ({v} >= {threshold}) {{", "    fire(i);", "}"]
-    return own.stepped([arriving(cells)], threshold, body + _unless(hold, free, []))
+    return code.step_at_threshold([input_declaration(cells)], threshold, body + _if_refractory(hold, free, []))
 
 
-def relay(cells: Cells, memory: Memory) -> Stepped:
-    """Parrots: as many spikes as arrived; on a chip whose spikes are one bit one of them."""
+def relay(cells: Cells, memory: Memory) -> StepCode:
+    """Parrot neurons, which repeat the spikes of a step; as a single spike on a chip whose spikes have one bit."""
     body = ["uint16_t times = in[i];", "in[i] = 0;"]
-    return Registers(cells, memory).sending([arriving(cells)], body, "spikes(times)")
+    return PopulationCode(cells, memory).step_that_sends([input_declaration(cells)], body, "spikes(times)")
 
 
-def arriving(cells: Cells) -> str:
-    """The declaration of what arrives in this step."""
-    k, plane = cells.number, cells.slots * cells.size
-    here = f"{cells.slot} *in = ring_{k} + at_{k} * {cells.size}u"
-    return f"{here}, *below = in + {plane};" if cells.receptors == 2 else f"{here};"
+def input_declaration(cells: Cells) -> str:
+    """Return the declaration of the inputs of this step: `in`, and `below` for the second receptor."""
+    k, ring_size = cells.number, cells.slots * cells.size
+    declaration = f"{cells.slot_type} *in = ring_{k} + at_{k} * {cells.size}u"
+    return f"{declaration}, *below = in + {ring_size};" if cells.receptors == 2 else f"{declaration};"
 
 
-def sent(cells: Cells, times: str) -> list[str]:
-    """Statements with which neuron i emits."""
-    lines = [f"emit({cells.first}u + i, {times}, {int(cells.out)});"]
-    noted = (line.replace("TIMES", times) for line in cells.noted)
-    return [*lines, *(f"send_{q}(i, {times});" for q in cells.onto), *noted]
+def emit_statements(cells: Cells, times: str) -> list[str]:
+    """Return the statements that emit a spike of neuron i."""
+    lines = [f"emit({cells.first}u + i, {times}, {int(cells.is_output)});"]
+    learning = (line.replace("TIMES", times) for line in cells.learning_statements)
+    return [*lines, *(f"send_{q}(i, {times});" for q in cells.projections), *learning]
 
 
-def _unless(hold: str, free: Sequence[str], held: Iterable[str]) -> list[str]:
-    """What a neuron does that is not refractory, and one that is."""
+def _if_refractory(hold: str, active: Sequence[str], refractory: Iterable[str]) -> list[str]:
+    """Return a branch for active and refractory neurons; only the active one if no neuron is ever refractory."""
     if not hold:
-        return list(free)
-    return [f"if ({hold} != 0) {{", *indented([f"{hold}--;", *held]), "} else {", *indented(free), "}"]
+        return list(active)
+    return [f"if ({hold} != 0) {{", *indented([f"{hold}--;", *refractory]), "} else {", *indented(active), "}"]
 
 
 def shared(registers: Mapping[str, Ints], name: str) -> int:
-    """A register that all neurons share; 0 where there is none."""
+    """Return the value of a register that all neurons share, or 0 if there is no such register."""
     return int(registers[name][0]) if name in registers else 0
 
 
@@ -255,126 +262,129 @@ def _loop(size: int, body: Iterable[str]) -> list[str]:
     return [f"for (uint32_t i = 0; i < {size}u; i++) {{", *indented(body), "}"]
 
 
-def _all(size: int, statement: str) -> str:
+def _loop_in_a_line(size: int, statement: str) -> str:
     return f"for (uint32_t i = 0; i < {size}u; i++) {statement}"
 
 
 def indented(lines: Iterable[str]) -> list[str]:
-    """Lines inside a block."""
+    """Indent the lines of a block."""
     return [f"    {line}" for line in lines]
 
 
 def function(head: str, body: Iterable[str]) -> list[str]:
-    """A function by its head and its statements."""
+    """Return the lines of a function with a head and a body."""
     return [head, "{", *indented(body), "}", ""]
 
 
-def loihi2_lif(cells: Cells, memory: Memory) -> Stepped:
+def loihi2_lif(cells: Cells, memory: Memory) -> StepCode:
     """Neurons with a threshold, see `neuro.model.neurons.loihi2_lif`."""
-    own = Registers(cells, memory)
-    body, begins = _integrated(cells, own)
-    v, threshold = own.state("v"), own.text("threshold", cells.fixed.registers["vth"] * 64)
-    own.falls(v, "0")
-    return own.stepped(begins, threshold, [*body, f"if ({v} > {threshold}) {{", "    fire(i);", "}"])
+    code = PopulationCode(cells, memory)
+    body, begins = _integrated(cells, code)
+    v, threshold = code.state("v"), code.text("threshold", cells.fixed.registers["vth"] * 64)
+    code.reset_voltage(v, "0")
+    return code.step_at_threshold(begins, threshold, [*body, f"if ({v} > {threshold}) {{", "    fire(i);", "}"])
 
 
-def loihi2_ternary_lif(cells: Cells, memory: Memory) -> Stepped:
-    """Neurons with two thresholds, which send signs."""
-    r, own = cells.fixed.registers, Registers(cells, memory)
-    body, begins = _integrated(cells, own)
-    v = own.state("v")
-    high, low = (own.text(word, r[word] * 64) for word in ("vth_hi", "vth_lo"))
+def loihi2_ternary_lif(cells: Cells, memory: Memory) -> StepCode:
+    """Neurons with an upper and a lower threshold, which send +1 and -1."""
+    registers, code = cells.fixed.registers, PopulationCode(cells, memory)
+    body, begins = _integrated(cells, code)
+    v = code.state("v")
+    high, low = (code.text(word, registers[word] * 64) for word in ("vth_hi", "vth_lo"))
     body += [f"int32_t sign = ({v} > {high}) - ({v} < {low});", f"if (sign != 0) {v} = 0;"]
-    return own.sending(begins, body, "(uint32_t)sign")
+    return code.step_that_sends(begins, body, "(uint32_t)sign")
 
 
-def _integrated(cells: Cells, own: Registers) -> tuple[list[str], list[str]]:
-    """The current and the voltage of neuron i; and what is done before the loop over all."""
-    r = cells.fixed.registers
-    v, keep = own.state("v"), 4095 - r["du"]
-    u = own.state("u") if keep.any() else ""
-    begins, interval = [arriving(cells)], shared(r, "reset_interval")
+def _integrated(cells: Cells, code: PopulationCode) -> tuple[list[str], list[str]]:
+    """Return the statements that update current and voltage of neuron i, and those before the loop over neurons."""
+    registers = cells.fixed.registers
+    v, keep = code.state("v"), 4095 - registers["du"]
+    u = code.state("u") if keep.any() else ""
+    begins, interval = [input_declaration(cells)], shared(registers, "reset_interval")
     if interval:
         arrays = [each.removesuffix("[i]") for each in (v, u) if each]
-        test = f"if (now % {interval}u == {shared(r, 'reset_offset') % interval}u) {{"
+        test = f"if (now % {interval}u == {shared(registers, 'reset_offset') % interval}u) {{"
         begins += [test, *(f"    memset({each}, 0, sizeof {each});" for each in arrays), "}"]
-    bias, leak = own.text("bias", r["bias_mant"] << r["bias_exp"]), own.text("keep_v", 4096 - r["dv"])
-    body = [f"int32_t u = next_u({u or '0'}, {own.text('keep_u', keep)}, in[i]);", *([f"{u} = u;"] if u else [])]
+    bias = code.text("bias", registers["bias_mant"] << registers["bias_exp"])
+    leak = code.text("keep_v", 4096 - registers["dv"])
+    body = [f"int32_t u = next_u({u or '0'}, {code.text('keep_u', keep)}, in[i]);", *([f"{u} = u;"] if u else [])]
     return [*body, "in[i] = 0;", f"{v} = next_v({v}, {leak}, u, {bias});"], begins
 
 
-def sigma_delta(cells: Cells, memory: Memory) -> Stepped:
-    """Sums of messages, their activations, and the changes of these."""
-    r, own = cells.fixed.registers, Registers(cells, memory)
-    sigma = own.state("sigma")
-    bias = own.text("bias", r["bias"])
+def sigma_delta(cells: Cells, memory: Memory) -> StepCode:
+    """Neurons that sum messages, apply an activation function, and send its changes."""
+    registers, code = cells.fixed.registers, PopulationCode(cells, memory)
+    sigma = code.state("sigma")
+    bias = code.text("bias", registers["bias"])
     body = [f"int32_t y = plus({sigma} = plus({sigma}, wrap32(in[i])), {bias});"]
-    return _encoding(cells, own, [*body, *(["if (y < 0) y = 0;"] if shared(r, "relu") else [])])
+    return _encoding(cells, code, [*body, *(["if (y < 0) y = 0;"] if shared(registers, "relu") else [])])
 
 
-def delta_encoder(cells: Cells, memory: Memory) -> Stepped:
-    """Changes of what arrives."""
+def delta_encoder(cells: Cells, memory: Memory) -> StepCode:
+    """Neurons that send the changes of their input."""
     exponent = sum(shared(cells.fixed.registers, word) for word in ("spike_exp", "state_exp"))
-    return _encoding(cells, Registers(cells, memory), [f"int32_t y = scaled(in[i], {exponent}u);"])
+    return _encoding(cells, PopulationCode(cells, memory), [f"int32_t y = scaled(in[i], {exponent}u);"])
 
 
-def _encoding(cells: Cells, own: Registers, body: Sequence[str]) -> Stepped:
-    r = cells.fixed.registers
-    states = ("act", "residue", *(["error"] if shared(r, "cum_error") else []))
-    places = [f"&{own.state(word)}" for word in states] + ["NULL"]
-    words = f"{', '.join(places[:3])}, y, {own.text('vth', r['vth'])}, {shared(r, 'state_exp')}u"
-    return own.sending([arriving(cells)], [*body, "in[i] = 0;"], f"encoded({words})")
+def _encoding(cells: Cells, code: PopulationCode, body: Sequence[str]) -> StepCode:
+    registers = cells.fixed.registers
+    states = ("act", "residue", *(["error"] if shared(registers, "cum_error") else []))
+    places = [f"&{code.state(word)}" for word in states] + ["NULL"]
+    words = f"{', '.join(places[:3])}, y, {code.text('vth', registers['vth'])}, {shared(registers, 'state_exp')}u"
+    return code.step_that_sends([input_declaration(cells)], [*body, "in[i] = 0;"], f"encoded({words})")
 
 
-def sigma_decoder(cells: Cells, memory: Memory) -> Stepped:
-    """Sums of messages, sent as they are."""
-    own = Registers(cells, memory)
-    sigma = own.state("sigma")
+def sigma_decoder(cells: Cells, memory: Memory) -> StepCode:
+    """Neurons that send the sum of all messages so far in every step."""
+    code = PopulationCode(cells, memory)
+    sigma = code.state("sigma")
     body = [f"{sigma} = plus({sigma}, wrap32(in[i]));", "in[i] = 0;"]
-    return own.sending([arriving(cells)], body, f"(uint32_t){sigma}")
+    return code.step_that_sends([input_declaration(cells)], body, f"(uint32_t){sigma}")
 
 
-def graded_vector(cells: Cells, memory: Memory) -> Stepped:
-    """What arrives, where it is large enough."""
-    r, own = cells.fixed.registers, Registers(cells, memory)
+def graded_vector(cells: Cells, memory: Memory) -> StepCode:
+    """Neurons that send every input above a threshold."""
+    registers, code = cells.fixed.registers, PopulationCode(cells, memory)
     body = ["int32_t input = wrap32(in[i]);", "in[i] = 0;"]
-    words = f"input, {own.text('vth', r['vth'])}, {int(not shared(r, 'relu'))}"
-    return own.sending([arriving(cells)], body, f"passed({words})")
+    words = f"input, {code.text('vth', registers['vth'])}, {int(not shared(registers, 'relu'))}"
+    return code.step_that_sends([input_declaration(cells)], body, f"passed({words})")
 
 
-def graded_product(cells: Cells, memory: Memory) -> Stepped:
-    """The product of what arrives at both receptors, where it is large enough."""
-    r, own = cells.fixed.registers, Registers(cells, memory)
+def graded_product(cells: Cells, memory: Memory) -> StepCode:
+    """Neurons that send the product of the inputs of both receptors if it exceeds a threshold."""
+    registers, code = cells.fixed.registers, PopulationCode(cells, memory)
     slots = ("in[i]", "below[i]")[: cells.receptors]
     body = [
         f"int32_t product = wrap32((int64_t)({' * '.join([*slots, '0u'][:2])}));",
         *(f"{slot} = 0;" for slot in slots),
     ]
-    words = f"(int32_t)floor_shift(product, {shared(r, 'exp')}u), {own.text('vth', r['vth'])}, 1"
-    return own.sending([arriving(cells)], body, f"passed({words})")
+    words = f"(int32_t)floor_shift(product, {shared(registers, 'exp')}u), {code.text('vth', registers['vth'])}, 1"
+    return code.step_that_sends([input_declaration(cells)], body, f"passed({words})")
 
 
-def resonator(fires: Callable[[str, str, str], tuple[str, str]]) -> Callable[[Cells, Memory], Stepped]:
-    """Neurons whose state turns.
+def resonator(fires: Callable[[str, str, str], tuple[str, str]]) -> Callable[[Cells, Memory], StepCode]:
+    """Return the function that writes resonate-and-fire neurons, whose complex state rotates.
 
     Args:
-        fires: gives the test whether one fires, and what follows, from the texts of its real and its imaginary part,
-            and of its threshold; `before` is the old imaginary part.
+        fires: returns the test for a spike and the reset, from the texts of the real part, the imaginary part and the
+            threshold. `before` is the imaginary part of the previous step.
     """
 
-    def stepped(cells: Cells, memory: Memory) -> Stepped:
-        r, own = cells.fixed.registers, Registers(cells, memory)
-        real, imag = own.state("real"), own.state("imag")
-        exponent = shared(r, "state_exp")
-        test, reset = fires(real, imag, own.text("threshold", r["vth"]))
+    def write(cells: Cells, memory: Memory) -> StepCode:
+        registers, code = cells.fixed.registers, PopulationCode(cells, memory)
+        real, imag = code.state("real"), code.state("imag")
+        exponent = shared(registers, "state_exp")
+        test, reset = fires(real, imag, code.text("threshold", registers["vth"]))
         slots = ("in[i]", "below[i]")[: cells.receptors]
         inputs = [f"scaled({slot}, {exponent}u)" for slot in slots] + ["0"]
-        factors = ", ".join(own.text(word, r[word]) for word in ("cos_decay", "sin_decay"))
+        factors = ", ".join(code.text(word, registers[word]) for word in ("cos_decay", "sin_decay"))
         body = [f"int32_t before = {imag};", f"turn(&{real}, &{imag}, {factors}, {inputs[0]}, {inputs[1]});"]
         body += [*(f"{slot} = 0;" for slot in slots), f"uint32_t fires = {test};", "(void)before;"]
-        return own.sending([arriving(cells)], [*body, *([f"if (fires) {reset}"] if reset else [])], "fires")
+        return code.step_that_sends(
+            [input_declaration(cells)], [*body, *([f"if (fires) {reset}"] if reset else [])], "fires"
+        )
 
-    return stepped
+    return write
 
 
 loihi2_rf = resonator(lambda real, imag, vth: (f"{real} >= {vth} && {imag} >= 0 && before < 0", ""))
@@ -382,46 +392,47 @@ loihi2_rf_iz = resonator(lambda real, imag, vth: (f"{imag} >= {vth}", f"{real} =
 
 
 SUPPORTED = (winner_take_all, lateral_reset)
+"""Kinds of groups that are written as C."""
 
 
 def decide(program: Program, index: int, cells: Cells, threshold: str, memory: Memory) -> tuple[list[str], list[str]]:
-    """The functions of a group, and the statements that open it.
+    """Return the functions that decide a group, and the statements that open the group at the start of a trial.
 
     Args:
-        program: has the group.
-        index: of the group.
-        cells: the population.
-        threshold: of neuron i, as text of C.
-        memory: takes its state.
+        program: the program with the group.
+        index: index of the group.
+        cells: the population of the group.
+        threshold: C expression for the threshold of neuron i.
+        memory: declarations, to which the group's state is added.
     """
     group, k = program.groups[index], cells.number
     choice, opened, shape = group.choice, list[str](), program.populations[group.population].shape
     alone = isinstance(choice, lateral_reset) and shape[choice.axis] == 1
     tie = keyed_random.key(program.seed, "tie", group.name)
-    # The neuron of the largest margin; of equal ones that of the larger draw.
+    # The neuron with the largest distance from threshold wins. A random draw breaks ties.
     best = filled("c_code/network/best.c", k=k, none=f"{cells.size}u", tie=tie, threshold=threshold)
     lines = [] if alone else best.splitlines()
     lines += [f"static void decide_{k}(void)", "{"]
     if isinstance(choice, lateral_reset):
-        # Compilers take the loop over rivals of one neuron for one that leaves its array.
-        lines += [] if alone else _rivals(cells, shape[choice.axis], math.prod(shape[choice.axis + 1 :]))
+        # A loop over the rivals of a single neuron makes compilers warn of an index out of range.
+        lines += [] if alone else _lateral_reset(cells, shape[choice.axis], math.prod(shape[choice.axis + 1 :]))
     else:
         once = isinstance(choice, winner_take_all) and choice.first_to_fire
         if once:
             closed = memory.variable(f"closed_{k}", "uint8_t", f"{group.name}: whether it has decided")
             opened = [f"{closed} = 0;"]
-        lines += _one(cells, once)
+        lines += _winner_take_all(cells, once)
     fires = [f"    for (uint32_t i = 0; i < {cells.size}u; i++) {{", f"        if (fired_{k}[i]) fire_{k}(i);", "    }"]
     return [*lines, *fires, "}", ""], opened
 
 
 def supports(choice: object) -> bool:
-    """Whether groups of a kind are written as C."""
+    """Return whether groups of a kind are written as C."""
     return isinstance(choice, SUPPORTED)
 
 
-def _one(cells: Cells, once: bool) -> list[str]:
-    """Winner take all: with `first_to_fire` the others stay at threshold, and the group is closed."""
+def _winner_take_all(cells: Cells, once: bool) -> list[str]:
+    """Return the statements of winner take all. With `once`, losers are not reset, and the group closes."""
     k, size = cells.number, cells.size
     lines = [f"    uint32_t best = best_{k}(0, {size}u, 1);"]
     lose = f"fired_{k}[i] = 0;" if once else f"fired_{k}[i] = 0, reset_{k}(i);"
@@ -431,14 +442,17 @@ def _one(cells: Cells, once: bool) -> list[str]:
     return [*lines, *([f"    if (best < {size}u) closed_{k} = 1;"] if once else [])]
 
 
-def _rivals(cells: Cells, rivals: int, apart: int) -> list[str]:
-    """Lateral reset: of each set of rivals the best fires, and all others are reset."""
+def _lateral_reset(cells: Cells, rivals: int, stride: int) -> list[str]:
+    """Return the statements of lateral reset: the best of each set of rivals fires, and all others are reset.
+
+    Neurons of a set are `stride` apart: 0, 2 and 4 for three rivals and a stride of 2.
+    """
     k, size = cells.number, cells.size
     return [
         f"    for (uint32_t first = 0; first < {size}u; first++) {{",
-        f"        if (first / {apart}u % {rivals}u != 0) continue;",
-        f"        uint32_t last = first + {rivals * apart}u, best = best_{k}(first, last, {apart}u);",
-        f"        for (uint32_t i = first; best < {size}u && i < last; i += {apart}u) {{",
+        f"        if (first / {stride}u % {rivals}u != 0) continue;",
+        f"        uint32_t last = first + {rivals * stride}u, best = best_{k}(first, last, {stride}u);",
+        f"        for (uint32_t i = first; best < {size}u && i < last; i += {stride}u) {{",
         f"            if (i != best) fired_{k}[i] = 0, reset_{k}(i);",
         "        }",
         "    }",

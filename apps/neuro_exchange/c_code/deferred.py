@@ -1,6 +1,6 @@
-"""SpiNNaker's plastic synapses as C, which wait for the next spike of their source, see `network/deferred.c`.
+"""SpiNNaker's plastic synapses as C, updated only when their source spikes, see `network/deferred.c`.
 
-Projections onto one population share a rule, and so its history of events and its tables.
+All plastic projections onto a population share the rule, with the history of events and the tables.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ _NUMBERS = {"low": sr.LOW, "high": sr.HIGH, "up": sr.UP, "down": sr.DOWN, "gain"
 _NUMBERS |= {"up_triplet": sr.UP_TRIPLET, "down_triplet": sr.DOWN_TRIPLET}
 _NUMBERS |= {"taught_low": sr.TAUGHT_LOW, "taught_high": sr.TAUGHT_HIGH}
 _PER_LEVEL = 8
-"""Numbers of a signal from one level of dopamine to the next, at least."""
+"""Smallest number of integers of a signal from one level of dopamine to the next."""
 _APART = 2.0**-24
-"""Distance below which the value of a number may be taken for one between two levels, in halves of s4.11."""
+"""Distance, in halves of s4.11, below which a value may lie half-way between two levels."""
 _BITS, _HALVES = 62, 18
 """Bits of a product, and of the largest value in halves of s4.11."""
 
 
 class History:
-    """The rule of all that learns onto a population: its tables, its events, and the functions that use them.
+    """Builder of the C code of a rule, which all plastic projections onto a population share.
 
     Args:
-        program: has the population.
-        index: of the first projection, with which names in C end.
-        wires: of the projection.
-        memory: takes tables and states.
+        program: the program with the population.
+        index: index of the first of these projections, the suffix of names in C.
+        wires: the rule of the projection.
+        memory: declarations, to which tables and states are added.
     """
 
     def __init__(self, program: Program, index: int, wires: FixedProjection, memory: Memory) -> None:
@@ -52,7 +52,7 @@ class History:
         flags |= {"mult": multiplies, "add": not multiplies, "lowers": not vogels}
         flags |= {"lowmult": multiplies and not vogels, "lowadd": not multiplies and not vogels}
         flags |= {"sent": part.dopamine >= 0, "signal": part.signal >= 0}
-        self._flags = {word for word, holds in flags.items() if holds}
+        self._flags = {word for word, is_set in flags.items() if is_set}
         self._words: dict[str, object] = {"k": index, "onto": comment(name), "size": size}
         for word, k in _TABLES.items():
             first, length, shift = self.rule.places[k].tolist()
@@ -60,17 +60,16 @@ class History:
                 table = memory.table(f"{word}_{index}", self.rule.table[first : first + length], f"{name}: {word}")
                 self._words[word] = f"{table}, {length}u, {shift}u"
         self._words |= {word: number(int(c[column])) for word, column in _NUMBERS.items()}
-        at, moved = f"{index}[j * 16u + k]", "c" if self.taught else "w"
-        self._words |= {"moved": moved, "pre_triplet": "fine(x, r2)" if triplet else "0"}
-        self._words["post_triplet"] = f"fine(x, slow_{at})" if triplet else "0"
+        self._words |= {"moved": "c" if self.taught else "w", "pre_triplet": "fine(x, r2)" if triplet else "0"}
+        self._words["post_triplet"] = f"fine(x, slow_{index}[j * 16u + k])" if triplet else "0"
         self.init = [f"memset({array}_{index}, 0, sizeof {array}_{index});" for array in self._arrays(size)]
         self.init.append(f"memset(count_{index}, 1, sizeof count_{index});")
-        self._each = part.dopamine >= 0 and part.dopamine_one_to_one
+        self._is_one_to_one = part.dopamine >= 0 and part.dopamine_one_to_one
         if part.dopamine >= 0:
-            self._words |= {"due": "j" if self._each else "0", "concentration": self.rule.concentrations[0]}
+            self._words |= {"due": "j" if self._is_one_to_one else "0", "concentration": self.rule.concentrations[0]}
 
     def _arrays(self, size: int) -> Iterable[str]:
-        """Declare the states; yield the names of those that begin at 0."""
+        """Declare the states, and yield the names of those that start at 0."""
         dopamine = size if self.part.dopamine_one_to_one else 1
         arrays = [("", "count", "uint8_t", size), ("", "times", "uint32_t", 16 * size), ("", "heard", "uint8_t", size)]
         arrays += [("traced", "fast", "int16_t", 16 * size), ("triplet", "slow", "int16_t", 16 * size)]
@@ -82,15 +81,15 @@ class History:
                 if word != "count":
                     yield word
 
-    def heard_from(self, k: int) -> list[str]:
-        """Statements with which the post neurons hear of a spike of neuron i of a population."""
+    def spike_statements(self, k: int) -> list[str]:
+        """Return the statements that report a spike of neuron i of population k to the target neurons."""
         lines = [f"heard_{self.index}[i] = 1;"] if self.part.target == k else []
         if self.part.dopamine == k:
-            lines.append(f"count(due_{self.index}{' + i' if self._each else ''}, TIMES);")
+            lines.append(f"count(due_{self.index}{' + i' if self._is_one_to_one else ''}, TIMES);")
         return lines
 
-    def level_by(self, one: int) -> str:
-        """The statement that brings the dopamine of neuron i to values[i] / `one` in 1/ms."""
+    def dopamine_statement(self, one: int) -> str:
+        """Return the statement that sets the dopamine of neuron i to values[i] / `one` in 1/ms."""
         ties, largest, halves = _ties(self.n_scale, one, self.rule.concentrations)
         bits, unit, places = len(self.rule.concentrations), self.rule.concentrations[0], _BITS - _HALVES
         words = {"factor": f"INT64_C({round(halves * 2**places)})", "places": places, "most": number(largest)}
@@ -103,17 +102,24 @@ class History:
         return f"modulate_{self.index}(i, values[i]);"
 
     def lines(self, file: str, **words: object) -> list[str]:
-        """A file of functions, of which each line begins with what a rule must have for it."""
+        """Return the lines of a template that apply to the rule. Each line starts with a flag, "" for all rules."""
         parts = [line.split("|", 1) for line in filled(file, **words, **self._words).split("\n") if line]
         return [text for flag, text in parts if not flag.strip() or flag.strip() in self._flags]
 
 
 def _ties(n_scale: float, one: int, units: Sequence[int]) -> tuple[list[tuple[int, int, int]], int, Fraction]:
-    """The numbers of a signal that may be as near to two levels, and what the host of the emulator makes of them.
+    """Return the integers of a signal that may lie half-way between two levels of dopamine.
+
+    The host of the emulator rounds them in floating-point numbers. The C code looks its results up.
+
+    Args:
+        n_scale: dopamine in 1/ms per unit of s4.11.
+        one: integer of the signal that stands for 1/ms.
+        units: levels of dopamine are multiples of the first unit.
 
     Returns:
-        Of each such number twice its value in s4.11, and a bit for each pair of neighbouring levels: set where it takes
-        the upper one. Then the number that is beyond all levels, and twice the value of 1.
+        For each such integer: the integer, twice its value in s4.11, and a bit for each pair of neighbouring levels,
+        set if the emulator chooses the upper level. Then an integer beyond all levels, and twice the value of 1.
     """
     halves, unit, levels = 2 / (Fraction(n_scale) * one), units[0], 2 ** len(units) - 1
     largest = int(2 * (32768 + (levels + 1) * unit) / halves) + 1
@@ -121,24 +127,31 @@ def _ties(n_scale: float, one: int, units: Sequence[int]) -> tuple[list[tuple[in
     twice = 2.0 * (numbers / one / n_scale)
     near = np.flatnonzero((abs(twice - np.rint(twice)) < _APART) & (np.rint(twice) % 2 == unit % 2))
     below = np.arange(-levels, levels)
-    found = []
+    ties = []
     for value, at in zip(numbers[near].tolist(), np.rint(twice[near]).astype(np.int64).tolist(), strict=True):
-        # The float expression of the emulator, with the dopamine at which the value is as near to both levels.
+        # The floating-point expression of the emulator, for the present dopamine that makes the value a tie.
         before = (at - (2 * below + 1) * unit) // 2
         upper = np.rint((value / one / n_scale - before) / unit) > below
-        found.append((value, at, sum(1 << k for k in np.flatnonzero(upper).tolist())))
-    return found, largest, halves
+        ties.append((value, at, sum(1 << k for k in np.flatnonzero(upper).tolist())))
+    return ties, largest, halves
 
 
 class Deferred:
-    """A projection that learns by a rule of SpiNNaker.
+    """Builder of the C code of a projection with a learning rule of SpiNNaker.
 
     Args:
-        program: has it.
-        index: of the projection.
-        wires: its rule and its words.
-        memory: takes its states.
-        histories: of the projections before, by target and scale; one more where there is none yet.
+        program: the program with the projection.
+        index: index of the projection.
+        wires: the rule and the words.
+        memory: declarations, to which states are added.
+        histories: the rules of projections so far, by target and scale; a missing one is added.
+
+    Attributes:
+        kind: C type of a weight.
+        rule: the learning rule.
+        history: the code of the rule.
+        init: statements that initialise all states.
+        states: arrays of weights and tags, with their sizes, by state.
     """
 
     kind = "uint16_t"
@@ -167,7 +180,7 @@ class Deferred:
         memory.state(f"w_{index}", self.kind, part.size, f"{name}: words")
         self.init = [f"for (uint32_t i = 0; i < {part.size}u; i++) w_{index}[i] = {begin};"]
         rows = [("sent", "uint16_t"), ("last", "uint32_t"), ("r1", "int16_t"), ("r2", "int16_t")]
-        arrays = [(word, kind, size) for word, kind in rows[: self._kept]]
+        arrays = [(word, kind, size) for word, kind in rows[: self._source_arrays]]
         arrays += [("t", self.kind, part.size)] if self.history.taught else []
         for word, kind, entries in arrays:
             memory.state(f"{word}_{index}", kind, entries, f"{name}: {word}")
@@ -179,24 +192,27 @@ class Deferred:
             self.states["t"] = f"t_{index}", part.size
 
     @property
-    def _kept(self) -> int:
-        """Arrays that are kept of each source."""
+    def _source_arrays(self) -> int:
+        """The number of arrays with an element per source."""
         return {"nearest": 2, "triplet": 4}.get(sr.TIMINGS[self.rule.constants[sr.TIMING]], 3)
 
     @property
     def word(self) -> str:
-        """What a spike adds by synapse e: nothing where the delay is the number of slots, which is stored as 0."""
+        """The expression for the word of synapse e. A delay of all slots is stored as 0, and adds nothing."""
         word = f"{'-' if self.rule.inhibits else ''}(int32_t)w_{self._q}[e]"
         return "0" if self._delay == "0" else f"({self._delay} != 0 ? {word} : 0)" if "[" in self._delay else word
 
-    def heard_from(self, k: int) -> list[str]:
-        """Statements with which the projection hears of a spike of neuron i of a population."""
+    def spike_statements(self, k: int) -> list[str]:
+        """Return the statements that report a spike of neuron i of population k to the projection."""
         lines = [f"count(sent_{self._q} + i, TIMES);"] if self._part.source == k else []
-        return lines + (self.history.heard_from(k) if self._first else [])
+        return lines + (self.history.spike_statements(k) if self._first else [])
 
     @staticmethod
-    def numbers(parts: Sequence[Any]) -> tuple[int, int]:
-        """The number of a signal that stands for 1/ms, and one beyond all levels, of the projections that listen."""
+    def signal_scale(parts: Sequence[Any]) -> tuple[int, int]:
+        """Return the integer of a signal that stands for 1/ms, and one beyond the levels of all projections.
+
+        Of several possible integers, the one with the fewest ties is chosen.
+        """
         rules = [(part.history.n_scale, part.rule.concentrations) for part in parts]
         first = 2 * int(max(_PER_LEVEL / scale / units[0] for scale, units in rules) / 2) + 3
         one = min(
@@ -205,17 +221,17 @@ class Deferred:
         levels = max(2 ** len(units) * units[0] * scale for scale, units in rules)
         return one, int(levels * one) + 1
 
-    def set_by(self, one: int) -> list[str]:
-        """Statements that set the dopamine of neuron i to values[i] / `one` in 1/ms."""
-        return [self.history.level_by(one)] if self._first else []
+    def dopamine_statements(self, one: int) -> list[str]:
+        """Return the statements that set the dopamine of neuron i to values[i] / `one` in 1/ms."""
+        return [self.history.dopamine_statement(one)] if self._first else []
 
     @property
-    def calls(self) -> list[str]:
-        """What a step does in its end."""
+    def step_calls(self) -> list[str]:
+        """The calls at the end of each step."""
         return [f"events_{self.history.index}();"] * self._first + [f"learn_{self._q}();"]
 
     def lines(self) -> list[str]:
-        """The functions."""
+        """Return the functions."""
         q, history = self._q, self.history
         tag = f"t_{q} + e" if history.taught else "NULL"
         visit = f"visit_{history.index}(w_{q} + e, {tag}, j, {self._delay}, {self.rule.shift}u, t, p, r1, r2);"

@@ -1,7 +1,7 @@
-"""A network in a chip's integers as a folder of C: `NAME.c`, `NAME.h`, and a test with a recorded run.
+"""Write a network, in the integers of a chip, as a folder of C: `NAME.c`, `NAME.h`, and a test with a recorded run.
 
-The test compares digests. A digest is the sum of one word a number, a hash of its place and value, modulo 2^64. So two
-runs with the same digests in all steps have the same spikes and states, but for a chance of 2^-64 a step.
+The test compares digests. A digest is the sum of hashes of all numbers and their places, modulo 2^64. Two runs with the
+same digests in all steps have the same spikes and states, up to a chance of 2^-64 per step.
 """
 
 from __future__ import annotations
@@ -41,29 +41,35 @@ from neuro_exchange.templates import filled
 __all__ = ["CCode", "save_c"]
 
 KIND = sealed("a file of C of neuro, as it was written", MARK, "; digest {}")
-_BYTES = Quantity(unit="bytes", doc="of a memory", kind="integer", at_least=0, optional=True)
-_DURATION = Quantity(unit="ms", doc="of the recorded run", above=0, optional=True)
+_BYTES = Quantity(unit="bytes", doc="size of a memory", kind="integer", at_least=0, optional=True)
+_DURATION = Quantity(unit="ms", doc="duration of the recorded run", above=0, optional=True)
 _FLAG = Quantity(kind="boolean")
 _WORD = re.compile(r"[a-z][a-z0-9_]{0,39}")
 _TEMPLATES = files("neuro_exchange.c_code").joinpath("templates")
-_SHORTEST, _LONGEST, _AFTER, _MOST = 100, 1000, 20, 100_000
-_DRAWN = 0.05
+_SHORTEST, _LONGEST, _AFTER = 100, 1000, 20
+"""Default duration of the recorded run in steps: `_AFTER` steps after the last spike, within these bounds."""
+_MOST = 100_000
+"""Longest recorded run in steps."""
+_PROBABILITY = 0.05
+"""Probability of a spike of an input, or of a new value of a signal, in a step of random input."""
 
 
 @dataclass(frozen=True, slots=True)
 class CCode:
-    """What was written.
+    """Summary of an exported network. Summaries print as a few lines.
 
     Attributes:
-        folder: where.
-        name: with which its public names begin.
-        chip: whose integers it computes in.
-        flash: bytes of constant tables; `code` those of machine code on a Cortex-M4, at most.
-        ram: bytes of states and of the gaps between them, at most.
-        steps: of the recorded run.
-        drawn: whether its input was drawn, since the network's own inputs send nothing.
-        input_spikes, output_spikes: of the recorded run.
-        rewards: how often it sets signals.
+        folder: folder of the files.
+        name: prefix of the public names.
+        chip: chip whose integers the program computes with.
+        flash: bytes of constant tables.
+        code: upper bound of the bytes of machine code on a Cortex-M4.
+        ram: upper bound of the bytes of states and the gaps between them.
+        steps: steps of the recorded run.
+        drawn: the input of the recorded run is random, since the network's own inputs send no spikes.
+        input_spikes: spikes of inputs in the recorded run.
+        output_spikes: spikes of outputs in the recorded run.
+        rewards: number of times that the recorded run sets a signal.
     """
 
     folder: Path
@@ -79,15 +85,15 @@ class CCode:
     rewards: int
 
     def __str__(self) -> str:
-        drawn = ", drawn, since the network's own send nothing" if self.drawn else ""
+        random = " (random, since the network's inputs send none)" if self.drawn else ""
         rewards = f", {self.rewards:,} rewards" if self.rewards else ""
         return "\n".join(
             [
                 f"{self.folder}: {self.name}.c and {self.name}.h, in the integers of {self.chip}",
                 f"  flash  {self.flash + self.code:,} bytes: tables {self.flash:,}, code at most {self.code:,}",
-                f"  RAM    at most {self.ram:,} bytes, beside the stack and the caller's events",
-                f"  test   {self.steps:,} steps: {self.input_spikes:,} spikes of inputs{drawn}, "
-                f"{self.output_spikes:,} of outputs{rewards}",
+                f"  RAM    at most {self.ram:,} bytes, without the stack and the caller's events",
+                f"  test   {self.steps:,} steps: {self.input_spikes:,} input spikes{random}, "
+                f"{self.output_spikes:,} output spikes{rewards}",
                 f"  make -C {self.folder} test compares every spike and state with the emulator",
             ]
         )
@@ -102,66 +108,69 @@ def save_c(
     ram: int | None = None,
     flash: int | None = None,
     duration: float | None = None,
-    given: Given | None = None,
+    given: InputSpikes | None = None,
     frozen: bool = False,
     seed: int = 0,
     signals: Mapping[str, float] | None = None,
 ) -> CCode:
     """Write a network in the integers of an emulated chip as C99 for a microcontroller.
 
-    The program allocates nothing and uses no floating-point numbers. Its spikes and states are those of the emulator in
-    every step. Spikes of generators and values of signals are input, also where the description has such. Output are
-    the populations of which spikes are probed, or else those that send to no other.
+    The program allocates no memory and uses no floating-point numbers. Spikes and states are equal to those of the
+    emulator in every step. Inputs are the spikes of all generators and the values of all signals. Outputs are the
+    populations whose spikes are probed; without probes, the populations that send to no other population.
 
     Args:
         net: the network.
-        folder: for the files; made where there is none.
+        folder: folder for the files; a missing folder is created.
         chip: name or table of a chip.
-        name: with which its public names begin: small letters, digits, `_`.
-        ram: bytes that its states may take.
-        flash: bytes that its tables and its code may take.
-        duration: of the recorded run in ms; some steps longer than the network's listed spikes if not given.
-        given: spikes of inputs in the recorded run: steps, from 1, neurons, and payloads where they have such, by the
-            input's name. Otherwise those of the network; drawn ones if it has none. Signals by their names: numbers of
-            the steps after which they are set, and values in 1/ms, one each or one for each neuron; drawn if not given.
-        frozen: whether what learns is left out; weights stay as they are in the network.
-        seed: of everything random.
-        signals: the largest dopamine that a signal will set in 1/ms, by projection; 4/tau_n if not given.
+        name: prefix of the public names: small letters, digits, `_`.
+        ram: largest size of the states in bytes; an error above.
+        flash: largest size of tables and code in bytes; an error above.
+        duration: duration of the recorded run in ms; default: a few steps longer than the network's listed spikes.
+        given: inputs of the recorded run by name. For an input: arrays of steps (from 1), neurons, and payloads if it
+            has payloads; default: the network's own spikes, or random spikes if it has none. For a signal: arrays of
+            the steps after which it is set, and of values in 1/ms, one per step or one per step and neuron; default:
+            random values.
+        frozen: leave out learning rules, and keep the weights of the network.
+        seed: seed of everything random.
+        signals: the largest dopamine in 1/ms that a signal will set, by projection; default: 4/tau_n.
+
+    Returns:
+        A summary with the sizes.
 
     Raises:
-        ModelError: the chip does not run the network, a part of it cannot be written, or it does not fit.
+        ModelError: the chip cannot run the network, a part has no counterpart in C, or the program is too large.
     """
     if not isinstance(net, Network):
         raise ModelError(f"save_c: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
     limits = {"flash": check(_BYTES, flash, "flash"), "RAM": check(_BYTES, ram, "ram")}
-    taken = {Path(each.name).stem for each in _TEMPLATES.iterdir()}
-    if not (isinstance(name, str) and _WORD.fullmatch(name)) or name in taken or name.endswith(("_run", "_test")):
-        hint = f"files that lie beside it are {', '.join(sorted(taken))}, and those that end in _run or _test"
+    reserved = {Path(each.name).stem for each in _TEMPLATES.iterdir()}
+    if not (isinstance(name, str) and _WORD.fullmatch(name)) or name in reserved or name.endswith(("_run", "_test")):
+        hint = f"reserved: {', '.join(sorted(reserved))}, and names that end in _run or _test"
         raise ModelError(f"name = {name!r:.60}: expected small letters, digits and _, as in 'net'", hint=hint)
     target = check_chip(chip)
-    written = net.frozen() if check(_FLAG, frozen, "frozen") else net
-    recorded = watched(written, given if isinstance(given, Mapping) else ())
-    sim, fixed = _compiled(recorded, target, {"backend": chip, "seed": seed}, signals)
+    exported = net.frozen() if check(_FLAG, frozen, "frozen") else net
+    recorded = with_recorded_spikes(exported, given if isinstance(given, Mapping) else ())
+    sim, fixed = _compile(recorded, target, {"backend": chip, "seed": seed}, signals)
     program = sim.program
-    # The populations whose spikes are output.
     neurons = [part.name for part in program.populations if part.kind == "neuron"]
     probed = {probe.of for probe in net.probes.values() if "spikes" in probe.record}
-    ends = {part.source for part in net.projections.values() if part.source != part.target}
-    ends |= {program.populations[part.dopamine].name for part in program.projections if part.dopamine >= 0}
-    found = tuple(name for name in neurons if name in probed)
-    outputs = found or tuple(name for name in neurons if name not in ends) or tuple(neurons)
+    sending = {part.source for part in net.projections.values() if part.source != part.target}
+    sending |= {program.populations[part.dopamine].name for part in program.projections if part.dopamine >= 0}
+    probed_neurons = tuple(name for name in neurons if name in probed)
+    outputs = probed_neurons or tuple(name for name in neurons if name not in sending) or tuple(neurons)
     source = source_of(fixed, name, outputs)
-    code = 400 + 16 * source.code.count(";")
+    code = 400 + 16 * source.code.count(";")  # upper bound on a Cortex-M4
     for what, limit, size in (("flash", limits["flash"], source.flash + code), ("RAM", limits["RAM"], source.ram)):
         if limit is not None and size > limit:
-            hint = "fewer neurons, shorter delays or shared kernels (grid) take less"
+            hint = "fewer neurons, shorter delays or shared kernels (grid) need less"
             raise ModelError(
-                f"{what}: network '{net.name}' takes {size:,} bytes: expected at most {limit:,}", hint=hint
+                f"{what}: network '{net.name}' needs {size:,} bytes: expected at most {limit:,}", hint=hint
             )
-    shown, rewards = _check_given(given, source.signals)
-    steps = _steps(program, check(_DURATION, duration, "duration"), shown, rewards)
+    input_events, rewards = _check_given(given, source.signals)
+    steps = _steps(program, check(_DURATION, duration, "duration"), input_events, rewards)
     rewards = {**_draw_rewards(source.signals, steps), **rewards}
-    run, drawn = _run(sim, source, outputs, steps, shown, rewards)
+    run, drawn = _run(sim, source, outputs, steps, input_events, rewards)
     place = file_path(folder, "folder")
     words = {"name": name, "NAME": name.upper(), "chip": target.arithmetic, "mark": f"{MARK}.", "steps": str(steps)}
     words |= {"data": _data(run, name, source.signals), "id": source.id}
@@ -174,20 +183,20 @@ def save_c(
     }
     shared = ["integers.h", f"{target.arithmetic}.h", "Makefile", "m4.c", "m4.ld"]
     shared += [file for file in ("learning.h", "deferred.h") if f'"{file}"' in source.code]
-    # Write all files, or none if one of them cannot be written.
     make_folder(place)
-    with ExitStack() as parts:  # none takes its name before all are written
+    with ExitStack() as parts:  # files get their names at the end; none does if an error occurs
         for file, text in (texts | {file: filled(f"c_code/templates/{file}", **words) for file in shared}).items():
             parts.enter_context(output(place / file, KIND)).write_text(KIND.seal(text), "utf-8")
     graded = words["field"] == "payload"
-    input_spikes, output_spikes = (each.shape[1] if graded else int(each[2].sum()) for each in (run.sent, run.told))
+    spikes = (run.input_spikes, run.output_spikes)
+    input_spikes, output_spikes = (each.shape[1] if graded else int(each[2].sum()) for each in spikes)
     sets = sum(when.size for when, _ in rewards.values())
     sizes = source.flash, code, source.ram
     return CCode(place, name, fixed.chip.title, *sizes, steps, drawn, input_spikes, output_spikes, sets)
 
 
-def _compiled(net: Network, chip: Chip, words: dict[str, Any], signals: Any) -> tuple[Simulation, FixedProgram]:
-    """Compile and quantise a network; where signals have values, again without them, at their scale."""
+def _compile(net: Network, chip: Chip, words: dict[str, Any], signals: Any) -> tuple[Simulation, FixedProgram]:
+    """Compile and quantise a network. Values of signals are removed: they only set the scale of dopamine."""
     options: dict[str, Any] = {} if signals is None else {"signals": signals}
     sim = compile(net, **words, **options)
     fixed, program = quantise(sim.program, chip, **options), sim.program
@@ -197,15 +206,15 @@ def _compiled(net: Network, chip: Chip, words: dict[str, Any], signals: Any) -> 
         options = {"signals": {name: value for name, value in largest.items() if value} | dict(signals or {})}
         net = copy.copy(net)
         net.signals = {name: replace(part, values=None) for name, part in net.signals.items()}
-        with warnings.catch_warnings(action="ignore", category=ApproximationWarning):  # the first call has told them
+        with warnings.catch_warnings(action="ignore", category=ApproximationWarning):  # the first call has warned
             sim = compile(net, **words, **options)
         fixed = quantise(sim.program, chip, **options)
     return sim, fixed
 
 
-def _check_given(given: Given | None, signals: Mapping[str, Dopamine]) -> tuple[Given, Rewards]:
+def _check_given(given: InputSpikes | None, signals: Mapping[str, Dopamine]) -> tuple[InputSpikes, Rewards]:
     if not isinstance(given or {}, Mapping):
-        raise ModelError(f"given = {given!r:.60}: expected arrays of steps and neurons, by the name of an input")
+        raise ModelError(f"given = {given!r:.60}: expected arrays of steps and neurons by input, such as {{'in': ...}}")
     inputs, rewards = dict[str, Sequence[Ints]](), dict[str, tuple[Ints, Ints]]()
     for name, spikes in (given or {}).items():
         if name in signals:
@@ -213,13 +222,13 @@ def _check_given(given: Given | None, signals: Mapping[str, Dopamine]) -> tuple[
             continue
         inputs[name] = arrays = [np.asarray(each) for each in spikes] if isinstance(spikes, Sequence) else []
         if not 2 <= len(arrays) <= 3 or any(each.shape != (arrays[0].size,) for each in arrays):
-            wish = "expected arrays of steps, of neurons, and of payloads where it has such"
-            raise ModelError(f"given[{name!r}] = {spikes!r:.60}: {wish}")
+            expected = "expected arrays of steps, neurons, and payloads if the input has payloads"
+            raise ModelError(f"given[{name!r}] = {spikes!r:.60}: {expected}")
     return inputs, rewards
 
 
 def _check_rewards(name: str, rewards: Any, signal: Dopamine) -> tuple[Ints, Ints]:
-    """Return the steps after which a signal is set, in order, and whole numbers for its neurons."""
+    """Return the steps after which a signal is set, in order, and integers for its neurons, (steps, neurons)."""
     try:
         when, values = (np.asarray(each, dtype=np.float64) for each in rewards)
         each = np.broadcast_to(values[:, None] if values.ndim == 1 else values, (when.size, signal.size))
@@ -227,122 +236,124 @@ def _check_rewards(name: str, rewards: Any, signal: Dopamine) -> tuple[Ints, Int
         when = each = np.full((1, 1), np.nan)
     units = np.rint(each * signal.one)
     if not (when.ndim == 1 and np.all(when >= 0) and np.all(when % 1 == 0) and np.all(abs(units) < 2**31)):
-        wish = f"expected arrays of steps, from 0, and of values, one each or one for each of {signal.size} neurons"
-        raise ModelError(f"given[{name!r}] = {rewards!r:.60}: {wish}")
+        expected = f"expected arrays of steps, from 0, and values, one per step (and neuron, of {signal.size})"
+        raise ModelError(f"given[{name!r}] = {rewards!r:.60}: {expected}")
     order = np.argsort(when, kind="stable")
     return when[order].astype(np.int64), units[order].astype(np.int64)
 
 
 def _draw_rewards(signals: Mapping[str, Dopamine], steps: int) -> Rewards:
-    """Draw values of signals at random steps."""
-    draws, rewards = np.random.default_rng(1), dict[str, tuple[Ints, Ints]]()
+    """Draw random values of signals at random steps."""
+    rng, rewards = np.random.default_rng(1), dict[str, tuple[Ints, Ints]]()
     for name, signal in signals.items():
-        when = np.flatnonzero(draws.random(steps) < _DRAWN)
-        rewards[name] = when, draws.integers(-signal.largest, signal.largest, (when.size, signal.size))
+        when = np.flatnonzero(rng.random(steps) < _PROBABILITY)
+        rewards[name] = when, rng.integers(-signal.largest, signal.largest, (when.size, signal.size))
     return rewards
 
 
-def _steps(program: Program, duration: float | None, given: Given, rewards: Rewards) -> int:
+def _steps(program: Program, duration: float | None, given: InputSpikes, rewards: Rewards) -> int:
     if duration is not None:
         steps = Clock(program.resolution).step(duration, "duration")
         if steps > _MOST:
             raise ModelError(f"duration = {duration:g} ms, {steps:,} steps: expected at most {_MOST:,}")
         return max(1, steps)
-    listed = [part.spike_steps for part in program.populations if part.kind == "listed"]
-    listed += [spikes[0] for spikes in (*given.values(), *rewards.values())]
-    last = max((int(steps.max()) for steps in listed if steps.size), default=0)
+    spike_steps = [part.spike_steps for part in program.populations if part.kind == "listed"]
+    spike_steps += [spikes[0] for spikes in (*given.values(), *rewards.values())]
+    last = max((int(steps.max()) for steps in spike_steps if steps.size), default=0)
     return min(max(last + _AFTER, _SHORTEST), _LONGEST)
 
 
 def _run(
-    sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int, given: Given, rewards: Rewards
-) -> tuple[Recorded, bool]:
-    """The recorded run, and whether its input was drawn."""
+    sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int, given: InputSpikes, rewards: Rewards
+) -> tuple[RecordedRun, bool]:
+    """Record a run with the given input, else the network's own, else random input. Return whether it is random."""
     inputs = [part for part in sim.program.populations if part.kind in INPUTS]
-    listed = [part.name for part in inputs if part.kind == "listed"]
+    names = [part.name for part in inputs if part.kind == "listed"]
     for name, (when, *rest) in given.items():
-        if name not in listed:
-            raise unknown("input", name, [*listed, *source.signals])
+        if name not in names:
+            raise unknown("input", name, [*names, *source.signals])
         sim.inject(name, when * sim.program.resolution, *rest)
-    found = record(sim, source, outputs, steps, rewards)
-    if found.sent.size or given or not inputs:
-        return found, False
+    run = record(sim, source, outputs, steps, rewards)
+    if run.input_spikes.size or given or not inputs:
+        return run, False
     sim.reset()
-    draws = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     for part in inputs:
         if part.kind == "poisson":
-            sim.set(part.name, rate=1000.0 * _DRAWN / sim.program.resolution)
+            sim.set(part.name, rate=1000.0 * _PROBABILITY / sim.program.resolution)
         else:
-            when, neurons = np.nonzero(draws.random((steps, part.size)) < _DRAWN)
-            payloads = [draws.integers(1, 128, neurons.size)] if part.model.graded else []
+            when, neurons = np.nonzero(rng.random((steps, part.size)) < _PROBABILITY)
+            payloads = [rng.integers(1, 128, neurons.size)] if part.model.graded else []
             sim.inject(part.name, (when + 1) * sim.program.resolution, neurons, *payloads)
     return record(sim, source, outputs, steps, rewards), True
 
 
-def _data(run: Recorded, name: str, signals: Mapping[str, Dopamine]) -> str:
-    """What the test compares with."""
+def _data(run: RecordedRun, name: str, signals: Mapping[str, Dopamine]) -> str:
+    """Return the declarations of the recorded run, with which the test compares."""
     memory = Memory()
-    for word, spikes in (("in", run.sent), ("out", run.told)):
+    for word, spikes in (("in", run.input_spikes), ("out", run.output_spikes)):
         ends = np.searchsorted(spikes[0], np.arange(run.steps + 1), side="right")
-        memory.table(f"{word}_ends", ends, f"where the {word}put events of each step end", True)
+        memory.table(f"{word}_ends", ends, f"ends of the {word}put events of each step", True)
         events = [f"{{{neuron}, {number(times)}}}" for neuron, times in spikes[1:].T.tolist()]
         memory.constants(f"{word}_events", f"{name}_event", [*events, "{0, 0}"])
     sets = ["(void)step;"]
     for k, (signal, (when, values)) in enumerate(run.rewards.items()):
         ends = np.searchsorted(when, np.arange(-1, run.steps), side="right")
-        memory.table(f"reward_ends_{k}", ends, f"where the values of {signal} before each step end", True)
+        memory.table(f"reward_ends_{k}", ends, f"ends of the values of {signal} before each step", True)
         memory.constants(f"reward_values_{k}", "int32_t", [*(number(each) for each in values.ravel().tolist()), "0"])
         at = f"(reward_ends_{k}[step + 1u] - 1u) * {signals[signal].size}u"
-        fresh = f"reward_ends_{k}[step + 1u] > reward_ends_{k}[step]"
-        sets.append(f"if ({fresh}) {signals[signal].call}(reward_values_{k} + {at});")
+        is_set = f"reward_ends_{k}[step + 1u] > reward_ends_{k}[step]"
+        sets.append(f"if ({is_set}) {signals[signal].call}(reward_values_{k} + {at});")
     memory.lines += function("static inline void reward(uint32_t step)", sets)
-    for word, digests in (("spike", run.spikes), ("state", run.states)):
+    for word, digests in (("spike", run.spike_digests), ("state", run.state_digests)):
         memory.constants(f"{word}_digests", "uint64_t", [f"UINT64_C({digest})" for digest in digests.tolist()])
     return "\n".join(memory.lines)
 
 
-Given = Mapping[str, Sequence[Ints]]
-"""Steps, from 1, neurons, and payloads where it has such, of the spikes that are given to an input, by its name."""
+InputSpikes = Mapping[str, Sequence[Ints]]
+"""Spikes by input: arrays of steps (from 1), of neurons, and of payloads if the input has payloads."""
 
 Rewards = Mapping[str, tuple[Ints, Ints]]
-"""Steps after which a signal is set, and numbers for its neurons, shape (steps, neurons), by the signal's name."""
+"""By signal, the steps after which it is set, and integers for its neurons, shape (steps, neurons)."""
 
 Words = NDArray[np.uint64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recorded:
-    """A run.
+class RecordedRun:
+    """A recorded run of the emulator.
 
     Attributes:
-        steps: of it.
-        sent: steps, neurons (of the network) and numbers, multiplicities or payloads, of the spikes of inputs, by step.
-        told: the same of outputs.
-        spikes, states: the digest of each step, of all spikes of neurons and of all states after it.
-        rewards: what signals were set to.
+        steps: number of steps.
+        input_spikes: spikes of inputs, shape (3, spikes): steps, neurons, and multiplicities or payloads. Neurons are
+            numbered across all populations.
+        output_spikes: spikes of outputs in the same form.
+        spike_digests: digest of all spikes of neurons in each step.
+        state_digests: digest of all states after each step.
+        rewards: values of signals.
     """
 
     steps: int
-    sent: Ints
-    told: Ints
-    spikes: Words
-    states: Words
+    input_spikes: Ints
+    output_spikes: Ints
+    spike_digests: Words
+    state_digests: Words
     rewards: Rewards
 
 
-def record(sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int, rewards: Rewards) -> Recorded:
-    """Run a simulation of a chip from step 0 on, step by step.
+def record(sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int, rewards: Rewards) -> RecordedRun:
+    """Run a simulation of a chip step by step from step 0, and record spikes and digests.
 
     Args:
-        sim: with probes of all spikes, see `watched`.
+        sim: simulation with probes of all spikes, see `with_recorded_spikes`.
         source: the network as C.
-        outputs: whose spikes are output.
-        steps: how many.
-        rewards: what signals are set to.
+        outputs: populations whose spikes are output.
+        steps: number of steps.
+        rewards: values of signals.
     """
     digests = np.zeros(steps, dtype=np.uint64)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", OverflowWarning)  # the program in C overflows alike
+        warnings.simplefilter("ignore", OverflowWarning)  # the C code overflows in the same way
         for step in range(steps):
             for name, (when, values) in rewards.items():
                 for value in values[when == step]:
@@ -351,24 +362,25 @@ def record(sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int
             digests[step] = _digest(sim, source)
     inputs = [part.name for part in sim.program.populations if part.kind in INPUTS]
     neurons = [part.name for part in sim.program.populations if part.kind == "neuron"]
-    every = _spikes(sim, source, neurons)
-    words = keyed_random.mix(every[1].astype(np.uint64) << np.uint64(32) | (every[2] & 0xFFFFFFFF).astype(np.uint64))
-    spikes = np.zeros(steps, dtype=np.uint64)
-    np.add.at(spikes, every[0] - 1, words)
-    return Recorded(steps, _spikes(sim, source, inputs), _spikes(sim, source, outputs), spikes, digests, rewards)
+    when, ids, counts = _spikes(sim, source, neurons)
+    hashes = keyed_random.mix(ids.astype(np.uint64) << np.uint64(32) | (counts & 0xFFFFFFFF).astype(np.uint64))
+    spike_digests = np.zeros(steps, dtype=np.uint64)
+    np.add.at(spike_digests, when - 1, hashes)
+    input_spikes, output_spikes = _spikes(sim, source, inputs), _spikes(sim, source, outputs)
+    return RecordedRun(steps, input_spikes, output_spikes, spike_digests, digests, rewards)
 
 
-def watched(net: Network, shown: Container[str] = ()) -> Network:
-    """The network, with all spikes recorded; Poisson generators whose spikes are shown draw none."""
-    other = copy.copy(net)
-    other.probes, other.populations = dict(net.probes), dict(net.populations)
+def with_recorded_spikes(net: Network, given: Container[str] = ()) -> Network:
+    """Return a copy of the network that records all spikes. Poisson generators in `given` do not draw spikes."""
+    recorded = copy.copy(net)
+    recorded.probes, recorded.populations = dict(net.probes), dict(net.populations)
     for name, part in net.populations.items():
-        if name in shown and isinstance(part.model, poisson_generator):
-            other.populations[name] = replace(part, model=spike_generator())
+        if name in given and isinstance(part.model, poisson_generator):
+            recorded.populations[name] = replace(part, model=spike_generator())
     for name, part in net.populations.items():
         if part.model.role != "current":
-            other.probe(f"{name}.spikes.c", name, "spikes")
-    return other
+            recorded.probe(f"{name}.spikes.c", name, "spikes")
+    return recorded
 
 
 def _digest(sim: Simulation, source: Source) -> np.uint64:
@@ -380,41 +392,42 @@ def _digest(sim: Simulation, source: Source) -> np.uint64:
 
 
 def _spikes(sim: Simulation, source: Source, names: Any) -> Ints:
-    """Steps, neurons and numbers of the spikes of some populations, by step, then neuron, shape (3, spikes)."""
-    found = [np.zeros((3, 0), dtype=np.int64)]
+    """Return steps, neurons and multiplicities or payloads of some populations' spikes, sorted by step and neuron."""
+    arrays = [np.zeros((3, 0), dtype=np.int64)]
     for part, first in zip(sim.program.populations, source.firsts, strict=False):
         if part.name in names:
             graded = part.model.graded
             times, ids, numbers = sim.payloads(part.name) if graded else (*sim.spikes(part.name), np.zeros(0))
             steps = np.rint(times / sim.program.resolution).astype(np.int64)
             pairs, counts = np.unique(np.stack([steps, ids + first]), axis=1, return_counts=True)
-            found.append(np.vstack([steps, ids + first, numbers] if graded else [pairs, counts]))
-    joined = np.concatenate(found, axis=1).astype(np.int64)
+            arrays.append(np.vstack([steps, ids + first, numbers] if graded else [pairs, counts]))
+    joined = np.concatenate(arrays, axis=1).astype(np.int64)
     return joined[:, np.lexsort((joined[1], joined[0]))]
 
 
-_FROZEN = "--frozen (frozen=True) leaves the rule out: weights stay as they are in the network"
+_FROZEN = "--frozen (frozen=True) leaves out the rule, and keeps the weights of the network"
+_NO_RECORDS = "a program in C does not record"
 _READABLE = ("spikes", "V_m", "v", "sigma", "real")
 
 
 def check_chip(name: str) -> Chip:
-    """The chip of a name or a table, if its arithmetic is written as C.
+    """Return the chip of a name or a table, if its arithmetic is supported in C.
 
     Raises:
-        ModelError: there is no such chip, or it has another arithmetic.
+        ModelError: the name is unknown, or the arithmetic of the chip is not supported.
     """
-    found = chip(name)
-    if found.arithmetic not in FAMILIES:
-        known = " or ".join(FAMILIES).replace(" or ", ", ", 1)
-        raise ModelError(f"chip '{name}' cannot be written as C: expected the arithmetic of {known}")
-    return found
+    target = chip(name)
+    if target.arithmetic not in FAMILIES:
+        families = " or ".join(FAMILIES).replace(" or ", ", ", 1)
+        raise ModelError(f"chip '{name}' cannot be written as C: expected the arithmetic of {families}")
+    return target
 
 
 def refuse(fixed: FixedProgram) -> None:
-    """Refuse a program with all reasons at once.
+    """Check that all parts of a program are supported in C.
 
     Raises:
-        ModelError: a part of it cannot be written.
+        ModelError: parts are not supported. The error lists all of them.
     """
     problems = [*_populations(fixed), *_projections(fixed), *_groups(fixed), *_probes(fixed)]
     if problems:
@@ -426,33 +439,33 @@ def refuse(fixed: FixedProgram) -> None:
 def _populations(fixed: FixedProgram) -> Iterator[Problem]:
     for part, cells in zip(fixed.program.populations, fixed.populations, strict=True):
         if part.model.role == "current":
-            why = "the host writes its current into registers while the network runs"
-            yield _refused(part, part.said, why, "give the neurons a constant current, I_e, or spikes")
+            why = "currents of generators are written by a host, which a program in C lacks"
+            yield _problem(part, part.said, why, "give the neurons a constant current, I_e, or spikes")
         elif cells.kind not in STEPS and part.kind not in INPUTS:
-            known = ", ".join(model.__name__ for model in arithmetic_of(fixed.chip).models)
-            known += " or parrot_neuron"
-            yield _refused(part, part.said, f"it is no neuron of {fixed.chip.name}", f"use {known}")
+            models = ", ".join(model.__name__ for model in arithmetic_of(fixed.chip).models)
+            models += " or parrot_neuron"
+            yield _problem(part, part.said, f"not a neuron of {fixed.chip.name}", f"use {models}")
     if not any(cells.kind in STEPS for cells in fixed.populations):
-        yield Problem(True, f"network '{fixed.program.name}'", "it has no neurons", "add a population of iaf_psc_exp")
+        yield Problem(True, f"network '{fixed.program.name}'", "found no neurons", "add a population of iaf_psc_exp")
 
 
 def _projections(fixed: FixedProgram) -> Iterator[Problem]:
     for part, wires in zip(fixed.program.projections, fixed.projections, strict=True):
         if part.synapse.learns and (wires is None or wires.rule is None or fixed.chip.arithmetic == "loihi2"):
-            why = "the host applies the rule, and the program in C has none"
+            why = "the rule is applied by a host, which a program in C lacks"
             if wires is not None and wires.rule is not None:
-                why = f"the program in C has no learning of {fixed.chip.name}"
-            yield _refused(part, part.synapse.name, why, _FROZEN)
+                why = f"learning of {fixed.chip.name} is not supported in C"
+            yield _problem(part, part.synapse.name, why, _FROZEN)
         elif wires is not None and isinstance(wires.rule, sr.SpinnakerRule):
             if sr.TIMINGS[wires.rule.constants[sr.TIMING]] == "recurrent":
-                why = "the program in C has no windows at random"
-                yield _refused(part, part.synapse.name, why, "use another timing")
+                why = "random windows (timing: recurrent) are not supported in C"
+                yield _problem(part, part.synapse.name, why, "use another timing")
             if wires.delay.max(initial=0) > wires.rule.slots:
                 why = f"a delay of {wires.delay.max()} steps: a neuron has {wires.rule.slots} slots"
-                yield _refused(part, part.synapse.name, why, "use shorter delays")
+                yield _problem(part, part.synapse.name, why, "use shorter delays")
 
 
-def _refused(part: Population | Projection, what: str, why: str, way_out: str) -> Problem:
+def _problem(part: Population | Projection, what: str, why: str, way_out: str) -> Problem:
     kind = "population" if isinstance(part, Population) else "projection"
     return Problem(True, f"{kind} '{part.name}': {what}", why, way_out, part.origin)
 
@@ -460,17 +473,17 @@ def _refused(part: Population | Projection, what: str, why: str, way_out: str) -
 def _groups(fixed: FixedProgram) -> Iterator[Problem]:
     for group in fixed.program.groups:
         if not supports(group.choice):
-            why = f"{group.choice.noun} is not written as C"
-            way = "use winner_take_all or lateral_reset"
-            yield Problem(True, f"group '{group.name}'", why, way, group.origin)
+            why = f"{group.choice.noun} is not supported in C"
+            way_out = "use winner_take_all or lateral_reset"
+            yield Problem(True, f"group '{group.name}'", why, way_out, group.origin)
 
 
 def _probes(fixed: FixedProgram) -> Iterator[Problem]:
     for probe in fixed.program.probes:
         if probe.record not in _READABLE or probe.mean:
             what = f"probe '{probe.name}': {'mean ' * probe.mean}{probe.record}"
-            way = "leave it out, or probe spikes; NAME_voltage() reads the voltage register"
-            yield Problem(True, what, "the program in C keeps no record", way, probe.origin)
-    for one in fixed.program.synapse_probes:
-        way = "leave it out, or probe spikes of a population"
-        yield Problem(True, f"probe '{one.name}': {one.record}", "the program in C keeps no record", way, one.origin)
+            way_out = "leave it out, or probe spikes; NAME_voltage() reads the voltage register"
+            yield Problem(True, what, _NO_RECORDS, way_out, probe.origin)
+    for synapse_probe in fixed.program.synapse_probes:
+        what = f"probe '{synapse_probe.name}': {synapse_probe.record}"
+        yield Problem(True, what, _NO_RECORDS, "leave it out, or probe spikes of a population", synapse_probe.origin)

@@ -1,7 +1,7 @@
-"""A quantised program as the text of `NAME.c` and `NAME.h`, and the bytes that its arrays take.
+"""The text of `NAME.c` and `NAME.h` for a quantised program, and the sizes of its arrays.
 
-A step has the order of the emulated chips. A spike is sent when it is emitted, into the slot of a later step: rings
-have one slot more than the longest lag, so the slot that a population reads now is written by nobody.
+A step has the order of the emulated chips. A spike is sent when it is emitted, into the slot of a later step. Input
+rings have one slot more than the longest lag, so no spike is written to the slot that a population reads.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from neuro.extend import spinnaker_rule
 from neuro_exchange.c_code.arrays import TYPES, Memory, comment, narrowest, number
 from neuro_exchange.c_code.cells import (
     Cells,
-    Stepped,
+    StepCode,
     decide,
     delta_encoder,
     function,
@@ -42,7 +42,7 @@ from neuro_exchange.c_code.deferred import Deferred, History
 from neuro_exchange.c_code.synapses import Delivery, Learning, lags_of
 from neuro_exchange.templates import filled
 
-STEPS: dict[str, Callable[[Cells, Memory], Stepped]] = {
+STEPS: dict[str, Callable[[Cells, Memory], StepCode]] = {
     "relay": relay,
     "loihi_lif": loihi_lif,
     "spinnaker_lif": spinnaker_lif,
@@ -57,30 +57,30 @@ STEPS: dict[str, Callable[[Cells, Memory], Stepped]] = {
     "graded_vector": graded_vector,
     "graded_product": graded_product,
 }
-"""The neurons that are written as C, by `FixedPopulation.kind`."""
+"""Functions that write the code of a population, by `FixedPopulation.kind`."""
 
 
 class Family(NamedTuple):
-    """What differs between families of chips, beside their headers.
+    """A family of chips.
 
     Attributes:
-        slot: type of what a neuron receives in a step.
-        field: of an event, beside its neuron.
-        kind: type of the field.
-        about: what an event is.
-        by_sign: whether words below 0 go to a receptor of their own.
-        learning: the header of what learns.
+        slot_type: C type of a neuron's input in a step.
+        field: second field of an event, after the neuron.
+        kind: C type of the field.
+        about: description of an event.
+        by_sign: negative words go to a second receptor.
+        learning: header with the functions for learning.
     """
 
-    slot: str = "uint16_t"
+    slot_type: str = "uint16_t"
     field: str = "times"
     kind: str = "uint16_t"
-    about: str = "A neuron that sends `times` spikes in a step"
+    about: str = "A neuron, and the number of its spikes in a step"
     by_sign: bool = False
     learning: str = "learning.h"
 
 
-_GRADED = "A neuron that sends a spike with a payload; one whose spikes have none sends as many in a step"
+_GRADED = "A neuron, and the payload of its spike; without payloads, the number of its spikes in a step"
 FAMILIES = {
     "loihi": Family(),
     "loihi2": Family("uint32_t", "payload", "int32_t", _GRADED),
@@ -89,28 +89,30 @@ FAMILIES = {
 """Families of chips that are written as C, by the name of their header."""
 
 INPUTS = ("listed", "poisson")
-"""Kinds of populations whose spikes a program gives."""
+"""Kinds of populations whose spikes are input of the program."""
 
 REGISTERS = {"V_m": ("v", "hold"), "I_syn_ex": ("u", "g_exc"), "I_syn_in": ("u", "g_inh")}
-"""What a trial puts back with a state; with the potential refractoriness ends."""
+"""Registers that a trial resets with a state. Resetting the potential ends refractoriness."""
 
 MARK = "Written by neuro for a microcontroller"
+"""Mark of the files that neuro wrote."""
 
 _POINTER = 4
-_TOGETHER = -1
+_INPUTS = -1
+"""Key of the sums of all inputs, which are poured together."""
 _STEP = "uint32_t NAME_step(const NAME_event *events, uint32_t n, NAME_event *out)"
 
-_TRIAL = "/* Begin a trial: drop all that is under way, and put the output back where a trial begins. */"
+_TRIAL = "/* Begin a trial: drop spikes that have not arrived, and reset the states of the output. */"
 
 
 class Dopamine(NamedTuple):
-    """A signal.
+    """A signal of dopamine.
 
     Attributes:
-        call: the function that sets it.
-        one: what stands for 1/ms.
-        size: neurons that hear it.
-        largest: a number that is surely beyond the largest dopamine.
+        call: C function that sets the signal.
+        one: integer that stands for 1/ms.
+        size: number of neurons that receive the signal.
+        largest: an integer beyond the largest dopamine.
     """
 
     call: str
@@ -121,16 +123,17 @@ class Dopamine(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A network as C.
+    """The C source of a network.
 
     Attributes:
-        header, code: of its two files.
-        id: a number of both that other networks do not have.
-        flash: bytes of its constant tables.
-        ram: bytes of its states.
-        firsts: the first neuron of each population among all, and the number of all.
-        states: registers that a digest of all states is made of, by population or projection that learns, in order.
-        signals: those that a program sets, by name.
+        header: text of `NAME.h`.
+        code: text of `NAME.c`.
+        id: checksum in both files, by which the compiler detects files of two networks.
+        flash: bytes of the constant tables.
+        ram: bytes of the states.
+        firsts: index of the first neuron of each population among all neurons, then the number of all neurons.
+        states: registers in the digest of all states, by population or plastic projection, in order.
+        signals: signals that a program sets, by name.
     """
 
     header: str
@@ -144,18 +147,18 @@ class Source:
 
 
 def source_of(fixed: FixedProgram, name: str, outputs: tuple[str, ...]) -> Source:
-    """Write a quantised program.
+    """Return the C source of a quantised program.
 
     Args:
-        fixed: all of whose parts can be written.
-        name: with which all public names begin.
+        fixed: the program. All its parts must be supported, see `export.refuse`.
+        name: prefix of all public names.
         outputs: populations whose spikes are output.
     """
     return _Writer(fixed, name, outputs).source()
 
 
 class _Writer:
-    """Collects the arrays and functions of a network."""
+    """Builder of the arrays and functions of a network."""
 
     def __init__(self, fixed: FixedProgram, name: str, outputs: tuple[str, ...]) -> None:
         self._fixed, self._program, self._name, self._outputs = fixed, fixed.program, name, outputs
@@ -167,7 +170,7 @@ class _Writer:
         ]
         self._histories: dict[tuple[int, float], History] = {}
         self._learning = {q: self._learner(q) for q in self._spiking if self._program.projections[q].synapse.learns}
-        self._cells = {k: self._described(k) for k, part in enumerate(fixed.populations) if part.kind in STEPS}
+        self._cells = {k: self._cells_of(k) for k, part in enumerate(fixed.populations) if part.kind in STEPS}
         self._inputs = [k for k, part in enumerate(self._program.populations) if part.kind in INPUTS]
 
     def _learner(self, q: int) -> Learning | Deferred:
@@ -175,57 +178,65 @@ class _Writer:
         deferred = isinstance(self._wires(q).rule, spinnaker_rule.SpinnakerRule)
         return Deferred(*words, self._histories) if deferred else Learning(*words)
 
-    def _described(self, k: int) -> Cells:
+    def _cells_of(self, k: int) -> Cells:
         part, cells, wires = self._program.populations[k], self._fixed.populations[k], self._fixed.projections
-        into = [q for q in self._spiking if self._program.projections[q].target == k]
-        lag = max((int(longest_lag(self._program, q).max(initial=1)) for q in into), default=0)
-        second = any(
+        incoming = [q for q in self._spiking if self._program.projections[q].target == k]
+        lag = max((int(longest_lag(self._program, q).max(initial=1)) for q in incoming), default=0)
+        has_second_receptor = any(
             wire.receptor or (self._family.by_sign and bool(np.any(wire.words < 0) or self._inhibits(q)))
-            for q in into
+            for q in incoming
             if (wire := wires[q]) is not None
         )
-        relays = cells.kind == "relay"
-        receptors, slot = 1 + (second and not relays), Family().slot if relays else self._family.slot
-        group = any(group.population == k for group in self._program.groups)
-        out = part.name in self._outputs
-        onto, noted = self._along(k), self._noted(k)
-        return Cells(k, cells, part.size, self._firsts[k], lag + 1, receptors, slot, out, group, onto, noted)
+        is_relay = cells.kind == "relay"
+        return Cells(
+            number=k,
+            fixed=cells,
+            size=part.size,
+            first=self._firsts[k],
+            slots=lag + 1,
+            receptors=1 + (has_second_receptor and not is_relay),
+            slot_type=Family().slot_type if is_relay else self._family.slot_type,
+            is_output=part.name in self._outputs,
+            competes=any(group.population == k for group in self._program.groups),
+            projections=self._sent_at_once(k),
+            learning_statements=self._learning_statements(k),
+        )
 
     def _inhibits(self, q: int) -> bool:
-        """Whether what a projection has learnt is subtracted, also where all of its words are 0 in the beginning."""
+        """Return whether learnt weights are subtracted, even if all words are 0 at the start."""
         return isinstance(part := self._learning.get(q), Deferred) and part.rule.inhibits
 
-    def _along(self, k: int) -> tuple[int, ...]:
-        """The projections that a population sends along at once; deferred ones learn before they send."""
+    def _sent_at_once(self, k: int) -> tuple[int, ...]:
+        """Return the outgoing projections, except deferred projections, which learn before sending."""
         at_once = (q for q in self._spiking if not isinstance(self._learning.get(q), Deferred))
         return tuple(q for q in at_once if self._program.projections[q].source == k)
 
-    def _noted(self, k: int) -> tuple[str, ...]:
-        """Statements with which the projections that learn hear of a spike of neuron i of a population."""
-        return tuple(line for part in self._learning.values() for line in part.heard_from(k))
+    def _learning_statements(self, k: int) -> tuple[str, ...]:
+        """Return the statements that report a spike of neuron i of a population to all plastic projections."""
+        return tuple(line for part in self._learning.values() for line in part.spike_statements(k))
 
     def source(self) -> Source:
-        """Both files."""
+        """Write both files."""
         memory = self._memory
-        if self._counts:
+        if self._needs_step_number:
             memory.variable("now", "uint64_t", "the step")
         for k, cells in self._cells.items():
             size, name = cells.slots * cells.size * cells.receptors, cells.fixed.name
-            memory.state(f"ring_{k}", cells.slot, size, f"{name}: input to come, {cells.slots} slots")
+            memory.state(f"ring_{k}", cells.slot_type, size, f"{name}: input of {cells.slots} steps")
             memory.variable(f"at_{k}", TYPES[narrowest(0, cells.slots)], f"{name}: the slot of this step")
-        self._sums = self._summed()
+        self._sums = self._sum_offsets()
         sending = [line for q in self._spiking for line in self._delivery(q)]
-        signals, calls, declared = self._calls()
+        signals, calls, declarations = self._calls()
         learning = [line for part in self._learning.values() for line in part.lines()]
         stepped = {k: STEPS[cells.fixed.kind](cells, memory) for k, cells in self._cells.items()}
-        deciding, opened = list[str](), list[str]()
+        deciding, opening = list[str](), list[str]()
         for index, group in enumerate(self._program.groups):
             k = group.population
             lines, begin = decide(self._program, index, self._cells[k], stepped[k].threshold, memory)
-            deciding, opened = deciding + lines, opened + begin
+            deciding, opening = deciding + lines, opening + begin
         functions = [line for part in stepped.values() for line in part.lines]
         inputs, step = self._input(), self._step()
-        parts = [sending, functions, deciding, learning, inputs, self._init(stepped, opened), step]
+        parts = [sending, functions, deciding, learning, inputs, self._init(stepped, opening), step]
         parts += [self._voltage(stepped), calls, self._digest(stepped)]
         family, upper = self._family, self._name.upper()
         words = {
@@ -249,7 +260,7 @@ class _Writer:
         populations = self._program.populations
         neurons, macros = [], _macros(part.name for part in populations)
         for word, part, first in zip(macros, populations, self._firsts, strict=False):
-            role = "input" if part.kind in INPUTS else "output" if part.name in self._outputs else "inside"
+            role = "input" if part.kind in INPUTS else "output" if part.name in self._outputs else "hidden"
             neurons += [
                 f"#define {upper}_FIRST_{word} {first}u /* {role} */",
                 f"#define {upper}_SIZE_{word} {part.size}u",
@@ -263,19 +274,19 @@ class _Writer:
             neuron="uint16_t" if self._firsts[-1] <= 65536 else "uint32_t",
             event=family.about,
             trial=f"{_TRIAL}\nvoid {self._name}_trial(void);\n\n" if self._program.trials is not None else "",
-            learning=declared.replace("NAME_", f"{upper}_").replace("name_", f"{self._name}_"),
+            learning=declarations.replace("NAME_", f"{upper}_").replace("name_", f"{self._name}_"),
         )
         states = {self._cells[k].fixed.name: _digested(part) for k, part in stepped.items()}
         states |= {self._program.projections[q].name: list(part.states) for q, part in self._learning.items()}
-        number = f"0x{crc32((header + code).encode()):08X}u"
+        checksum = f"0x{crc32((header + code).encode()):08X}u"
         return Source(
-            header.replace("@id@", number),
-            code.replace("@id@", number),
-            number,
+            header.replace("@id@", checksum),
+            code.replace("@id@", checksum),
+            checksum,
             memory.flash,
             memory.ram + _POINTER,
             self._firsts,
-            {name: tuple(each) for name, each in states.items()},
+            {name: tuple(registers) for name, registers in states.items()},
             signals,
         )
 
@@ -286,87 +297,90 @@ class _Writer:
 
     def _delivery(self, q: int) -> list[str]:
         part = self._program.projections[q]
-        to, by_sign, sums = self._cells[part.target], self._family.by_sign, self._sums.get(q)
-        delivery = Delivery(q, part, self._wires(q), to, self._memory, by_sign, sums)
+        target, by_sign, sums = self._cells[part.target], self._family.by_sign, self._sums.get(q)
+        delivery = Delivery(q, part, self._wires(q), target, self._memory, by_sign, sums)
         return delivery.lines(self._learning[q].word if q in self._learning else "")
 
-    def _summed(self) -> dict[int, int]:
-        """Where the sums of projections begin that are shifted or wrapped; sources use one place in turn."""
-        found, sizes = dict[int, int](), dict[int, int]()
+    def _sum_offsets(self) -> dict[int, int]:
+        """Return the offsets in the array `sums` of projections whose sums are shifted or wrapped as a whole.
+
+        Sources are stepped one after the other, so all use the same part of the array.
+        """
+        offsets, sizes = dict[int, int](), dict[int, int]()
         for q in self._spiking:
             part, wires = self._program.projections[q], self._wires(q)
             if wires.shift or wires.wraps:
-                source = _TOGETHER if part.source in self._inputs else part.source
+                source = _INPUTS if part.source in self._inputs else part.source
                 first, last = lags_of(wires)
-                found[q] = sizes.get(source, 0)
-                sizes[source] = found[q] + (last - first + 1) * self._cells[part.target].size
-                self._memory.variable(f"full_{q}", "uint8_t", f"{part.name}: whether it has sums")
+                offsets[q] = sizes.get(source, 0)
+                sizes[source] = offsets[q] + (last - first + 1) * self._cells[part.target].size
+                self._memory.variable(f"full_{q}", "uint8_t", f"{part.name}: 1 if sums are not 0")
         if sizes:
-            self._memory.state("sums", "uint32_t", max(sizes.values()), "sums of a step, of one source after the other")
-        return found
+            self._memory.state("sums", "uint32_t", max(sizes.values()), "sums of the present source in a step")
+        return offsets
 
-    def _poured(self, *sources: int) -> list[str]:
-        """Calls that add the sums of what sources have sent to rings."""
-        return [f"pour_{q}();" for k in sources for q in self._along(k) if q in self._sums]
+    def _pour_calls(self, *sources: int) -> list[str]:
+        """Return the calls that add the sums of sources to the rings."""
+        return [f"pour_{q}();" for k in sources for q in self._sent_at_once(k) if q in self._sums]
 
     @property
-    def _counts(self) -> bool:
-        """Whether the number of the step is needed: by draws, and by resets in an interval."""
+    def _needs_step_number(self) -> bool:
+        """True if random draws or periodic resets need the number of the step."""
         resets = any(shared(cells.fixed.registers, "reset_interval") for cells in self._cells.values())
         return bool(self._program.groups or self._learning or resets)
 
     def _input(self) -> list[str]:
-        """Where the spikes of each input go; what is no neuron of an input is passed over."""
+        """Return the function that sends a spike of an input. Neurons that are not inputs are ignored."""
         lines = ["static void input(uint32_t neuron, uint32_t times)", "{", "    (void)times;"]
         for k in self._inputs:
             first, last = self._firsts[k], self._firsts[k + 1]
-            sent = [f"        send_{q}(i, times);" for q in self._along(k)]
-            sent = [f"        uint32_t i = neuron - {first}u;", "        (void)i;", *sent]
-            sent += [f"        {each.replace('TIMES', 'times')}" for each in self._noted(k)]
+            sends = [f"        send_{q}(i, times);" for q in self._sent_at_once(k)]
+            sends = [f"        uint32_t i = neuron - {first}u;", "        (void)i;", *sends]
+            sends += [f"        {each.replace('TIMES', 'times')}" for each in self._learning_statements(k)]
             about = comment(self._program.populations[k].name)
-            lines += [f"    if ({_inside(first, last)}) {{ /* {about} */", *sent, "    }"]
+            lines += [f"    if ({_inside(first, last)}) {{ /* {about} */", *sends, "    }"]
         if not self._inputs:
             lines.append("    (void)neuron;")
         return [*lines, "}"]
 
-    def _init(self, stepped: dict[int, Stepped], opened: list[str]) -> list[str]:
-        """The functions that begin a run, and a trial."""
+    def _init(self, stepped: dict[int, StepCode], opening: list[str]) -> list[str]:
+        """Return the functions that begin a run and a trial."""
         clear = [f"memset(ring_{k}, 0, sizeof ring_{k});" for k in self._cells]
-        lines = [*(["now = 0;"] if self._counts else []), *(f"at_{k} = 0;" for k in self._cells), *clear]
+        lines = [*(["now = 0;"] if self._needs_step_number else []), *(f"at_{k} = 0;" for k in self._cells), *clear]
         lines += [line for part in stepped.values() for line in part.init.values()]
         lines += [line for part in self._learning.values() for line in part.init]
-        found = function("void NAME_init(void)", [*lines, *opened])
+        functions = function("void NAME_init(void)", [*lines, *opening])
         if (trials := self._program.trials) is not None:
             names = names_of(self._program.populations[trials.output])
             states = {register for state in trials.reset for each in names[state] for register in REGISTERS[each]}
-            anew = [line for register, line in stepped[trials.output].init.items() if register in states]
-            found += function("void NAME_trial(void)", [*clear, *anew, *opened])
-        return found
+            resets = [line for register, line in stepped[trials.output].init.items() if register in states]
+            functions += function("void NAME_trial(void)", [*clear, *resets, *opening])
+        return functions
 
     def _step(self) -> list[str]:
         merge = arithmetic_of(self._fixed.chip).one_bit and bool(self._inputs)
         each = ["uint32_t neuron = events[e].neuron;"]
         times = f"events[e].{self._family.field}"
         once = f"if ({times} != 0) input(neuron, spikes((uint32_t){times}));"
-        lines = [*(["now++;"] if self._counts else []), "out_at = out;"]
+        lines = [*(["now++;"] if self._needs_step_number else []), "out_at = out;"]
         if merge:
             most = max(self._firsts[k + 1] for k in self._inputs)
-            seen = self._memory.state("seen", "uint32_t", -(-most // 32), "inputs that have sent a spike in this step")
-            each += [f"if (neuron >= {most}u || ({seen}[neuron / 32u] >> neuron % 32u & 1u) != 0) continue;"]
-            once = f"if ({times} != 0) {seen}[neuron / 32u] |= UINT32_C(1) << neuron % 32u, input(neuron, 1u);"
-        lines += ["for (uint32_t e = 0; e < n; e++) {", *indented([*each, once]), "}", *self._poured(*self._inputs)]
+            bits = self._memory.state("seen", "uint32_t", -(-most // 32), "bit set of inputs that spiked in this step")
+            each += [f"if (neuron >= {most}u || ({bits}[neuron / 32u] >> neuron % 32u & 1u) != 0) continue;"]
+            once = f"if ({times} != 0) {bits}[neuron / 32u] |= UINT32_C(1) << neuron % 32u, input(neuron, 1u);"
+        lines += ["for (uint32_t e = 0; e < n; e++) {", *indented([*each, once]), "}", *self._pour_calls(*self._inputs)]
         if merge:
-            clear = f"if (events[e].neuron < {most}u) {seen}[events[e].neuron / 32u] = 0;"
+            clear = f"if (events[e].neuron < {most}u) {bits}[events[e].neuron / 32u] = 0;"
             lines += [f"for (uint32_t e = 0; e < n; e++) {{ {clear} }}"]
         for k, cells in self._cells.items():
-            lines += [f"step_{k}();", *([f"decide_{k}();"] if cells.group else []), *self._poured(k)]
-        lines += [call for part in self._learning.values() for call in part.calls]
+            lines += [f"step_{k}();", *([f"decide_{k}();"] if cells.competes else []), *self._pour_calls(k)]
+        lines += [call for part in self._learning.values() for call in part.step_calls]
         for k, cells in self._cells.items():
             kind = TYPES[narrowest(0, cells.slots)]
             lines += [f"at_{k} = ({kind})later(at_{k}, 1u, {cells.slots}u);"] if cells.slots > 1 else []
         return function(_STEP, [*lines, "return (uint32_t)(out_at - out);"])
 
-    def _voltage(self, stepped: dict[int, Stepped]) -> list[str]:
+    def _voltage(self, stepped: dict[int, StepCode]) -> list[str]:
         lines = []
         for k, part in stepped.items():
             first, size = self._firsts[k], self._cells[k].size
@@ -375,37 +389,43 @@ class _Writer:
         return function("int32_t NAME_voltage(uint32_t neuron)", [*lines, "(void)neuron;", "return 0;"])
 
     def _calls(self) -> tuple[dict[str, Dopamine], list[str], str]:
-        """Signals, and the functions that set them and that give what was learnt, as code and as declarations."""
+        """Return the signals, the functions that set signals and return learnt weights, and their declarations."""
         parts, populations = self._program.projections, self._program.populations
-        signals, code, declared = dict[str, Dopamine](), list[str](), ""
+        signals, code, declarations = dict[str, Dopamine](), list[str](), ""
         indices = sorted({parts[q].signal for q in self._learning} - {-1})
         for call, index in _call_names("reward", [self._program.signals[index].name for index in indices], indices):
-            signal, listening = self._program.signals[index], [q for q in self._learning if parts[q].signal == index]
-            to, learners = populations[signal.target], [self._learning[q] for q in listening]
-            one, largest = type(learners[0]).numbers(learners)
-            signals[signal.name] = Dopamine(f"{self._name}_{call}", one, to.size, largest)
-            body = [line for part in learners for line in ("{", *indented(part.set_by(one)), "}")]
-            loop = [f"for (uint32_t i = 0; i < {to.size}u; i++) {{", *indented(body), "}"]
+            signal = self._program.signals[index]
+            learners = [learner for q, learner in self._learning.items() if parts[q].signal == index]
+            target = populations[signal.target]
+            one, largest = type(learners[0]).signal_scale(learners)
+            signals[signal.name] = Dopamine(f"{self._name}_{call}", one, target.size, largest)
+            body = [line for part in learners for line in ("{", *indented(part.dopamine_statements(one)), "}")]
+            loop = [f"for (uint32_t i = 0; i < {target.size}u; i++) {{", *indented(body), "}"]
             code += function(f"void NAME_{call}(const int32_t *values)", loop)
-            words = {"signal": comment(signal.name), "to": comment(to.name), "size": to.size, "one": number(one)}
-            declared += filled("c_code/network/reward.h", call=call, CALL=call.upper(), **words)
+            words = {
+                "signal": comment(signal.name),
+                "to": comment(target.name),
+                "size": target.size,
+                "one": number(one),
+            }
+            declarations += filled("c_code/network/reward.h", call=call, CALL=call.upper(), **words)
         for call, q in _call_names("weights", [parts[q].name for q in self._learning], self._learning):
             kind = self._learning[q].kind
             code += function(f"{kind} *NAME_{call}(void)", [f"return w_{q};"])
             words = {"of": comment(parts[q].name), "size": parts[q].size, "kind": kind}
-            declared += filled("c_code/network/weights.h", call=call, CALL=call.upper(), **words)
-        return signals, code, declared
+            declarations += filled("c_code/network/weights.h", call=call, CALL=call.upper(), **words)
+        return signals, code, declarations
 
-    def _digest(self, stepped: dict[int, Stepped]) -> list[str]:
-        """What tests compare: all states after a step, and all spikes of it."""
+    def _digest(self, stepped: dict[int, StepCode]) -> list[str]:
+        """Return the function that tests call: digests of all states after a step, and of its spikes."""
         lines = ["uint64_t sum = 0;", "uint32_t place = 0;"]
         for k, part in stepped.items():
             size = self._cells[k].size
             for register in _digested(part):
-                what = f"digest(&sum, &place, {part.states[register]}[i]);"
-                lines += [f"for (uint32_t i = 0; i < {size}u; i++) {what}"]
-        for one in self._learning.values():
-            for name, size in one.states.values():
+                statement = f"digest(&sum, &place, {part.states[register]}[i]);"
+                lines += [f"for (uint32_t i = 0; i < {size}u; i++) {statement}"]
+        for learner in self._learning.values():
+            for name, size in learner.states.values():
                 lines.append(f"for (uint32_t i = 0; i < {size}u; i++) digest(&sum, &place, {name}[i]);")
         lines += ["*spikes = sent;", "sent = 0;", "(void)place;", "return sum;"]
         head = "uint64_t NAME_digest(uint64_t *spikes)"
@@ -413,27 +433,27 @@ class _Writer:
 
 
 def _inside(first: int, last: int) -> str:
-    """The test whether `neuron` lies before the last and not before the first of some."""
+    """Return the C test for first <= neuron < last."""
     return f"neuron < {last}u" if first == 0 else f"neuron >= {first}u && neuron < {last}u"
 
 
-def _digested(part: Stepped) -> list[str]:
-    """The registers that the emulator shows."""
+def _digested(part: StepCode) -> list[str]:
+    """Return the state registers that the emulator shows."""
     return [register for register in part.states if register != "hold"]
 
 
 def _call_names(word: str, names: Sequence[str], numbers: Iterable[int]) -> Iterator[tuple[str, int]]:
-    """The name of the call for each of some parts, which ends in that of the part where there are several."""
+    """Yield a name of a C function for each part: "weights", or "weights_a" and "weights_b" for two parts."""
     for name, index in zip(_macros(names), numbers, strict=True):
         yield f"{word}_{name.lower()}" if len(names) > 1 else word, index
 
 
 def _macros(names: Iterable[str]) -> Iterator[str]:
-    """A word for each of some parts, in capitals, that no other has."""
-    taken = set[str]()
+    """Yield a unique C identifier in capitals for each name, e.g. "ON_CELLS" for "on-cells"."""
+    used = set[str]()
     for k, name in enumerate(names):
         word = re.sub(r"[^A-Z0-9]", "_", name.upper())
-        while word in taken:
+        while word in used:
             word += f"_{k}"
-        taken.add(word)
+        used.add(word)
         yield word

@@ -1,7 +1,7 @@
-"""Projections as C: a function that sends a spike of neuron i, and Loihi's learning engine, product by product.
+"""Projections as C: a function that sends a spike of neuron i, and the products of Loihi's learning engine.
 
-All synapses that learn are visited at the end of an epoch in which a spike or a product with u_k may change them. What
-is rounded is drawn by the same keys as on the emulated chip, see `backends/neuro_chip/learning.py`.
+At the end of an epoch all plastic synapses are visited that a spike or a product with u_k may change. Random rounding
+draws by the same keys as the emulated chip, see `backends/neuro_chip/learning.py`.
 """
 
 from __future__ import annotations
@@ -19,20 +19,21 @@ from neuro_exchange.c_code.arrays import TYPES, Memory, narrowest, number, scale
 from neuro_exchange.c_code.cells import Cells, function, indented
 
 _LEVELS = 256
-"""Numbers of a signal that stand for one unit of a trace, at most, of the finest projection that listens."""
+"""Upper bound of a signal's integers per unit of a trace, for the projection with the finest unit."""
 
 
 class Delivery:
-    """A projection onto a population.
+    """Builder of the C code that delivers the spikes of a projection. A word is the integer that a synapse adds.
 
     Args:
-        index: with which its names in C end.
+        index: index of the projection, the suffix of its names in C.
         part: the projection.
-        wires: its words and lags.
-        target: what it sends to.
-        memory: takes its tables.
-        by_sign: whether words below 0 go to a receptor of their own.
-        sums: where the sums of a step begin, if they are shifted or wrapped before they are added to those of others.
+        wires: words and lags of the synapses.
+        target: the target population.
+        memory: declarations, to which tables are added.
+        by_sign: negative words go to a second receptor.
+        sums: offset of the projection's sums in the array `sums`, if its sum over a step is shifted or wrapped as a
+            whole; else None.
     """
 
     def __init__(
@@ -46,54 +47,54 @@ class Delivery:
         sums: int | None,
     ) -> None:
         self._by_sign, self._sums = by_sign, sums
-        self._index, self._part, self._wires, self._to, self._memory = index, part, wires, target, memory
+        self._index, self._part, self._wires, self._target, self._memory = index, part, wires, target, memory
         self._lags = f"{wires.lag.flat[0] if wires.lag.size else 1}u"
         if np.any(wires.lag != wires.lag.flat[:1]):
-            about = f"{part.name}: steps to the update that sees a spike"
+            about = f"{part.name}: steps until a spike arrives"
             self._lags = f"{memory.table(f'lags_{index}', wires.lag, about)}[e]"
 
     def lines(self, word: str = "") -> list[str]:
-        """The function.
+        """Return the functions.
 
         Args:
-            word: of synapse e, of a projection that learns; what its registers say elsewhere.
+            word: expression for the word of synapse e of a plastic projection. Static projections have constants.
         """
-        self._word = word or self._words()
+        self._word = word or self._static_word()
         body = {"dense": self._dense, "csr": self._csr, "one_to_one": self._one_to_one, "grid": self._grid}
         head = f"static void send_{self._index}(uint32_t i, uint32_t times)"
         return [*function(head, body[self._part.layout]()), *self._pour()]
 
-    def _words(self) -> str:
-        """The word of synapse e: a number that all share, or an entry of a table."""
-        found = scaled(np.atleast_1d(self._wires.words).astype(np.int64))
-        if np.all(found.stored == found.stored.flat[:1]):
-            return number(int(found.stored.flat[0]) * found.factor if found.stored.size else 0)
-        table = self._memory.table(f"words_{self._index}", found.stored, f"{self._part.name}: words")
-        return f"{table}[e]" if found.factor == 1 else f"{table}[e] * {number(found.factor)}"
+    def _static_word(self) -> str:
+        """Return the text of the word of synapse e: a number if all are equal, else an entry of a table."""
+        words = scaled(np.atleast_1d(self._wires.words).astype(np.int64))
+        if np.all(words.stored == words.stored.flat[:1]):
+            return number(int(words.stored.flat[0]) * words.factor if words.stored.size else 0)
+        table = self._memory.table(f"words_{self._index}", words.stored, f"{self._part.name}: words")
+        return f"{table}[e]" if words.factor == 1 else f"{table}[e] * {number(words.factor)}"
 
     @property
-    def _own_lags(self) -> bool:
+    def _has_lags_per_synapse(self) -> bool:
         return "[" in self._lags
 
     def _slot(self) -> str:
-        """Where a spike that synapse e sends now is added, of the first target."""
+        """Return the address, for the first target neuron, to which synapse e adds its word."""
         if self._sums is None:
             return self._ring(self._lags)
         first, last = lags_of(self._wires)
-        lag = f" + ({self._lags} - {first}u) * {self._to.size}u" if last > first else ""
+        lag = f" + ({self._lags} - {first}u) * {self._target.size}u" if last > first else ""
         return f"sums + {self._sums}u{lag}"
 
     def _ring(self, lag: str) -> str:
-        """The slot of the ring that is read some steps from now."""
-        to = self._to
-        second = f" + {to.slots * to.size}u" if self._wires.receptor else ""
-        return f"ring_{to.number}{second} + later(at_{to.number}, {lag}, {to.slots}u) * {to.size}u"
+        """Return the address of the slot of the ring that is read `lag` steps from now."""
+        target = self._target
+        second = f" + {target.slots * target.size}u" if self._wires.receptor else ""
+        return f"ring_{target.number}{second} + later(at_{target.number}, {lag}, {target.slots}u) * {target.size}u"
 
     def _pour(self) -> list[str]:
-        """The function that adds the sums of a step to the ring, if there are such."""
+        """Return the function that adds the sums of a step to the ring, if the projection has sums."""
         if self._sums is None:
             return []
-        q, n, (first, last) = self._index, self._to.size, lags_of(self._wires)
+        q, n, (first, last) = self._index, self._target.size, lags_of(self._wires)
         words = f"{n}u, {int(self._wires.wraps)}, {self._wires.shift}u"
         body = [f"if (full_{q} == 0) return;", f"full_{q} = 0;"]
         body += [f"for (uint32_t lag = {first}u; lag <= {last}u; lag++) {{"]
@@ -101,62 +102,67 @@ class Delivery:
         return function(f"static void pour_{q}(void)", body)
 
     def _add(self, place: str) -> str:
-        if self._to.fixed.kind == "relay":
+        if self._target.fixed.kind == "relay":
             return f"count({place}, times);"
-        below = f"{self._to.slots * self._to.size}u, " if self._by_sign else ""
+        below = f"{self._target.slots * self._target.size}u, " if self._by_sign else ""
         return f"add({place}, {below}{self._word}, times);"
 
     def _into(self, lines: Sequence[str], place: str) -> list[str]:
-        """Add to a place of the target; the slot is found once where all synapses have one lag."""
-        if self._own_lags:
+        """Append the statement that adds the word to a target. Synapses with one lag share a pointer to the slot."""
+        if self._has_lags_per_synapse:
             return [*lines, self._add(f"{self._slot()} + {place}")]
         return [*lines, self._add(f"into + {place}")]
 
     def _begin(self) -> list[str]:
         full = [] if self._sums is None else [f"full_{self._index} = 1;"]
-        return full if self._own_lags else [*full, f"{self._to.slot} *into = {self._slot()};"]
+        return full if self._has_lags_per_synapse else [*full, f"{self._target.slot_type} *into = {self._slot()};"]
 
     def _dense(self) -> list[str]:
-        n = self._to.size
-        body = [f"uint32_t e = i * {n}u + j;"] if "[e]" in self._word or self._own_lags else []
+        n = self._target.size
+        body = [f"uint32_t e = i * {n}u + j;"] if "[e]" in self._word or self._has_lags_per_synapse else []
         return [*self._begin(), *_loop("j", "0", f"{n}u", self._into(body, "j"), (not body))]
 
     def _csr(self) -> list[str]:
         index, name = self._index, self._part.name
-        ends = self._memory.table(f"ends_{index}", self._part.row_ends, f"{name}: ends of rows of its sources", True)
+        ends = self._memory.table(f"ends_{index}", self._part.row_ends, f"{name}: ends of the sources' rows", True)
         targets = self._memory.table(f"targets_{index}", self._part.targets.astype(np.int64), f"{name}: targets", True)
         loop = _loop("e", f"{ends}[i]", f"{ends}[i + 1]", self._into([], f"{targets}[e]"))
         return [*self._begin(), *loop]
 
     def _one_to_one(self) -> list[str]:
-        uses = "[e]" in self._word or self._own_lags
-        return [*(["uint32_t e = i;"] if uses else []), *self._begin(), *self._into([], "i")]
+        uses_e = "[e]" in self._word or self._has_lags_per_synapse
+        return [*(["uint32_t e = i;"] if uses_e else []), *self._begin(), *self._into([], "i")]
 
     def _grid(self) -> list[str]:
-        """Every place of every map whose kernel covers the source; kernels are stored once, without places."""
-        g = self._part.grid
-        assert g is not None
-        depth = g.kernels[1]
-        lines = [f"uint32_t channel = i / {g.height * g.width}u, rest = i % {g.height * g.width}u;"]
-        lines += [f"uint32_t y = rest / {g.width}u + {g.top}u, x = rest % {g.width}u + {g.left}u;"]
-        for axis, at, side, places in (("r", "y", g.kernel_height, g.rows), ("c", "x", g.kernel_width, g.columns)):
-            # from ceil((at - side + 1) / stride) to at / stride
-            begin = f"({at} - {side - 1}u + {g.stride - 1}u) / {g.stride}u"
+        """Visit each target (map m, row r, column c) whose kernel covers the source. Kernels are stored once per map.
+
+        The source (y, x), counted with the border, is covered by the rows from ceil((y - height + 1) / stride) to
+        y / stride, and the same for columns.
+        """
+        grid = self._part.grid
+        assert grid is not None
+        depth, stride = grid.kernels[1], grid.stride
+        plane = grid.height * grid.width
+        lines = [f"uint32_t channel = i / {plane}u, rest = i % {plane}u;"]
+        lines += [f"uint32_t y = rest / {grid.width}u + {grid.top}u, x = rest % {grid.width}u + {grid.left}u;"]
+        axes = (("r", "y", grid.kernel_height, grid.rows), ("c", "x", grid.kernel_width, grid.columns))
+        for axis, at, side, places in axes:
+            begin = f"({at} - {side - 1}u + {stride - 1}u) / {stride}u"
             lines += [f"uint32_t {axis}_begin = {at} < {side}u ? 0 : {begin};"]
-            lines += [f"uint32_t {axis}_last = {at} / {g.stride}u;"]
+            lines += [f"uint32_t {axis}_last = {at} / {stride}u;"]
             lines += [f"uint32_t {axis}_end = {axis}_last < {places}u ? {axis}_last + 1u : {places}u;"]
         lines += self._begin()
-        first = f"channel / {depth}u * {g.reach}u"
-        word = [f"uint32_t e = line + x - c * {g.stride}u;"] if "[e]" in self._word else []
-        kernel = f"((m * {depth}u + channel % {depth}u) * {g.kernel_height}u + y - r * {g.stride}u) * {g.kernel_width}u"
-        line = [f"uint32_t line = {kernel};"] if word else []
-        inner = _loop("c", "c_begin", "c_end", self._into(word, f"(m * {g.rows}u + r) * {g.columns}u + c"))
+        first = f"channel / {depth}u * {grid.reach}u"
+        word = [f"uint32_t e = line + x - c * {stride}u;"] if "[e]" in self._word else []
+        kernel_row = f"(m * {depth}u + channel % {depth}u) * {grid.kernel_height}u + y - r * {stride}u"
+        line = [f"uint32_t line = ({kernel_row}) * {grid.kernel_width}u;"] if word else []
+        inner = _loop("c", "c_begin", "c_end", self._into(word, f"(m * {grid.rows}u + r) * {grid.columns}u + c"))
         rows = _loop("r", "r_begin", "r_end", [*line, *inner])
-        return [*lines, *_loop("m", first, f"{first} + {g.reach}u", rows)]
+        return [*lines, *_loop("m", first, f"{first} + {grid.reach}u", rows)]
 
 
 def lags_of(wires: FixedProjection) -> tuple[int, int]:
-    """The shortest and the longest lag of a projection."""
+    """Return the shortest and the longest lag of a projection in steps."""
     return (int(wires.lag.min()), int(wires.lag.max())) if wires.lag.size else (1, 1)
 
 
@@ -166,7 +172,7 @@ def _loop(name: str, begin: str, end: str, body: Sequence[str], without_i: bool 
 
 
 def row_of(part: Projection, q: int, targets: int, body: Sequence[str]) -> list[str]:
-    """What is done to the synapses e of source i onto neurons j."""
+    """Return a loop over the synapses e of source i, with target neurons j."""
     if part.layout == "one_to_one":
         return ["uint32_t j = i, e = i;", *body]
     if part.layout == "dense":
@@ -175,13 +181,19 @@ def row_of(part: Projection, q: int, targets: int, body: Sequence[str]) -> list[
 
 
 class Learning:
-    """A projection that learns by a rule of Loihi.
+    """Builder of the C code of a projection with a learning rule of Loihi.
 
     Args:
-        program: has it.
-        index: of the projection.
-        wires: its rule and its mantissas.
-        memory: takes its states.
+        program: the program with the projection.
+        index: index of the projection.
+        wires: the rule and the mantissas.
+        memory: declarations, to which states are added.
+
+    Attributes:
+        kind: C type of a weight.
+        rule: the learning rule.
+        states: arrays of weights and tags, with their sizes, by state.
+        init: statements that initialise all states.
     """
 
     kind = "int16_t"
@@ -192,9 +204,9 @@ class Learning:
         self._part, self.rule = program.projections[index], wires.rule
         self._sources, self._targets = (program.populations[k].size for k in (self._part.source, self._part.target))
         self._grain = bounds(wires.sign_mode, wires.bits)[2].bit_length() - 1
-        self._init, self._read = list[str](), set[str]()
+        self.init = list[str]()
         self.states: dict[str, tuple[str, int]] = {}
-        # The states: weights and tags, traces of each step of an epoch, and who fired in this step and this epoch.
+        # States: weights, tags, traces at each step of an epoch, and which neurons fired in this step and this epoch.
         q, name, slots = self._q, self._part.name, self.rule.epoch
         first = np.broadcast_to(self._wires.mantissas, self._part.size).astype(np.int64)
         begin = memory.entry(f"w_begin_{q}", first, f"{name}: mantissas at step 0")
@@ -209,56 +221,59 @@ class Learning:
             self._state(f"{side}_fired", "uint8_t", size, "0")
             self._state(f"{side}_last", "uint8_t", size, "0")
         if self._part.dopamine >= 0:
-            # Dopamine spikes under way, one slot for each step of the delay and for the present step.
-            self._sent = self._targets if self._part.dopamine_one_to_one else 1
+            # Dopamine spikes that have not arrived yet: a slot for each step of the delay and for the present step.
+            self._due_size = self._targets if self._part.dopamine_one_to_one else 1
             kind = TYPES[narrowest(0, program.populations[self._part.dopamine].size)]
-            self._state("due", kind, (self._part.dopamine_delay + 1) * self._sent, "0")
+            self._state("due", kind, (self._part.dopamine_delay + 1) * self._due_size, "0")
 
     def _state(self, word: str, kind: str, size: int, begins: str) -> None:
         name = self._memory.state(f"{word}_{self._q}", kind, size, f"{self._part.name}: {word}")
-        self._init.append(f"for (uint32_t i = 0; i < {size}u; i++) {name}[i] = {begins};")
+        self.init.append(f"for (uint32_t i = 0; i < {size}u; i++) {name}[i] = {begins};")
 
     def _count(self, trace: str) -> int:
         return self._sources if trace in loihi_rule.PRE else self._targets
 
     @property
     def word(self) -> str:
-        """What a spike adds by synapse e."""
+        """The expression for the word of synapse e."""
         return f"word_of(w_{self._q}[e], {self._grain}, {self._wires.exponent})"
 
-    def heard_from(self, k: int) -> list[str]:
-        """Statements with which the projection hears of a spike of neuron i of a population."""
+    def spike_statements(self, k: int) -> list[str]:
+        """Return the statements that report a spike of neuron i of population k to the projection."""
         part, q = self._part, self._q
         sides = (("x", part.source), ("y", part.target))
         lines = [f"{side}_fired_{q}[i] = 1;" for side, population in sides if population == k]
         if part.dopamine == k:
-            lines.append(f"due_{q}[{self._due_slot(part.dopamine_delay)}{' + i' if self._sent > 1 else ''}]++;")
+            lines.append(f"due_{q}[{self._due_slot(part.dopamine_delay)}{' + i' if self._due_size > 1 else ''}]++;")
         return lines
 
     def _due_slot(self, steps: int) -> str:
-        """The place of the dopamine spikes that act some steps from now."""
+        """Return the index of the dopamine spikes that act some steps from now."""
         lag = f"(now + {steps}u)" if steps else "now"
-        return f"(uint32_t)({lag} % {self._part.dopamine_delay + 1}u) * {self._sent}u"
+        return f"(uint32_t)({lag} % {self._part.dopamine_delay + 1}u) * {self._due_size}u"
 
     @staticmethod
-    def numbers(parts: Sequence[Any]) -> tuple[int, int]:
-        """The number of a signal that stands for 1/ms, and one that saturates the traces of what listens."""
+    def signal_scale(parts: Sequence[Any]) -> tuple[int, int]:
+        """Return the integer of a signal that stands for 1/ms, and one that saturates the traces of all projections."""
         finest = min(part._wires.n_scale for part in parts)
         return 1 << max(0, math.floor(math.log2(_LEVELS / finest))), 128 * _LEVELS
 
     @property
-    def calls(self) -> list[str]:
-        """What a step does in its end."""
+    def step_calls(self) -> list[str]:
+        """The calls at the end of each step."""
         return [f"learn_{self._q}();"]
 
-    def set_by(self, one: int) -> list[str]:
-        """Statements that set the dopamine of neuron i to values[i] / `one` in 1/ms, rounded as on the emulator."""
-        # Of each of the 127 values of a trace the smallest number that is rounded to it.
+    def dopamine_statements(self, one: int) -> list[str]:
+        """Return the statements that set the dopamine of neuron i to values[i] / `one` in 1/ms.
+
+        A table with the smallest integer that is rounded to each of the 127 values of a trace gives the rounding of the
+        emulator without a division.
+        """
         scale, q, n, most = self._wires.n_scale, self._q, self._targets, loihi_rule.TRACE_MAX
         units = np.rint(np.arange(math.ceil(most * scale * one) + 1) / one / scale)
-        ends = np.searchsorted(units, np.arange(1, most + 1))
+        smallest = np.searchsorted(units, np.arange(1, most + 1))
         about = f"{self._part.name}: the least dopamine of each value of a trace"
-        name = self._memory.table(f"levels_{q}", ends, about, True)
+        name = self._memory.table(f"levels_{q}", smallest, about, True)
         at = f"[(uint32_t)((now + {self.rule.epoch - 1}u) % {self.rule.epoch}u) * {n}u + i]"
         return [
             "uint32_t size = values[i] < 0 ? 0u - (uint32_t)values[i] : (uint32_t)values[i], level = 0;",
@@ -267,14 +282,9 @@ class Learning:
             f"r2_{q}{at} = (uint8_t)(values[i] < 0 ? level : 0);",
         ]
 
-    @property
-    def init(self) -> list[str]:
-        """Statements that put all states where they are at step 0."""
-        return self._init
-
     def lines(self) -> list[str]:
-        """The functions; `learn_Q` is called at the end of each step."""
-        # The rule at synapse e from neuron i to j; both changes are made from the values before.
+        """Return the functions. `learn_Q` is called at the end of each step."""
+        # `apply_Q` is the rule at synapse e from neuron i to j. Both changes are computed before either is made.
         q, (low, high, _) = self._q, bounds(self._wires.sign_mode)
         tag = f"t_{q}[e]" if self.rule.dt else "0"
         body = [f"int32_t w = w_{q}[e], t = {tag};", "(void)t;"]
@@ -296,7 +306,7 @@ class Learning:
         ]
 
     def _changes(self, word: str, terms: Sequence[loihi_rule.Term]) -> list[str]:
-        """What the due products change a variable by, in units of 2^-7."""
+        """Return the function that sums the due products for a variable, in units of 2^-7."""
         if not terms:
             return []
         unused = [f"(void){name};" for name in ("i", "j", "number", "w", "t")]
@@ -311,13 +321,13 @@ class Learning:
         return function(head, [*body, f"return sum - {word} * 128;"])
 
     def _factor(self, factor: loihi_rule.Factor, term: loihi_rule.Term) -> str:
-        """A factor as the product reads it: traces at the step of the spike that gates it, or at the epoch's end."""
+        """Return the text of a factor. Traces are read at the step of the gating spike, or at the end of the epoch."""
         name, add, q, end = factor.name, factor.add, self._q, f"{self.rule.epoch - 1}u"
         if name in ("w", "t"):
             text = name
         elif name in ("x0", "y0"):
-            side, who = name[0], "i" if name == "x0" else "j"
-            text = f"({side}_last_{q}[{who}] != 0)"
+            side, neuron = name[0], "i" if name == "x0" else "j"
+            text = f"({side}_last_{q}[{neuron}] != 0)"
         else:
             at = {"x0": f"(x_last_{q}[i] - 1u)", "y0": f"(y_last_{q}[j] - 1u)", "u": end}[term.gate]
             at = end if name in loihi_rule.MODULATORY else at
@@ -325,7 +335,7 @@ class Learning:
         return f"({text} {'-' if add < 0 else '+'} {abs(add)})" if add else text
 
     def _learn(self) -> list[str]:
-        """Traces decay, then spikes add their impulses; at the end of an epoch the rule is applied."""
+        """Return the function of a step: traces decay, spikes add impulses, and the rule acts at an epoch's end."""
         q, epoch = self._q, self.rule.epoch
         body = [f"uint32_t slot = (uint32_t)((now - 1u) % {epoch}u), before = (slot + {epoch - 1}u) % {epoch}u;"]
         body += ["(void)before;"]
@@ -345,23 +355,23 @@ class Learning:
             body += ["    }", "}"]
         body += [f"if (slot == {epoch - 1}u) {{", *indented(self._visit()), "}"]
         if self._part.dopamine >= 0:
-            n, many, impulse = self._targets, self._sent, self.rule.traces["r1"].impulse
+            n, due_size, impulse = self._targets, self._due_size, self.rule.traces["r1"].impulse
             body += [f"uint32_t due = {self._due_slot(0)};", f"for (uint32_t i = 0; i < {n}u; i++) {{"]
             body += [f"    uint8_t *r1 = r1_{q} + slot * {n}u + i;"]
-            body += [f"    *r1 = raised(*r1, due_{q}[due{' + i' if many > 1 else ''}] * UINT32_C({impulse}));", "}"]
-            body += [f"memset(due_{q} + due, 0, sizeof *due_{q} * {many}u);"]
+            body += [f"    *r1 = raised(*r1, due_{q}[due{' + i' if due_size > 1 else ''}] * UINT32_C({impulse}));", "}"]
+            body += [f"memset(due_{q} + due, 0, sizeof *due_{q} * {due_size}u);"]
         return function(f"static void learn_{q}(void)", body)
 
     def _visit(self) -> list[str]:
-        """All synapses that a product may change; then the spikes of the epoch are forgotten."""
+        """Return the loop over all synapses that a product may change, and the reset of the epoch's spikes."""
         q, epoch = self._q, self.rule.epoch
-        swept = [term for term in (*self.rule.dw, *self.rule.dt) if term.gate == "u"]
-        acts = " || ".join(sorted({f"(number & {(1 << term.every) - 1}u) == 0" for term in swept}))
-        # A product of a tag of 0 is 0.
+        ungated = [term for term in (*self.rule.dw, *self.rule.dt) if term.gate == "u"]
+        acts = " || ".join(sorted({f"(number & {(1 << term.every) - 1}u) == 0" for term in ungated}))
+        # Synapses whose tag is 0 are skipped if all these products have the tag as a factor.
         if (
-            swept
+            ungated
             and self.rule.dt
-            and all(any(each.name == "t" and not each.add for each in term.factors) for term in swept)
+            and all(any(each.name == "t" and not each.add for each in term.factors) for term in ungated)
         ):
             acts = f"(t_{q}[e] != 0 && ({acts}))"
         lines = [f"uint32_t number = (uint32_t)(now / {epoch}u);"]

@@ -1,5 +1,5 @@
-        |/* The rule of what learns onto '@onto@'. An event of a post neuron is appended to its history, of which entry 0 is a
-        | * placeholder and the 15 others are the last events; synapses look at it when their source sends. */
+        |/* The learning rule of synapses onto '@onto@'. Events of a target neuron are appended to its history: entry 0 is a
+        | * placeholder, entries 1 to 15 are the last events. Synapses read the history when their source spikes. */
         |static void append_@k@(uint32_t j, uint32_t t, int32_t concentration, uint32_t dopamine)
         |{
         |    uint32_t n = count_@k@[j], first = j * 16u, last = first + n - 1u, passed = t - times_@k@[last];
@@ -41,7 +41,7 @@ lowadd  |    int32_t sum = wrap32((int64_t)w - times_fine(@down@, x) - times_fin
 lowadd  |    return sum > @low@ ? sum : @low@;
 lowers  |}
 lowers  |
-taught  |/* Some ticks that begin with a level of dopamine: the released programs multiply in this order. */
+taught  |/* Advance by some ticks from a level of dopamine. The order of products is that of the released programs. */
 taught  |static void elapse_@k@(int32_t *w, int32_t *c, int32_t level, uint32_t ticks)
 taught  |{
 taught  |    int32_t kept = left(@c@, ticks), lost = half(fine(kept, left(@d@, ticks)) - 2048);
@@ -49,7 +49,7 @@ taught  |    if (level != 0) *w = wrap32((int64_t)*w + times_fine(times_fine(coa
 taught  |    *c = times_fine(*c, kept);
 taught  |}
 taught  |
-        |/* Bring a synapse onto neuron j with a delay of d up to tick t; p and r1 belong to the last packet, r2 to this one. */
+        |/* Update a synapse onto neuron j with delay d to tick t. p and r1 are of the last packet, r2 of this one. */
         |static void visit_@k@(uint16_t *weight, uint16_t *tag, uint32_t j, uint32_t d, unsigned shift, uint32_t t, uint32_t p,
         |                      int32_t r1, int32_t r2)
         |{
@@ -61,7 +61,7 @@ taught  |    uint32_t at = p, marks = marks_@k@[j], marks_left;
         |    (void)tag, (void)r1, (void)r2;
         |    while (before > 0 && times[before] > begin) before--;
         |    for (newest = before; newest + 1u < n && times[newest + 1u] <= end;) newest++;
-taught  |    /* Without the delay, and marks are read later by the entries after the window: so do the released programs. */
+taught  |    /* Without the delay; marks are shifted by the entries after the window. Both as in the released programs. */
 taught  |    if (before > 0) level = fine(level_@k@[j * 16u + before], left(@d@, p - times[before]));
 taught  |    marks >>= n - (newest - before);
         |    for (uint32_t k = before + 1u; k <= newest; k++) {
@@ -81,7 +81,7 @@ traced  |        x = fine(r1, x);
 taught  |        elapse_@k@(&w, &c, level, t - at);
         |        x = left(@minus@, t - (times[newest] + d));
 traced  |        x = fine(fast_@k@[j * 16u + newest], x);
-vogels  |        @moved@ = raised_@k@(@moved@, x - @alpha@, 0); /* a negative step, too: nothing keeps it above the lower bound */
+vogels  |        @moved@ = raised_@k@(@moved@, x - @alpha@, 0); /* may be negative: there is no lower bound */
 lowers  |        @moved@ = lowered_@k@(@moved@, x, @pre_triplet@);
         |    }
 taught  |    w = clipped(w, @taught_low@, @taught_high@);
@@ -89,7 +89,7 @@ taught  |    *tag = (uint16_t)floor_shift(c, shift);
         |    *weight = (uint16_t)floor_shift(w, shift);
         |}
         |
-        |/* The dopamine and the post spikes of a step. */
+        |/* Append the dopamine and the target spikes of a step. */
         |static void events_@k@(void)
         |{
         |    uint32_t t = (uint32_t)(now - 1u);
@@ -101,7 +101,7 @@ sent    |        for (uint32_t k = 0; k < due_@k@[@due@]; k++) append_@k@(j, t, 
 sent    |    memset(due_@k@, 0, sizeof due_@k@);
         |}
         |
-signal  |/* Bring the dopamine of neuron j to a value by spikes of sources of reward or punishment, whose traces the host follows.
+signal  |/* Set the dopamine of neuron j by spikes of sources of reward or punishment, as the host of the machine does.
 signal  | * `halves` is twice the value in s4.11, rounded down. */
 signal  |static void modulate_@k@(uint32_t j, int32_t value)
 signal  |{
@@ -113,7 +113,7 @@ ties    |        if (ties_@k@[k].value == value) halves = ties_@k@[k].halves, up
 ties    |    }
 signal  |    halves -= 2 * fine(level_@k@[last], left(@d@, t - times_@k@[last])) - @unit@;
 signal  |    missing = floor_div(halves, 2 * @unit@);
-ties    |    /* As near to two levels. */
+ties    |    /* Half-way between two levels. */
 ties    |    if (halves == missing * 2 * @unit@ && missing > -@levels@ && missing <= @levels@) {
 ties    |        missing -= (upper >> (missing + @levels@ - 1) & 1u) == 0;
 ties    |    }

@@ -4,11 +4,11 @@
 
 #include <stdint.h>
 
-/* Neurons are counted through all populations: each has a first neuron and a size. */
+/* Neurons are numbered across all populations. A population has a first neuron and a size. */
 @neurons@
-#define @NAME@_MOST_OUT @most@u /* events that a step may give */
-#define @NAME@_STEP_NS @ns@u /* a step, in nanoseconds */
-#define @NAME@_ID @id@ /* that of @name@.c */
+#define @NAME@_MOST_OUT @most@u /* largest number of output events of a step */
+#define @NAME@_STEP_NS @ns@u /* length of a step in nanoseconds */
+#define @NAME@_ID @id@ /* checksum, equal in @name@.c */
 
 #ifdef __cplusplus
 extern "C" {
@@ -22,14 +22,14 @@ typedef struct {
     @kind@ @field@;
 } @name@_event;
 
-/* Begin at step 0. Call it first. */
+/* Begin at step 0. Call this function first. */
 void @name@_init(void);
 
-/* One step. Reads the spikes that inputs send in it, n events in any order, and writes those of outputs, in order of
- * neurons; returns their number. Events of neurons that are no input are passed over. */
+/* Run one step. Reads n events of inputs in any order, writes the events of outputs in the order of neurons, and returns
+ * the number of output events. Events of neurons that are not inputs are ignored. */
 uint32_t @name@_step(const @name@_event *events, uint32_t n, @name@_event *out);
 
-/* The first state register of a neuron after the last step, its voltage where it has one; 0 of what has no state. */
+/* Return the voltage of a neuron after the last step, or its first state without a voltage, or 0 without a state. */
 int32_t @name@_voltage(uint32_t neuron);
 
 @trial@@learning@#ifdef __cplusplus

@@ -1,4 +1,4 @@
-        |/* A spike of source i of '@of@': its row is brought up to date, then it is sent. */
+        |/* A spike of source i of '@of@': update the row of the source, then send the spike. */
         |static void packet_@q@(uint32_t i)
         |{
         |    uint32_t t = (uint32_t)(now - 1u), p = last_@q@[i];

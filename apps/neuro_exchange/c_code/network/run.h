@@ -1,4 +1,4 @@
-/* A run that the emulator recorded: events of inputs and outputs, what sets signals, and digests. @mark@ */
+/* A recorded run of the emulator: events of inputs and outputs, values of signals, and digests. @mark@ */
 #include "@name@.h"
 
 #if @NAME@_ID != @id@
@@ -7,5 +7,5 @@
 
 #define STEPS @steps@u
 
-/* Events of step k, from 0, are number in_ends[k] to in_ends[k + 1] - 1; reward(k) sets signals before that step. */
+/* The events of step k, from 0, are in_ends[k] to in_ends[k + 1] - 1. reward(k) sets signals before that step. */
 @data@

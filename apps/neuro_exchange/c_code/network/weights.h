@@ -1,5 +1,5 @@
 #define NAME_@CALL@ @size@u
 
-/* The weights of '@of@' as they are now, mantissas by source, then target: to be kept, and put back after name_init(). */
+/* The present weights of '@of@': mantissas by source, then target. Save them, and restore them after name_init(). */
 @kind@ *name_@call@(void);
 

@@ -1,4 +1,4 @@
-/* The integers of Loihi 1: 22-bit input in units of 64, u of 24 bits that wraps, v of 24 bits that is clipped. @mark@ */
+/* The integers of Loihi 1: input of 22 bits in units of 64, wrapping u and clipped v of 24 bits. @mark@ */
 #ifndef NEURO_LOIHI_H
 #define NEURO_LOIHI_H
 
@@ -6,13 +6,13 @@
 
 #define V_LIMIT 0x7FFFFF
 
-/* What is sent of several spikes of a neuron in a step: a spike is one bit. */
+/* Spikes that a neuron sends if it has several in a step: one, since a spike is one bit. */
 static inline uint32_t spikes(uint32_t times)
 {
     return times != 0;
 }
 
-/* A spike adds a word to what a neuron receives in a step, 16 bits in units of 64. */
+/* Add the word of a synapse to the input of a neuron in a step, 16 bits in units of 64. */
 static inline void add(uint16_t *slot, int32_t word, uint32_t times)
 {
     (void)times;

@@ -1,4 +1,4 @@
-/* Starts the test on the board mps2-an386 of QEMU: the stack, and where to begin. @mark@ */
+/* Start of the test on the board mps2-an386 of QEMU: the stack and the entry point. @mark@ */
 #include <stdint.h>
 
 extern void _start(void); /* of newlib, which calls main */

@@ -1,4 +1,4 @@
-/* A run that the emulator recorded, compared step by step: every spike, and every state by a digest. @mark@ */
+/* Comparison with a recorded run of the emulator: every spike in every step, and a digest of all states. @mark@ */
 #include "@name@_run.h"
 
 #include <stdio.h>
@@ -8,14 +8,14 @@ uint64_t @name@_digest(uint64_t *spikes);
 static @name@_event out[@NAME@_MOST_OUT + 1u];
 
 #ifdef NEURO_COUNT
-/* QEMU advances its clock by 1 ns an instruction (-icount shift=0); the SysTick timer of the board counts it at 25 MHz. */
+/* QEMU's clock advances by 1 ns per instruction (-icount shift=0). The board's SysTick timer counts it at 25 MHz. */
 #define CONTROL (*(volatile uint32_t *)0xE000E010u)
 #define RELOAD (*(volatile uint32_t *)0xE000E014u)
 #define CURRENT (*(volatile uint32_t *)0xE000E018u)
 #define INSTRUCTIONS 40u
 
-/* Joules an instruction: 28 to 79 uA/MHz at 3.3 V (STM32L412, a Cortex-M4, ST DS12469: by SMPS, by LDO) are 92 to 261 pJ
- * a cycle; an instruction takes 1 to 2 cycles, which is assumed: QEMU does not count them. */
+/* Energy per instruction: 28 to 79 uA/MHz at 3.3 V (STM32L412, a Cortex-M4, ST DS12469: with SMPS, with LDO) are 92 to
+ * 261 pJ per cycle. Assumed: 1 to 2 cycles per instruction, which QEMU does not count. */
 #define LEAST_PJ 92u
 #define MOST_PJ 521u
 
@@ -76,9 +76,9 @@ int @name@_test(void)
     }
     printf("@name@: %lu steps equal, %lu output spikes\n", (unsigned long)STEPS, sent);
 #ifdef NEURO_COUNT
-    printf("@name@: %lu instructions a step, %lu at most\n", (unsigned long)(instructions / STEPS),
+    printf("@name@: %lu instructions per step, %lu at most\n", (unsigned long)(instructions / STEPS),
            (unsigned long)most_instructions);
-    printf("@name@: an estimate of %lu to %lu nJ a step, by %u to %u pJ an instruction\n",
+    printf("@name@: estimate: %lu to %lu nJ per step, with %u to %u pJ per instruction\n",
            (unsigned long)(instructions / STEPS * LEAST_PJ / 1000u), (unsigned long)(instructions / STEPS * MOST_PJ / 1000u),
            LEAST_PJ, MOST_PJ);
 #endif
