@@ -243,5 +243,7 @@ def test_a_network_is_cut_only_where_threads_meet_seldom_enough(
 def test_a_state_of_another_number_of_threads_is_refused():
     sim, other = neuro.compile(network(), seed=4, threads=3), neuro.compile(network(), seed=4, threads=2)
     sim.run(5.0)
-    with pytest.raises(neuro.ModelError, match=r"^the state was saved with threads=3: expected the same to continue$"):
+    with pytest.raises(
+        neuro.ModelError, match=r"^the state was saved with threads=3: expected the same number to continue$"
+    ):
         other._engine.restore(sim._engine.snapshot())

@@ -1,7 +1,7 @@
-"""The float simulator: event-driven, compiled by numba, which is imported only when a network is built.
+"""The float simulator: event-driven and compiled by numba, which is imported only when a network is built.
 
-Three rooms, and imports run one way: `host` (what Python holds and calls between steps) imports `building` (from a
-program to the arrays and tables of the kernels), which imports `loop` (the compiled kernels).
+Three packages, imported in one direction: `host` (the Python side, which acts between steps) imports `building` (turns
+a program into the arrays and tables of the kernels), which imports `loop` (the compiled kernels).
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ from neuro.program.program import Program
 
 
 class EventBackend:
-    """Float64, event-driven, compiled; runs everything that the language can say."""
+    """The backend `event`: float64, event-driven, compiled. It runs everything that the language can describe."""
 
     name = "event"
     description = "float64, event-driven, compiled by numba; any number of threads gives the same result"
     unsupported: dict[str, str] = {}
 
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
-        """Only parts in the registers of a chip are refused, and models that are not listed."""
+        """Return an error for each part that only exists on a chip; everything else runs."""
         return floats_only(program)
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
-        """Make an engine at step 0.
+        """Build an engine at step 0.
 
         Args:
-            program: what to run.
-            threads: how many threads share the neurons.
-            options: `strict` is accepted as by chips: nothing overflows here.
+            program: the program to run.
+            threads: number of threads, which share the neurons.
+            options: only `strict`, which chips understand; it has no effect, since floats do not overflow.
 
         Raises:
-            ModelError: an option is unknown, `threads` is not a whole number >= 1, or numba must not compile.
+            ModelError: an option is unknown, `threads` is not a whole number >= 1, or numba is told not to compile.
         """
         for name in options.keys() - {"strict"}:
             raise ModelError(

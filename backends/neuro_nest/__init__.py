@@ -1,6 +1,6 @@
-"""The backend `nest`: networks run in NEST itself, whose models ours follow. So it is the judge of the other backends.
+"""The backend `nest`, which runs networks in NEST. Our models follow NEST's, so NEST verifies the other backends.
 
-NEST is imported when a network is built, not before: that takes a second. It is GPL and optional.
+NEST is optional, has the GPL licence, and is imported when a network is built, because the import takes a second.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ if TYPE_CHECKING:
 
 
 class NestBackend:
-    """NEST 3.10, which computes what the models of this language are taken from."""
+    """The backend `nest`: NEST 3.10, the source of most models of this language."""
 
     name = "nest"
-    description = "NEST itself, if installed (pip install nest-simulator): the judge of the float backends"
+    description = "NEST itself, if installed (pip install nest-simulator): verifies the float backends"
     draws_synapses = True
     unreadable = UNREADABLE
     unsupported = UNSUPPORTED
 
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
-        """What NEST cannot do, or does otherwise; nothing is approximated."""
+        """Return an error for each part that NEST does not have or computes differently. Nothing is approximated."""
         return problems(program)
 
     def share(self) -> Share:
-        """What of a network this process has; several under MPI have some of the neurons each."""
+        """Return the share of the neurons that this process has. Under MPI several processes have a share each."""
         from neuro_nest.kernel import share
 
         return share()
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> NestEngine:
-        """Make an engine at step 0; `threads` are NEST's."""
+        """Build an engine at step 0 with NEST's `threads`."""
         from neuro_nest.engine import NestEngine
 
         for name in options.keys() - {"strict"}:

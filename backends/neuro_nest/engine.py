@@ -1,4 +1,4 @@
-"""The engine: reading and writing between stretches of NEST's steps."""
+"""The engine: reads and writes between NEST's runs."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _WORDS = {"K_plus": "Kplus"}
 
 
 class NestEngine:
-    """A program in execution; `neuro.program.backend.Engine` says what each method does.
+    """A program that runs in NEST; `neuro.program.backend.Engine` documents each method.
 
     Args:
-        program: the network, of which nothing is refused.
-        threads: of NEST.
+        program: a network that the backend does not refuse.
+        threads: number of NEST's threads.
     """
 
     unreadable = UNREADABLE
@@ -45,14 +45,14 @@ class NestEngine:
 
     @property
     def _listed(self) -> list[NestProjection]:
-        """The projections whose synapses the program has."""
-        return [wires for wires in self.net.wires if isinstance(wires, NestProjection)]
+        """The projections whose synapses the program has, without those that NEST draws."""
+        return [synapses for synapses in self.net.synapses if isinstance(synapses, NestProjection)]
 
-    def _wires(self, projection: int) -> NestProjection:
+    def _synapses(self, projection: int) -> NestProjection:
         self.program.refuse_undrawn(projection)
-        wires = self.net.wires[projection]
-        assert isinstance(wires, NestProjection)
-        return wires
+        synapses = self.net.synapses[projection]
+        assert isinstance(synapses, NestProjection)
+        return synapses
 
     @property
     def step(self) -> int:
@@ -60,7 +60,7 @@ class NestEngine:
         return self.net.step
 
     def run(self, steps: int) -> None:
-        """Advance."""
+        """Advance by some steps."""
         self.net.run(steps)
 
     def inject(self, population: int, steps: Ints, ids: Ints) -> None:
@@ -68,20 +68,20 @@ class NestEngine:
         self.net.sources[population].inject(steps, ids, self.step)
 
     def signal(self, signal: int, values: Floats) -> None:
-        """Set the dopamine of every synapse that listens."""
-        for wires in self._listed:
-            if wires.part.signal == signal:
-                self._check_moment(wires, f"signal '{self.program.signals[signal].name}'")
-                self._write(wires, "n", values[wires.target])
+        """Set the dopamine concentration of all synapses with this signal."""
+        for synapses in self._listed:
+            if synapses.part.signal == signal:
+                self._check_moment(synapses, f"signal '{self.program.signals[signal].name}'")
+                self._write(synapses, "n", values[synapses.target])
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
-        """A state or parameter of every neuron, or of some."""
+        """Return a state or parameter of every neuron, or of some."""
         self._check_shown(population, name)
         with nest_errors():
             return self.net.cells[population].get(name, ids)
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
-        """Change states and parameters."""
+        """Set states and parameters."""
         part = self.program.populations[population]
         for name in values:
             self._check_shown(population, name)
@@ -99,54 +99,57 @@ class NestEngine:
             self.net.set_noise(population, values)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
-        """A state of every synapse."""
-        wires = self._wires(projection)
-        if not wires.part.synapse.learns:
-            if wires.part.share.number == 1:
-                return np.broadcast_to(wires.weights, wires.part.size).copy()
-            # One weight is that of all, or of the only synapse that this process has: what each has decides nothing.
-            return wires.joined(np.broadcast_to(wires.weights, wires.source.size))
-        if wires.part.synapse.modulated:
-            self._check_moment(wires, f"'{name}' of '{wires.part.name}'")
+        """Return a state of every synapse."""
+        synapses = self._synapses(projection)
+        if not synapses.part.synapse.learns:
+            if synapses.part.share.number == 1:
+                return np.broadcast_to(synapses.weights, synapses.part.size).copy()
+            # A single weight may be shared by all synapses, or belong to the only synapse of this process. Both are
+            # broadcast to the synapses of this process.
+            return synapses.all_values(np.broadcast_to(synapses.weights, synapses.source.size))
+        if synapses.part.synapse.modulated:
+            self._check_moment(synapses, f"'{name}' of '{synapses.part.name}'")
         with nest_errors():
-            values = wires.read(self._nest, self.net.ends(wires), _WORDS.get(name, name))
-        if name == "K_plus" and not wires.part.synapse.modulated:
-            # NEST's stdp_synapse has K+ as of the last pre spike.
-            passed = self.step - self.net.records[wires.part.source].sent[wires.source]
-            values = values * np.exp(-passed * self.program.resolution / self.net.words(wires)["tau_plus"])
-        return wires.joined(values)
+            values = synapses.read(self._nest, self.net.ends(synapses), _WORDS.get(name, name))
+        if name == "K_plus" and not synapses.part.synapse.modulated:
+            # NEST's stdp_synapse stores K+ as of the last pre spike.
+            elapsed = self.step - self.net.records[synapses.part.source].sent[synapses.source]
+            values = values * np.exp(-elapsed * self.program.resolution / self.net.words(synapses)["tau_plus"])
+        return synapses.all_values(values)
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
-        """Change the numbers of a synapse model."""
-        wires = self._wires(projection)
-        self._check_changeable(wires, "the numbers")
-        own = parameters if parameters.ndim == 1 else wires.given(parameters)
+        """Set the numbers of a synapse model."""
+        synapses = self._synapses(projection)
+        self._check_changeable(synapses, "the numbers")
+        own = parameters if parameters.ndim == 1 else synapses.own_values(parameters)
         self.net.rules[projection] = own.copy()
-        words = self.net.words(wires)
-        wires.changed()
+        words = self.net.words(synapses)
+        synapses.invalidate()
         with nest_errors():
-            if wires.part.synapse.modulated or wires.part.synapse.name in SHARED:
-                for name in wires.models():
+            if synapses.part.synapse.modulated or synapses.part.synapse.name in SHARED:
+                for name in synapses.models():
                     self._nest.SetDefaults(name, words)
             else:
                 for word, value in words.items():
-                    wires.write(self._nest, self.net.ends(wires), word, np.broadcast_to(value, len(wires.source)))
+                    synapses.write(
+                        self._nest, self.net.ends(synapses), word, np.broadcast_to(value, len(synapses.source))
+                    )
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
-        """Replace all weights; those that are not chosen are NEST's own."""
-        wires = self._wires(projection)
-        if wires.part.synapse.learns:
-            self._check_changeable(wires, "the weights")
-        elif wires.part.carries == "spikes" and not wires.part.as_by_sign(weights):
-            assert wires.part.receptor is not None
-            what = f"weights of '{wires.part.name}' onto receptor '{wires.part.receptor.name}'"
+        """Replace all weights. NEST's own values stay for those that are not chosen."""
+        synapses = self._synapses(projection)
+        if synapses.part.synapse.learns:
+            self._check_changeable(synapses, "the weights")
+        elif synapses.part.carries == "spikes" and not synapses.part.as_by_sign(weights):
+            assert synapses.part.receptor is not None
+            what = f"weights of '{synapses.part.name}' onto receptor '{synapses.part.receptor.name}'"
             raise ModelError(f"{what}: {BY_SIGN}", hint=ELSEWHERE)
-        wires.weights = wires.given(weights).copy()
-        self._write(wires, "weight", wires.each(wires.part.arriving(wires.weights)))
+        synapses.weights = synapses.own_values(weights).copy()
+        self._write(synapses, "weight", synapses.each(synapses.part.arriving(synapses.weights)))
 
-    def _write(self, wires: NestProjection, word: str, values: Floats) -> None:
+    def _write(self, synapses: NestProjection, word: str, values: Floats) -> None:
         with nest_errors():
-            wires.write(self._nest, self.net.ends(wires), word, values)
+            synapses.write(self._nest, self.net.ends(synapses), word, values)
 
     def _check_shown(self, population: int, name: str) -> None:
         part = self.program.populations[population]
@@ -156,29 +159,29 @@ class NestEngine:
                 hint="backend 'event' has the same network and shows it",
             )
 
-    def _check_changeable(self, wires: NestProjection, what: str) -> None:
-        """A change acts from the next step on, on synapses that are up to date."""
-        if wires.part.synapse.modulated:
-            self._check_moment(wires, f"{what} of '{wires.part.name}'")
+    def _check_changeable(self, synapses: NestProjection, what: str) -> None:
+        """Raise an error unless a change would act from the next step on, on updated synapses."""
+        if synapses.part.synapse.modulated:
+            self._check_moment(synapses, f"{what} of '{synapses.part.name}'")
         elif self.step:
             raise ModelError(
-                f"{what} of '{wires.part.name}' cannot change once it runs: NEST's stdp_synapse would apply them to "
+                f"{what} of '{synapses.part.name}' cannot change once it runs: NEST's stdp_synapse would apply them to "
                 "post spikes from before, too",
                 hint="change them at time 0, or use backend 'event'",
             )
 
-    def _check_moment(self, wires: NestProjection, what: str) -> None:
-        grid = self.net.grid(wires)
+    def _check_moment(self, synapses: NestProjection, what: str) -> None:
+        grid = self.net.grid(synapses)
         if self.step % grid:
             ms = self.net.clock.ms
             raise ModelError(
-                f"{what} at {ms(self.step):g} ms: NEST brings synapses under dopamine up to date every {ms(grid):g} ms "
-                "(deliver_interval x the smallest delay): expected a multiple of it",
+                f"{what} at {ms(self.step):g} ms: NEST updates synapses with dopamine every {ms(grid):g} ms "
+                "(deliver_interval x the smallest delay): expected a multiple of this interval",
                 hint=f"run to {ms(self.step - self.step % grid + grid):g} ms",
             )
 
     def spikes(self, population: int, since: int) -> Spikes:
-        """Recorded spikes after a step."""
+        """Return the recorded spikes after a step."""
         return self.net.records[population].since(since)
 
     def forget(self, before: int) -> None:
@@ -187,12 +190,12 @@ class NestEngine:
             record.forget(before)
 
     def counts(self) -> EngineCounts:
-        """Counts since the start or the last reset."""
+        """Return the counts since the start or the last reset."""
         records = self.net.records
         stepped = np.array([p.kind == "neuron" for p in self.program.populations])
         active = self.program.share.total(self.net.activity.active) * stepped
         for target in {p.target for p in self.program.projections if p.undrawn is not None}:
-            active[target] = self.program.populations[target].size * self.step  # arrivals are known to NEST alone
+            active[target] = self.program.populations[target].size * self.step  # only NEST knows the arrivals
         return EngineCounts(
             steps=self.step,
             events=tuple(record.events.copy() for record in records),
@@ -202,41 +205,43 @@ class NestEngine:
         )
 
     def memory(self) -> dict[str, int]:
-        """Bytes of NEST's whole process, and of the recorded spikes."""
+        """Return the bytes of the whole process of NEST, and of the recorded spikes."""
         return {
             "process of NEST": int(self._nest.memory_size) * 1024,
             "spikes": sum(record.nbytes for record in self.net.records),
         }
 
     def reset(self, weights: bool) -> None:
-        """Back to step 0: NEST is built anew."""
-        first = [p.weight for p in self.program.projections]
-        kept = [*first]
-        for wires in self._listed:
-            kept[wires.index] = wires.given(self.get_synapses(wires.index, "weight"))
+        """Return to step 0. The network is built again in NEST."""
+        first_weights = [p.weight for p in self.program.projections]
+        weights_before = [*first_weights]
+        for synapses in self._listed:
+            weights_before[synapses.index] = synapses.own_values(self.get_synapses(synapses.index, "weight"))
         with nest_errors():
             self._nest.ResetKernel()
-        self.net = self._build([c.parameters for c in self.net.cells], first if weights else kept, self.net.rules)
+        self.net = self._build(
+            [c.parameters for c in self.net.cells], first_weights if weights else weights_before, self.net.rules
+        )
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Refused: NEST cannot write its state."""
+        """Raise an error, because NEST cannot save its state."""
         raise ModelError(
             "backend 'nest' cannot save: NEST has no way to write or read its state",
             hint="backend 'event' saves and restores; sim.network() keeps what was learnt",
         )
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Refused, as `snapshot`."""
+        """Raise an error, because NEST cannot restore a state."""
         self.snapshot()
 
     def present(self, trial: Trial) -> Outcome:
-        """Never called: networks with trials are refused."""
+        """Not implemented, because networks with trials are refused."""
         raise NotImplementedError
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
-        """Never called, as `present`."""
+        """Not implemented, because networks with trials are refused."""
         raise NotImplementedError
 
     def encourage(self, projection: int, maps: Ints) -> None:
-        """Never called, as `present`."""
+        """Not implemented, because networks with trials are refused."""
         raise NotImplementedError

@@ -1,4 +1,4 @@
-"""NEST's kernel: imported in silence, lent to one simulation at a time, its errors raised as ours."""
+"""NEST's kernel: imported without output, used by one simulation at a time, with NEST's errors raised as ours."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ T = TypeVar("T")
 
 INSTALL = "pip install nest-simulator"
 OURS = "neuro_nest"
-"""A node model that only a kernel of ours has; ResetKernel takes it away."""
+"""Name of a node model that marks a kernel as ours. ResetKernel removes the model."""
 
 _holder: weakref.ref[Any] = weakref.ref(type("Nobody", (), {})())
 
 
 def load() -> Any:
-    """The module `nest`.
+    """Import the module `nest`.
 
     Raises:
-        ModelError: it is not installed.
+        ModelError: NEST is not installed.
     """
     if sys.modules.get("nest") is not None:
         return sys.modules["nest"]
@@ -52,21 +52,21 @@ def load() -> Any:
         sys.setdlopenflags(flags)
         if quiet is None:
             del os.environ["PYNEST_QUIET"]
-    if processes() == 1:  # mpirun tells it itself
+    if processes() == 1:  # mpirun itself reports a crash
         watch()
     return nest
 
 
 def lend(holder: Any, name: str) -> Any:
-    """The kernel, empty, for one simulation.
+    """Return the empty kernel for one simulation.
 
     Args:
-        holder: has it for as long as it lives.
-        name: of its network.
+        holder: the owner of the kernel, as long as the owner exists.
+        name: name of the owner's network.
 
     Raises:
-        ModelError: another simulation lives, or a network that is none of ours; NEST is not installed, or it does not
-            fit how this process was started.
+        ModelError: another simulation exists, NEST holds a network that is not ours, NEST is not installed, or NEST was
+            built without MPI and mpirun started several processes.
     """
     global _holder
     if _alive(holder):
@@ -91,15 +91,15 @@ def lend(holder: Any, name: str) -> Any:
     return nest
 
 
-def sign(nest: Any) -> None:
-    """Mark the kernel as ours; after this its resolution and threads cannot change."""
+def mark_as_ours(nest: Any) -> None:
+    """Mark the kernel as ours. After this its resolution and number of threads cannot change."""
     nest.CopyModel("parrot_neuron", OURS)
 
 
 def set_nodes(nest: Any, nodes: Any, words: list[dict[str, Any]]) -> None:
-    """Set nodes: one dictionary for all, or one for each.
+    """Set parameters of nodes: one dictionary for all, or one for each.
 
-    It is what `nodes.set` calls, which first asks each node where it lies: twenty times the work.
+    `nodes.set` calls the same function, but first asks for the location of each node, which takes twenty times as long.
     """
     nest.ll_api.nestkernel.llapi_set_nc_status(nodes._datum, words)
 
@@ -114,7 +114,7 @@ def nest_errors(part: str = "") -> Iterator[None]:
     """Raise NEST's errors as `ModelError` with NEST's message; under MPI end all processes.
 
     Args:
-        part: the part of the network that is told to NEST, e.g. "population 'c'"; "" where it is the whole.
+        part: the part of the network that is passed to NEST, e.g. "population 'c'"; "" for the whole network.
     """
     nest = load()
     try:
@@ -134,7 +134,7 @@ _WAIT = 'trap "" INT TERM HUP; read -r word || echo "$0" >&2'
 
 @cache
 def watch() -> None:
-    """Begin to watch this process; once is enough. A process that ends as it should says so."""
+    """Start a watcher process, at most once, which prints a message if this process crashes."""
     try:
         watcher = subprocess.Popen(["/bin/sh", "-c", _WAIT, TOLD], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
     except OSError:
@@ -151,30 +151,30 @@ PATIENCE_S = 1.0
 
 
 class Rank(Share):
-    """The share of one process of several. Every one calls the same methods in the same order."""
+    """The share of one of several processes. All processes must call the same methods in the same order."""
 
     def gather(self, values: NDArray[Any]) -> NDArray[Any]:
-        """The arrays of all processes, joined along the first axis, in each of them."""
+        """Return the arrays of all processes, concatenated along the first axis, in each process."""
         return np.concatenate(_world().allgather(values))
 
     def agree(self, make: Callable[[], T]) -> T:
-        """What a function gives, if it gives something in every process; else the error of the first of them."""
+        """Return the result of a function, or raise the error of the first process in which the function fails."""
         error: ModelError | None = None
         try:
-            found = make()
+            result = make()
         except ModelError as problem:
             error = problem
         for each in _world().allgather(None if error is None else vars(error)):
             if each is not None:
                 raise ModelError("").but(**each)
-        return found
+        return result
 
 
 def share() -> Share:
-    """What of a network this process has.
+    """Return the share of a network that this process has.
 
     Raises:
-        ModelError: NEST is not installed, or it does not fit how this process was started.
+        ModelError: NEST is not installed, or NEST was built without MPI and mpirun started several processes.
     """
     if processes() == 1:
         return WHOLE
@@ -184,16 +184,16 @@ def share() -> Share:
 
 
 def check_mpi(with_mpi: bool) -> None:
-    """Refuse several processes where NEST would run all of the network in each; else they share it."""
+    """Let several processes share the work. Raise an error if NEST was built without MPI."""
     work_together()
     if processes() > 1 and not with_mpi:
         raise ModelError(f"mpirun started {processes()} processes, but this NEST was built without MPI", hint=BUILD)
 
 
 def end_all(message: str) -> NoReturn:
-    """End all processes with one message: one that fails alone would leave the others waiting for ever.
+    """End all processes with one message. If one process ended alone, the other processes would wait for it for ever.
 
-    Where all fail alike the first speaks; the others give it the time to.
+    If all fail in the same way, the first prints the message, and the other processes give it time to do so.
     """
     if not leads():
         time.sleep(PATIENCE_S)

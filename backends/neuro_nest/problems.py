@@ -1,4 +1,4 @@
-"""What NEST cannot run as described, which parameters it refuses, and the way out of each."""
+"""Parts of a network that NEST cannot run as described, parameters that NEST refuses, and alternatives for each."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from neuro_nest.tables import (
 Values = Mapping[str, Floats]
 
 LARGEST_EXPONENT = math.log(sys.float_info.max / 1e20)
-"""The largest (V_peak - V_th) / Delta_T that NEST's aeif neurons take."""
+"""Largest (V_peak - V_th) / Delta_T that NEST's aeif neurons accept."""
 
 LARGEST_GROWTH = math.log(sys.float_info.max)
-"""The largest exponent in NEST's propagators. Beyond it V_m is no number, or wrong without a word (iaf_psc_exp)."""
+"""Largest exponent in NEST's propagators. Above it V_m is NaN, or wrong without an error (iaf_psc_exp)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +41,11 @@ class Limit:
     """A check of a model of NEST.
 
     Attributes:
-        words: the parameters that it is about, the first of which the message names first.
-        refuses: tells, by the parameters of a population and the length of a step in ms, which neurons NEST refuses.
+        words: names of the checked parameters, in the order of the message.
+        refuses: function of the parameters of a population and the length of a step in ms, which returns the neurons
+            that NEST refuses.
         why: what NEST expects.
-        way_out: what else to write.
+        way_out: what the user can write instead.
     """
 
     words: tuple[str, ...]
@@ -90,11 +91,11 @@ LIMITS: Mapping[str, tuple[Limit, ...]] = {
     "iaf_psc_delta": (RESET,),
     **dict.fromkeys(("iaf_psc_exp", "iaf_psc_alpha"), (RESET, *FAST)),
 }
-"""The checks of each model that a value within our bounds may fail, in NEST's order."""
+"""Checks of each model that values within our bounds may fail, in NEST's order."""
 
 
 def refused_values(part: Population, values: Values, resolution: float) -> Iterator[tuple[Limit, str]]:
-    """Yield each limit that some neurons exceed, and the values of the first of these as text.
+    """Yield each limit that some neurons exceed, and the values of the first such neuron as text.
 
     Args:
         part: the population.
@@ -103,9 +104,9 @@ def refused_values(part: Population, values: Values, resolution: float) -> Itera
     """
     for limit in LIMITS.get(part.model.name, ()):
         with np.errstate(all="ignore"):
-            bad = np.broadcast_to(limit.refuses(values, resolution), part.size)
-        if bad.any():
-            first = int(np.argmax(bad))
+            is_refused = np.broadcast_to(limit.refuses(values, resolution), part.size)
+        if is_refused.any():
+            first = int(np.argmax(is_refused))
             units = {word: q.unit for word, q in part.model.quantities().items()}
             texts = [
                 f"{word} = {np.broadcast_to(values[word], part.size)[first]:g} {units[word]}" for word in limit.words
@@ -114,7 +115,7 @@ def refused_values(part: Population, values: Values, resolution: float) -> Itera
 
 
 def refuses_weight(part: Projection) -> bool:
-    """Return whether NEST refuses weights of 0 of a rule whose Wmax is negative: it counts 0 as positive."""
+    """Return whether NEST refuses weights of 0. If Wmax is negative, NEST counts 0 as a positive weight."""
     limits = part.synapse.parameters()
     return bool(np.any((np.asarray(limits.get("Wmax", 0.0)) < 0.0) & (np.asarray(part.weight) >= 0.0)))
 
@@ -128,23 +129,23 @@ FINITE = "use a large tau_m, say 1e6"
 
 
 def problems(program: Program) -> list[Problem]:
-    """All that is refused."""
+    """Return an error for each part that NEST cannot run, and a warning if NEST draws synapses."""
     chips = floats_only(program)
     if chips:
         return chips
-    found = [*_of_network(program), *unnoted(program)]
+    result = [*_network_problems(program), *unnoted(program)]
     for index, part in enumerate(program.populations):
-        found += _of_population(program, index, part)
+        result += _population_problems(program, index, part)
     for projection in program.projections:
-        found += _of_projection(program, projection)
-    return [*found, *_of_copies(program), *_of_targets(program), *_of_rules(program)]
+        result += _projection_problems(program, projection)
+    return [*result, *_copy_problems(program), *_target_problems(program), *_rule_problems(program)]
 
 
 def _refused(what: str, why: str, way_out: str, part: object) -> Problem:
     return Problem(True, what, why, way_out, getattr(part, "origin", None))
 
 
-def _of_network(program: Program) -> Iterator[Problem]:
+def _network_problems(program: Program) -> Iterator[Problem]:
     ticks = program.resolution * TICKS_PER_MS
     if abs(ticks - round(ticks)) > 1e-9:
         yield _refused(
@@ -153,14 +154,14 @@ def _of_network(program: Program) -> Iterator[Problem]:
     for group in program.groups:
         yield _refused(f"group '{group.name}'", f"NEST has no {group.choice.noun}", ELSEWHERE, group)
     if program.trials is not None:
-        yield _refused("trials", "NEST cannot drop what is under way", ELSEWHERE, program.trials)
+        yield _refused("trials", "NEST cannot drop spikes under way", ELSEWHERE, program.trials)
     for probe in program.probes:
         if probe.record in UNREADABLE:
             what = f"probe '{probe.name}': {probe.record}"
             yield _refused(what, "NEST does not show it between steps", "probe V_m", probe)
 
 
-def _of_population(program: Program, index: int, part: Population) -> Iterator[Problem]:
+def _population_problems(program: Program, index: int, part: Population) -> Iterator[Problem]:
     message = f"population '{part.name}'"
     if part.model.name not in NODES:
         yield _refused(f"{message}: {part.model.name}", "NEST has no such model", ELSEWHERE, part)
@@ -171,7 +172,7 @@ def _of_population(program: Program, index: int, part: Population) -> Iterator[P
         yield _refused(f"{message}: reset_by_subtraction", "NEST's model resets to V_reset", ELSEWHERE, part)
     for name, values in part.initial.items():
         if name in UNREADABLE and np.any(values != 0.0):
-            yield _refused(f"{message}: initial {name}", "NEST's starts at 0", ELSEWHERE, part)
+            yield _refused(f"{message}: initial {name}", "NEST starts it at 0", ELSEWHERE, part)
     for limit, text in refused_values(part, part.parameters, program.resolution):
         yield _refused(f"{message}: {text}", limit.why, f"{limit.way_out}, or {ELSEWHERE}", part)
     if _without_leak(part.parameters) and _has_current(program, index, part):
@@ -183,19 +184,19 @@ def _without_leak(parameters: Mapping[str, Floats]) -> bool:
 
 
 def has_new_current(before: Mapping[str, Floats], change: Mapping[str, Floats]) -> bool:
-    """Whether a change of parameters gives a current to neurons without leak."""
+    """Return whether a change of parameters gives a current to neurons without leak."""
     after = {**before, **change}
     return _without_leak(after) and bool(np.any(after["I_e"] != 0.0))
 
 
 def _has_current(program: Program, index: int, part: Population) -> bool:
-    """Whether more than spikes through delta or exponential synapses drives any of the neurons."""
+    """Return whether a population is driven by more than spikes through delta or exponential synapses."""
     sources = [program.populations[p.source].model for p in program.projections if p.target == index]
     driven = bool(np.any(part.parameters["I_e"] != 0.0)) or any(isinstance(m, CurrentGenerator) for m in sources)
     return driven or part.model.name == "iaf_psc_alpha"
 
 
-def _of_projection(program: Program, part: Projection) -> Iterator[Problem]:
+def _projection_problems(program: Program, part: Projection) -> Iterator[Problem]:
     message = f"projection '{part.name}'"
     if part.synapse.name not in SYNAPSES:
         yield _refused(f"{message}: {part.synapse.name}", "NEST has no such rule", ELSEWHERE, part)
@@ -204,11 +205,11 @@ def _of_projection(program: Program, part: Projection) -> Iterator[Problem]:
         what = f"{message}: {part.synapse.name} on a shared kernel"
         yield _refused(what, "NEST's synapses share no weight that learns", ELSEWHERE, part)
     if part.carries == "current":
-        # NEST filters currents by one of the time constants only.
+        # NEST filters currents with only one of the time constants.
         name = program.populations[part.target].model.name
         if part.receptor is not None and (name, part.receptor.name) not in RECEPTORS_OF_CURRENTS:
             what = f"{message}: a current to receptor '{part.receptor.name}' of {a(name)}"
-            yield _refused(what, "NEST has none for it", ELSEWHERE, part)
+            yield _refused(what, "NEST has no current to it", ELSEWHERE, part)
     elif part.receptor is not None and not program.share.every(part.as_by_sign(part.weight)):
         yield _refused(f"{message}: receptor '{part.receptor.name}' by name", BY_SIGN, ELSEWHERE, part)
     if refuses_weight(part):
@@ -225,8 +226,8 @@ def _of_projection(program: Program, part: Projection) -> Iterator[Problem]:
             yield _refused(what, "NEST acts as if it were true", f"set {word}: true, or {ELSEWHERE}", part)
 
 
-def _of_copies(program: Program) -> Iterator[Problem]:
-    """Every dopamine of its own takes a copy of the synapse model."""
+def _copy_problems(program: Program) -> Iterator[Problem]:
+    """Yield an error if there are too many copies of the synapse model: each separate dopamine input needs one."""
     modulated = [part for part in program.projections if part.synapse.modulated]
     copies = sum(program.populations[p.target].size if p.dopamine_one_to_one else 1 for p in modulated)
     if copies > SYNAPSE_MODELS:
@@ -239,24 +240,24 @@ def _of_copies(program: Program) -> Iterator[Problem]:
         )
 
 
-def _of_targets(program: Program) -> Iterator[Problem]:
-    """Numbers of rules that NEST has once for each neuron: those of two rules onto a population must be equal."""
-    known: dict[tuple[int, str], tuple[float, str]] = {}
+def _target_problems(program: Program) -> Iterator[Problem]:
+    """Yield an error for each number that NEST stores per neuron and that differs between rules onto a population."""
+    first_values: dict[tuple[int, str], tuple[float, str]] = {}
     for part in program.projections:
         for word in OF_TARGET & set(part.synapse.numbers()):
             value = part.synapse.parameters()[word]
-            first, name = known.setdefault((part.target, word), (value, part.name))
+            first, name = first_values.setdefault((part.target, word), (value, part.name))
             if value != first:
                 yield _refused(
                     f"projection '{part.name}': {part.synapse.name}.{word} = {value:g}",
-                    f"it is the neuron's in NEST, and '{name}' onto the same population has {first:g}",
-                    f"give both the same, or {ELSEWHERE.replace(' it', ' them')}",
+                    f"NEST has one value per neuron, and '{name}' onto the same population has {first:g}",
+                    f"give both the same value, or {ELSEWHERE.replace(' it', ' them')}",
                     part,
                 )
 
 
-def _of_rules(program: Program) -> Iterator[Problem]:
-    """What NEST draws itself."""
+def _rule_problems(program: Program) -> Iterator[Problem]:
+    """Yield errors and a warning for synapses that NEST draws."""
     parts = [part for part in program.projections if part.undrawn is not None]
     for part in parts:
         assert part.undrawn is not None
@@ -273,12 +274,12 @@ def _of_rules(program: Program) -> Iterator[Problem]:
 
 
 _NO_LEAK = "a current without leak"
-_TRIALS = "trials: NEST cannot drop what is under way"
+_TRIALS = "trials: NEST cannot drop spikes under way"
 _GROUP = "NEST has no winner-take-all"
 _RIVALS = "NEST has no lateral reset"
 _RULE = "NEST's stdp_synapse would apply them to post spikes from before, too"
 _AT_PRE = "weights that learn are shown between steps only"
-_MOMENT = "NEST brings synapses under dopamine up to date every 0.7 ms"
+_MOMENT = "NEST updates synapses with dopamine every 0.7 ms"
 
 _LAWS = (
     *("a_seed_repeats", "seeds_differ", "threads_do_not_matter", "a_reset_repeats", "a_reset_keeps_weights"),
@@ -290,9 +291,9 @@ UNSUPPORTED: dict[str, str] = {
     "exact_refractory_periods": _NO_LEAK,
     "exact_currents": _NO_LEAK,
     "alpha_neuron_equal_time_constants": _NO_LEAK,
-    "initial_states": "initial I_syn_ex: NEST's starts at 0",
+    "initial_states": "initial I_syn_ex: NEST starts it at 0",
     "states_and_parameters_change": "I_syn_ex of 'cells': NEST neither shows nor sets it between steps",
-    "currents_to_both_receptors": "a current to receptor 'in' of an iaf_psc_exp: NEST has none for it",
+    "currents_to_both_receptors": "a current to receptor 'in' of an iaf_psc_exp: NEST has no current to it",
     **dict.fromkeys(("stdp_changes", "synapses_that_come_to_differ"), _RULE),
     "several_states_means_and_rates": "I_syn_ex: NEST does not show it between steps",
     **dict.fromkeys(("weights_at_pre_spikes", "states_at_pre_spikes"), _AT_PRE),

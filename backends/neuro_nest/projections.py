@@ -1,7 +1,7 @@
-"""One projection as connections of NEST, and the order in which NEST lists them; or as a rule by which NEST draws.
+"""One projection as connections of NEST, or as a rule by which NEST draws connections.
 
-NEST tells synapses by their ends and a label. So the synapses between the same two neurons lie in layers, and
-each layer of a projection has a label of its own.
+NEST identifies connections by their two nodes and a label. So the synapses between the same two neurons are in
+different layers, and each layer of a projection has its own label. NEST lists connections in its own order.
 """
 
 from __future__ import annotations
@@ -30,53 +30,62 @@ from neuro_nest.tables import RECEPTORS_OF_CURRENTS, SHARED, STATES, SYNAPSES, N
 
 @dataclass(frozen=True, slots=True)
 class Nodes:
-    """Nodes that stand for neurons.
+    """The nodes of the neurons of a population.
 
     Attributes:
-        first: the number of the first node; the others follow.
-        at: which of them stands for each neuron; None: they are in order.
+        first: number of the first node; the numbers of the other nodes follow.
+        at: place of each neuron's node; None if nodes are in the order of neurons.
     """
 
     first: int
     at: Ints | None
 
     def places(self, neurons: Ints) -> Ints:
-        """Which of the nodes stand for some neurons, counted from 0."""
+        """Return the places of the nodes of some neurons, counted from 0."""
         return neurons if self.at is None else self.at[neurons]
 
     def of(self, neurons: Ints) -> Ints:
-        """The numbers of the nodes of some neurons."""
+        """Return the numbers of the nodes of some neurons."""
         return self.first + self.places(neurons)
 
     def in_turn(self, neurons: int) -> Ints:
-        """The neurons in the order of their nodes."""
+        """Return the neurons in the order of their nodes."""
         return np.arange(neurons) if self.at is None else np.argsort(self.at)
 
     def neurons(self, nodes: Ints) -> Ints:
-        """The neurons for which some nodes stand."""
+        """Return the neurons of some nodes."""
         places = nodes - self.first
         return places if self.at is None else np.argsort(self.at)[places]
 
 
-def dealt_out(neurons: int, processes: int) -> Ints:
-    """Which node stands for each neuron, so that each process has neighbouring ones though nodes are dealt in turn."""
+def node_places(neurons: int, processes: int) -> Ints:
+    """Return the place of each neuron's node, so that each process has neighbouring neurons.
+
+    NEST assigns nodes to processes in turn. Example: of 5 neurons and 2 processes, the nodes 0 2 4 belong to process 0,
+    so the neurons 0 1 2 get the nodes 0 2 4, and the neurons 3 4 get the nodes 1 3.
+    """
     return np.concatenate([np.arange(rank, neurons, processes) for rank in range(processes)])
 
 
 DEEPEST = 1 << 14
-"""Labels that each projection has. NEST's have 31 bits, so there may be 131,072 projections."""
+"""Number of labels of each projection. NEST's labels have 31 bits, so there may be 131,072 projections."""
 
 
 def layers(source: Ints, target: Ints) -> Ints:
-    """How many synapses of the same ends stand before each; they are sorted by source."""
+    """Return the layer of each synapse: the number of earlier synapses between the same two neurons.
+
+    The synapses are sorted by source.
+
+    Example: the synapses 0-5, 0-5, 0-7, 1-5 are in the layers 0, 1, 0, 0.
+    """
     order = np.lexsort((target, source))
     pre, post = source[order], target[order]
     fresh = np.ones(len(pre), dtype=bool)
     fresh[1:] = (pre[1:] != pre[:-1]) | (post[1:] != post[:-1])
     starts = np.flatnonzero(fresh)
-    found = np.empty(len(pre), dtype=np.int64)
-    found[order] = np.arange(len(pre)) - np.repeat(starts, np.diff(np.append(starts, len(pre))))
-    return found
+    numbers = np.empty(len(pre), dtype=np.int64)
+    numbers[order] = np.arange(len(pre)) - np.repeat(starts, np.diff(np.append(starts, len(pre))))
+    return numbers
 
 
 class NestProjection:
@@ -84,14 +93,14 @@ class NestProjection:
 
     Args:
         program: the network.
-        index: which projection.
-        weights: all weights, as the program has them: where it has a share, those of the share.
+        index: index of the projection.
+        weights: all weights in the order of the program; if the program has a share, those of the share.
 
     Attributes:
-        source, target, delay: of every synapse, by source.
-        slot: the place of its weight.
+        source, target, delay: source, target and delay of every synapse, sorted by source.
+        slot: index of each synapse's weight.
         row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
-        weights: of a static projection those in force, else those it began with.
+        weights: the present weights of a static projection, or the initial ones of a plastic projection.
     """
 
     def __init__(self, program: Program, index: int, weights: Floats) -> None:
@@ -100,7 +109,7 @@ class NestProjection:
         cut = self.part.share.number > 1
         source, target, slot = program.own_synapses(index)
         self.delay = np.broadcast_to(self.part.delay, len(source))
-        # Of a projection of which the program has all synapses: those onto the neurons of this process.
+        # If the program has all synapses, this process only has those onto its own neurons.
         self._own: Ints | None = None
         if program.share.number > 1 and not cut:
             begin, end = program.share.of(self.n_target)
@@ -113,7 +122,7 @@ class NestProjection:
         self.source, self.target = nodes.astype(np.int32), target.astype(np.int32)
         self.slot = slice(None) if self.part.grid is None and self._own is None else slot
         self._program = program
-        # A process has a few synapses of each source, and an end for each source of every projection.
+        # A process has few synapses of each source, but an end for each source, so ends get the smallest type.
         self.row_ends = np.searchsorted(source, np.arange(n_source + 1)).astype(np.min_scalar_type(-1 - len(source)))
         self._receptor: dict[str, int] = {}
         if self.part.carries == "current" and self.part.receptor is not None:
@@ -129,26 +138,29 @@ class NestProjection:
         self._has_run = False
 
     def rows(self, sources: Ints) -> tuple[Ints, Ints]:
-        """The synapses of some sources, one after the other, and how many each has."""
+        """Return the synapses of some sources, source by source, and the number of synapses of each source."""
         first, number = self.row_ends[sources], self.row_ends[sources + 1] - self.row_ends[sources]
         before = np.cumsum(number) - number
         return np.repeat(first - before, number) + np.arange(int(number.sum())), number
 
     def models(self) -> list[str]:
-        """The copies of its model, one for each transmitter of dopamine; the synapses of a copy share numbers."""
+        """Return the names of the copies of the synapse model, one per dopamine transmitter.
+
+        Synapses of a copy share their numbers.
+        """
         return [f"neuro_{self.index}_{i}" for i in range(self.n_target if self.part.dopamine_one_to_one else 1)]
 
     def connect(
         self, nest: Any, ends: tuple[Nodes, Nodes], clock: NestClock, words: Mapping[str, Any], transmitters: Any
     ) -> None:
-        """Make the connections.
+        """Make the connections in NEST.
 
         Args:
             nest: the module.
-            ends: the nodes of source and target.
-            clock: of the network.
-            words: parameters of the synapse model in NEST's words, of all synapses or one for each.
-            transmitters: of dopamine, one or one for each post neuron; None for other models.
+            ends: nodes of source and target.
+            clock: clock of the network.
+            words: parameters of the synapse model by NEST's names, for all synapses or one value for each.
+            transmitters: volume transmitters of dopamine, one or one per post neuron; None for other models.
         """
         model = SYNAPSES[self.part.synapse.name]
         if self.part.synapse.name in SHARED:
@@ -161,8 +173,8 @@ class NestProjection:
         places = ends[1].places(np.arange(self.n_target)).tolist()
         for post, name in enumerate(self.models()):
             nest.CopyModel(model, name, {**words, "volume_transmitter": transmitters[places[post]]})
-            mine = self.target == post if self.part.dopamine_one_to_one else np.ones(len(self.target), dtype=bool)
-            self._connect(nest, ends, clock, {"synapse_model": name}, np.flatnonzero(mine))
+            is_own = self.target == post if self.part.dopamine_one_to_one else np.ones(len(self.target), dtype=bool)
+            self._connect(nest, ends, clock, {"synapse_model": name}, np.flatnonzero(is_own))
 
     def _connect(
         self, nest: Any, ends: tuple[Nodes, Nodes], clock: NestClock, words: dict[str, Any], among: Ints
@@ -186,34 +198,34 @@ class NestProjection:
         return self.index * DEEPEST + layer
 
     def each(self, values: NDArray[Any]) -> NDArray[Any]:
-        """The value of every synapse of this process, from one for all, or for each weight that the program has."""
+        """Return the value of every synapse of this process, from one for all or one for each weight of the program."""
         if len(values) == 1:
             return np.broadcast_to(values, (len(self.source), *values.shape[1:]))
         return values[self.slot]
 
-    def given(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Of values of all synapses of the projection those that the program has."""
+    def own_values(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return the values of the program's synapses, from those of all synapses of the projection."""
         return self._program.own(self.index, values)
 
-    def joined(self, values: Floats) -> Floats:
-        """The values of all synapses of the projection, from those of this process."""
+    def all_values(self, values: Floats) -> Floats:
+        """Return the values of all synapses of the projection, from those of this process."""
         if self._own is None:
             return self._program.joined(self.index, values)
         share = self._program.share
-        places, found = share.gather(self._own), share.gather(values)
+        places, all_values = share.gather(self._own), share.gather(values)
         every: Floats = np.empty(places.size)
-        every[places] = found
+        every[places] = all_values
         return every
 
     def read(self, nest: Any, ends: tuple[Nodes, Nodes], word: str) -> Floats:
-        """A state of every synapse of this process, in NEST's word for it."""
+        """Return a state of every synapse of this process, by NEST's name."""
         if not self._states:
             words = (*STATES[self.part.synapse.name], "source", "target")
             self._states = {name: np.zeros(len(self.source)) for name in words}
             for layer in range(self._depth):
                 connections = self._connections(nest, layer)
-                found = connections.get(list(words)) if len(connections) else dict.fromkeys(words, ())
-                values = {name: np.atleast_1d(np.array(found[name], dtype=np.float64)) for name in words}
+                answers = connections.get(list(words)) if len(connections) else dict.fromkeys(words, ())
+                values = {name: np.atleast_1d(np.array(answers[name], dtype=np.float64)) for name in words}
                 synapses = self._places(layer, ends, values["source"], values["target"])
                 for name in words:
                     self._states[name][synapses] = values[name]
@@ -221,7 +233,7 @@ class NestProjection:
 
     def write(self, nest: Any, ends: tuple[Nodes, Nodes], word: str, values: Floats) -> None:
         """Set a state of every synapse of this process."""
-        self.changed()
+        self.invalidate()
         shared = bool((values == values[:1]).all())
         for layer in range(self._depth):
             connections = self._connections(nest, layer)
@@ -229,22 +241,22 @@ class NestProjection:
                 connections.set({word: float(values[0])})
             elif len(connections):
                 if nest.local_num_threads > 1:
-                    # NEST's threads list what is theirs as they come, so the order is another at each call.
+                    # NEST's threads list their connections in any order, so the order may differ at each call.
                     self._listed = {}
                 connections.set([{word: value} for value in values[self._order(connections, layer, ends)].tolist()])
 
-    def changed(self) -> None:
-        """What was read is no longer so."""
+    def invalidate(self) -> None:
+        """Discard the cached states."""
         self._states = {}
 
-    def ran(self) -> None:
-        """States have changed, and at the first time NEST's order of connections."""
-        self.changed()
+    def after_run(self) -> None:
+        """Discard the cached states after a run, and after the first run also NEST's order of connections."""
+        self.invalidate()
         if not self._has_run:
             self._has_run, self._listed = True, {}
 
     def _order(self, connections: Any, layer: int, ends: tuple[Nodes, Nodes]) -> Ints:
-        """Which synapses these connections of a layer are; kept, since NEST takes long to tell their ends."""
+        """Return the synapses of NEST's connections of a layer, cached because NEST takes long to list the ends."""
         if layer not in self._listed:
             nodes = connections.get(["source", "target"])
             source, target = (np.atleast_1d(np.array(nodes[name])) for name in ("source", "target"))
@@ -256,11 +268,11 @@ class NestProjection:
         return int(self._layer.max(initial=-1)) + 1
 
     def _connections(self, nest: Any, layer: int) -> Any:
-        """The connections of a layer that this process has; NEST puts them in another order when it first runs."""
+        """Return NEST's connections of a layer on this process. Their order changes when NEST runs for the first time."""
         return nest.GetConnections(synapse_label=self._label(layer))
 
     def _places(self, layer: int, ends: tuple[Nodes, Nodes], source: NDArray[Any], target: NDArray[Any]) -> Ints:
-        """Which synapses have these nodes at their ends."""
+        """Return the synapses between pairs of nodes."""
         synapses = np.flatnonzero(self._layer == layer)
         codes = self.source[synapses].astype(np.int64) * self.n_target + self.target[synapses]
         pre, post = (each.neurons(ids.astype(np.int64)) for each, ids in zip(ends, (source, target), strict=True))
@@ -271,17 +283,17 @@ _HUGE = float(np.finfo(np.float64).max)
 
 MODEL = "static_synapse"
 OF_A_MODEL = 1 << 26
-"""Synapses of a copy of NEST's model: a thread has room for 2^27 - 1 of each."""
+"""Number of synapses per copy of NEST's model. A thread holds up to 2^27 - 1 synapses of each model."""
 
 
 class RuleProjection:
-    """A projection that NEST draws; it is neither read nor set.
+    """A projection that NEST draws. It can be neither read nor set.
 
     Args:
         program: the network.
-        index: which projection.
-        weights: the least and the largest that may be drawn.
-        before: how many synapses NEST draws for earlier projections.
+        index: index of the projection.
+        weights: the smallest and the largest weight that may be drawn.
+        before: number of synapses that NEST draws for earlier projections.
     """
 
     def __init__(self, program: Program, index: int, weights: Floats, before: int) -> None:
@@ -293,27 +305,27 @@ class RuleProjection:
 
         Args:
             nest: the module.
-            source: the nodes that send.
-            target: the nodes that are reached.
-            clock: of the network.
+            source: nodes that send.
+            target: nodes that receive.
+            clock: clock of the network.
         """
-        asked = self.part.undrawn
-        assert asked is not None
+        undrawn = self.part.undrawn
+        assert undrawn is not None
         if self._model not in nest.synapse_models:
             nest.CopyModel(MODEL, self._model)
-        weight, delay = (drawn_by_nest(nest, value) for value in (asked.weight, asked.delay))
+        weight, delay = (drawn_by_nest(nest, value) for value in (undrawn.weight, undrawn.delay))
         negated = self.part.receptor is not None and self.part.receptor.negated
-        # What rounds to no step is one step, as in this language.
-        late = max(delay, clock.ms(1)) if isinstance(delay, float) else nest.math.max(delay, clock.ms(1))
-        words = {"synapse_model": self._model, "weight": weight * -1.0 if negated else weight, "delay": late}
-        nest.Connect(source, target, in_words_of_nest(asked.rule), words)
+        # As in this language, a delay that rounds to 0 steps is one step.
+        delays = max(delay, clock.ms(1)) if isinstance(delay, float) else nest.math.max(delay, clock.ms(1))
+        words = {"synapse_model": self._model, "weight": weight * -1.0 if negated else weight, "delay": delays}
+        nest.Connect(source, target, in_words_of_nest(undrawn.rule), words)
 
-    def ran(self) -> None:
-        """Nothing is kept that steps could change."""
+    def after_run(self) -> None:
+        """Do nothing, because no state is cached."""
 
 
 def in_words_of_nest(rule: NamedRule) -> dict[str, Any]:
-    """A rule as NEST takes it."""
+    """Return a connection rule by NEST's names."""
     words: dict[str, Any] = {"rule": rule.name}
     match rule:
         case fixed_indegree(n=n):
@@ -332,20 +344,20 @@ def in_words_of_nest(rule: NamedRule) -> dict[str, Any]:
 
 
 def drawn_by_nest(nest: Any, value: float | Distribution) -> Any:
-    """A number, or the parameter of NEST that draws a distribution."""
+    """Return a number, or NEST's parameter that draws from a distribution."""
     match value:
         case uniform():
             return value.low if value.low == value.high else nest.random.uniform(value.low, value.high)
         case normal(std=0.0):
             return value.mean
         case normal():
-            drawn = nest.random.normal(mean=value.mean, std=value.std)
+            parameter = nest.random.normal(mean=value.mean, std=value.std)
         case lognormal(std=0.0):
             return float(np.exp(value.mean))
         case lognormal():
-            drawn = nest.random.lognormal(mean=value.mean, std=value.std)
+            parameter = nest.random.lognormal(mean=value.mean, std=value.std)
         case _:
             return value
     if np.isinf(value.low) and np.isinf(value.high):
-        return drawn
-    return nest.math.redraw(drawn, min=max(value.low, -_HUGE), max=min(value.high, _HUGE))
+        return parameter
+    return nest.math.redraw(parameter, min=max(value.low, -_HUGE), max=min(value.high, _HUGE))

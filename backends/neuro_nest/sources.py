@@ -1,4 +1,4 @@
-"""Spike trains of generators: what they emit in a stretch of steps, drawn from the keyed stream or listed."""
+"""Spike trains of generators for a stretch of steps: listed, or drawn from keyed random numbers."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from neuro_nest.kernel import set_nodes
 from neuro_nest.tables import NestClock
 
 DRAWS = 1 << 21
-"""Draws that are held at a time."""
+"""Number of random numbers that are held at a time."""
 
 NONE: Ints = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InjectedTrain:
-    """Spikes by step, then neuron; a multiplicity is several spikes of one neuron in one step."""
+    """Spikes sorted by step, then neuron. A multiplicity above 1 is several spikes of one neuron in one step."""
 
     steps: Ints
     ids: Ints
@@ -32,19 +32,19 @@ class InjectedTrain:
 
 
 def train(steps: Ints, ids: Ints, size: int) -> InjectedTrain:
-    """Spikes in any order, some of them several times, as a train."""
+    """Return a train of spikes in any order, some of which may occur several times."""
     codes, multiplicity = np.unique(steps * size + ids, return_counts=True)
     return InjectedTrain(codes // size, codes % size, multiplicity.astype(np.int64))
 
 
 class TrainSource:
-    """One population of generators.
+    """The spikes of one population of generators.
 
     Args:
         part: the population.
-        parameters: its present parameters; they may change between stretches.
+        parameters: its present parameters, which may change between stretches.
         resolution: length of a step in ms.
-        seed: of the draws.
+        seed: seed of the draws.
     """
 
     def __init__(self, part: Population, parameters: dict[str, Floats], resolution: float, seed: int) -> None:
@@ -56,20 +56,20 @@ class TrainSource:
             self._states[row] = part.initial[state.name]
 
     def emit(self, after: int, to: int) -> InjectedTrain:
-        """What is emitted in steps after < k <= to."""
+        """Return the spikes of the steps after < k <= to."""
         first, last = max(after, self.part.start), min(to, self.part.stop)
         if self.part.kind == "generator":
-            return self._let_emit(first, last)
+            return self._run_generator(first, last)
         if self.part.kind == "poisson":
             return self._draw(first, last)
         first, last = np.searchsorted(self._steps, (after, to), side="right")
         return train(self._steps[first:last], self._ids[first:last], self.part.size)
 
     def inject(self, steps: Ints, ids: Ints, now: int) -> None:
-        """Add listed spikes; those up to step `now` are forgotten."""
-        ahead = self._steps > now
-        self._steps = np.concatenate((self._steps[ahead], steps))
-        self._ids = np.concatenate((self._ids[ahead], ids))
+        """Add listed spikes, and drop those up to step `now`."""
+        is_later = self._steps > now
+        self._steps = np.concatenate((self._steps[is_later], steps))
+        self._ids = np.concatenate((self._ids[is_later], ids))
         order = np.lexsort((self._ids, self._steps))
         self._steps, self._ids = self._steps[order], self._ids[order]
 
@@ -85,16 +85,16 @@ class TrainSource:
                 u = keyed_random.uniform_table(self._key, steps, size)
                 numbers = np.zeros(u.shape, dtype=np.int64)
                 for mean in np.unique(means):
-                    here = means == mean
+                    same_mean = means == mean
                     table = keyed_random.poisson_table(float(mean))
-                    numbers[:, here] = np.searchsorted(table, u[:, here], side="right")
+                    numbers[:, same_mean] = np.searchsorted(table, u[:, same_mean], side="right")
                 places, ids = np.nonzero(numbers)
                 pieces.append(InjectedTrain(steps[places], ids, numbers[places, ids]))
             after = end
         return _joined(pieces)
 
-    def _let_emit(self, after: int, to: int) -> InjectedTrain:
-        """What a generator with an `emit` of its own gives in steps after < k <= to."""
+    def _run_generator(self, after: int, to: int) -> InjectedTrain:
+        """Return the spikes of a third-party generator in the steps after < k <= to."""
         model, size = self.part.model, self.part.size
         assert isinstance(model, Generator)
         emit = _compiled(model.arithmetic.emit)
@@ -102,11 +102,11 @@ class TrainSource:
         constants: Floats = np.zeros((size, model.width))
         for row, c in zip(np.stack(columns, axis=1), constants, strict=True):
             model.arithmetic.constants(row, self.resolution, c)
-        alike = len(np.unique(constants, axis=0)) == 1
+        all_equal = len(np.unique(constants, axis=0)) == 1
         pieces = []
         for step in range(after + 1, to + 1):
             u, out = keyed_random.uniform(self._key, step, np.arange(size)), np.zeros(size)
-            for lo, hi in [(0, size)] if alike else [(i, i + 1) for i in range(size)]:
+            for lo, hi in [(0, size)] if all_equal else [(i, i + 1) for i in range(size)]:
                 emit(self._states, constants[lo], u, step, lo, hi, out)
             ids = np.flatnonzero(out)
             pieces.append(InjectedTrain(np.full(ids.size, step), ids, out[ids].astype(np.int64)))
@@ -123,19 +123,19 @@ def _joined(pieces: list[InjectedTrain]) -> InjectedTrain:
 
 @cache
 def _compiled(emit: FunctionType) -> Any:
-    """A generator's `emit` as machine code."""
+    """Compile the `emit` of a generator."""
     from neuro.kernels.jit import compiled, kernel
 
     return compiled(emit, kernel)
 
 
 def is_noise(part: Population) -> bool:
-    """Whether its currents are drawn here."""
+    """Return whether a population is a noise generator, whose currents are drawn here."""
     return isinstance(part.model, noise_generator)
 
 
 def nodes_of(program: Program, population: int) -> int:
-    """How many nodes stand for a population: of noise of which each connection has its own, as many as connections."""
+    """Return the number of nodes of a population: one per neuron, or for individual noise one per connection."""
     part = program.populations[population]
     if not (is_noise(part) and generator_of(part).individual):
         return part.size
@@ -143,7 +143,7 @@ def nodes_of(program: Program, population: int) -> int:
 
 
 def first_node(program: Program, projection: int) -> int | None:
-    """The node of the first synapse of a projection each of whose synapses has a node, else None."""
+    """Return the node of the first synapse of a projection if each synapse has its own node, else None."""
     source = program.projections[projection].source
     part = program.populations[source]
     if not (is_noise(part) and generator_of(part).individual):
@@ -152,12 +152,12 @@ def first_node(program: Program, projection: int) -> int | None:
 
 
 class Noise:
-    """What a noise_generator sends.
+    """The currents of a noise_generator.
 
     Args:
         program: the whole network.
         population: index of the generator.
-        currents: what generators are set to.
+        currents: present parameters of the generators.
     """
 
     def __init__(self, program: Program, population: int, currents: Currents) -> None:
@@ -169,14 +169,18 @@ class Noise:
         self._emissions = [Emission(program, q) for q in outgoing]
 
     def emit(self, nest: Any, nodes: Any, after: int, to: int) -> None:
-        """Tell NEST what is sent in steps after < k <= to."""
+        """Pass the currents of the steps after < k <= to to NEST."""
         if not self._emissions:
             return
         steps = np.arange(after + 1, to + 1)
-        anew = (steps == after + 1) | (steps == self._stop)
-        drawn = self._emissions[0].on(steps)
-        anew[np.isin(steps, drawn[self._emissions[0].moments(drawn) == drawn])] = True
+        is_change = (steps == after + 1) | (steps == self._stop)
+        on_steps = self._emissions[0].on(steps)
+        is_change[np.isin(steps, on_steps[self._emissions[0].moments(on_steps) == on_steps])] = True
         histories = self._currents.parameters(self._population)
-        sent = np.concatenate([emission.during(steps, histories)[anew] for emission in self._emissions], axis=1)
-        times = self._clock.array_ms(steps[anew])
-        set_nodes(nest, nodes, [{"amplitude_times": times, "amplitude_values": values} for values in sent.T.copy()])
+        amplitudes = np.concatenate(
+            [emission.during(steps, histories)[is_change] for emission in self._emissions], axis=1
+        )
+        times = self._clock.array_ms(steps[is_change])
+        set_nodes(
+            nest, nodes, [{"amplitude_times": times, "amplitude_values": values} for values in amplitudes.T.copy()]
+        )

@@ -1,4 +1,4 @@
-"""What NEST calls our models, what of them it does not show, and its clock."""
+"""NEST's names of models and synapses, the limits of NEST, and its clock."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ NODES = {
     "ac_generator": "ac_generator",
     "noise_generator": "step_current_generator",
 }
-"""Our models and NEST's. An injector is a node as neurons are: it may be the source of plastic synapses."""
+"""NEST's name of each of our models. An injector is a node like a neuron, so it may have plastic synapses."""
 
 DEVICE = "spike_generator"
-"""What stands beside an injector for synapses that do not learn: a device sends with the weights of its emission."""
+"""NEST model that sends along static synapses, beside an injector: a device sends with the weights at emission."""
 
 RECEPTORS_OF_CURRENTS = {("iaf_psc_exp", "ex"): 1}
-"""Receptors to which a current may be sent, by model and our name, and NEST's number."""
+"""NEST's number of each receptor that accepts a current, by model and our name of the receptor."""
 
 SYNAPSES = {
     "static": "static_synapse_lbl",
@@ -49,7 +49,7 @@ SYNAPSES = {
     "tsodyks2": "tsodyks2_synapse_lbl",
     "stdp_dopa": "stdp_dopamine_synapse_lbl",
 }
-"""Our models and NEST's, of the kind whose synapses bear a label."""
+"""NEST's name of each of our synapse models, in the variant with labelled synapses."""
 
 STATES = {
     "static": ("weight",),
@@ -60,44 +60,44 @@ STATES = {
     "tsodyks2": ("weight", "u", "x"),
     "stdp_dopa": ("weight", "c", "n", "Kplus"),
 }
-"""What of their synapses can be read, in NEST's words."""
+"""Readable states of the synapses of each model, by NEST's names."""
 
 SHARED = frozenset({"stdp_pl_hom"})
-"""Rules whose parameters NEST keeps in its synapse model, not in synapses: each projection has a copy of the model."""
+"""Rules whose parameters NEST stores in the synapse model, not in synapses. Each projection has a copy of the model."""
 
 FIXED_TRUE = frozenset({"pre_at_start"})
-"""Boolean parameters of rules that NEST lacks; it behaves as if they were true."""
+"""Boolean parameters of rules that NEST lacks and behaves as if they were true."""
 
 OF_TARGET = frozenset({"tau_minus_triplet"})
-"""Parameters of rules that NEST keeps in the postsynaptic neuron."""
+"""Parameters of rules that NEST stores in the postsynaptic neuron."""
 
 UNREADABLE = frozenset({"I_syn_ex", "I_syn_in", "dI_syn_ex", "dI_syn_in"})
-"""States that NEST neither shows nor sets between two steps: currents it records, a step late, slopes not at all."""
+"""States that NEST neither shows nor sets between two steps. Currents are recorded a step late, slopes not at all."""
 
 RK4 = "rk4_substeps"
-"""A parameter that NEST lacks: it always integrates by RKF45."""
+"""A parameter that NEST lacks, because it always integrates by RKF45."""
 
 LACKING = (RK4, "reset_by_subtraction", "max_spikes", "threshold_rises")
-"""Parameters that NEST lacks and are not passed."""
+"""Parameters that NEST lacks, and which are not passed to it."""
 
 TICKS_PER_MS = 1000
-"""NEST's clock ticks in microseconds."""
+"""Ticks of NEST's clock per ms: a tick is a microsecond."""
 
 ENDLESS = 1e200
-"""What stands for an infinite tau_m, with which NEST's propagators are no numbers."""
+"""Value that replaces an infinite tau_m, with which NEST's propagators would be NaN."""
 
 SYNAPSE_MODELS = 430
-"""Copies of synapse models that one network may have; NEST 3.10 holds 511, 77 of them its own."""
+"""Most copies of synapse models in a network. NEST 3.10 holds 511 models, 77 of them its own."""
 
 
 MS_PER_TICK = 1 / TICKS_PER_MS
 
 
 class NestClock(Clock):
-    """Clock whose times in ms are bit for bit those of NEST's `Time::get_ms`, ticks times the length of a tick.
+    """A clock whose times in ms equal those of NEST's `Time::get_ms` bit for bit: ticks times the length of a tick.
 
-    NEST compares `min_delay` with its own number, and some decimal numbers are below it: 700 ticks of 0.001 ms are
-    0.7000000000000001 ms, so that 0.7 ms would be no step. All times given to NEST are made here.
+    NEST compares `min_delay` with its own number, and some decimal numbers are smaller: 700 ticks of 0.001 ms are
+    0.7000000000000001 ms, so a delay of 0.7 ms would be less than one step. All times passed to NEST are computed here.
     """
 
     def __init__(self, resolution: float) -> None:
@@ -105,9 +105,9 @@ class NestClock(Clock):
         self._ticks = round(resolution * TICKS_PER_MS)
 
     def ms(self, step: int) -> float:
-        """The time of a step in ms."""
+        """Return the time of a step in ms."""
         return MS_PER_TICK * (step * self._ticks)
 
     def array_ms(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The times of many steps in ms."""
+        """Return the times of steps in ms."""
         return np.multiply(steps.astype(np.int64) * self._ticks, MS_PER_TICK, dtype=np.float64)

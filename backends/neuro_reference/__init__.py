@@ -1,7 +1,7 @@
-"""The reference backend: what a `Program` means, written to be read.
+"""The reference backend, which defines the meaning of a `Program` and is written to be read.
 
-It is `docs/explanation/programs.md`, section "What a program means", as plain Python and NumPy, with the models' own
-functions. It is slow, runs everything, and every float backend is tested against it.
+It implements the section "What a program means" of `docs/explanation/programs.md` in plain Python and NumPy, with the
+models' own functions. It is slow and runs every program. Every float backend is tested against it.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from neuro_reference.engine import ReferenceEngine
 
 
 class ReferenceBackend:
-    """Plain NumPy; defines the meaning."""
+    """The backend `reference`: plain NumPy, which defines the meaning of a program."""
 
     name = "reference"
     description = "plain NumPy, slow, written to be read: defines what a program means"
 
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
-        """Only parts in the registers of a chip are refused."""
+        """Return an error for each part that only exists on a chip."""
         return floats_only(program)
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> ReferenceEngine:
-        """Make an engine at step 0; `threads` is accepted and ignored."""
+        """Build an engine at step 0. `threads` and `strict` are accepted and have no effect."""
         for name in options.keys() - {"strict"}:
             raise ModelError(f"backend 'reference' has no option '{name}'", hint=nearest(name, ["strict", "threads"]))
         return ReferenceEngine(program)

@@ -1,4 +1,4 @@
-"""The engine of the reference backend: steps, trials, and reading and writing between them."""
+"""The engine of the reference backend: steps, trials, and reads and writes between steps."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from neuro_reference.projections import ReferenceProjection
 
 
 class ReferenceEngine:
-    """A program in execution; `neuro.program.backend.Engine` says what each method does."""
+    """A running program; `neuro.program.backend.Engine` documents each method."""
 
     def __init__(self, program: Program) -> None:
         self.program, self.net = program, ReferenceNetwork(program)
@@ -30,8 +30,8 @@ class ReferenceEngine:
         return self.net.step
 
     def run(self, steps: int) -> None:
-        """Advance."""
-        with np.errstate(over="ignore", invalid="ignore"):  # what runs away is infinite here as on any backend
+        """Advance by some steps."""
+        with np.errstate(over="ignore", invalid="ignore"):  # diverging states become infinite, as on all backends
             for _ in range(steps):
                 self.net.advance()
 
@@ -47,9 +47,9 @@ class ReferenceEngine:
         output.start_trial(section.reset)
         if section.anew:
             for cells in net.cells:
-                cells.start_anew([*cells.names])
+                cells.reset([*cells.names])
             for pairs in net.pairs.values():
-                pairs.start_anew(net.step)
+                pairs.reset(net.step)
         self._ticks = [[[] for _ in range(cells.size)] for cells in net.cells]
         course = TrialCourse(section.maps, output.size, section.group in net.local)
         tick = 0
@@ -65,37 +65,41 @@ class ReferenceEngine:
         return course.outcome(tick + 1)
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
-        """Apply the rule's `teach` to the inputs of one neuron."""
-        wires, teach = self.net.wires[projection], self.program.projections[projection].synapse.arithmetic.teach
-        inputs = np.flatnonzero(wires.target == neuron)
-        if wires.part.synapse.delays:
-            wires.set_out(inputs, wires.late[inputs])
-        values, places = (wires.late, inputs) if wires.part.synapse.delays else (wires.weights, wires.slot[inputs])
-        since = [self._since(wires, e, tick) for e in inputs.tolist()]
-        for place, times in zip(places, since, strict=True):
+        """Apply `teach` of the rule to the inputs of one neuron."""
+        synapses, teach = self.net.synapses[projection], self.program.projections[projection].synapse.arithmetic.teach
+        inputs = np.flatnonzero(synapses.target == neuron)
+        if synapses.part.synapse.delays:
+            synapses.set_out(inputs, synapses.late[inputs])
+        values, places = (
+            (synapses.late, inputs) if synapses.part.synapse.delays else (synapses.weights, synapses.slot[inputs])
+        )
+        times_since_arrival = [self._since(synapses, e, tick) for e in inputs.tolist()]
+        for place, times in zip(places, times_since_arrival, strict=True):
             for time in times:
                 values[place] = teach(values[place], time, lesson, self._rule(projection))
-        if (settle := getattr(wires.part.synapse.arithmetic, "settle", None)) is not None:
+        if (settle := getattr(synapses.part.synapse.arithmetic, "settle", None)) is not None:
             total = np.sum(values[places])
-            for place, times in zip(places, since, strict=True):
+            for place, times in zip(places, times_since_arrival, strict=True):
                 values[place] = settle(values[place], times[0], total, self._rule(projection))
         self.net.trial_updates[projection] += len(inputs)
 
-    def _since(self, wires: ReferenceProjection, synapse: int, tick: int) -> list[float]:
-        """Times in ms from the arrivals of the spikes along a synapse that teach to a tick; of a silent input -inf."""
+    def _since(self, synapses: ReferenceProjection, synapse: int, tick: int) -> list[float]:
+        """Return the times in ms from the arrivals of a synapse's spikes to a tick; -inf for a silent input."""
         assert self.program.trials is not None
-        ticks = self._ticks[wires.part.source][wires.source[synapse]]
+        ticks = self._ticks[synapses.part.source][synapses.source[synapse]]
         some = ticks if self.program.trials.spikes == "each" else ticks[:1]
-        return [(tick - each - int(wires.delay[synapse])) * self.program.resolution for each in some] or [-math.inf]
+        return [(tick - each - int(synapses.delay[synapse])) * self.program.resolution for each in some] or [-math.inf]
 
     def encourage(self, projection: int, maps: Ints) -> None:
-        """Apply the rule's `encourage` to every weight of some maps."""
-        wires, section = self.net.wires[projection], self.program.trials
+        """Apply `encourage` of the rule to every weight of some maps."""
+        synapses, section = self.net.synapses[projection], self.program.trials
         assert section is not None
         per_map = self.net.cells[section.output].size // section.maps
-        slots = np.unique(wires.slot[np.isin(wires.target // per_map, maps)])
+        slots = np.unique(synapses.slot[np.isin(synapses.target // per_map, maps)])
         for slot in slots:
-            wires.weights[slot] = wires.part.synapse.arithmetic.encourage(wires.weights[slot], self._rule(projection))
+            synapses.weights[slot] = synapses.part.synapse.arithmetic.encourage(
+                synapses.weights[slot], self._rule(projection)
+            )
         self.net.trial_updates[projection] += len(slots)
 
     def _rule(self, projection: int) -> Floats:
@@ -109,7 +113,7 @@ class ReferenceEngine:
         self.net.cells[population].inject(steps, ids, self.net.step, payloads)
 
     def signal(self, signal: int, values: Floats) -> None:
-        """Set the dopamine of every synapse that listens."""
+        """Set the dopamine concentration of all synapses with this signal, or teach those that learn by moves."""
         for pairs in self.net.pairs.values():
             if pairs.part.signal == signal:
                 pairs.signal(values, self.step)
@@ -123,14 +127,14 @@ class ReferenceEngine:
                 moves.teach(values)
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
-        """A state or parameter of every neuron, or of some."""
+        """Return a state or parameter of every neuron, or of some."""
         cells = self.net.cells[population]
         values = cells.states[cells.names.index(name)] if name in cells.names else cells.parameters[name]
-        every = np.broadcast_to(values, cells.size)
-        return every.copy() if ids is None else every[ids]
+        all_values = np.broadcast_to(values, cells.size)
+        return all_values.copy() if ids is None else all_values[ids]
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
-        """Change states and parameters."""
+        """Set states and parameters."""
         cells = self.net.cells[population]
         for name, each in values.items():
             if name in cells.names:
@@ -140,17 +144,17 @@ class ReferenceEngine:
         cells.refresh()
 
     def get_synapses(self, projection: int, name: str) -> Floats:
-        """A state of every synapse."""
+        """Return a state of every synapse."""
         pairs = self.net.pairs.get(projection)
         if pairs is not None:
             return pairs.read(name, self.step)
         if projection in self.net.moves:
             return self.net.moves[projection].state(name).copy()
-        wires = self.net.wires[projection]
-        return wires.late.copy() if name == "delay" else wires.weights.copy()
+        synapses = self.net.synapses[projection]
+        return synapses.late.copy() if name == "delay" else synapses.weights.copy()
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
-        """Change the numbers of a synapse model."""
+        """Set the numbers of a synapse model."""
         if projection in self.net.pairs:
             self.net.pairs[projection].set_rule(parameters, self.step)
         elif projection in self.net.by_numbers:
@@ -160,25 +164,25 @@ class ReferenceEngine:
             self.net.rules[projection] = parameters.copy()
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
-        """Replace all weights, or those that are chosen."""
+        """Replace all weights, or the chosen ones."""
         where = slice(None) if chosen is None else chosen
-        kept = self.net.wires[projection].weights
-        kept[where] = np.broadcast_to(weights, kept.shape)[where]
+        own_weights = self.net.synapses[projection].weights
+        own_weights[where] = np.broadcast_to(weights, own_weights.shape)[where]
         if projection in self.net.pairs:
-            self.net.pairs[projection].set_weights(kept, self.step, where)
+            self.net.pairs[projection].set_weights(own_weights, self.step, where)
         if projection in self.net.moves:
-            self.net.moves[projection].y[0] = kept
+            self.net.moves[projection].y[0] = own_weights
 
     def set_synapses(self, projection: int, name: str, values: Floats) -> None:
         """Set a state of the synapses of a projection that learns by moves."""
         self.net.moves[projection].state(name)[:] = values
 
     def spikes(self, population: int, since: int) -> Spikes:
-        """Recorded spikes after a step."""
+        """Return the recorded spikes after a step."""
         return carrying(self.program.populations[population], self.net.records[population].since(since))
 
     def noted(self, probe: int) -> Sent:
-        """What pre spikes have left since this was last asked."""
+        """Return the states at pre spikes recorded for a probe since the last call."""
         return self.net.notes.take(probe)
 
     def forget(self, before: int) -> None:
@@ -187,7 +191,7 @@ class ReferenceEngine:
             record.forget(before)
 
     def counts(self) -> EngineCounts:
-        """Counts since the start or the last reset."""
+        """Return the counts since the start or the last reset."""
         records = self.net.records
         return EngineCounts(
             steps=self.step,
@@ -198,16 +202,16 @@ class ReferenceEngine:
         )
 
     def memory(self) -> dict[str, int]:
-        """Bytes of states, synapses and recorded spikes."""
+        """Return the bytes of states, synapses and recorded spikes."""
         net = self.net
         return {
             "neurons": sum(cells.states.nbytes for cells in net.cells),
-            "synapses": sum(w.weights.nbytes + w.source.nbytes + w.target.nbytes + w.slot.nbytes for w in net.wires),
+            "synapses": sum(w.weights.nbytes + w.source.nbytes + w.target.nbytes + w.slot.nbytes for w in net.synapses),
             "spikes": sum(24 * len(record.steps) for record in net.records),
         }
 
     def reset(self, weights: bool) -> None:
-        """Back to step 0."""
+        """Return to step 0. Parameters and numbers of rules that were set stay."""
         before = self.net
         self.net = ReferenceNetwork(self.program)
         for old, new in zip(before.cells, self.net.cells, strict=True):
@@ -219,16 +223,16 @@ class ReferenceEngine:
         for index, learning in before.by_numbers.items():
             self.set_rule(index, learning.rule)
         if not weights:
-            for index, wires in enumerate(before.wires):
+            for index, synapses in enumerate(before.synapses):
                 pairs = before.pairs.get(index)
-                self.set_weights(index, wires.weights if pairs is None else pairs.read("weight", before.step))
+                self.set_weights(index, synapses.weights if pairs is None else pairs.read("weight", before.step))
                 if pairs is not None and pairs.delays:
                     self.net.pairs[index].y[DELAY] = pairs.y[DELAY]
-                elif wires.part.synapse.delays:
-                    self.net.wires[index].late = wires.late
+                elif synapses.part.synapse.delays:
+                    self.net.synapses[index].late = synapses.late
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Everything that `restore` needs."""
+        """Return all arrays that `restore` needs."""
         return take(self.net)
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -240,10 +244,10 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 def take(net: ReferenceNetwork) -> dict[str, NDArray[Any]]:
-    """Copies of everything that changes while a net runs."""
+    """Return copies of everything that changes while a network runs."""
     arrays: dict[str, NDArray[Any]] = {}
     for path, part in _parts(net):
-        for name in part.kept:
+        for name in part.saved:
             arrays[f"{path}/{name}"] = np.array(getattr(part, name))
     for index, cells in enumerate(net.cells):
         arrays[f"emitted/{index}/ids"] = net.ids[index].copy()
@@ -256,12 +260,12 @@ def take(net: ReferenceNetwork) -> dict[str, NDArray[Any]]:
 
 
 def put(net: ReferenceNetwork, arrays: Arrays) -> None:
-    """Set a net of the same program to what `take` gave."""
+    """Restore the arrays of `take` in a network of the same program."""
     for path, part in _parts(net):
-        for name in part.kept:
+        for name in part.saved:
             value = arrays[f"{path}/{name}"]
-            now = getattr(part, name)
-            setattr(part, name, value.copy() if isinstance(now, np.ndarray) else type(now)(value.tolist()))
+            present = getattr(part, name)
+            setattr(part, name, value.copy() if isinstance(present, np.ndarray) else type(present)(value.tolist()))
     for index, cells in enumerate(net.cells):
         net.ids[index] = arrays[f"emitted/{index}/ids"].copy()
         net.multiplicity[index] = arrays[f"emitted/{index}/multiplicity"].copy()
@@ -276,7 +280,7 @@ def put(net: ReferenceNetwork, arrays: Arrays) -> None:
 
 def _parts(net: ReferenceNetwork) -> Iterator[tuple[str, Any]]:
     yield "net", net
-    for label, parts in (("cells", net.cells), ("wires", net.wires), ("records", net.records)):
+    for label, parts in (("cells", net.cells), ("wires", net.synapses), ("records", net.records)):
         for index, part in enumerate(parts):
             yield f"{label}/{index}", part
     for index, local in net.local.items():

@@ -1,4 +1,4 @@
-"""All parts of a program side by side, and one step of them."""
+"""All populations and projections of a program, and one step of them."""
 
 from __future__ import annotations
 
@@ -26,46 +26,50 @@ Counts = NDArray[np.uint8]
 
 
 class ReferenceNetwork:
-    """A program's parts and the step they have reached.
+    """The populations and projections of a program at a step.
 
     Attributes:
         step: the last finished step.
-        ids, multiplicity: the spikes of each population in that step, of a graded one its payloads. They update plastic
-            synapses and are sent when the next step begins; those of generators along synapses that do not learn are
-            sent at once.
-        potentials: the first state of each population in that step, before spikes reset it.
-        closed: whether no neuron of each group may fire any more.
+        ids, multiplicity: spikes of each population in that step; for a graded population the payloads. They update
+            plastic synapses and are sent when the next step begins. Spikes of generators along synapses without
+            learning are sent in the same step.
+        potentials: first state of each population in that step, before spikes reset it.
+        closed: whether no neuron of a group may fire any more, by group.
         won: neurons of each group that fired in that step, the best first.
-        local: of the groups with several winners, which neurons are silenced, by group.
-        rivals: of the groups in which a spike resets others, a number of each neuron, the same for those of which one
-            fires, by group.
+        local: state of the groups with several winners, by group.
+        rivals: for groups in which a spike resets rivals, a number for each neuron that is equal for rivals, by group.
         silenced: neurons of each population that must not fire.
-        notes: what pre spikes leave in synapses that probes ask for.
-        pairs, moves, shared: what learns, by projection; by_numbers: those whose rule is replaced at once.
+        notes: states of synapses at pre spikes, for probes.
+        pairs, moves, shared: learning of the plastic projections, by projection.
+        by_numbers: learning whose rule is replaced without an update of states, by projection.
         rules: numbers of the rules for trials, by projection.
-        trial_updates: weights changed at the end of trials, for each projection.
+        trial_updates: number of weights changed at the end of trials, for each projection.
     """
 
-    kept: ClassVar[tuple[str, ...]] = ("step", "closed", "trial_updates")
+    saved: ClassVar[tuple[str, ...]] = ("step", "closed", "trial_updates")
 
     def __init__(self, program: Program) -> None:
         self.program, self.step = program, 0
         self.cells = [ReferencePopulation(p, program.resolution, program.seed) for p in program.populations]
-        self.wires = [ReferenceProjection(program, i) for i in range(len(program.projections))]
+        self.synapses = [ReferenceProjection(program, i) for i in range(len(program.projections))]
         self.pairs = {
-            i: PairLearning(program, wires, self.cells[wires.part.target].parameters["tau_minus"])
-            for i, wires in enumerate(self.wires)
-            if wires.part.synapse.learns == "pairs" and wires.part.grid is None
+            i: PairLearning(program, synapses, self.cells[synapses.part.target].parameters["tau_minus"])
+            for i, synapses in enumerate(self.synapses)
+            if synapses.part.synapse.learns == "pairs" and synapses.part.grid is None
         }
         self.shared = {
-            i: SharedLearning(program, wires, self.cells[wires.part.target].parameters["tau_minus"])
-            for i, wires in enumerate(self.wires)
-            if wires.part.synapse.learns == "pairs" and wires.part.grid is not None
+            i: SharedLearning(program, synapses, self.cells[synapses.part.target].parameters["tau_minus"])
+            for i, synapses in enumerate(self.synapses)
+            if synapses.part.synapse.learns == "pairs" and synapses.part.grid is not None
         }
-        self.moves = {i: MoveLearning(program, w) for i, w in enumerate(self.wires) if w.part.synapse.learns == "moves"}
+        self.moves = {
+            i: MoveLearning(program, w) for i, w in enumerate(self.synapses) if w.part.synapse.learns == "moves"
+        }
         self.by_numbers: dict[int, MoveLearning | SharedLearning] = {**self.moves, **self.shared}
         self.notes = SynapseRecords(program)
-        self.rules = {i: w.part.synapse.vector() for i, w in enumerate(self.wires) if w.part.synapse.learns == "trials"}
+        self.rules = {
+            i: w.part.synapse.vector() for i, w in enumerate(self.synapses) if w.part.synapse.learns == "trials"
+        }
         self.records = [SpikeRecord(p.size, p.records, p.model.graded) for p in program.populations]
         self.ties = [keyed_random.key(program.seed, "tie", group.name) for group in program.groups]
         self.local = {
@@ -79,15 +83,15 @@ class ReferenceNetwork:
             if isinstance(g.choice, lateral_reset)
         }
         self.silenced = [np.zeros(p.size, dtype=bool) for p in program.populations]
-        self.trial_updates: Ints = np.zeros(len(self.wires), dtype=np.int64)
+        self.trial_updates: Ints = np.zeros(len(self.synapses), dtype=np.int64)
         self.potentials: list[Floats] = [c.states[:1].copy() for c in self.cells]
         self.drop()
 
     def drop(self) -> None:
-        """Drop what is under way: spikes in flight and the decisions of groups; currents go on."""
-        for wires in self.wires:
-            if wires.part.carries != "current":
-                wires.start_anew()
+        """Drop the spikes under way and the decisions of groups. Currents stay."""
+        for synapses in self.synapses:
+            if synapses.part.carries != "current":
+                synapses.reset()
         self.ids: list[Ints] = [NOBODY for _ in self.cells]
         self.multiplicity: list[Ints] = [NOBODY for _ in self.cells]
         self.closed: Bools = np.zeros(len(self.program.groups), dtype=bool)
@@ -96,16 +100,16 @@ class ReferenceNetwork:
             local.open()
 
     def advance(self, presented: Ints = NOBODY) -> None:
-        """One step.
+        """Run one step.
 
         Args:
-            presented: neurons of the trials' input that emit in it, beside what they emit anyway.
+            presented: neurons of the trials' input that emit an additional spike in this step.
         """
-        # The spikes of the last step teach and are sent now; those `at_once` were sent already.
-        for index, wires in enumerate(self.wires):
-            if not wires.at_once:
+        # The spikes of the last step teach and are sent now. Spikes sent `at_once` are already under way.
+        for index, synapses in enumerate(self.synapses):
+            if not synapses.at_once:
                 self.send(index, self.step)
-        for shared in self.shared.values():  # what they send has the weights of the step
+        for shared in self.shared.values():  # after sending, so that spikes have the weights before these changes
             shared.spike(self.ids[shared.part.source], self.multiplicity[shared.part.source])
         step = self.step + 1
         inputs = [self._arrivals(index, step) for index in range(len(self.cells))]
@@ -122,16 +126,16 @@ class ReferenceNetwork:
             if self.cells[index].part.kind == "neuron":
                 heard[self.ids[index]] = True
                 self.records[index].active += int(heard.sum())
-        for index, wires in enumerate(self.wires):
-            if wires.part.carries == "current":
-                if wires.part.receptor is not None:  # adds to the state in which the receptor keeps its own current
-                    cells = self.cells[wires.part.target]
-                    state, share = filtered_current(self.program, wires.part, cells.parameters)
-                    cells.states[state] += share * wires.arrive(step)[0][0]
-                source = self.cells[wires.part.source]
+        for index, synapses in enumerate(self.synapses):
+            if synapses.part.carries == "current":
+                if synapses.part.receptor is not None:  # adds to the state that holds the receptor's current
+                    cells = self.cells[synapses.part.target]
+                    state, share = filtered_current(self.program, synapses.part, cells.parameters)
+                    cells.states[state] += share * synapses.arrive(step)[0][0]
+                source = self.cells[synapses.part.source]
                 listed = source.part.schedule
-                wires.send_current(source.parameters if listed is None else {"amplitude": listed.at(step)}, step)
-            elif wires.at_once:
+                synapses.send_current(source.parameters if listed is None else {"amplitude": listed.at(step)}, step)
+            elif synapses.at_once:
                 self.send(index, step)
         for pairs in self.pairs.values():
             pairs.emit_post(self.ids[pairs.part.target], self.multiplicity[pairs.part.target], step)
@@ -150,42 +154,42 @@ class ReferenceNetwork:
 
     def send(self, index: int, step: int) -> None:
         """Let the spikes of a projection's source in a step teach, and send them."""
-        wires = self.wires[index]
-        model = self.cells[wires.part.target].part.model
+        synapses = self.synapses[index]
+        model = self.cells[synapses.part.target].part.model
         assert isinstance(model, Neuron)
-        origin = wires.part.source
+        origin = synapses.part.source
         for source, multiplicity in zip(self.ids[origin], self.multiplicity[origin], strict=True):
             if index in self.moves:
                 self.moves[index].came[source] += multiplicity
             if index not in self.pairs:
-                if wires.part.synapse.delays:
-                    wires.set_out(wires.row(source), wires.late[wires.row(source)])
-                weights = wires.weights[wires.slot[wires.row(source)]]
-                wires.send(source, multiplicity, step, weights, model.relay)
+                if synapses.part.synapse.delays:
+                    synapses.set_out(synapses.row(source), synapses.late[synapses.row(source)])
+                weights = synapses.weights[synapses.slot[synapses.row(source)]]
+                synapses.send(source, multiplicity, step, weights, model.relay)
                 continue
             for nth in range(int(multiplicity)):
                 weights = self.pairs[index].spike(source, step, nth)
                 self.notes.add(self.pairs[index], index, source, step)
-                wires.send(source, 1, step, weights, model.relay)
+                synapses.send(source, 1, step, weights, model.relay)
 
     def _arrivals(self, index: int, step: int) -> tuple[Floats, Floats, Bools]:
-        """Input by receptor, external current, and which neurons hear a spike, of one population."""
+        """Return the input by receptor, the external current, and which neurons receive a spike, for one population."""
         size = self.cells[index].size
         x = np.zeros((self.cells[index].receptors, size))
-        current, heard = np.zeros(size), np.zeros(size, dtype=bool)
-        for wires in self.wires:
-            carries_current = wires.part.carries == "current"
-            if wires.part.target == index and not (carries_current and wires.part.receptor is not None):
-                amount, some = wires.arrive(step)
+        current, receives = np.zeros(size), np.zeros(size, dtype=bool)
+        for synapses in self.synapses:
+            carries_current = synapses.part.carries == "current"
+            if synapses.part.target == index and not (carries_current and synapses.part.receptor is not None):
+                amount, has_spike = synapses.arrive(step)
                 if carries_current:
                     current += amount[0]
                 else:
                     x += amount
-                    heard |= some
-        return x, current, heard
+                    receives |= has_spike
+        return x, current, receives
 
     def _decide(self, index: int, reached: list[Counts], step: int) -> None:
-        """Of the candidates of a group leave those that win, if it may still decide; reset those that lose by it."""
+        """Reduce the candidates of a group to the winners, if it may still decide, and reset the losers."""
         group = self.program.groups[index]
         cells = self.cells[group.population]
         candidates = np.flatnonzero((reached[group.population] > 0) & ~self.silenced[group.population])
@@ -194,34 +198,34 @@ class ReferenceNetwork:
         if self.closed[index] or not len(candidates):
             return
         above = cells.states[0, candidates] - cells.constants[candidates, 0]
-        drawn = keyed_random.uniform(self.ties[index], step, candidates)
-        ranked = candidates[np.lexsort((candidates, -drawn, -above))]
+        draws = keyed_random.uniform(self.ties[index], step, candidates)
+        ranked = candidates[np.lexsort((candidates, -draws, -above))]
         self.won[index], lost = self._winners(index, ranked)
         reached[group.population][self.won[index]] = 1
         cells.fire(lost)
 
     def _winners(self, index: int, ranked: Ints) -> tuple[Ints, Ints]:
-        """The candidates of a group that win, the best first, and those that are reset without a spike, by id."""
+        """Return the winning candidates of a group, the best first, and the neurons that are reset without a spike."""
         if index in self.local:
             local = self.local[index]
-            won = local.enter(ranked)
+            winners = local.enter(ranked)
             self.closed[index] = np.all(local.blocked | self.silenced[self.program.groups[index].population])
-            return won, NOBODY
+            return winners, NOBODY
         if index in self.rivals:
             place = self.rivals[index]
-            won = ranked[np.sort(np.unique(place[ranked], return_index=True)[1])]
-            return won, np.setdiff1d(np.flatnonzero(np.isin(place, place[won])), won)
+            winners = ranked[np.sort(np.unique(place[ranked], return_index=True)[1])]
+            return winners, np.setdiff1d(np.flatnonzero(np.isin(place, place[winners])), winners)
         choice = self.program.groups[index].choice
         self.closed[index] = isinstance(choice, winner_take_all) and choice.first_to_fire
         return ranked[:1], NOBODY if self.closed[index] else np.sort(ranked[1:])
 
     def _emit(self, index: int, step: int, reached: Counts, x: Floats, presented: Ints) -> None:
-        """What one population emits; neurons that spike are reset."""
+        """Determine the spikes of one population, and reset the neurons that spike."""
         cells = self.cells[index]
         if isinstance(cells.part.model, Neuron):
             self.ids[index] = ((reached > 0) & ~self.silenced[index]).nonzero()[0]
             cells.fire(self.ids[index])
-            sent = (
+            numbers_sent = (
                 x[0]
                 if cells.part.model.relay
                 else cells.states[cells.names.index(PAYLOAD)]
@@ -230,7 +234,7 @@ class ReferenceNetwork:
             )
             if cells.part.model.relay and np.any(x[0] + self.records[index].spikes >= 2.0**63):
                 raise too_many(cells.part)
-            self.multiplicity[index] = sent[self.ids[index]].astype(np.int64)
+            self.multiplicity[index] = numbers_sent[self.ids[index]].astype(np.int64)
             return
         numbers = cells.generate(step)
         if self.program.trials is not None and index == self.program.trials.input:
@@ -240,21 +244,21 @@ class ReferenceNetwork:
 
 
 def rivals(shape: tuple[int, ...], axis: int) -> Ints:
-    """A number of each neuron, the same for those that differ along an axis only."""
+    """Return a number for each neuron that is equal for neurons that differ along one axis only."""
     first = np.arange(math.prod(shape)).reshape(shape).take([0], axis=axis)
     return np.broadcast_to(first, shape).ravel()
 
 
 class SpikeRecord:
-    """Spikes of one population, in the order of their steps, and its counts.
+    """Recorded spikes of one population, in the order of steps, and its counts.
 
     Args:
-        size: neurons.
-        keeps: whether spikes are kept.
+        size: number of neurons.
+        keeps: whether spikes are recorded.
         graded: whether the number of a spike is a payload, which counts as one spike.
     """
 
-    kept: ClassVar[tuple[str, ...]] = ("steps", "ids", "multiplicity", "events", "spikes", "active")
+    saved: ClassVar[tuple[str, ...]] = ("steps", "ids", "multiplicity", "events", "spikes", "active")
 
     def __init__(self, size: int, keeps: bool, graded: bool) -> None:
         self.keeps, self.graded = keeps, graded
@@ -266,7 +270,7 @@ class SpikeRecord:
         self.active = 0
 
     def add(self, step: int, ids: Ints, multiplicity: Ints) -> None:
-        """The spikes of one step."""
+        """Add the spikes of one step."""
         if not len(ids):
             return
         self.events[ids] += 1
@@ -277,7 +281,7 @@ class SpikeRecord:
             self.multiplicity += multiplicity.tolist()
 
     def since(self, step: int) -> Spikes:
-        """The spikes after a step."""
+        """Return the spikes after a step."""
         first = int(np.searchsorted(self.steps, step, side="right")) if self.steps else 0
         return Spikes(
             np.array(self.steps[first:], dtype=np.int64),
@@ -287,46 +291,46 @@ class SpikeRecord:
 
     def forget(self, before: int) -> None:
         """Drop spikes up to a step."""
-        left = self.since(before)
-        self.steps, self.ids, self.multiplicity = left.steps.tolist(), left.ids.tolist(), left.multiplicity.tolist()
+        later = self.since(before)
+        self.steps, self.ids, self.multiplicity = later.steps.tolist(), later.ids.tolist(), later.multiplicity.tolist()
 
 
 class SynapseRecords:
-    """States of synapses as pre spikes leave them, by the number of the probe.
+    """States of synapses after pre spikes, by the number of the probe.
 
     Args:
-        program: names the probes.
+        program: the program with the probes.
     """
 
     def __init__(self, program: Program) -> None:
         self.probes = {number: probe for number, probe in enumerate(program.synapse_probes) if not probe.every}
-        self.kept: dict[int, list[tuple[int, int, float]]] = {number: [] for number in self.probes}
+        self.records: dict[int, list[tuple[int, int, float]]] = {number: [] for number in self.probes}
 
     def add(self, pairs: PairLearning, projection: int, source: int, step: int) -> None:
-        """Keep the synapses of a source after its spike of a step has acted."""
+        """Record the synapses of a source after the effect of its spike."""
         for number, probe in self.probes.items():
             if probe.projection == projection:
-                values, row = pairs.state(probe.record), pairs.wires.row(source)
+                values, row = pairs.state(probe.record), pairs.synapses.row(source)
                 synapses = np.arange(row.start, row.stop)
-                asked = synapses if probe.synapses is None else synapses[np.isin(synapses, probe.synapses)]
-                self.kept[number] += [(step, int(e), float(values[e])) for e in asked]
+                probed = synapses if probe.synapses is None else synapses[np.isin(synapses, probe.synapses)]
+                self.records[number] += [(step, int(e), float(values[e])) for e in probed]
 
     def take(self, number: int) -> Sent:
-        """What was kept for a probe; it is forgotten."""
-        kept, self.kept[number] = self.kept[number], []
-        columns = [np.array(column) for column in zip(*kept, strict=True)] or [np.zeros(0)] * 3
+        """Return the records of a probe, and remove them."""
+        records, self.records[number] = self.records[number], []
+        columns = [np.array(column) for column in zip(*records, strict=True)] or [np.zeros(0)] * 3
         return Sent(columns[0].astype(np.int64), columns[1].astype(np.int64), columns[2])
 
 
 class LocalWinners:
-    """The present state of such a group.
+    """State of a group with several winners.
 
     Attributes:
         blocked: neurons that are silenced until the next trial or reset.
-        wins: how often each map has won.
+        wins: number of wins of each map.
     """
 
-    kept: ClassVar[tuple[str, ...]] = ("blocked", "wins")
+    saved: ClassVar[tuple[str, ...]] = ("blocked", "wins")
 
     def __init__(self, choice: local_winners, shape: tuple[int, ...]) -> None:
         self._choice, self._maps = choice, shape[0]
@@ -334,12 +338,12 @@ class LocalWinners:
         self.open()
 
     def open(self) -> None:
-        """No neuron has won."""
+        """Let all neurons fire again: no neuron has won."""
         self.blocked: Bools = np.zeros(self._map.size, dtype=bool)
         self.wins: Ints = np.zeros(self._maps, dtype=np.int64)
 
     def enter(self, ranked: Ints) -> Ints:
-        """Those that win of some candidates, the best first; each silences what is near it."""
+        """Return the winners among some candidates, the best first. Each winner blocks the neurons near it."""
         winners = []
         for neuron in ranked.tolist():
             if not self.blocked[neuron]:
@@ -354,12 +358,12 @@ class LocalWinners:
 
 
 class TrialCourse:
-    """What is followed while a trial runs.
+    """Potentials and winners during a trial.
 
     Args:
-        maps: of the output.
-        size: its neurons.
-        several: whether more than one may win, so that each map has a decision of its own.
+        maps: number of maps of the output.
+        size: number of neurons of the output.
+        several: whether several neurons may win, so that each map has its own decision.
     """
 
     def __init__(self, maps: int, size: int, several: bool) -> None:
@@ -370,25 +374,25 @@ class TrialCourse:
         self._ticks: list[int] = []
         self._peak, self._peak_tick = np.full(size, -np.inf), np.zeros(size, dtype=np.int64)
 
-    def take(self, tick: int, potential: Floats, won: Ints) -> None:
-        """Follow one tick.
+    def take(self, tick: int, potential: Floats, winners: Ints) -> None:
+        """Record one tick.
 
         Args:
-            tick: its number.
+            tick: number of the tick.
             potential: V_m of all neurons, before spikes reset it.
-            won: winners of it, in order.
+            winners: winners of the tick, in order.
         """
         self._potential[self._undecided] = potential.reshape(self._potential.shape)[self._undecided]
         if not self._neurons:
             higher = potential > self._peak
             self._peak[higher], self._peak_tick[higher] = potential[higher], tick
-        self._neurons += won.tolist()
-        self._ticks += [tick] * len(won)
-        if len(won):
-            self._undecided[won // self._per_map if self._several else slice(None)] = False
+        self._neurons += winners.tolist()
+        self._ticks += [tick] * len(winners)
+        if len(winners):
+            self._undecided[winners // self._per_map if self._several else slice(None)] = False
 
     def outcome(self, ticks: int) -> Outcome:
-        """How it ended after some ticks."""
+        """Return the outcome of the trial after some ticks."""
         winner, decided = (self._neurons[0], self._ticks[0]) if self._neurons else (-1, -1)
         best = self._potential.argmax(axis=1) + np.arange(len(self._potential)) * self._per_map
         if winner >= 0:

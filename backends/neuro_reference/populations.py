@@ -1,4 +1,4 @@
-"""The neurons and generators of one population."""
+"""The neurons or generators of one population."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from neuro.program.program import Floats, Ints, Population, drawn_for
 
 
 class ReferencePopulation:
-    """States and parameters of a population, and one step of them.
+    """States and parameters of a population, and one step of it.
 
     Args:
         part: the population.
         resolution: length of a step in ms.
-        seed: of the Poisson draws.
+        seed: seed of the random draws.
     """
 
-    kept: ClassVar[tuple[str, ...]] = ("states", "injected_steps", "injected_ids", "injected_numbers")
+    saved: ClassVar[tuple[str, ...]] = ("states", "injected_steps", "injected_ids", "injected_numbers")
 
     def __init__(self, part: Population, resolution: float, seed: int) -> None:
         self.part, self.size, self.resolution = part, part.size, resolution
@@ -33,21 +33,21 @@ class ReferencePopulation:
         self.injected_steps: Ints = part.spike_steps.copy()
         self.injected_ids: Ints = part.spike_ids.copy()
         self.injected_numbers: Ints = part.spike_payloads.copy() if part.model.graded else np.ones_like(part.spike_ids)
-        self.start_anew(self.names)
+        self.reset(self.names)
         self.refresh()
 
-    def start_anew(self, names: list[str]) -> None:
-        """Put the named states where they are at step 0."""
+    def reset(self, names: list[str]) -> None:
+        """Set the named states to their values at step 0."""
         for name in names:
             self.states[self.names.index(name)] = self.part.initial[name]
 
     def start_trial(self, names: tuple[str, ...]) -> None:
-        """Put the named states where they are at step 0; with V_m, refractoriness ends."""
+        """Set the named states to their values at step 0. If V_m is among them, refractoriness ends."""
         hidden = [s.name for s in self.part.model.states if s.hidden] if "V_m" in names else []
-        self.start_anew([*names, *hidden])
+        self.reset([*names, *hidden])
 
     def refresh(self) -> None:
-        """Work out the constants after a change of parameters."""
+        """Compute the constants after a change of parameters."""
         model = self.part.model
         if not isinstance(model, (Neuron, Generator)) or self.part.kind not in ("neuron", "generator"):
             return
@@ -55,34 +55,34 @@ class ReferencePopulation:
         self.constants: Floats = np.zeros((self.size, model.width))
         for i in range(self.size):
             model.arithmetic.constants([float(v[i]) for v in values], self.resolution, self.constants[i])
-        alike = bool((self.constants == self.constants[0]).all())
-        self.runs = [(0, self.size)] if alike else [(i, i + 1) for i in range(self.size)]
+        all_equal = bool((self.constants == self.constants[0]).all())
+        self.runs = [(0, self.size)] if all_equal else [(i, i + 1) for i in range(self.size)]
 
     def update(self, x: Floats, i_0: Floats, step: int) -> NDArray[np.uint8]:
-        """Step every neuron; return how often each reached the threshold.
+        """Step every neuron; return how often each reached threshold.
 
         Args:
-            x: arrived input by receptor, shape (receptors, size).
+            x: input by receptor, shape (receptors, size).
             i_0: external current in pA.
-            step: which it is.
+            step: number of the step.
         """
         fired = np.zeros(self.size, dtype=np.uint8)
         model = self.part.model
         assert isinstance(model, Neuron)
-        drawn = (keyed_random.uniform(self.key, step, np.arange(self.size)),) if model.draws else ()
+        draws = (keyed_random.uniform(self.key, step, np.arange(self.size)),) if model.draws else ()
         for lo, hi in self.runs:
-            model.arithmetic.step(self.states, self.constants[lo], x, i_0, lo, hi, fired, *drawn)
+            model.arithmetic.step(self.states, self.constants[lo], x, i_0, lo, hi, fired, *draws)
         return fired
 
     def fire(self, ids: Ints) -> None:
-        """What a spike does to the neurons that spiked."""
+        """Apply the effect of a spike, such as the reset, to the neurons that spiked."""
         model = self.part.model
         assert isinstance(model, Neuron)
         for i in ids:
             model.arithmetic.fire(self.states, self.constants[i], i)
 
     def generate(self, step: int) -> Ints:
-        """Number of spikes of each neuron of a generator in a step, or its payload."""
+        """Return the number of spikes of each generator neuron in a step, or its payload."""
         numbers: Ints = np.zeros(self.size, dtype=np.int64)
         model, is_on = self.part.model, self.part.start < step <= self.part.stop
         if self.part.kind == "poisson":
@@ -91,26 +91,28 @@ class ReferencePopulation:
                 u = keyed_random.uniform(self.key, step, np.arange(self.size))
                 means = np.broadcast_to(rate * self.resolution / 1000.0, self.size)
                 for mean in np.unique(means):
-                    here = means == mean
-                    numbers[here] = np.searchsorted(keyed_random.poisson_table(float(mean)), u[here], side="right")
+                    same_mean = means == mean
+                    numbers[same_mean] = np.searchsorted(
+                        keyed_random.poisson_table(float(mean)), u[same_mean], side="right"
+                    )
         elif isinstance(model, Generator) and self.part.kind == "generator":
             u, out = keyed_random.uniform(self.key, step, np.arange(self.size)), np.zeros(self.size)
             for lo, hi in self.runs if is_on else ():
                 model.arithmetic.emit(self.states, self.constants[lo], u, step, lo, hi, out)
             numbers = out.astype(np.int64)
         else:
-            due = self.injected_steps == step
-            np.add.at(numbers, self.injected_ids[due], self.injected_numbers[due])
+            in_step = self.injected_steps == step
+            np.add.at(numbers, self.injected_ids[in_step], self.injected_numbers[in_step])
         return numbers
 
     def drop_listed(self) -> None:
-        """Forget the spikes that are listed."""
+        """Drop all listed spikes."""
         self.injected_steps = self.injected_ids = self.injected_numbers = np.zeros(0, dtype=np.int64)
 
     def inject(self, steps: Ints, ids: Ints, now: int, payloads: Ints | None = None) -> None:
-        """Add spikes of a listed population; those up to step `now` are forgotten."""
+        """Add spikes of a listed population, and drop those up to step `now`."""
         numbers = np.ones_like(ids) if payloads is None else payloads
-        ahead = self.injected_steps > now
-        self.injected_steps = np.concatenate((self.injected_steps[ahead], steps))
-        self.injected_ids = np.concatenate((self.injected_ids[ahead], ids))
-        self.injected_numbers = np.concatenate((self.injected_numbers[ahead], numbers))
+        is_later = self.injected_steps > now
+        self.injected_steps = np.concatenate((self.injected_steps[is_later], steps))
+        self.injected_ids = np.concatenate((self.injected_ids[is_later], ids))
+        self.injected_numbers = np.concatenate((self.injected_numbers[is_later], numbers))

@@ -1,4 +1,4 @@
-"""The synapses of one projection and what travels along them."""
+"""The synapses of one projection and the spikes under way along them."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from neuro.program.program import Floats, Ints, Program
 
 
 class ReferenceProjection:
-    """A projection with every synapse spelt out, and its input to come.
+    """A projection as a list of all synapses, with the input under way.
 
     Attributes:
-        source, target, delay: of every synapse, sorted by source, then target; a delay in steps, that of the last spike
-            where it learns.
-        at_once: whether spikes are sent when they are emitted: those of generators, along synapses that do not learn by
-            pairs.
-        late: the delays in ms that a rule for trials changes.
-        fewest, most: steps that a spike may take.
-        receptors: of its target.
-        slot: which weight a synapse has (the weights of a grid are shared).
+        source, target, delay: source, target and delay in steps of every synapse, sorted by source, then target. A
+            learnt delay is that of the last spike.
+        at_once: whether spikes are sent in the step in which they are emitted. True for generators, unless the synapses
+            learn by pairs.
+        late: delays in ms that a rule for trials changes.
+        fewest, most: limits of the delay in steps.
+        receptors: number of receptors of the target.
+        slot: index of each synapse's weight; the synapses of a grid share weights.
         weights: all weights.
         row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
-        due: input that is to arrive, (steps modulo the longest delay + 2, receptor, target).
-        heard: whether anything is to arrive, (steps, target).
-        emission, held: of a projection that carries a current: what is sent along it, and what it sent last.
+        due: input under way, (steps modulo the longest delay + 2, receptor, target).
+        heard: whether a spike is under way to a target, (steps, target).
+        emission, held: the emission of a projection that carries a current, and the current that it sent last.
 
     Args:
         program: the whole network.
-        index: which projection.
+        index: index of the projection.
     """
 
-    kept: tuple[str, ...] = ("weights", "due", "heard")
+    saved: tuple[str, ...] = ("weights", "due", "heard")
 
     def __init__(self, program: Program, index: int) -> None:
         self.part = part = program.projections[index]
@@ -50,29 +50,29 @@ class ReferenceProjection:
         self.h = program.resolution
         if part.synapse.delays and part.synapse.learns == "trials":
             self.late: Floats = self.delay.astype(np.float64) * self.h
-            self.kept = (*self.kept, "late")
+            self.saved = (*self.saved, "late")
         self.fewest, self.most = part.delay_range(program.resolution)
         self.slots = self.most + 2
         if part.carries == "current":
             self.emission = Emission(program, index)
             self.held: Floats = np.zeros(self.emission.columns)
-            self.kept = (*self.kept, *(("held",) if generator_of(program.populations[part.source]).draws else ()))
+            self.saved = (*self.saved, *(("held",) if generator_of(program.populations[part.source]).draws else ()))
         model = program.populations[part.target].model
         assert isinstance(model, Neuron)
         self.receptors = model.receptors
-        self.start_anew()
+        self.reset()
 
-    def start_anew(self) -> None:
-        """Nothing is under way."""
+    def reset(self) -> None:
+        """Drop all input under way."""
         self.due: Floats = np.zeros((self.slots, max(2, self.receptors), self.n_target))
         self.heard = np.zeros((self.slots, self.n_target), dtype=bool)
 
     def set_out(self, some: slice | Ints, late: Floats) -> None:
-        """Let the next spikes along some synapses take as many steps as are nearest to their delays, ms."""
+        """Set the delay in steps of the next spikes along some synapses to the nearest of their delays in ms."""
         self.delay[some] = [steps_of(delay, self.h, self.fewest, self.most) for delay in late]
 
     def row(self, source: int) -> slice:
-        """The synapses of one source."""
+        """Return the range of synapses of one source."""
         return slice(int(self.row_ends[source]), int(self.row_ends[source + 1]))
 
     def send(self, source: int, multiplicity: int, step: int, weights: Floats, relay: bool) -> None:
@@ -80,7 +80,7 @@ class ReferenceProjection:
         row = self.row(source)
         at, to = (step + self.delay[row]) % self.slots, self.target[row]
         amount = np.full(len(to), float(multiplicity)) if relay else self.part.arriving(weights) * multiplicity
-        # To the receptor that is named, else of two by its sign.
+        # The receptor is the named one, else one of two by the sign of the weight.
         if self.part.receptor is not None:
             receptors = np.full(len(amount), self.part.receptor.index)
         else:
@@ -89,23 +89,23 @@ class ReferenceProjection:
         self.heard[at, to] = True
 
     def send_current(self, parameters: Mapping[str, Floats], step: int) -> None:
-        """Send the current emitted in `step`, if any; it acts in the step after its arrival.
+        """Send the current emitted in `step`, if the generator is on. It acts in the step after its arrival.
 
         Args:
-            parameters: of its generator, as they are now.
-            step: which it is.
+            parameters: present parameters of the generator.
+            step: step of the emission.
         """
-        now = np.array([step])
-        if not self.emission.on(now).size:
+        steps = np.array([step])
+        if not self.emission.on(steps).size:
             return
-        if self.emission.moments(now)[0] == step:
-            self.held = self.emission.at(now, parameters)[0]
+        if self.emission.moments(steps)[0] == step:
+            self.held = self.emission.at(steps, parameters)[0]
         amount = self.held[self.emission.column] * self.weights[self.slot]
         np.add.at(self.due[:, 0], ((step + self.delay + 1) % self.slots, self.target), amount)
 
     def arrive(self, step: int) -> tuple[Floats, NDArray[np.bool_]]:
-        """Take what arrives in a step: the input (receptor, target) and which targets hear something."""
+        """Return and remove the input of a step, (receptor, target), and the marks of targets that receive a spike."""
         place = step % self.slots
-        x, heard = self.due[place].copy(), self.heard[place].copy()
+        x, receives = self.due[place].copy(), self.heard[place].copy()
         self.due[place], self.heard[place] = 0.0, False
-        return x, heard
+        return x, receives

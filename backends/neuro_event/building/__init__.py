@@ -1,1 +1,1 @@
-"""From a program to the arrays and tables that the compiled loop reads."""
+"""Conversion of a program to the arrays and tables that the compiled loop reads."""

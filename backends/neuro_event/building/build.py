@@ -1,4 +1,4 @@
-"""The arrays of a program at step 0, filled in table by table."""
+"""Building of all arrays of a program at step 0, and their snapshot, restoration and compilation."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from neuro_event.loop.operations import entry, generator_entry
 from neuro_event.loop.tables import STAGES, stage_entry
 
 LINE = 16
-"""Numbers between what two threads write often, so that they share no cache line."""
+"""Numbers between values that two threads write often, so that these share no cache line."""
 
 
 def build(
@@ -46,25 +46,33 @@ def build(
     edges: Ints | None = None,
     joined: frozenset[int] | None = None,
 ) -> EventArrays:
-    """Lay out a program for a number of threads, or cut at given edges, with given projections in joined rows."""
-    where = layout.places(program)
+    """Lay out a program for a number of threads.
+
+    Args:
+        program: the program.
+        threads: number of threads.
+        eager: whether synapses may learn eagerly.
+        edges: blocks at which the threads' neurons begin, as in a snapshot; None to choose them.
+        joined: projections in joined rows, as in a snapshot; None to choose them.
+    """
+    places = layout.places(program)
     if joined is None:
         joined = joined_rows.choose(program) if any(map(layout.is_timed, program.projections)) else frozenset()
     every = range(len(program.projections))
-    arranged = list(mapped(lambda q: layout.synapses(program, q, where, joined), every, threads))
+    arranged = list(mapped(lambda q: layout.synapses(program, q, places, joined), every, threads))
     learning = [q for q, p in enumerate(program.projections) if layout.learns_pairs(p)]
     delays = [p.delay_range(program.resolution)[1] for p in program.projections]
     longest = max([1, *delays, *(p.dopamine_delay for p in program.projections if p.dopamine >= 0)])
     if edges is None and threads == 1:
-        edges = np.array([(p.begin // t.BLOCK, -(-p.end // t.BLOCK)) for p in where], dtype=np.int64).reshape(-1, 2)
+        edges = np.array([(p.begin // t.BLOCK, -(-p.end // t.BLOCK)) for p in places], dtype=np.int64).reshape(-1, 2)
     elif edges is None:
-        edges = thread_partition.thread_edges(program, where, thread_partition.parts(program, threads))
+        edges = thread_partition.thread_edges(program, places, thread_partition.parts(program, threads))
     slice_ = max(1, program.min_delay)
     reach = max(longest + slice_ + 1, 0 if program.trials is None else program.trials.duration + 1)
     net = {**zeros(t.NET_ARRAYS, _sizes(program, edges, longest, slice_, reach)), "edges": edges}
     plastic_of = {q: k for k, q in enumerate(learning)}
     plastic = _nothing_learns(edges.shape[1] - 1)
-    arrays = EventArrays(program, where, arranged, plastic_of, net, plastic, slice_, reach, eager, joined)
+    arrays = EventArrays(program, places, arranged, plastic_of, net, plastic, slice_, reach, eager, joined)
     _neurons(arrays)
     _populations(arrays)
     add_projections(arrays)
@@ -80,7 +88,7 @@ def build(
 
 
 def _nothing_learns(threads: int) -> dict[str, Any]:
-    """The arrays of what learns in a network where nothing does."""
+    """Return the arrays of learning for a network in which nothing learns."""
     shared = ("shared", *(f"shared_{of}" for of in ("sources", "targets", "entries", "positions", "pairs", "marks")))
     moves = ("moves", "move_sources", "move_marks", "move_targets")
     none = dict.fromkeys(("sources", "targets", "room", *moves, *shared), 0)
@@ -91,14 +99,14 @@ def _nothing_learns(threads: int) -> dict[str, Any]:
 
 
 def _sizes(program: Program, edges: Ints, longest: int, slice_: int, reach: int) -> dict[str, int]:
-    """The sizes of the arrays of a network, see `tables.NET`."""
+    """Return the sizes of the arrays by the names in `tables.NET`."""
     n, groups, trials = layout.total(program), program.groups, program.trials
     most = int((np.diff(edges, axis=1).sum(axis=0) * t.BLOCK).max())
     states = [len(type(p.model).states) for p in program.populations if layout.computes(p)]
     return {
         "threads": edges.shape[1] - 1,
         "neurons": n,
-        "row": n + t.BLOCK,  # populations fill whole pages, so with a block more rows begin at different places
+        "row": n + t.BLOCK,  # a multiple of a page plus one block, so that rows begin at different lines of a page
         "blocks": n // t.BLOCK,
         "group": layout.WORD,
         "spots": n // LANES,
@@ -155,7 +163,7 @@ def _populations(a: EventArrays) -> None:
         row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = 1, 0, 0
         if layout.computes(p):
             own: Any = type(p.model)
-            a.ask(row, t.ENTRY, partial(entry if p.kind == "neuron" else generator_entry, own))
+            a.request(row, t.ENTRY, partial(entry if p.kind == "neuron" else generator_entry, own))
         if isinstance(p.model, Neuron):
             model = p.model
             row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = model.receptors, int(model.relay), int(model.linear)
@@ -171,7 +179,7 @@ def _populations(a: EventArrays) -> None:
 
 
 def rebuild_constants(a: EventArrays, changed: Mapping[int, Floats]) -> None:
-    """Lay out the parameters of all populations with other rows for some, and compute their constants."""
+    """Lay out the parameters of all populations, with new rows for some, and compute their constants."""
     rows = [
         changed[k] if k in changed else parameters(a, k)
         for k, p in enumerate(a.program.populations)
@@ -193,7 +201,7 @@ def rebuild_constants(a: EventArrays, changed: Mapping[int, Floats]) -> None:
 
 
 def parameters(a: EventArrays, k: int) -> Floats:
-    """The parameters of a population of neurons as they are now: a row for all, or one for each in internal order."""
+    """Return the present parameters of a population: one row, or one row per neuron in internal order."""
     first, stride = a.net["pops"][k, [t.CONSTANT, t.CONSTANT_STRIDE]].tolist()
     n = a.program.populations[k].size if stride else 1
     rows: Floats = a.net["parameters"][first : first + n, : len(a.program.populations[k].parameters)]
@@ -212,12 +220,12 @@ def _groups(a: EventArrays) -> None:
         once = isinstance(g.choice, winner_take_all) and g.choice.first_to_fire
         net["groups"][k] = (g.population, once, 0, t.NONE, t.NONE, 0, 0)
         if isinstance(choice := g.choice, local_winners):
-            # Where its maps, rows and columns lie among the internal places.
+            # Distances of neighbouring maps and of neighbouring columns in internal places.
             next_map, _, next_place = place.steps(shape)
             net["local"][k] = (choice.radius, choice.per_map or 0, *shape, next_map, next_place)
             net["standing"][k, t.OPEN] = math.prod(shape)
         elif isinstance(choice, lateral_reset):
-            # How many neurons compete, and how far apart they lie.
+            # Number of neurons that compete, and their distance in internal places.
             net["groups"][k, [t.RIVALS, t.APART]] = shape[choice.axis], place.steps(shape)[choice.axis]
     most = max(1, int(net["groups"][:, t.RIVALS].max()))
     net["rivals"] = np.zeros((net["edges"].shape[1] - 1, most), dtype=np.int64)
@@ -231,33 +239,33 @@ def _groups(a: EventArrays) -> None:
 
 
 def declared_in(a: EventArrays, *lives: str) -> Iterator[tuple[str, Declared, dict[str, Any]]]:
-    """All declared arrays, or those that live so long: name in a snapshot, declaration, and the dictionary it is in."""
-    for part, arrays, held in (("net", t.NET_ARRAYS, a.net), ("plastic", t.PLASTIC_ARRAYS, a.plastic)):
+    """Yield declared arrays, all or with given lifetimes: name in a snapshot, declaration, dictionary of arrays."""
+    for part, arrays, owner in (("net", t.NET_ARRAYS, a.net), ("plastic", t.PLASTIC_ARRAYS, a.plastic)):
         for each in arrays:
             if not lives or each.life in lives:
-                yield f"{part}.{each.name}", each, held
+                yield f"{part}.{each.name}", each, owner
 
 
 def snapshot(a: EventArrays) -> dict[str, NDArray[Any]]:
-    """Copies of all arrays that change while a network runs."""
+    """Return copies of all arrays that change while a network runs."""
     settle(a)
     return {
-        name: held[each.name][:, t.CHANGING[each.name]] if each.life == "columns" else held[each.name].copy()
-        for name, each, held in declared_in(a, "run", "columns")
+        name: owner[each.name][:, t.CHANGING[each.name]] if each.life == "columns" else owner[each.name].copy()
+        for name, each, owner in declared_in(a, "run", "columns")
     }
 
 
 def restore(a: EventArrays, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Put the arrays of a snapshot in place of those of step 0."""
+    """Replace the arrays of step 0 by those of a snapshot."""
     if not np.array_equal(arrays["net.weights"], a.net["weights"]):
         own_weights(a)
-    for name, each, held in declared_in(a, "run", "columns"):
+    for name, each, owner in declared_in(a, "run", "columns"):
         if each.life == "columns":
-            held[each.name][:, t.CHANGING[each.name]] = arrays[name]
-        elif held[each.name].shape == arrays[name].shape:
-            held[each.name][...] = arrays[name]  # where it lies is well chosen, see `layout.aligned_zeros`
+            owner[each.name][:, t.CHANGING[each.name]] = arrays[name]
+        elif owner[each.name].shape == arrays[name].shape:
+            owner[each.name][...] = arrays[name]  # keeps the alignment, see `layout.aligned_zeros`
         else:
-            held[each.name] = arrays[name].copy()
+            owner[each.name] = arrays[name].copy()
     rings = [q for q in range(len(a.program.projections)) if a.net["projections"][q, t.LAG] == 0]
     a.net["at_emission"] = np.array([q for q in rings if q not in a.plastic_of], dtype=np.int64)
     for q in a.joined.intersection(rings):
@@ -271,37 +279,37 @@ def restore(a: EventArrays, arrays: Mapping[str, NDArray[Any]]) -> None:
 
 
 def link(a: EventArrays) -> None:
-    """Compile all that a network calls by address, and write the addresses to where they are asked for."""
+    """Compile all functions that a network calls by address, and write their addresses into the tables."""
     table = a.net["stages"]
     for name in _needed(a):
         number = list(STAGES).index(name)
         if table[number] == 0:
-            a.ask(table, number, partial(stage_entry, name))
-    if a.asked:
+            a.request(table, number, partial(stage_entry, name))
+    if a.requests:
         if a.program.trials is not None:
             running: tuple[str, ...] = "run_trial", "begin_trial", "end_trial"
         else:
             running = ("run",) if a.net["edges"].shape[1] == 2 else ("run", "share", "finish")
         runs = [partial(stage_entry, name) for name in running]
-        asked: list[Callable[[], Entry]] = [*runs, *(each for _, _, each in a.asked)]
-        if all(each().is_compiled for each in asked):
-            found = [each().address() for each in asked]
+        entries: list[Callable[[], Entry]] = [*runs, *(each for _, _, each in a.requests)]
+        if all(each().is_compiled for each in entries):
+            entry_addresses = [each().address() for each in entries]
         else:
-            from neuro.kernels.beside import addresses  # only what is compiled needs another process
+            from neuro.kernels.beside import addresses  # a second process is only needed to compile
 
-            found = addresses(asked)
-        for (row, column, _), address in zip(a.asked, found[len(runs) :], strict=True):
+            entry_addresses = addresses(entries)
+        for (row, column, _), address in zip(a.requests, entry_addresses[len(runs) :], strict=True):
             row[column] = address
-        a.asked.clear()
+        a.requests.clear()
 
 
 def _needed(a: EventArrays) -> Iterator[str]:
-    """The stages that may be called."""
+    """Yield the names of the stages that the network may call."""
     net, plastic = a.net, a.plastic["table"]
-    into, at_emission = (net["projections"][net[name]] for name in ("incoming", "at_emission"))
-    on_arrival = into[into[:, t.LAG] != 0]
+    arriving, at_emission = (net["projections"][net[name]] for name in ("incoming", "at_emission"))
+    on_arrival = arriving[arriving[:, t.LAG] != 0]
     counted = on_arrival[:, t.DENSE_COUNTS] == 1
-    may: dict[str, Any] = {
+    callers: dict[str, Any] = {
         "arrive": on_arrival[:, t.RUN] >= 0,
         "at_emission": len(at_emission),
         "deliver_log": np.append(on_arrival[~counted, t.RUN], at_emission[:, t.RUN]) < 0,
@@ -318,14 +326,14 @@ def _needed(a: EventArrays) -> Iterator[str]:
         "deliver_joined": len(net["joined"]),
         "learn_kernels": len(a.plastic["shared_table"]),
     }
-    yield from (name for name, places in may.items() if np.any(places))
+    yield from (name for name, places in callers.items() if np.any(places))
 
 
 TABLE_WIDTH = 1400
 
 
 def add_generators(a: EventArrays) -> None:
-    """Set the rates, and make room for those that keep counts."""
+    """Set the rates of the generators, and allocate rings for those that keep counts."""
     pops = a.net["pops"]
     a.net["keys"] = np.array(
         [keyed_random.key(a.program.seed, drawn_for(p), p.name) for p in a.program.populations], dtype=np.uint64
@@ -346,7 +354,7 @@ def add_generators(a: EventArrays) -> None:
 
 
 def settle(a: EventArrays) -> None:
-    """Move what generators have tallied to their events and spikes."""
+    """Move the tallies of generators to their counts of events and spikes."""
     tally = a.net["tally"]
     a.net["events"][: tally.size] += tally >> t.TALLY_BITS
     a.net["spikes"][: tally.size] += tally & ((1 << t.TALLY_BITS) - 1)
@@ -354,12 +362,15 @@ def settle(a: EventArrays) -> None:
 
 
 def _keeps_counts(a: EventArrays, k: int) -> bool:
-    """Whether a generator's spikes are wanted only as one-to-one input, so that no list of them is needed."""
+    """Return whether a generator keeps counts instead of a list of spikes.
+
+    The generator must have only static one-to-one projections with one weight each, and more than 0.05 spikes a step.
+    """
     outgoing = [q for q, p in enumerate(a.program.projections) if p.source == k]
-    others = any(p.dopamine == k for p in a.program.projections)
+    is_dopamine = any(p.dopamine == k for p in a.program.projections)
     return (
         bool(outgoing)
-        and not others
+        and not is_dopamine
         and not a.program.populations[k].records
         and a.program.populations[k].largest("rate") * a.program.resolution > 50.0
         and all(
@@ -373,10 +384,10 @@ def _keeps_counts(a: EventArrays, k: int) -> bool:
 
 
 def set_rate(a: EventArrays, k: int, rate: Floats, step: int) -> None:
-    """Set the rate in Hz of a poisson_generator, one value or one per neuron, after a step."""
+    """Set the rate of a poisson_generator in Hz, one value or one per neuron, after a step."""
     place, row = a.places[k], a.net["pops"][k]
-    net, here = a.net, slice(place.begin, place.end)
-    mean, nothing = net["mean"][here], net["nothing"][here]
+    net, own = a.net, slice(place.begin, place.end)
+    mean, nothing = net["mean"][own], net["nothing"][own]
     np.multiply(rate, a.program.resolution * 1e-3, out=mean)
     np.exp(np.negative(mean, out=nothing), out=nothing)
     wake_emitting(net["mean"], net["awake"], net["busy"], row[t.FIRST_BLOCK], row[t.LAST_BLOCK], step)
@@ -385,14 +396,14 @@ def set_rate(a: EventArrays, k: int, rate: Floats, step: int) -> None:
 
 
 def tabulate(a: EventArrays) -> None:
-    """Fill the tables of all generators that keep counts, from the rates of now."""
+    """Compute the Poisson tables of all generators that keep counts, from the present rates."""
     for k, place in enumerate(a.places):
         if a.net["pops"][k, t.COUNTS] >= 0:
             _tabulate(a, k, a.net["mean"][place.begin : place.end])
 
 
 def _tabulate(a: EventArrays, k: int, mean: Floats) -> None:
-    """Use a table of the Poisson distribution where all neurons share it."""
+    """Write a table of the Poisson distribution for a generator, if all its neurons have the same rate."""
     row = a.net["pops"][k]
     row[t.TABLE] = t.NONE
     if np.all(mean == mean[0]):

@@ -1,4 +1,4 @@
-"""Which projections share joined rows, and how these are laid out."""
+"""Choice and layout of joined rows: rows of synapses of several projections with the same source."""
 
 from __future__ import annotations
 
@@ -23,58 +23,61 @@ from neuro_event.loop import tables as t
 from neuro_event.loop.arrivals import Listed, lay_joined, list_joined
 
 AT_ONCE = 1 << 17
-"""Synapses that are laid out at a time, so that they stay in the second cache."""
+"""Synapses that are laid out at a time, so that they stay in the second-level cache."""
 
 FREED = 1 << 21
-"""Synapses whose memory is given back at a time."""
+"""Synapses whose memory is returned to the system at a time."""
 
 MOST = 2**32 - 1
-"""Synapses that a joined row may have, with the steps between them: 32 bits say where its runs end."""
+"""Most entries of a joined row (synapses and steps between them), because the ends of its runs have 32 bits."""
 
 _RECEPTORS = 2
-"""The most receptors of a target: the place of an input tells its block."""
+"""Most receptors of a target, so that the block of a neuron follows from the place of its input."""
 
 MEAN_INTERVAL = 200.0
-"""ms between two spikes of a neuron, by which rows and rings are compared."""
+"""Interval between two spikes of a neuron that the comparison of rows and rings assumes, ms."""
 
 TEST_NS, LOOK_NS, ADD_NS, RING_ADD_NS, RING_READ_NS = 2.4, 9.0, 15.0, 42.0, 1.0
-"""A test whether a population has a spike of a step, a look for the run of a spike, an event of a run and of a ring, a
-place of a ring that is read in a step: measured with 20,000 sources and delays of 3 to 30 ms."""
+"""Nanoseconds to test whether a population spiked in a step, to find the run of a spike, to add an event of a run, to
+add an event of a ring, and to read a place of a ring in a step.
+
+Measured with 20,000 sources and delays of 3 to 30 ms.
+"""
 
 Row = list[int]
-"""The projections, all of one source, whose synapses a joined row holds."""
+"""Indices of the projections in a joined row, which all have one source population."""
 
 
 def choose(program: Program) -> frozenset[int]:
-    """The projections in joined rows: of those whose spikes arrive at many times, and whose sums keep their order.
+    """Choose the projections that share rows: those with several delays whose order of summation does not change.
 
-    Projections of rows with mostly empty runs get rings, unless these would take longer: without such projections the
-    rows of others are cut, too, since all that is joined onto a target lies together in the order of its sum.
+    Projections whose rows have mostly empty runs get rings, unless this takes longer in all. Without such projections
+    the rows of others are cut too, because a row holds projections that are neighbours in the order of a target's sum.
     """
-    kept = set()
+    candidates = set()
     for q, p in enumerate(program.projections):
         model = program.populations[p.target].model
         if p.size and layout.is_timed(p) and isinstance(model, Neuron) and model.receptors <= _RECEPTORS:
-            kept.add(q)
-    tried = [_rows(program, _stretches(program, kept))]
-    while unfit := {q for row in tried[-1] if _is_sparse(program, row) for q in row if not _in_runs(program, q)}:
-        kept -= unfit
-        tried.append(_rows(program, _stretches(program, kept)))
-    best = tried[0] if len(tried) == 1 else min(tried, key=partial(_expected_ns, program))
+            candidates.add(q)
+    attempts = [_rows(program, _stretches(program, candidates))]
+    while unfit := {q for row in attempts[-1] if _is_sparse(program, row) for q in row if not _in_runs(program, q)}:
+        candidates -= unfit
+        attempts.append(_rows(program, _stretches(program, candidates)))
+    best = attempts[0] if len(attempts) == 1 else min(attempts, key=partial(_expected_ns, program))
     return frozenset(q for row in best for q in row)
 
 
 def _expected_ns(program: Program, rows: list[Row]) -> float:
-    """How long delivery takes between two spikes of a neuron, if all fire alike."""
+    """Estimate the time of all deliveries between two spikes of a neuron, if all neurons fire at the same rate."""
     steps = MEAN_INTERVAL / program.resolution
     joined = {q for row in rows for q in row}
-    apart = [q for q, p in enumerate(program.projections) if p.size and layout.is_timed(p) and q not in joined]
+    separate = [q for q, p in enumerate(program.projections) if p.size and layout.is_timed(p) and q not in joined]
     looks = adds = 0.0
-    for row in [*rows, *([q] for q in apart if _in_runs(program, q))]:
+    for row in [*rows, *([q] for q in separate if _in_runs(program, q))]:
         neurons = program.populations[program.projections[row[0]].source].size
         looks += _runs(program, row) * (LOOK_NS + TEST_NS * steps / neurons)
         adds += ADD_NS * sum(program.projections[q].size for q in row)
-    for q in apart:
+    for q in separate:
         if not _in_runs(program, q):
             target = program.populations[program.projections[q].target]
             receptors = target.model.receptors if isinstance(target.model, Neuron) else 0
@@ -82,36 +85,39 @@ def _expected_ns(program: Program, rows: list[Row]) -> float:
     return looks + adds
 
 
-def _stretches(program: Program, kept: set[int]) -> list[Row]:
-    """For each target the most neighbours of `kept` among all that is added at arrival.
+def _stretches(program: Program, candidates: set[int]) -> list[Row]:
+    """Return for each target its longest series of candidates that are neighbours in the order of the target's sum.
 
-    Input is summed up in the order of projections, so all others come before or after those in joined rows.
+    Inputs are added in the order of projections, so all other projections must come before or after the joined ones.
     """
     arriving: dict[int, Row] = {}
     for q, p in enumerate(program.projections):
         ringed = layout.learns_pairs(p) or (layout.own_delays(p) and not layout.in_runs(program, p))
-        if p.size and p.carries == "spikes" and (q in kept or not ringed):
+        if p.size and p.carries == "spikes" and (q in candidates or not ringed):
             arriving.setdefault(p.target, []).append(q)
-    found = ([list(few) for joined, few in groupby(into, kept.__contains__) if joined] for into in arriving.values())
-    return [max(stretches, key=len) for stretches in found if stretches]
+    series = (
+        [list(few) for joined, few in groupby(arriving_at, candidates.__contains__) if joined]
+        for arriving_at in arriving.values()
+    )
+    return [max(stretches, key=len) for stretches in series if stretches]
 
 
 def _rows(program: Program, stretches: list[Row]) -> list[Row]:
-    """The joined rows of what arrives at each target, in an order that keeps that of every sum."""
+    """Group the series of all targets into joined rows, in an order that keeps the order of every sum."""
     rank: dict[tuple[int, bool], int] = {}
     rows: dict[tuple[int, int], Row] = {}
     for stretch in stretches:
         layer, last = 0, -1
         for q in stretch:
             at = rank.setdefault((program.projections[q].source, _by_sign(program, q)), len(rank))
-            # Sources in another order than elsewhere, or a second time, go on in later rows.
+            # A source that occurs twice, or in another order than at other targets, continues in a later row.
             layer, last = layer + (at <= last), at
             rows.setdefault((layer, at), []).append(q)
     return [rows[place] for place in sorted(rows)]
 
 
 def _by_sign(program: Program, q: int) -> bool:
-    """Whether weights below 0 go to another receptor than the others."""
+    """Return whether negative weights go to a second receptor."""
     p = program.projections[q]
     model = program.populations[p.target].model
     return p.receptor is None and isinstance(model, Neuron) and model.receptors == _RECEPTORS
@@ -127,16 +133,16 @@ def _in_runs(program: Program, q: int) -> bool:
 
 
 def _runs(program: Program, row: Row) -> int:
-    """Source neurons x delays."""
+    """Return the number of runs of a row: source neurons x delays."""
     spans = [program.projections[q].delay_span for q in row]
     delays = max(longest for _, longest in spans) - min(shortest for shortest, _ in spans) + 1
     return program.populations[program.projections[row[0]].source].size * delays
 
 
 def join(a: EventArrays) -> None:
-    """Lay out the joined rows, with the weights of now; projections that have a ring by now are left out.
+    """Lay out the joined rows with the present weights, without projections that now have a ring.
 
-    Of very many synapses the rows are the only copy: the program's arrays are freed row by row.
+    In a network of very many synapses the rows are the only copy: the program's arrays are freed row by row.
     """
     layout.part_joined_rows(a)
     stretches = []
@@ -147,10 +153,10 @@ def join(a: EventArrays) -> None:
             pop[t.JOINED], pop[t.JOINED_END] = places[0], places[-1] + 1
             stretches.append([q for q in arriving if q in a.joined])
     rows = _rows(a.program, stretches)
-    laid = _IN_PLACE.get(a.program)
+    shared = _IN_PLACE.get(a.program)
     unchanged = as_described(a).issuperset(q for row in rows for q in row)
-    if laid is not None and unchanged and laid.rows == rows and np.array_equal(laid.edges, a.net["edges"]):
-        a.net |= laid.net
+    if shared is not None and unchanged and shared.rows == rows and np.array_equal(shared.edges, a.net["edges"]):
+        a.net |= shared.net
         return
     table = np.full((len(rows), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
     bases = np.zeros((len(rows), _threads(a)), dtype=np.int64)
@@ -168,7 +174,7 @@ def join(a: EventArrays) -> None:
         columns[t.SIGN] = signs.pop() if len(signs) == 1 else t.MIXED
         targets = a.net["pops"][[p.target for p in parts]]
         blocks = (targets[:, t.LAST_BLOCK] - targets[:, t.FIRST_BLOCK]).sum()
-        # Two synapses a block mark nearly all of them anyway.
+        # With two synapses per block nearly all blocks are marked, so marking all is cheaper.
         columns[t.WAKE_ALL] = 1 + 2 * blocks * _runs(a.program, row) // sum(p.size for p in parts)
         reach[k, [p.target for p in parts]] = 1
         n_runs += _runs(a.program, row) * _threads(a) + 1
@@ -181,7 +187,7 @@ def join(a: EventArrays) -> None:
         table[table[:, t.SINGLE] == single, t.WEIGHT] = (np.cumsum(own) - own)[table[:, t.SINGLE] == single]
         a.net[name] = np.empty(own.sum(), dtype=kind)
     a.net["joined_steps"] = np.empty(sizes.sum(), dtype=np.uint16)
-    # Freed as they are laid out: two copies of a large network would not fit.
+    # Each row frees the arrays that it replaces, since two copies of a large network would not fit into memory.
     for columns, row in zip(table, rows, strict=True):
         _lay(a, columns, row)
     _leave(a, rows)
@@ -191,17 +197,17 @@ def join(a: EventArrays) -> None:
 
 
 def as_described(a: EventArrays) -> frozenset[int]:
-    """The projections in joined rows whose weights are the program's."""
+    """Return the projections in joined rows whose weights are the program's."""
     return frozenset(q for q in a.joined if a.net["projections"][q, t.WEIGHT] < 0)
 
 
 def weights(a: EventArrays, q: int) -> NDArray[np.floating[Any]]:
-    """The weights that a projection of joined rows adds, in internal order: those that were set, else the program's."""
+    """Return the weights that a projection in joined rows adds, in internal order: set values, else the program's."""
     first, stride = a.net["projections"][q, [t.WEIGHT, t.WEIGHT_STRIDE]].tolist()
     if first < 0:
         return layout.internal_weights(a.program, q, a.synapses[q].order)
-    set_: Floats = a.net["weights"][first : first + (a.program.projections[q].size if stride else 1)]
-    return set_
+    new_weights: Floats = a.net["weights"][first : first + (a.program.projections[q].size if stride else 1)]
+    return new_weights
 
 
 def _threads(a: EventArrays) -> int:
@@ -209,21 +215,24 @@ def _threads(a: EventArrays) -> int:
 
 
 def _begin(a: EventArrays, q: int) -> int:
-    """The place in x of the first target of a projection; what goes apart by sign lies behind all of these."""
+    """Return the place in the input of the first target of a projection.
+
+    If negative weights go to a second receptor, its places follow those of the first.
+    """
     receptor = max(int(a.net["projections"][q, t.RECEPTOR]), 0)
     return a.places[a.program.projections[q].target].begin + receptor * int(a.net["x"].shape[1])
 
 
 def _row_runs(a: EventArrays, columns: Ints) -> NDArray[np.uint32]:
     n = a.program.populations[int(columns[t.SOURCE])].size * int(columns[t.DELAYS]) * _threads(a)
-    found: NDArray[np.uint32] = a.net["joined_runs"][columns[t.RUN] :][: n + 1]
-    return found
+    row_runs: NDArray[np.uint32] = a.net["joined_runs"][columns[t.RUN] :][: n + 1]
+    return row_runs
 
 
 def _count(a: EventArrays, columns: Ints, row: Row) -> int:
-    """Where the runs of a joined row end; return how many synapses it takes, with the steps between them."""
+    """Compute the ends of the runs of a joined row; return its number of entries (synapses and steps between them)."""
     runs = _row_runs(a, columns)
-    # The first place that each thread has of a row's targets.
+    # The first place of each thread among the targets of the row.
     bases = np.full(_threads(a), np.iinfo(np.int64).max)
     for q in row:
         edges = layout.edges_of(a, q)
@@ -239,47 +248,47 @@ def _count(a: EventArrays, columns: Ints, row: Row) -> int:
 
 
 def _lay(a: EventArrays, columns: Ints, row: Row) -> None:
-    """Lay out a joined row, in place of the program's arrays if these are many."""
+    """Lay out a joined row, which replaces the program's arrays if these are compact."""
     weights_of = "joined_singles" if columns[t.SINGLE] else "joined_weights"
-    steps, laid = a.net["joined_steps"][columns[t.SYNAPSE] :], a.net[weights_of][columns[t.WEIGHT] :]
-    following, taken = _row_runs(a, columns)[:-1].copy(), _taken_over(a, row)
+    steps, row_weights = a.net["joined_steps"][columns[t.SYNAPSE] :], a.net[weights_of][columns[t.WEIGHT] :]
+    following, replaced = _row_runs(a, columns)[:-1].copy(), _taken_over(a, row)
     try:
-        _walk(a, columns, row, following, steps, laid, [*taken.values()])
+        _walk(a, columns, row, following, steps, row_weights, [*replaced.values()])
     except BaseException:
-        for p in taken.values():
+        for p in replaced.values():
             if p.has_arrays:
                 p.release(partial(_refuse, p.name))
         raise
     net = {name: a.net[name] for name in layout.JOINED_ARRAYS}
-    for q, p in taken.items():
+    for q, p in replaced.items():
         n, negated = a.program.populations[p.target].size, p.receptor is not None and p.receptor.negated
         p.release(partial(_made_anew, p.row_ends, p.kinds, net, columns, _begin(a, q), n, negated))
 
 
 def _leave(a: EventArrays, rows: list[Row]) -> None:
-    """Free earlier rows in place of the program's arrays: what the new rows do not take over has its arrays again."""
-    taken = {q for row in rows for q in _taken_over(a, row)}
+    """Discard earlier rows that replaced the program's arrays. Projections outside the new rows get arrays again."""
+    replaced = {q for row in rows for q in _taken_over(a, row)}
     for q, p in enumerate(a.program.projections):
-        if isinstance(p, CompactProjection) and not p.has_arrays and q not in taken:
+        if isinstance(p, CompactProjection) and not p.has_arrays and q not in replaced:
             p.retain()
     _IN_PLACE.pop(a.program, None)
 
 
 def _refuse(name: str) -> StoredSynapses:
     raise ModelError(
-        f"projection '{name}': its synapses are lost, as the run was interrupted while they were put in order: "
-        "expected a network that is compiled anew"
+        f"projection '{name}': its synapses are lost, because the run was interrupted while they were sorted: "
+        "compile the network again"
     )
 
 
 def _taken_over(a: EventArrays, row: Row) -> dict[int, CompactProjection]:
-    """The projections whose arrays a joined row takes the place of, by index."""
+    """Return the projections whose arrays a joined row replaces, by index."""
     parts = {q: p for q in row if isinstance(p := a.program.projections[q], CompactProjection)}
     return {q: p for q, p in parts.items() if _is_as_listed(a, q)}
 
 
 def _is_as_listed(a: EventArrays, q: int) -> bool:
-    """Whether joined rows have the weights and the order of the program."""
+    """Return whether a projection in joined rows has the weights and the order of the program."""
     p = a.program.projections[q]
     as_listed = p.by_delay and a.synapses[q].order is None and a.net["projections"][q, t.WEIGHT] < 0
     # A relay needs no weight, so its rows have none.
@@ -293,9 +302,19 @@ def _walk(
     following: NDArray[np.uint32],
     steps: NDArray[np.uint16],
     laid: NDArray[np.floating[Any]],
-    taken: Sequence[CompactProjection] = (),
+    replaced: Sequence[CompactProjection] = (),
 ) -> None:
-    """Go through the synapses of a joined row, by place within each run, and free those that are taken over."""
+    """Lay out the synapses of a joined row by place within each run, and free the arrays that are replaced.
+
+    Args:
+        a: all arrays.
+        columns: the row of the table of joined rows.
+        row: the projections.
+        following: next free entry of each run. Without `steps` and `laid`, counts the entries of each run instead.
+        steps: receives the steps between places.
+        laid: receives the weights.
+        replaced: projections whose arrays are freed.
+    """
     span = int(columns[t.SHORTEST]), int(columns[t.DELAYS])
     at = np.tile(a.net["joined_bases"][columns[t.ROW]], following.size // _threads(a))
     parts = []
@@ -306,7 +325,7 @@ def _walk(
             parts.append(Listed(*arrays, int(block.weight.size > 1), begin))
     n = a.program.populations[int(columns[t.SOURCE])].size
     each = sum(a.program.projections[q].size for q in row) / n
-    # Some sources at a time: the lines on which the synapses of all projections lie stay in the cache.
+    # A few sources at a time, so that the synapses of all projections stay in the cache.
     some, more = max(1, int(AT_ONCE / each)), max(1, int(FREED / each))
 
     def lay(first: int) -> tuple[int, int]:
@@ -317,12 +336,12 @@ def _walk(
         return first, end
 
     for sources in mapped(lay, range(0, n, more), _threads(a)):
-        for p in taken:
+        for p in replaced:
             p.discard(*sources)
 
 
 def synapses(a: EventArrays, q: int) -> tuple[Ints, NDArray[np.integer[Any]], NDArray[np.integer[Any]], Ints]:
-    """Ends of the rows, targets and delays of a projection, and the edges of the threads among its targets."""
+    """Return row ends, targets and delays of a projection, and the edges of the threads among its targets."""
     p, s = a.program.projections[q], a.synapses[q]
     targets, _, delay = p.stored()
     if s.order is not None:
@@ -331,7 +350,7 @@ def synapses(a: EventArrays, q: int) -> tuple[Ints, NDArray[np.integer[Any]], ND
 
 
 def synapse_blocks(a: EventArrays, q: int) -> Iterator[SynapseBlock]:
-    """The synapses of a projection of joined rows, with the weights that are added, in the order of their targets."""
+    """Yield the synapses of a projection in joined rows by block, with the weights that are added, in target order."""
     p = a.program.projections[q]
     if isinstance(p, CompactProjection) and _is_as_listed(a, q):
         for block in p.blocks:
@@ -343,11 +362,11 @@ def synapse_blocks(a: EventArrays, q: int) -> Iterator[SynapseBlock]:
 
 @dataclass(frozen=True, eq=False)
 class LaidRows:
-    """Joined rows that are in place of a program's arrays: every engine with these rows and threads has the same.
+    """Joined rows that replace a program's arrays. All engines with the same rows and threads share them.
 
     Attributes:
-        rows: the projections of each.
-        edges: of the threads.
+        rows: the projections of each row.
+        edges: edges of the threads.
         net: the arrays.
     """
 
@@ -368,7 +387,10 @@ def _made_anew(
     n_targets: int,
     negated: bool,
 ) -> StoredSynapses:
-    """Targets, weights and delays of a projection, from its joined row; without a reference to it, which has this."""
+    """Return targets, weights and delays of a projection, restored from its joined row.
+
+    There is no reference to the projection, because the projection refers to this function.
+    """
     size = int(row_ends[-1])
     targets, delay = np.empty(size, dtype=kinds["targets"]), np.empty(size, dtype=kinds["delay"])
     weight: NDArray[Any] = np.empty(size if "weight" in kinds else 0, dtype=kinds.get("weight"))

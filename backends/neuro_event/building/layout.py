@@ -1,4 +1,4 @@
-"""From a program to the arrays of the compiled loop."""
+"""The order and memory of populations, synapses and weights in the arrays of the compiled loop."""
 
 from __future__ import annotations
 
@@ -17,17 +17,20 @@ from neuro_event.loop import tables as t
 from neuro_event.loop.arrivals import by_delay
 
 WORD = t.BLOCK * t.GROUPED
-"""Neurons of a group of blocks; populations begin at multiples of it."""
+"""Neurons in a group of blocks. Each population begins at a multiple of `WORD`."""
 
 
 @dataclass(frozen=True, eq=False)
 class PopulationPlace:
-    """Where a population lies.
+    """The neurons of a population in the arrays of all neurons.
 
     Attributes:
-        begin, end: its neurons among all.
-        inside: internal place of each neuron, or None where it is the id; grids are kept with the maps innermost.
+        begin, end: the first neuron and the end.
+        inside: internal place of each id, or None if places are ids. Grids are stored with the maps innermost.
         outside: id at each internal place.
+
+    Example: a grid of 2 maps of 3 places has the ids 0 1 2 (map 0) and 3 4 5 (map 1). Then `outside` is 0 3 1 4 2 5 and
+    `inside` is 0 2 4 1 3 5.
     """
 
     begin: int
@@ -36,23 +39,23 @@ class PopulationPlace:
     outside: Ints
 
     def by_place(self, values: NDArray[Any]) -> NDArray[Any]:
-        """One value per neuron, from ids to internal places."""
+        """Reorder one value per neuron from ids to internal places."""
         return values if self.inside is None else values[self.outside]
 
     def by_id(self, values: NDArray[Any]) -> NDArray[Any]:
-        """One value per neuron, from internal places to ids."""
+        """Reorder one value per neuron from internal places to ids."""
         return values if self.inside is None else values[self.inside]
 
     def steps(self, shape: tuple[int, ...]) -> tuple[int, ...]:
-        """How far apart inside those of a population of a shape lie that are next to each other along each axis."""
+        """Return the distance in places between neighbours along each axis of a population of this shape."""
         steps = [math.prod(shape[axis + 1 :]) for axis in range(len(shape))]
         return tuple(steps) if self.inside is None else (1, *(shape[0] * step for step in steps[1:]))
 
 
 def places(program: Program) -> list[PopulationPlace]:
-    """Lay the populations side by side."""
+    """Place the populations one after the other."""
     grids = {p.target: p.grid for p in program.projections if p.grid is not None}
-    found, at = [], 0
+    all_places, at = [], 0
     for index, population in enumerate(program.populations):
         outside = np.arange(population.size, dtype=np.int64)
         inside = None
@@ -61,33 +64,33 @@ def places(program: Program) -> list[PopulationPlace]:
             outside = np.ascontiguousarray(outside.reshape(grid.maps, grid.rows * grid.columns).T).ravel()
             inside = np.empty_like(outside)
             inside[outside] = np.arange(population.size)
-        found.append(PopulationPlace(at, at + population.size, inside, outside))
+        all_places.append(PopulationPlace(at, at + population.size, inside, outside))
         at += -(-population.size // WORD) * WORD
-    return found
+    return all_places
 
 
 def total(program: Program) -> int:
-    """Neurons of all populations, with the gaps between them."""
+    """Return the number of neurons of all populations, with the gaps between them."""
     return max(WORD, sum(-(-p.size // WORD) * WORD for p in program.populations))
 
 
 def computes(population: Population) -> bool:
-    """Whether a population has constants and states: neurons, and generators with an `emit` of their own."""
+    """Return whether a population has constants and states: neurons, and generators with their own `emit`."""
     return population.kind in ("neuron", "generator")
 
 
 def receptors(program: Program) -> int:
-    """Rows of the input: as many as the neurons with the most receptors have, at least 2."""
+    """Return the number of rows of the input: the most receptors of any neuron, at least 2."""
     return max([2, *(p.model.receptors for p in program.populations if isinstance(p.model, Neuron))])
 
 
 def width(program: Program) -> int:
-    """Room that each of the program's models has for its parameters and for its constants."""
+    """Return the width of a row of parameters or constants, which is enough for each model of the program."""
     return max([Model.width, *(p.model.width for p in program.populations if computes(p))])
 
 
 def parameter_rows(population: Population, place: PopulationPlace) -> Floats:
-    """Parameters of a population of neurons: one row, or one per neuron where they differ."""
+    """Return the parameters of a population: one row, or one row per neuron if they differ."""
     columns = [np.atleast_1d(values) for values in population.parameters.values()]
     n = max(c.size for c in columns)
     return np.stack([np.broadcast_to(place.by_place(c) if c.size > 1 else c, n) for c in columns], axis=1).astype(
@@ -100,9 +103,9 @@ class ArrangedSynapses:
     """A projection in internal order.
 
     Attributes:
-        layout: as in `tables`.
-        row_ends, targets: of a CSR projection; empty otherwise.
-        order: internal weight k is the program's weight order[k]; None where they are the same.
+        layout: ONE_TO_ONE, DENSE, CSR or GRID of `tables`.
+        row_ends, targets: of a CSR projection, else empty.
+        order: internal weight k is the program's weight order[k]; None if the orders are equal.
     """
 
     layout: int
@@ -117,7 +120,7 @@ _NO_TARGETS = np.zeros(0, dtype=np.int32)
 
 
 def own_delays(p: Projection) -> bool:
-    """Whether the synapses of a projection differ in delay, or may do so later."""
+    """Return whether the synapses of a projection differ in delay, or may do so later."""
     if p.synapse.delays:
         return True
     shortest, longest = p.delay_span
@@ -125,12 +128,15 @@ def own_delays(p: Projection) -> bool:
 
 
 def is_timed(p: Projection) -> bool:
-    """Whether synapses are static and differ in delay."""
+    """Return whether the synapses of a projection are static and differ in delay."""
     return not p.synapse.learns and p.carries == "spikes" and p.grid is None and own_delays(p)
 
 
 def in_runs(program: Program, p: Projection) -> bool:
-    """Whether spikes are delivered at arrival though synapses differ in delay: these are static, and not too few."""
+    """Return whether a projection with different delays is delivered at arrival: it is static and has enough synapses.
+
+    There must be at least as many synapses as runs (sources x delays), if there are more than `_FEW_RUNS`.
+    """
     if not is_timed(p):
         return False
     shortest, longest = p.delay_range(program.resolution)
@@ -138,17 +144,17 @@ def in_runs(program: Program, p: Projection) -> bool:
 
 
 def learns_pairs(p: Projection) -> bool:
-    """Whether spike pairs change each of its weights; shared kernels learn otherwise."""
+    """Return whether spike pairs change each weight of a projection; kernels of grids learn in `shared_kernels`."""
     return p.synapse.learns == "pairs" and p.grid is None
 
 
 def synapses(
     program: Program, index: int, where: list[PopulationPlace], joined: frozenset[int] = frozenset()
 ) -> ArrangedSynapses:
-    """Arrange a projection for the kernels: CSR where it learns, has delays of its own, or its ends are permuted.
+    """Arrange a projection for the kernels: as CSR if it learns, has several delays, or has a permuted population.
 
-    Synapses lie by source, then target; where they are delivered in runs, by source, delay, target. Joined rows have an
-    order of their own.
+    Synapses are sorted by source, then target. Synapses that are delivered in runs are sorted by source, delay, target.
+    Joined rows have their own order.
     """
     p = program.projections[index]
     source, target = where[p.source], where[p.target]
@@ -177,7 +183,7 @@ def synapses(
 
 
 def internal_weights(program: Program, index: int, order: Ints | None) -> NDArray[np.floating[Any]]:
-    """The weights that a static delivery adds: what arrives of the program's, in internal order; 1 for a relay."""
+    """Return the weights that a static delivery adds, in internal order: signed for the receptor; 1 onto a relay."""
     p = program.projections[index]
     target = program.populations[p.target].model
     if p.carries == "spikes" and isinstance(target, Neuron) and target.relay:
@@ -190,7 +196,17 @@ def internal_weights(program: Program, index: int, order: Ints | None) -> NDArra
 
 
 def split_rows(row_ends: Ints, targets: NDArray[np.integer[Any]], edges: Ints) -> Ints:
-    """Row ends cut at the threads' edges (local target ids): synapses of source s for thread k are rows[s T + k] on."""
+    """Return row ends cut at the edges of the threads.
+
+    Args:
+        row_ends: ends of the rows, (sources + 1).
+        targets: targets of all synapses, sorted within each row.
+        edges: first target of each thread and the end, (threads + 1).
+
+    Returns:
+        An array in which the synapses of source s for thread k begin at entry s * threads + k. Example: row 0 has the
+        targets 1 5, row 1 has 2 3 7, and the edges are 0 4 8. The result is 0 1 2 4 5.
+    """
     threads = edges.size - 1
     if threads == 1:
         return row_ends
@@ -204,12 +220,12 @@ def split_rows(row_ends: Ints, targets: NDArray[np.integer[Any]], edges: Ints) -
 
 
 def power_of_two(n: int) -> int:
-    """The smallest power of two that is at least n."""
+    """Return the smallest power of two that is at least n."""
     return 1 << max(0, int(n - 1).bit_length())
 
 
 def sign(weights: NDArray[np.floating[Any]]) -> int:
-    """Whether all weights go to one receptor."""
+    """Return whether the weights are positive, negative or mixed, since their sign may choose the receptor."""
     negative = sum(int(np.count_nonzero(weights[k : k + _PIECE] < 0.0)) for k in range(0, weights.size, _PIECE))
     if negative == 0:
         return t.POSITIVE
@@ -217,11 +233,11 @@ def sign(weights: NDArray[np.floating[Any]]) -> int:
 
 
 _PIECE = 1 << 16
-"""Weights that are looked at together, in the cache."""
+"""Weights that are tested at a time, so that they stay in the cache."""
 
 
 def map_of_weights(a: EventArrays, projection: int, maps: int) -> Ints:
-    """The map of the trials' output that each weight of a projection leads to, in internal order."""
+    """Return the map of the trials' output to which each weight of a projection leads, in internal order."""
     p, s = a.program.projections[projection], a.synapses[projection]
     if s.layout == t.GRID:
         return np.tile(np.arange(maps), p.size // maps)
@@ -231,10 +247,20 @@ def map_of_weights(a: EventArrays, projection: int, maps: int) -> Ints:
 
 @dataclass(eq=False)
 class EventArrays:
-    """Everything the loop needs, by the names of `loop.Net`, and how a program's parts map to it.
+    """All arrays of the loop, by the names in `tables`, and the place of each part of the program in them.
 
-    Without `eager` all synapses learn lazily: tests compare the two ways. `joined` are the projections in joined rows,
-    `parted` whether these are still to be laid out.
+    Attributes:
+        program: the program.
+        places: the place of each population.
+        synapses: each projection in internal order.
+        plastic_of: index in the table of plastic projections, by projection; `moves_of` and `shared_of` likewise.
+        net, plastic: the arrays of `tables.NET` and `tables.PLASTIC`.
+        longest_slice: steps of a slice, within which no spike arrives.
+        reach: steps for which the spike log keeps spikes.
+        eager: whether synapses may learn eagerly. If false, all learn lazily; tests compare the two.
+        joined: the projections in joined rows.
+        requests: pending requests for addresses of compiled functions, as (row of a table, column, function).
+        parted: whether the joined rows must be laid out before the next step.
     """
 
     program: Program
@@ -249,16 +275,16 @@ class EventArrays:
     joined: frozenset[int]
     moves_of: dict[int, int] = field(default_factory=dict)
     shared_of: dict[int, int] = field(default_factory=dict)
-    asked: list[tuple[Ints, int, Callable[[], Entry]]] = field(default_factory=list)
+    requests: list[tuple[Ints, int, Callable[[], Entry]]] = field(default_factory=list)
     parted: bool = True
 
-    def ask(self, row: Ints, column: int, entry: Callable[[], Entry]) -> None:
-        """Ask for the address of an entry in a row of a table, when all are known: they compile side by side."""
-        self.asked.append((row, column, entry))
+    def request(self, row: Ints, column: int, entry: Callable[[], Entry]) -> None:
+        """Request the address of a compiled function for a row of a table. All requests are compiled together later."""
+        self.requests.append((row, column, entry))
 
 
 def edges_of(a: EventArrays, projection: int) -> Ints:
-    """The edges of the threads among the targets of a projection."""
+    """Return the edges of the threads among the targets of a projection."""
     target = a.program.projections[projection].target
     edges: Ints = a.net["edges"][target] * t.BLOCK - a.places[target].begin
     return edges
@@ -273,7 +299,7 @@ PAGE = 4096
 
 
 def aligned_zeros(n: int, dtype: Any, line: int = 0) -> NDArray[Any]:
-    """Zeros that begin at a cache line, which is counted within its page."""
+    """Return zeros that begin at a given cache line of a page of memory."""
     size = n * np.dtype(dtype).itemsize
     memory = np.zeros(size + PAGE, dtype=np.uint8)
     skip = (line * LINE - memory.ctypes.data) % PAGE
@@ -281,13 +307,13 @@ def aligned_zeros(n: int, dtype: Any, line: int = 0) -> NDArray[Any]:
 
 
 def aligned_table(rows: int, columns: int) -> Ints:
-    """A table of zeros whose first row begins at a cache line."""
+    """Return a table of zeros whose first row begins at a cache line."""
     return aligned_zeros(rows * columns, np.int64).reshape(rows, columns)
 
 
 def zeros(arrays: Iterable[Declared], sizes: Mapping[str, int]) -> dict[str, Any]:
-    """Make those of some declared arrays whose sizes are known, filled with 0."""
-    made: dict[str, Any] = {}
+    """Make the declared arrays of which all sizes are known, filled with 0."""
+    new_arrays: dict[str, Any] = {}
     for each in arrays:
         shape: list[Any] = [
             int(word) if word.isdigit() else sizes.get(word, getattr(t, word, None)) for word in each.shape
@@ -295,12 +321,12 @@ def zeros(arrays: Iterable[Declared], sizes: Mapping[str, int]) -> dict[str, Any
         if None not in shape:
             n = math.prod(shape)
             flat = np.zeros(n, each.kind) if each.line is None else aligned_zeros(n, each.kind, each.line)
-            made[each.name] = flat.reshape(shape)
-    return made
+            new_arrays[each.name] = flat.reshape(shape)
+    return new_arrays
 
 
 def part_joined_rows(a: EventArrays) -> None:
-    """Let there be no joined rows until they are laid out anew, as they must be before the next step."""
+    """Remove the joined rows. They must be laid out again before the next step."""
     a.parted = bool(a.joined)
     pops = a.net["pops"]
     pops[:, t.JOINED] = pops[:, t.JOINED_END] = pops[:, t.ARRIVALS]

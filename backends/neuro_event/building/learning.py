@@ -1,4 +1,4 @@
-"""The tables of the plastic projections."""
+"""The tables of plastic projections, which learn from spike pairs."""
 
 from __future__ import annotations
 
@@ -24,11 +24,16 @@ from neuro_event.loop.operations import RULES
 
 
 def add_learning(a: EventArrays, learning: list[int]) -> None:
-    """Lay out the synapses, traces and histories of the projections `learning`."""
+    """Lay out the synapses, traces and histories of the plastic projections.
+
+    Args:
+        a: all arrays.
+        learning: indices of the projections.
+    """
     program, pops, threads = a.program, a.net["pops"], a.net["edges"].shape[1] - 1
     parts, arranged = [program.projections[q] for q in learning], [a.synapses[q] for q in learning]
     eager = [acts_at_once(a, p) for p in parts]
-    # Those of `stdp` and `stdp_dopa` that learn lazily have K+ and K-, and no entry that reads kinds of traces.
+    # Lazy `stdp` and `stdp_dopa` only use K+ and K-, so they need no rows in `kinds`.
     read = [p.synapse for p, at_once in zip(parts, eager, strict=True) if at_once or type(p.synapse) not in RULES]
     most = max([0, *(max(len(rule.pre), len(rule.post)) for rule in read)])
     table = np.full((len(learning), t.PLASTIC_COLUMNS), t.NONE, dtype=np.int64)
@@ -61,7 +66,7 @@ def add_learning(a: EventArrays, learning: list[int]) -> None:
         _ask_entry(a, row, type(rule), False)
         row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = p.dopamine, int(p.dopamine_one_to_one)
         row[t.DOPAMINE_DELAY] = p.dopamine_delay
-        # Steps after which the last synapse hears a spike of its target.
+        # Longest delay: after so many steps a spike of a target has reached all its synapses.
         row[t.LONGEST] = 0 if rule.delays else p.delay.max(initial=1)
         row[t.FEWEST], row[t.MOST] = p.delay_range(program.resolution)
         set_traces(tau[k], row, decay[k], kinds[k], common(rule.vector()), rule, program)
@@ -78,17 +83,17 @@ def add_learning(a: EventArrays, learning: list[int]) -> None:
         if row[t.EAGER] == 0 and pops[p.target, t.HISTORY] < 0:
             pops[p.target, t.HISTORY] = n_history
             n_history += target.size
-        here = slice(row[t.FIRST_SYNAPSE], row[t.FIRST_SYNAPSE] + s.targets.size)
-        states[0, here] = p.weight[s.order] if s.order is not None and p.weight.size > 1 else p.weight
-        of_states = rule.first_states()
-        in_order = of_states[:, s.order] if s.order is not None and of_states.shape[1] > 1 else of_states
-        states[1 : 1 + len(of_states), here] = in_order
+        own = slice(row[t.FIRST_SYNAPSE], row[t.FIRST_SYNAPSE] + s.targets.size)
+        states[0, own] = p.weight[s.order] if s.order is not None and p.weight.size > 1 else p.weight
+        initial = rule.first_states()
+        in_order = initial[:, s.order] if s.order is not None and initial.shape[1] > 1 else initial
+        states[1 : 1 + len(initial), own] = in_order
         if rule.delays:
-            states[DELAY, here] = a.net["delays"][own_delays_of(a, q)] * program.resolution
+            states[DELAY, own] = a.net["delays"][own_delays_of(a, q)] * program.resolution
         for trace, value, each in zip(rule.pre, rule.first_traces(), of_sources(a, row, k_plus), strict=False):
             each[:] = first_kept(trace, value) if row[t.EAGER] else value
     t_refs = [program.populations[p.target].parameters.get("t_ref", 0.0) for p in parts]
-    held = {q: float(np.min(t_ref)) for q, t_ref in zip(learning, t_refs, strict=True)}
+    t_ref_of = {q: float(np.min(t_ref)) for q, t_ref in zip(learning, t_refs, strict=True)}
     draws = any(p.synapse.draws for p in parts)
     numbers = [np.arange(s.targets.size) if s.order is None else s.order for s in arranged if draws]
     modulated = any(p.synapse.modulated for p in parts)
@@ -105,7 +110,7 @@ def add_learning(a: EventArrays, learning: list[int]) -> None:
         "in_synapse": np.concatenate(in_synapse),
         "in_source": np.concatenate(in_source),
         "heard": no_spikes(a, learning, table, int(targets.sum())),
-        "past": aligned_table(max(1, n_history), _history_width(a, held)),
+        "past": aligned_table(max(1, n_history), _history_width(a, t_ref_of)),
         "kinds": kinds,
         "columns": _columns(a, learning, table),
         "draw_keys": np.array([keyed_random.key(program.seed, "synapse", p.name) for p in parts], dtype=np.uint64),
@@ -117,7 +122,7 @@ def add_learning(a: EventArrays, learning: list[int]) -> None:
 
 
 def start_anew(a: EventArrays, step: int) -> None:
-    """Let all neurons, traces, eligibilities and dopamine be as at step 0; weights, caught up to `step`, stay."""
+    """Reset all neurons, traces, eligibilities and dopamine to step 0. Weights, updated to `step` before, stay."""
     net, plastic = a.net, a.plastic
     net["state"][:] = net["initial"]
     for population, place in zip(a.program.populations, a.places, strict=True):
@@ -134,30 +139,31 @@ def start_anew(a: EventArrays, step: int) -> None:
 
 
 def of_sources(a: EventArrays, row: Ints, traces: Floats) -> list[Floats]:
-    """Each pre trace of a plastic projection, by thread and source, in an array of those of all."""
+    """Return each pre trace of a plastic projection as a view of shape (threads, sources)."""
     first, stride = row[t.FIRST_SOURCE], row[t.SOURCE_STRIDE]
     end = first + a.program.populations[a.program.projections[row[t.PROJECTION]].source].size * stride
     return [traces[:, first + j : end : stride] for j in range(stride)]
 
 
 def _ask_entry(a: EventArrays, row: Ints, rule: Any, own_rows: bool) -> None:
-    """Ask for the entry of a rule's passes over synapses, which share a row of constants or have their own.
+    """Request the compiled pass of a rule, with a row of constants for all synapses or one for each.
 
     | condition | path | reason |
     | --- | --- | --- |
-    | no modulator, one fixed delay, one tau_minus (or K- is not read) | `eager_rules` | no history is kept |
+    | no modulator, one fixed delay, one tau_minus (or K- is not read) | `eager_rules` | needs no history |
     | else, `stdp` and `stdp_dopa` | `lazy_stdp` | K+ and K- are two numbers that stay in registers |
-    | else | `lazy_rules` | any list of traces: their values before each spike lie in the history |
-    | numbers that differ between synapses | the same entry with `own_row` | looking up a row took 4 % of a network |
+    | else | `lazy_rules` | any list of traces, whose values before each spike are in the history |
+    | numbers that differ between synapses | the same pass with `own_row` | looking up a row took 4 % of a network |
 
-    Eagerly, all synapses of a neuron hear its spike in one step, so no history is searched: 12 ns an event of STDP.
+    In an eager projection a spike of a neuron reaches all its synapses in one step, so no history is searched. An event
+    of STDP takes 12 ns.
     """
     entry = eager_entry if row[t.EAGER] == 1 else lazy_entry if row[t.RULE] >= 0 else rule_entry
-    a.ask(row, t.RULE_ENTRY, partial(entry, rule, own_rows))
+    a.request(row, t.RULE_ENTRY, partial(entry, rule, own_rows))
 
 
 def _columns(a: EventArrays, learning: list[int], table: Ints) -> Ints:
-    """The post traces that third-party rules read lazily, by population; each rule's begin at its COLUMN."""
+    """Return the post traces that lazy third-party rules read, by population. A rule's traces begin at its COLUMN."""
     traces: list[list[tuple[int, int]]] = [[] for _ in a.program.populations]
     for k, q in enumerate(learning):
         if table[k, t.RULE] < 0 and table[k, t.EAGER] == 0:
@@ -177,7 +183,7 @@ def _others_shape(a: EventArrays) -> tuple[int, int, int]:
 
 
 def widen_histories(a: EventArrays, population: int, t_ref: float) -> None:
-    """Make room for the spikes of a population whose shortest refractory period is now `t_ref` ms."""
+    """Enlarge the histories of a population whose shortest refractory period is now `t_ref` ms."""
     past, parts = a.plastic["past"], a.program.projections
     width = _history_width(a, {q: t_ref for q in a.plastic_of if parts[q].target == population})
     if width > past.shape[1]:
@@ -189,16 +195,16 @@ def widen_histories(a: EventArrays, population: int, t_ref: float) -> None:
         a.plastic["others"][:, : others.shape[1]] = others
 
 
-def _history_width(a: EventArrays, held: Mapping[int, float]) -> int:
-    """Numbers in a history: an odd number of cache lines, so that the newest entries of many neurons spread over it.
+def _history_width(a: EventArrays, t_ref_of: Mapping[int, float]) -> int:
+    """Return the width of a history: an odd number of cache lines, which spreads the newest entries over the cache.
 
     Args:
         a: all arrays.
-        held: shortest refractory period of the targets in ms, by projection; those whose synapses learn at once read no
-            history. There is room for the spikes that can be under way to a synapse, and a few more.
+        t_ref_of: shortest refractory period of the targets in ms, by projection. Eager projections read no history.
+            There are entries for the spikes that can be under way to a synapse, and a few more.
     """
     entries, trials = [7], a.program.trials
-    for q, t_ref in held.items():
+    for q, t_ref in t_ref_of.items():
         p = a.program.projections[q]
         if p.delay.size and not acts_at_once(a, p):
             released = trials is not None and p.target == trials.output and "V_m" in trials.reset
@@ -208,11 +214,11 @@ def _history_width(a: EventArrays, held: Mapping[int, float]) -> int:
 
 
 def lay_constants(a: EventArrays, rules: Mapping[int, Floats]) -> None:
-    """Lay out the constants of all rules: a row for each projection, then rows of synapses that have their own.
+    """Lay out the constants of all rules: one row per projection, then rows of synapses with their own numbers.
 
     Args:
         a: all arrays.
-        rules: the parameters, in the form of `Synapse.vector`, by projection.
+        rules: the parameters by projection, in the form of `Synapse.vector`.
     """
     width = max([1, *(a.program.projections[q].synapse.width for q in a.plastic_of)])
     a.plastic["rule"] = np.zeros((len(a.plastic_of), width))
@@ -224,29 +230,30 @@ def lay_constants(a: EventArrays, rules: Mapping[int, Floats]) -> None:
 
 
 def set_constants(a: EventArrays, projection: int, vector: Floats) -> bool:
-    """Fill the constants of a projection; return whether the table was replaced by a longer one.
+    """Write the constants of a projection; return whether the table was replaced by a longer one.
 
-    Synapse z reads row CONSTANTS + z CONSTANTS_STRIDE. Rows that synapses have got they keep, though all be the same.
+    Synapse z reads row CONSTANTS + z CONSTANTS_STRIDE. A synapse that has a row of its own keeps it, even if all rows
+    are equal.
     """
     p, order, k = a.program.projections[projection], a.synapses[projection].order, a.plastic_of[projection]
-    row, kept = a.plastic["table"][k], a.plastic["rule"]
-    given = p.synapse.constants_of(vector, a.program.resolution)
-    grows = given.ndim == 2 and row[t.CONSTANTS_STRIDE] == 0
+    row, table = a.plastic["table"][k], a.plastic["rule"]
+    constants = p.synapse.constants_of(vector, a.program.resolution)
+    grows = constants.ndim == 2 and row[t.CONSTANTS_STRIDE] == 0
     if grows:
-        row[t.CONSTANTS], row[t.CONSTANTS_STRIDE] = len(kept) - row[t.FIRST_SYNAPSE], 1
-        a.plastic["rule"] = np.concatenate([kept, np.zeros((p.size, kept.shape[1]))])
+        row[t.CONSTANTS], row[t.CONSTANTS_STRIDE] = len(table) - row[t.FIRST_SYNAPSE], 1
+        a.plastic["rule"] = np.concatenate([table, np.zeros((p.size, table.shape[1]))])
         _ask_entry(a, row, type(p.synapse), True)
     first, n = (row[t.CONSTANTS] + row[t.FIRST_SYNAPSE], p.size) if row[t.CONSTANTS_STRIDE] else (k, 1)
-    in_order = given[order] if given.ndim == 2 and order is not None else given
+    in_order = constants[order] if constants.ndim == 2 and order is not None else constants
     a.plastic["rule"][first : first + n, : p.synapse.width] = in_order
     return bool(grows)
 
 
 def set_numbers(a: EventArrays, projection: int, vector: Floats, step: int) -> bool:
-    """Fill all that follows from the parameters of a projection whose traces are values, see `reading.bring_all`.
+    """Write all that follows from the parameters of a projection whose traces are values, see `reading.catch_up_all`.
 
     Returns:
-        whether an array was replaced.
+        Whether an array was replaced.
     """
     k, p = a.plastic_of[projection], a.program.projections[projection]
     table, tau, decay, kinds = (a.plastic[name][k] for name in ("table", "tau", "decay", "kinds"))
@@ -260,10 +267,10 @@ def set_numbers(a: EventArrays, projection: int, vector: Floats, step: int) -> b
 def set_traces(
     tau: Floats, row: Ints, decay: Floats, kinds: Floats, vector: Floats, synapse: Any, program: Program
 ) -> None:
-    """Fill what the traces and the dopamine of one plastic projection take from the rule's parameters."""
+    """Write the time constants and kinds of the traces of a plastic projection from the parameters of its rule."""
     words = dict(zip(synapse.numbers(), vector, strict=True))
     tau[0] = words.get("tau_plus", 1.0)
-    tau[1] = words.get("tau_n", math.inf)  # n is held
+    tau[1] = words.get("tau_n", math.inf)  # without tau_n, n is constant
     for k in range(2):
         decay[k] = _decay(tau[k], program.resolution)
     for first, traces in ((0, synapse.pre), (len(kinds) // 2, synapse.post)):
@@ -275,32 +282,32 @@ def set_traces(
 
 
 def _decay(tau: float, h: float) -> Floats:
-    """What is left of a trace after 0, 1, ... steps."""
+    """Return the decay of a trace after 0, 1, ... steps."""
     decays: Floats = np.exp(-np.arange(DECAYS) * h / tau)
     return decays
 
 
 ROOM = 1 << 14
-"""PreSpikeRecords for which there is room at first."""
+"""Initial size of the buffers for records of pre spikes."""
 
 
 def add_notes(a: EventArrays, learning: list[int]) -> None:
-    """Mark the plastic projections and synapses that probes at pre spikes ask for."""
+    """Mark the plastic projections and synapses that probes record at pre spikes."""
     probes = probes_of(a.program)
     marked = {probe.projection for _, probe in probes}
     a.plastic["table"][:, t.NOTED] = [int(q in marked) for q in learning]
     a.plastic["note_this"] = np.zeros(a.plastic["sent"].size if marked else 0, dtype=np.uint8)
     for _, probe in probes:
         first = a.plastic["table"][learning.index(probe.projection), t.FIRST_SYNAPSE]
-        here = a.plastic["note_this"][first : first + a.program.projections[probe.projection].size]
+        marks = a.plastic["note_this"][first : first + a.program.projections[probe.projection].size]
         order = a.synapses[probe.projection].order
-        inside = np.arange(here.size) if order is None else np.argsort(order)
-        here[inside if probe.synapses is None else inside[probe.synapses]] = 1
+        inside = np.arange(marks.size) if order is None else np.argsort(order)
+        marks[inside if probe.synapses is None else inside[probe.synapses]] = 1
     make_room(a, ROOM if marked else 0)
 
 
 def probes_of(program: Program) -> list[tuple[int, SynapseProbe]]:
-    """The probes at pre spikes of projections that learn from spike pairs, with their numbers."""
+    """Return the probes that record at pre spikes of plastic projections, with their numbers."""
     return [
         (number, probe)
         for number, probe in enumerate(program.synapse_probes)
@@ -309,96 +316,100 @@ def probes_of(program: Program) -> list[tuple[int, SynapseProbe]]:
 
 
 def make_room(a: EventArrays, room: int) -> None:
-    """Make buffers for the records of pre spikes, `room` of them for each thread."""
+    """Allocate buffers for `room` records of pre spikes for each thread."""
     buffers = [each for each in t.PLASTIC_ARRAYS if each.name.startswith("note_") and each.shape[0] == "threads"]
     sizes = {"threads": a.net["edges"].shape[1] - 1, "room": room, "states": len(a.plastic["y"])}
     a.plastic |= zeros(buffers, sizes)
 
 
 LONGEST = 1024
-"""Steps of an epoch at most."""
+"""Most steps of an epoch."""
 
 LEAST = math.exp(-64.0)
-"""What is left of a trace at the end of an epoch at least: less would cost digits."""
+"""Least decay of a trace over an epoch. With a smaller one, stored traces would lose digits."""
 
 
 def acts_at_once(a: EventArrays, p: Projection) -> bool:
-    """Whether a plastic projection learns eagerly: it has no modulator, and its synapses share delay and tau_minus."""
+    """Return whether a plastic projection learns eagerly: no modulator, and one delay and one tau_minus for all."""
     tau_minus = np.ravel(a.program.populations[p.target].parameters["tau_minus"])
-    alike = bool(np.all(tau_minus == tau_minus[0])) or all(trace.tau != "tau_minus" for trace in p.synapse.post)
-    return a.eager and alike and not p.synapse.modulated and not layout.own_delays(p)
+    same_tau = bool(np.all(tau_minus == tau_minus[0])) or all(trace.tau != "tau_minus" for trace in p.synapse.post)
+    return a.eager and same_tau and not p.synapse.modulated and not layout.own_delays(p)
 
 
 def first_kept(trace: Trace, value: float) -> float:
-    """As what a trace is kept at step 0."""
+    """Return what is stored of a trace at step 0: its value, or for the time since a spike the step of that spike."""
     return value if trace.tau else -math.inf
 
 
 def length(decays: Floats) -> int:
-    """Steps of an epoch, from what is left of each trace after 0, 1, ... steps."""
+    """Return the number of steps of an epoch, from the decay of each trace after 0, 1, ... steps."""
     used = decays[decays[:, 0] == 1.0, : LONGEST + 1]
     return max(1, int(np.min((used > LEAST).sum(axis=1), initial=LONGEST + 1)) - 1)
 
 
 def no_spikes(a: EventArrays, learning: list[int], table: NDArray[np.int64], n_targets: int) -> Floats:
-    """The traces of the post spikes that synapses have heard at step 0, a row for each target of a projection."""
+    """Return the stored post traces of eager projections at step 0, (targets, traces)."""
     eager = [(row, a.program.projections[q]) for row, q in zip(table, learning, strict=True) if row[t.EAGER]]
-    heard = np.zeros((n_targets if eager else 0, max((len(p.synapse.post) for _, p in eager), default=0)))
+    traces = np.zeros((n_targets if eager else 0, max((len(p.synapse.post) for _, p in eager), default=0)))
     for row, p in eager:
         first, size = row[t.FIRST_TARGET], a.program.populations[p.target].size
         for j, trace in enumerate(p.synapse.post):
-            heard[first : first + size, j] = first_kept(trace, 0.0)
-    return heard
+            traces[first : first + size, j] = first_kept(trace, 0.0)
+    return traces
 
 
 def first_trace(a: EventArrays, k: int, step: int) -> Floats:
-    """The values at a step of the first pre trace of the plastic projection number k."""
+    """Return the values of the first pre trace of plastic projection k at a step."""
     row = a.plastic["table"][k]
-    kept = of_sources(a, row, a.plastic["k_plus"])[0][0]
-    values: Floats = kept * a.plastic["decay"][k, OWN, step % row[t.EPOCH]]
+    stored = of_sources(a, row, a.plastic["k_plus"])[0][0]
+    values: Floats = stored * a.plastic["decay"][k, OWN, step % row[t.EPOCH]]
     decays = a.program.projections[row[t.PROJECTION]].synapse.pre[0].tau
-    return values if decays else (step - kept) * a.program.resolution
+    return values if decays else (step - stored) * a.program.resolution
 
 
 def unpack(a: EventArrays, k: int, step: int) -> None:
-    """Put the values at a step in the place of how the traces of projection number k are kept."""
-    for kept, left in _traces(a, k, step):
-        kept *= left
+    """Replace the stored traces of plastic projection k by their values at a step."""
+    for stored, decay in _traces(a, k, step):
+        stored *= decay
 
 
 def pack(a: EventArrays, k: int, step: int) -> None:
-    """Keep traces from their values at a step, with the time constants of now."""
+    """Replace the values at a step by stored traces, with the present time constants."""
     a.plastic["table"][k, t.EPOCH] = length(a.plastic["decay"][k, OWN:])
-    for kept, left in _traces(a, k, step):
-        kept *= 1.0 / left if left > 0.0 else 0.0
+    for stored, decay in _traces(a, k, step):
+        stored *= 1.0 / decay if decay > 0.0 else 0.0
 
 
 def _traces(a: EventArrays, k: int, step: int) -> Iterator[tuple[Floats, float]]:
-    """As what the decaying traces of a projection are kept, and what is left since the epoch of a step began."""
+    """Yield the stored values of each decaying trace of a projection, and its decay since the start of the epoch.
+
+    Eager traces are stored divided by their decay since the start of the epoch. Example: a trace that has the value 0.5
+    when the decay is 0.8 is stored as 0.625, and so need not be changed at each step.
+    """
     row, half = a.plastic["table"][k], a.plastic["kinds"].shape[1] // 2
     p = a.program.projections[row[t.PROJECTION]]
-    left = a.plastic["decay"][k, OWN:, step % row[t.EPOCH]]
+    decays = a.plastic["decay"][k, OWN:, step % row[t.EPOCH]]
     for j, each in enumerate(of_sources(a, row, a.plastic["k_plus"])[: len(p.synapse.pre)]):
         if p.synapse.pre[j].tau:
-            yield each, left[j]
+            yield each, decays[j]
     first, size = row[t.FIRST_TARGET], a.program.populations[p.target].size
     for j, trace in enumerate(p.synapse.post):
         if trace.tau:
-            yield a.plastic["heard"][first : first + size, j], left[half + j]
+            yield a.plastic["heard"][first : first + size, j], decays[half + j]
 
 
 def own_delays_of(a: EventArrays, q: int) -> slice:
-    """The places of the synapses of a projection in `delays` and, in ms, in `late`.
+    """Return the range of the synapses of a projection in `delays` and, in ms, in `late`.
 
-    Delays that spike pairs change are a row of the synapses' states. Those of rules for trials are in `late`; spikes
-    read the table of delays in steps, as static ones do, so each change writes that table, too.
+    Delays that spike pairs change are a row of the synapses' states. Delays that rules for trials change are in `late`,
+    and each change also writes the table of delays in steps, which spikes read.
     """
     first = int(a.net["projections"][q, t.DELAY])
     return slice(first, first + a.program.projections[q].size)
 
 
 def write_delays(a: EventArrays, q: int, delays: Floats) -> None:
-    """Replace the delays of a projection, given in the order of the program's weights."""
+    """Replace the delays of a projection. `delays` are in the order of the program's weights."""
     order = a.synapses[q].order
     inner = delays if order is None else delays[order]
     if q in a.plastic_of:
@@ -411,6 +422,6 @@ def write_delays(a: EventArrays, q: int, delays: Floats) -> None:
 
 def round_delays(a: EventArrays, q: int) -> None:
     """Write the delays of a rule for trials into the table of delays in steps."""
-    h, here = a.program.resolution, own_delays_of(a, q)
+    h, own = a.program.resolution, own_delays_of(a, q)
     fewest, most = a.program.projections[q].delay_range(h)
-    a.net["delays"][here] = [steps_of(delay, h, fewest, most) for delay in a.net["late"][here].tolist()]
+    a.net["delays"][own] = [steps_of(delay, h, fewest, most) for delay in a.net["late"][own].tolist()]

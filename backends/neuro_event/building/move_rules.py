@@ -1,4 +1,4 @@
-"""The tables of the projections that learn by moves."""
+"""The tables of projections that learn by moves."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from neuro_event.loop.moves import move_entry
 
 
 def add_moves(a: EventArrays) -> None:
-    """Lay out the states of the synapses, the traces of the sources and the lists of those that are active."""
+    """Lay out the states of the synapses, the traces of the sources, and the lists of active sources."""
     program, threads = a.program, a.net["edges"].shape[1] - 1
     learning = [q for q, p in enumerate(program.projections) if isinstance(p.synapse, MoveRule)]
     a.moves_of = {q: k for k, q in enumerate(learning)}
@@ -31,7 +31,7 @@ def add_moves(a: EventArrays) -> None:
         row[t.MOVE_SEEN] = states.index(rule.sees) if rule.sees else t.NONE
         a.net["pops"][p.target, t.GATHERS] = 1
         own: Any = type(rule)
-        a.ask(row, t.MOVE_ENTRY, partial(move_entry, own))
+        a.request(row, t.MOVE_ENTRY, partial(move_entry, own))
         n_synapses += p.size
         n_sources += program.populations[p.source].size
         n_targets += program.populations[p.target].size
@@ -60,11 +60,11 @@ def add_moves(a: EventArrays) -> None:
 
 
 def set_move_rule(a: EventArrays, projection: int, vector: Floats) -> None:
-    """Fill what follows from the numbers of a rule."""
+    """Write the constants, decays and increments that follow from the numbers of a rule."""
     k, rule = a.moves_of[projection], a.program.projections[projection].synapse
-    numbers = dict(zip(rule.numbers(), vector.tolist(), strict=True))
+    parameters = dict(zip(rule.numbers(), vector.tolist(), strict=True))
     a.plastic["move_rule"][k, : rule.width] = rule.constants_of(vector, a.program.resolution)
-    a.plastic["move_x_min"][k] = numbers["x_min"]
+    a.plastic["move_x_min"][k] = parameters["x_min"]
     for j, trace in enumerate(rule.pre):
-        a.plastic["move_left"][k, j] = np.exp(-a.program.resolution / numbers[trace.tau])
+        a.plastic["move_left"][k, j] = np.exp(-a.program.resolution / parameters[trace.tau])
         a.plastic["move_adds"][k, j] = trace.adds

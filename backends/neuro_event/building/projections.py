@@ -1,4 +1,4 @@
-"""The tables of the projections: where their synapses, weights, delays and rings lie."""
+"""The tables of the projections: synapses, weights, delays and rings."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from neuro_event.loop.operations import NEURONS
 
 
 def add_projections(a: EventArrays) -> None:
-    """Lay out all projections, and the buffer of the input and the rings."""
+    """Lay out all projections, and the buffer for the input and the rings."""
     program, pops, h = a.program, a.net["pops"], a.program.resolution
     parts: dict[str, list[NDArray[Any]]] = {"rows": [], "targets": [], "weights": [], "delays": []}
     ends = dict.fromkeys(parts, 0)
 
     def put(name: str, values: NDArray[Any]) -> int:
-        """Put values behind those of other projections; return where they begin."""
+        """Append values to an array of all projections; return the index of the first."""
         parts[name].append(values)
         ends[name] += values.size
         return ends[name] - values.size
@@ -66,10 +66,10 @@ def add_projections(a: EventArrays) -> None:
             delay = np.broadcast_to(delay, max(1, p.size))
         row[t.DELAY], row[t.DELAY_STRIDE] = put("delays", delay.astype(np.int32)), int(own_delays)
         blocks = int(pops[p.target, t.LAST_BLOCK] - pops[p.target, t.FIRST_BLOCK])
-        # How many spikes of a step reach about all blocks of the target, so that these need not be marked one by one.
+        # Number of spikes in a step that reach nearly all blocks of the target, so that all are marked at once.
         if s.layout == t.DENSE:
             row[t.WAKE_ALL] = 1
-        elif p.grid is not None:  # what several spikes reach may be the same blocks
+        elif p.grid is not None:  # several spikes may reach the same blocks
             g = p.grid
             rows, columns = (-(-n // g.stride) for n in (g.kernel_height, g.kernel_width))
             marks = min(rows, g.rows) * (1 + min(columns, g.columns) * g.maps / t.BLOCK)
@@ -103,7 +103,7 @@ def add_projections(a: EventArrays) -> None:
 
 
 def _fill_runs(a: EventArrays, q: int) -> None:
-    """Tell where the runs of a projection begin."""
+    """Compute where the runs of a projection end."""
     p, s, row, edges = a.program.projections[q], a.synapses[q], a.net["projections"][q], layout.edges_of(a, q)
     n = a.program.populations[p.source].size * int(row[t.DELAYS]) * (edges.size - 1) + 1
     delay = p.delay if s.order is None else p.delay[s.order]
@@ -112,7 +112,7 @@ def _fill_runs(a: EventArrays, q: int) -> None:
 
 
 def own_weights(a: EventArrays) -> bool:
-    """Take a copy of the weights before they change, if they are the program's; return whether that was needed."""
+    """Copy the weights before they change, if the array is the program's; return whether it was."""
     shared = any(
         np.may_share_memory(a.net["weights"], p.weight)
         for q, p in enumerate(a.program.projections)
@@ -124,7 +124,7 @@ def own_weights(a: EventArrays) -> bool:
 
 
 def _give_ring(a: EventArrays, row: Ints, longest: int, at: int) -> int:
-    """Let a projection have a ring that begins at a place of the buffer; return where it ends."""
+    """Give a projection a ring at a place of the buffer; return the end of the ring."""
     slots, n = layout.power_of_two(longest + a.longest_slice + 1), a.program.populations[row[t.TARGET]].size
     row[t.LAG] = 0
     row[t.RING], row[t.RING_MASK], row[t.RING_SIZE] = at, slots - 1, n
@@ -132,7 +132,7 @@ def _give_ring(a: EventArrays, row: Ints, longest: int, at: int) -> int:
 
 
 def give_ring(a: EventArrays, q: int) -> None:
-    """Let a projection deliver at emission from now on, into a new ring."""
+    """Give a projection a new ring, into which it delivers at emission from now on."""
     if q in a.joined:
         lay_out(a, q)
     row, buf = a.net["projections"][q], a.net["buf"]
@@ -143,7 +143,7 @@ def give_ring(a: EventArrays, q: int) -> None:
 
 
 def lay_out(a: EventArrays, q: int) -> None:
-    """Lay out a projection of joined rows by itself, as it needs who has a ring."""
+    """Move a projection out of the joined rows, because a projection with a ring needs rows of its own."""
     row, net = a.net["projections"][q], a.net
     if row[t.WEIGHT] < 0:
         own = joined_rows.weights(a, q)
@@ -158,7 +158,7 @@ def lay_out(a: EventArrays, q: int) -> None:
 
 
 def set_buffer(a: EventArrays, buf: Floats) -> None:
-    """Use `buf` for the input and the rings."""
+    """Copy `buf` to aligned memory and use it for the input and the rings."""
     rows, n = a.net["empty_input"].shape
     a.net["buf"] = aligned_zeros(buf.size, np.float64)
     a.net["buf"][:] = buf
@@ -166,35 +166,38 @@ def set_buffer(a: EventArrays, buf: Floats) -> None:
 
 
 def _joined(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
-    """All parts in one array; not copied where they already are neighbouring views of one."""
-    kept = [p for p in parts if p.size]
-    whole = kept[0] if len(kept) == 1 else (kept[0].base if kept else None)
-    if whole is not None and whole.dtype == dtype and whole.size == sum(p.size for p in kept):
-        places = [p.ctypes.data for p in kept]
-        expected = whole.ctypes.data + np.cumsum([0, *(p.nbytes for p in kept[:-1])])
+    """Concatenate arrays without a copy, if they are neighbouring views of one array."""
+    non_empty = [p for p in parts if p.size]
+    whole = non_empty[0] if len(non_empty) == 1 else (non_empty[0].base if non_empty else None)
+    if whole is not None and whole.dtype == dtype and whole.size == sum(p.size for p in non_empty):
+        places = [p.ctypes.data for p in non_empty]
+        expected = whole.ctypes.data + np.cumsum([0, *(p.nbytes for p in non_empty[:-1])])
         if whole.flags.c_contiguous and np.array_equal(places, expected):
             return whole
     return np.concatenate([np.zeros(0, dtype=dtype), *parts]).astype(dtype, copy=False)
 
 
 def list_incoming(a: EventArrays) -> None:
-    """For each population: projections read from the spike log on arrival, then those with a ring; no currents."""
+    """List the projections into each population: those read from the spike log on arrival, then those with a ring.
+
+    Currents are not listed.
+    """
     incoming: list[int] = []
     pops, rows = a.net["pops"], a.net["projections"]
     for k, population in enumerate(a.program.populations):
         sources = [(q, p.source) for q, p in enumerate(a.program.projections) if p.target == k]
-        into = [q for q, source in sources if pops[source, t.KIND] != t.CURRENT]
+        arriving = [q for q, source in sources if pops[source, t.KIND] != t.CURRENT]
         for first, last, ringed in ((t.ARRIVALS, t.ARRIVALS_END, False), (t.RINGS, t.RINGS_END, True)):
             pops[k, first] = len(incoming)
-            incoming += [q for q in into if (rows[q, t.LAG] == 0) == ringed]
+            incoming += [q for q in arriving if (rows[q, t.LAG] == 0) == ringed]
             pops[k, last] = len(incoming)
-        # The loop itself adds the input to the first state that collects it, after a step, where the model lets it and
-        # all deliveries mark where input arrives, and reach few.
+        # The loop adds the input to the first collecting state after a step, if the model allows it and all deliveries
+        # mark the few blocks where input arrives.
         model = population.model
-        alone = pops[k, t.GROUP] < 0 and pops[k, t.CARRIED] != 1 and a.joined.isdisjoint(into)
-        listed = (rows[into, t.LAYOUT] == t.CSR) & (rows[into, t.LAG] > 0) & (rows[into, t.RUN] < 0)
+        alone = pops[k, t.GROUP] < 0 and pops[k, t.CARRIED] != 1 and a.joined.isdisjoint(arriving)
+        listed = (rows[arriving, t.LAYOUT] == t.CSR) & (rows[arriving, t.LAG] > 0) & (rows[arriving, t.RUN] < 0)
         pops[k, t.COLLECTS] = t.NONE
-        every = alone and bool(np.all(listed & (rows[into, t.WAKE_ALL] > 1)))
+        every = alone and bool(np.all(listed & (rows[arriving, t.WAKE_ALL] > 1)))
         if every and isinstance(model, Neuron) and type(model) in NEURONS and model.collects:
             pops[k, t.COLLECTS] = [state.name for state in type(model).states].index(model.collects[0])
     a.net["incoming"] = np.array(incoming, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""The tables of the shared kernels that learn."""
+"""The tables of grids whose kernels learn."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from neuro_event.loop.shared_kernels import STDP, STDP_DOPA
 
 
 def add_shared(a: EventArrays) -> None:
-    """Lay out traces of the neurons, changes of the weights, and eligibilities of the synapses."""
+    """Lay out the traces of the neurons, the changes of the weights, and the eligibilities of the synapses."""
     program = a.program
     learning = [q for q, p in enumerate(program.projections) if learns_shared(p)]
     a.shared_of = {q: k for k, q in enumerate(learning)}
@@ -58,12 +58,12 @@ def add_shared(a: EventArrays) -> None:
 
 
 def learns_shared(p: Projection) -> bool:
-    """Return whether a projection is a shared kernel that spike pairs teach."""
+    """Return whether a projection is a grid whose kernels learn from spike pairs."""
     return p.synapse.learns == "pairs" and p.grid is not None
 
 
 def set_shared_rule(a: EventArrays, projection: int, vector: Floats) -> None:
-    """Fill what follows from the numbers of a rule."""
+    """Write the constants and decays that follow from the numbers of a rule."""
     k, rule = a.shared_of[projection], a.program.projections[projection].synapse
     numbers = dict(zip(rule.numbers(), vector.tolist(), strict=True))
     a.plastic["shared_rule"][k, : rule.width] = rule.constants_of(vector, a.program.resolution)

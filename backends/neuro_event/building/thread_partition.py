@@ -1,4 +1,4 @@
-"""The neurons of each thread."""
+"""Division of the neurons among threads."""
 
 from __future__ import annotations
 
@@ -10,40 +10,40 @@ from neuro_event.building.shared_kernels import learns_shared
 from neuro_event.loop import tables as t
 
 WORTH_MEETING = 12_000
-"""Steps of single neurons between two meetings of threads, about a nanosecond each, from which on they gain by sharing.
+"""Neuron steps between two synchronisations of threads, about 1 ns each, above which several threads are faster.
 
-A meeting, and what each reads of the other's spikes, take one to three microseconds.
+A synchronisation, and reading the spikes of other threads, take one to three microseconds.
 """
 
 SCATTERED = 1 << 22
-"""Synapses with delays of their own from which on they lie beyond the caches, twelve bytes each."""
+"""Number of synapses with individual delays, at twelve bytes each, above which they exceed the caches."""
 
 EVEN = 0.02
-"""By how much the busiest thread may have more than its share of the work where populations are left whole."""
+"""Largest excess of the busiest thread over its share of the work, if populations are not divided."""
 
 PATIENCE_S = 2.0
-"""How long a division is looked for."""
+"""Time limit of the search for a division, s."""
 
 SYNAPSES = 200
-"""So many, each with a few spikes a second, are as much work as the steps of a neuron."""
+"""Synapses that take as much work as the steps of one neuron, at a few spikes per second each."""
 
 
 def thread_edges(program: Program, where: list[PopulationPlace], threads: int) -> Ints:
-    """Blocks at which the threads' neurons of each population begin, and the end: (populations, threads + 1)."""
+    """Return the first block of each thread in each population, and the end: (populations, threads + 1)."""
     scattered = sum(p.size for p in program.projections if in_runs(program, p))
     owners = whole_populations(program, threads) if threads > 1 and scattered >= SCATTERED else None
     if owners is None:
-        return _alike(program, where, threads)
+        return _equal_shares(program, where, threads)
     first = np.array([[place.begin // t.BLOCK] for place in where])
     end = np.array([[-(-place.end // t.BLOCK)] for place in where])
     return np.where(np.arange(threads + 1) > owners[:, None], end, first)
 
 
-def _alike(program: Program, where: list[PopulationPlace], threads: int) -> Ints:
-    """Each thread has a like share of every population, since no one knows before how busy one will be.
+def _equal_shares(program: Program, where: list[PopulationPlace], threads: int) -> Ints:
+    """Give each thread an equal share of every population, since activities are not known in advance.
 
-    What cannot be shared out evenly, of small ones or of groups that stay whole, is made up for in the next
-    populations.
+    The remainder of a population that cannot be divided evenly (small ones, or groups, which stay whole) is compensated
+    in the next populations.
     """
     grouped = {g.population for g in program.groups}
     edges = np.zeros((len(program.populations), threads + 1), dtype=np.int64)
@@ -63,17 +63,17 @@ def _alike(program: Program, where: list[PopulationPlace], threads: int) -> Ints
 
 
 def whole_populations(program: Program, threads: int) -> Ints | None:
-    """The thread of each population, where all can be left whole and the work is even all the same; else None.
+    """Return the thread of each population, or None if whole populations cannot be divided evenly.
 
-    The synapses of one source, population and delay are few, and lie anywhere in memory: halves of them take half as
-    many lines of memory again. A generator goes with the population that it drives.
+    The few synapses of one source, population and delay lie close together in memory, but anywhere. Two halves of them
+    would take half as many cache lines again. A generator belongs to the thread of the population that it drives.
     """
-    together: dict[int, list[int]] = {}
+    members: dict[int, list[int]] = {}
     for index, population in enumerate(program.populations):
         driven = {p.target for p in program.projections if p.source == index}
         leads = population.kind == "neuron" or len(driven) != 1
-        together.setdefault(index if leads else min(driven), []).append(index)
-    units = list(together.values())
+        members.setdefault(index if leads else min(driven), []).append(index)
+    units = list(members.values())
     owner = _divided(np.array([sum(_work(program, index) for index in unit) for unit in units]), threads)
     if owner is None:
         return None
@@ -84,14 +84,14 @@ def whole_populations(program: Program, threads: int) -> Ints | None:
 
 
 def _divided(work: Ints, threads: int) -> Ints | None:
-    """The thread of each unit, so that the most that any has is least; None if that is not found to be even."""
+    """Return the thread of each unit with the smallest maximal load, or None if no even division is found in time."""
     from scipy.optimize import LinearConstraint, milp
 
     share = work * threads / work.sum()
     once = np.kron(np.eye(work.size), np.ones(threads))
     load = np.kron(share, np.eye(threads))
-    found = milp(
-        np.append(np.zeros(work.size * threads), 1.0),  # unknown: whether a thread has a unit, and the largest load
+    solution = milp(
+        np.append(np.zeros(work.size * threads), 1.0),  # unknowns: 1 where a thread has a unit, and the largest load
         integrality=np.append(np.ones(work.size * threads), 0.0),
         bounds=(0.0, np.append(np.ones(work.size * threads), np.inf)),
         constraints=(
@@ -100,14 +100,14 @@ def _divided(work: Ints, threads: int) -> Ints | None:
         ),
         options={"mip_rel_gap": EVEN / 2.0, "time_limit": PATIENCE_S},
     )
-    if found.x is None:
+    if solution.x is None:
         return None
-    owner = found.x[:-1].reshape(-1, threads).argmax(axis=1)
+    owner = solution.x[:-1].reshape(-1, threads).argmax(axis=1)
     return owner if np.bincount(owner, share, threads).max() <= 1.0 + EVEN else None
 
 
 def _work(program: Program, index: int) -> int:
-    """Of a population, a synapse is 1."""
+    """Return the work of a population, in units of the work of a synapse."""
     work = SYNAPSES * program.populations[index].size
     for p in program.projections:
         if p.target == index:
@@ -117,9 +117,9 @@ def _work(program: Program, index: int) -> int:
 
 
 def parts(program: Program, threads: int) -> int:
-    """Into how many parts a program is cut for some threads.
+    """Return the number of parts into which a program is divided for some threads.
 
-    One where they would meet more often than is worth it, or where a shared kernel learns from all places at once.
+    There is one part if threads would synchronise too often, or if the kernels of a grid learn from all places at once.
     """
     if any(map(learns_shared, program.projections)):
         return 1

@@ -1,1 +1,1 @@
-"""What Python holds and calls between steps."""
+"""The Python side of the engine, which acts between steps."""

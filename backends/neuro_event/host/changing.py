@@ -1,6 +1,7 @@
-"""What generators of currents, and listed rates, change between steps.
+"""Currents and rates that change while a network runs.
 
-Currents that change at every step are in tables, which are filled for a stretch of steps at a time.
+Currents that change at every step are computed in advance for a stretch of steps and written to tables of the loop.
+Currents and rates that change at a few steps are written when they change.
 """
 
 from __future__ import annotations
@@ -20,22 +21,22 @@ from neuro_event.loop import steps, tables as t
 Parameter: TypeAlias = Callable[[int, str], Floats]
 
 SHORTEST, LONGEST = 64, 1024
-"""Steps of a stretch."""
+"""Limits of the number of steps in a stretch."""
 
 PARTS = ("line_ends", "line_columns", "line_lates", "line_weights", "shares")
-"""Arrays of all lines, one line behind the other."""
+"""Names of the arrays that hold the values of all lines, one line after the other."""
 
-HELD = 1 << 19
-"""About how many currents a stretch holds."""
+STRETCH_VALUES = 1 << 19
+"""Approximate number of current values in a stretch."""
 
 
 class VaryingCurrents:
-    """What is emitted in the next steps along the lines into driven populations.
+    """The currents of the next steps along all lines into populations whose current varies.
 
     Args:
         program: the whole network.
-        currents: what its generators are set to.
-        arrays: where the loop finds its tables.
+        currents: parameters of the current generators and weights of their projections.
+        arrays: the arrays of the loop, which receive the tables.
     """
 
     def __init__(self, program: Program, currents: Currents, arrays: EventArrays) -> None:
@@ -46,19 +47,19 @@ class VaryingCurrents:
         self._until = -1
 
     def changed(self) -> None:
-        """Something was set: what was worked out is no longer so."""
+        """Discard the computed currents, because a parameter or a weight was set."""
         self._until = -1
 
     def prepare(self, step: int, parameter: Parameter) -> tuple[int, bool]:
-        """Work out the currents of the steps after `step`.
+        """Compute the currents of the steps after `step`, unless they are already there.
 
         Args:
-            step: the step before.
-            parameter: gives a parameter of a population as it is now. It is passed each time, since an engine that
-                is reached from its own parts would be freed by the garbage collector only, long after its last use.
+            step: the last finished step.
+            parameter: function that returns the present value of a parameter of a population. It is passed at each
+                call, since an engine referenced by its own parts would only be freed by the garbage collector.
 
         Returns:
-            The last step for which they are known, and whether arrays were replaced.
+            The last step with computed currents, and whether arrays were replaced.
         """
         if not self._driven:
             return int(NEVER), False
@@ -70,20 +71,20 @@ class VaryingCurrents:
         return self._until, replaced
 
     def _lay_out(self, parameter: Parameter) -> None:
-        """Lay out lines and weights anew."""
+        """Rebuild the table of lines, with their synapses and weights."""
         self._lines = [k for k in lines_of(self._program, self._currents) if k.weight.size]
         for line in self._lines:
             self._emissions.setdefault(line.projection, Emission(self._program, line.projection))
         columns = sum(self._emissions[line.projection].columns for line in self._lines)
-        self._steps = max(int(np.clip(HELD // max(1, columns), SHORTEST, LONGEST)), self._currents.longest)
+        self._steps = max(int(np.clip(STRETCH_VALUES // max(1, columns), SHORTEST, LONGEST)), self._currents.longest)
         parts: dict[str, list[NDArray[Any]]] = {name: [] for name in PARTS}
 
         def add(name: str, values: NDArray[Any]) -> int:
-            """Put values behind those of other lines; return where they begin."""
+            """Append values to an array of all lines; return the index of the first."""
             parts[name].append(values)
             return sum(each.size for each in parts[name]) - values.size
 
-        begun, first, span = set[int](), 0, self._steps + self._currents.longest
+        started, first, span = set[int](), 0, self._steps + self._currents.longest
         self._a.net["lines"] = np.zeros((len(self._lines), t.LINE_COLUMNS), dtype=np.int64)
         for row, line in zip(self._a.net["lines"], self._lines, strict=True):
             p, emission = self._program.projections[line.projection], self._emissions[line.projection]
@@ -94,9 +95,9 @@ class VaryingCurrents:
                 row[t.CHARGED], share = filtered_current(self._program, p, {tau: parameter(p.target, tau)})
                 every = np.broadcast_to(share, self._program.populations[p.target].size)
                 row[t.SHARE] = add("shares", self._a.places[p.target].by_place(every))
-            elif p.target not in begun:
+            elif p.target not in started:
                 row[t.BEGINS] = 1
-                begun.add(p.target)
+                started.add(p.target)
             self._connect(row, line, emission.column, add)
             first += emission.room(span) * emission.columns
         for name, values in parts.items():
@@ -105,7 +106,11 @@ class VaryingCurrents:
         self._a.net["emitted_rows"] = np.zeros((len(self._lines), span), dtype=np.int64)
 
     def _connect(self, row: Ints, line: CurrentLine, column: Ints, add: Callable[[str, NDArray[Any]], int]) -> None:
-        """Enter the synapses of a line: one column to all neurons, one to each, or a list."""
+        """Enter the synapses of a line: one column for all neurons, one for each neuron, or a list.
+
+        A list has delays and weights by target. Example: if column 0 goes to all neurons with delay 3, `HOW` is
+        `TO_ALL`, `COLUMN_AT` is 0, `LATE` is 3, and `line_ends` has no entries.
+        """
         p = self._program.projections[line.projection]
         place, n = self._a.places[p.target], self._program.populations[p.target].size
         _, post = self._program.connections(line.projection)
@@ -130,7 +135,10 @@ class VaryingCurrents:
         row[t.LINE_WEIGHT] = add("line_weights", weight)
 
     def _fill(self, step: int) -> None:
-        """Work out what is emitted up to where it ends; a delay before the steps to come, it is still under way."""
+        """Compute the emitted values up to the end of the stretch.
+
+        Values emitted up to one delay before the next step are included, because they have not arrived yet.
+        """
         first = step - self._currents.longest + 1
         steps = np.arange(first, first + self._steps + self._currents.longest)
         emitted, rows = self._a.net["emitted"], self._a.net["emitted_rows"]
@@ -145,7 +153,7 @@ class VaryingCurrents:
 
 
 def apply(currents: Currents, program: Program, arrays: EventArrays, view: int, step: int) -> None:
-    """Set the currents that hold from step + 1 on; populations whose current changes are woken."""
+    """Set the currents that hold from step + 1 on, and wake the populations whose current changes."""
     for target in currents.targets:
         place = arrays.places[target]
         current = place.by_place(currents.into(target, step + 1))
@@ -156,15 +164,15 @@ def apply(currents: Currents, program: Program, arrays: EventArrays, view: int, 
 
 
 class Changing:
-    """All that is sent to a network whose currents or rates change while it runs.
+    """The currents and rates of a network that change while it runs.
 
     Args:
         program: the whole network.
-        arrays: where the loop finds its tables.
+        arrays: the arrays of the loop, which receive the values.
 
     Attributes:
-        currents: what generators of currents are set to.
-        drives: the currents that change at every step.
+        currents: parameters of the current generators and weights of their projections.
+        drives: currents that change at every step.
     """
 
     def __init__(self, program: Program, arrays: EventArrays) -> None:
@@ -173,7 +181,10 @@ class Changing:
         self.drives = VaryingCurrents(program, self.currents, arrays)
 
     def prepare(self, view: int, step: int, parameter: Parameter) -> tuple[int, bool]:
-        """Write what generators are to send after a step; the arguments and the result are those of the drives."""
+        """Write the currents and rates that hold after a step.
+
+        Arguments and results are those of `VaryingCurrents.prepare`: the values are valid up to the returned step.
+        """
         apply(self.currents, self._program, self._a, view, step)
         for k, rate in self._rates.new(step):
             build.set_rate(self._a, k, self._a.places[k].by_place(rate) if rate.size > 1 else rate, step)

@@ -1,4 +1,4 @@
-"""The engine: presents trials, counts, and is saved; what it runs, reads and sets is in `running` and `settable`."""
+"""The engine: trials, counts and snapshots. Runs are in `running`, reads and writes in `settable`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from neuro_event.loop.together import follow_peaks
 
 
 class EventEngine(Settable):
-    """A program in execution on the compiled loop; see `neuro.program.backend.Engine`."""
+    """A program that runs on the compiled loop; see `neuro.program.backend.Engine`."""
 
     def present(self, trial: Trial) -> Outcome:
         """Run one trial."""
@@ -37,13 +37,13 @@ class EventEngine(Settable):
         self._refuse_torn()
         self.join_rows()
         if spec.anew:
-            self._copy.drop()
+            self._synapse_reader.drop()
             for k in self._a.plastic_of.values():
-                reading.bring_all(self._a, self._view, k, start)
+                reading.catch_up_all(self._a, self._view, k, start)
             learning.start_anew(self._a, start)
         steps.begin_trial(self._view, spec.output, spec.group, start, h)
         peaks = None
-        if trial.peaks:  # largest V_m of each neuron up to the decision, and its tick
+        if trial.peaks:  # the largest V_m of each neuron up to the decision, and the tick of this V_m
             size = self._program.populations[spec.output].size
             peaks = np.full(size, -np.inf), np.zeros(size, dtype=np.int64)
         with Interruptible(self._stop):
@@ -66,7 +66,10 @@ class EventEngine(Settable):
         return Outcome(winner, tick, net["potential"].copy(), net["order"][net["best"]], ticks, peak, peak_tick, wins)
 
     def _run_trial(self, spec: Trials, peaks: tuple[Floats, Ints] | None) -> int:
-        """Run a trial that has begun, up to the decision step by step if peaks are followed; return its ticks."""
+        """Run a trial that has begun up to its end or decision; return its number of ticks.
+
+        If peaks are recorded, steps run one by one until the decision.
+        """
         step, last = self._step + 1, self._step + 1 + spec.duration
         groups, closed = self._a.net["groups"], self._a.net["closed"]
         while step < last and not (spec.stop_at_decision and closed[spec.group]):
@@ -82,7 +85,7 @@ class EventEngine(Settable):
                 if steps.has_room(self._view, step, 1, self._a.reach) < 1:
                     self._grow_log()
             elif peaks is not None:
-                # The states after a step, of sleeping neurons, too.
+                # Peaks need the states after each step, also those of sleeping neurons.
                 steps.wake_population(self._view, spec.output, step, self._program.resolution)
                 follow_peaks(self._view, spec.output, step - self._step - 1, *peaks)
                 peaks = None if groups[spec.group, t.WINNER] >= 0 else peaks
@@ -90,14 +93,14 @@ class EventEngine(Settable):
         return step - self._step - 1
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
-        """Apply the rule's `teach` to the inputs of a neuron, of the trial just presented, at a tick of it."""
+        """Apply `teach` of the rule to the inputs of a neuron, at a tick of the trial that has just run."""
         p, (arithmetic, c) = self._program.projections[projection], self._rule(projection)
         inside = self._a.places[p.target].inside
         local = neuron if inside is None else int(inside[neuron])
         spikes = self._spikes_that_teach(p.source)
         moment, h = self._trial_start + 1 + tick, self._program.resolution
         late = self._a.net["late"][learning.own_delays_of(self._a, projection)] if p.synapse.delays else None
-        values, where = self._weights_of(projection) if late is None else late, (spikes, moment, neuron, local)
+        values, where = self._trial_weights(projection) if late is None else late, (spikes, moment, neuron, local)
         self._trial_updates[projection] += trial_rules.teacher(arithmetic.teach)(
             self._view, projection, values, c, *where, lesson, h
         )
@@ -105,11 +108,14 @@ class EventEngine(Settable):
             trial_rules.round_inputs(self._view, projection, values, local, *p.delay_range(h), h)
         elif (settle := getattr(arithmetic, "settle", None)) is not None:
             total, where = np.zeros(1), (spikes[:1], moment, neuron, local)
-            trial_rules.teacher(trial_rules.added)(self._view, projection, values, total, *where, 0.0, h)
+            trial_rules.teacher(trial_rules.add_to_sum)(self._view, projection, values, total, *where, 0.0, h)
             trial_rules.teacher(settle)(self._view, projection, values, c, *where, float(total[0]), h)
 
     def _spikes_that_teach(self, population: int) -> Ints:
-        """The steps of the spikes of each neuron in the trial just presented, the first or all: (spikes, neurons)."""
+        """Return the steps of the spikes of each neuron in the last trial, shape (spikes, neurons).
+
+        There is one row, the first spike, unless the trials have `spikes: each`. Missing spikes are `NEVER`.
+        """
         assert self._program.trials is not None
         rows, size = 1, self._program.populations[population].size
         while True:
@@ -119,54 +125,54 @@ class EventEngine(Settable):
                 return spikes
             rows = most
 
-    def _weights_of(self, projection: int) -> Floats:
-        """The weights of a projection that learns by trials, in internal order; no copy."""
+    def _trial_weights(self, projection: int) -> Floats:
+        """Return the weights of a projection that learns by trials in internal order, as a view."""
         first = int(self._a.net["projections"][projection, t.WEIGHT])
         weights: Floats = self._a.net["weights"][first : first + self._program.projections[projection].size]
         return weights
 
     def encourage(self, projection: int, maps: Ints) -> None:
-        """Apply the rule's `encourage` to every weight of the given maps."""
+        """Apply `encourage` of the rule to every weight of the given maps."""
         arithmetic, c = self._rule(projection)
         spec = self._program.trials
         assert spec is not None
         chosen = np.zeros(spec.maps, dtype=np.bool_)
         chosen[maps] = True
-        if projection not in self._map_of:
-            self._map_of[projection] = layout.map_of_weights(self._a, projection, spec.maps)
+        if projection not in self._weight_maps:
+            self._weight_maps[projection] = layout.map_of_weights(self._a, projection, spec.maps)
         self._trial_updates[projection] += trial_rules.grower(arithmetic.encourage)(
-            self._weights_of(projection), self._map_of[projection], chosen, c
+            self._trial_weights(projection), self._weight_maps[projection], chosen, c
         )
 
     def _rule(self, projection: int) -> tuple[ModuleType, Floats]:
-        """The functions and the constants of a rule for trials, kept until its numbers change."""
-        if projection not in self._taught:
+        """Return the functions and constants of a rule for trials, cached until a number of the rule is set."""
+        if projection not in self._trial_rules:
             synapse = self._program.projections[projection].synapse
             c, arithmetic = np.zeros(synapse.width), synapse.arithmetic
             arithmetic.constants(self._rules[projection], self._program.resolution, c)
-            self._taught[projection] = arithmetic, c
-        return self._taught[projection]
+            self._trial_rules[projection] = arithmetic, c
+        return self._trial_rules[projection]
 
     def noted(self, probe: int) -> Sent:
-        """What pre spikes have left since this was last asked."""
-        assert self._notes is not None
-        return self._notes.take(probe)
+        """Return the states at pre spikes recorded for a probe since the last call."""
+        assert self._pre_spike_records is not None
+        return self._pre_spike_records.take(probe)
 
     @property
     def samples(self) -> Collection[int]:
-        """The probes that are read while the engine runs."""
+        """Numbers of the probes that the engine reads while it runs."""
         return self._samples.keys()
 
     def sampled(self, probe: int) -> tuple[Ints, Floats]:
-        """Steps and values of one of them since this was last asked."""
+        """Return the steps and values of a probe recorded since the last call."""
         return self._samples[probe].take()
 
     def counts(self) -> EngineCounts:
-        """Counts since the start or the last reset."""
+        """Return the counts since the start or the last reset."""
         net = self._a.net
         build.settle(self._a)
         events = tuple(p.by_id(net["events"][p.begin : p.end].copy()) for p in self._a.places)
-        # payloads are not counted, but spikes that carry them
+        # of a graded population the number of spikes counts, not the sum of their payloads
         names = ["events" if part.model.graded else "spikes" for part in self._program.populations]
         spikes = tuple(p.by_id(net[n][p.begin : p.end].copy()) for n, p in zip(names, self._a.places, strict=True))
         return EngineCounts(
@@ -174,7 +180,7 @@ class EventEngine(Settable):
         )
 
     def fired(self, population: int) -> Ints:
-        """Spikes of each neuron of a population since the start or the last reset."""
+        """Return the number of spikes of each neuron of a population since the start or the last reset."""
         if self._a.net["pops"][population, t.COUNTS] >= 0:
             build.settle(self._a)
         place = self._a.places[population]
@@ -182,34 +188,37 @@ class EventEngine(Settable):
         return place.by_id(self._a.net[name][place.begin : place.end].copy())
 
     def joined(self, engines: Sequence[Any]) -> Engines:
-        """Engines of this network as one."""
+        """Return a group that runs several engines of this network together."""
         from neuro_event.host.together import EventEngines
 
         return EventEngines(engines)
 
     def memory(self) -> dict[str, int]:
-        """Bytes by what they hold."""
+        """Return the bytes used by synapses, neurons and spikes."""
         counted = {"synapses": 0, "neurons": 0, "spikes": self._record.nbytes()}
-        for _, each, held in build.declared_in(self._a):
+        for _, each, owner in build.declared_in(self._a):
             if not each.life.startswith(("view", "=")):
-                counted[each.account] += held[each.name].nbytes
+                counted[each.account] += owner[each.name].nbytes
         return counted
 
     def reset(self, weights: bool) -> None:
-        """Back to step 0 and the initial states, and to the initial weights if asked."""
-        kept, delays = dict[int, Floats](), dict[int, Floats]()
+        """Return to step 0 and the initial states, and to the initial weights if `weights` is true.
+
+        Parameters and numbers of rules that were set stay.
+        """
+        weights_before, delays_before = dict[int, Floats](), dict[int, Floats]()
         if not weights:
             parts = self._program.projections
             as_described = joined_rows.as_described(self._a)
-            kept = {q: self.get_synapses(q, "weight") for q in range(len(parts)) if q not in as_described}
-            delays = {q: self.get_synapses(q, "delay") for q, part in enumerate(parts) if part.synapse.delays}
-        given, rules = self._given, self._rules
+            weights_before = {q: self.get_synapses(q, "weight") for q in range(len(parts)) if q not in as_described}
+            delays_before = {q: self.get_synapses(q, "delay") for q, part in enumerate(parts) if part.synapse.delays}
+        parameters, rules = self._changed_parameters, self._rules
         self._start_over()
-        for q, each in kept.items():
+        for q, each in weights_before.items():
             self._write_weights(q, each)
-        for q, each in delays.items():
+        for q, each in delays_before.items():
             learning.write_delays(self._a, q, each)
-        for name, values in given.items():
+        for name, values in parameters.items():
             population, _, word = name.partition(".")
             self._set(int(population), word, values)
         for q, rule in rules.items():
@@ -217,17 +226,17 @@ class EventEngine(Settable):
                 self.set_rule(q, rule)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Everything that `restore` needs to continue bit for bit."""
+        """Return all arrays that `restore` needs to continue bit for bit."""
         self._refuse_torn()
         self._drain()
-        held = (("given", self._given), ("rule", self._rules), ("kept", self._kept))
+        settings = (("given", self._changed_parameters), ("rule", self._rules), ("kept", self._relay_weights))
         return {
             **build.snapshot(self._a),
             "engine.step": np.array(self._step),
             "engine.trial_updates": self._trial_updates.copy(),
             "engine.edges": self._a.net["edges"].copy(),
             "engine.joined": np.array(sorted(self._a.joined), dtype=np.int64),
-            **{f"{part}.{key}": values.copy() for part, each in held for key, values in each.items()},
+            **{f"{part}.{key}": values.copy() for part, each in settings for key, values in each.items()},
             **self._record.snapshot(),
             **({} if self._changing is None else self._changing.currents.snapshot()),
             **({} if self._lists is None else self._lists.snapshot()),
@@ -237,13 +246,13 @@ class EventEngine(Settable):
         """Continue from a snapshot of the same program.
 
         Raises:
-            ModelError: it was taken with another number of threads.
+            ModelError: the snapshot was made with another number of threads.
         """
         edges = arrays["engine.edges"]
         n = edges.shape[1] - 1
         if n not in (thread_partition.parts(self._program, self._n_threads), self._n_threads):
-            raise ModelError(f"the state was saved with threads={n}: expected the same to continue")
-        # Where no post spike was heard eagerly, all synapses learn lazily.
+            raise ModelError(f"the state was saved with threads={n}: expected the same number to continue")
+        # A snapshot without traces of post spikes comes from an engine in which all synapses learn lazily.
         eager, joined = len(arrays["plastic.heard"]) > 0, frozenset(arrays["engine.joined"].tolist())
         self._start_over(eager, edges, joined)
         build.restore(self._a, arrays)
@@ -252,9 +261,9 @@ class EventEngine(Settable):
         for name, value in arrays.items():
             part, _, key = name.partition(".")
             if part == "given":
-                self._given[key] = value.copy()
+                self._changed_parameters[key] = value.copy()
             elif part in ("rule", "kept"):
-                (self._rules if part == "rule" else self._kept)[int(key)] = value.copy()
+                (self._rules if part == "rule" else self._relay_weights)[int(key)] = value.copy()
         learning.lay_constants(self._a, self._rules)
         for q in self._a.moves_of:
             move_rules.set_move_rule(self._a, q, self._rules[q])

@@ -1,4 +1,4 @@
-"""Reading what is computed lazily: in copies, so that a read changes nothing."""
+"""Reads of states that are computed lazily. The states are updated in copies, so that a read changes nothing."""
 
 from __future__ import annotations
 
@@ -16,14 +16,17 @@ from neuro_event.loop.tables import table_of
 
 
 class NeuronReader:
-    """A second place for the states of neurons, where sleeping ones are brought to the present for a read."""
+    """A copy of the states of neurons, in which sleeping neurons are updated to the present for a read."""
 
     def __init__(self, a: EventArrays) -> None:
         self._a = a
         self._copied: dict[str, NDArray[Any]] = {}
 
     def state(self, population: int, row: int, ids: Ints | None, step: int) -> Floats:
-        """A state of a population as of `step`, of all neurons or of some; a copy. It costs with the blocks read."""
+        """Return a state of a population as of `step`, of all neurons or of some, as a copy.
+
+        The time grows with the number of blocks that are read.
+        """
         place, pop = self._a.places[population], self._a.net["pops"][population]
         if ids is None:
             blocks = np.arange(pop[t.FIRST_BLOCK], pop[t.LAST_BLOCK])
@@ -33,7 +36,7 @@ class NeuronReader:
         return some
 
     def _awake(self, population: int, blocks: Ints, step: int) -> Floats:
-        """All state rows, those of some blocks as of `step`."""
+        """Return the rows of all states, with the given blocks as of `step`."""
         net = self._a.net
         rows: Floats = net["state"]
         asleep = net["awake"][blocks] == 0
@@ -52,7 +55,7 @@ class NeuronReader:
 
 
 class SynapseReader:
-    """A second place for the states of the synapses, where they are brought to the present for a read."""
+    """A copy of the states of synapses, in which they are updated to the present for a read."""
 
     def __init__(self, a: EventArrays, table: Ints) -> None:
         self._a, self._view = a, table.ctypes.data
@@ -60,60 +63,63 @@ class SynapseReader:
         self._reached = np.empty_like(a.plastic["reached"])
         self._table = table_of(a.net, {**a.plastic, "y": self._y, "reached": self._reached})
         self._other_view = self._table.ctypes.data
-        self._has: tuple[int, int] | None = None
+        self._updated: tuple[int, int] | None = None  # plastic projection and step of the copy
 
     def synapses(self, projection: int, name: str, step: int) -> Floats:
-        """A state of the synapses of a plastic projection as of `step`, in the order of the program's weights."""
+        """Return a state of the synapses of a plastic projection at a step, in the order of the program's weights."""
         a = self._a
         p, arranged = a.program.projections[projection], a.synapses[projection]
         k = a.plastic_of[projection]
         first = a.plastic["table"][k, t.FIRST_SYNAPSE]
-        here = slice(first, first + p.size)
+        own = slice(first, first + p.size)
         if name == "n":
             return by_id(concentration(a, self._view, k, step)[arranged.targets], arranged.order)
         if name == "K_plus":
             return by_id(np.repeat(trace(a, k, step), np.diff(arranged.row_ends)), arranged.order)
         if not p.synapse.modulated and name == "weight":
-            return by_id(self._sent(k, here, arranged.targets, arranged.row_ends), arranged.order)
+            return by_id(self._sent(k, own, arranged.targets, arranged.row_ends), arranged.order)
         row = 0 if name == "weight" else 1 + [s.name for s in type(p.synapse).states].index(name)
         if a.plastic["table"][k, t.EAGER]:
-            return by_id(a.plastic["y"][row, here], arranged.order)
-        if self._has != (k, step):
-            self._y[:, here] = a.plastic["y"][:, here]
-            self._reached[here] = a.plastic["reached"][here]
-            histories.bring(self._other_view, k, a.program.populations[p.target].size, step, a.program.resolution)
-            self._has = k, step
-        return by_id(self._y[row, here], arranged.order)
+            return by_id(a.plastic["y"][row, own], arranged.order)
+        if self._updated != (k, step):
+            self._y[:, own] = a.plastic["y"][:, own]
+            self._reached[own] = a.plastic["reached"][own]
+            histories.catch_up(self._other_view, k, a.program.populations[p.target].size, step, a.program.resolution)
+            self._updated = k, step
+        return by_id(self._y[row, own], arranged.order)
 
     def give(self, k: int, step: int) -> None:
-        """Before a signal acts: what a read of this step has brought to the present need not be brought there again."""
+        """Copy states that a read in this step has updated back to the kernels, before a signal acts.
+
+        The signal would have to update them otherwise.
+        """
         a, row = self._a, self._a.plastic["table"][k]
-        if self._has == (k, step) and row[t.MODULATED] >= 0:
+        if self._updated == (k, step) and row[t.MODULATED] >= 0:
             first = row[t.FIRST_SYNAPSE]
-            here = slice(first, first + a.program.projections[row[t.PROJECTION]].size)
-            a.plastic["y"][:, here] = self._y[:, here]
-            a.plastic["reached"][here] = self._reached[here]
+            own = slice(first, first + a.program.projections[row[t.PROJECTION]].size)
+            a.plastic["y"][:, own] = self._y[:, own]
+            a.plastic["reached"][own] = self._reached[own]
         self.drop()
 
     def drop(self) -> None:
-        """Something of the synapses is set: what was read is no longer so."""
-        self._has = None
+        """Discard the copy, because a state or a weight was set."""
+        self._updated = None
 
-    def _sent(self, k: int, here: slice, targets: NDArray[np.int32], row_ends: Ints) -> Floats:
-        """The weights sent last: kept aside where post spikes have been applied since the last pre spike."""
+    def _sent(self, k: int, own: slice, targets: NDArray[np.int32], row_ends: Ints) -> Floats:
+        """Return the weights at the last pre spike: stored ones if a post spike has acted since, else present ones."""
         a = self._a
         if a.plastic["table"][k, t.EAGER]:
-            return a.plastic["sent"][here]
+            return a.plastic["sent"][own]
         p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
         first_history = a.net["pops"][p.target, t.HISTORY]
         last = learning.of_sources(a, a.plastic["table"][k], a.plastic["spiked"])[0][0]
         applied = a.plastic["past"][first_history + targets, APPLIED]
-        moved = applied > np.repeat(last, np.diff(row_ends))
-        return np.where(moved, a.plastic["sent"][here], a.plastic["y"][0, here])
+        changed_since = applied > np.repeat(last, np.diff(row_ends))
+        return np.where(changed_since, a.plastic["sent"][own], a.plastic["y"][0, own])
 
 
 def concentration(a: EventArrays, view: int, k: int, step: int) -> Floats:
-    """Dopamine of every target of the plastic projection number k."""
+    """Return the dopamine concentration at every target of plastic projection k."""
     projection = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
     out = np.empty(a.program.populations[projection.target].size)
     histories.concentrations(view, k, out, step, a.program.resolution)
@@ -121,7 +127,7 @@ def concentration(a: EventArrays, view: int, k: int, step: int) -> Floats:
 
 
 def trace(a: EventArrays, k: int, step: int) -> Floats:
-    """K+ of every source of the plastic projection number k."""
+    """Return the trace K+ of every source of plastic projection k."""
     row = a.plastic["table"][k]
     if row[t.EAGER]:
         return learning.first_trace(a, k, step)
@@ -131,7 +137,7 @@ def trace(a: EventArrays, k: int, step: int) -> Floats:
 
 
 def by_id(values: Floats, order: Ints | None) -> Floats:
-    """Values of synapses, from internal order to that of the program's weights."""
+    """Reorder values of synapses from internal order to the order of the program's weights."""
     if order is None:
         return values.copy()
     out = np.empty_like(values)
@@ -140,7 +146,7 @@ def by_id(values: Floats, order: Ints | None) -> Floats:
 
 
 def weights(a: EventArrays, projection: int) -> Floats:
-    """Weights of a projection that spike pairs do not change, in the order of the program's."""
+    """Return the weights of a projection without pair learning, in the order of the program's weights."""
     p, row = a.program.projections[projection], a.net["projections"][projection]
     first = row[t.WEIGHT]
     if first < 0:
@@ -150,12 +156,12 @@ def weights(a: EventArrays, projection: int) -> Floats:
     return p.arriving(by_id(a.net["weights"][first : first + p.size], a.synapses[projection].order))
 
 
-def bring_all(a: EventArrays, view: int, k: int, step: int) -> None:
-    """Catch up the plastic projection number k to the present, before something is set; traces are then values."""
+def catch_up_all(a: EventArrays, view: int, k: int, step: int) -> None:
+    """Update plastic projection k to the present before a value is set. Traces are then stored as values."""
     if a.plastic["table"][k, t.EAGER]:
         learning.unpack(a, k, step)
         return
     p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
     n_sources, n_targets = a.program.populations[p.source].size, a.program.populations[p.target].size
-    histories.bring_histories(view, p.target, n_targets, step, a.program.resolution)
-    histories.bring_traces(view, k, n_sources, n_targets, step, a.program.resolution)
+    histories.catch_up_histories(view, p.target, n_targets, step, a.program.resolution)
+    histories.update_traces(view, k, n_sources, n_targets, step, a.program.resolution)

@@ -1,4 +1,4 @@
-"""The loop of an engine: its arrays and threads, spikes in and out, and steps."""
+"""The arrays, threads and steps of an engine, with its spikes in and out."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class Running:
     """A program on the compiled loop, which can be advanced.
 
-    What only some networks need, or only a read, is imported where it is made.
+    Modules that only some networks or only reads need are imported where they are used.
     """
 
     def __init__(self, program: Program, threads: int) -> None:
@@ -43,11 +43,11 @@ class Running:
         self._a = build.build(self._program, self._n_threads, eager, *cut)
         self._a.net["stop"] = self._stop
         self._step, self._torn = 0, False
-        # What was set: parameters by population and word, in the order of ids; the numbers of all synapse models by
-        # projection; and weights onto relays, which no kernel reads.
-        self._given: dict[str, Floats] = {}
+        # Values that were set: parameters by "population.name" in the order of ids, numbers of all synapse models by
+        # projection, and weights onto relays. No kernel reads the weights of relays.
+        self._changed_parameters: dict[str, Floats] = {}
         self._rules = {q: p.synapse.vector() for q, p in enumerate(self._program.projections)}
-        self._kept: dict[int, Floats] = {}
+        self._relay_weights: dict[int, Floats] = {}
         self._record = RecordedSpikes()
         self._changing: Changing | None = None
         if any(p.kind == "current" or p.schedule is not None for p in self._program.populations):
@@ -69,41 +69,41 @@ class Running:
         else:
             self._a.net |= nothing_listed(self._program, n_threads)
         self._samples: dict[int, StateProbe] = {}
-        self._notes: PreSpikeRecords | None = None
+        self._pre_spike_records: PreSpikeRecords | None = None
         if self._program.probes or self._program.synapse_probes:
             from neuro_event.host.probes import PreSpikeRecords, state_probes
 
-            self._samples, self._notes = state_probes(self._a), PreSpikeRecords(self._a)
-        self._stops = bool(self._samples or self._notes)
+            self._samples, self._pre_spike_records = state_probes(self._a), PreSpikeRecords(self._a)
+        self._has_probes = bool(self._samples or self._pre_spike_records)
         self._trial_start = 0
         self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
-        self._taught: dict[int, tuple[ModuleType, Floats]] = {}
-        self._map_of: dict[int, Ints] = {}
+        self._trial_rules: dict[int, tuple[ModuleType, Floats]] = {}
+        self._weight_maps: dict[int, Ints] = {}
         self._pack()
 
     def _pack(self) -> None:
-        """Tell the kernels where the arrays are; needed whenever one is replaced by another."""
+        """Pass the addresses of all arrays to the kernels. Must be called whenever an array is replaced by another."""
         net = self._a.net
-        for _, each, held in build.declared_in(self._a):
+        for _, each, owner in build.declared_in(self._a):
             if each.life.startswith("="):
-                held[each.name] = held[each.life[1:]].view(each.kind)
+                owner[each.name] = owner[each.life[1:]].view(each.kind)
         net["due_slots"] = net["due"].reshape(len(net["due"]), -1, net["awake"].size)
         build.link(self._a)
         self._table = t.table_of(net, self._a.plastic)
         self._view = self._table.ctypes.data
         self._flags = net["clock"][:, t.OVERRUN : t.UNCOUNTED + 1]
         self._no_flags = np.zeros_like(self._flags).tolist()
-        for reader in ("_copy", "_cells"):  # of arrays that may be others now
+        for reader in ("_synapse_reader", "_neuron_reader"):  # they refer to the arrays from before
             vars(self).pop(reader, None)
 
     @cached_property
-    def _copy(self) -> SynapseReader:
+    def _synapse_reader(self) -> SynapseReader:
         from neuro_event.host.reading import SynapseReader
 
         return SynapseReader(self._a, self._table)
 
     @cached_property
-    def _cells(self) -> NeuronReader:
+    def _neuron_reader(self) -> NeuronReader:
         from neuro_event.host.reading import NeuronReader
 
         return NeuronReader(self._a)
@@ -114,7 +114,10 @@ class Running:
         return self._step
 
     def run(self, steps: int) -> None:
-        """Advance; stops at the steps where a current or a rate changes and where the record must be emptied."""
+        """Advance by a number of steps.
+
+        The loop is left where a current or a rate changes and where the record of spikes is full.
+        """
         self._refuse_torn()
         end = self._step + steps
         self.join_rows()
@@ -123,7 +126,7 @@ class Running:
                 self._run_to(end if self._changing is None else min(end, self._prepare(self._changing, self._step)))
 
     def share_stop(self, engines: Sequence[Running]) -> Ints:
-        """Let several engines end together; return the number that stops all, see `neuro.core.interrupts`."""
+        """Let several engines stop together; return the shared stop request, see `neuro.core.interrupts`."""
         for engine in engines:
             engine._stop = engine._a.net["stop"] = self._stop
             engine._interruptible = self._interruptible
@@ -131,26 +134,26 @@ class Running:
         return self._stop
 
     def join_rows(self) -> None:
-        """Lay out joined rows before a run: weights that were set have parted them, and many may be set in turn."""
+        """Lay out the joined rows before a run, if weights were set. Setting many in turn costs one layout only."""
         if self._a.parted:
             joined_rows.join(self._a)
             self._pack()
-            self._a.parted = False  # last: a run that is interrupted before lays them out again
+            self._a.parted = False  # set last, so that the next run repeats a layout that was interrupted
 
     def _refuse_torn(self) -> None:
-        """Refuse to go on where an interrupt has left some threads ahead of others."""
+        """Raise an error if an interrupt has left threads at different steps."""
         if self._torn:
             raise torn()
 
     def _prepare(self, changing: Changing, step: int) -> int:
-        """Write what generators are to send after a step; return the last step for which it is so."""
+        """Write the currents and rates that hold after a step; return the last step for which they are valid."""
         until, replaced = changing.prepare(self._view, step, self._parameter)
         if replaced:
             self._pack()
         return until
 
     def _parameter(self, population: int, name: str) -> Floats:
-        """A parameter of every neuron, or a rate or current as it is now."""
+        """Return a parameter of every neuron, or its present rate or current."""
         p, place = self._program.populations[population], self._a.places[population]
         if p.kind == "poisson" and name == "rate":
             mean: Floats = self._a.net["mean"][place.begin : place.end]
@@ -168,11 +171,11 @@ class Running:
         first, stop = self._step + 1, self._stop
         while first <= end:
             last = end
-            if self._notes:  # steps one by one: there must be room for what the spikes of each will leave
-                if self._notes.make_room(self._view, first - 1):
+            if self._pre_spike_records:  # steps run one by one, because each needs buffers for its records
+                if self._pre_spike_records.make_room(self._view, first - 1):
                     self._pack()
                 last = first
-            if self._stops:
+            if self._has_probes:
                 last = min([last, *(-(-first // probe.every) * probe.every for probe in self._samples.values())])
             self._torn = True
             try:
@@ -180,7 +183,7 @@ class Running:
                 reached = steps.run(*where) if self._threads is None else self._threads.run(*where, stop)
                 if stop.item():
                     end_if_stopped(stop)
-            except BaseException:  # Ctrl-C is heard as soon as a kernel returns
+            except BaseException:  # Ctrl-C is raised as soon as a kernel returns
                 self._torn = self._threads is not None or int(stop[0]) == AT_ONCE
                 self._step = int(self._a.net["reached"][0]) - 1
                 raise
@@ -189,7 +192,7 @@ class Running:
                 self._drain()
                 if reached == first and steps.has_room(self._view, first, 1, self._a.reach) < 1:
                     self._grow_log()
-            elif self._stops:
+            elif self._has_probes:
                 for probe in self._samples.values():
                     if last % probe.every == 0:
                         probe.read(self._view, last)
@@ -198,10 +201,10 @@ class Running:
         self._check_flags()
 
     def _check_flags(self) -> None:
-        """Refuse what kernels could not do.
+        """Raise an error for spikes that the kernels could not count or deliver.
 
-        They count spikes with 64 bits. Histories are as long as refractoriness lets them grow: a model that fires
-        earlier has lost spikes.
+        Spike counts have 64 bits. A history has as many entries as the refractory period allows, so a model that fires
+        within its refractory period has overwritten spikes.
         """
         flags = self._flags.tolist()
         if flags == self._no_flags:
@@ -217,19 +220,19 @@ class Running:
             )
 
     def _grow_log(self) -> None:
-        """Twice the room for spikes under way."""
+        """Double the size of the log of spikes under way."""
         net = self._a.net
-        old = net["log_ids"].shape[1]
+        old_size = net["log_ids"].shape[1]
         for name in ("log_ids", "log_counts"):
-            bigger = np.zeros((net[name].shape[0], 2 * old), dtype=net[name].dtype)
+            bigger = np.zeros((net[name].shape[0], 2 * old_size), dtype=net[name].dtype)
             for thread in range(bigger.shape[0]):
-                places = np.arange(max(0, int(net["log_at"][thread, 0]) - old), int(net["log_at"][thread, 0]))
-                bigger[thread, places & (2 * old - 1)] = net[name][thread, places & (old - 1)]
+                places = np.arange(max(0, int(net["log_at"][thread, 0]) - old_size), int(net["log_at"][thread, 0]))
+                bigger[thread, places & (2 * old_size - 1)] = net[name][thread, places & (old_size - 1)]
             net[name] = bigger
         self._pack()
 
     def are_finite(self, population: int, states: Sequence[str]) -> bool:
-        """As `neuro.program.backend.are_finite`: looks at sleeping neurons as they fell asleep."""
+        """Implement `neuro.program.backend.are_finite`, for sleeping neurons with the values at their last step."""
         place, model = self._a.places[population], type(self._program.populations[population].model)
         names = [s.name for s in model.states]
         rows = self._a.net["state"]
@@ -241,24 +244,24 @@ class Running:
         return self._lists
 
     def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
-        """Add spikes of a listed population, at steps after the present one."""
+        """Add spikes of a listed population at steps after the present one."""
         if self._listed.add(population, steps, ids, self._step, payloads):
             self._pack()
 
     def spikes(self, population: int, since: int) -> Spikes:
-        """Recorded spikes with step > since."""
+        """Return the recorded spikes with step > since."""
         self._drain()
         place = self._a.places[population]
         ids_at = None if place.inside is None else place.outside
-        found = self._record.spikes(place.begin, place.end, since, ids_at)
-        return carrying(self._program.populations[population], found)
+        recorded = self._record.spikes(place.begin, place.end, since, ids_at)
+        return carrying(self._program.populations[population], recorded)
 
     def _drain(self) -> None:
-        """Move recorded spikes out of the loop's buffers."""
-        names, filled = ("rec_steps", "rec_ids", "rec_counts"), self._a.net["rec_at"][:, 0]
+        """Move recorded spikes from the buffers of the loop to the record."""
+        names, lengths = ("rec_steps", "rec_ids", "rec_counts"), self._a.net["rec_at"][:, 0]
         steps, ids, counts = (self._a.net[name] for name in names)
-        self._record.take((steps[k, :n], ids[k, :n], counts[k, :n]) for k, n in enumerate(filled.tolist()))
-        filled[:] = 0
+        self._record.take((steps[k, :n], ids[k, :n], counts[k, :n]) for k, n in enumerate(lengths.tolist()))
+        lengths[:] = 0
 
     def forget(self, before: int) -> None:
         """Drop recorded spikes with step <= before."""

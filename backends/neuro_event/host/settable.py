@@ -1,4 +1,4 @@
-"""What an engine reads and sets between steps: states, parameters, signals, weights and rules."""
+"""Reads and writes of an engine between steps: states, parameters, signals, weights and rules."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from neuro_event.loop import arrivals, histories, moves, steps, tables as t
 
 
 class Settable(Running):
-    """A program in execution whose values are read and set by the numbers of its parts."""
+    """A running program whose values are read and set by the indices of its populations, projections and signals."""
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
-        """A state or parameter of all neurons or of some; sleeping ones are brought up in a copy."""
+        """Return a state or parameter of all neurons or of some. Sleeping neurons are updated in a copy."""
         p = self._program.populations[population]
         if layout.computes(p):
             states = [s.name for s in type(p.model).states]
             if name in states:
-                return self._cells.state(population, states.index(name), ids, self._step)
+                return self._neuron_reader.state(population, states.index(name), ids, self._step)
         every = self._parameter(population, name)
         return every if ids is None else every[ids]
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
-        """Change states and parameters; acts from the next step on."""
+        """Set states and parameters. They act from the next step on."""
         for name, each in values.items():
             self._set(population, name, each)
 
     def _set(self, population: int, name: str, values: Floats) -> None:
         p, place = self._program.populations[population], self._a.places[population]
         if name in p.parameters:
-            self._given[f"{population}.{name}"] = values.copy()
+            self._changed_parameters[f"{population}.{name}"] = values.copy()
         if p.kind == "poisson":
             build.set_rate(self._a, population, values, self._step)
             return
@@ -64,7 +64,7 @@ class Settable(Running):
         self._pack()
 
     def signal(self, signal: int, values: Floats) -> None:
-        """Set the dopamine concentration of every synapse that listens to a signal; teach those that learn by moves."""
+        """Set the dopamine concentration of all synapses with this signal, or teach those that learn by moves."""
         for q, k in self._a.moves_of.items():
             p = self._program.projections[q]
             if signal in (p.signal, p.gate):
@@ -78,33 +78,33 @@ class Settable(Running):
             p = self._program.projections[q]
             if p.signal == signal:
                 first = self._a.plastic["shared_table"][k, t.SHARED_TARGET]
-                here = self._a.plastic["shared_n"][first : first + self._program.populations[p.target].size]
-                here[:] = self._a.places[p.target].by_place(values)
+                own = self._a.plastic["shared_n"][first : first + self._program.populations[p.target].size]
+                own[:] = self._a.places[p.target].by_place(values)
         for q, k in self._a.plastic_of.items():
             p = self._program.projections[q]
             if p.signal == signal:
                 inner = np.ascontiguousarray(self._a.places[p.target].by_place(values), dtype=np.float64)
-                self._copy.give(k, self._step)
+                self._synapse_reader.give(k, self._step)
                 histories.write_signal(self._view, k, inner, self._step, self._program.resolution)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
-        """A state of the synapses, in the order of the program's weights."""
+        """Return a state of the synapses, in the order of the program's weights."""
         if projection in self._a.plastic_of:
-            return self._copy.synapses(projection, name, self._step)
+            return self._synapse_reader.synapses(projection, name, self._step)
         p = self._program.projections[projection]
         if projection in self._a.moves_of:
-            row, here = self._move_states(projection, name)
-            return reading.by_id(self._a.plastic["move_y"][row, here], self._a.synapses[projection].order)
+            row, own = self._move_states(projection, name)
+            return reading.by_id(self._a.plastic["move_y"][row, own], self._a.synapses[projection].order)
         if name == "delay":
             return reading.by_id(
                 self._a.net["late"][learning.own_delays_of(self._a, projection)], self._a.synapses[projection].order
             )
         if self._a.net["pops"][p.target, t.RELAY] == 1:
-            return np.broadcast_to(self._kept.get(projection, p.weight), p.size).copy()
+            return np.broadcast_to(self._relay_weights.get(projection, p.weight), p.size).copy()
         return reading.weights(self._a, projection)
 
     def _move_states(self, projection: int, name: str) -> tuple[int, slice]:
-        """Where the weight or a state of a projection that learns by moves lies: row, and synapses."""
+        """Return the row and the synapses of a state in `move_y`, for a projection that learns by moves."""
         p = self._program.projections[projection]
         first = self._a.plastic["move_table"][self._a.moves_of[projection], t.MOVE_SYNAPSE]
         row = 0 if name == "weight" else 1 + [s.name for s in type(p.synapse).states].index(name)
@@ -112,50 +112,50 @@ class Settable(Running):
 
     def set_synapses(self, projection: int, name: str, values: Floats) -> None:
         """Set a state of the synapses of a projection that learns by moves."""
-        row, here = self._move_states(projection, name)
+        row, own = self._move_states(projection, name)
         order = self._a.synapses[projection].order
-        self._a.plastic["move_y"][row, here] = values[order] if order is not None and values.size > 1 else values
+        self._a.plastic["move_y"][row, own] = values[order] if order is not None and values.size > 1 else values
         if values.any():
-            moves.enliven(self._view, self._a.moves_of[projection])
+            moves.mark_all_live(self._view, self._a.moves_of[projection])
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
-        """Change the numbers of a synapse model."""
+        """Set the numbers of a synapse model."""
         if projection in self._a.moves_of:
             move_rules.set_move_rule(self._a, projection, parameters)
         if projection in self._a.shared_of:
             shared_kernels.set_shared_rule(self._a, projection, parameters)
         if projection in self._a.plastic_of:
-            self._copy.drop()
-            reading.bring_all(self._a, self._view, self._a.plastic_of[projection], self._step)
+            self._synapse_reader.drop()
+            reading.catch_up_all(self._a, self._view, self._a.plastic_of[projection], self._step)
             if learning.set_numbers(self._a, projection, parameters, self._step):
                 self._pack()
         self._rules[projection] = parameters.copy()
-        self._taught.pop(projection, None)
+        self._trial_rules.pop(projection, None)
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
-        """Replace all weights, or those that are chosen; spikes under way keep the old ones."""
+        """Replace all weights, or the chosen ones. Spikes under way keep the old weights."""
         part = self._program.projections[projection]
         if self._a.net["projections"][projection, t.DENSE_COUNTS] == 1:
-            # A generator that keeps counts lists its spikes from now on. Counts are added with the one weight of now,
-            # so what is under way is delivered first.
+            # From now on the generator lists its spikes instead of keeping counts. The counts under way are delivered
+            # first, because they are added with the present weight, which all synapses share.
             for q in [q for q, p in enumerate(self._program.projections) if p.source == part.source]:
                 lag = self._give_ring(q)
                 arrivals.deliver_counts(self._view, q, self._step - lag + 1, self._step)
                 self._a.net["projections"][q, t.DENSE_COUNTS] = 0
             self._a.net["pops"][part.source, t.COUNTS] = t.NONE
         elif self._step > 0 and not self._learns(projection):
-            # What was sent goes into a ring, with the weights of now.
+            # Spikes under way are delivered into a ring, with the present weights.
             last, lag = self._step - (not self._program.sends_at_once(part)), self._give_ring(projection)
             arrivals.deliver_between(self._view, projection, self._step - lag + 1, last, self._step)
             self._a.net["set_out"][projection] = last
         self._write_weights(projection, weights, chosen)
 
     def _learns(self, projection: int) -> bool:
-        """Whether spikes or moves change a projection."""
-        return any(projection in of for of in (self._a.plastic_of, self._a.moves_of, self._a.shared_of))
+        """Return whether spike pairs or moves change the weights of a projection."""
+        return any(projection in numbers for numbers in (self._a.plastic_of, self._a.moves_of, self._a.shared_of))
 
     def _give_ring(self, projection: int) -> int:
-        """Let a projection have a ring; return how many of the last steps may have sent what is not in it."""
+        """Move a projection to a ring; return the number of last steps whose spikes the ring lacks."""
         lag = int(self._a.net["projections"][projection, t.LAG])
         if lag == 0:
             return 1
@@ -174,16 +174,16 @@ class Settable(Running):
         inner = weights[order] if order is not None and weights.size > 1 else weights
         if projection in self._a.plastic_of:
             k = self._a.plastic_of[projection]
-            self._copy.drop()
+            self._synapse_reader.drop()
             if self._a.plastic["table"][k, t.EAGER] == 0:
-                reading.bring_all(self._a, self._view, k, self._step)
+                reading.catch_up_all(self._a, self._view, k, self._step)
             first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
             changed = slice(None) if chosen is None else chosen if order is None else chosen[order]
-            for kept in (self._a.plastic["y"][0], self._a.plastic["sent"]):
-                kept[first : first + p.size][changed] = np.broadcast_to(inner, p.size)[changed]
+            for array in (self._a.plastic["y"][0], self._a.plastic["sent"]):
+                array[first : first + p.size][changed] = np.broadcast_to(inner, p.size)[changed]
             return
         if self._a.net["pops"][p.target, t.RELAY] == 1:
-            self._kept[projection] = weights.copy()
+            self._relay_weights[projection] = weights.copy()
             return
         if projection in self._a.moves_of:
             self._a.plastic["move_y"][self._move_states(projection, "weight")] = inner

@@ -1,4 +1,4 @@
-"""Many engines of one network, advanced, read and set in one call of a kernel each."""
+"""Several engines of one network, which are advanced, read and set with one call of a kernel each."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from neuro_event.loop import tables as t, together
 class EventEngines:
     """Engines of one network that differ in their seeds; see `neuro.program.together.Engines`.
 
-    What a kernel cannot do for all at once is done one by one: several threads, currents that change, probes that are
-    read on the way.
+    Cases that the kernels do not support run engine by engine: several threads, currents that change, and probes that
+    are read during the run.
     """
 
     def __init__(self, engines: Sequence[Any]) -> None:
@@ -26,25 +26,25 @@ class EventEngines:
         first = self._engines[0]
         self._program, self._at = first._program, first._a
         self._reached: Ints = np.zeros(len(engines), dtype=np.int64)
-        self._plain = all(len(e._a.net["edges"][0]) == 2 and e._changing is None and not e._stops for e in engines)
+        self._plain = all(len(e._a.net["edges"][0]) == 2 and e._changing is None and not e._has_probes for e in engines)
         self._run = t.stage_entry("run").address()
         self._stop = first.share_stop(self._engines)
         self._addresses: list[int] = []
         parts, moves = self._program.projections, self._at.moves_of.items()
         signals = range(len(self._program.signals))
-        self._gated = [[k for q, k in moves if parts[q].gate == signal] for signal in signals]
-        self._taught = [[k for q, k in moves if parts[q].signal == signal] for signal in signals]
+        self._gated_moves = [[k for q, k in moves if parts[q].gate == signal] for signal in signals]
+        self._taught_moves = [[k for q, k in moves if parts[q].signal == signal] for signal in signals]
 
     @property
     def _views(self) -> Ints:
-        """Where the arrays of each are now: an engine replaces some when they become too small."""
+        """Addresses of the array tables of all engines. An address changes when an engine replaces a full array."""
         addresses = [engine._view for engine in self._engines]
         if addresses != self._addresses:
             self._addresses, self._of_addresses = addresses, np.array(addresses, dtype=np.int64)
         return self._of_addresses
 
     def run(self, steps: int, forget: bool) -> None:
-        """Advance all; with `forget` spikes are not recorded."""
+        """Advance all engines; if `forget` is true, spikes are not recorded."""
         begin = self._engines[0]._step
         last = begin + steps + 1
         reached = self._reached
@@ -58,12 +58,12 @@ class EventEngines:
                 try:
                     together.run_all(self._run, self._views, *args)
                     end_if_stopped(self._stop)
-                except BaseException:  # some engines are ahead of others
+                except BaseException:  # the engines are at different steps
                     for engine in self._engines:
                         engine._torn = True
                     raise
         for k, engine in enumerate(self._engines):
-            # Where a log or a record was full, the engine makes room and goes on by itself.
+            # If a log or a record was full, the engine enlarges it and runs the remaining steps alone.
             engine._step = int(reached[k]) - 1 if self._plain else begin
             if engine._step < begin + steps:
                 engine.run(begin + steps - engine._step)
@@ -73,20 +73,22 @@ class EventEngines:
                 engine.forget(engine._step)
 
     def list_spikes(self, lists: Sequence[tuple[int, Ints, Ints, Ints]]) -> None:
-        """Let listed populations emit: (population, offsets, ticks after now, ids), by engine, tick, then id.
+        """Let listed populations emit spikes.
 
-        No id occurs twice in a tick. What was injected before and is still to come stays.
+        Args:
+            lists: (population, offsets, ticks after the present step, ids), sorted by engine, tick, id; `offsets` are
+                the first entries of each engine. No id occurs twice in a tick. Spikes injected before stay.
         """
         step, at_once = self._engines[0]._step, []
         for each in lists:
             population, offsets, ticks, ids = each
             if any(engine._listed.pending(population, step) for engine in self._engines):
                 for k, engine in enumerate(self._engines):
-                    here = slice(offsets[k], offsets[k + 1])
-                    engine.inject(population, step + ticks[here], ids[here])
+                    own = slice(offsets[k], offsets[k + 1])
+                    engine.inject(population, step + ticks[own], ids[own])
                 continue
             at_once.append(each)
-            # Room first, of all populations: making some writes anew what each engine knows of.
+            # First reserve memory for all populations: an engine that gets more memory replaces its table of arrays.
             n = len(ticks) if len(self._engines) == 1 else int((offsets[1:] - offsets[:-1]).max())
             for engine in self._engines:
                 if engine._listed.reserve(population, n, step):
@@ -97,7 +99,7 @@ class EventEngines:
             together.list_all(views, population, place, offsets, ticks, ids, step)
 
     def fired(self, population: int) -> Ints:
-        """How often each neuron has fired, (engines, neurons)."""
+        """Return the number of spikes of each neuron, shape (engines, neurons)."""
         place = self._at.places[population]
         if self._at.net["pops"][population, t.COUNTS] >= 0:
             return np.stack([engine.fired(population) for engine in self._engines])
@@ -106,7 +108,7 @@ class EventEngines:
         return out if place.inside is None else np.ascontiguousarray(out[:, place.inside])
 
     def set_rate(self, population: int, rates: Floats) -> None:
-        """Set the rates in Hz of a poisson_generator, (engines, neurons)."""
+        """Set the rates of a poisson_generator in Hz, shape (engines, neurons)."""
         if self._at.net["pops"][population, t.COUNTS] >= 0:
             for engine, each in zip(self._engines, rates, strict=True):
                 engine.set(population, {"rate": each})
@@ -114,17 +116,17 @@ class EventEngines:
         mean = np.multiply(rates, self._program.resolution * 1e-3)
         together.rate_all(self._views, population, mean, np.exp(-mean), self._engines[0]._step)
         for engine, each in zip(self._engines, rates, strict=True):
-            engine._given[f"{population}.rate"] = each.copy()
+            engine._changed_parameters[f"{population}.rate"] = each.copy()
 
     def signal(self, signal: int, values: Floats) -> None:
-        """Set a signal, (engines, targets)."""
+        """Set a signal, shape (engines, targets)."""
         part = self._program.signals[signal]
         place = self._at.places[part.target]
         inner = values if place.inside is None else np.ascontiguousarray(values[:, place.outside])
         views, step = self._views, self._engines[0]._step
-        for k in self._gated[signal]:
+        for k in self._gated_moves[signal]:
             together.gate_all(views, k, inner)
-        for k in self._taught[signal]:
+        for k in self._taught_moves[signal]:
             together.teach_all(views, k, inner)
         if any(self._program.projections[q].signal == signal for q in self._at.shared_of):
             for engine, each in zip(self._engines, values, strict=True):
@@ -133,15 +135,15 @@ class EventEngines:
         for q, k in self._at.plastic_of.items():
             if self._program.projections[q].signal == signal:
                 for engine in self._engines:
-                    engine._copy.drop()
+                    engine._synapse_reader.drop()
                 together.signal_all(views, k, inner, step, self._program.resolution)
 
     def clear(self, projection: int, which: NDArray[np.bool_]) -> None:
-        """Let the states of synapses that learn by moves be 0 in some of the engines."""
+        """Set the states of synapses that learn by moves to 0 in the chosen engines."""
         together.clear_all(self._views, self._at.moves_of[projection], which)
 
     def merge(self, projection: int, before: Floats) -> Floats:
-        """Let all have the weights `before` and what each has added to them."""
+        """Set the weights of all engines to `before` plus the sum of the changes in all engines; return them."""
         a, order = self._at, self._at.synapses[projection].order
         after = before.copy() if order is None else before[order]
         together.merge_all(self._views, a.moves_of[projection], after, np.zeros_like(after))

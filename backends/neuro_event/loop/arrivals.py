@@ -1,16 +1,17 @@
-"""Delivery at arrival: of projections whose synapses lie by source, then delay, and of joined rows.
+"""Delivery at arrival, for projections whose synapses are sorted by source, then delay, and for joined rows.
 
-The synapses of one source with one delay are a run. A step adds the runs of the spikes that are as old as their delay
-to its own input, which stays in the cache, where a ring of all steps to come would not. Spikes go in by their age, the
-oldest first, then by id, and the targets of a run ascend: so the order of all sums is that of the reference, and the
-same for any number of threads, which own targets.
+The synapses of one source with one delay are a run. A step adds to its input the runs of all spikes whose age equals
+the delay. The input of one step stays in the cache; a ring of all future steps would not. Spikes are added by age, the
+oldest first, then by id, and the targets of a run ascend. So the order of all sums is that of the reference. The order
+is the same for any number of threads, because each target belongs to one thread.
 
-Where each projection has few synapses a run has a few, and most may be empty: a step looks for them once a projection
-and delay. In a joined row a run holds the synapses of a source neuron onto all targets, along many projections, and a
-step looks once a source population and delay. A target is reached along one projection of a joined row, and rows follow
-in the order of projections (see `building.joined_rows`): so each sum has the order that it has without. A synapse of a
-joined row takes six bytes: synapses of a run lie by place, so 16 bits say how far the next place is, and a weight that
-fits into 32 bits is kept so. Time is that of memory, and rows of six bytes take half the time of rows of twelve.
+If each projection has few synapses, runs are short and most are empty, but a step looks for a run of each projection
+and delay. In a joined row a run holds the synapses of a source neuron onto all targets, of many projections, so a step
+looks for one run per source population and delay. A joined row reaches each target by one projection, and rows follow
+the order of projections (see `building.joined_rows`), so each sum keeps its order. A synapse of a joined row takes six
+bytes: the synapses of a run are sorted by place, so 16 bits store the distance to the next place, and a weight that
+fits into 32 bits is stored in 32 bits. Memory bandwidth sets the time: rows of six bytes take half the time of rows of
+twelve.
 """
 
 # mypy: ignore-errors
@@ -21,7 +22,15 @@ import numpy as np
 from neuro.kernels.instructions import address, prefetch
 from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
-from neuro_event.loop.deliver import add_weight, base_of, csr_own, mark_blocks, receptor, receptors_by_sign, spikes
+from neuro_event.loop.deliver import (
+    add_weight,
+    count_spikes,
+    csr_own,
+    first_receptor,
+    mark_blocks,
+    receptor,
+    receptors_by_sign,
+)
 from neuro_event.loop.tables import Destination, add_counts, arrive as call_arrive, deliver_log, net_of, slot_mask
 
 PREFETCH_DISTANCE = 6
@@ -32,7 +41,7 @@ _LINE_BYTES = 64
 
 @subkernel
 def prefetch_lines(begin, end):
-    """Prefetch the cache lines between two addresses; the first three without a branch, since runs are short."""
+    """Prefetch the cache lines between two addresses. Runs are short, so the first three lines need no branch."""
     # A prefetch of the same line twice costs less than a branch that is mispredicted.
     final = end - 1
     prefetch(begin)
@@ -55,20 +64,20 @@ def prefetch_run(view, row, first, last):
 
 @subkernel
 def add_run(view, row, thread, first, last, m, receptors, receptor_stride, out, mark):
-    """Add a run, the synapses first:last of its projection, to the input whose target 0 lies at `out`."""
+    """Add a run (synapses first:last of its projection) to the input, in which target 0 is at `out`."""
     net = net_of(view)
     e = row[t.SYNAPSE]
     if row[t.WEIGHT_STRIDE] == 0:
         weight = net.weights[row[t.WEIGHT]] * m
         at = out + receptor(weight, receptors) * receptor_stride
-        here = address(net.targets) + 4 * (e + first)
-        # `add_weight` prefetches the row that follows. Runs are prefetched already, so it is handed its own address.
-        add_weight(net.targets, e + first, e + last, weight, net.buf, at, here)
+        own_address = address(net.targets) + 4 * (e + first)
+        # `add_weight` prefetches the next row. Runs are prefetched already, so it gets the address of this run.
+        add_weight(net.targets, e + first, e + last, weight, net.buf, at, own_address)
         if mark >= 0:
             mark_blocks(net.targets, e + first, e + last, net.due[thread], mark)
     else:
         n_receptors, at = receptors, out
-        # Weights of one sign need no choice of a receptor for each synapse.
+        # If all weights have one sign, the receptor is chosen once instead of for each synapse.
         if receptors == 2 and row[t.SIGN] != t.MIXED:
             n_receptors, at = 1, out + (receptor_stride if row[t.SIGN] == t.NEGATIVE else 0)
         to = Destination(at, n_receptors, receptor_stride, mark, -1)
@@ -77,17 +86,17 @@ def add_run(view, row, thread, first, last, m, receptors, receptor_stride, out, 
 
 @subkernel
 def add_queue(view, row, thread, n, total, slot):
-    """Add the first n runs of a thread's queue to the input of the present step, whose marks lie at `slot`.
+    """Add the first n runs of a thread's queue to the input of the present step, whose marks begin at `slot`.
 
-    Where they reach many neurons, of all threads, all blocks are marked.
+    If `total`, the number of synapses on all threads, is large, all blocks are marked.
     """
     net = net_of(view)
     target = net.pops[row[t.TARGET]]
     queue = net.queue[thread]
     receptor_stride = net.x.shape[1]
-    out = target[t.BEGIN] + base_of(row) * receptor_stride
+    out = target[t.BEGIN] + first_receptor(row) * receptor_stride
     receptors = receptors_by_sign(row, target[t.RECEPTORS])
-    # Two synapses a block mark nearly all of them anyway.
+    # With two synapses per block nearly all blocks would be marked.
     mark_all = total > 2 * (target[t.LAST_BLOCK] - target[t.FIRST_BLOCK])
     mark = -1 if mark_all else slot + target[t.FIRST_BLOCK]
     for k in range(min(PREFETCH_DISTANCE, n)):
@@ -106,10 +115,10 @@ def add_queue(view, row, thread, n, total, slot):
 
 @kernel
 def arrive(view, q, step, thread):
-    """Add what arrives in a step over a projection to the input of this thread's targets."""
+    """Add the spikes that arrive in a step over a projection to the input of this thread's targets."""
     net = net_of(view)
     row = net.projections[q]
-    # This thread has none of the targets.
+    # No target belongs to this thread.
     if net.edges[row[t.TARGET], thread] >= net.edges[row[t.TARGET], thread + 1]:
         return
     gather_runs(view, row, net.runs, step, thread, add_queue)
@@ -117,19 +126,18 @@ def arrive(view, q, step, thread):
 
 @inlined
 def gather_runs(view, row, runs, step, thread, add):
-    """Gather the runs that arrive in a step, and let `add`, as `add_queue`, add what the queue holds."""
+    """Gather the runs that arrive in a step. `add` (`add_queue` or `add_joined`) adds them when the queue is full."""
     net = net_of(view)
     threads = net.edges.shape[1] - 1
     first_source = net.pops[row[t.SOURCE], t.BEGIN]
     blocks = net.awake.shape[0]
     slot = (step & slot_mask(net)) * blocks
-    # A step adds the runs of all spikes that are as old as their delay. Its input stays in the cache, where the ring of
-    # a large network would not: a write into one cost 42 ns an event. Runs are short and lie anywhere, so they are
-    # gathered first and prefetched.
+    # The input of one step stays in the cache. A ring of a large network would not, and a write into it cost 42 ns an
+    # event. Runs are short and scattered in memory, so they are gathered first and prefetched.
     queue = net.queue[thread]
     mask, steps = net.log_ids.shape[1] - 1, net.log_ends.shape[1] - 1
     n = total = 0
-    # The longest delay first: these are the oldest spikes, which the order of sums puts first.
+    # The longest delay comes first, because the oldest spikes come first in the order of sums.
     for d in range(row[t.DELAYS] - 1, -1, -1):
         j = step - row[t.SHORTEST] - d
         if j <= net.clock[thread, t.HORIZON]:
@@ -139,7 +147,7 @@ def gather_runs(view, row, runs, step, thread, add):
             for place in range(ends[row[t.SOURCE]], ends[row[t.SOURCE] + 1]):
                 i = np.int64(net.log_ids[sender, place & mask]) - first_source
                 run = row[t.RUN] + (i * row[t.DELAYS] + d) * threads
-                # Of all threads together, so that every thread takes the same decision in `add_queue` about marking all
+                # Counted over all threads, so that every thread takes the same decision in `add_queue` to mark all
                 # blocks.
                 synapses = np.int64(runs[run + threads]) - np.int64(runs[run])
                 if synapses == 0:
@@ -148,7 +156,7 @@ def gather_runs(view, row, runs, step, thread, add):
                 queue[n, 0], queue[n, 1] = runs[run + thread], runs[run + thread + 1]
                 queue[n, 2] = net.log_counts[sender, place & mask]
                 n += 1
-                # The queue has room for 256 runs, so prefetches reach across spikes.
+                # The queue holds `QUEUE` runs of several spikes, so that prefetches work across spikes.
                 if n == queue.shape[0]:
                     if net.stop[0] == t.AT_ONCE:
                         return
@@ -163,7 +171,7 @@ def at_emission(view, q, step, after, thread):
     """Write the spikes emitted in `step` that arrive later than step `after` into the projection's ring."""
     net = net_of(view)
     row = net.projections[q]
-    # Weights were set after these spikes were sent: `deliver_between` has put them into the ring with the old ones.
+    # Weights were set after this step. `deliver_between` has written its spikes to the ring with the old weights.
     if step <= net.set_out[q]:
         return
     if row[t.RUN] < 0:
@@ -175,12 +183,12 @@ def at_emission(view, q, step, after, thread):
             if net.stop[0] == t.AT_ONCE:
                 return
             i = np.int64(net.log_ids[sender, place & mask]) - net.pops[row[t.SOURCE], t.BEGIN]
-            keep_for_later(view, row, i, np.float64(net.log_counts[sender, place & mask]), step, after, thread)
+            write_to_ring(view, row, i, np.float64(net.log_counts[sender, place & mask]), step, after, thread)
 
 
 @subkernel
-def keep_for_later(view, row, i, m, step, after, thread):
-    """Put the spike of source i in a step, of multiplicity m, into the ring of its projection."""
+def write_to_ring(view, row, i, m, step, after, thread):
+    """Write the spike of source i in a step, with multiplicity m, into the ring of its projection."""
     net = net_of(view)
     target = net.pops[row[t.TARGET]]
     threads = net.edges.shape[1] - 1
@@ -191,17 +199,17 @@ def keep_for_later(view, row, i, m, step, after, thread):
         at = step + row[t.SHORTEST] + d
         run = row[t.RUN] + (i * row[t.DELAYS] + d) * threads + thread
         first, last = np.int64(net.runs[run]), np.int64(net.runs[run + 1])
-        # What has arrived already is in the sums of its step.
+        # Arrivals up to `after` are already in the sums of their step.
         if at <= after or first == last:
             continue
-        out = row[t.RING] + ((at & row[t.RING_MASK]) * receptors + base_of(row)) * row[t.RING_SIZE]
+        out = row[t.RING] + ((at & row[t.RING_MASK]) * receptors + first_receptor(row)) * row[t.RING_SIZE]
         mark = (at & slots) * blocks + target[t.FIRST_BLOCK]
         add_run(view, row, thread, first, last, m, receptors_by_sign(row, receptors), row[t.RING_SIZE], out, mark)
 
 
 @subkernel
 def owner(edges, block):
-    """The thread that a block belongs to."""
+    """Return the thread that owns a block."""
     thread = 0
     while block >= edges[thread + 1]:
         thread += 1
@@ -210,9 +218,9 @@ def owner(edges, block):
 
 @kernel
 def deliver_counts(view, q, first, last):
-    """Put the counts of the steps first..last, which a poisson_generator keeps, into the ring of a projection.
+    """Write the spike counts of the steps first..last of a poisson_generator into the ring of a projection.
 
-    The ring is one-to-one, and every step has a slot of its own.
+    The projection is one-to-one, and each step has its own slot in the ring.
     """
     net = net_of(view)
     row = net.projections[q]
@@ -223,22 +231,21 @@ def deliver_counts(view, q, first, last):
     for step in range(max(first, net.clock[0, t.HORIZON] + 1), last + 1):
         at = step + np.int64(net.delays[row[t.DELAY]])
         place = source[t.COUNTS] + (step & (source[t.COUNTS_STEPS] - 1)) * n
-        ring = row[t.RING] + ((at & row[t.RING_MASK]) * target[t.RECEPTORS] + base_of(row)) * row[t.RING_SIZE]
+        ring = row[t.RING] + ((at & row[t.RING_MASK]) * target[t.RECEPTORS] + first_receptor(row)) * row[t.RING_SIZE]
         for i in range(n):
             m = net.counts[place + i]
             if m > 0:
                 weight = net.weights[row[t.WEIGHT] + i * row[t.WEIGHT_STRIDE]]
                 to = receptor(weight, receptors_by_sign(row, target[t.RECEPTORS]))
                 net.buf[ring + to * row[t.RING_SIZE] + i] += weight * m
-                # Marks of arrivals lie apart for each thread, so the mark goes into the row of the thread that owns the
-                # block.
+                # Each thread has its own row of arrival marks, so the row of the owner of the block is marked.
                 block = target[t.FIRST_BLOCK] + i // t.BLOCK
                 net.due[owner(net.edges[row[t.TARGET]], block), (at & slots) * blocks + block] = 1
 
 
 @kernel
 def deliver_between(view, q, first, last, now):
-    """Put the spikes of a projection's source of the steps first..last that arrive after now into its ring."""
+    """Write the spikes of the steps first..last that arrive after `now` into the ring of a projection."""
     net = net_of(view)
     for thread in range(net.edges.shape[1] - 1):
         for step in range(max(first, net.clock[thread, t.HORIZON] + 1), last + 1):
@@ -247,40 +254,40 @@ def deliver_between(view, q, first, last, now):
 
 @inlined
 def log_delivery(view, q, j, k, begin, stop, ring):
-    """Deliver what projection q's source emitted in step j, if it did, as `deliver_log`."""
+    """Deliver the spikes of step j over projection q with `deliver_log`, if there are any."""
     net = net_of(view)
-    # Tested before the call: most projections have no spike in most steps.
-    if spikes(net, net.projections[q, t.SOURCE], j & (net.log_ends.shape[1] - 1)) > 0:
+    # Tested before the call, because most projections have no spike in most steps.
+    if count_spikes(net, net.projections[q, t.SOURCE], j & (net.log_ends.shape[1] - 1)) > 0:
         deliver_log(view, q, j, k, begin, stop, ring)
 
 
 @inlined
 def deliver(view, first, last, begin, stop, step):
-    """Add what arrives in a step over the projections first:last of `incoming`, to neurons of the threads begin:stop.
+    """Add arrivals of a step over the projections first:last of `incoming`, to neurons of the threads begin:stop.
 
-    How a spike is delivered over a projection, the first condition that holds:
+    The path of a projection is the first row whose condition holds:
 
     | condition | path | reason |
     | --- | --- | --- |
-    | the target of a current | `generators.drive` | no spike: currents are added up along lines |
-    | learns by spike pairs | ring, at emission, by the rule's entry | what is sent depends on that moment |
-    | a shared kernel that spike pairs teach | ring, `at_emission`, before it learns | the same, at a step |
-    | static, own delays, shared rows (below) | `deliver_joined` | one look, long runs for all targets |
+    | the target of a current | `generators.drive` | no spikes: currents are summed along lines |
+    | learns by spike pairs | ring, at emission, by the rule's entry | the weight is that at emission |
+    | a grid whose kernels learn by spike pairs | ring, `at_emission`, before it learns | the same, per step |
+    | static, own delays, joined rows (below) | `deliver_joined` | one look-up, long runs for all targets |
     | static, own delays, few runs (below) | `arrive` | its input stays in the cache: 5 ns an event |
     | own delays otherwise | ring, `deliver.csr_delayed` | most runs would be empty: 42 ns an event |
-    | weights were set | ring, `at_emission` | what is under way keeps the old weights |
-    | one-to-one from a busy `poisson_generator` | `generators.add_counts` | counts, no list: 0.7 ns a draw |
-    | CSR, one weight, busy and large (below) | `deliver_in_ranges` | the input of a range fits the second cache |
+    | weights were set | ring, `at_emission` | spikes under way keep the old weights |
+    | one-to-one from a busy `poisson_generator` | `generators.add_counts` | counts instead of a list: 0.7 ns a draw |
+    | CSR, one weight, busy and large (below) | `deliver_in_ranges` | the input of a range fits the second-level cache |
     | CSR, one weight | `deliver_shared_weight` | one multiplication a spike; the next row is prefetched |
     | CSR, own weights | `deliver.csr_own` | a weight is read for each synapse |
     | dense | `deliver.scatter` | a row of weights (or the one weight) is added as a whole, without targets |
-    | one-to-one | `deliver.scatter` | one place, found without a table |
-    | grid | `deliver.grid_add` | the kernel's weights lie maps innermost: runs of neighbours |
+    | one-to-one | `deliver.scatter` | one target, without a table |
+    | grid | `deliver.grid_add` | the weights of a kernel have the maps innermost: runs of neighbours |
 
-    Shared rows: wherever sums keep their order (`building.joined_rows`); JOINED and JOINED_END.
-    Few runs: no more than synapses, or than 65,536; not for grids (`layout.in_runs`). Busy and large: the spikes of the
-    step reach nearly all blocks (WAKE_ALL) of a population without COLLECTS, and these threads have more than 32,768
-    targets. Both functions for one weight are in `deliver`.
+    Joined rows: wherever sums keep their order (`building.joined_rows`); JOINED and JOINED_END. Few runs: at most as
+    many as synapses, or 65,536; not for grids (`layout.in_runs`). Busy and large: the spikes of the step reach nearly
+    all blocks (WAKE_ALL) of a population without COLLECTS, and these threads have more than 32,768 targets. Both
+    functions for one weight are in `deliver`.
 
     RUN, LAG, WEIGHT_STRIDE and WAKE_ALL are set in `building.projections`, LAYOUT in `building.layout`, DENSE_COUNTS in
     `building.build`. Projections with LAG 0 have a ring and are not delivered here.
@@ -293,7 +300,7 @@ def deliver(view, first, last, begin, stop, step):
             for thread in range(begin, stop):
                 call_arrive(view, q, step, thread)
             continue
-        # A spike lies in the log and is read LAG steps later: no ring is written and read in between.
+        # A spike stays in the log and is read LAG steps later, so no ring is written and read.
         j = step - projection[t.LAG]
         if j <= net.clock[begin, t.HORIZON]:
             continue
@@ -305,16 +312,16 @@ def deliver(view, first, last, begin, stop, step):
 
 
 QUEUE = 256
-"""Runs that are gathered before they are added, so that memory can be prefetched."""
+"""Number of runs that are gathered before they are added, so that their memory can be prefetched."""
 
 
 @kernel
 def by_delay(row_ends, targets, delays):
-    """Whether the synapses of every source lie by delay, then target."""
+    """Return whether the synapses of every source are sorted by delay, then target."""
     for source in range(row_ends.size - 1):
         late, to = delays[row_ends[source] : row_ends[source + 1]], targets[row_ends[source] : row_ends[source + 1]]
         disorder = 0
-        for e in range(1, late.size):  # without a way out, so that lanes do it
+        for e in range(1, late.size):  # without an early exit, so that the loop is vectorised
             disorder += (late[e] < late[e - 1]) | ((late[e] == late[e - 1]) & (to[e] < to[e - 1]))
         if disorder > 0:
             return False
@@ -323,7 +330,7 @@ def by_delay(row_ends, targets, delays):
 
 @kernel
 def fill_runs(row_ends, targets, delays, edges, shortest, n_delays, runs):
-    """Where the runs of each source and delay begin, cut at the threads' edges (local targets); `runs` begins as 0."""
+    """Compute the ends of the runs of each source, delay and thread. `edges` are local targets; `runs` must be 0."""
     count_runs(row_ends, targets, delays, edges, shortest, n_delays, runs)
     for k in range(1, runs.size):
         runs[k] += runs[k - 1]
@@ -331,16 +338,16 @@ def fill_runs(row_ends, targets, delays, edges, shortest, n_delays, runs):
 
 @inlined
 def run_of(source, delay, target, shortest, n_delays, edges):
-    """The number of a run among all: by source, delay, and the thread of the target."""
+    """Return the number of a run among all: by source, delay, and the thread of the target."""
     threads = edges.size - 1
-    # Synapses of a source lie by delay, then target, so the thread is looked for anew for each.
+    # Synapses of a source are sorted by delay, then target, so each needs its own search for the thread.
     thread = owner(edges, target) if threads > 1 else 0
     return (source * n_delays + np.int64(delay) - shortest) * threads + thread
 
 
 @kernel
 def count_runs(row_ends, targets, delays, edges, shortest, n_delays, runs):
-    """Add the number of synapses of each run to the number that follows that of the run."""
+    """Count the synapses of each run, in the entry after that of the run."""
     for source in range(row_ends.size - 1):
         for e in range(row_ends[source], row_ends[source + 1]):
             runs[run_of(source, delays[e], targets[e], shortest, n_delays, edges) + 1] += np.uint32(1)
@@ -349,15 +356,18 @@ def count_runs(row_ends, targets, delays, edges, shortest, n_delays, runs):
 _BLOCK_SHIFT = np.uint64(t.BLOCK_SHIFT)
 
 JOINED_PREFETCH_DISTANCE = 16
-"""Runs between a prefetch and its use."""
+"""Runs of joined rows between a prefetch and its use."""
 
 FAR = 2**16 - 1
-"""A step that leads to no synapse: what lies as far or farther is reached by several."""
+"""A step without a synapse. A synapse at this distance or more is reached by several steps.
+
+Example: the steps from place 10 to a synapse at place 65,550 (distance 65,540) are FAR and 5.
+"""
 
 
 @kernel
 def deliver_joined(view, begin, stop, step):
-    """Add what arrives in a step over all joined rows, and before over the projections that come before those."""
+    """Add the arrivals of a step over all joined rows, after those of the projections that come first in the sums."""
     net = net_of(view)
     for pop in range(net.pops.shape[0]):
         deliver(view, net.pops[pop, t.ARRIVALS], net.pops[pop, t.JOINED], begin, stop, step)
@@ -368,7 +378,7 @@ def deliver_joined(view, begin, stop, step):
 
 @subkernel
 def prefetch_joined(view, row, first, last):
-    """Prefetch a run."""
+    """Prefetch the steps and the weights of a run of a joined row."""
     net = net_of(view)
     steps = address(net.joined_steps) + 2 * row[t.SYNAPSE]
     prefetch_lines(steps + 2 * first, steps + 2 * last)
@@ -382,17 +392,17 @@ def prefetch_joined(view, row, first, last):
 
 @subkernel
 def add_steps(steps, weights, e, w, n, at, m, buf):
-    """Add n weights times m to places of `buf`, each some steps from the one before; the first from `at`."""
+    """Add n weights times m to places of `buf`. Each place is some steps after the last one, the first after `at`."""
     for k in range(n):
         at += np.uint64(steps[e + k])
-        # Not even -0.0 may be added where a step leads to no synapse: another thread may be adding there.
+        # Not even -0.0 may be added after a step without a synapse, because another thread may be adding there.
         if steps[e + k] != FAR:
             buf[at] += np.float64(weights[w + k]) * m
 
 
 @subkernel
 def add_steps_by_sign(steps, weights, e, w, n, at, second, m, buf):
-    """The same for weights of both signs; those below 0 go `second` places further."""
+    """Like `add_steps`, for weights of both signs: negative weights are added `second` places further."""
     for k in range(n):
         at += np.uint64(steps[e + k])
         if steps[e + k] != FAR:
@@ -404,7 +414,8 @@ def add_steps_by_sign(steps, weights, e, w, n, at, second, m, buf):
 def add_joined(view, row, thread, n, total, slot):
     """Add the first n runs of a thread's queue to the input of the present step, and mark the blocks that they reach.
 
-    Many runs mark all blocks; how many does not depend on the threads, as `total` would, which counts long steps twice.
+    Many runs mark all blocks. Their number `n` does not depend on the threads. `total` would, as it counts long steps
+    twice.
     """
     net = net_of(view)
     queue, buf, steps, due = net.queue[thread], net.buf, net.joined_steps, net.due
@@ -435,7 +446,7 @@ def add_joined(view, row, thread, n, total, slot):
                 if steps[s] == FAR:
                     continue
                 block = at >> _BLOCK_SHIFT
-                # What goes to a second receptor that is named lies behind all that goes to the first.
+                # Places of the second receptor follow those of the first.
                 due[thread, mark + block - (blocks if block >= blocks else np.uint64(0))] = 1
     if mark_all:
         for pop in range(net.pops.shape[0]):
@@ -444,42 +455,48 @@ def add_joined(view, row, thread, n, total, slot):
 
 
 Listed = namedtuple("Listed", "row_ends targets delays edges shortest n_delays weights stride begin")
-"""The synapses of a projection as the program lists them, on their way into joined rows or back.
+"""The synapses of a projection in the program's order, to be copied to joined rows or from them.
 
-`edges` are those of the threads among the targets, `shortest` and `n_delays` of the row; `stride` is 0 where synapses
-share a weight. Target 0 lies at `begin`.
+`edges` are the edges of the threads among the targets. `shortest` and `n_delays` are those of the joined row. `stride`
+is 0 if all synapses share a weight. Target 0 is at place `begin`.
 """
 
 
 @kernel
 def lay_joined(first_source, end_source, part, at, following, steps, laid):
-    """Put the synapses of some sources of a projection into joined rows, or count them if `steps` has no room.
+    """Copy the synapses of some sources of a projection to joined rows, or count them if `steps` is empty.
 
-    `part` is `Listed`; `at` is the place of each run's last synapse, `following` where its next one goes, or how many
-    it has.
+    Args:
+        first_source: the first source.
+        end_source: the end of the sources.
+        part: the projection, a `Listed`.
+        at: place of the last synapse of each run.
+        following: next free entry of each run, or its number of entries while counting.
+        steps: steps of the joined row.
+        laid: weights of the joined row.
     """
-    lays = steps.size > 0
+    copies = steps.size > 0
     for source in range(first_source, end_source):
         for synapse in range(part.row_ends[source], part.row_ends[source + 1]):
-            # Unsigned places take less time: of others numba asks whether they count from the end.
+            # Unsigned indices are faster: numba tests signed ones for being negative.
             k = np.uint64(synapse)
             run = np.uint64(run_of(source, part.delays[k], part.targets[k], part.shortest, part.n_delays, part.edges))
             place, e = part.begin + np.int64(part.targets[k]), following[run]
             step = place - at[run]
             at[run] = place
             while step >= FAR:
-                if lays:
+                if copies:
                     steps[e], laid[e] = FAR, -0.0
                 e += np.uint32(1)
                 step -= FAR
-            if lays:
+            if copies:
                 steps[e], laid[e] = step, part.weights[k * np.uint64(part.stride)]
             following[run] = e + np.uint32(1)
 
 
 @kernel
 def list_joined(part, end, bases, runs, steps, laid):
-    """Fill `part`, which is `Listed`, from a joined row; its targets lie at the places from its `begin` to `end`."""
+    """Fill `part`, a `Listed`, from a joined row. The targets of its projection are at the places begin:end."""
     threads, begin = bases.size, part.begin
     for source in range(part.row_ends.size - 1):
         e = part.row_ends[source]

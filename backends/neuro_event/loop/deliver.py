@@ -1,7 +1,7 @@
-"""Static delivery: what the spikes of one step add to the input of a projection's targets.
+"""Static delivery: adds the spikes of one step to the input of a projection's targets.
 
-`buf` holds the input of the present step (by receptor, over all neurons) and, behind it, the rings of the
-projections whose spikes are delivered at emission. `due` marks the blocks that a step must look at.
+`buf` holds the input of the present step (by receptor, over all neurons), followed by the rings of the projections
+whose spikes are delivered at emission. `due` marks the blocks that receive input in a step.
 """
 
 # mypy: ignore-errors
@@ -14,7 +14,7 @@ from neuro_event.loop import tables as t
 from neuro_event.loop.tables import Destination, net_of, slot_mask
 
 TARGETS_PER_LINE = 16
-"""Targets (4 bytes each) of a cache line."""
+"""Targets (4 bytes each) in a cache line."""
 
 _BLOCK_SHIFT = np.uint64(t.BLOCK_SHIFT)
 _SPOT_SHIFT = np.uint64(3)
@@ -23,27 +23,28 @@ assert LANES == 1 << 3
 
 @subkernel
 def deliver_shared_weight(view, q, first_source, log_slot, begin, stop, out, mark, spot):
-    """Deliver the spikes of a step to the targets of the threads begin:stop; `out` is the index of target 0 in `buf`.
+    """Deliver the spikes of a step to the targets of the threads begin:stop, with one weight for all synapses.
 
-    `mark`: index in `due` of the population's first block; -1: the caller marks all blocks. `spot`: index in `spots` of
-    its first group of eight neurons; -1: `spots` is not used.
+    `out` is the index of target 0 in `buf`. `mark` is the index in `due` of the population's first block, or -1 if the
+    caller marks all blocks. `spot` is the index in `spots` of its first group of eight neurons, or -1 if `spots` is not
+    used.
     """
     net = net_of(view)
     projection = net.projections[q]
-    # Loaded into locals, because the compiler cannot exclude that a store into `buf` changes the tables. With what runs
-    # once a spike inlined, rows of one synapse are 1.4 times as fast: 10 ns a spike.
+    # Loaded into locals, because the compiler must assume that a store into `buf` may change the tables. With the code
+    # of a spike inlined, rows of one synapse are 1.4 times as fast: 10 ns a spike.
     targets, rows, buf, ids, counts = net.targets, net.rows, net.buf, net.log_ids, net.log_counts
     mask, source, senders = ids.shape[1] - 1, projection[t.SOURCE], net.edges.shape[1] - 1
     base, width = projection[t.ROW] + begin - first_source * senders, stop - begin
     weight, due, ending = net.weights[projection[t.WEIGHT]], net.due[begin], net.stop
-    # Threads own ascending ids, so going through them in order adds as one thread would.
+    # Threads own ascending ids, so visiting them in order gives the sums of one thread.
     for sender in range(senders):
         end = net.log_ends[sender, log_slot, source + 1]
         for place in range(net.log_ends[sender, log_slot, source], end):
             if ending[0] == t.AT_ONCE:
                 return
             row = base + np.int64(ids[sender, place & mask]) * senders
-            # Rows are scattered over a table of many megabytes: that of the next spike is prefetched.
+            # Rows are scattered over a table of many megabytes, so the row of the next spike is prefetched.
             if place + 1 < end:
                 next_row = base + np.int64(ids[sender, (place + 1) & mask]) * senders
             else:
@@ -64,7 +65,7 @@ def deliver_shared_weight(view, q, first_source, log_slot, begin, stop, out, mar
 
 @subkernel
 def mark_spots(targets, first, last, spots, spot):
-    """Mark the spots (groups of eight neurons) of the targets first:last; `spot` is the index of that of target 0."""
+    """Mark the spots (groups of eight neurons) of the targets first:last. `spot` is the index of target 0's."""
     begin = np.uint64(spot)
     for e in range(np.uint64(first), np.uint64(last)):
         spots[begin + (np.uint64(targets[e]) >> _SPOT_SHIFT)] = 1
@@ -72,7 +73,7 @@ def mark_spots(targets, first, last, spots, spot):
 
 @inlined
 def csr_row(view, projection, first_source, thread, sender, place):
-    """The CSR row, with a thread's targets, of a spike at a place of the log of thread sender."""
+    """Return the CSR row of a spike in the log of thread `sender`, for the targets of `thread`."""
     net = net_of(view)
     source = np.int64(net.log_ids[sender, place & (net.log_ids.shape[1] - 1)]) - first_source
     return projection[t.ROW] + source * (net.edges.shape[1] - 1) + thread
@@ -80,7 +81,7 @@ def csr_row(view, projection, first_source, thread, sender, place):
 
 @subkernel
 def first_csr_row(view, projection, first_source, thread, sender, log_slot, otherwise):
-    """The CSR row of the first spike of a step in the logs of thread sender and later ones, if there is one."""
+    """Return the CSR row of the first spike of a step in the logs of thread `sender` and later ones, or `otherwise`."""
     net = net_of(view)
     while sender < net.edges.shape[1] - 1:
         place = net.log_ends[sender, log_slot, projection[t.SOURCE]]
@@ -92,7 +93,7 @@ def first_csr_row(view, projection, first_source, thread, sender, log_slot, othe
 
 @inlined
 def add_weight(targets, first, last, value, buf, out, prefetch_at):
-    """Add one value to the targets first:last, and prefetch those of the next spike, at the address `prefetch_at`."""
+    """Add one value to the targets first:last, and prefetch those of the next spike at the address `prefetch_at`."""
     begin = np.uint64(out)  # unsigned indices: numba emits no check for negative ones
     # Whole cache lines of 16 targets, with one prefetch each.
     whole = first + (last - first) // TARGETS_PER_LINE * TARGETS_PER_LINE
@@ -106,9 +107,10 @@ def add_weight(targets, first, last, value, buf, out, prefetch_at):
 
 @inlined
 def mark_blocks(targets, first, last, due, mark):
-    """Mark the blocks of the targets first:last; `mark` is the index of the population's first block.
+    """Mark the blocks of the targets first:last. `mark` is the index of the population's first block.
 
-    Separate loop: that of additions stays free of other stores, and `due` is small enough for the first cache.
+    A separate loop keeps the loop of additions free of other stores, and `due` is small enough for the first-level
+    cache.
     """
     begin = np.uint64(mark)
     for e in range(np.uint64(first), np.uint64(last)):
@@ -116,12 +118,12 @@ def mark_blocks(targets, first, last, due, mark):
 
 
 RANGE = 1 << 15
-"""Targets of a range. Their input, 256 kB, takes a quarter to a half of a core's second cache (0.5 to 1 MB)."""
+"""Targets of a range. Their input, 256 kB, fills a quarter to a half of a core's second-level cache (0.5 to 1 MB)."""
 
 
 @subkernel
 def deliver_in_ranges(view, q, first_source, log_slot, begin, stop, lo, hi, out):
-    """Deliver the spikes of a step to the targets lo:hi, of the threads begin:stop; `out` is the index of target 0."""
+    """Deliver the spikes of a step to the targets lo:hi of the threads begin:stop. `out` is the index of target 0."""
     net = net_of(view)
     projection = net.projections[q]
     mask = net.log_ids.shape[1] - 1
@@ -146,9 +148,9 @@ def deliver_in_ranges(view, q, first_source, log_slot, begin, stop, lo, hi, out)
 
 @subkernel
 def add_rows(targets, queue, n, weight, buf, out, lo, hi):
-    """Add the first n rows of the queue (targets ascending); column 0 advances to the first target not yet added."""
+    """Add the first n rows of the queue (targets ascending). Column 0 advances to the first target not yet added."""
     ranges = -(-(hi - lo) // RANGE)
-    # Ranges outside, spikes inside: each input still sums up in the order of spikes, as without ranges.
+    # The outer loop is over ranges, the inner one over spikes, so each input is still summed in the order of spikes.
     for r in range(ranges):
         below = lo + (hi - lo) * (r + 1) // ranges
         for k in range(n):
@@ -159,13 +161,13 @@ def add_rows(targets, queue, n, weight, buf, out, lo, hi):
 
 @subkernel
 def add_below(targets, first, last, below, value, buf, out, prefetch_at):
-    """Add one value to those of the targets first:last that are less than a bound; return where the others begin.
+    """Add one value to the targets among first:last below a bound; return the index of the first target not added.
 
-    Meanwhile prefetch those of the next spike, at the address `prefetch_at`.
+    The targets of the next spike at the address `prefetch_at` are prefetched.
     """
     begin = np.uint64(out)
     e = first
-    # Targets ascend, so if the last of a line is below, all 16 are.
+    # Targets ascend, so if the last one of a line is below the bound, all 16 are.
     while e + TARGETS_PER_LINE <= last and targets[e + TARGETS_PER_LINE - 1] < below:
         prefetch(prefetch_at + 4 * (e - first))
         line = np.uint64(e)
@@ -179,36 +181,36 @@ def add_below(targets, first, last, below, value, buf, out, prefetch_at):
 
 
 @inlined
-def spikes(net, source, slot):
-    """How many neurons of a population fired in the step whose ends are kept at a slot."""
+def count_spikes(net, source, slot):
+    """Return the number of neurons of a population that fired in the step with this slot of the log."""
     n = 0
     for sender in range(net.edges.shape[1] - 1):
-        # Populations are logged in their order, so the end of one is where the next begins.
+        # Populations are logged in order, so one ends where the next begins.
         n += net.log_ends[sender, slot, source + 1] - net.log_ends[sender, slot, source]
     return n
 
 
 @subkernel
 def receptor(weight, receptors):
-    """The receptor that a weight goes to by its sign."""
+    """Return the receptor that a weight reaches by its sign."""
     return 1 if receptors == 2 and weight < 0.0 else 0
 
 
 @subkernel
-def base_of(row):
-    """The first receptor that a projection may reach: the one that it names, else the first of all."""
+def first_receptor(row):
+    """Return the first receptor that a projection may reach: its named receptor, else receptor 0."""
     return max(row[t.RECEPTOR], 0)
 
 
 @subkernel
 def receptors_by_sign(row, receptors):
-    """How many receptors to route by sign; 1 if the projection names its receptor."""
+    """Return the number of receptors among which the sign chooses; 1 if the projection names its receptor."""
     return receptors if row[t.RECEPTOR] < 0 else 1
 
 
 @subkernel
 def csr_own(view, first, last, w, m, thread, to):
-    """Add to the targets first:last their own weight times m; `w` is the place of the first one's weight."""
+    """Add to the targets first:last their own weights times m. `w` is the index of the first weight."""
     net = net_of(view)
     targets, weights, buf, due = net.targets, net.weights, net.buf, net.due[thread]
     if to.receptors == 2:
@@ -216,11 +218,11 @@ def csr_own(view, first, last, w, m, thread, to):
             weight = weights[w + e - first] * m
             buf[to.out + np.int64(targets[e]) + (to.receptor_stride if weight < 0.0 else 0)] += weight
     else:
-        # Unsigned places are never counted from the end, so the loop has no test for it.
+        # Unsigned indices need no test for negative values.
         begin, shift = np.uint64(to.out), np.uint64(w) - np.uint64(first)
         for e in range(np.uint64(first), np.uint64(last)):
             buf[begin + np.uint64(targets[e])] += weights[shift + e] * m
-    # A loop of its own: the one above is nothing but adds, and these few bytes stay in the cache.
+    # A separate loop keeps the one above free of other stores, and these few bytes stay in the cache.
     if to.mark >= 0:
         for e in range(first, last):
             due[to.mark + (np.int64(targets[e]) >> t.BLOCK_SHIFT)] = 1
@@ -228,19 +230,17 @@ def csr_own(view, first, last, w, m, thread, to):
 
 @subkernel
 def csr_delayed(view, q, source_id, m, step, after, thread, lo, hi):
-    """One spike over a projection whose synapses have delays of their own, into its ring, to the targets lo:hi.
+    """Deliver one spike into the ring of a projection with individual delays, to the targets lo:hi.
 
-    What arrives up to a step `after` has arrived already.
-
-    The synapses of a source may lie by delay, so those of one thread's targets are not together.
+    Arrivals up to step `after` are skipped, because they are already delivered.
     """
     net = net_of(view)
     row = net.projections[q]
     threads, blocks, slots = net.edges.shape[1] - 1, net.awake.shape[0], slot_mask(net)
-    # Rows are cut at the threads' edges; here one thread goes through all pieces of a row and passes over targets of
-    # others, since synapses by delay are not together by target.
+    # Rows are cut at the threads' edges, but synapses sorted by delay are not sorted by target. So each thread reads
+    # all pieces of a row and skips the targets of other threads.
     place, receptors = row[t.ROW] + source_id * threads, net.pops[row[t.TARGET], t.RECEPTORS]
-    receptor_stride, base, n_receptors = row[t.RING_SIZE], base_of(row), receptors_by_sign(row, receptors)
+    receptor_stride, base, n_receptors = row[t.RING_SIZE], first_receptor(row), receptors_by_sign(row, receptors)
     mark = net.pops[row[t.TARGET], t.FIRST_BLOCK]
     for e in range(net.rows[place], net.rows[place + threads]):
         target = np.int64(net.targets[e])
@@ -258,20 +258,20 @@ def csr_delayed(view, q, source_id, m, step, after, thread, lo, hi):
 
 @subkernel
 def grid_add(view, row, source, m, thread, lo, hi, to):
-    """A shared kernel, kept with the maps innermost: add it to those of lo:hi round one source, and mark their blocks.
+    """Add the kernel of a grid, with maps innermost, to the targets lo:hi around one source, and mark their blocks.
 
-    Negative weights go `receptor_stride` places further, to the second receptor; 0 if all go to one.
+    Negative weights are added `receptor_stride` places further, to the second receptor; 0 if all go to one receptor.
     """
     net, (out, _, receptor_stride, mark, _) = net_of(view), to
     weights, buf, due = net.weights, net.buf, net.due[thread]
     width, sheet = row[t.CHANNEL_WIDTH], row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
     maps, rows, columns, reach = row[t.MAPS], row[t.ROWS], row[t.COLUMNS], row[t.REACH]
-    # A source that is a grid itself has its channels innermost; an input has them outermost, as its ids are.
+    # A source that is a grid has its channels innermost. An input has them outermost, in the order of its ids.
     inside = row[t.CHANNELS_INSIDE]
     channel, pixel = (source % inside, source // inside) if inside > 0 else (source // sheet, source % sheet)
     y, x = pixel // width + row[t.TOP], pixel % width + row[t.LEFT]
     stride = row[t.STRIDE]
-    # Grouped convolutions: a channel reaches the maps of its own group.
+    # In a grouped convolution a channel reaches only the maps of its own group.
     first_map, channel = channel // row[t.DEPTH] * reach, channel % row[t.DEPTH]
     first, last = max(0, (x - row[t.KERNEL_WIDTH]) // stride + 1), min(columns, x // stride + 1)
     for r in range(max(0, (y - row[t.KERNEL_HEIGHT]) // stride + 1), min(rows, y // stride + 1)):
@@ -279,7 +279,7 @@ def grid_add(view, row, source, m, thread, lo, hi, to):
         if mark >= 0:
             begin, end = max(lo, line + first * maps), min(hi, line + (last - 1) * maps + reach)
             if begin < end:
-                # A line of places is one stretch of neighbours, so it is marked at once.
+                # The places of a line are neighbours in memory, so their blocks are marked at once.
                 due[mark + (begin >> t.BLOCK_SHIFT) : mark + ((end - 1) >> t.BLOCK_SHIFT) + 1] = 1
         for c in range(first, last):
             place = (channel * row[t.KERNEL_HEIGHT] + y - r * stride) * row[t.KERNEL_WIDTH] + x - c * stride
@@ -287,10 +287,9 @@ def grid_add(view, row, source, m, thread, lo, hi, to):
             begin, end = max(lo, target), min(hi, target + reach)
             if begin >= end:
                 continue
-            # Maps are innermost: one spike adds a run of neighbouring weights to neighbouring neurons, in a loop that
-            # is vectorised.
+            # Maps are innermost, so a spike adds neighbouring weights to neighbouring neurons in a vectorised loop.
             w = row[t.WEIGHT] + place * maps + first_map + begin - target
-            # Only mixed signs pay for the choice of a receptor.
+            # The receptor is chosen for each weight only if signs are mixed.
             if receptor_stride != 0:
                 for k in range(end - begin):
                     weight = weights[w + k] * m
@@ -303,9 +302,9 @@ def grid_add(view, row, source, m, thread, lo, hi, to):
 
 @subkernel
 def add_by_sign(weights, m, first, second):
-    """Add weights times m to the first receptor or, below 0, to the second; -0.0, which changes no bit, to the other.
+    """Add weights times m to the first receptor, or to the second if they are negative.
 
-    So there is no branch, and the loop takes many at once.
+    The other receptor gets -0.0, which changes no bit. So there is no branch, and the loop is vectorised.
     """
     for i in range(weights.size):
         weight = weights[i] * m
@@ -315,7 +314,7 @@ def add_by_sign(weights, m, first, second):
 
 @subkernel
 def scatter(view, q, source_id, m, thread, lo, hi, n, to):
-    """One spike of multiplicity m over a projection with one delay, to this thread's targets lo:hi of n."""
+    """Deliver one spike of multiplicity m over a projection with one delay, to the targets lo:hi of n."""
     net, (out, receptors, receptor_stride, mark, spot) = net_of(view), to
     row, buf, weights = net.projections[q], net.buf, net.weights
     layout = row[t.LAYOUT]
@@ -327,7 +326,7 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, to):
         if spot >= 0:
             mark_spots(net.targets, first, last, net.spots, spot)
     elif layout == t.DENSE:
-        # A row of weights and the input are neighbours in memory: the loops below are vectorised.
+        # A row of weights and its targets are contiguous in memory, so the loops below are vectorised.
         w = row[t.WEIGHT] + source_id * n
         if row[t.WEIGHT_STRIDE] == 0:
             weight = weights[row[t.WEIGHT]] * m
@@ -344,7 +343,7 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, to):
             o = out + receptor_stride
             add_by_sign(weights[w + lo : w + hi], m, buf[out + lo : out + hi], buf[o + lo : o + hi])
     elif layout == t.ONE_TO_ONE:
-        # The one target may be another thread's.
+        # The target may belong to another thread.
         if lo <= source_id < hi:
             weight = weights[row[t.WEIGHT] + source_id * row[t.WEIGHT_STRIDE]] * m
             buf[out + source_id + receptor(weight, receptors) * receptor_stride] += weight
@@ -359,16 +358,16 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, to):
 
 @kernel
 def deliver_log(view, q, sent_step, now, begin, stop, ring):
-    """Deliver the spikes that projection q's source emitted in step j, to the targets of the threads begin:stop.
+    """Deliver the spikes of step `sent_step` over projection q, to the targets of the threads begin:stop.
 
-    With `ring` they go into the projection's ring, for the step in which they arrive, if that is later than `now`; else
-    to the input of the step `now`.
+    With `ring` they are written to the projection's ring at their step of arrival, if it is later than `now`. Without
+    it they are added to the input of step `now`.
     """
     net = net_of(view)
     row = net.projections[q]
     target = net.pops[row[t.TARGET]]
     edges = net.edges[target[t.NUMBER]]
-    # Small populations may lie on some threads only.
+    # A small population may belong to some threads only.
     if edges[begin] >= edges[stop]:
         return
     own_delays = ring and row[t.DELAY_STRIDE] == 1
@@ -380,18 +379,18 @@ def deliver_log(view, q, sent_step, now, begin, stop, ring):
         arrival_step = now
         out = target[t.BEGIN]
         receptor_stride = net.x.shape[1]
-    # A named receptor moves the whole delivery; signs then tell receptors apart from there on.
-    out += base_of(row) * receptor_stride
+    # A named receptor shifts the whole delivery to its places.
+    out += first_receptor(row) * receptor_stride
     log_slot = sent_step & (net.log_ends.shape[1] - 1)
     due_slot = (arrival_step & slot_mask(net)) * net.awake.shape[0]
     spot = target[t.BEGIN] // LANES if target[t.COLLECTS] >= 0 else -1
     # If the spikes reach nearly all blocks, marking all is cheaper than marking per synapse.
-    mark_all = not own_delays and spot < 0 and spikes(net, row[t.SOURCE], log_slot) >= row[t.WAKE_ALL]
+    mark_all = not own_delays and spot < 0 and count_spikes(net, row[t.SOURCE], log_slot) >= row[t.WAKE_ALL]
     mark = -1 if mark_all else due_slot + target[t.FIRST_BLOCK]
     if row[t.LAYOUT] == t.CSR and row[t.WEIGHT_STRIDE] == 0 and not own_delays:
         to = out + receptor(net.weights[row[t.WEIGHT]], receptors_by_sign(row, target[t.RECEPTORS])) * receptor_stride
         source, n = net.pops[row[t.SOURCE], t.BEGIN], (edges[stop] - edges[begin]) * t.BLOCK
-        # Queues of ranges pay only where the input is larger than the second cache.
+        # Ranges are faster only if the input is larger than the second-level cache.
         if mark_all and n > RANGE:
             lo = edges[begin] * t.BLOCK - target[t.BEGIN]
             deliver_in_ranges(
@@ -409,7 +408,7 @@ def deliver_log(view, q, sent_step, now, begin, stop, ring):
 
 @subkernel
 def deliver_each(view, q, sent_step, now, log_slot, thread, out, receptor_stride, mark, spot):
-    """Deliver the spikes of step j to a thread's targets, each synapse with a weight, or a delay, of its own."""
+    """Deliver the spikes of a step to a thread's targets, where each synapse has its own weight or delay."""
     net = net_of(view)
     row = net.projections[q]
     source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
@@ -420,7 +419,7 @@ def deliver_each(view, q, sent_step, now, log_slot, thread, out, receptor_stride
     to = Destination(out, receptors, receptor_stride, mark, spot)
     if lo >= hi:
         return
-    # Threads own ascending ids, so going through them in order adds as one thread would.
+    # Threads own ascending ids, so visiting them in order gives the sums of one thread.
     for sender in range(net.edges.shape[1] - 1):
         for place in range(
             net.log_ends[sender, log_slot, row[t.SOURCE]], net.log_ends[sender, log_slot, row[t.SOURCE] + 1]

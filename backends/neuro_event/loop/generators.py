@@ -1,4 +1,4 @@
-"""One step of a generator."""
+"""One step of a generator of spikes or currents."""
 
 # mypy: ignore-errors
 
@@ -8,29 +8,29 @@ from neuro.kernels.draws import poisson_by_sum, poisson_by_table, reaching, step
 from neuro.kernels.instructions import LANES, address, lowest, marked, prefetch
 from neuro.kernels.jit import kernel, subkernel
 from neuro_event.loop import tables as t
-from neuro_event.loop.deliver import base_of, receptor, receptors_by_sign
+from neuro_event.loop.deliver import first_receptor, receptor, receptors_by_sign
 from neuro_event.loop.neurons import emit
 from neuro_event.loop.operations import STEP
 from neuro_event.loop.tables import call_entry, draw_counts as call_draw_counts, net_of
 
 _ONE = np.uint64(1)
 _AHEAD = 16
-"""So many listed spikes before its turn the counts of a neuron are fetched: a camera has more than a cache holds."""
+"""Listed spikes between the prefetch of a neuron's counts and their use. The counts of a camera exceed a cache."""
 
 
 @subkernel
-def draw_poisson(view, thread, pop, step, at, done, h):
-    """One step of a poisson_generator: into its counts, or into the log."""
+def draw_poisson(view, thread, pop, step, at, processed_step, h):
+    """Run one step of a poisson_generator, which writes counts or log entries; return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
-    # Generators that feed one-to-one keep counts and list no spikes: 0.7 ns a draw, where logging and delivering a
-    # spike costs some 10 ns.
+    # Generators with only one-to-one projections keep counts: 0.7 ns a draw, while logging and delivering a spike costs
+    # about 10 ns.
     if row[t.COUNTS] >= 0:
         call_draw_counts(view, thread, pop, step)
         return at
     if step <= row[t.START] or step > row[t.STOP]:
         return at
-    # A draw is a hash of key, step and neuron: no state, so threads and sleeping blocks shift none.
+    # A draw is a hash of key, step and neuron. It has no state, so threads and sleeping blocks do not shift draws.
     base = step_word(net.keys[pop], step)
     for block in range(net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]):
         if net.awake[block] == 0:
@@ -40,21 +40,21 @@ def draw_poisson(view, thread, pop, step, at, done, h):
         lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
         first = lo - row[t.BEGIN]
         fired = np.uint64(0)
-        for k in range(0, hi - lo, LANES):  # to places that no neuron has 1 belongs, which no number reaches
+        for k in range(0, hi - lo, LANES):  # padding places have the bound 1, which no number reaches
             fired |= reaching(base, first + k, net.nothing, lo + k) << np.uint64(k)
         while fired:
             i = lo + lowest(fired)
             fired &= fired - _ONE
-            # `reaching` has only said that the number is not 0: the few that are left are worked out one by one from
-            # the same word.
+            # `reaching` only finds the neurons with at least one spike. Their counts are computed one by one from the
+            # same word.
             m = poisson_by_sum(base, i - row[t.BEGIN], net.mean[i], net.nothing[i])
-            at = emit(view, thread, pop, i, m, step, done, h, at)
+            at = emit(view, thread, pop, i, m, step, processed_step, h, at)
     return at
 
 
 @subkernel
-def let_emit(view, thread, pop, step, at, done, h):
-    """One step of a generator with an entry of its own."""
+def step_generator(view, thread, pop, step, at, processed_step, h):
+    """Run one step of a third-party generator; return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
     if step <= row[t.START] or step > row[t.STOP]:
@@ -68,18 +68,18 @@ def let_emit(view, thread, pop, step, at, done, h):
         while fired:
             i = lo + lowest(fired)
             fired &= fired - _ONE
-            at = emit(view, thread, pop, i, np.int64(net.x[0, i]), step, done, h, at)
+            at = emit(view, thread, pop, i, np.int64(net.x[0, i]), step, processed_step, h, at)
     return at
 
 
 @subkernel
-def list_spikes(view, thread, pop, step, at, done, h):
-    """The listed spikes of a spike_generator in this step."""
+def list_spikes(view, thread, pop, step, at, processed_step, h):
+    """Emit the listed spikes of a spike_generator in this step; return the next place in the log."""
     net = net_of(view)
     lo, hi = net.edges[pop, thread] * t.BLOCK, net.edges[pop, thread + 1] * t.BLOCK
     place = net.cursor[thread, pop]
     end = net.cursor[net.cursor.shape[0] - 1, pop]
-    # Each thread goes through the whole list and takes what is its own: lists are short beside what their spikes cause.
+    # Each thread reads the whole list and emits its own spikes. Reading is cheap compared with delivering the spikes.
     while place < end and net.list_steps[place] <= step:
         if place + _AHEAD < end:
             coming = 8 * np.int64(net.list_ids[place + _AHEAD])
@@ -87,7 +87,7 @@ def list_spikes(view, thread, pop, step, at, done, h):
             prefetch(address(net.spikes) + coming)
         i = np.int64(net.list_ids[place])
         if net.list_steps[place] == step and lo <= i < hi:
-            at = emit(view, thread, pop, i, np.int64(net.list_counts[place]), step, done, h, at)
+            at = emit(view, thread, pop, i, np.int64(net.list_counts[place]), step, processed_step, h, at)
         place += 1
     net.cursor[thread, pop] = place
     return at
@@ -95,7 +95,10 @@ def list_spikes(view, thread, pop, step, at, done, h):
 
 @kernel
 def wake_emitting(mean, awake, busy, first, last, step):
-    """Let the blocks first:last with a rate above 0 be awake and the others sleep; `busy` holds since when."""
+    """Wake the blocks first:last with a rate above 0 and put the others to sleep.
+
+    `busy` of a block that was awake becomes `step`, its last step with the old rate.
+    """
     for block in range(first, last):
         if awake[block] == 1:
             busy[block] = step
@@ -112,7 +115,7 @@ _EVENT, _SHIFT = np.uint32(1 << t.TALLY_BITS), np.uint32(t.TALLY_BITS)
 
 @kernel
 def draw_counts(view, thread, pop, step):
-    """One step of a poisson_generator that keeps counts. Neighbours that are awake are drawn in one go."""
+    """Run one step of a poisson_generator that keeps counts. Neighbouring awake blocks are drawn together."""
     net = net_of(view)
     row = net.pops[pop]
     n = row[t.END] - row[t.BEGIN]
@@ -122,7 +125,7 @@ def draw_counts(view, thread, pop, step):
         return
     base = step_word(net.keys[pop], step)
     begin, end = net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]
-    # Up to 512 neighbours are drawn in one go, so words are made by lanes.
+    # Up to 512 neighbours are drawn together, so that random words are made by vector instructions.
     run = begin
     for block in range(begin, end + 1):
         if net.stop[0] == t.AT_ONCE:
@@ -134,7 +137,7 @@ def draw_counts(view, thread, pop, step):
             run = block
         if not awake:
             run = block + 1
-            # what it kept while it was awake is not to be read again
+            # clear the counts from when the block was awake
             if block < end and step - net.busy[block] <= row[t.COUNTS_STEPS]:
                 lo, hi = block * t.BLOCK - row[t.BEGIN], min((block + 1) * t.BLOCK, row[t.END]) - row[t.BEGIN]
                 net.counts[place + lo : place + hi] = 0
@@ -142,14 +145,14 @@ def draw_counts(view, thread, pop, step):
 
 @subkernel
 def draw_some(view, thread, row, base, lo, hi, counts):
-    """The numbers of the neurons lo:hi of a generator for one step; they are tallied, too."""
+    """Draw the counts of the neurons lo:hi of a generator for one step, and add them to the tallies."""
     net = net_of(view)
     begin, end = row[t.BEGIN] + lo, row[t.BEGIN] + hi
     if row[t.TABLE] >= 0:
         words = net.words[thread, : hi - lo]
         words_of(base, lo, words)
-        # Where all rates are equal one table serves all. The first 12 bits of a word nearly always tell the number (a
-        # guide has the least count of a cell, and whether all its words agree); else the 53 bits do.
+        # If all rates are equal, all neurons share one table. The first 12 bits of a word nearly always determine the
+        # count: a guide stores the least count of a cell, and whether all words of the cell give it. Else 53 bits do.
         poisson_by_table(words, net.guides[row[t.TABLE]], net.cumulative[row[t.TABLE]], counts)
     else:
         for k in range(counts.size):
@@ -160,14 +163,14 @@ def draw_some(view, thread, row, base, lo, hi, counts):
         m = np.uint32(counts[k])
         tally[k] += m + (_EVENT if m > 0 else np.uint32(0))
         full |= tally[k]
-    # Four bytes a neuron and step in place of sixteen; one test for all finds an overflow.
+    # A tally takes four bytes per neuron instead of sixteen. One test finds an overflow of any of them.
     if full & _FULL:
         settle_tally(tally, net.events[begin:end], net.spikes[begin:end])
 
 
 @subkernel
 def settle_tally(tally, events, spikes):
-    """Move tallies to the numbers that they stand for: few bytes a step are cheaper than many."""
+    """Move tallies to the counts of events and spikes."""
     for k in range(tally.size):
         events[k] += np.int64(tally[k] >> _SHIFT)
         spikes[k] += np.int64(tally[k] & _SPIKES)
@@ -176,17 +179,19 @@ def settle_tally(tally, events, spikes):
 
 @kernel
 def add_counts(view, thread, q, step, n_all, slots, blocks):
-    """One-to-one input from a poisson_generator that keeps its counts."""
+    """Add one-to-one input from a poisson_generator that keeps counts."""
     net = net_of(view)
     row = net.projections[q]
     source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
     n = source[t.END] - source[t.BEGIN]
     place = source[t.COUNTS] + ((step - row[t.LAG]) & (source[t.COUNTS_STEPS] - 1)) * n
     weight = net.weights[row[t.WEIGHT]]
-    out = target[t.BEGIN] + (base_of(row) + receptor(weight, receptors_by_sign(row, target[t.RECEPTORS]))) * n_all
+    out = (
+        target[t.BEGIN] + (first_receptor(row) + receptor(weight, receptors_by_sign(row, target[t.RECEPTORS]))) * n_all
+    )
     for block in range(net.edges[target[t.NUMBER], thread], net.edges[target[t.NUMBER], thread + 1]):
         from_block = source[t.FIRST_BLOCK] + block - target[t.FIRST_BLOCK]
-        # what one sent before it fell silent may still be under way
+        # spikes from before the block fell asleep may still be under way
         if net.awake[from_block] == 0 and step - row[t.LAG] > net.busy[from_block]:
             continue
         lo = (block - target[t.FIRST_BLOCK]) * t.BLOCK
@@ -195,7 +200,7 @@ def add_counts(view, thread, q, step, n_all, slots, blocks):
         into = net.buf[out + lo : out + hi]
         some = np.uint16(0)
         for i in range(counts.shape[0]):
-            # No branch on counts: the loop is vectorised, and blocks without a spike mark nothing.
+            # Without a branch on counts the loop is vectorised. Blocks without a spike are not marked.
             some |= counts[i]
             old = into[i]
             into[i] = old + weight * counts[i] if counts[i] > 0 else old
@@ -205,7 +210,7 @@ def add_counts(view, thread, q, step, n_all, slots, blocks):
 
 @kernel
 def drive(view, thread, step):
-    """Before the neurons of a step: the external current of those whose current changes; they never sleep."""
+    """Compute the external current of the populations whose current changes, before their step. They never sleep."""
     net = net_of(view)
     for k in range(net.lines.shape[0]):
         line = net.lines[k]
@@ -224,7 +229,7 @@ def drive(view, thread, step):
 
 @kernel
 def charge(view, thread, step):
-    """After the neurons of a step: what currents to a receptor add to the state in which it keeps its own."""
+    """Add the share of currents into receptors to the states of the receptors, after the step of the neurons."""
     net = net_of(view)
     for k in range(net.lines.shape[0]):
         line = net.lines[k]
@@ -237,11 +242,12 @@ def charge(view, thread, step):
 
 @subkernel
 def add_line(view, number, row, lo, hi, step, out):
-    """Add what arrives along a line in a step; where it charges a state, its share."""
+    """Add the currents that arrive along a line in a step to `out`; for a receptor, their share."""
     net = net_of(view)
     line, rows = net.lines[number], net.emitted_rows[number]
     begin, weight, stride = row[t.BEGIN], line[t.LINE_WEIGHT], line[t.LINE_STRIDE]
-    # Currents are worked out in NumPy for a stretch of steps; what is emitted at the end of a step acts in the next.
+    # Currents are computed in NumPy for a stretch of steps. A current emitted at the end of a step acts in the next
+    # one.
     at = step - 1 - net.emitted_from[0]
     if line[t.HOW] == t.AS_LISTED:
         for i in range(lo, hi):
@@ -258,13 +264,13 @@ def add_line(view, number, row, lo, hi, step, out):
         for i in range(lo, hi):
             arrived = net.emitted[first + (i - begin) * each] * net.line_weights[weight + (i - begin) * stride]
             out[i] += net.shares[line[t.SHARE] + i - begin] * arrived
-    # One value for all is multiplied once.
+    # One value for all neurons is multiplied once.
     elif each == 0 and stride == 0:
         arrived = net.emitted[first] * net.line_weights[weight]
         for i in range(lo, hi):
             out[i] += arrived
     elif each == 1 and stride == 0:
-        # Views of neighbours, so that the loop is vectorised.
+        # Contiguous views, so that the loop is vectorised.
         emitted, factor = net.emitted[first + lo - begin : first + hi - begin], net.line_weights[weight]
         for i in range(lo, hi):
             out[i] += emitted[i - lo] * factor

@@ -1,4 +1,4 @@
-"""Groups: which of the neurons at threshold fire, and which that resets."""
+"""Groups: choose which neurons at threshold fire, and reset the other neurons."""
 
 # mypy: ignore-errors
 import math
@@ -11,29 +11,29 @@ from neuro_event.loop.tables import net_of
 
 
 @kernel
-def settle(view, thread, pop, n, step, at, done, h):
-    """Let the winner among the found neurons of a group fire; return the next place in the log."""
+def settle(view, thread, pop, n, step, at, processed_step, h):
+    """Let the winners among the candidates of a group fire; return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
     group = row[t.GROUP]
     if net.local[group, t.RADIUS] >= 0:
-        return settle_locally(view, thread, pop, row, n, step, at, done, h)
+        return settle_locally(view, thread, pop, row, n, step, at, processed_step, h)
     if net.groups[group, t.RIVALS] > 0:
-        return settle_rivals(view, thread, pop, row, n, step, at, done, h)
-    # A group lies on one thread, so all its candidates are in this thread's list.
-    winner = choose(view, group, row, net.found[thread], n, step)
+        return settle_rivals(view, thread, pop, row, n, step, at, processed_step, h)
+    # A group belongs to one thread, so all its candidates are in this thread's list.
+    winner = choose(view, group, row, net.candidates[thread], n, step)
     if net.groups[group, t.IN_TRIAL] == 1 and net.groups[group, t.WINNER] < 0:
-        # Before anybody is reset: the potentials of the maps are those at the decision.
-        weigh_maps(view, thread, row, step, h)
+        # Recorded before any reset, so that the potentials of the maps are those at the decision.
+        record_potentials(view, thread, row, step, h)
         net.groups[group, t.WINNER] = winner
         net.groups[group, t.DECIDED] = step
     for k in range(n):
-        i = net.found[thread, k]
+        i = net.candidates[thread, k]
         if i == winner:
             spike(view, pop, i)
-            at = emit_found(view, thread, pop, k, step, at, done, h)
-        # Losers of "best of each step" are reset without a spike; of "first to fire" they keep their potential, since
-        # none of them fires any more.
+            at = emit_candidate(view, thread, pop, k, step, at, processed_step, h)
+        # Losers of "best of each step" are reset without a spike. Losers of "first to fire" keep their potential,
+        # because they cannot fire any more.
         elif net.groups[group, t.FIRST_TO_FIRE] == 0:
             spike(view, pop, i)
     if net.groups[group, t.FIRST_TO_FIRE] == 1:
@@ -42,16 +42,19 @@ def settle(view, thread, pop, n, step, at, done, h):
 
 
 @subkernel
-def emit_found(view, thread, pop, k, step, at, done, h):
-    """Enter the spike of the found neuron number k; return the next place in the log."""
+def emit_candidate(view, thread, pop, k, step, at, processed_step, h):
+    """Enter the spike of candidate k; return the next place in the log."""
     net = net_of(view)
-    net.active[thread, pop] += 1 - net.found_arrived[thread, k]
-    return emit(view, thread, pop, net.found[thread, k], 1, step, done, h, at)
+    net.active[thread, pop] += 1 - net.candidate_arrived[thread, k]
+    return emit(view, thread, pop, net.candidates[thread, k], 1, step, processed_step, h, at)
 
 
 @subkernel
 def choose(view, group, row, candidates, n, step):
-    """The winner of the first n candidates of a group that may win: largest margin, then keyed draw, then id; or -1."""
+    """Return the winner among the first n candidates that are not muted, or -1.
+
+    The largest margin above threshold wins, then the largest keyed draw, then the smallest id.
+    """
     net = net_of(view)
     best, best_margin, best_draw = -1, -math.inf, -1.0
     base = step_word(net.group_keys[group], step)
@@ -61,10 +64,10 @@ def choose(view, group, row, candidates, n, step):
             continue
         c = net.constants[row[t.CONSTANT] + (i - row[t.BEGIN]) * row[t.CONSTANT_STRIDE]]
         margin = net.state[0, i] - c[0]
-        # Most candidates lose by their margin: the hash of a draw is worked out for ties with the best alone.
+        # Most candidates lose by their margin, so a draw is only computed for ties with the best.
         if margin < best_margin:
             continue
-        # Keyed by the id, not by the place inside, so ties fall alike on all backends.
+        # The draw depends on the id, not on the internal place, so ties are decided equally on all backends.
         draw = uniform(base, net.order[i])
         if margin > best_margin or draw > best_draw or (draw == best_draw and net.order[i] < net.order[best]):
             best, best_margin, best_draw = i, margin, draw
@@ -72,13 +75,13 @@ def choose(view, group, row, candidates, n, step):
 
 
 @subkernel
-def weigh_maps(view, thread, row, step, h):
-    """Largest V_m of each map that has not won, and the neuron that has it (the smaller id of equals)."""
+def record_potentials(view, thread, row, step, h):
+    """Record the largest V_m of each map that has not won, and its neuron (the smallest id of equals)."""
     net = net_of(view)
-    # A map that has won keeps what it had when it did.
+    # A map that has won keeps the potential of that moment.
     wins = net.map_wins[row[t.GROUP]]
     for block in range(row[t.FIRST_BLOCK], row[t.LAST_BLOCK]):
-        # A sleeping block has the potentials of the step in which it fell asleep.
+        # A sleeping block still has the potentials of the step in which it fell asleep.
         if net.awake[block] == 0:
             wake(view, thread, row[t.NUMBER], block, step, h)
     for m in range(net.potential.size):
@@ -89,7 +92,7 @@ def weigh_maps(view, thread, row, step, h):
         m = net.map_of[i - row[t.BEGIN]]
         if wins[m] > 0:
             continue
-        # The first state is V_m wherever a model has it, see `Neuron`; groups of others are refused.
+        # If a model has V_m, it is the first state, see `Neuron`. Groups of other models are refused.
         v = net.state[0, i]
         if v > net.potential[m] or (v == net.potential[m] and net.order[i] < net.order[net.best[m]]):
             net.potential[m] = v
@@ -98,23 +101,22 @@ def weigh_maps(view, thread, row, step, h):
 
 @subkernel
 def first_rival(view, row, i):
-    """The first of the neurons of which only one fires when neuron i does."""
+    """Return the first neuron among the rivals of neuron i, including i. Only one of the rivals fires."""
     net = net_of(view)
-    apart = net.groups[row[t.GROUP], t.APART]
-    # Maps lie innermost, so neurons that differ along one axis are equally far apart.
-    before = (i - row[t.BEGIN]) // apart % net.groups[row[t.GROUP], t.RIVALS]
-    return i - before * apart
+    distance = net.groups[row[t.GROUP], t.APART]
+    # Rivals differ along one axis, so they are at equal distances `distance`.
+    before = (i - row[t.BEGIN]) // distance % net.groups[row[t.GROUP], t.RIVALS]
+    return i - before * distance
 
 
 @subkernel
 def best_rival(view, thread, row, i, step):
-    """The winner among neuron i and its rivals at threshold."""
+    """Return the winner among neuron i and its rivals at threshold."""
     net = net_of(view)
-    # Rivals lie at equal distances: two numbers tell them, without a list.
-    first, apart = first_rival(view, row, i), net.groups[row[t.GROUP], t.APART]
+    first, distance = first_rival(view, row, i), net.groups[row[t.GROUP], t.APART]
     n = 0
     for k in range(net.groups[row[t.GROUP], t.RIVALS]):
-        j = first + k * apart
+        j = first + k * distance
         if net.fired[j] != 0:
             net.rivals[thread, n] = j
             n += 1
@@ -125,58 +127,58 @@ def best_rival(view, thread, row, i, step):
 def reset_rivals(view, thread, row, i, step, h):
     """Reset neuron i, which fires, and all its rivals."""
     net = net_of(view)
-    first, apart = first_rival(view, row, i), net.groups[row[t.GROUP], t.APART]
+    first, distance = first_rival(view, row, i), net.groups[row[t.GROUP], t.APART]
     for k in range(net.groups[row[t.GROUP], t.RIVALS]):
-        j = first + k * apart
+        j = first + k * distance
         if net.awake[j // t.BLOCK] == 0:
             wake(view, thread, row[t.NUMBER], j // t.BLOCK, step, h)
         spike(view, row[t.NUMBER], j)
 
 
 @subkernel
-def settle_rivals(view, thread, pop, row, n, step, at, done, h):
-    """Let the winners among the found neurons fire and reset their rivals; return the next place in the log."""
+def settle_rivals(view, thread, pop, row, n, step, at, processed_step, h):
+    """Let the winners among the candidates fire and reset their rivals; return the next place in the log."""
     net = net_of(view)
     winners = 0
     for k in range(n):
-        i = net.found[thread, k]
-        if best_rival(view, thread, row, i, step) == i:  # all are found before a reset changes what is compared
-            net.found[thread, winners] = i
-            net.found_arrived[thread, winners] = net.found_arrived[thread, k]
+        i = net.candidates[thread, k]
+        if best_rival(view, thread, row, i, step) == i:  # all winners are chosen before any reset changes a potential
+            net.candidates[thread, winners] = i
+            net.candidate_arrived[thread, winners] = net.candidate_arrived[thread, k]
             winners += 1
     for k in range(winners):
-        i = net.found[thread, k]
-        # The winner is reset with its rivals; it emits afterwards, so that its spike is logged once.
+        i = net.candidates[thread, k]
+        # The winner is reset with its rivals, then its spike is logged once.
         reset_rivals(view, thread, row, i, step, h)
-        at = emit_found(view, thread, pop, k, step, at, done, h)
+        at = emit_candidate(view, thread, pop, k, step, at, processed_step, h)
     return at
 
 
 @subkernel
 def silence(view, row, group, begin, end, step):
-    """Silence the neurons begin:end:step that are not yet."""
+    """Block the neurons begin:end:step that are not blocked yet."""
     net = net_of(view)
     for i in range(begin, end, step):
-        # Counted once a neuron: a neuron that is silenced twice, by its place and by its map, was open once.
+        # A neuron that is blocked twice, by a neighbour and by its map, counts as open only once.
         net.standing[group, t.OPEN] -= net.muted[i] == 0
         net.muted[i] |= t.BLOCKED
 
 
 @subkernel
-def win(view, row, i, step):
-    """Neuron i of a group with several winners wins: enter it, and silence what is near it."""
+def enter_winner(view, row, i, step):
+    """Enter neuron i as a winner of a group with several winners, and block the neurons near it."""
     net = net_of(view)
     group = row[t.GROUP]
     local = net.local[group]
     rows, columns, radius = local[t.LOCAL_ROWS], local[t.LOCAL_COLUMNS], local[t.RADIUS]
-    # By id, (map, row, column); inside, maps are innermost, so places are worked out from steps between neighbours.
+    # Ids are in the order (map, row, column). Internal places have the maps innermost.
     m, r, c = net.order[i] // (rows * columns), net.order[i] // columns % rows, net.order[i] % columns
     for near_r in range(max(0, r - radius), min(rows, r + radius + 1)):
         for near_c in range(max(0, c - radius), min(columns, c + radius + 1)):
             place = row[t.BEGIN] + (near_r * columns + near_c) * local[t.NEXT_PLACE]
             silence(view, row, group, place, place + local[t.LOCAL_MAPS] * local[t.NEXT_MAP], local[t.NEXT_MAP])
     net.map_wins[group, m] += 1
-    # Tested for equality: once a map is full none of it can win again, so the count goes no further.
+    # Equality is enough: when a map is full, no neuron of it can win again, so the count does not increase.
     if net.map_wins[group, m] == local[t.PER_MAP]:
         place = row[t.BEGIN] + m * local[t.NEXT_MAP]
         silence(view, row, group, place, place + rows * columns * local[t.NEXT_PLACE], local[t.NEXT_PLACE])
@@ -191,29 +193,29 @@ def win(view, row, i, step):
 
 
 @subkernel
-def settle_locally(view, thread, pop, row, n, step, at, done, h):
-    """Let those of the found neurons fire that win, the best first; return the next place in the log."""
+def settle_locally(view, thread, pop, row, n, step, at, processed_step, h):
+    """Let the winners among the candidates fire, the best first; return the next place in the log."""
     net = net_of(view)
     group = row[t.GROUP]
     if net.groups[group, t.IN_TRIAL] == 1:
-        weigh_maps(view, thread, row, step, h)
-    best = choose(view, group, row, net.found[thread], n, step)
-    # Each winner silences others, so the best of the rest is looked for anew.
+        record_potentials(view, thread, row, step, h)
+    best = choose(view, group, row, net.candidates[thread], n, step)
+    # Each winner blocks other candidates, so the best of the rest is chosen again.
     while best >= 0:
-        win(view, row, best, step)
-        best = choose(view, group, row, net.found[thread], n, step)
+        enter_winner(view, row, best, step)
+        best = choose(view, group, row, net.candidates[thread], n, step)
     for k in range(n):
-        i = net.found[thread, k]
+        i = net.candidates[thread, k]
         if net.muted[i] & t.WON:
             spike(view, pop, i)
-            at = emit_found(view, thread, pop, k, step, at, done, h)
+            at = emit_candidate(view, thread, pop, k, step, at, processed_step, h)
     net.closed[group] = net.standing[group, t.OPEN] == 0
     return at
 
 
 @subkernel
 def open_groups(view):
-    """No neuron has won: all but those that are left out of a trial may fire."""
+    """Open all groups: every neuron may fire unless it is left out of the trial."""
     net = net_of(view)
     net.closed[:] = 0
     net.map_wins[:] = 0
@@ -228,8 +230,8 @@ def open_groups(view):
 
 
 @subkernel
-def admit_all(view, row):
-    """No neuron is left out any more; those silenced by a winner still are."""
+def unmute_all(view, row):
+    """Unmute all neurons left out of a trial. Neurons that a winner has blocked stay blocked."""
     net = net_of(view)
     for i in range(row[t.BEGIN], row[t.END]):
         net.standing[row[t.GROUP], t.OPEN] += net.muted[i] == t.SILENCED

@@ -1,7 +1,7 @@
-"""Pairwise rules outside the loop: one pass over synapses, compiled for each by itself and called by its address.
+"""The lazy pass of pair rules other than `stdp` and `stdp_dopa`, compiled for each rule and called by its address.
 
-What `lazy_stdp` does for `stdp` and `stdp_dopa`, for any list of traces. The history of the target, in which
-`post_spike` keeps the values of the traces just before each spike, is all that a synapse needs to catch up.
+The pass is like that of `lazy_stdp`, for any list of traces. A synapse catches up from the history of its target, in
+which `post_spike` stores the values of the traces just before each spike.
 """
 
 # mypy: ignore-errors
@@ -22,35 +22,41 @@ from neuro_event.loop.tables import RULE_TYPE, net_of, plastic_of, slot_mask
 
 ENTRIES, APPLIED, NEWEST = range(3)
 ENTRY = 3
-"""A history is a row: how many entries it has, the step up to which synapses without dopamine have used it, then
-entries (step, K- just after, multiplicity), the newest first. All are integers but K-, which lies in the same memory
-as a float."""
+"""Columns of a history, and the size of an entry.
 
-BRING, BRING_WHOLE, ARRIVE, PRE_SPIKE = range(4)
-"""Operations of an entry: the first two of lazy passes, the third of eager ones; the last and those after it: the first
-spike of a neuron in a step, the second, ..."""
+A history is a row with the number of entries, the step up to which unmodulated synapses have applied them, and the
+entries, the newest first. An entry has three numbers: step, K- just after the spike, multiplicity. All are integers
+except K-, which is a float in the same memory.
+"""
+
+CATCH_UP, CATCH_UP_WHOLE, ARRIVE, PRE_SPIKE = range(4)
+"""Operations of a compiled rule: two of lazy passes, one of eager passes, and pre spikes.
+
+PRE_SPIKE + k is the (k + 1)-th spike of a neuron in a step.
+"""
 
 AHEAD = 16
-"""Synapses by which a history, and the target's place in the ring, is asked for before it is read."""
+"""Synapses between the prefetch of a history (and of the target's place in the ring) and its use."""
 
 OWN = 3
-"""Row of `decay` where a rule's traces begin: as in `kinds`, first those of pre, from the middle on those of post."""
+"""Row of `decay` at which a rule's traces begin, as in `kinds`: pre traces first, post traces in the second half."""
 
 TAU, NEAREST, ADDS = range(3)
 """Columns of `kinds`."""
 TIME, OF_NEURON = -1.0, -2.0
-"""In place of a time constant: the trace is a time; it decays with the neuron's tau_minus."""
+"""Special time constants: the trace is the time since a spike; the trace decays with the neuron's tau_minus."""
 
 Synapse = namedtuple("Synapse", "q z own target history delay")
-"""A synapse in the tables of learning: number of the projection, column of its states, place of its source's traces.
+"""A synapse in the tables of learning.
 
-`target` is the number of its target in the population, `history` in `past`; `delay` is in steps.
+`q` is the number of the plastic projection, `z` the column of the states, `own` the place of the source's traces,
+`target` the target in its population, `history` the row of the target's history, and `delay` is in steps.
 """
 
 
 @subkernel
-def due_everywhere(net, target_row, at, thread):
-    """Wake the blocks of this thread's neurons of a population when input arrives in a step."""
+def mark_all_due(net, target_row, at, thread):
+    """Mark all blocks of this thread in a population, because input arrives there in a step."""
     blocks = net.awake.shape[0]
     mark = (at & slot_mask(net)) * blocks
     lo, hi = net.edges[target_row[t.NUMBER], thread], net.edges[target_row[t.NUMBER], thread + 1]
@@ -58,31 +64,31 @@ def due_everywhere(net, target_row, at, thread):
 
 
 @subkernel
-def slot_of_first(net, row, receptors, step):
-    """Where the slot lies in which a spike arrives over the first synapse: over all, if they have one delay."""
-    if net.delays.size <= row[t.DELAY]:  # there is no synapse
+def slot_address(net, row, receptors, step):
+    """Return the address of the slot of the ring in which a spike arrives over the first synapse."""
+    if net.delays.size <= row[t.DELAY]:  # there are no synapses
         return np.int64(0)
-    # Only an address to ask memory for: with delays of their own most synapses use another slot, and a wrong guess
-    # costs nothing but the request.
+    # The address is only prefetched. With individual delays most synapses use another slot, and a wrong prefetch costs
+    # little.
     at = step + np.int64(net.delays[row[t.DELAY]])
     return address(net.buf) + 8 * (row[t.RING] + (at & row[t.RING_MASK]) * receptors * row[t.RING_SIZE])
 
 
 @inlined
 def shared_row(q, table, z):
-    """Where the constants of a rule are that all synapses share."""
+    """Return the row of constants that all synapses share."""
     return q
 
 
 @inlined
 def own_row(q, table, z):
-    """Where those of a synapse are, of its own or shared."""
+    """Return the row of constants of a synapse, its own or the shared one."""
     return table[t.CONSTANTS] + table[t.CONSTANTS_STRIDE] * z
 
 
 @subkernel
-def grown(kind, value, m):
-    """A trace just after m spikes (0: none), from its value just before them."""
+def trace_after(kind, value, m):
+    """Return a trace just after m spikes, from its value just before them."""
     if m == 0:
         return value
     return kind[ADDS] if kind[NEAREST] == 1.0 else value + kind[ADDS] * m
@@ -90,21 +96,21 @@ def grown(kind, value, m):
 
 @inlined
 def pre_value(p, q, j, kind, thread, own, step, h):
-    """A pre trace at a step. A time trace holds the step of the last spike and 1, or 0 where there was none."""
+    """Return a pre trace at a step. Of a time trace, the step of the last spike plus 1 is stored; 0 means no spike."""
     value = p.k_plus[thread, own + j]
     if kind[TAU] == TIME:
         return math.inf if value == 0.0 else (step - (value - 1.0)) * h
-    # Saves the exponential of a source that has not fired.
+    # A source that has not fired needs no exponential.
     if value == 0.0:
         return 0.0
-    return value * left(p.decay[q, OWN + j], step - p.k_time[thread, own], h, p.kinds[q, j, TAU])
+    return value * decay_over(p.decay[q, OWN + j], step - p.k_time[thread, own], h, p.kinds[q, j, TAU])
 
 
 @inlined
 def newest_before(past, before):
-    """The newest entry of a history strictly before a step; the number of its entries if there is none."""
+    """Return the index of the newest entry of a history strictly before a step, or the number of entries."""
     i = 0
-    # Newest first: nearly always the first or the second entry is the one.
+    # The newest entries come first, and the result is nearly always the first or the second.
     while i < past[ENTRIES] and past[NEWEST + ENTRY * i] >= before:
         i += 1
     return i
@@ -112,33 +118,37 @@ def newest_before(past, before):
 
 @inlined
 def post_value(view, q, j, kind, column, history, i, neuron, before, h):
-    """A post trace at a step, from the i-th entry of a history and those before it, if there is such an entry."""
+    """Return a post trace at a step from entry i of a history. Without this entry there was no spike."""
     p = plastic_of(view)
     past = p.past[history]
     if i == past[ENTRIES]:
         return math.inf if kind[TAU] == TIME else 0.0
     row, value = p.kinds.shape[1] // 2 + j, p.others[history, i, column + j]
-    passed = before - past[NEWEST + ENTRY * i]
+    n_steps = before - past[NEWEST + ENTRY * i]
     if kind[TAU] == TIME:
-        return passed * h
+        return n_steps * h
     tau = net_of(view).tau_minus[neuron] if kind[TAU] == OF_NEURON else p.kinds[q, row, TAU]
     m = past[NEWEST + ENTRY * i + 2]
-    return grown(kind, value, m) * left(p.decay[q, OWN + row], passed, h, tau)
+    return trace_after(kind, value, m) * decay_over(p.decay[q, OWN + row], n_steps, h, tau)
 
 
 @inlined
-def kept_value(p, j, kind, column, history, k, m):
-    """A post trace just before the k-th entry of a history, and after the first m of its spikes."""
+def stored_value(p, j, kind, column, history, k, m):
+    """Return a post trace just before entry k of a history and after the first m of its spikes."""
     if m > 0 and kind[TAU] == TIME:
         return 0.0
-    return grown(kind, p.others[history, k, column + j], m)
+    return trace_after(kind, p.others[history, k, column + j], m)
 
 
 def tuple_of(function, traces, arguments):
-    """A compiled function that gives the values of traces as a tuple; what is known of each stands in it as numbers."""
+    """Return a compiled function for the tuple of the values of all traces, with what is known of each as literals.
+
+    Example: for two traces the result is `def values(p): return (pre_value(p, 0, (0.0, 0.0, 1.0)), pre_value(p, 1,
+    ...),)`.
+    """
     name = function.py_func.__name__
-    # Written out as text: a kernel makes no lists, and with the kinds of traces as literals the branches on them are
-    # gone.
+    # The source is text because kernels make no lists. With the kinds of traces as literals the compiler removes the
+    # branches on them.
     calls = "".join(f"{name}({arguments.format(j=j, kind=_kind(each))}), " for j, each in enumerate(traces))
     space = {name: function}
     exec(f"def values({arguments.replace('{j}, {kind}, ', '')}):\n    return ({calls})", space)
@@ -146,13 +156,13 @@ def tuple_of(function, traces, arguments):
 
 
 def _kind(trace):
-    """What is known of a trace without parameters, as in `kinds`; 0 for a time constant that is one."""
+    """Return what is known of a trace without parameters, as in `kinds`; 0 for a time constant that is a parameter."""
     tau = TIME if not trace.tau else OF_NEURON if trace.tau == "tau_minus" else 0.0
     return tau, float(trace.nearest), float(trace.adds)
 
 
-def drawing(model):
-    """What a rule does at a pre spike, with a random number if it draws one."""
+def compile_on_pre(model):
+    """Compile the action of a rule at a pre spike, with a random number if the rule draws one."""
     on_pre = compiled(model.arithmetic.on_pre)
     if model.draws:
 
@@ -171,30 +181,30 @@ def drawing(model):
 
 @cache
 def rule_entry(model, own_rows):
-    """The passes of one rule, whose synapses share a row of constants or have their own."""
-    # Compiled for either: a look at a stride for each synapse took 4 % of a network that learns.
+    """Compile the lazy pass of one rule, whose synapses share a row of constants or have their own."""
+    # Compiled for each case, since testing a stride for each synapse took 4 % of a network that learns.
     row_of = own_row if own_rows else shared_row
     arithmetic, modulated = model.arithmetic, model.modulated
-    learn_pre, on_post = drawing(model), compiled(arithmetic.on_post)
+    learn_pre, on_post = compile_on_pre(model), compiled(arithmetic.on_post)
     nearest = compiled(steps_of)
-    advance, sent = compiled(arithmetic.advance) if modulated else None, compiled(model.sends())
+    advance, sent_weight = compiled(arithmetic.advance) if modulated else None, compiled(model.sends())
     n_pre = len(model.pre)
     pre_values = tuple_of(pre_value, model.pre, "p, q, {j}, {kind}, thread, own, step, h")
     post_values = tuple_of(post_value, model.post, "view, q, {j}, {kind}, column, history, i, neuron, before, h")
-    kept_values = tuple_of(kept_value, model.post, "p, {j}, {kind}, column, history, k, m")
+    stored_values = tuple_of(stored_value, model.post, "p, {j}, {kind}, column, history, k, m")
 
     if modulated:
 
         @subkernel
-        def learnt_until(p, z, thread, own, past):
+        def applied_until(p, z, thread, own, past):
             return p.reached[z]
 
         @subkernel
         def pass_time(view, q, z, target, since, upto, h):
             p = plastic_of(view)
             place = p.table[q, t.FIRST_TARGET] + target
-            # Dopamine is kept as of its last change; `release` and `write_signal` catch all synapses up before they
-            # change it, so between the two times of this pass it only decays.
+            # n is stored as of its last change. `release` and `write_signal` catch up all synapses before they change
+            # it, so from `since` to `upto` it only decays.
             n = p.n[place] * math.exp(-(since - p.n_time[place]) * h / p.tau[q, 1]) if p.n[place] != 0.0 else 0.0
             advance(p.y, z, p.rule[q], since, upto, n, p.table[q, t.GRID_STEPS])
             p.reached[z] = upto
@@ -202,7 +212,7 @@ def rule_entry(model, own_rows):
     else:
 
         @subkernel
-        def learnt_until(p, z, thread, own, past):
+        def applied_until(p, z, thread, own, past):
             return max(p.k_time[thread, own], past[APPLIED])
 
         @subkernel
@@ -212,40 +222,40 @@ def rule_entry(model, own_rows):
     if model.delays:
 
         @subkernel
-        # A delay that learns is that of the pre spike alone: post spikes act on the synapse at once.
-        def heard_after(net, row, s):
+        # A delay that learns is the delay of pre spikes. Post spikes act on the synapse without delay.
+        def post_delay(net, row, s):
             return 0
 
         @subkernel
-        def taken(p, q, z, delay, h):
+        def delivery_delay(p, q, z, delay, h):
             return nearest(p.y[DELAY_ROW, z], h, p.table[q, t.FEWEST], p.table[q, t.MOST])
 
     else:
 
         @subkernel
-        def heard_after(net, row, s):
+        def post_delay(net, row, s):
             return np.int64(net.delays[row[t.DELAY] + s * row[t.DELAY_STRIDE]])
 
         @subkernel
-        def taken(p, q, z, delay, h):
+        def delivery_delay(p, q, z, delay, h):
             return delay
 
     @inlined
-    def flow(view, synapse, thread, upto, whole, h):
-        """Let the post spikes up to step `upto` act on a synapse; with `whole` also what flows after the last."""
+    def apply_post_spikes(view, synapse, thread, upto, whole, h):
+        """Apply the post spikes up to step `upto` to a synapse; with `whole` also advance its states to `upto`."""
         net, p = net_of(view), plastic_of(view)
         q, z, own, target, history, delay = synapse
-        # Lazily, a neuron's spikes go into a short history of its own, and a synapse reads it at its next pre spike:
-        # 10,000 synapses onto a neuron cost nothing while their sources are silent.
+        # A synapse reads the history of its target at its next pre spike, so 10,000 synapses onto a neuron cost nothing
+        # while their sources are silent.
         past, column = p.past[history], p.table[q, t.COLUMN]
-        since = learnt_until(p, z, thread, own, past)
+        since = applied_until(p, z, thread, own, past)
         i = 0
-        # Newest first: the search ends at the first entry that has acted.
+        # The newest entries come first, so the search ends at the first entry that was applied before.
         while i < past[ENTRIES] and past[NEWEST + ENTRY * i] + delay > since:
             i += 1
         for k in range(i - 1, -1, -1):
             time = past[NEWEST + ENTRY * k]
-            # Entries beyond the present stay for the next pre spike.
+            # Entries that arrive after `upto` are left for the next pre spike.
             if time + delay > upto:
                 break
             pass_time(view, q, z, target, since, time + delay, h)
@@ -254,7 +264,7 @@ def rule_entry(model, own_rows):
             for m in range(past[NEWEST + ENTRY * k + 2]):
                 if net.stop[0] == t.AT_ONCE:
                     return
-                on_post(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, kept_values(p, column, history, k, m))
+                on_post(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, stored_values(p, column, history, k, m))
         if whole and since < upto:
             pass_time(view, q, z, target, since, upto, h)
 
@@ -271,51 +281,51 @@ def rule_entry(model, own_rows):
         pre = pre_values(p, q, thread, own, step, h)
         place = row[t.ROW] + source * (net.edges.shape[1] - 1) + thread
         end = net.rows[place + 1]
-        # A row that reaches nearly all blocks marks them in one pass; with delays of their own they arrive in many
-        # steps.
-        wide = row[t.WAKE_ALL] == 1 and row[t.DELAY_STRIDE] == 0
+        # A row that reaches nearly all blocks marks all of them at once, unless its synapses arrive in different steps.
+        marks_all = row[t.WAKE_ALL] == 1 and row[t.DELAY_STRIDE] == 0
         past_width, others_width = 8 * p.past.shape[1], 8 * p.others.shape[1] * p.others.shape[2]
-        slot = slot_of_first(net, row, receptors, step)
+        slot = slot_address(net, row, receptors, step)
         pasts, others = address(p.past), address(p.others)
         for e in range(net.rows[place], end):
-            ahead = np.int64(net.targets[min(e + AHEAD, end - 1)])
-            prefetch(slot + 8 * ahead)
-            prefetch(pasts + past_width * (target_row[t.HISTORY] + ahead))
-            prefetch(others + others_width * (target_row[t.HISTORY] + ahead))
+            next_target = np.int64(net.targets[min(e + AHEAD, end - 1)])
+            prefetch(slot + 8 * next_target)
+            prefetch(pasts + past_width * (target_row[t.HISTORY] + next_target))
+            prefetch(others + others_width * (target_row[t.HISTORY] + next_target))
             s = e - row[t.SYNAPSE]
             z = table[t.FIRST_SYNAPSE] + s
             target = np.int64(net.targets[e])
-            delay = heard_after(net, row, s)
+            delay = post_delay(net, row, s)
             history = target_row[t.HISTORY] + target
-            # Post before pre within a step: what arrives now acts first, and is not in the traces that are read below.
-            flow(view, Synapse(q, z, own, target, history, delay), thread, step, True, h)
+            # Post acts before pre within a step: a post spike that arrives now acts first, and is not in the traces
+            # that are read below.
+            apply_post_spikes(view, Synapse(q, z, own, target, history, delay), thread, step, True, h)
             neuron = target_row[t.BEGIN] + target
             newest = newest_before(p.past[history], step - delay)
             post = post_values(view, q, column, history, newest, neuron, step - delay, h)
             c = p.rule[row_of(q, p.table[q], z)]
             learn_pre(p, q, z, c, step, nth, pre, post)
-            weight = sent(p.y, z, c) + 0.0  # -0.0 would be no input
+            weight = sent_weight(p.y, z, c) + 0.0  # -0.0 would be no input
             second = 1 if receptors == 2 and weight < 0.0 else 0
-            at = step + taken(p, q, z, delay, h)
+            at = step + delivery_delay(p, q, z, delay, h)
             ring = row[t.RING] + ((at & row[t.RING_MASK]) * receptors + second) * row[t.RING_SIZE]
             net.buf[ring + target] += 1.0 if relay == 1 else weight
-            if not wide:
+            if not marks_all:
                 due[(at & slots) * blocks + target_row[t.FIRST_BLOCK] + (target >> t.BLOCK_SHIFT)] = 1
-        if wide and net.rows[place] < end:
-            # With one delay all arrive in one step: one pass of marks in place of one a synapse.
-            due_everywhere(net, target_row, step + np.int64(net.delays[row[t.DELAY]]), thread)
-        # After all synapses: a pre spike does not count in the trace that it reads itself.
+        if marks_all and net.rows[place] < end:
+            # With one delay all spikes arrive in one step, so the blocks are marked in one pass.
+            mark_all_due(net, target_row, step + np.int64(net.delays[row[t.DELAY]]), thread)
+        # Updated after all synapses, because a pre spike does not count in the trace that its synapses read.
         for j in range(n_pre):
             kind = p.kinds[q, j]
             if kind[TAU] == TIME:
                 p.k_plus[thread, own + j] = step + 1.0
             else:
-                p.k_plus[thread, own + j] = grown(kind, pre_value(p, q, j, kind, thread, own, step, h), 1)
+                p.k_plus[thread, own + j] = trace_after(kind, pre_value(p, q, j, kind, thread, own, step, h), 1)
         p.k_time[thread, own] = step
         p.spiked[thread, own] = step
 
     @subkernel
-    def bring(view, q, target, step, thread, whole, h):
+    def catch_up(view, q, target, step, thread, whole, h):
         net, p = net_of(view), plastic_of(view)
         table = p.table[q]
         row = net.projections[table[t.PROJECTION]]
@@ -325,39 +335,39 @@ def rule_entry(model, own_rows):
             z = table[t.FIRST_SYNAPSE] + np.int64(p.in_synapse[i])
             own = table[t.FIRST_SOURCE] + np.int64(p.in_source[i]) * table[t.SOURCE_STRIDE]
             if not modulated and p.past[history, APPLIED] <= p.spiked[thread, own]:
-                # The weight that a read shows is that of the last pre spike, as NEST's; what post spikes change is sent
-                # later.
-                p.sent[z] = p.y[0, z]  # see `lazy_stdp`
-            delay = heard_after(net, row, z - table[t.FIRST_SYNAPSE])
-            flow(view, Synapse(q, z, own, target, history, delay), thread, step, whole, h)
+                # A read shows the weight of the last pre spike, as in NEST, so it is stored before post spikes change
+                # it (see `lazy_stdp`).
+                p.sent[z] = p.y[0, z]
+            delay = post_delay(net, row, z - table[t.FIRST_SYNAPSE])
+            apply_post_spikes(view, Synapse(q, z, own, target, history, delay), thread, step, whole, h)
 
     @kernel
     def run(view, q, operation, index, step, thread, h):
         if operation >= PRE_SPIKE:
             pre_spike(view, q, index, step, operation - PRE_SPIKE, thread, h)
         else:
-            bring(view, q, index, step, thread, operation == BRING_WHOLE, h)
+            catch_up(view, q, index, step, thread, operation == CATCH_UP_WHOLE, h)
         return 0
 
     return Entry(run, RULE_TYPE, model)
 
 
 DECAYS = 2048
-"""Steps for which decays are kept in tables."""
+"""Number of steps for which tables hold the decay."""
 
 
 @inlined
-def decayed(table, steps, h, tau, k):
-    """What is left after some steps of a trace that decays with tau[k]; `table` holds it for the first steps."""
-    # A table in place of exp; where it does not begin with 1, time constants differ and there is none.
+def decay_by_index(table, steps, h, tau, k):
+    """Return the decay with tau[k] over some steps; `table` holds the decay over the first steps."""
+    # The table replaces exp. If it does not begin with 1, time constants differ between neurons and there is no table.
     if steps < DECAYS and table[0] == 1.0:
         return table[steps]
     return math.exp(-steps * h / tau[k])
 
 
 @inlined
-def left(table, steps, h, tau):
-    """Likewise of one time constant; where it is 0, nothing is ever left."""
+def decay_over(table, steps, h, tau):
+    """Return the decay with tau over some steps; 0 if tau is 0."""
     if steps < DECAYS and table[0] == 1.0:
         return table[steps]
     return math.exp(-steps * h / tau) if tau > 0.0 else 0.0

@@ -1,9 +1,9 @@
-"""Learning by moves: eligibility is gathered after each step of the target, and a signal teaches all that has some.
+"""Learning by moves: eligibility is gathered after each step of the target, and a signal applies it to the weights.
 
-A projection that learns so is delivered like a static one. What is kept beside is sparse: a list of the sources whose
-traces are not 0 (*lit*), over which a post spike gathers, and one of those whose synapses may have a state that is not
-0 (*live*), which a signal teaches. So a step costs with what is active, and a move with what was since the states were
-last 0: of an agent's 61,000 synapses a few thousand.
+Such a projection is delivered like a static one. Two sparse lists are kept besides: the sources with a trace that is
+not 0 (*lit*), from which a post spike gathers, and the sources whose synapses may have a state that is not 0 (*live*),
+which a signal teaches. So the time of a step grows with the active sources, and that of a move with the sources that
+were active since the states were last 0: in an agent, a few thousand of 61,000 synapses.
 """
 
 # mypy: ignore-errors
@@ -18,31 +18,31 @@ from neuro_event.loop.lazy_rules import tuple_of
 from neuro_event.loop.tables import RULE_TYPE, call_moves, net_of, plastic_of
 
 GATHER, TEACH = range(2)
-"""Operations of an entry."""
+"""Operations of a compiled rule."""
 
 DENSE_FROM = 8
-"""Where one of so many targets or more is concerned, all are."""
+"""If at least one of `DENSE_FROM` targets is concerned, a dense projection gathers for all targets."""
 
 LIT, LIVE = range(2)
-"""Columns of `move_count` of a projection."""
+"""The two lists of sources: index in `move_lists` and column of `move_count`."""
 
 
 @inlined
 def trace_of(p, j, kind, thread, own):
-    """A pre trace of a source in the present step."""
+    """Return a pre trace of a source in the present step."""
     return p.move_x[thread, own + j]
 
 
 @inlined
 def targets_of(net, target_row, thread):
-    """The targets of a thread: the first, and the end."""
+    """Return the first and the end of the targets of a thread."""
     lo = net.edges[target_row[t.NUMBER], thread] * t.BLOCK - target_row[t.BEGIN]
     return lo, min(net.edges[target_row[t.NUMBER], thread + 1] * t.BLOCK, target_row[t.END]) - target_row[t.BEGIN]
 
 
 @inlined
-def row_of(net, row, source, thread):
-    """A source's synapses onto the targets of a thread, counted within the projection: the first, and the end."""
+def synapse_range(net, row, source, thread):
+    """Return the first and the end of a source's synapses onto the targets of a thread, counted in the projection."""
     if row[t.LAYOUT] == t.DENSE:
         target_row = net.pops[row[t.TARGET]]
         lo, hi = targets_of(net, target_row, thread)
@@ -57,7 +57,7 @@ def row_of(net, row, source, thread):
 
 @inlined
 def target_of(net, row, source, s):
-    """The target of the synapse s of a projection."""
+    """Return the target of synapse s of a projection."""
     if row[t.LAYOUT] == t.DENSE:
         target_row = net.pops[row[t.TARGET]]
         return s - source * (target_row[t.END] - target_row[t.BEGIN])
@@ -65,8 +65,8 @@ def target_of(net, row, source, s):
 
 
 @subkernel
-def place_of(net, row, source, first, end, target):
-    """The first synapse of a row, first:end, onto a target or one behind it; targets of a row ascend."""
+def first_synapse_onto(net, row, source, first, end, target):
+    """Return the first synapse in first:end onto a target, or the one after it; targets of a row ascend."""
     while first < end:
         middle = (first + end) // 2
         if target_of(net, row, source, middle) < target:
@@ -77,8 +77,8 @@ def place_of(net, row, source, first, end, target):
 
 
 @subkernel
-def light(p, k, thread, source):
-    """Put a source on the lists; its traces are 0."""
+def activate(p, k, thread, source):
+    """Add a source, whose traces are 0, to both lists."""
     place = p.move_table[k, t.MOVE_SOURCE] + source
     if p.move_is_lit[thread, place] == 0:
         p.move_is_lit[thread, place] = 1
@@ -92,33 +92,33 @@ def light(p, k, thread, source):
 
 @cache
 def move_entry(model):
-    """The passes of one rule."""
+    """Compile the passes of one rule."""
     gather, teach = compiled(model.arithmetic.gather), compiled(model.arithmetic.teach)
     traces = tuple_of(trace_of, model.pre, "p, {j}, {kind}, thread, own")
     n_pre, n_states = len(model.pre), len(model.states)
 
     @subkernel
-    def hear(view, k, step, thread):
-        """Let the traces decay for a step, and grow by the spikes that arrive in it."""
+    def update_traces(view, k, step, thread):
+        """Let the traces decay by a step, and increase them by the spikes that arrive."""
         net, p = net_of(view), plastic_of(view)
         row = net.projections[p.move_table[k, t.MOVE_PROJECTION]]
         first, lit = p.move_table[k, t.MOVE_SOURCE], p.move_lists[thread, LIT]
         n, at = p.move_count[thread, k, LIT], 0
         while at < n:
             source = lit[first + at]
-            own, loud = (first + source) * t.MOVE_TRACES, False
+            own, is_active = (first + source) * t.MOVE_TRACES, False
             for j in range(n_pre):
                 x = p.move_x[thread, own + j] * p.move_left[k, j]
                 p.move_x[thread, own + j] = x
-                loud |= abs(x) >= p.move_x_min[k]
-            if loud:
+                is_active |= abs(x) >= p.move_x_min[k]
+            if is_active:
                 at += 1
                 continue
             for j in range(n_pre):
                 p.move_x[thread, own + j] = 0.0
             p.move_is_lit[thread, first + source] = 0
             n -= 1
-            # The order of the list does not matter: a source's synapses are its own.
+            # The order of the list has no effect, because synapses of different sources are independent.
             lit[first + at] = lit[first + n]
         p.move_count[thread, k, LIT] = n
         emitted = step - 1
@@ -131,24 +131,23 @@ def move_entry(model):
                 net.log_ends[sender, slot, row[t.SOURCE]], net.log_ends[sender, slot, row[t.SOURCE] + 1]
             ):
                 source = net.log_ids[sender, place & mask] - begin
-                light(p, k, thread, source)
+                activate(p, k, thread, source)
                 own = (first + source) * t.MOVE_TRACES
                 for j in range(n_pre):
                     p.move_x[thread, own + j] += p.move_adds[k, j] * net.log_counts[sender, place & mask]
 
     @subkernel
     def gather_from(view, k, source, thread, n):
-        """Let a step of the n concerned targets add to the eligibility of their synapses from a lit source."""
+        """Gather the eligibility of the synapses from a lit source onto the n concerned targets."""
         net, p = net_of(view), plastic_of(view)
         row, c = net.projections[p.move_table[k, t.MOVE_PROJECTION]], p.move_rule[k]
         to_target, to = p.move_table[k, t.MOVE_TARGET], p.move_table[k, t.MOVE_SYNAPSE]
         pre = traces(p, thread, (p.move_table[k, t.MOVE_SOURCE] + source) * t.MOVE_TRACES)
-        first, end = row_of(net, row, source, thread)
+        first, end = synapse_range(net, row, source, thread)
         lo, hi = targets_of(net, net.pops[row[t.TARGET]], thread)
         y = p.move_y
         if row[t.LAYOUT] == t.DENSE and DENSE_FROM * n >= hi - lo:
-            # Neighbours of those concerned come along, for whom `gather` does nothing: four at a time are as fast as
-            # one alone.
+            # `gather` does nothing for the other targets. With vector instructions four synapses take the time of one.
             s_0, i_0 = np.uint64(to + first), np.uint64(to_target + lo)
             for e in range(np.uint64(hi - lo)):
                 gather(y, s_0 + e, c, pre, p.move_spikes[i_0 + e], p.move_seen[i_0 + e], p.move_gate[i_0 + e])
@@ -157,22 +156,22 @@ def move_entry(model):
             target = p.move_concerned[to_target + lo + at]
             place = to_target + target
             spikes, seen, gate = p.move_spikes[place], p.move_seen[place], p.move_gate[place]
-            if row[t.LAYOUT] == t.DENSE:  # all there are nearly always: no search
+            if row[t.LAYOUT] == t.DENSE:  # the synapse follows from the target without a search
                 gather(y, np.uint64(to + first + target - lo), c, pre, spikes, seen, gate)
                 continue
-            for s in range(place_of(net, row, source, first, end, target), end):
+            for s in range(first_synapse_onto(net, row, source, first, end, target), end):
                 if target_of(net, row, source, s) != target:
                     break
                 gather(y, np.uint64(to + s), c, pre, spikes, seen, gate)
 
     @subkernel
     def gather_all(view, k, step, thread):
-        """What a step of the target adds to the eligibility."""
+        """Gather the eligibility of a step of the target population."""
         net, p = net_of(view), plastic_of(view)
         row = net.projections[p.move_table[k, t.MOVE_PROJECTION]]
         target_row, state = net.pops[row[t.TARGET]], p.move_table[k, t.MOVE_SEEN]
         begin, to, number = target_row[t.BEGIN], p.move_table[k, t.MOVE_TARGET], target_row[t.NUMBER]
-        hear(view, k, step, thread)
+        update_traces(view, k, step, thread)
         if p.move_count[thread, k, LIT] == 0:
             return
         mask = net.log_ids.shape[1] - 1
@@ -185,7 +184,7 @@ def move_entry(model):
                 p.move_concerned[to + lo + n] = target
                 n += 1
         if state >= 0:
-            # Neurons that did not spike are seen, too.
+            # The rule also reads the state of neurons that did not spike.
             for target in range(lo, min(net.edges[number, thread + 1] * t.BLOCK, target_row[t.END]) - begin):
                 p.move_seen[to + target] = net.state[state, begin + target]
                 if p.move_seen[to + target] != 0.0 or p.move_spikes[to + target] != 0.0:
@@ -202,17 +201,17 @@ def move_entry(model):
 
     @subkernel
     def teach_row(view, k, source, thread):
-        """Let the signal act on the synapses of a source; return whether any keeps a state that is not 0."""
+        """Apply the signal to the synapses of a source; return whether any still has a state that is not 0."""
         net, p = net_of(view), plastic_of(view)
         row, c = net.projections[p.move_table[k, t.MOVE_PROJECTION]], p.move_rule[k]
-        first, end = row_of(net, row, source, thread)
+        first, end = synapse_range(net, row, source, thread)
         n, y, sign, some = np.uint64(end - first), p.move_y, p.move_sign[k], False
         z, w = np.uint64(p.move_table[k, t.MOVE_SYNAPSE] + first), np.uint64(row[t.WEIGHT] + first)
         signals = np.uint64(p.move_table[k, t.MOVE_TARGET])
         if n == 0:
             return False
         if row[t.LAYOUT] == t.DENSE:
-            # Signals lie side by side, and the loop takes several at once.
+            # The signals are contiguous, so the loop is vectorised.
             signals += np.uint64(target_of(net, row, source, first))
             for e in range(n):
                 teach(y, z + e, c, p.move_signal[signals + e])
@@ -256,7 +255,7 @@ def move_entry(model):
 
 @kernel
 def gather_moves(view, thread, pop, step, h):
-    """After a step of a population: what the synapses onto it that learn by moves gather."""
+    """Gather the eligibility of all synapses onto a population that learn by moves, after a step of it."""
     net, p = net_of(view), plastic_of(view)
     for k in range(p.move_table.shape[0]):
         if net.projections[p.move_table[k, t.MOVE_PROJECTION], t.TARGET] == pop:
@@ -265,17 +264,17 @@ def gather_moves(view, thread, pop, step, h):
 
 @kernel
 def teach_moves(view, k, values):
-    """Let a signal act on a projection, one value for each target."""
+    """Apply a signal, one value per target, to a projection."""
     p = plastic_of(view)
     first = p.move_table[k, t.MOVE_TARGET]
-    for target in range(values.shape[0]):  # numba would copy the values before it assigns a slice
+    for target in range(values.shape[0]):  # a loop, because numba copies the values before it assigns a slice
         p.move_signal[first + target] = values[target]
     call_moves(view, k, TEACH, 0, 0, 0, 0.0)
 
 
 @kernel
 def clear_moves(view, k):
-    """Let all states of a projection be 0: only live rows have others."""
+    """Set all states of a projection to 0. Only live rows have others."""
     net, p = net_of(view), plastic_of(view)
     row, first = net.projections[p.move_table[k, t.MOVE_PROJECTION]], p.move_table[k, t.MOVE_SOURCE]
     to = p.move_table[k, t.MOVE_SYNAPSE]
@@ -283,7 +282,7 @@ def clear_moves(view, k):
         n, at = p.move_count[thread, k, LIVE], 0
         while at < n:
             source = p.move_lists[thread, LIVE, first + at]
-            begin, end = row_of(net, row, source, thread)
+            begin, end = synapse_range(net, row, source, thread)
             for state in range(1, p.move_y.shape[0]):
                 p.move_y[state, to + begin : to + end] = 0.0
             if p.move_is_lit[thread, first + source] == 1:
@@ -296,8 +295,8 @@ def clear_moves(view, k):
 
 
 @kernel
-def enliven(view, k):
-    """Put all sources of a projection on the list of those that a signal teaches, after states were set."""
+def mark_all_live(view, k):
+    """Add all sources of a projection to the live list, after states were set."""
     net, p = net_of(view), plastic_of(view)
     row, first = net.projections[p.move_table[k, t.MOVE_PROJECTION]], p.move_table[k, t.MOVE_SOURCE]
     source_row = net.pops[row[t.SOURCE]]

@@ -1,4 +1,4 @@
-"""One step of a population of neurons: wake, take in, step, fire. Quiet blocks sleep."""
+"""One step of a population of neurons: wake blocks, add ring input, step, fire. Quiet blocks sleep."""
 
 # mypy: ignore-errors
 import numpy as np
@@ -10,7 +10,7 @@ from neuro_event.loop.operations import BARE, CATCH_UP, FIRE, QUIET, STEP
 from neuro_event.loop.tables import call_entry, net_of, post_spike
 
 IDLE = 16
-"""Steps without input after which a block may sleep; it is looked at every so many steps."""
+"""Steps without input after which a block may sleep, and interval of the test, in steps."""
 
 _SIGN = np.int64(-(2**63))
 _ONE = np.uint64(1)
@@ -18,14 +18,14 @@ _MOST = 2.0**63
 
 
 @subkernel
-def emit(view, thread, pop, i, m, step, done, h, at):
+def emit(view, thread, pop, i, m, step, processed_step, h, at):
     """Enter a spike of neuron i into log, counts, record and history; return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
     place = at & (net.log_ids.shape[1] - 1)
     net.log_ids[thread, place] = i
     net.log_counts[thread, place] = m
-    # Nothing here tests for room: `room` has bounded what a step can add before the step began.
+    # The log is not tested for being full here: `room` has bounded the spikes of the step before it began.
     net.events[i] += 1
     net.spikes[i] += m
     if row[t.RECORD] == 1:
@@ -35,20 +35,20 @@ def emit(view, thread, pop, i, m, step, done, h, at):
         net.rec_counts[thread, r] = m
         net.rec_at[thread, 0] = r + 1
     if row[t.HISTORY] >= 0:
-        post_spike(view, pop, thread, i - row[t.BEGIN], m, step, done, h)
+        post_spike(view, pop, thread, i - row[t.BEGIN], m, step, processed_step, h)
     return at + 1
 
 
 @subkernel
 def wake(view, thread, pop, block, last, h):
-    """Bring a sleeping block to the end of step `last`."""
+    """Update a sleeping block to the end of step `last`."""
     net = net_of(view)
     row = net.pops[pop]
-    # Neurons lie in blocks of 64. Every 16 steps a block without input is asked `quiet`: can any of its neurons reach
-    # threshold without input? A bound answers, not stepping. If none can, the block sleeps until input is due or
-    # something is set. These moments follow from steps and events alone, so cutting a run changes nothing.
+    # Every 16 steps a block of 64 neurons without input is tested with `quiet`: can any of its neurons reach threshold
+    # without input? `quiet` computes a bound instead of stepping. If no neuron can, the block sleeps until input is due
+    # or a value is set. These moments depend on steps and events only, so cutting a run has no effect.
     n = last - net.slept[block]
-    # Linear models do n steps at once; of others nothing changed while they slept.
+    # Linear models make n steps at once. The states of other models did not change while they slept.
     if n > 0 and row[t.LINEAR] == 1:
         lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
         call_entry(view, row, CATCH_UP, lo, hi, thread, n, h)
@@ -61,20 +61,20 @@ def is_block_quiet(view, pop, block):
     """Return whether no neuron of a block can fire before its next input."""
     row = net_of(view).pops[pop]
     lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
-    # An entry returns whole numbers only, whatever the operation.
+    # An entry returns integers for all operations.
     return call_entry(view, row, QUIET, lo, hi, 0, 0, 0.0) == 1
 
 
 @subkernel
 def spike(view, pop, i):
-    """What a spike does to its neuron."""
+    """Apply the effect of a spike on its neuron, such as its reset."""
     row = net_of(view).pops[pop]
     call_entry(view, row, FIRE, i, i + 1, 0, 0, 0.0)
 
 
 @subkernel
 def add_ring(view, q, block_lo, block_hi, step, n_all):
-    """Move what the ring of a projection holds for this step into the input of some neurons, and clear it."""
+    """Add the ring values of this step to the input of some neurons, and clear them."""
     net = net_of(view)
     row = net.projections[q]
     target = net.pops[row[t.TARGET]]
@@ -85,28 +85,31 @@ def add_ring(view, q, block_lo, block_hi, step, n_all):
         out = r * n_all
         for i in range(block_lo, block_hi):
             net.buf[out + i] = net.buf[out + i] + net.buf[ring + i]
-            # Cleared while it is in the cache; the slot comes round after the longest delay.
+            # Cleared while it is in the cache. The slot is used again after the longest delay.
             net.buf[ring + i] = -0.0
 
 
 @subkernel
-def heard(view, i, receptors):
-    """Whether a neuron has input in this step."""
+def has_input(view, i, receptors):
+    """Return whether a neuron has input in this step."""
     net = net_of(view)
-    came = False
+    received = False
     for r in range(receptors):
-        # Compared as integers: as floats 0.0 equals -0.0, and a weight of 0 that arrives would count as nothing.
-        came |= net.bits[r, i] != _SIGN
-    return came
+        # Compared as integers, because 0.0 == -0.0: an arriving weight of 0 counts as input, -0.0 does not.
+        received |= net.bits[r, i] != _SIGN
+    return received
 
 
 @subkernel
 def take_arrivals(view, lo, receptors):
-    """How many of a block's neurons had input in this step; it is cleared. To places that no neuron has none comes."""
+    """Return the number of neurons of a block with input in this step, and clear the input.
+
+    Padding places receive no input.
+    """
     net = net_of(view)
     first, bits = np.uint64(lo), net.bits
     count = 0
-    # The sign bit alone is -0.0, no input. Two receptors are compared as integers, 64 neurons without a branch.
+    # -0.0, which means no input, has only the sign bit. Two receptors are compared as integers without a branch.
     if receptors == 2:
         for k in range(first, first + np.uint64(t.BLOCK)):
             count += ((bits[0, k] ^ _SIGN) | (bits[1, k] ^ _SIGN)) != 0
@@ -118,7 +121,7 @@ def take_arrivals(view, lo, receptors):
             bits[0, k] = _SIGN
     else:
         for i in range(lo, lo + t.BLOCK):
-            count += heard(view, i, receptors)
+            count += has_input(view, i, receptors)
         for r in range(receptors):
             bits[r, lo : lo + t.BLOCK] = _SIGN
     return count
@@ -126,7 +129,7 @@ def take_arrivals(view, lo, receptors):
 
 @subkernel
 def arrived(view, thread, pop, i):
-    """How many spikes arrive at a neuron that repeats them; the engine reports a number that 64 bits do not count."""
+    """Return the number of spikes that arrive at a relay; if 64 bits cannot count them, the engine raises an error."""
     net = net_of(view)
     number = net.x[0, i]
     if number + np.float64(net.spikes[i]) < _MOST:
@@ -137,9 +140,9 @@ def arrived(view, thread, pop, i):
 
 @subkernel
 def step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all):
-    """Wake the due blocks among begin:end, take in what their rings hold, and step all that are awake.
+    """Wake the due blocks among begin:end, add their ring input, and step all awake blocks.
 
-    Neighbours that are awake are stepped in one go.
+    Neighbouring awake blocks are stepped in one call.
     """
     net = net_of(view)
     row = net.pops[pop]
@@ -148,82 +151,81 @@ def step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all):
         if block < end and (net.awake[block] == 1 or net.due[thread, slot + block] == 1):
             lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
             if net.awake[block] == 0:
-                # To the end of the step before: this step follows for the block like for all others.
+                # Updated to the end of the last step. This step follows together with the other blocks.
                 wake(view, thread, pop, block, step - 1, h)
             if net.due[thread, slot + block] == 1:
-                # Rings only where a block is due: a ring of a large network lies outside the caches.
+                # Rings are only read for blocks that are due, since the ring of a large network exceeds the caches.
                 for k in range(row[t.RINGS], row[t.RINGS_END]):
                     add_ring(view, net.incoming[k], lo, hi, step, n_all)
             continue
-        # Neighbours go to the model in one call: a call costs 2 ns, a neuron less than 1.
+        # Neighbouring blocks are stepped in one call: a call costs 2 ns, a neuron less than 1 ns.
         if run < block:
             call_entry(view, row, STEP, run * t.BLOCK, min(block * t.BLOCK, row[t.END]), 0, step, 0.0)
         run = block + 1
 
 
 @subkernel
-def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
-    """One step of a population of neurons; return the next place in the log."""
+def step_neurons(view, thread, pop, step, at, processed_step, h, n_all, slots, blocks):
+    """Run one step of a population; return the number of candidates of its group and the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
     first = net.edges[row[t.NUMBER], thread]
     last = net.edges[row[t.NUMBER], thread + 1]
     slot = (step & slots) * blocks
     receptors = row[t.RECEPTORS]
-    n_found = 0
-    if first == last:  # the last group of blocks may be of another thread
-        return n_found, at
+    n_candidates = 0
+    if first == last:  # this thread has none of the neurons
+        return n_candidates, at
     for word in range(first // t.GROUPED, (last + t.GROUPED - 1) // t.GROUPED):
-        # One 64-bit word covers eight blocks: silent networks skip 512 neurons at a time.
+        # One 64-bit word covers eight blocks, so 512 silent neurons are skipped at a time.
         if net.awake_groups[word] == 0 and net.due_groups[thread, slot // t.GROUPED + word] == 0:
             continue
         if net.stop[0] == t.AT_ONCE:
             break
-        # A population begins at a new group of 8 blocks, so that a word never covers two populations.
+        # A population begins at a multiple of 8 blocks, so a word never covers two populations.
         begin, end = word * t.GROUPED, min((word + 1) * t.GROUPED, last)
         step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all)
         for block in range(begin, end):
             if net.awake[block] == 0:
                 continue
-            # Read and cleared here: `due` of the next step of this slot is marked by deliveries to come.
+            # Cleared here, because later deliveries mark this slot for another step.
             due = net.due[thread, slot + block]
             net.due[thread, slot + block] = 0
             lo, active = block * t.BLOCK, 0
             fired = marked(net.fired, lo)
             if fired:
-                # Spikes are rare: bits of the word are taken out one by one, lowest first, which is by id.
+                # Spikes are rare, so the bits of the word are visited one by one, in the order of ids.
                 while fired:
                     i = lo + lowest(fired)
                     fired &= fired - _ONE
-                    came = heard(view, i, receptors)
+                    received = has_input(view, i, receptors)
                     if row[t.GROUP] < 0:
                         m = arrived(view, thread, pop, i) if row[t.RELAY] == 1 else np.int64(net.fired[i])
                         if row[t.PAYLOAD] >= 0:
                             m = np.int64(net.state[row[t.PAYLOAD], i])
                         spike(view, pop, i)
-                        at = emit(view, thread, pop, i, m, step, done, h, at)
-                        active += not came
+                        at = emit(view, thread, pop, i, m, step, processed_step, h, at)
+                        active += not received
                     elif net.muted[i] == 0 and net.closed[row[t.GROUP]] == 0:
-                        # Of a group none fires yet: `settle` compares all of its candidates when the population is
-                        # stepped.
-                        net.found[thread, n_found] = i
-                        net.found_arrived[thread, n_found] = came
-                        n_found += 1
+                        # Neurons of a group do not fire yet: `settle` compares all candidates after this loop.
+                        net.candidates[thread, n_candidates] = i
+                        net.candidate_arrived[thread, n_candidates] = received
+                        n_candidates += 1
                 net.busy[block] = step
             if due:
                 active += take_arrivals(view, lo, receptors)
             net.active[thread, pop] += active
-            if row[t.RELAY] == 1:  # it has no state: it is stepped where spikes arrive
+            if row[t.RELAY] == 1:  # a relay has no state, so it is awake only when spikes arrive
                 net.awake[block] = 0
                 net.slept[block] = step
             elif active:
                 net.busy[block] = step
-            # Asked at multiples of IDLE steps, not IDLE steps after the last event: so the answer does not depend on
-            # where a run was cut.
+            # Tested at multiples of IDLE, not IDLE steps after the last event, so that the result does not depend on
+            # where a run is cut.
             elif step % IDLE == 0 and step - net.busy[block] >= IDLE and is_block_quiet(view, pop, block):
                 net.awake[block] = 0
                 net.slept[block] = step
-    return n_found, at
+    return n_candidates, at
 
 
 SPOTS = t.BLOCK // LANES
@@ -238,20 +240,20 @@ def collect(view, first_state, word):
     """
     net = net_of(view)
     first = word * t.GROUPED * SPOTS
-    one, other = net.state[first_state], net.state[first_state + 1]
-    # The input of 4,000 neurons takes half as much memory as their states, and most of it is empty. Deliveries mark
-    # *spots* of eight neighbours, and what lies there is added, counted and cleared, the rest is never read.
+    first_row, second_row = net.state[first_state], net.state[first_state + 1]
+    # The input of 4,000 neurons is half as large as their states, and most of it is empty. So only the input at marked
+    # spots is added, counted and cleared; the rest is never read.
     marks = marked(net.spots, first)
     while marks:
         spot = first + lowest(marks)
         marks &= marks - _ONE
-        # `step_collecting` counts the bits of the mask.
-        net.spots[spot] = take(one, net.x[0], spot * LANES) | take(other, net.x[1], spot * LANES)
+        # `step_collecting` counts the bits of this mask.
+        net.spots[spot] = take(first_row, net.x[0], spot * LANES) | take(second_row, net.x[1], spot * LANES)
 
 
 @kernel
-def step_collecting(view, thread, pop, step, at, done, h, slots, blocks):
-    """One step of the population; return the next place in the log."""
+def step_collecting(view, thread, pop, step, at, processed_step, h, slots, blocks):
+    """Run one step of a population whose input is added after the step; return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
     first, last = net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]
@@ -260,7 +262,7 @@ def step_collecting(view, thread, pop, step, at, done, h, slots, blocks):
         return at
     total = 0
     for word in range(first // t.GROUPED, (last + t.GROUPED - 1) // t.GROUPED):
-        # Input of 4,000 neurons is half as large as their states, and most of it is empty: spots tell where not.
+        # `due` means that deliveries have marked spots of these blocks.
         due = net.due_groups[thread, slot // t.GROUPED + word] != 0
         if not due and net.awake_groups[word] == 0:
             continue
@@ -274,7 +276,7 @@ def step_collecting(view, thread, pop, step, at, done, h, slots, blocks):
                     wake(view, thread, pop, block, step - 1, h)
                 continue
             if run < block:
-                # Step first, collect afterwards: these models add what arrives to their currents at the end of a step.
+                # Input is collected after the step, because these models add it to their currents at the end of a step.
                 call_entry(view, row, BARE, run * t.BLOCK, min(block * t.BLOCK, row[t.END]), thread, step, 0.0)
             run = block + 1
         if due:
@@ -291,7 +293,7 @@ def step_collecting(view, thread, pop, step, at, done, h, slots, blocks):
                 fired &= fired - _ONE
                 m = np.int64(net.fired[i])
                 spike(view, pop, i)
-                at = emit(view, thread, pop, i, m, step, done, h, at)
+                at = emit(view, thread, pop, i, m, step, processed_step, h, at)
             total += active
             if active:
                 net.busy[block] = step

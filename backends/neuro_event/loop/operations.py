@@ -1,7 +1,7 @@
-"""What a run of neighbouring neurons does, of any model.
+"""Compiled operations on a range of neighbouring neurons of one model.
 
-Each model has an entry of its own, which the loop calls by its address, once for a run of neurons: so a network
-compiles the models that it has, and a new model compiles nothing but itself.
+Each model has its own entry, which the loop calls by its address once for a range of neurons. So a network compiles
+only its models, and a new model compiles only its own code.
 """
 
 # mypy: ignore-errors
@@ -25,11 +25,11 @@ from neuro_event.loop import tables as t
 from neuro_event.loop.tables import ENTRY_TYPE, net_of
 
 
-# A step takes its input and its current as arrays. Where there is none, an array of zeros would still be read for each
-# neuron and step. An opaque type, of which each item is a constant, compiles to a step without the read: memory sets
-# the pace of large networks.
+# A step gets its input and its current as arrays. Without input, an array of zeros would still be read for each neuron
+# and step. An opaque type whose items are a constant compiles to a step without this read. Memory bandwidth limits
+# large networks.
 class Placeholder(types.Opaque):
-    """An array of any shape of which each item is one known number."""
+    """The type of an array of any shape whose items all have one constant value."""
 
     def __init__(self, value):
         super().__init__(name=f"Placeholder({value})")
@@ -66,7 +66,7 @@ def _placeholder(value):
 
 
 no_input = _placeholder(-0.0)
-"""What arrives where nothing does: added to a state it changes no bit."""
+"""The input of neurons without input: -0.0, which changes no bit when it is added to a state."""
 
 no_current = _placeholder(0.0)
 
@@ -74,27 +74,34 @@ no_current = _placeholder(0.0)
 _ONE = np.uint64(1)
 
 CATCH_UP, STEP, BARE, QUIET, FIRE = range(5)
-"""Operations of an entry; `BARE` steps neurons that have neither input nor current."""
+"""Operations of an entry. `BARE` steps neurons without input and current."""
 
 
-def taking(model, function, arguments):
-    """A function of a model, compiled, for these arguments; it may take fewer of them: the first ones."""
+def with_arguments(model, function, arguments):
+    """Return a compiled function of a model for these arguments, of which the model may use only the first ones.
+
+    Example: for "s, c, x, i_0, lo, hi, fired, u" a model without draws may define step(s, c, x, i_0, lo, hi, fired).
+    """
     own = getattr(model.arithmetic, function)
-    # A model that draws nothing takes no `u`; all are called in one way.
-    taken = ", ".join(arguments.split(", ")[: own.__code__.co_argcount])
+    # A model without draws has no argument `u`, but all models are called in the same way.
+    used = ", ".join(arguments.split(", ")[: own.__code__.co_argcount])
     scope = {"own": compiled(own)}
-    exec(f"def {function}({arguments}):\n    return own({taken})", scope)
+    exec(f"def {function}({arguments}):\n    return own({used})", scope)
     return inlined(scope[function])
 
 
 def operations(model):
-    """What a run of neighbouring neurons of a model does; its functions are in `neuro.model.neurons.base`.
+    """Compile the operations of a model on a range of neurons from its functions, see `neuro.model.neurons.base`.
 
-    A model that is not in `NEURONS` may read the current in any way, so of no current it gets an array.
+    A model outside `NEURONS` may read the current in any way, so it always gets an array.
     """
-    constants, fire = taking(model, "constants", "p, h, c"), taking(model, "fire", "s, c, i")
-    step, quiet = taking(model, "step", "s, c, x, i_0, lo, hi, fired, u"), taking(model, "quiet", "s, c, i_0, lo, hi")
-    # Ours take single items of input and current, so a placeholder will do; a third-party step may slice them.
+    constants, fire = with_arguments(model, "constants", "p, h, c"), with_arguments(model, "fire", "s, c, i")
+    step, quiet = (
+        with_arguments(model, "step", "s, c, x, i_0, lo, hi, fired, u"),
+        with_arguments(model, "quiet", "s, c, i_0, lo, hi"),
+    )
+    # The models in `NEURONS` only read single items of input and current, so a placeholder is enough. A third-party
+    # step may slice them.
     foreign = model not in NEURONS
 
     own_catch_up = getattr(model.arithmetic, "catch_up", None)
@@ -102,7 +109,7 @@ def operations(model):
 
         @inlined
         def skip(net, p, c, lo, hi, h, n):
-            """One step of n h in place of n steps."""
+            """Make one step of n h instead of n steps."""
             constants(p, n * h, c)
             step(net.state, c, net.empty_input, net.current, np.uint64(lo), np.uint64(hi), net.fired, net.draws)
 
@@ -118,12 +125,12 @@ def operations(model):
         """Advance neurons that slept for n steps of h ms."""
         net = net_of(view)
         row = net.pops[pop]
-        # Room of the thread: kernels allocate nothing.
+        # A buffer of the thread, since kernels allocate no memory.
         c = net.scratch[thread]
         if row[t.CONSTANT_STRIDE] == 0:
             skip(net, net.parameters[row[t.CONSTANT]], c, lo, hi, h, n)
         else:
-            # Constants differ between neurons: one at a time, with its own row.
+            # Constants differ between neurons, so each neuron is stepped with its own row.
             for i in range(lo, hi):
                 skip(net, net.parameters[row[t.CONSTANT] + i - row[t.BEGIN]], c, i, i + 1, h, n)
 
@@ -133,9 +140,10 @@ def operations(model):
         net = net_of(view)
         row = net.pops[pop]
         if row[t.CONSTANT_STRIDE] == 0:
-            # Unsigned bounds: no index is tested for being one from the end, so loops are vectorised.
+            # With unsigned bounds no index is tested for being negative, so loops are vectorised.
             c, begin, end = net.constants[row[t.CONSTANT]], np.uint64(lo), np.uint64(hi)
-            # A current that no projection brings is a placeholder or zeros: a step without it reads one array less.
+            # Without a projection that carries a current, the current is a placeholder, and a step reads one array
+            # less.
             if row[t.CARRIED] == 1:
                 step(net.state, c, net.x, net.current, begin, end, net.fired, net.draws)
             elif foreign:
@@ -172,7 +180,7 @@ def operations(model):
 
     @subkernel
     def is_quiet(view, pop, lo, hi):
-        """Whether none of the neurons can fire before its next input."""
+        """Return whether none of the neurons can fire before its next input."""
         net = net_of(view)
         row = net.pops[pop]
         if row[t.CONSTANT_STRIDE] == 0:
@@ -185,7 +193,7 @@ def operations(model):
 
     @subkernel
     def fire_one(view, pop, i):
-        """What a spike does to its neuron."""
+        """Apply the effect of a spike on its neuron."""
         net = net_of(view)
         row = net.pops[pop]
         c = net.constants[row[t.CONSTANT] + (i - row[t.BEGIN]) * row[t.CONSTANT_STRIDE]]
@@ -196,7 +204,7 @@ def operations(model):
 
 @subkernel
 def draw(view, pop, lo, hi, step):
-    """Draw the numbers of neurons for a step."""
+    """Draw the random numbers of neurons for a step."""
     net = net_of(view)
     base = step_word(net.keys[pop], step)
     for i in range(lo, hi):
@@ -205,18 +213,18 @@ def draw(view, pop, lo, hi, step):
 
 @cache
 def entry(model):
-    """All operations of one model. Its arguments are those of `neuro_event.loop.tables.call_entry`."""
+    """Return all operations of one model as one function, with the arguments of `tables.call_entry`."""
     catch_up, step_run, step_bare, is_quiet, fire_one = operations(model)
     draws, linear, foreign = model.draws, model.linear, model not in NEURONS
 
     @kernel
     def run(view, pop, operation, lo, hi, thread, step, h):
-        if linear and operation == CATCH_UP:  # of others nothing changes while they sleep; `step`: how many they slept
+        if linear and operation == CATCH_UP:  # other models do not change while they sleep; `step` is the number slept
             catch_up(view, thread, pop, lo, hi, h, step)
         elif operation == STEP:
             if draws:
                 draw(view, pop, lo, hi, step)
-            if foreign:  # ours write it for each neuron; to set it where it is reached is enough
+            if foreign:  # a third-party model need only write `fired` of neurons that fire
                 net_of(view).fired[lo:hi] = 0
             step_run(view, pop, lo, hi)
         elif operation == BARE:
@@ -232,7 +240,7 @@ def entry(model):
 
 @cache
 def generator_entry(model):
-    """What a third-party generator emits in a step."""
+    """Return the compiled step of a third-party generator."""
     emit = compiled(model.arithmetic.emit)
 
     @kernel
@@ -257,7 +265,7 @@ def generator_entry(model):
 
 
 NEURONS: tuple[type[Neuron], ...] = (parrot_neuron, iaf_psc_delta, iaf_psc_exp, iaf_psc_alpha, izhikevich)
-"""Their steps take items of the input and of the current only, and write for each neuron whether it fired."""
+"""Models whose step reads single items of input and current only, and writes `fired` for each neuron."""
 
 RULES: tuple[type[Synapse], ...] = (stdp, stdp_dopa)
-"""Their traces are K+ and K-, see `lazy_stdp`; those of all others are kept as `lazy_rules` has them."""
+"""Rules whose traces are K+ and K-, see `lazy_stdp`. Traces of all other rules are stored as in `lazy_rules`."""

@@ -1,12 +1,12 @@
-"""Learning of shared kernels: `stdp` and `stdp_dopa` on grids, step by step.
+"""Learning of the kernels of grids: `stdp` and `stdp_dopa`, step by step.
 
-A weight of a kernel stands for many synapses, one at each place of a map. In a step the changes of all of them are
-formed from the weight at the beginning of the step. Their sum (or mean over the places that changed) is clipped once,
-and holds from the next step on. Each synapse has an eligibility of its own, since dopamine differs between
-targets. A spike takes the weight of its step along: `at_emission` delivers it before the kernel learns.
+A weight of a kernel stands for many synapses, one at each place of a map. In a step all their changes are computed from
+the weight at the beginning of the step. The sum of the changes (or the mean over the places that changed) is clipped
+once, and holds from the next step on. Each synapse has its own eligibility, since dopamine differs between targets. A
+spike carries the weight of its step: `at_emission` delivers it before the kernel learns.
 
-A step costs with the neurons at both ends and, under dopamine, with the synapses of the places that have any
-eligibility. Weights and eligibilities lie maps innermost, so the inner loops run over neighbours.
+The time of a step grows with the neurons at both ends and, with dopamine, with the synapses of the places that have any
+eligibility. Weights and eligibilities have the maps innermost, so the inner loops run over neighbours.
 """
 
 # mypy: ignore-errors
@@ -19,7 +19,7 @@ from neuro_event.loop.tables import net_of, plastic_of
 from neuro_event.loop.trial_rules import source_place
 
 STDP, STDP_DOPA = range(2)
-"""Rules, as in the column SHARED_RULE."""
+"""Values of the column SHARED_RULE."""
 
 LEFT_C, LEFT_N, LOST_C, LOST_BOTH = range(modulated.DECAYS + 4, modulated.DECAYS + 8)
 """Constants of `stdp_dopa` for a single step."""
@@ -28,11 +28,11 @@ potentiation, depression, within = map(compiled, (pairs.potentiation, pairs.depr
 
 
 @subkernel
-def change(p, table, entry, pair, by, step):
-    """Add to the change of a weight; with `mean` count its place once a step."""
-    if by == 0.0:
+def add_change(p, table, entry, pair, amount, step):
+    """Add to the change of a weight. For a mean, count the place once per step."""
+    if amount == 0.0:
         return
-    p.shared_change[table[t.SHARED_ENTRY] + entry] += by
+    p.shared_change[table[t.SHARED_ENTRY] + entry] += amount
     if table[t.SHARED_MEAN] == 1:
         place = table[t.SHARED_PLACE] + pair
         if p.shared_last[place] != step:
@@ -41,16 +41,16 @@ def change(p, table, entry, pair, by, step):
 
 
 @subkernel
-def earn(p, table, c, position, pair, by):
-    """Add to the eligibility of a synapse, down to c_min; its place is live from now on."""
+def add_eligibility(p, table, c, position, pair, amount):
+    """Add to the eligibility of a synapse, which has the lower bound c_min, and mark its place as live."""
     place = table[t.SHARED_PAIR] + pair
-    p.shared_c[place] = max(p.shared_c[place] + by, c[modulated.C_MIN])
+    p.shared_c[place] = max(p.shared_c[place] + amount, c[modulated.C_MIN])
     p.shared_live[table[t.SHARED_POSITION] + position] = 1
 
 
 @subkernel
-def doses(view, table, step):
-    """Let the dopamine spikes that arrive in a step raise n."""
+def add_dopamine(view, table, step):
+    """Increase n by the dopamine spikes that arrive in a step."""
     net, p = net_of(view), plastic_of(view)
     emitted = step - table[t.SHARED_LATER]
     if emitted < 1:
@@ -78,7 +78,7 @@ def doses(view, table, step):
 
 @subkernel
 def integrate(view, table, c, step):
-    """Let dopamine act for the step that ends now, on the synapses of all places that have an eligibility."""
+    """Integrate dopamine over the step that ends, for the synapses of all places with an eligibility."""
     net, p = net_of(view), plastic_of(view)
     row = net.projections[table[t.SHARED_PROJECTION]]
     maps, size = row[t.MAPS], row[t.DEPTH] * row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH] * row[t.MAPS]
@@ -91,15 +91,15 @@ def integrate(view, table, c, step):
                 if eligibility[entry] != 0.0:
                     n = p.shared_n[to + entry % maps]
                     gain = n * c[modulated.TAU] * c[LOST_BOTH] - c[modulated.B] * c[modulated.TAU_C] * c[LOST_C]
-                    change(p, table, entry, position * size + entry, eligibility[entry] * gain, step)
+                    add_change(p, table, entry, position * size + entry, eligibility[entry] * gain, step)
                     eligibility[entry] *= c[LEFT_C]
         for m in range(maps):
             p.shared_n[to + m] *= c[LEFT_N]
 
 
 @subkernel
-def hear(view, table, c, target, m, step):
-    """Let m spikes of a target, by internal place, arrive at its synapses."""
+def learn_from_post(view, table, c, target, m, step):
+    """Apply m post spikes of a target (internal place) that arrive at its synapses."""
     net, p = net_of(view), plastic_of(view)
     row = net.projections[table[t.SHARED_PROJECTION]]
     maps, columns = row[t.MAPS], row[t.COLUMNS]
@@ -117,16 +117,16 @@ def hear(view, table, c, target, m, step):
                 entry = ((channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j) * maps + own
                 pair = position * size + entry
                 if table[t.SHARED_RULE] == STDP_DOPA:
-                    earn(p, table, c, position, pair, m * (c[modulated.A_PLUS] * k_plus))
+                    add_eligibility(p, table, c, position, pair, m * (c[modulated.A_PLUS] * k_plus))
                 else:
                     w = net.weights[row[t.WEIGHT] + entry]
-                    change(p, table, entry, pair, m * potentiation(w, k_plus, c), step)
+                    add_change(p, table, entry, pair, m * potentiation(w, k_plus, c), step)
     p.shared_heard[table[t.SHARED_TARGET] + target] += m
 
 
 @subkernel
-def send(view, table, c, source, m, step):
-    """Let m spikes of a source, by internal place, teach its synapses; then its trace grows."""
+def learn_from_pre(view, table, c, source, m, step):
+    """Apply m pre spikes of a source (internal place) to its synapses; then increase its trace."""
     net, p = net_of(view), plastic_of(view)
     row = net.projections[table[t.SHARED_PROJECTION]]
     width, sheet = row[t.CHANNEL_WIDTH], row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
@@ -146,27 +146,27 @@ def send(view, table, c, source, m, step):
                 entry = place * maps + own
                 pair = position * size + entry
                 if table[t.SHARED_RULE] == STDP_DOPA:
-                    earn(p, table, c, position, pair, -m * (c[modulated.A_MINUS] * k_minus))
+                    add_eligibility(p, table, c, position, pair, -m * (c[modulated.A_MINUS] * k_minus))
                 else:
                     w = net.weights[row[t.WEIGHT] + entry]
-                    change(p, table, entry, pair, m * depression(w, k_minus, c), step)
+                    add_change(p, table, entry, pair, m * depression(w, k_minus, c), step)
     p.shared_k_plus[table[t.SHARED_SOURCE] + source] += m
 
 
 @subkernel
-def learn(view, table, c):
-    """Let the changes of a step act on the weights."""
+def apply_changes(view, table, c):
+    """Apply the changes of a step to the weights."""
     net, p = net_of(view), plastic_of(view)
     row = net.projections[table[t.SHARED_PROJECTION]]
     first = table[t.SHARED_ENTRY]
     for entry in range(row[t.DEPTH] * row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH] * row[t.MAPS]):
-        by, places = p.shared_change[first + entry], p.shared_places[first + entry]
+        amount, places = p.shared_change[first + entry], p.shared_places[first + entry]
         p.shared_change[first + entry], p.shared_places[first + entry] = 0.0, 0
-        if by == 0.0:
+        if amount == 0.0:
             continue
         if table[t.SHARED_MEAN] == 1:
-            by /= places
-        w = net.weights[row[t.WEIGHT] + entry] + by
+            amount /= places
+        w = net.weights[row[t.WEIGHT] + entry] + amount
         if table[t.SHARED_RULE] == STDP_DOPA:
             w = min(c[modulated.W_MAX], max(c[modulated.W_MIN], w))
         else:
@@ -176,9 +176,9 @@ def learn(view, table, c):
 
 @kernel
 def learn_kernels(view, step, done_arrivals, arrivals_only, h):
-    """All learning of shared kernels in a step: first by arrivals, then by the spikes emitted.
+    """Apply all learning of grids in a step: first arrivals, then the emitted spikes.
 
-    Networks in which a shared kernel learns have one thread.
+    Networks in which the kernels of a grid learn have one thread.
     """
     net, p = net_of(view), plastic_of(view)
     slot, mask = step & (net.log_ends.shape[1] - 1), net.log_ids.shape[1] - 1
@@ -196,16 +196,16 @@ def learn_kernels(view, step, done_arrivals, arrivals_only, h):
             if table[t.SHARED_RULE] == STDP_DOPA:
                 integrate(view, table, c, step)
                 if table[t.SHARED_DOPAMINE] >= 0:
-                    doses(view, table, step)
+                    add_dopamine(view, table, step)
             emitted = step - np.int64(net.delays[row[t.DELAY]])
             if emitted >= 1:
                 ends = net.log_ends[0, emitted & (net.log_ends.shape[1] - 1)]
                 for place in range(ends[row[t.TARGET]], ends[row[t.TARGET] + 1]):
                     local = np.int64(net.log_ids[0, place & mask]) - target[t.BEGIN]
-                    hear(view, table, c, local, np.float64(net.log_counts[0, place & mask]), step)
+                    learn_from_post(view, table, c, local, np.float64(net.log_counts[0, place & mask]), step)
         if arrivals_only == 1:
             continue
         for place in range(net.log_ends[0, slot, row[t.SOURCE]], net.log_ends[0, slot, row[t.SOURCE] + 1]):
             local = np.int64(net.log_ids[0, place & mask]) - source[t.BEGIN]
-            send(view, table, c, local, np.float64(net.log_counts[0, place & mask]), step)
-        learn(view, table, c)
+            learn_from_pre(view, table, c, local, np.float64(net.log_counts[0, place & mask]), step)
+        apply_changes(view, table, c)

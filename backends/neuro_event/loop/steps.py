@@ -1,7 +1,7 @@
-"""The compiled loop that runs every step of every network.
+"""The compiled loop, which runs every step of every network.
 
-`advance` runs the steps first:last for a range of threads. One thread of the machine may do the work of all, and then
-goes through each row of synapses once instead of once a thread. Nothing is allocated in it.
+`advance` runs the steps first:last for a range of threads. If one thread does the work of all, it reads each row of
+synapses once, instead of once per thread. The loop allocates no memory.
 """
 
 # mypy: ignore-errors
@@ -11,8 +11,8 @@ from neuro.kernels.instructions import load_acquire, store_release
 from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.arrivals import deliver
-from neuro_event.loop.generators import draw_poisson, let_emit, list_spikes
-from neuro_event.loop.groups import admit_all, open_groups, weigh_maps
+from neuro_event.loop.generators import draw_poisson, list_spikes, step_generator
+from neuro_event.loop.groups import open_groups, record_potentials, unmute_all
 from neuro_event.loop.lazy_rules import ARRIVE, PRE_SPIKE
 from neuro_event.loop.neurons import step_neurons, wake
 from neuro_event.loop.tables import (
@@ -33,34 +33,35 @@ from neuro_event.loop.tables import (
 )
 
 HALT = -1
-"""Stands in place of a step where threads are to return."""
+"""Value of the common end step that makes all threads return."""
 
 STRIDES = 5
-"""How often a thread stores how far it is while a spike is under way."""
+"""Number of times that a thread publishes its progress within the shortest delay."""
 
 PATIENCE = 50_000
-"""Loads of the other threads' steps, about 100 us, before a thread gives up its processor."""
+"""Number of reads of the other threads' progress, about 100 us, after which a thread yields its processor."""
 
 
 @subkernel
 def act_at_emission(view, thread, upto, dopamine_upto, h):
-    """What spikes do when they are emitted: fill the rings, and learn, up to a step."""
+    """Act on the spikes emitted up to a step: fill the rings, and learn."""
     net = net_of(view)
     clock = net.clock[thread]
     for step in range(clock[t.DONE] + 1, upto + 1):
-        # A trial, a reset or a restored state has dropped all spikes up to the horizon.
+        # Spikes up to the horizon were dropped by a trial, a reset or a restored state.
         if step <= clock[t.HORIZON]:
             continue
         for k in range(net.at_emission.shape[0]):
             at_emission(view, net.at_emission[k], step, step, thread)
-        # Static synapses first, in the order of `at_emission`: sums of rings then have one order, whatever the threads.
+        # Static synapses come first, in the order of `at_emission`, so that sums in rings have the same order for any
+        # number of threads.
         learn_step(view, step, clock[t.DONE_DOPAMINE], thread, h, False)
         if plastic_of(view).shared_table.shape[0] > 0:
             learn_kernels(view, step, clock[t.DONE_DOPAMINE], 0, h)
     clock[t.DONE] = max(clock[t.DONE], upto)
     clock[t.DONE_DOPAMINE] = max(clock[t.DONE_DOPAMINE], upto)
-    # At the end of a run dopamine and post spikes count one step further than pre spikes, which a read must not see
-    # yet.
+    # At the end of a run, dopamine and post spikes act up to one step later than pre spikes: a read must not show the
+    # pre spikes of the last step yet.
     for step in range(clock[t.DONE_DOPAMINE] + 1, dopamine_upto + 1):
         learn_step(view, step, clock[t.DONE_DOPAMINE], thread, h, True)
         if plastic_of(view).shared_table.shape[0] > 0:
@@ -69,31 +70,33 @@ def act_at_emission(view, thread, upto, dopamine_upto, h):
 
 
 @inlined
-def step_population(view, thread, pop, step, done, h):
-    """One step of a population's neurons of a thread, whose input is there."""
+def step_population(view, thread, pop, step, processed_step, h):
+    """Run one step of a population on a thread. All input of the step must have been added."""
     net = net_of(view)
     row = net.pops[pop]
     at, kind = net.log_at[thread, 0], row[t.KIND]
-    # Ends are kept for every step, also an empty one: a reader of the log finds a population's spikes without a search.
-    # The number of steps is a power of two, so a mask takes the place of a division.
+    # Ends are stored for every step, even without spikes, so that a population's spikes are found without a search. The
+    # number of steps is a power of two, so a mask replaces a division.
     net.log_ends[thread, step & (net.log_ends.shape[1] - 1), pop] = at
     if kind == t.NEURON:
         slots, blocks = slot_mask(net), net.awake.shape[0]
-        # Input that a model only adds to its states need not be read by its step: `step_collecting` steps without it.
+        # A model that only adds its input to its states is stepped without input: `step_collecting` adds it afterwards.
         if row[t.COLLECTS] >= 0:
-            at = step_collecting(view, thread, pop, step, at, done, h, slots, blocks)
+            at = step_collecting(view, thread, pop, step, at, processed_step, h, slots, blocks)
         else:
-            n_found, at = step_neurons(view, thread, pop, step, at, done, h, net.x.shape[1], slots, blocks)
-            # Compiled apart and called by its address: only networks with groups compile it.
-            if n_found > 0:
-                at = settle(view, thread, pop, n_found, step, at, done, h)
+            n_candidates, at = step_neurons(
+                view, thread, pop, step, at, processed_step, h, net.x.shape[1], slots, blocks
+            )
+            # `settle` is called by its address, so that only networks with groups compile it.
+            if n_candidates > 0:
+                at = settle(view, thread, pop, n_candidates, step, at, processed_step, h)
     elif kind == t.POISSON:
-        at = draw_poisson(view, thread, pop, step, at, done, h)
+        at = draw_poisson(view, thread, pop, step, at, processed_step, h)
     elif kind == t.LISTED:
-        at = list_spikes(view, thread, pop, step, at, done, h)
+        at = list_spikes(view, thread, pop, step, at, processed_step, h)
     elif kind == t.GENERATOR:
-        at = let_emit(view, thread, pop, step, at, done, h)
-    # Each thread's place is alone in its cache line: a line that two write goes back and forth, 250 ns each way.
+        at = step_generator(view, thread, pop, step, at, processed_step, h)
+    # Each thread's place has its own cache line. A line that two threads write moves between cores, 250 ns each time.
     net.log_at[thread, 0] = at
     if row[t.GATHERS] == 1:
         gather_moves(view, thread, pop, step, h)
@@ -101,13 +104,13 @@ def step_population(view, thread, pop, step, done, h):
 
 @subkernel
 def advance(view, begin, stop, first, last, h):
-    """Run the steps first:last of the neurons of the threads begin:stop; all spikes before `first` are known."""
+    """Run the steps first:last of the threads begin:stop. All spikes before `first` must be in the logs."""
     net = net_of(view)
     n, driven = net.pops.shape[0], net.lines.shape[0] > 0
-    done = first - 1
-    # Only now have all threads logged the spikes of the slice before; what they send arrives in `first` or later.
+    processed_step = first - 1
+    # Only now have all threads logged the spikes of the last slice. These spikes arrive in step `first` or later.
     for thread in range(begin, stop):
-        act_at_emission(view, thread, done, done, h)
+        act_at_emission(view, thread, processed_step, processed_step, h)
     for step in range(first, last):
         if net.stop[0] == t.AT_ONCE:
             return
@@ -116,14 +119,14 @@ def advance(view, begin, stop, first, last, h):
                 drive(view, thread, step)
         if net.joined.shape[0] > 0:
             deliver_joined(view, begin, stop, step)
-        # Deliver, then step, population by population: the input of one population is still in the cache when it is
-        # stepped. Spikes of this step arrive in the next at the earliest, so the order of populations changes nothing.
+        # Each population is stepped right after its deliveries, while its input is in the cache. Spikes of this step
+        # arrive in the next step at the earliest, so the order of populations has no effect.
         for pop in range(n):
             row = net.pops[pop]
             if row[t.KIND] == t.NEURON:
                 deliver(view, row[t.JOINED_END], row[t.ARRIVALS_END], begin, stop, step)
             for thread in range(begin, stop):
-                step_population(view, thread, pop, step, done, h)
+                step_population(view, thread, pop, step, processed_step, h)
         for thread in range(begin, stop):
             if driven:
                 charge(view, thread, step)
@@ -132,15 +135,15 @@ def advance(view, begin, stop, first, last, h):
 
 @subkernel
 def room(view, step, steps, reach):
-    """How many of the next steps the log and the record have room for, whatever fires."""
+    """Return the number of next steps for which log and record are large enough, however many neurons fire."""
     net = net_of(view)
     for thread in range(net.edges.shape[1] - 1):
         n = net.most[thread]
         if n == 0:
             continue
-        # What was emitted before `reach` steps has arrived everywhere, and its place in the log is free.
+        # Spikes older than `reach` steps have arrived everywhere, so their places in the log are free.
         oldest = net.log_ends[thread, (step - reach) & (net.log_ends.shape[1] - 1), 0]
-        # A bound on what can fire, so that no emission tests for room.
+        # `n` bounds the spikes of a step, so that no emission has to test whether the log is full.
         steps = min(steps, (net.log_ids.shape[1] - (net.log_at[thread, 0] - oldest)) // n)
         steps = min(steps, (net.rec_ids.shape[1] - net.rec_at[thread, 0]) // n)
     return steps
@@ -148,27 +151,26 @@ def room(view, step, steps, reach):
 
 @kernel
 def has_room(view, step, steps, reach):
-    """How many of the next steps have room for whatever fires."""
+    """Return the number of next steps for which log and record are large enough, however many neurons fire."""
     return room(view, step, steps, reach)
 
 
 @kernel
 def run(view, first, last, longest, reach, h):
-    """Run the steps first:last in slices of at most `longest`; return where there was no room to go on, or `last`."""
+    """Run the steps first:last in slices of at most `longest` steps; return the first step without room, or `last`."""
     net = net_of(view)
     threads = net.edges.shape[1] - 1
     step = first
     net.reached[0] = step
     while step < last:
-        # Asked once for many steps: tests for room at each spike cost more than the space that an exact bound would
-        # save.
+        # Tested once for many steps: a test at each spike would cost more than the memory that an exact bound saves.
         until = step + room(view, step, last - step, reach)
         if until == step:
             return step
         while step < until:
             if net.stop[0] != 0:
                 return step
-            # No spike needs less than `longest` steps, so within a slice no population waits for another one's spikes.
+            # All delays are at least `longest` steps, so within a slice no population needs spikes of another one.
             end = min(step + longest, until)
             advance(view, 0, threads, step, end, h)
             step = end
@@ -181,16 +183,16 @@ def run(view, first, last, longest, reach, h):
 
 @subkernel
 def only_spikes(view):
-    """Whether threads need nothing of each other but spikes that arrive: no ring to fill, no learning, no currents."""
+    """Return whether threads only exchange spikes: there are no rings to fill, no learning and no varying currents."""
     net = net_of(view)
-    # Rings, learning and currents are worked out at the end of a slice from what all threads have logged in it: with
-    # any of them all threads must begin each slice together.
+    # Rings, learning and currents are computed at the end of a slice from the logs of all threads, so threads that need
+    # them must begin each slice together.
     return net.at_emission.shape[0] + plastic_of(view).table.shape[0] + net.lines.shape[0] == 0
 
 
 @subkernel
 def slowest(progress):
-    """The step up to which all threads are done."""
+    """Return the step up to which all threads are done."""
     step = load_acquire(progress, 0)
     for thread in range(1, progress.shape[0] - 1):
         step = min(step, load_acquire(progress, thread))
@@ -198,14 +200,14 @@ def slowest(progress):
 
 
 @subkernel
-def allow(view, progress, step, last, ahead, reach):
-    """Let all threads run on where all have done the steps up to `step`, or halt them where none can.
+def allow(view, progress, step, last, most, reach):
+    """Extend the common end step, if all threads have done the steps up to `step`, or halt them if the logs are full.
 
-    They may go as far as there is room for whatever fires; what one that is ahead has logged is counted twice.
+    The spikes of threads that are ahead are counted twice, so the new end never exceeds the size of the logs.
     """
     threads = progress.shape[0] - 1
     end = load_acquire(progress, threads)
-    to = step + room(view, step, min(ahead, last - step), reach)
+    to = step + room(view, step, min(most, last - step), reach)
     # One thread decides for all, so that no two see different ends.
     if to > end:
         store_release(progress, threads, to)
@@ -215,28 +217,30 @@ def allow(view, progress, step, last, ahead, reach):
 
 @kernel
 def share(view, progress, thread, last, longest, reach, h):
-    """Run one thread's part of the steps up to `last` beside the other threads that do so.
+    """Run one thread's part of the steps up to `last`, while other threads run theirs.
 
-    No spike needs less than `longest` steps: a thread that waits for nothing but spikes may be so many steps ahead of
-    the slowest. Else threads begin each slice of so many together. Rows of `progress` hold the step up to which each
-    thread is done; the last one holds the step up to which all may run, as thread 0 decides, or `HALT`. Return 1 where
-    all is done or there is no room for more steps; 0 where the others have been waited for in vain: a later call goes
-    on from there.
+    All delays are at least `longest` steps. So a thread that only needs spikes may be `longest` steps ahead of the
+    slowest one. Otherwise all threads begin each slice of `longest` steps together.
+
+    Each row of `progress` holds the step up to which a thread is done. The last row holds the step up to which all may
+    run, which thread 0 sets, or `HALT`.
+
+    Return 1 if all steps are done or the logs are full. Return 0 after waiting in vain for other threads; a later call
+    continues.
     """
     threads = progress.shape[0] - 1
     free = only_spikes(view)
-    # Threads that need only spikes run up to `longest` steps ahead of the slowest: where one population is busier in
-    # one part, the part that is done goes on instead of waiting. They report five times on the way, so that others
-    # learn of it early; at each step it would cost a cache line that moves between cores.
-    stride, ahead = (max(1, longest // STRIDES), 2 * longest) if free else (longest, longest)
-    patience, known = PATIENCE, HALT
+    # Threads that only need spikes run up to `longest` steps ahead of the slowest, so that a thread with less activity
+    # need not wait. They publish their progress `STRIDES` times in this interval: early enough for the other threads,
+    # while at each step a cache line would move between cores.
+    stride, most_ahead = (max(1, longest // STRIDES), 2 * longest) if free else (longest, longest)
+    patience, last_least = PATIENCE, HALT
     while patience > 0:
         least = slowest(progress)
-        # Thread 0 alone decides how far all may run, and only when something has changed: the decision reads the logs
-        # of all.
-        if thread == 0 and least != known:
-            allow(view, progress, least, last, ahead, reach)
-            known = least
+        # Only thread 0 sets the common end, and only after a change, since it has to read the logs of all threads.
+        if thread == 0 and least != last_least:
+            allow(view, progress, least, last, most_ahead, reach)
+            last_least = least
         step, end = load_acquire(progress, thread), load_acquire(progress, threads)
         if end == HALT:
             return 1
@@ -248,21 +252,21 @@ def share(view, progress, thread, last, longest, reach, h):
             store_release(progress, thread, end)
             patience = PATIENCE
         else:
-            # It spins for about 100 us and then gives up its processor: a meeting takes one to three microseconds, but
-            # the other thread's core may be taken by another program for milliseconds.
+            # The thread spins for about 100 us and then yields its processor. A synchronisation takes one to three
+            # microseconds, but another program may occupy the other thread's core for milliseconds.
             patience -= 1
     return 0
 
 
 @kernel
 def finish(view, thread, last, h):
-    """What the end of a run shows of learning."""
+    """Apply the learning that a read at the end of a run shows."""
     act_at_emission(view, thread, last - 1, last, h)
 
 
 @kernel
 def wake_blocks(view, pop, blocks, step, h):
-    """Bring the sleeping ones of some blocks of a population to the end of a step."""
+    """Update the sleeping blocks among some blocks of a population to the end of a step."""
     net = net_of(view)
     for block in blocks:
         if net.awake[block] == 0:
@@ -271,7 +275,7 @@ def wake_blocks(view, pop, blocks, step, h):
 
 @kernel
 def wake_population(view, pop, step, h):
-    """Bring the sleeping blocks of a population to the end of a step."""
+    """Update the sleeping blocks of a population to the end of a step."""
     net = net_of(view)
     row = net.pops[pop]
     for block in range(row[t.FIRST_BLOCK], row[t.LAST_BLOCK]):
@@ -281,10 +285,10 @@ def wake_population(view, pop, step, h):
 
 @kernel
 def begin_trial(view, pop, group, start, h):
-    """Drop what is under way after step `start`, open the groups, and reset the population of the trials' own."""
+    """Drop all spikes under way after step `start`, open the groups, and reset the trials' output population."""
     net = net_of(view)
     row = net.pops[pop]
-    # Before the groups are opened: a spike under way from the last trial must not decide this one.
+    # Dropped before the groups open, because a spike under way from the last trial must not decide this one.
     drop_all(view, start)
     open_groups(view)
     net.groups[group, t.IN_TRIAL] = 1
@@ -300,10 +304,10 @@ def begin_trial(view, pop, group, start, h):
 
 @kernel
 def run_trial(view, group, first, last, at_decision, reach, h):
-    """Run the steps first:last of a trial; return the next step: at a decision, where there was no room, or `last`."""
+    """Run the steps first:last of a trial; return the next step: after a decision, where logs are full, or `last`."""
     net = net_of(view)
     for step in range(first, last):
-        # One step at a time: a decision ends a trial in the step in which it falls.
+        # One step at a time, because a decision ends the trial in its step.
         if net.stop[0] != 0 or room(view, step, 1, reach) < 1:
             return step
         advance(view, 0, net.edges.shape[1] - 1, step, step + 1, h)
@@ -314,12 +318,12 @@ def run_trial(view, group, first, last, at_decision, reach, h):
 
 @kernel
 def end_trial(view, pop, group, end, h):
-    """Weigh the maps without a decision, let all neurons fire that are not silenced, and finish step `end`."""
+    """Record the potentials of the maps if there was no decision, unmute the neurons, and finish step `end`."""
     net = net_of(view)
     row = net.pops[pop]
     if net.groups[group, t.WINNER] < 0 or net.local[group, t.RADIUS] >= 0:
-        weigh_maps(view, 0, row, end, h)
-    admit_all(view, row)
+        record_potentials(view, 0, row, end, h)
+    unmute_all(view, row)
     for thread in range(net.edges.shape[1] - 1):
         act_at_emission(view, thread, end - 1, end, h)
     net.groups[group, t.IN_TRIAL] = 0
@@ -327,14 +331,13 @@ def end_trial(view, pop, group, end, h):
 
 @subkernel
 def drop_all(view, step):
-    """Forget every spike under way at the end of a step."""
+    """Drop all spikes under way at the end of a step."""
     net = net_of(view)
     for thread in range(net.clock.shape[0]):
         net.clock[thread, t.HORIZON] = step
         net.clock[thread, t.DONE] = step
         net.clock[thread, t.DONE_DOPAMINE] = step
-    # The rings lie behind the input of the present step in `buf`; -0.0 stands for no input, since adding it changes no
-    # bit.
+    # In `buf` the rings follow the input of the present step. -0.0 means no input, since adding -0.0 changes no bit.
     ring = net.x.shape[0] * net.x.shape[1]
     if net.buf.shape[0] > ring:
         net.buf[ring:] = -0.0
@@ -343,7 +346,7 @@ def drop_all(view, step):
 
 @subkernel
 def learn_step(view, step, done_arrivals, thread, h, arrivals_only):
-    """All pairwise learning of one step: what arrives in it, then the pre spikes emitted in it."""
+    """Apply the pair learning of one step: first arrivals of post and dopamine spikes, then the emitted pre spikes."""
     net, p = net_of(view), plastic_of(view)
     for q in range(p.table.shape[0]):
         if step > done_arrivals:
@@ -353,7 +356,7 @@ def learn_step(view, step, done_arrivals, thread, h, arrivals_only):
                 call_rule(view, p.table[q], ARRIVE, 0, step, thread, h)
         if arrivals_only:
             continue
-        # Pre spikes act at emission, after all that arrives in the step: post is before pre, as in NEST.
+        # Pre spikes act at emission, after all arrivals of the step. So post acts before pre, as in NEST.
         source = net.projections[p.table[q, t.PROJECTION], t.SOURCE]
         slot = step & (net.log_ends.shape[1] - 1)
         mask = net.log_ids.shape[1] - 1

@@ -1,6 +1,7 @@
-"""Columns of the tables that describe a program to the kernels. Neurons are counted through all populations.
+"""Columns of the tables that describe a program to the kernels, and declarations of all arrays.
 
-A population begins at a multiple of `BLOCK * GROUPED` neurons, so that blocks and groups of blocks belong to one.
+Neurons are counted through all populations. A population begins at a multiple of `BLOCK * GROUPED` neurons, so that a
+block and a group of blocks belong to one population.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,call-arg,no-any-return,misc"
@@ -20,7 +21,7 @@ from neuro.kernels import address
 from neuro.kernels.address import Entry, Views, caller, declared, viewer
 from neuro.kernels.jit import inlined, subkernel
 
-# 64 neurons are a block; 8 blocks are a group, whose flags, a byte each, are tested as one word of 64 bits.
+# A block has 64 neurons, and a group has 8 blocks, whose flags of one byte each are tested as one word of 64 bits.
 BLOCK = 64
 BLOCK_SHIFT = 6
 assert 1 << BLOCK_SHIFT == BLOCK
@@ -60,10 +61,10 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     ENTRY,
     CARRIED,
     COLLECTS,
-    GATHERS,  # 1: synapses onto it learn by moves
-    JOINED,  # of what arrives: those in joined rows, and the end
+    GATHERS,  # 1: synapses onto the population learn by moves
+    JOINED,  # first entry of `incoming` in joined rows
     JOINED_END,
-    PAYLOAD,  # the state that its spikes carry, none where they carry no payload
+    PAYLOAD,  # number of the state that spikes carry, NONE without payload
     POPULATION_COLUMNS,
 ) = range(31)
 
@@ -102,7 +103,7 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     RUN,
     SHORTEST,
     DELAYS,
-    SINGLE,  # of joined rows, 1: weights are kept in 32 bits
+    SINGLE,  # 1: the weights of a joined row have 32 bits
     PROJECTION_COLUMNS,
 ) = range(35)
 
@@ -164,7 +165,7 @@ POSITIVE, NEGATIVE, MIXED = range(3)
 ) = range(14)
 
 MOVE_TRACES = 4
-"""The most pre traces of a rule for moves."""
+"""Largest number of pre traces of a rule for moves."""
 
 # lines of currents that change at every step
 (
@@ -183,214 +184,219 @@ MOVE_TRACES = 4
     LINE_COLUMNS,
 ) = range(13)
 
-# how a line goes: one column to all neurons, one to each, or as it is listed
+# values of HOW: one column for all neurons, one column for each, or a list
 TO_ALL, TO_EACH, AS_LISTED = range(3)
 
-# threads
+# columns of `clock`, for each thread
 DONE, DONE_DOPAMINE, HORIZON, OVERRUN, UNCOUNTED = range(5)
 
 # groups
 FIRST_TO_FIRE, IN_TRIAL, WINNER, DECIDED, RIVALS, APART, GROUP_COLUMNS = range(1, 8)
 
-# groups with several winners; RADIUS is NONE for others
+# groups with several winners; RADIUS is NONE for other groups
 RADIUS, PER_MAP, LOCAL_MAPS, LOCAL_ROWS, LOCAL_COLUMNS, NEXT_MAP, NEXT_PLACE, LOCAL_ENTRIES = range(8)
 
-# how they stand
+# columns of `standing`
 OPEN, WINS = range(2)
 
-# why a neuron must not fire: it is left out of a trial, silenced by a winner, or has won
+# bits of `muted`: the neuron is left out of a trial, blocked by a winner, or has won
 SILENCED, BLOCKED, WON = 1, 2, 4
 
 TALLY_BITS = 20
-"""Of a tally, see `generators`: the lower bits that hold spikes; the others hold events, of which there are no more."""
+"""Lower bits of a tally (see `generators`), which count spikes. The upper bits count events, never more than spikes."""
 
 
 NET = """
 # neurons
 pops           i8 0,0               columns columns of `tables`, a row per population
 edges          i8 0,0               program (populations, threads + 1) first block of each thread, and the end
-most           i8 threads           program spikes that a step of each thread can make
-parameters     f8 0,0               run     of each population, or of each neuron where they differ
-constants      f8 0,0               run     computed from them for one step
-scratch        f8 threads,width     step    constants of another interval, a row per thread
-state          f8 states,row@4      run     rows begin elsewhere in their page each
-initial        f8 0,0               program the states at step 0
-x              f8 0,0               view    (receptors, neurons) input of the present step; -0.0 where nothing arrived
+most           i8 threads           program largest number of spikes of each thread in a step
+parameters     f8 0,0               run     of each population, or of each neuron if they differ
+constants      f8 0,0               run     computed from the parameters, for one step
+scratch        f8 threads,width     step    constants for several steps, a row per thread
+state          f8 states,row@4      run     each row begins at another line of its page
+initial        f8 0,0               program states at step 0
+x              f8 0,0               view    (receptors, neurons) input of the present step; -0.0 means no input
 bits           i8 0,0               =x      the same memory as integers
 empty_input    f8 receptors,neurons step    no input
 buf            f8 0                 run     the memory of x, then the rings
 current        f8 neurons@8         run     external current of the present step, pA
 none           f8 group@8           step    no current, for a group of blocks
 lines          i8 0,LINE_COLUMNS    program columns of `tables`, a row per line of currents that change at every step
-line_ends      i8 0                 program of lines that are listed: where the synapses of each neuron end
+line_ends      i8 0                 program for lines with HOW AS_LISTED: end of the synapses of each neuron
 line_columns   i8 0                 program columns of `emitted` of these synapses
-line_lates     i8 0                 program their delays, steps
-line_weights   f8 0                 program of all lines
-shares         f8 0                 program what a step adds of a current that charges a state, for each neuron
-emitted        f8 0                 program currents that are emitted, each value once: of each line (rows, columns)
-emitted_rows   i8 0,0               program (lines, steps) which row of a line is emitted
-emitted_from   i8 1                 program the first of these steps
-fired          u1 neurons@16        step    how often each reached threshold in the present step
-spots          u1 spots@0           step    eight neurons each: not 0 where input arrived, see `step_collecting`
+line_lates     i8 0                 program delays of these synapses, steps
+line_weights   f8 0                 program weights of all lines
+shares         f8 0                 program share of a current that is added to a receptor's state, for each neuron
+emitted        f8 0                 program emitted currents, each value once: (rows, columns) of each line
+emitted_rows   i8 0,0               program (lines, steps) row of a line that is emitted in a step
+emitted_from   i8 1                 program first of these steps
+fired          u1 neurons@16        step    number of times that each neuron reached threshold in the present step
+spots          u1 spots@0           step    eight neurons each: not 0 if input arrived, see `step_collecting`
 spot_words     u8 0                 =spots  a block at a time
-muted          u1 neurons           run     whether it must not fire, and why: bits of `tables`
+muted          u1 neurons           run     reasons why a neuron must not fire: bits SILENCED, BLOCKED, WON
 events         i8 neurons@24        run     spike events of each neuron
-spikes         i8 neurons@32        run     with their multiplicity
-active         i8 threads,activity  run     (threads, populations) neuron-steps with an arrival or a spike
+spikes         i8 neurons@32        run     spikes of each neuron, with multiplicity
+active         i8 threads,activity  run     (threads, populations) neuron steps with an arrival or a spike
 draws          f8 0                 step    random numbers of the present step, empty if no model draws
 order          i8 neurons           program id of each neuron in its population
 awake          u1 blocks            run     whether a block is stepped
 awake_groups   u8 0                 =awake  eight blocks at a time
-due            u1 threads,marks@0   run     where input arrives, by slot and block; each thread marks its own
+due            u1 threads,marks@0   run     marks of blocks that receive input, by slot and block; a row per thread
 due_groups     u8 0,0               =due    eight blocks at a time
 due_slots      u1 0,0,0             view    (threads, slots, blocks) the same memory, by slot
 slept          i8 blocks@0          run     last step of a sleeping block
 busy           i8 blocks@0          run     last step in which a block had input, a spike, or a rate
-mean           f8 neurons           run     of a poisson_generator's neurons, per step
-nothing        f8 neurons           run     exp(-mean)
+mean           f8 neurons           run     mean number of spikes per step of a poisson_generator's neurons
+nothing        f8 neurons           run     exp(-mean), the probability of no spike
 words          u8 threads,group@0   step    random words of a group of blocks, a row per thread
 guides         u2 populations,guides program of `cumulative`, see `neuro.kernels.draws`
 cumulative     f8 populations,table program Poisson tables
-counts         u2 0                 run     rings of multiplicities of generators that keep them
-tally          u4 0                 step    what these have sent that is not in `events` and `spikes` yet
-keys           u8 populations       program of the generators' draws
+counts         u2 0                 run     rings of multiplicities of generators that keep counts
+tally          u4 0                 step    events and spikes of these generators that are not counted elsewhere yet
+keys           u8 populations       program keys of the generators' draws
 list_steps     i8 0                 program listed spikes of the generators
 list_ids       i8 0                 program
 list_counts    i8 0                 program
 cursor         i8 0,0               program (threads + 1, populations) next listed spike; the last row holds the ends
 tau_minus      f8 neurons           run     of each neuron
-found          i8 threads,most      step    neurons of a group that reached threshold
-found_arrived  u1 threads,most      step
-rivals         i8 threads,rivals    step    those of them of which one fires
+candidates     i8 threads,most      step    neurons of a group that reached threshold
+candidate_arrived u1 threads,most   step    whether a candidate had input in the step
+rivals         i8 threads,rivals    step    candidates of which only one fires
 groups         i8 groups,GROUP_COLUMNS run     columns of `tables`
 group_keys     u8 groups            program
-closed         u1 groups            run     whether no neuron of a group may fire any more
-local          i8 groups,LOCAL_ENTRIES program of groups with several winners, columns of `tables`
-standing       i8 groups,2          run     how many of these may still win, and have won in this trial
-map_wins       i8 groups,group_maps run     how often each of their maps has won
+closed         u1 groups            run     1 if no neuron of a group may fire any more
+local          i8 groups,LOCAL_ENTRIES program columns of `tables`, for groups with several winners
+standing       i8 groups,2          run     number of neurons of these groups that may still win, and that have won
+map_wins       i8 groups,group_maps run     number of wins of each map of these groups
 won            i8 0,2               step    winners of this trial, in order, and the step
 clock          i8 threads,line      run     columns of `tables`
-stop           i8 1                 step    whether to end, see `neuro.core.interrupts`
-reached        i8 1                 step    the step before which a run ended
+stop           i8 1                 step    request to end, see `neuro.core.interrupts`
+reached        i8 1                 step    step before which a run ended
 map_of         i8 1                 program map of each neuron of the trials' output
 potential      f8 maps              run     largest V_m of each map
-best           i8 maps              run     the neuron that has it
-resets         i8 0                 program state rows that a trial starts anew
-stages         i8 stages            program addresses of what is compiled apart, see `stages`
+best           i8 maps              run     neuron with the largest V_m of each map
+resets         i8 0                 program state rows that are reset when a trial begins
+stages         i8 stages            program addresses of the functions in `STAGES`
 projections    i8 0,0               columns columns of `tables`, a row per projection
 incoming       i8 0                 program projections by target: those delivered on arrival, then those with a ring
 at_emission    i8 0                 program static projections that are delivered into a ring at emission
 set_out        i8 projections       run     step whose spikes are last in the ring, with the weights at emission
-joined         i8 0,PROJECTION_COLUMNS program joined rows: columns of `tables` that say where runs lie
-joined_reach   u1 0,populations     program whether any of their synapses ends there
-queue          i8 threads,queue,3   step    what is about to be added: first and last synapse, multiplicity
+joined         i8 0,PROJECTION_COLUMNS program columns of `tables`, a row per joined row
+joined_reach   u1 0,populations     program 1 if a joined row has synapses onto a population
+queue          i8 threads,queue,3   step    runs to be added: first synapse, end, multiplicity
 # synapses
 rows           i8 0                 program ends of the CSR rows, cut at the threads' edges
-runs           u4 0                 program likewise of the runs of each source and delay, see `arrivals`
-joined_runs    u4 0                 program ends of their runs, as in `runs`
-joined_steps   u2 0                 program place in x of each of their synapses, from the one before in its run
-joined_weights f8 0                 program
-joined_singles f4 0                 program weights of rows whose weights all fit into 32 bits
-joined_bases   i8 0,threads         program where their runs begin in x
+runs           u4 0                 program ends of the runs of each source and delay, see `arrivals`
+joined_runs    u4 0                 program ends of the runs of joined rows, as in `runs`
+joined_steps   u2 0                 program distance in x of each synapse of joined rows to the one before in its run
+joined_weights f8 0                 program weights of joined rows
+joined_singles f4 0                 program weights of joined rows whose weights all fit into 32 bits
+joined_bases   i8 0,threads         program places in x from which the first step of each run counts
 targets        i4 0                 program local targets of all CSR synapses
 weights        f8 0                 run     of all projections
 delays         i4 0                 program of all projections, steps
-late           f8 0                 run     the same in ms where rules for trials change delays; else empty
+late           f8 0                 run     the same in ms if rules for trials change delays; else empty
 # spikes
 log_ids        i4 threads,capacity  run     spikes under way, a ring
 log_counts     i8 threads,capacity  run
-log_ends       i8 threads,steps,ends run     where each population's spikes of a step begin, and the end
-log_at         i8 threads,line      run     where each thread writes next
-rec_steps      i8 threads,capacity  step    recorded spikes of each thread; a snapshot takes them out before
+log_ends       i8 threads,steps,ends run     place in the log of each population's first spike of a step, and the end
+log_at         i8 threads,line      run     next place in the log of each thread
+rec_steps      i8 threads,capacity  step    recorded spikes of each thread; a snapshot empties the record first
 rec_ids        i4 threads,capacity  step
 rec_counts     i8 threads,capacity  step
 rec_at         i8 threads,line      step
 """
-"""The arrays of a network. Columns: name; type; shape, in sizes of `building.build`, 0 where the array is made by what
-fills it, after @ the cache line in its page at which it begins; how long it lives; remarks.
+"""The arrays of a network, one per line: name, type, shape, lifetime, remarks.
 
-| lives | what it holds |
+A shape has the sizes of `building.build`; 0 means that the code that fills the array makes it. A number after @ is the
+cache line in its page at which the array begins.
+
+| lifetime | meaning |
 | --- | --- |
-| run | changes while the network runs: a snapshot has it |
-| columns | likewise, but of some columns only, see `CHANGING` |
-| program | follows from the program, or from what a snapshot has |
-| step | nothing between two runs |
-| view, =name | shows the memory of another array |
+| run | changes while the network runs, and is in a snapshot |
+| columns | some columns change and are in a snapshot, see `CHANGING` |
+| program | follows from the program, or from other arrays of a snapshot |
+| step | holds nothing between two runs |
+| view, =name | shares the memory of another array |
 
-A heading says what `memory` counts an array as.
+A heading is the key under which `memory` counts the arrays below it.
 """
 
 PLASTIC = """
 # neurons
 table          i8 0,0               columns columns of `tables`, a row per plastic projection
-tau            f8 0,0               run     tau_plus and tau_n of each
+tau            f8 0,0               run     tau_plus and tau_n of each projection
 decay          f8 0,0,0             run     (projections, 3 + traces, steps) of tau_plus, tau_n, tau_minus, `kinds`
 k_plus         f8 threads,sources   run     trace of each source at a step, as in `eager_rules`; each thread has a copy
-k_time         i8 threads,sources   run     the step of that value
-spiked         i8 threads,sources   run     the step of each source's last spike
+k_time         i8 threads,sources   run     step of the value in `k_plus`
+spiked         i8 threads,sources   run     step of each source's last spike
 n              f8 targets           run     dopamine of each target at a step
-n_time         i8 targets           run     that step
-heard          f8 0,0               run     (targets, traces) of the post spikes that eager synapses have heard
+n_time         i8 targets           run     step of the value in `n`
+heard          f8 0,0               run     (targets, traces) traces of the post spikes that reached eager synapses
 past           i8 0,0               run     history of each neuron's spikes, see `histories`
 traces         f8 0,0               =past   the same memory as floats
-kinds          f8 0,0,0             run     of third-party rules: time constant, nearest, what a spike adds
-columns        i8 0,0,0             program of each column of `others`: projection and trace
+kinds          f8 0,0,0             run     traces of third-party rules: time constant, nearest, increment by a spike
+columns        i8 0,0,0             program projection and trace of each column of `others`
 others         f8 0,0,0             run     (histories, entries, columns) these traces just before each entry
-draw_keys      u8 0                 program of the synapses' draws, by projection
+draw_keys      u8 0                 program keys of the synapses' draws, by projection
 drawn_as       i8 0                 program number of each synapse in the program's order; empty if no rule draws
-note_this      u1 0                 program whether a synapse is noted at pre spikes; empty if none is
-note_at        i8 threads,8         step    where each thread notes next, in cache lines of its own
+note_this      u1 0                 program 1 if a synapse is recorded at pre spikes; empty if none is
+note_at        i8 threads,8         step    number of records of each thread, each in its own cache line
 note_steps     i8 threads,room      step    step of a pre spike
-note_synapses  i8 threads,room      step    the synapse
-note_y         f8 threads,states,room step    what it was left with
+note_synapses  i8 threads,room      step    synapse of the record
+note_y         f8 threads,states,room step    states of the synapse after the spike
 move_table     i8 0,0               program columns of `tables`, a row per projection that learns by moves
 move_rule      f8 moves,move_width  program constants of each rule
-move_left      f8 moves,move_traces program what a step leaves of a pre trace
-move_adds      f8 moves,move_traces program what a spike adds to it
-move_x_min     f8 moves             program below which a source counts as silent
-move_sign      f8 moves             program what arrives of a weight of 1
+move_left      f8 moves,move_traces program decay of a pre trace in a step
+move_adds      f8 moves,move_traces program increment of a pre trace by a spike
+move_x_min     f8 moves             program traces below this count as 0
+move_sign      f8 moves             program sign with which weights arrive
 move_y         f8 0,0               run     (states, synapses)
 move_x         f8 threads,move_marks run     pre traces of the present step; each thread has a copy
-move_lists     i8 threads,2,move_sources run     sources that are lit, and live, see `moves`
-move_count     i8 threads,moves,2   run     how many
-move_is_lit    u1 threads,move_sources run
-move_is_live   u1 threads,move_sources run
-move_gate      f8 move_targets      run     of each target
-move_signal    f8 move_targets      step    likewise, what teaches
-move_spikes    f8 move_targets      step    likewise, how often each spiked in the present step; 0 between two
-move_seen      f8 move_targets      step    likewise, the state that the rule sees; 0 if it sees none
-move_concerned i8 move_targets      step    targets that spiked or are seen, those of each thread together
+move_lists     i8 threads,2,move_sources run     lit and live sources, see `moves`
+move_count     i8 threads,moves,2   run     lengths of these lists
+move_is_lit    u1 threads,move_sources run     1 if a source is in the list of lit ones
+move_is_live   u1 threads,move_sources run     1 if a source is in the list of live ones
+move_gate      f8 move_targets      run     gate of each target
+move_signal    f8 move_targets      step    signal of each target
+move_spikes    f8 move_targets      step    spikes of each target in the present step; 0 between two steps
+move_seen      f8 move_targets      step    state of each target that the rule reads; 0 if it reads none
+move_concerned i8 move_targets      step    targets with a spike or with such a state, those of each thread together
 shared_table   i8 0,0               program columns of `tables`, a row per shared kernel that learns
 shared_rule    f8 0,0               program constants of each rule
-shared_left_plus f8 shared          program what a step leaves of K+
-shared_left_minus f8 shared_targets program likewise of K-
+shared_left_plus f8 shared          program decay of K+ in a step
+shared_left_minus f8 shared_targets program decay of K- in a step
 shared_k_plus  f8 shared_sources    run     trace of each source
 shared_k_minus f8 shared_targets    run     trace of each target, of the spikes that arrived before the present step
 shared_heard   f8 shared_targets    run     spikes that have arrived in the present step
 shared_n       f8 shared_targets    run     dopamine of each target
-shared_dose    f8 shared_targets    step    dopamine spikes of the present step, by id; 0 between two
-shared_live    u1 shared_positions  run     whether a place has any eligibility
+shared_dose    f8 shared_targets    step    dopamine spikes of the present step, by id; 0 between two steps
+shared_live    u1 shared_positions  run     1 if a place has any eligibility
 # synapses
 shared_change  f8 shared_entries    run     change of each weight in the present step
-shared_places  i8 shared_entries    run     places that have changed it, where the mean counts
+shared_places  i8 shared_entries    run     number of places that have changed each weight, for a mean
 shared_c       f8 shared_pairs      run     eligibility of each synapse
-shared_last    i8 shared_marks      run     the last step in which a synapse has changed its weight
-rule           f8 0,0               program constants of each rule, then those of synapses that have their own
+shared_last    i8 shared_marks      run     last step in which a synapse has changed its weight
+rule           f8 0,0               program constants of each rule, then of synapses with their own numbers
 y              f8 0,0               run     (states, synapses)
 sent           f8 0                 run     weight at the last pre spike
 reached        i8 0                 run     step up to which a modulated synapse has learnt; empty if none is
-incoming       i8 0                 program synapses by target: ends
-in_synapse     i4 0                 program the synapses, from the first of their projection on
-in_source      i4 0                 program their sources
+incoming       i8 0                 program ends of the list of synapses of each target
+in_synapse     i4 0                 program synapses in these lists, counted in their projection
+in_source      i4 0                 program sources of these synapses
 """
-"""Likewise of what learns, in sizes of `building.learning`, `building.move_rules` and `building.shared_kernels`."""
+"""The arrays of learning, in the form of `NET`.
+
+The sizes are those of `building.learning`, `building.move_rules` and `building.shared_kernels`.
+"""
 
 CHANGING = {
     "pops": [CONSTANT, CONSTANT_STRIDE, COUNTS],
     "projections": [LAG, RING, RING_MASK, RING_SIZE, WEIGHT, WEIGHT_STRIDE, SIGN, DENSE_COUNTS],
     "table": [GRID_STEPS],
 }
-"""Columns of tables that a run may change; the others follow from the program, or are addresses of this process."""
+"""Columns of tables that a run may change. Other columns follow from the program, or are addresses of this process."""
 
 NET_ARRAYS, PLASTIC_ARRAYS = declared(NET), declared(PLASTIC)
 _NET, _PLASTIC = ([each.field for each in arrays] for arrays in (NET_ARRAYS, PLASTIC_ARRAYS))
@@ -398,15 +404,15 @@ NET_FIELDS, PLASTIC_FIELDS = ([name for name, _, _ in fields] for fields in (_NE
 
 
 def table_of(net: Mapping[str, NDArray[Any]], plastic: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
-    """The table for some arrays, by name. The caller keeps the arrays alive."""
+    """Return the table of addresses and shapes of the arrays. The caller must keep the arrays alive."""
     return address.table_of((_NET, net), (_PLASTIC, plastic))
 
 
 ENTRY_TYPE = types.int64(*(types.int64,) * 7, types.float64)
-"""Of the entry of a population's model."""
+"""Type of the compiled operations of a model."""
 
 RULE_TYPE = types.int64(*(types.int64,) * 6, types.float64)
-"""Of the entry of a rule."""
+"""Type of the compiled operations of a rule."""
 
 _call_entry = caller(ENTRY_TYPE.return_type, *ENTRY_TYPE.args)
 _call = caller(RULE_TYPE.return_type, *RULE_TYPE.args)
@@ -414,25 +420,25 @@ _call = caller(RULE_TYPE.return_type, *RULE_TYPE.args)
 
 @inlined
 def slot_mask(net):
-    """What takes a step to its slot in `due`. To divide the sizes of `due` would take as long as a spike."""
+    """Return the mask that maps a step to its slot in `due`. A division of sizes would take as long as a spike."""
     return net.due_slots.shape[1] - 1
 
 
 @subkernel
 def call_rule(view, row, operation, index, step, thread, h):
-    """Let the entry of a rule do an operation, see `lazy_rules`; `row` is its projection's in `plastic.table`."""
+    """Call an operation of a rule, see `lazy_rules`. `row` is the row of its projection in `plastic.table`."""
     return _call(row[RULE_ENTRY], (view, row[RULE_NUMBER], operation, index, step, thread, h))
 
 
 @subkernel
 def call_moves(view, k, operation, index, step, thread, h):
-    """Let the entry of a rule for moves do an operation, see `moves`."""
+    """Call an operation of a rule for moves, see `moves`."""
     return _call(plastic_of(view).move_table[k, MOVE_ENTRY], (view, k, operation, index, step, thread, h))
 
 
 @subkernel
 def call_entry(view, row, operation, lo, hi, thread, step, h):
-    """Let the entry of a population's model do an operation, see `operations`."""
+    """Call an operation of a population's model, see `operations`."""
     return _call_entry(row[ENTRY], (view, row[NUMBER], operation, lo, hi, thread, step, h))
 
 
@@ -440,16 +446,16 @@ net_of = viewer(Views("Net", 0, _NET))
 plastic_of = viewer(Views("Plastic", len(NET_FIELDS), _PLASTIC))
 
 Destination = namedtuple("Destination", "out receptors receptor_stride mark spot")
-"""The place to which a delivery adds: `out` is the index of target 0 in `buf`.
+"""The destination of a delivery: `out` is the index of target 0 in `buf`.
 
-`receptors` says among how many receptors signs choose, `receptor_stride` is the distance to the second one; `mark` and
-`spot` are as in `deliver.deliver_shared_weight`.
+`receptors` is the number of receptors among which the sign chooses, and `receptor_stride` the distance to the second.
+`mark` and `spot` are as in `deliver.deliver_shared_weight`.
 """
 
 
-# Parts of the loop that only some networks need are stages: each is compiled by itself, and called by its address. So a
-# network compiles what it needs, and what it compiles is kept for all others. The addresses lie in `stages`, which
-# `building.build.link` fills; stages that a network does not need have address 0.
+# A stage is a part of the loop that only some networks need. Each stage is compiled separately and called by its
+# address. So a network compiles only the stages that it needs, and they are cached for other networks.
+# `building.build.link` writes the addresses to `stages`; stages that a network does not need have address 0.
 STAGES = {
     "arrive": ("arrivals", "view, q, step, thread", types.void),
     "at_emission": ("arrivals", "view, q, step, after, thread", types.void),
@@ -458,16 +464,16 @@ STAGES = {
     "draw_counts": ("generators", "view, thread, pop, step", types.void),
     "drive": ("generators", "view, thread, step", types.void),
     "charge": ("generators", "view, thread, step", types.void),
-    "step_collecting": ("neurons", "view, thread, pop, step, at, done, h, slots, blocks", types.int64),
-    "settle": ("groups", "view, thread, pop, n, step, at, done, h", types.int64),
-    "post_spike": ("histories", "view, pop, thread, local, m, step, done, h", types.void),
+    "step_collecting": ("neurons", "view, thread, pop, step, at, processed_step, h, slots, blocks", types.int64),
+    "settle": ("groups", "view, thread, pop, n, step, at, processed_step, h", types.int64),
+    "post_spike": ("histories", "view, pop, thread, local, m, step, processed_step, h", types.void),
     "dopamine_arrivals": ("histories", "view, q, step, thread, h", types.void),
     "note": ("together", "view, q, source, step, thread", types.void),
     "gather_moves": ("moves", "view, thread, pop, step, h", types.void),
     "deliver_joined": ("arrivals", "view, begin, stop, step", types.void),
     "learn_kernels": ("shared_kernels", "view, step, done_arrivals, arrivals_only, h", types.void),
 }
-"""By the name of the function: its module, its arguments, and what it returns."""
+"""Module, arguments and type of the result of each stage, by the name of the function."""
 
 _LOOP = {
     "run": ("steps", "view, first, last, longest, reach, h", types.int64),
@@ -477,19 +483,19 @@ _LOOP = {
     "run_trial": ("steps", "view, group, first, last, at_decision, reach, h", types.int64),
     "end_trial": ("steps", "view, pop, group, end, h", types.void),
 }
-"""Likewise of what Python calls to run a network."""
+"""Module, arguments and type of the result of the functions that Python calls to run a network."""
 
 _STAGED = list(STAGES)
 _ARGUMENTS = {"h": types.float64, "progress": types.int64[:, ::1], "at_decision": types.boolean}
 
 
 def _types_of(arguments: str) -> list[Any]:
-    """The types of arguments: nearly all are whole numbers."""
+    """Return the numba types of arguments, which are integers unless listed in `_ARGUMENTS`."""
     return [_ARGUMENTS.get(word, types.int64) for word in arguments.split(", ")]
 
 
 def _stage(name: str) -> Any:
-    """A compiled function that calls a stage."""
+    """Return a compiled function that calls a stage by its address."""
     _, arguments, result = STAGES[name]
     space = {"call": caller(result, *_types_of(arguments)), "net_of": net_of}
     code = f"def {name}({arguments}):\n    return call(net_of(view).stages[{_STAGED.index(name)}], ({arguments}))"
@@ -504,6 +510,6 @@ step_collecting, settle, post_spike, dopamine_arrivals, note, gather_moves, deli
 
 
 def stage_entry(name: str) -> Entry:
-    """A stage, or what runs a network, to be compiled."""
+    """Return a stage, or a function that runs a network, as an entry to compile."""
     module, arguments, result = (STAGES | _LOOP)[name]
     return Entry(getattr(import_module(f"neuro_event.loop.{module}"), name), result(*_types_of(arguments)))

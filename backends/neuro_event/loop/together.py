@@ -1,6 +1,6 @@
-"""What Python calls between steps: for probes, and for many engines of one network at once.
+"""Kernels that Python calls between steps: for probes, and for several engines of one network in one call.
 
-A call takes as long as a step of a small network, so a call for each engine would take most of the time.
+A call takes as long as a step of a small network, so a call per engine would take most of the time.
 """
 
 # mypy: ignore-errors
@@ -22,9 +22,10 @@ _run = caller(types.int64, *(types.int64,) * 5, types.float64)
 
 @kernel
 def run_all(run, views, first, last, longest, reach, h, forget, reached):
-    """Run the steps first:last of all; `run` is the address of `steps.run`, `reached` takes what it returns.
+    """Run the steps first:last of all engines.
 
-    With `forget` no spikes are recorded; then there is always room for them.
+    `run` is the address of `steps.run`, and `reached` receives its results. With `forget` spikes are not recorded, so
+    the record is never full.
     """
     for k in range(views.shape[0]):
         if forget:
@@ -40,7 +41,7 @@ def run_all(run, views, first, last, longest, reach, h, forget, reached):
 
 @kernel
 def list_all(views, pop, place, offsets, ticks, ids, step):
-    """Let each emit listed spikes, `offsets[k] : offsets[k + 1]` of `ticks` after a step and `ids`, and no others."""
+    """Let engine k emit only the spikes offsets[k]:offsets[k + 1] of `ticks` (after `step`) and `ids`."""
     for k in range(views.shape[0]):
         net = net_of(views[k])
         begin, at = net.pops[pop, t.BEGIN], place
@@ -52,7 +53,7 @@ def list_all(views, pop, place, offsets, ticks, ids, step):
 
 @kernel
 def fired_by_all(views, pop, out):
-    """How often each neuron of a population has fired, (engines, neurons), by place."""
+    """Write the number of spikes of each neuron of a population into `out`, (engines, neurons), in internal order."""
     for k in range(views.shape[0]):
         net = net_of(views[k])
         begin = net.pops[pop, t.BEGIN]
@@ -62,7 +63,7 @@ def fired_by_all(views, pop, out):
 
 @kernel
 def rate_all(views, pop, mean, nothing, step):
-    """Set the spikes a step of a poisson_generator and exp(-mean), (engines, neurons), by place."""
+    """Set the mean spikes per step of a poisson_generator and exp(-mean), (engines, neurons), in internal order."""
     for k in range(views.shape[0]):
         net = net_of(views[k])
         row = net.pops[pop]
@@ -73,14 +74,14 @@ def rate_all(views, pop, mean, nothing, step):
 
 @kernel
 def teach_all(views, q, values):
-    """Let a signal teach a projection that learns by moves, (engines, targets)."""
+    """Apply a signal, (engines, targets), to a projection that learns by moves."""
     for k in range(views.shape[0]):
         teach_moves(views[k], q, values[k])
 
 
 @kernel
 def gate_all(views, q, values):
-    """Set how much a projection that learns by moves gathers, (engines, targets)."""
+    """Set the gate of a projection that learns by moves, (engines, targets)."""
     for k in range(views.shape[0]):
         p = plastic_of(views[k])
         for i in range(values.shape[1]):
@@ -89,14 +90,14 @@ def gate_all(views, q, values):
 
 @kernel
 def signal_all(views, q, values, step, h):
-    """Set n of a modulated projection, (engines, targets)."""
+    """Set the dopamine concentration n of a modulated projection, (engines, targets)."""
     for k in range(views.shape[0]):
         write_signal(views[k], q, values[k], step, h)
 
 
 @kernel
 def clear_all(views, q, which):
-    """Let the states of a projection that learns by moves be 0 in those engines for which `which` says so."""
+    """Set the states of a projection that learns by moves to 0 in the engines where `which` is true."""
     for k in range(views.shape[0]):
         if which[k]:
             clear_moves(views[k], q)
@@ -104,9 +105,10 @@ def clear_all(views, q, which):
 
 @kernel
 def merge_all(views, q, weights, gained):
-    """Add to the weights of a projection that learns by moves what each engine has gained, and let all have them.
+    """Add the changes of all engines to the weights of a projection that learns by moves, and set them in each.
 
-    `gained` holds zeros. Most weights are as they were, and are not written: that would bring them all into the cache.
+    `weights` has the weights before the changes and receives the result. `gained` must be 0. Weights that did not
+    change are not written, since writing would load all of them into the cache.
     """
     for k in range(views.shape[0]):
         p = plastic_of(views[k])
@@ -127,14 +129,14 @@ def merge_all(views, q, weights, gained):
 
 @kernel
 def note(view, q, source, step, thread):
-    """Keep the states of this thread's synapses of a source as its spike has just left them."""
+    """Record the states of this thread's synapses of a source after its spike."""
     net, p = net_of(view), plastic_of(view)
     row = net.projections[p.table[q, t.PROJECTION]]
     place = row[t.ROW] + source * (net.edges.shape[1] - 1) + thread
     at = p.note_at[thread, 0]
     for e in range(net.rows[place], net.rows[place + 1]):
         z = p.table[q, t.FIRST_SYNAPSE] + e - row[t.SYNAPSE]
-        # Probes name synapses, and a row has thousands: a byte for each is less than a search.
+        # A row has thousands of synapses, so testing a byte for each is faster than searching those of a probe.
         if p.note_this[z] == 1:
             p.note_steps[thread, at] = step
             p.note_synapses[thread, at] = z
@@ -146,13 +148,13 @@ def note(view, q, source, step, thread):
 
 @kernel
 def notes_to_come(view, upto):
-    """How many notes the spikes up to a step that have not acted yet can make on one thread at most."""
+    """Return an upper bound of the records per thread that the spikes up to a step will make."""
     net, p = net_of(view), plastic_of(view)
     threads = net.edges.shape[1] - 1
     mask = net.log_ids.shape[1] - 1
     most = np.int64(0)
     for thread in range(threads):
-        # An upper bound before the step, so that no pre spike tests for room.
+        # With an upper bound before the step, no pre spike has to test whether the buffer is full.
         number = p.note_at[thread, 0]
         for step in range(net.clock[thread, t.DONE] + 1, upto + 1):
             slot = step & (net.log_ends.shape[1] - 1)
@@ -172,22 +174,21 @@ def notes_to_come(view, upto):
 
 @kernel
 def sample(view, pop, state, places, step, h, aside, out):
-    """Fill `out` with a state of some neurons of a population as of `step`; a block that sleeps is put back to sleep.
+    """Write a state of some neurons of a population as of `step` into `out`. Sleeping blocks stay asleep.
 
-    `aside` is room for the states of a block and for `fired`, shape (states + 1, t.BLOCK).
+    `aside` is a buffer for the states of a block and for `fired`, shape (states + 1, t.BLOCK).
     """
     net = net_of(view)
     k = 0
     while k < places.shape[0]:
         block = places[k] // t.BLOCK
-        # A read must not change what follows: a block that sleeps is brought up to date in a copy and put back, so that
-        # probes do not decide when it wakes.
+        # A read must not change the run, so a sleeping block is updated and then restored.
         if net.awake[block] == 1:
             out[k] = net.state[state, places[k]]
             k += 1
             continue
         lo, hi, busy = block * t.BLOCK, min((block + 1) * t.BLOCK, net.state.shape[1]), net.busy[block]
-        # All neurons of the block and all states: `wake` steps whole blocks.
+        # All states of all neurons of the block are saved, because `wake` steps whole blocks.
         states = net.state.shape[0]
         for i in range(lo, hi):
             for r in range(states):
@@ -206,10 +207,10 @@ def sample(view, pop, state, places, step, h, aside, out):
 
 @kernel
 def follow_peaks(view, pop, tick, value, when):
-    """Note whose V_m is larger than at all ticks before, by id."""
+    """Update the largest V_m of each neuron so far, and its tick, by id."""
     net = net_of(view)
     for i in range(net.pops[pop, t.BEGIN], net.pops[pop, t.END]):
-        # By id: maps lie innermost here, and callers know nothing of that.
+        # Callers expect the order of ids, not the internal order.
         k = net.order[i]
         if net.state[0, i] > value[k]:
             value[k], when[k] = net.state[0, i], tick

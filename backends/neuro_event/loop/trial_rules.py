@@ -1,6 +1,6 @@
-"""Rules for trials, applied to the shared kernel or the synapses of one neuron.
+"""Rules for trials, applied to the kernel or the synapses of one neuron.
 
-The two passes are compiled for each rule by itself, ours and third-party ones alike: Python calls them between trials.
+The two passes are compiled for each rule, built-in or third-party. Python calls them between trials.
 """
 
 # mypy: ignore-errors
@@ -18,9 +18,9 @@ from neuro_event.loop.tables import net_of
 
 @kernel
 def spikes_of(view, pop, start, end, spikes, count):
-    """Fill `spikes` with the steps of the spikes of each neuron of a population in the steps start + 1 to end.
+    """Write the steps of the spikes of each neuron of a population in the steps start + 1 to end into `spikes`.
 
-    Row k has the k-th spike of each neuron; `count` becomes how many it has, though there be fewer rows.
+    Row k has the k-th spike of each neuron. `count` receives the number of spikes, which may exceed the number of rows.
     """
     net = net_of(view)
     mask = net.log_ids.shape[1] - 1
@@ -39,48 +39,47 @@ nearest = compiled(steps_of)
 
 
 @subkernel
-def since(spike, delay, moment, h):
-    """Time in ms from the arrival of an input's spike to the moment of a lesson."""
-    # An input that stayed silent came infinitely late, so a rule needs no second case for it.
+def time_since_arrival(spike, delay, moment, h):
+    """Return the time in ms from the arrival of an input's spike to the moment of a lesson."""
+    # A silent input counts as infinitely late, so rules need no special case.
     return -math.inf if spike == NEVER else (moment - spike - delay) * h
 
 
 @subkernel
 def source_place(row, channel, y, x):
-    """The internal place of a neuron in the source of a grid."""
+    """Return the internal place of a neuron in the source of a grid."""
     pixel = y * row[t.CHANNEL_WIDTH] + x
     inside = row[t.CHANNELS_INSIDE]
     sheet = row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
-    # Grids have their maps innermost inside this backend, inputs keep the order of their ids.
+    # Grids have their maps innermost in this backend. Inputs keep the order of their ids.
     return pixel * inside + channel if inside > 0 else channel * sheet + pixel
 
 
 @cache
 def teacher(teach):
-    """The pass over the inputs of one neuron, compiled for a rule's `teach`."""
+    """Compile the pass over the inputs of one neuron for the `teach` of a rule."""
     rule = compiled(teach)
 
     @inlined
-    def act(value, spikes, source, delay, moment, lesson, c, h):
-        """An input's value after each of its spikes has taught it; a silent input is taught once."""
-        value = rule(value, since(spikes[0, source], delay, moment, h), lesson, c)
+    def teach_input(value, spikes, source, delay, moment, lesson, c, h):
+        """Return an input's value after the lesson of each of its spikes. A silent input gets one lesson."""
+        value = rule(value, time_since_arrival(spikes[0, source], delay, moment, h), lesson, c)
         for k in range(1, spikes.shape[0]):
             if spikes[k, source] != NEVER:
-                value = rule(value, since(spikes[k, source], delay, moment, h), lesson, c)
+                value = rule(value, time_since_arrival(spikes[k, source], delay, moment, h), lesson, c)
         return value
 
     @kernel
     def learn(view, q, values, c, spikes, moment, neuron, local, lesson, h):
-        """Change the value of each input of a neuron, e.g. its weight; return how many there are.
+        """Change the value of each input of a neuron, e.g. its weight; return the number of inputs.
 
-        `values` are laid out as the weights of the projection are. `spikes` holds the steps of each input's spikes that
-        teach, a row for its first, its second, ..., `moment` the step of the lesson; `neuron` is the id of the neuron,
+        `values` are in the order of the projection's weights. `spikes` has the steps of each input's spikes: row 0 the
+        first ones, row 1 the second ones, ... `moment` is the step of the lesson, `neuron` the id of the neuron, and
         `local` its internal place.
         """
         net = net_of(view)
         row = net.projections[q]
-        # A pass takes microseconds and runs between trials, on one thread: it is written for all layouts at once, not
-        # for speed.
+        # A pass takes microseconds and runs between trials on one thread, so one simple function covers all layouts.
         delay = np.int64(net.delays[row[t.DELAY]])
         changed = 0
         if row[t.LAYOUT] == t.GRID:
@@ -93,14 +92,14 @@ def teacher(teach):
             for channel in range(row[t.DEPTH]):
                 for i in range(row[t.KERNEL_HEIGHT]):
                     for j in range(row[t.KERNEL_WIDTH]):
-                        # Padding has no neuron: its weights are not taught by places at the border.
+                        # Padding has no neurons, so its weights are not taught.
                         if not (0 <= r + i < height and 0 <= s + j < width):
                             continue
                         source = source_place(row, first_channel + channel, r + i, s + j)
                         place = (channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j
-                        # The kernel is shared: one neuron's lesson changes it for all places of its map.
+                        # All places of a map share the kernel, so one neuron's lesson changes the weights of all.
                         e = place * maps + at
-                        values[e] = act(values[e], spikes, source, delay, moment, lesson, c, h)
+                        values[e] = teach_input(values[e], spikes, source, delay, moment, lesson, c, h)
                         changed += 1
             return changed
         threads = net.edges.shape[1] - 1
@@ -109,33 +108,33 @@ def teacher(teach):
             if row[t.LAYOUT] != t.CSR:
                 if row[t.LAYOUT] == t.DENSE or source == local:
                     e = source * n_target + local if row[t.LAYOUT] == t.DENSE else source
-                    values[e] = act(values[e], spikes, source, delay, moment, lesson, c, h)
+                    values[e] = teach_input(values[e], spikes, source, delay, moment, lesson, c, h)
                     changed += 1
                 continue
-            # Rows are by source, so all are gone through: a list by target would cost 8 bytes a synapse for something
-            # that happens once a trial.
+            # Rows are sorted by source, so all of them are searched. A list by target would take 8 bytes per synapse,
+            # for one use per trial.
             begin = row[t.ROW] + source * threads
             for s in range(net.rows[begin], net.rows[begin + threads]):
                 if net.targets[s] == local:
                     k = s - row[t.SYNAPSE]
                     own = np.int64(net.delays[row[t.DELAY] + k * row[t.DELAY_STRIDE]])
-                    values[k] = act(values[k], spikes, source, own, moment, lesson, c, h)
+                    values[k] = teach_input(values[k], spikes, source, own, moment, lesson, c, h)
                     changed += 1
         return changed
 
     return learn
 
 
-def added(w, since, lesson, c):
-    """Add a weight to the sum in `c`, and leave it."""
-    # A `teach` that sums: `learn` then serves to read the summed weight of a neuron, with the places that it knows.
+def add_to_sum(w, since, lesson, c):
+    """Add a weight to the sum in `c`, and return it unchanged."""
+    # Used as `teach`, so that `learn` computes the sum of the weights of a neuron for any layout.
     c[0] += w
     return w
 
 
 @cache
 def grower(encourage):
-    """The pass over every weight of the chosen maps, compiled for a rule's `encourage`; it returns how many."""
+    """Compile the pass over every weight of the chosen maps for the `encourage` of a rule. It returns their number."""
     rule = compiled(encourage)
 
     @kernel
@@ -154,7 +153,7 @@ def grower(encourage):
 def round_inputs(view, q, late, local, fewest, most, h):
     """Round the delays in ms of the inputs of a neuron to steps.
 
-    A delay is kept in ms with its fraction: rounded each time, small lessons would add up to nothing.
+    The delay in ms keeps its fraction. If it were rounded too, small lessons would have no effect.
     """
     net = net_of(view)
     row = net.projections[q]
