@@ -268,7 +268,7 @@ class NestProjection:
         return int(self._layer.max(initial=-1)) + 1
 
     def _connections(self, nest: Any, layer: int) -> Any:
-        """Return NEST's connections of a layer on this process. Their order changes when NEST runs for the first time."""
+        """Return NEST's connections of a layer on this process. Their order changes when NEST first runs."""
         return nest.GetConnections(synapse_label=self._label(layer))
 
     def _places(self, layer: int, ends: tuple[Nodes, Nodes], source: NDArray[Any], target: NDArray[Any]) -> Ints:
