@@ -16,7 +16,7 @@ from neuro.program.program import Program
 
 
 class EventBackend:
-    """The backend `event`: float64, event-driven, compiled. It runs everything that the language can describe."""
+    """The backend `event`: float64, event-driven, compiled. Every network of the language runs on it."""
 
     name = "event"
     description = "float64, event-driven, compiled by numba; any number of threads gives the same result"

@@ -44,7 +44,7 @@ class NestEngine:
         return NestNetwork(self.program, self._nest, self._threads, parameters, weights, rules)
 
     @property
-    def _listed(self) -> list[NestProjection]:
+    def _with_synapses(self) -> list[NestProjection]:
         """The projections whose synapses the program has, without those that NEST draws."""
         return [synapses for synapses in self.net.synapses if isinstance(synapses, NestProjection)]
 
@@ -69,7 +69,7 @@ class NestEngine:
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set the dopamine concentration of all synapses with this signal."""
-        for synapses in self._listed:
+        for synapses in self._with_synapses:
             if synapses.part.signal == signal:
                 self._check_moment(synapses, f"signal '{self.program.signals[signal].name}'")
                 self._write(synapses, "n", values[synapses.target])
@@ -215,7 +215,7 @@ class NestEngine:
         """Return to step 0. The network is built again in NEST."""
         first_weights = [p.weight for p in self.program.projections]
         weights_before = [*first_weights]
-        for synapses in self._listed:
+        for synapses in self._with_synapses:
             weights_before[synapses.index] = synapses.own_values(self.get_synapses(synapses.index, "weight"))
         with nest_errors():
             self._nest.ResetKernel()

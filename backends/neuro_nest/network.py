@@ -90,8 +90,8 @@ class NestNetwork:
         for index in self.noise:
             self.set_noise(index, parameters[index])
         self.records = [NestRecord(p.size, p.records) for p in program.populations]
-        listed = [w for w in self.synapses if isinstance(w, NestProjection)]
-        self.activity = Activity(program, [w for w in listed if w.part.carries != "current"])
+        with_synapses = [w for w in self.synapses if isinstance(w, NestProjection)]
+        self.activity = Activity(program, [w for w in with_synapses if w.part.carries != "current"])
         self._stretch = max(1, min(LONGEST, NEURON_STEPS // sum(p.size for p in program.populations)))
 
     def run(self, steps: int) -> None:
@@ -176,7 +176,7 @@ class NestNetwork:
     def words(self, synapses: NestProjection) -> dict[str, Any]:
         """Return the numbers of a synapse model by NEST's names, and the initial states of the synapses.
 
-        Each is one value for all synapses, or one per synapse.
+        Each entry has one value for all synapses, or one per synapse.
         """
         not_passed = {"deliver_interval", "c_min", *OF_TARGET, *FIXED_TRUE}
         rules = self.rules[synapses.index]
@@ -309,14 +309,14 @@ class NestPopulation:
         number, first = self._share.number, self.nodes_of.first
         mine = (self._share.index - first) % number
         here = self.nodes[mine::number] if mine < self.part.size else ()
-        told = here.get(["global_id", name]) if here else {"global_id": [], name: []}
+        answers = here.get(["global_id", name]) if here else {"global_id": [], name: []}
         ids, values = (
-            np.atleast_1d(told["global_id"]).astype(np.int64),
-            np.atleast_1d(told[name]).astype(np.float64),
+            np.atleast_1d(answers["global_id"]).astype(np.int64),
+            np.atleast_1d(answers[name]).astype(np.float64),
         )
-        found: Floats = np.empty(self.part.size)
-        found[self.nodes_of.neurons(self._share.gather(ids))] = self._share.gather(values)
-        return found
+        all_values: Floats = np.empty(self.part.size)
+        all_values[self.nodes_of.neurons(self._share.gather(ids))] = self._share.gather(values)
+        return all_values
 
     def set(self, values: Mapping[str, Floats]) -> None:
         """Set states and parameters, all or none."""
@@ -333,8 +333,8 @@ class NestPopulation:
         if self.part.kind in ("poisson", "listed", "generator") or is_noise(self.part):
             return
         if "E_L" in values:
-            beside = [n for n in _WITH_E_L if n not in values and (n in self.parameters or n == "V_m")]
-            values = {n: self.get(n) for n in beside} | dict(values)
+            relative = [n for n in _WITH_E_L if n not in values and (n in self.parameters or n == "V_m")]
+            values = {n: self.get(n) for n in relative} | dict(values)
         words = {name: self._in_words_of_nest(name, each) for name, each in values.items() if name not in LACKING}
         own = {name: each for name, each in words.items() if len(each) > 1}
         shared = {name: each[0] for name, each in words.items() if name not in own}

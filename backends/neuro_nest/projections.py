@@ -287,7 +287,7 @@ OF_A_MODEL = 1 << 26
 
 
 class RuleProjection:
-    """A projection that NEST draws. It can be neither read nor set.
+    """A projection that NEST draws. The synapses can be neither read nor set.
 
     Args:
         program: the network.

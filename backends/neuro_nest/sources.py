@@ -75,10 +75,10 @@ class TrainSource:
 
     def _draw(self, after: int, to: int) -> InjectedTrain:
         pieces: list[InjectedTrain] = []
-        listed, size = self.part.schedule, self.part.size
+        schedule, size = self.part.schedule, self.part.size
         while after < to:
-            end = to if listed is None else min(to, listed.next_change(after))
-            rate = self.parameters["rate"] if listed is None else listed.at(after + 1)
+            end = to if schedule is None else min(to, schedule.next_change(after))
+            rate = self.parameters["rate"] if schedule is None else schedule.at(after + 1)
             means, rows = np.broadcast_to(rate * self.resolution / 1000.0, size), max(1, DRAWS // size)
             for first in range(after + 1, end + 1, rows):
                 steps = np.arange(first, min(first + rows, end + 1))

@@ -1,7 +1,7 @@
 """The reference backend, which defines the meaning of a `Program` and is written to be read.
 
-It implements the section "What a program means" of `docs/explanation/programs.md` in plain Python and NumPy, with the
-models' own functions. It is slow and runs every program. Every float backend is tested against it.
+The backend implements the section "What a program means" of `docs/explanation/programs.md` in plain Python and NumPy,
+with the models' own functions. Every program runs, slowly. Every float backend is tested against this backend.
 """
 
 from __future__ import annotations

@@ -133,7 +133,7 @@ class PairLearning:
         self.n[:], self.n_step[:] = values, step
 
     def set_rule(self, rule: Floats, step: int) -> None:
-        """Set the rule's numbers at the end of a step. They do not act on earlier steps."""
+        """Set the rule's numbers at the end of a step. Earlier steps keep the old ones."""
         self._integrate_all(step)
         self.pre.decay_to(step)
         self.post.decay_to(step)

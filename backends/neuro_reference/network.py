@@ -133,8 +133,8 @@ class ReferenceNetwork:
                     state, share = filtered_current(self.program, synapses.part, cells.parameters)
                     cells.states[state] += share * synapses.arrive(step)[0][0]
                 source = self.cells[synapses.part.source]
-                listed = source.part.schedule
-                synapses.send_current(source.parameters if listed is None else {"amplitude": listed.at(step)}, step)
+                schedule = source.part.schedule
+                synapses.send_current(source.parameters if schedule is None else {"amplitude": schedule.at(step)}, step)
             elif synapses.at_once:
                 self.send(index, step)
         for pairs in self.pairs.values():

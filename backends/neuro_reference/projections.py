@@ -89,7 +89,7 @@ class ReferenceProjection:
         self.heard[at, to] = True
 
     def send_current(self, parameters: Mapping[str, Floats], step: int) -> None:
-        """Send the current emitted in `step`, if the generator is on. It acts in the step after its arrival.
+        """Send the current emitted in `step`, if the generator is on. The current acts in the step after its arrival.
 
         Args:
             parameters: present parameters of the generator.

@@ -342,7 +342,7 @@ class Scenario:
     """A network and what is done with it: runs of some steps, each after some acts.
 
     Attributes:
-        grain: steps of which all moments are a multiple: NEST brings synapses under dopamine up to date on this grid.
+        grain: steps of which all moments are a multiple: NEST updates synapses with dopamine on this grid.
         threads: of the backends that have some.
         refused: whether NEST refuses an act: then only the reference judges.
     """

@@ -129,7 +129,7 @@ def test_golden_traces(traces: Path):
     assert found.keys() == {*QUICK}
     assert all(result.ok for result in found.values())
     assert refused.message.startswith(
-        "'weight' of 'pre_post' at 21.7 ms: NEST brings synapses under dopamine up to date"
+        "'weight' of 'pre_post' at 21.7 ms: NEST updates synapses with dopamine"
     )
 
 

@@ -326,7 +326,7 @@ def zeros(arrays: Iterable[Declared], sizes: Mapping[str, int]) -> dict[str, Any
 
 
 def part_joined_rows(a: EventArrays) -> None:
-    """Remove the joined rows. They must be laid out again before the next step."""
+    """Remove the joined rows. The next run must lay them out again before its first step."""
     a.parted = bool(a.joined)
     pops = a.net["pops"]
     pops[:, t.JOINED] = pops[:, t.JOINED_END] = pops[:, t.ARRIVALS]

@@ -195,9 +195,9 @@ def list_incoming(a: EventArrays) -> None:
         # mark the few blocks where input arrives.
         model = population.model
         alone = pops[k, t.GROUP] < 0 and pops[k, t.CARRIED] != 1 and a.joined.isdisjoint(arriving)
-        listed = (rows[arriving, t.LAYOUT] == t.CSR) & (rows[arriving, t.LAG] > 0) & (rows[arriving, t.RUN] < 0)
+        is_listed = (rows[arriving, t.LAYOUT] == t.CSR) & (rows[arriving, t.LAG] > 0) & (rows[arriving, t.RUN] < 0)
         pops[k, t.COLLECTS] = t.NONE
-        every = alone and bool(np.all(listed & (rows[arriving, t.WAKE_ALL] > 1)))
+        every = alone and bool(np.all(is_listed & (rows[arriving, t.WAKE_ALL] > 1)))
         if every and isinstance(model, Neuron) and type(model) in NEURONS and model.collects:
             pops[k, t.COLLECTS] = [state.name for state in type(model).states].index(model.collects[0])
     a.net["incoming"] = np.array(incoming, dtype=np.int64)

@@ -28,7 +28,7 @@ class Settable(Running):
         return every if ids is None else every[ids]
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
-        """Set states and parameters. They act from the next step on."""
+        """Set states and parameters. New values act from the next step on."""
         for name, each in values.items():
             self._set(population, name, each)
 

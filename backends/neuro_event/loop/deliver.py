@@ -258,7 +258,7 @@ def csr_delayed(view, q, source_id, m, step, after, thread, lo, hi):
 
 @subkernel
 def grid_add(view, row, source, m, thread, lo, hi, to):
-    """Add the kernel of a grid, with maps innermost, to the targets lo:hi around one source, and mark their blocks.
+    """Add the kernel of a grid, with maps innermost, to the targets lo:hi around one source, and mark the blocks.
 
     Negative weights are added `receptor_stride` places further, to the second receptor; 0 if all go to one receptor.
     """

@@ -210,7 +210,10 @@ def add_counts(view, thread, q, step, n_all, slots, blocks):
 
 @kernel
 def drive(view, thread, step):
-    """Compute the external current of the populations whose current changes, before their step. They never sleep."""
+    """Compute the external current of populations whose current varies, before their step.
+
+    The blocks of these populations never sleep.
+    """
     net = net_of(view)
     for k in range(net.lines.shape[0]):
         line = net.lines[k]

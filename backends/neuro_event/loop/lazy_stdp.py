@@ -36,7 +36,7 @@ Trace = namedtuple("Trace", "decay tau k last")
 
 @inlined
 def count_arrived_since(past, since, delay):
-    """Return the number of entries of a history that arrive after a step. They are the newest ones."""
+    """Return the number of entries of a history that arrive after a step. These entries are the newest ones."""
     n = past[ENTRIES]
     i = 0
     # Here and in `post_trace` the search begins at the newest entry. Histories are short, and the newest entry is

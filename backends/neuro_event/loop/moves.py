@@ -1,6 +1,6 @@
 """Learning by moves: eligibility is gathered after each step of the target, and a signal applies it to the weights.
 
-Such a projection is delivered like a static one. Two sparse lists are kept besides: the sources with a trace that is
+The projection is delivered like a static one. Two sparse lists are kept besides: the sources with a trace that is
 not 0 (*lit*), from which a post spike gathers, and the sources whose synapses may have a state that is not 0 (*live*),
 which a signal teaches. So the time of a step grows with the active sources, and that of a move with the sources that
 were active since the states were last 0: in an agent, a few thousand of 61,000 synapses.

@@ -134,7 +134,10 @@ def add_to_sum(w, since, lesson, c):
 
 @cache
 def grower(encourage):
-    """Compile the pass over every weight of the chosen maps for the `encourage` of a rule. It returns their number."""
+    """Compile the pass over every weight of the chosen maps for the `encourage` of a rule.
+
+    The pass returns the number of weights.
+    """
     rule = compiled(encourage)
 
     @kernel
