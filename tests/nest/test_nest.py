@@ -128,9 +128,7 @@ def test_golden_traces(traces: Path):
     refused = found.pop("c4_stdp_dopamine")
     assert found.keys() == {*QUICK}
     assert all(result.ok for result in found.values())
-    assert refused.message.startswith(
-        "'weight' of 'pre_post' at 21.7 ms: NEST updates synapses with dopamine"
-    )
+    assert refused.message.startswith("'weight' of 'pre_post' at 21.7 ms: NEST updates synapses with dopamine")
 
 
 def test_memory_and_forgetting():
