@@ -1,4 +1,4 @@
-"""Results of finished runs, read from a file. They have the methods of a simulation that read values."""
+"""Results of finished runs, read from a file, with the same methods to read values as a simulation."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 import neuro
 from beside import beside, evaluated
 from neuro.compiler import compile_network
-from neuro.compiler.pairs import Between, space_of
+from neuro.compiler.pairs import Geometry, space_of
 from neuro.model.parts import Population
 from neuro.model.space import PROFILES, Profile
 from neuro.program.program import Projection
@@ -96,9 +96,9 @@ def test_neither_autapses_nor_pairs_twice_nor_beyond_the_mask(seed, radius, peri
     assert np.all(np.diff(pre * 180 + post) > 0)
     assert autapses or not np.any(pre == post)
     space = space_of(population(words), (12, 15))
-    far = Between(space, space).distance(pre, post)
+    far = Geometry(space, space).distance(pre, post)
     assert far.max(initial=0.0) <= radius * (1 + 1e-9)
-    assert np.array_equal(far, Between(space, space).distance(post, pre))
+    assert np.array_equal(far, Geometry(space, space).distance(post, pre))
 
 
 @pytest.mark.parametrize("periodic", [False, True])
@@ -119,7 +119,7 @@ def test_a_draw_belongs_to_its_pair():
     masked = compiled(neuro.distance_dependent(p=neuro.gaussian(std=0.5), mask=neuro.circular(radius=0.45)), SHEET)
     space = space_of(population(SHEET), (12, 15))
     pre, post = pairs_of(whole)
-    near = Between(space, space).distance(pre, post) <= 0.45 * (1 + 1e-9)
+    near = Geometry(space, space).distance(pre, post) <= 0.45 * (1 + 1e-9)
     assert np.array_equal(np.stack(pairs_of(masked)), np.stack((pre[near], post[near])))
 
 

@@ -1,4 +1,4 @@
-"""From a `Network` to a `Program`: check, then resolve."""
+"""The compiler from a `Network` to a `Program`: check, then resolve."""
 
 from neuro.compiler.resolve import compile_network
 

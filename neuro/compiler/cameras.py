@@ -1,4 +1,4 @@
-"""Event cameras of a network: the spikes that a recording makes a population of pixels emit."""
+"""Event cameras of a network: the conversion of recorded events to spikes of a population of pixels."""
 
 from __future__ import annotations
 
@@ -21,50 +21,49 @@ from neuro.model.parts import AUTO, Population, naming_the_part
 from neuro.program.program import Ints, Stretch
 
 MOST = 1 << 17
-"""Events that become spikes at once."""
+"""Largest number of events that are converted to spikes in one call."""
 _FINEST = 10**6
-"""A resolution is taken for the nearest ratio of ms with no larger denominator, so that steps are exact."""
+"""Largest denominator of the fraction of a ms that approximates the resolution, so that steps are exact."""
 _NONE = np.zeros(0, dtype=np.int64)
 
 
-def cameras_of(net: Network, filmed: Sequence[Population], clock: Clock) -> dict[str, CameraInput]:
-    """The event cameras of a network by population, with their recordings opened.
+def cameras_of(net: Network, parts: Sequence[Population], clock: Clock) -> dict[str, CameraInput]:
+    """Open the recordings of the event cameras of a network; return the cameras by population.
 
     Args:
         net: the network.
-        filmed: its populations that are cameras.
-        clock: of the network.
+        parts: its populations that are cameras.
+        clock: clock of the network.
 
     Raises:
-        ModelError: a recording cannot be played, or the population has another shape than it gives.
+        ModelError: a recording cannot be played, or its sensor does not fit the shape of the population.
     """
-    made = {}
-    for part in filmed:
+    cameras = {}
+    for part in parts:
         if isinstance(part.model, event_camera):
             with naming_the_part(part):
-                made[part.name] = CameraInput(part, part.model, clock)
-                made[part.name].check_events()
+                cameras[part.name] = CameraInput(part, part.model, clock)
+                cameras[part.name].check_events()
                 if net.trials_section is not None:
-                    message = "an event_camera in a network with trials, which show what they are given"
+                    message = "an event_camera in a network with trials, which get their input from the caller"
                     raise ModelError(f"{message}: expected a spike_generator", hint="sim.trials(times, ids, offsets)")
-    return made
+    return cameras
 
 
 class CameraInput:
-    """A population of pixels: what its recording makes it emit.
+    """A population of pixels that emits the events of a recording as spikes.
 
     Args:
         part: the population.
         model: its model.
-        clock: of the network.
+        clock: clock of the network.
 
     Attributes:
-        shape: of the population.
-        model: of the population.
-        sensor_size: width and height, px, of its recording; without one those of the smallest sensor of which all is
-            seen.
+        shape: shape of the population.
+        model: model of the population.
+        sensor_size: width and height of the sensor in px. Without a recording, the smallest sensor that the shape fits.
         again: whether the recording can be played several times.
-        identity: of model and recording.
+        identity: identity of the model and the recording.
     """
 
     def __init__(self, part: Population, model: event_camera, clock: Clock) -> None:
@@ -78,19 +77,19 @@ class CameraInput:
         self._offset = round(model.offset * 1000.0)
         self._start, self._stop = (clock.step(getattr(model, w), f"{model.name}.{w}") for w in ("start", "stop"))
         self.shape = self._shape_of(part.shape)
-        self.sensor_size = self._sensor or self._shown_size()
+        self.sensor_size = self._sensor or self._visible_size()
         self._origin = 0 if self._played is None else self._played.first()
         if model.origin is not None:
             self._origin = int(model.origin)
 
     @property
     def identity(self) -> str:
-        """What decides its spikes; where the file lies does not."""
-        said = {word: value for word, value in self.model.parameters().items() if word not in ("file", "events")}
-        return f"{said} {'' if self._played is None else self._played.identity}"
+        """Text that determines the spikes: parameters and content of the recording, but not its path."""
+        parameters = {word: value for word, value in self.model.parameters().items() if word not in ("file", "events")}
+        return f"{parameters} {'' if self._played is None else self._played.identity}"
 
     def check_events(self) -> None:
-        """Refuse a recording that can be read already and has no events from its beginning on."""
+        """Refuse a recording without events after its beginning, if the recording can be read already."""
         model = self.model
         word = "offset" if model.offset else "origin"
         if self._played is None or self._origin is None or self._played.first() is None or not getattr(model, word):
@@ -101,31 +100,31 @@ class CameraInput:
             message = f"{model.name}.{word} = {getattr(model, word):.7g} {unit}"
             raise ModelError(f"{message}: the recording has no event after that", path=(model.name, word))
 
-    def _shape_of(self, said: tuple[int | str, ...]) -> Shape:
-        """The shape that the sensor gives, which a shape that is said must agree with."""
+    def _shape_of(self, declared: tuple[int | str, ...]) -> Shape:
+        """Return the shape that follows from the sensor; a declared shape must agree."""
         if self._sensor is None:
-            if AUTO in said:
+            if AUTO in declared:
                 hint = "write the numbers: [2, height, width], or [height, width] unless the polarities are split"
                 if self._played is not None and isinstance(self._played, app("neuro_events.playing", "").OfEvents):
-                    hint = f"neuro.events.Events(t, x, y, p, (width, height)) tells it; or {hint}"
+                    hint = f"give the sensor, neuro.events.Events(t, x, y, p, (width, height)); or {hint}"
                 message = "no sensor is known before it is played" if self._played is None else self._played.no_sensor
-                raise ModelError(f"shape {_written(said)}: {message}", hint=hint, path=("shape",))
-            found = tuple(int(n) for n in said)
-            if len(found) != 2 + self._split or (self._split and found[0] != 2):
-                wanted = "[2, height, width]" if self._split else "[height, width]"
-                message = f"shape {list(found)}: expected {wanted} with polarity: {self.model.polarity}"
+                raise ModelError(f"shape {_as_yaml(declared)}: {message}", hint=hint, path=("shape",))
+            numbers = tuple(int(n) for n in declared)
+            if len(numbers) != 2 + self._split or (self._split and numbers[0] != 2):
+                expected = "[2, height, width]" if self._split else "[height, width]"
+                message = f"shape {list(numbers)}: expected {expected} with polarity: {self.model.polarity}"
                 raise ModelError(message, path=("shape",), about=("polarity",))
-            return found
+            return numbers
         shape = self.model.seen(self._sensor)
-        fits = len(said) == len(shape) and all(word in (AUTO, n) for word, n in zip(said, shape, strict=True))
-        if not fits and said != (AUTO,):
+        fits = len(declared) == len(shape) and all(word in (AUTO, n) for word, n in zip(declared, shape, strict=True))
+        if not fits and declared != (AUTO,):
             width, height = self._sensor
-            message = f"shape {_written(said)}: expected {list(shape)}, as the sensor is {width}x{height} px"
+            message = f"shape {_as_yaml(declared)}: expected {list(shape)}, as the sensor is {width}x{height} px"
             raise ModelError(message, hint="'shape: auto' takes it from the recording", path=("shape",))
         return shape
 
-    def _shown_size(self) -> tuple[int, int]:
-        """Width and height in px of what the shape says is seen, where the sensor is unknown."""
+    def _visible_size(self) -> tuple[int, int]:
+        """Return width and height in px of the visible area, from the shape, where the sensor is unknown."""
         rows, columns = (n * self.model.scale for n in self.shape[-2:])
         crop = self.model.crop
         ends = (None, None) if crop is None else (crop.x, crop.y)
@@ -137,20 +136,20 @@ class CameraInput:
         return self.model.polarity == "split"
 
     def after(self, step: int) -> Iterator[Stretch]:
-        """All spikes of later steps. The last step of what has been read is held back: more may come in it."""
+        """Yield all spikes of later steps. The last step read is held back, since more events may fall into it."""
         with naming_the_part(self._part):
             steps = ids = _NONE
             for events in self._read(step):
-                found = self._spikes(events, step)
-                steps, ids = np.concatenate((steps, found[0])), np.concatenate((ids, found[1]))
+                new = self._spikes(events, step)
+                steps, ids = np.concatenate((steps, new[0])), np.concatenate((ids, new[1]))
                 last = self._step(int(events.t[-1]))
-                done = int(np.searchsorted(steps, last))
-                yield Stretch(last - 1, steps[:done], ids[:done])
-                steps, ids = steps[done:], ids[done:]
+                complete = int(np.searchsorted(steps, last))
+                yield Stretch(last - 1, steps[:complete], ids[:complete])
+                steps, ids = steps[complete:], ids[complete:]
             yield Stretch(NEVER, steps, ids)
 
     def _read(self, step: int) -> Iterator[Any]:
-        """The events of later steps, up to the first part that reaches beyond the end."""
+        """Yield the events of later steps, up to the first part that exceeds the end."""
         if self._played is None or step >= self._stop:
             return
         for events in self._played.parts(self._begin(step), self.sensor_size):
@@ -160,7 +159,7 @@ class CameraInput:
                 return
 
     def given(self, events: Any) -> tuple[Ints, Ints]:
-        """Steps and neurons of Events, a structured array, or an iterable of them."""
+        """Return steps and neurons of Events, a structured array, or an iterable of these."""
         if isinstance(events, (str, PathLike)):
             raise ModelError(f"events: found {str(events)!r}: expected Events", hint="neuro.events.load reads a file")
         if self._origin is None:
@@ -168,8 +167,10 @@ class CameraInput:
         begin = self._origin + self._offset
         parts = []
         playing = app("neuro_events.playing", "the type of events")
-        whole = [events] if isinstance(events, playing.Events) else playing.played(events).parts(None, self.sensor_size)
-        for part in whole:
+        batches = (
+            [events] if isinstance(events, playing.Events) else playing.played(events).parts(None, self.sensor_size)
+        )
+        for part in batches:
             if len(part) and part.t[0] < begin:
                 raise ModelError(f"an event at {part.t[0]} us: expected from {begin} us on, the beginning")
             parts.append(self._spikes(part, -NEVER))
@@ -179,24 +180,24 @@ class CameraInput:
         return steps, ids
 
     def first_us(self, step: int) -> int:
-        """The first time of an event, us, that is emitted later than in this step."""
+        """Return the earliest time of an event in us that is emitted after this step."""
         numerator, denominator = self._step_us
         since = max(0, step - self._start) * numerator
         return (self._origin or 0) + self._offset - (-since // denominator)
 
     def _begin(self, step: int) -> int | None:
-        """The first time of the recording, us, that falls in a step after this one; None where all has to be read."""
+        """Return the first time in us to read for the spikes after this step; None to read everything."""
         if self._origin is None or (step <= self._start and not self._offset and self.model.origin is None):
             return None
         return self.first_us(step)
 
     def _step(self, t: int) -> int:
-        """The step in which an event at a time of the recording, us, is emitted."""
+        """Return the step in which an event at a time of the recording in us is emitted."""
         numerator, denominator = self._step_us
         return self._start + (t - (self._origin or 0) - self._offset) * denominator // numerator + 1
 
     def _spikes(self, events: Any, after: int) -> tuple[Ints, Ints]:
-        """Steps and neurons of the events that are seen, in steps after this one."""
+        """Return steps and neurons of the visible events, in steps after this one."""
         width, height = self._sensor or events.sensor_size
         if events.sensor_size != (width, height):
             size = "{}x{}".format(*events.sensor_size)
@@ -211,38 +212,38 @@ class CameraInput:
         return steps[:n], ids[:n]
 
     def _eye(self, width: int, height: int) -> Eye:
-        """What is seen of a sensor of this width and height."""
+        """Return the visible area of a sensor of this width and height, for the kernel."""
         begin = (self._origin or 0) + self._offset
         if (width, height, begin) not in self._eyes:
             model, (rows, columns) = self.model, self.shape[-2:]
             with naming_the_part(self._part):
                 (left, right), (top, bottom) = model.sides(width, height)
             polarity = {"on": 1, "off": 0}.get(model.polarity, -1)
-            apart = rows * columns if self._split else 0
-            when = (begin, *self._step_us, self._start, min(self._stop, NEVER))
-            eye = Eye(*when, left, right, top, bottom, model.scale, rows, columns, polarity, apart)
+            polarity_stride = rows * columns if self._split else 0
+            clock = (begin, *self._step_us, self._start, min(self._stop, NEVER))
+            eye = Eye(*clock, left, right, top, bottom, model.scale, rows, columns, polarity, polarity_stride)
             self._eyes = {(width, height, begin): eye}
         return self._eyes[width, height, begin]
 
 
-def _written(shape: tuple[int | str, ...]) -> str:
-    """A shape as the language writes it."""
+def _as_yaml(shape: tuple[int | str, ...]) -> str:
+    """Return a shape in YAML notation."""
     return str(shape[0]) if len(shape) == 1 else f"[{', '.join(map(str, shape))}]"
 
 
 class Eye(NamedTuple):
-    """What a camera sees of its sensor, and when.
+    """The visible area of a sensor, and the conversion from times to steps, for the kernel.
 
     Attributes:
-        begin: the time of the recording that is its beginning, us.
+        begin: the first time of the recording, us.
         numerator, denominator: us in a step, as a ratio.
         start: the step after which the recording begins.
         stop: the last step.
-        left, right, top, bottom: columns and rows that are seen, each the first and the one after the last.
+        left, right, top, bottom: visible columns and rows, each as the first one and the one after the last.
         scale: side of the squares of pixels that share a neuron.
-        rows, columns: of the population.
-        polarity: that which is seen, 0 or 1; -1: both.
-        apart: neurons between the two polarities, 0 where they share them.
+        rows, columns: size of the population.
+        polarity: the visible polarity, 0 or 1; -1: both.
+        polarity_stride: distance between the neurons of the two polarities, 0 where both share the neurons.
     """
 
     begin: int
@@ -258,7 +259,7 @@ class Eye(NamedTuple):
     rows: int
     columns: int
     polarity: int
-    apart: int
+    polarity_stride: int
 
 
 @kernel
@@ -272,12 +273,12 @@ def see(
     steps: Ints,
     ids: Ints,
 ) -> int:
-    """Write steps and neurons of the events that are seen in steps after one; return how many they are.
+    """Write steps and neurons of the visible events in steps after `after`; return their number.
 
-    Where the population is smaller than the sensor: -1 less the index of the first event beyond it.
+    If an event is outside a population that is smaller than the sensor, return -1 - (index of the event).
     """
     n = 0
-    step, begin, end = 0, 1, 0  # the step of the event before, and the times in it: most divisions are spared
+    step, begin, end = 0, 1, 0  # step of the last event and its times; avoids most divisions
     for k in range(t.shape[0]):
         since = t[k] - eye.begin
         if since < 0:
@@ -302,6 +303,6 @@ def see(
         if column >= eye.columns or row >= eye.rows:
             return -1 - k
         steps[n] = step
-        ids[n] = row * eye.columns + column + p[k] * eye.apart
+        ids[n] = row * eye.columns + column + p[k] * eye.polarity_stride
         n += 1
     return n

@@ -1,4 +1,4 @@
-"""What a network must satisfy as a whole. Each check raises a `ModelError` that says what to mend."""
+"""Checks of a network as a whole. Each check raises a `ModelError` that says what to change."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ FINER = "use a finer resolution or a lower rate"
 
 
 def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
-    """Everything but trials and the values of arrays, which are checked where they are resolved.
+    """Check everything except trials and the values of arrays, which are checked where they are resolved.
 
     Args:
         net: the network.
-        shapes: of all populations, resolved.
+        shapes: resolved shapes of all populations.
 
     Raises:
-        ModelError: the first thing that is wrong, with its place and the way out.
+        ModelError: the first error, with its place and a way out.
     """
     if not net.populations:
         raise ModelError(f"network '{net.name}' has no population: expected at least one")
@@ -61,8 +61,8 @@ def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
             ("to", projection.target, projection.target_view),
         ):
             with naming_the_part(projection, role, name):
-                seen = end_of(view, shapes[name])
-            if isinstance(projection.rule, grid) and seen.ids is not None:
+                end = end_of(view, shapes[name])
+            if isinstance(projection.rule, grid) and end.ids is not None:
                 message = f"a grid {role} {view}: expected the whole population"
                 refuse(projection, message, "all_to_all and pairs connect views", "grid")
         _check_ends(net, projection)
@@ -72,7 +72,7 @@ def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
 
 
 def recordable(population: Population) -> list[str]:
-    """The states of a population's model that can be read."""
+    """Return the names of the states of a population's model that can be read."""
     return [state.name for state in population.model.states if not state.hidden]
 
 
@@ -80,11 +80,11 @@ def _check_population(part: Population, shape: Shape) -> None:
     model = part.model
     if part.neurons is not None:
         with naming_the_part(part, "neurons"):
-            listed = part.neurons.neurons.size
-        if listed != size(shape):
-            message = f"its table lists {listed} neurons: expected {size(shape)}, as many as its shape has"
+            table_size = part.neurons.neurons.size
+        if table_size != size(shape):
+            message = f"its table lists {table_size} neurons: expected {size(shape)}, as many as its shape has"
             refuse(part, message, "'shape: auto' takes it from the table", "shape")
-    _check_whole(part, MODELS, type(model))
+    _check_class(part, MODELS, type(model))
     if isinstance(model, spike_generator) and len(model.spike_times) not in (0, size(shape)):
         message = (
             f"spike_generator.spike_times has {len(model.spike_times)} lists: "
@@ -92,12 +92,12 @@ def _check_population(part: Population, shape: Shape) -> None:
         )
         refuse(part, message, word="spike_generator.spike_times")
     if isinstance(model, Neuron) and 0 < model.most < size(shape):
-        found = f"{size(shape)} neurons of {model.name}"
-        refuse(part, f"{found}: expected at most {model.most}, which are compared at once")
+        subject = f"{size(shape)} neurons of {model.name}"
+        refuse(part, f"{subject}: expected at most {model.most}, since all are compared with each other")
 
 
-def _check_whole(part: AnyPart, registry: Registry[Any], model: type[Any]) -> None:
-    """A third-party class has all that backends rely on, registered or not."""
+def _check_class(part: AnyPart, registry: Registry[Any], model: type[Any]) -> None:
+    """Check that a third-party class, registered or not, has everything that backends need."""
     try:
         registry.check(model)
     except ModelError as error:
@@ -105,12 +105,12 @@ def _check_whole(part: AnyPart, registry: Registry[Any], model: type[Any]) -> No
 
 
 def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -> None:
-    """What the resolved parameters of one population must satisfy together.
+    """Check the resolved parameters of one population, alone and together.
 
     Args:
         model: its model.
-        parameters: one value for all neurons or one for each, by word; what is not given is not checked.
-        clock: of the network.
+        parameters: one value for all neurons or one for each, by word. Missing words are not checked.
+        clock: clock of the network.
     """
     if isinstance(model, Generator):
         check_generator(model, parameters, clock)
@@ -131,15 +131,15 @@ def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -
 
 
 def check_generator(model: Generator, parameters: Mapping[str, Floats], clock: Clock) -> None:
-    """What the resolved parameters of a generator must satisfy together.
+    """Check the resolved parameters of a generator, alone and together.
 
     Args:
         model: the generator, as described.
-        parameters: one value for all neurons or one for each, by word; what is not given is not checked.
-        clock: of the network.
+        parameters: one value for all neurons or one for each, by word. Missing words are not checked.
+        clock: clock of the network.
 
     Raises:
-        ModelError: the first thing that is wrong.
+        ModelError: the first error.
     """
     if isinstance(model, poisson_generator | sinusoidal_poisson_generator) and "rate" in parameters:
         check_rate(model, "rate", float(parameters["rate"].max()), clock)
@@ -147,7 +147,7 @@ def check_generator(model: Generator, parameters: Mapping[str, Floats], clock: C
         peak = np.max(parameters["rate"] + np.abs(parameters["amplitude"]))
         check_rate(model, "rate + amplitude", float(peak), clock)
     if isinstance(model, gamma_sup_generator) and "rate" in parameters:
-        # The chance to leave a stage is at most 1/2, and so many leave that the chance of none is a double.
+        # The probability of leaving a stage is at most 1/2, and the probability that no neuron leaves is a double > 0.
         rate = float(parameters["rate"].max())
         per_step = model.gamma_shape * clock.resolution / 1000.0
         limit = min(0.5, LARGEST_MEAN / model.n_proc) / per_step
@@ -174,7 +174,7 @@ def check_generator(model: Generator, parameters: Mapping[str, Floats], clock: C
 
 
 def check_rate(model: Model, what: str, rate: float, clock: Clock) -> None:
-    """Refuse a rate of more spikes a step than can be drawn.
+    """Refuse a rate with more spikes per step than can be drawn.
 
     Raises:
         ModelError: the rate, in Hz, is too large.
@@ -214,7 +214,7 @@ def _check_ends(net: Network, part: Projection) -> None:
 
 
 def _check_graded(net: Network, part: Projection) -> None:
-    """What takes no payloads: parrots, rules that learn from spikes, receptors that the sign of an input chooses."""
+    """Refuse graded spikes for parrots, for rules that learn from spikes, and for receptors chosen by sign."""
     source, target = net.populations[part.source].model, net.populations[part.target].model
     sides = [name for name, model in ((part.source, source), (part.target, target)) if model.graded]
     if part.synapse.learns and sides and not part.synapse.takes_graded:
@@ -227,18 +227,20 @@ def _check_graded(net: Network, part: Projection) -> None:
         refuse(part, text, "graded_vector repeats payloads", "to")
     receptor = named_by(part.synapse)
     if target.receptors > 1 and (receptor is None or receptor in target.conductances):
-        named = [name for name in target.named_receptors() if name not in target.conductances]
-        expected = f"a synapse that names one, receptor: {' or '.join(named)}" if named else "a neuron with one"
+        candidates = [name for name in target.named_receptors() if name not in target.conductances]
+        expected = (
+            f"a synapse that names one, receptor: {' or '.join(candidates)}" if candidates else "a neuron with one"
+        )
         text = (
             f"graded spikes of '{part.source}' onto '{part.target}', {a(target.name)} with {target.receptors} receptors"
         )
-        hint = "payloads may be negative, so that a weight does not say which; iaf_psc_delta has one"
+        hint = "payloads may be negative, so the sign of a weight cannot choose one; iaf_psc_delta has one receptor"
         refuse(part, f"{text}: expected {expected}", hint, "to")
 
 
 def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) -> None:
     synapse = part.synapse
-    _check_whole(part, SYNAPSES, type(synapse))
+    _check_class(part, SYNAPSES, type(synapse))
     if isinstance(part.rule, grid) and synapse.learns in ("pairs", "moves") and synapse.name not in LEARNING_KERNELS:
         text = f"{synapse.name} on a shared kernel: expected static, {', '.join(LEARNING_KERNELS)} or a rule for trials"
         refuse(part, text, "all_to_all gives each pair a weight", synapse.name)
@@ -256,7 +258,7 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
         if synapse.name not in LEARNING_IN_TRIALS or shared:
             what = f"{synapse.name} on a shared kernel" if shared else synapse.name
             expected = f"static, {', '.join(LEARNING_IN_TRIALS)} with a weight for each pair, or a rule for trials"
-            hint = "a trial starts anew with the weights alone: what else a rule keeps would be lost"
+            hint = "each trial resets everything except weights, so other states of a rule would be lost"
             hint = "all_to_all gives each pair a weight" if shared else hint
             refuse(part, f"{what} in a network with trials: expected {expected}", hint, synapse.name, "trials")
     _check_weight(part)
@@ -267,7 +269,7 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
 
 
 def _check_weight(part: Projection) -> None:
-    """A weight said as a number lies within the bounds of its rule, where these are numbers."""
+    """Check that a weight given as a number is within the numeric bounds of its rule."""
     weight = plain(part.weight)
     if isinstance(weight, (Distribution, of_distance)) or np.ndim(weight) or part.synapse.of_each():
         return
@@ -303,43 +305,46 @@ def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
 
 
 def named_by(synapse: Synapse) -> str | None:
-    """Return the name of a receptor that a synapse has; a number called `receptor` is a rule's own parameter."""
+    """Return the name of a synapse's receptor; None without one.
+
+    A number called `receptor` is a parameter of a third-party rule.
+    """
     name = getattr(synapse, "receptor", None)
     return name if isinstance(name, str) else None
 
 
 def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
-    """The receptor that a synapse names; None if weights are routed by sign.
+    """Return the receptor that a synapse names; None if weights are routed by sign.
 
     Args:
         synapse: the model of the synapse.
-        target: the population of neurons that it goes to.
+        target: the population of target neurons.
 
     Raises:
-        ModelError: the neurons have no receptor of that name, or so many that one must be named.
+        ModelError: the neurons have no receptor of that name, or have several of which one must be named.
     """
     model = target.model
     assert isinstance(model, Neuron)
-    known = model.named_receptors()
+    receptors = model.named_receptors()
     name = named_by(synapse)
     if name is None:
-        if len(known) > 2 or not model.signed:
+        if len(receptors) > 2 or not model.signed:
             rule = synapse.name if hasattr(synapse, "receptor") else "static"
-            message = f"{_shown(target)} has {len(known)} receptors: the synapse must name one"
-            raise ModelError(message, hint=f"write {rule} with 'receptor', one of {', '.join(known)}")
+            message = f"{_with_model(target)} has {len(receptors)} receptors: the synapse must name one"
+            raise ModelError(message, hint=f"write {rule} with 'receptor', one of {', '.join(receptors)}")
         return None
-    if not known:
-        found = f"{synapse.name}.receptor = '{name}': {_shown(target)} has one input without a name"
-        raise ModelError(f"{found}: expected no receptor", hint="leave it out", path=(synapse.name, "receptor"))
-    if name not in known:
-        raise _unknown(synapse, target, name, known)
-    index, conductance = known.index(name), name in model.conductances
-    # Models with two conductances expect negative numbers at the second, as they get them by sign.
-    return Receptor(name, index, conductance, negated=conductance and len(known) == 2 and index == 1)
+    if not receptors:
+        text = f"{synapse.name}.receptor = '{name}': {_with_model(target)} has one input without a name"
+        raise ModelError(f"{text}: expected no receptor", hint="leave it out", path=(synapse.name, "receptor"))
+    if name not in receptors:
+        raise _unknown_receptor(synapse, target, name, receptors)
+    index, conductance = receptors.index(name), name in model.conductances
+    # Models with two conductances expect negative numbers at the second one, as in routing by sign.
+    return Receptor(name, index, conductance, negated=conductance and len(receptors) == 2 and index == 1)
 
 
 def receptor_of_current(synapse: Synapse, target: Population, source: str) -> Receptor | None:
-    """The receptor whose filter a current passes; None if the current acts on V_m directly.
+    """Return the receptor that filters a current; None if the current acts on V_m directly.
 
     Raises:
         ModelError: the neurons have no such receptor.
@@ -350,27 +355,29 @@ def receptor_of_current(synapse: Synapse, target: Population, source: str) -> Re
     if name is None:
         return None
     if not model.filters:
-        found = f"static.receptor = '{name}' of a current from '{source}': {_shown(target)} takes currents at V_m alone"
-        raise ModelError(f"{found}: expected no receptor", hint="leave it out", path=("static", "receptor"))
+        message = (
+            f"static.receptor = '{name}' of a current from '{source}': {_with_model(target)} takes currents at V_m"
+        )
+        raise ModelError(f"{message}: expected no receptor", hint="leave it out", path=("static", "receptor"))
     if name not in model.filters:
-        raise _unknown(synapse, target, name, model.filters)
+        raise _unknown_receptor(synapse, target, name, model.filters)
     return Receptor(name, model.named_receptors().index(name), conductance=False, negated=False)
 
 
-def _shown(target: Population) -> str:
+def _with_model(target: Population) -> str:
     return f"'{target.name}' ({target.model.name})"
 
 
-def _unknown(synapse: Synapse, target: Population, name: str, known: Iterable[str]) -> ModelError:
-    error = unknown("receptor of", name, known, path=(synapse.name, "receptor"))
-    return error.but(message=f"{_shown(target)} has no receptor '{name}'")
+def _unknown_receptor(synapse: Synapse, target: Population, name: str, receptors: Iterable[str]) -> ModelError:
+    error = unknown("receptor of", name, receptors, path=(synapse.name, "receptor"))
+    return error.but(message=f"{_with_model(target)} has no receptor '{name}'")
 
 
 def check_conductance(receptor: Receptor | None, *weights: NDArray[np.floating[Any]]) -> None:
-    """Refuse negative weights to a conductance that is named; weights in several arrays have no places.
+    """Refuse negative weights to a named conductance. With several arrays, the message has no index.
 
     Raises:
-        ModelError: for the first one.
+        ModelError: the first negative weight.
     """
     if receptor is None or not receptor.conductance:
         return

@@ -1,4 +1,4 @@
-"""Codes and cameras of a network as the generators that stand for them."""
+"""Conversion of codes and cameras of a network to generators."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from neuro.program.program import Floats
 
 
 def generator_of(part: Population, model: encode | event_camera, shape: Shape, clock: Clock, seed: int) -> Generator:
-    """The generator that stands for a code or a camera; that of a camera lists nothing.
+    """Return the generator that replaces a code or a camera. The generator of a camera lists no spikes.
 
     Raises:
-        ModelError: a code gives the spikes of another number of neurons, or a time is too late or off the grid.
+        ModelError: the code has another number of neurons, or a time is too late or off the grid of steps.
     """
     if isinstance(model, event_camera):
         return spike_generator()
     with naming_the_part(part):
-        found = model.spikes(key(seed, "encode", part.name))
-        neurons = found.shape if model.gives_rates else found.shape[:-1]
+        encoded = model.spikes(key(seed, "encode", part.name))
+        neurons = encoded.shape if model.gives_rates else encoded.shape[:-1]
         if neurons not in (shape, (size(shape),)):
             message = f"encode makes the spikes of neurons of shape {list(neurons)}: expected {list(shape)}"
             raise ModelError(message, hint=f"give the population the shape {list(neurons)}")
         if model.gives_rates:
-            return poisson_generator(rate=found, start=model.start, stop=model.stop)
-        return spike_generator(spike_times=_times(model, found.reshape(size(shape), -1), clock))
+            return poisson_generator(rate=encoded, start=model.start, stop=model.stop)
+        return spike_generator(spike_times=_times(model, encoded.reshape(size(shape), -1), clock))
 
 
 def _times(model: encode, after: Floats, clock: Clock) -> list[Floats]:
-    """The end of the step of each spike that is emitted, a list for each neuron."""
+    """Return the end of the step of each emitted spike, as a list for each neuron."""
     start, stop = clock.step(model.start, "encode.start"), clock.step(model.stop, "encode.stop")
     neurons, spikes = np.nonzero(~np.isnan(after))
     steps = start + clock.floors(after[neurons, spikes], "encode: spike") + 1
-    emitted = steps <= stop
-    neurons, steps = neurons[emitted], steps[emitted]
+    is_emitted = steps <= stop
+    neurons, steps = neurons[is_emitted], steps[is_emitted]
     order = np.lexsort((steps, neurons))
     ends = np.cumsum(np.bincount(neurons, minlength=len(after)))[:-1]
     return np.split(clock.array_ms(steps[order]), ends)

@@ -1,4 +1,4 @@
-"""The synapses of a projection without their values: which there are, by source, then target."""
+"""The synapses of a projection without their values: sources and targets, sorted by source, then target."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Connections:
 
     Attributes:
         layout, row_ends, targets, size: as in `neuro.program.program.Projection`.
-        order: for listed pairs that were not sorted: which listed pair each synapse is, else None.
-        listed: the shapes that an array of weights may have; empty where synapses are drawn at random.
-        shared: for synapses of which some share a drawn weight or delay: which draw each takes, else None.
-        factors: of "weight" or "delay", one for each synapse in the program's order; 1 for all where it is not there.
+        order: for listed pairs that were not sorted: index of the listed pair of each synapse, else None.
+        weight_shapes: the shapes that an array of weights may have; empty where synapses are drawn at random.
+        shared: for synapses that share drawn weights or delays: index of the draw of each synapse, else None.
+        factors: factors of "weight" or "delay", one for each synapse in the program's order; a missing factor is 1.
     """
 
     layout: str
@@ -32,22 +32,22 @@ class Connections:
     row_ends: Ints = field(default_factory=lambda: NO_ROWS)
     targets: NDArray[np.int32] = field(default_factory=lambda: NO_TARGETS)
     order: Ints | None = None
-    listed: tuple[tuple[int, ...], ...] = ()
+    weight_shapes: tuple[tuple[int, ...], ...] = ()
     shared: Ints | None = None
     factors: Mapping[str, Floats] = field(default_factory=dict)
 
     def ends(self, synapse: int) -> tuple[int, int]:
-        """Source and target of one synapse."""
+        """Return source and target of one synapse."""
         match self.layout:
             case "one_to_one":
                 return synapse, synapse
             case "dense":
-                pre, post = divmod(synapse, self.listed[0][1])
+                pre, post = divmod(synapse, self.weight_shapes[0][1])
                 return pre, post
         return int(np.searchsorted(self.row_ends, synapse, side="right")) - 1, int(self.targets[synapse])
 
     def pairs(self, n_post: int) -> Iterator[tuple[Ints, NDArray[np.integer]]]:
-        """Source and target of all synapses but those of a grid, in order, a piece at a time."""
+        """Yield source and target of all synapses except those of a grid, in order, in batches."""
         for first, last in blocks(0, self.size, BLOCK):
             synapses = np.arange(first, last)
             match self.layout:
@@ -60,13 +60,13 @@ class Connections:
                     yield pre, self.targets[first:last]
 
 
-def listed_one_by_one(found: Connections, n_pre: int, n_post: int) -> Connections:
-    """The same synapses with a target each."""
-    match found.layout:
+def listed_one_by_one(connections: Connections, n_pre: int, n_post: int) -> Connections:
+    """Return the same synapses in layout csr, with a target for each synapse."""
+    match connections.layout:
         case "one_to_one":
             row_ends, targets = np.arange(n_pre + 1), np.arange(n_pre, dtype=np.int32)
         case "dense":
             row_ends, targets = np.arange(n_pre + 1) * n_post, np.tile(np.arange(n_post, dtype=np.int32), n_pre)
         case _:
-            return found
-    return replace(found, layout="csr", row_ends=row_ends, targets=targets)
+            return connections
+    return replace(connections, layout="csr", row_ends=row_ends, targets=targets)

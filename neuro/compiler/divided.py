@@ -1,4 +1,4 @@
-"""The synapses of a large projection: drawn block by block, side by side, and brought into one order."""
+"""The synapses of a large projection: drawn block by block in parallel, and joined in one order."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from neuro.compiler.connect import Block
 from neuro.compiler.connections import Connections
-from neuro.compiler.memory import SynapseRoom, has_each, weight_room
-from neuro.compiler.synapses import Drawing, Piece, Synapses, by_delay_in_place, placed, with_numbers
+from neuro.compiler.memory import SynapseBuffers, has_each, weight_buffer
+from neuro.compiler.synapses import Drawing, Piece, Synapses, by_delay_in_place, in_populations, with_numbers
 from neuro.core.memory import give_back
 from neuro.core.system import mapped
 from neuro.model.distributions import Distribution
@@ -24,106 +24,106 @@ from neuro.program.program import Floats, Ints, StoredSynapses
 _OF_THREAD, _NOTHING = threading.local(), np.zeros(0)
 
 LARGE = 1 << 24
-"""Synapses from which on the memory in which blocks were drawn is given back: to be given it anew takes time, too."""
+"""Smallest number of synapses at which the memory of blocks is freed. Allocating it again takes time, too."""
 
 
 class Divided(Drawing):
     """Draws the synapses of a projection block by block."""
 
-    def synapses(self, room: SynapseRoom | None) -> Synapses:
-        """The synapses in order; `room` is memory that may be used for those of all targets."""
-        return super().synapses(room) if self._are_alike else self._of_blocks(room)
+    def synapses(self, buffer: SynapseBuffers | None) -> Synapses:
+        """Return the synapses in order; `buffer` is memory that may be used for the targets of all."""
+        return super().synapses(buffer) if self._is_uniform else self._join_blocks(buffer)
 
-    def _of_blocks(self, room: SynapseRoom | None) -> Synapses:
-        """The synapses of several blocks."""
-        needed = [block for block in self.blocks.all if self._reached(block)] or [self.blocks.all[0]]
-        if self._stay:
-            return self._in_blocks(tuple(mapped(self._block, needed, self.threads)))
-        pieces = dict(enumerate(mapped(self._begun, needed, self.threads)))
+    def _join_blocks(self, buffer: SynapseBuffers | None) -> Synapses:
+        """Return the joined synapses of several blocks."""
+        needed_blocks = [block for block in self.blocks.all if self._is_needed(block)] or [self.blocks.all[0]]
+        if self._stay_in_blocks:
+            return self._in_blocks(tuple(mapped(self._block, needed_blocks, self.threads)))
+        pieces = dict(enumerate(mapped(self._draw_delays, needed_blocks, self.threads)))
         whole_layout, shape = self._layout, (self.ends[0].size, self.ends[1].size)
-        layout = whole_layout if self.among is None else "csr"
-        joint = Joint(layout, shape, needed, [piece.row_ends for piece in pieces.values()])
-        targets = joint.room(np.int32, None if room is None else room.targets)
+        layout = whole_layout if self.target_range is None else "csr"
+        joint = Joint(layout, shape, needed_blocks, [piece.row_ends for piece in pieces.values()])
+        targets = joint.buffer(np.int32, None if buffer is None else buffer.targets)
         delay = pieces[0].delay
         if has_each(self.part.delay):
-            delay = joint.room(np.result_type(*(piece.delay for piece in pieces.values())))
-        columns = {name: joint.room(np.float64) for name in self._parameters}
+            delay = joint.buffer(np.result_type(*(piece.delay for piece in pieces.values())))
+        columns = {name: joint.buffer(np.float64) for name in self._parameters}
         if has_each(self.part.weight):
-            columns["weight"] = joint.room(np.float64, self._room_of_weights(joint.size, room))
+            columns["weight"] = joint.buffer(np.float64, self._weight_buffer(joint.size, buffer))
 
         def finish(k: int) -> Floats:
-            piece = pieces.pop(k)  # freed when it is in its place: two copies of all would not fit
-            joint.put(k, piece.some(piece.found.targets), targets)
+            piece = pieces.pop(k)  # freed after the copy, since two copies of all pieces would not fit into memory
+            joint.put(k, piece.select(piece.connections.targets), targets)
             if has_each(self.part.delay):
-                joint.put(k, piece.some(piece.delay), delay)
-            values = self._columns(piece.found, piece.block, _scratch(piece.found.size))
+                joint.put(k, piece.select(piece.delay), delay)
+            values = self._columns(piece.connections, piece.block, _scratch(piece.connections.size))
             for name, column in columns.items():
-                joint.put(k, piece.some(values[name]), column)
+                joint.put(k, piece.select(values[name]), column)
             return values["weight"]
 
-        weights = list(mapped(finish, range(len(needed)), self.threads))
+        weights = list(mapped(finish, range(len(needed_blocks)), self.threads))
         if joint.size >= LARGE:
             give_back()
-        found = joint.connections(targets)
+        connections = joint.connections(targets)
         rows = [*columns.values(), *([delay] if has_each(self.part.delay) else [])]
-        if found.layout == "csr" and not self.ends[1].ascends:
-            pre = np.repeat(np.arange(found.row_ends.size - 1), np.diff(found.row_ends))
-            order = np.lexsort((found.targets, pre))
-            for column in (found.targets, *rows):
+        if connections.layout == "csr" and not self.ends[1].ascends:
+            pre = np.repeat(np.arange(connections.row_ends.size - 1), np.diff(connections.row_ends))
+            order = np.lexsort((connections.targets, pre))
+            for column in (connections.targets, *rows):
                 column[:] = column[order]
         by_delay = layout == "csr" and self._sorts
         if by_delay:
-            by_delay_in_place(found.row_ends, delay, targets, [*columns.values()])
+            by_delay_in_place(connections.row_ends, delay, targets, [*columns.values()])
         weight = columns.pop("weight", weights[0])
-        return Synapses(found, delay, weight, with_numbers(self.part.synapse, columns), by_delay, whole_layout)
+        return Synapses(connections, delay, weight, with_numbers(self.part.synapse, columns), by_delay, whole_layout)
 
     @property
     def _sorts(self) -> bool:
-        """Whether synapses of several blocks are sorted by delay, if these are listed one by one."""
+        """True if the synapses of several blocks are sorted by delay, provided that they are in layout csr."""
         return (
             self.ordered and isinstance(self.part.delay, Distribution) and not isinstance(self.blocks.rule, one_to_one)
         )
 
     @property
-    def _stay(self) -> bool:
-        """Whether synapses stay in blocks: a backend that makes rows of its own reads them as they are."""
-        whole = self.among is None and self._layout == "csr" and self.ends[1].ascends
+    def _stay_in_blocks(self) -> bool:
+        """True if synapses stay in blocks. A backend that sorts synapses itself can read them in this form."""
+        whole = self.target_range is None and self._layout == "csr" and self.ends[1].ascends
         return whole and self._sorts and not self._parameters
 
     def _block(self, block: Block) -> SynapseBlock:
-        """The synapses of a block, in few bytes."""
-        found = placed(self.blocks.connect(block), *self.ends)
-        delay = self._delay(found, block)
-        weight = self._columns(found, block, weight_room(self.part, found.size))["weight"]
-        return SynapseBlock.of(found.row_ends, found.targets, weight, delay)
+        """Return the synapses of a block in the smallest types."""
+        connections = in_populations(self.blocks.connect(block), *self.ends)
+        delay = self._delay(connections, block)
+        weight = self._columns(connections, block, weight_buffer(self.part, connections.size))["weight"]
+        return SynapseBlock.of(connections.row_ends, connections.targets, weight, delay)
 
     def _in_blocks(self, blocks: tuple[SynapseBlock, ...]) -> Synapses:
         row_ends = np.sum([block.row_ends for block in blocks], axis=0)
         weight = np.zeros(0) if has_each(self.part.weight) else blocks[0].weight.astype(np.float64)
-        found = Connections("csr", int(row_ends[-1]), row_ends)
-        return Synapses(found, np.zeros(0, dtype=np.uint8), weight, self.part.synapse, True, "csr", blocks)
+        connections = Connections("csr", int(row_ends[-1]), row_ends)
+        return Synapses(connections, np.zeros(0, dtype=np.uint8), weight, self.part.synapse, True, "csr", blocks)
 
-    def _reached(self, block: Block) -> bool:
-        """Whether some targets of a block are of the part."""
+    def _is_needed(self, block: Block) -> bool:
+        """Return whether some targets of a block belong to the share."""
         ids = self.ends[1].ids
-        if self.among is None:
+        if self.target_range is None:
             return True
-        first, end = self.among
+        first, end = self.target_range
         if ids is None:
             return block.first < end and first < block.end
-        some = ids[block.first : block.end]
-        return bool(((some >= first) & (some < end)).any())
+        ids_of_block = ids[block.first : block.end]
+        return bool(((ids_of_block >= first) & (ids_of_block < end)).any())
 
-    def _begun(self, block: Block) -> Piece:
-        """A block with its delays."""
-        found = placed(self.blocks.connect(block), *self.ends)
-        return Piece(block, found, self._kept(found), self._delay(found, block))
+    def _draw_delays(self, block: Block) -> Piece:
+        """Return a block with its delays."""
+        connections = in_populations(self.blocks.connect(block), *self.ends)
+        return Piece(block, connections, self._mask(connections), self._delay(connections, block))
 
     @property
-    def _are_alike(self) -> bool:
-        """Whether no synapse is stored by itself: every source reaches every target, with one weight and delay."""
+    def _is_uniform(self) -> bool:
+        """True if no values per synapse are stored: all sources and targets, with one weight and delay."""
         each = has_each(self.part.weight) or has_each(self.part.delay) or self._parameters
-        return self.among is None and self._layout != "csr" and not each
+        return self.target_range is None and self._layout != "csr" and not each
 
     @property
     def _layout(self) -> str:
@@ -137,13 +137,13 @@ class Divided(Drawing):
 
 
 class Joint:
-    """The place of each synapse of some blocks among all of them.
+    """The index of each synapse of some blocks among the synapses of all blocks.
 
     Args:
-        layout: of all.
-        shape: neurons of source and target.
-        blocks: in order.
-        rows: where the synapses of each source end, block by block.
+        layout: layout of all synapses.
+        shape: numbers of source and target neurons.
+        blocks: the blocks in order.
+        rows: row ends of each block.
     """
 
     def __init__(self, layout: str, shape: tuple[int, int], blocks: Sequence[Block], rows: Sequence[Ints]) -> None:
@@ -153,7 +153,7 @@ class Joint:
 
     @cached_property
     def _starts(self) -> list[Ints]:
-        """Where the synapses of each source begin, block by block."""
+        """Index at which the synapses of each source begin, for each block."""
         starts = [self._row_ends[:-1]]
         for ends in self._rows[:-1]:
             starts.append(starts[-1] + np.diff(ends))
@@ -162,12 +162,12 @@ class Joint:
     def _columns(self, k: int) -> slice:
         return slice(self._blocks[k].first, self._blocks[k].end)
 
-    def room(self, kind: Any, given: NDArray[Any] | None = None) -> NDArray[Any]:
-        """Memory for a value of each; that which is given if it fits."""
-        return given if given is not None and given.size == self.size else np.empty(self.size, dtype=kind)
+    def buffer(self, kind: Any, existing: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Return memory for a value of each synapse; `existing` memory is used if it fits."""
+        return existing if existing is not None and existing.size == self.size else np.empty(self.size, dtype=kind)
 
     def put(self, k: int, values: NDArray[Any], to: NDArray[Any]) -> None:
-        """Move the values of block k to their places."""
+        """Copy the values of block k to their places in `to`."""
         match self._layout:
             case "one_to_one":
                 to[self._columns(k)] = values
@@ -179,32 +179,32 @@ class Joint:
                 put_rows(self._rows[k], values, self._starts[k], to)
 
     def connections(self, targets: NDArray[np.int32]) -> Connections:
-        """All of them."""
+        """Return all synapses."""
         if self._layout == "csr":
             return Connections("csr", self.size, self._row_ends, targets)
         return Connections(self._layout, self.size)
 
 
-def together(own_weights: bool, blocks: Sequence[SynapseBlock]) -> StoredSynapses:
-    """Targets, weights and delays of the synapses of blocks, by source, delay, target."""
+def join_blocks(has_weights: bool, blocks: Sequence[SynapseBlock]) -> StoredSynapses:
+    """Return targets, weights and delays of the synapses of blocks, by source, delay, target."""
     joint = Joint("csr", (0, 0), (), [block.row_ends for block in blocks])
 
     def of_all(name: str) -> NDArray[Any]:
-        to = joint.room(getattr(blocks[0], name).dtype)
+        to = joint.buffer(getattr(blocks[0], name).dtype)
         for k, block in enumerate(blocks):
             joint.put(k, getattr(block, name), to)
         return to
 
     targets, delay = of_all("targets"), of_all("delay")
-    weight = of_all("weight") if own_weights else blocks[0].weight
-    by_delay_in_place(joint.connections(targets).row_ends, delay, targets, [weight] if own_weights else [])
+    weight = of_all("weight") if has_weights else blocks[0].weight
+    by_delay_in_place(joint.connections(targets).row_ends, delay, targets, [weight] if has_weights else [])
     return targets, weight, delay
 
 
 def _scratch(size: int) -> Floats:
-    """Memory for so many values, of this thread, which its next block uses again."""
-    # Memory that is touched for the first time takes longer than to draw what lies there.
-    if getattr(_OF_THREAD, "room", _NOTHING).size < size:
-        _OF_THREAD.room = np.empty(size)
-    room: Floats = _OF_THREAD.room[:size]
-    return room
+    """Return memory for a number of values, which is reused by the next block of this thread."""
+    # The first access to new memory takes longer than drawing the values in it.
+    if getattr(_OF_THREAD, "buffer", _NOTHING).size < size:
+        _OF_THREAD.buffer = np.empty(size)
+    buffer: Floats = _OF_THREAD.buffer[:size]
+    return buffer

@@ -1,4 +1,4 @@
-"""Weights and delays that are drawn, or that follow from the distance between neurons."""
+"""Weights and delays that are drawn, or that depend on the distance between neurons."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.connect import Apart
+from neuro.compiler.connect import GetGeometry
 from neuro.compiler.connections import Connections
 from neuro.compiler.pairs import BLOCK, blocks
 from neuro.core.clock import Clock
@@ -19,38 +19,38 @@ from neuro.model.space import Profile, of_distance
 from neuro.program.program import Floats
 
 LONGEST_DELAY = 2**16
-"""Steps that a delay may have."""
+"""Largest delay in steps."""
 
 Steps: TypeAlias = NDArray[np.integer[Any]]
-Room: TypeAlias = NDArray[np.floating[Any]]
+Buffer: TypeAlias = NDArray[np.floating[Any]]
 
 
-def drawn_values(value: Distribution, found: Connections, rng: np.random.Generator, room: Room | None) -> Any:
-    """The draw that each synapse takes."""
-    if found.shared is not None:
-        # Both directions of a symmetric pair take one draw.
-        return value.drawn(rng, int(found.shared.max(initial=-1)) + 1)[found.shared]
+def drawn_values(value: Distribution, connections: Connections, rng: np.random.Generator, buffer: Buffer | None) -> Any:
+    """Return the drawn value of each synapse."""
+    if connections.shared is not None:
+        # Both directions of a symmetric pair share a draw.
+        return value.drawn(rng, int(connections.shared.max(initial=-1)) + 1)[connections.shared]
     last = 0
-    # Piece by piece into the room: a second array of all values would double what a large network needs at its peak.
-    for piece in value.pieces(rng, found.size):
-        if piece.size == found.size:
+    # In pieces, because a second array of all values would double the peak memory of a large network.
+    for piece in value.pieces(rng, connections.size):
+        if piece.size == connections.size:
             return piece
-        if room is None or room.size != found.size:
-            room = np.empty(found.size)
+        if buffer is None or buffer.size != connections.size:
+            buffer = np.empty(connections.size)
         first, last = last, last + piece.size
-        room[first:last] = piece
-    assert room is not None
-    return room
+        buffer[first:last] = piece
+    assert buffer is not None
+    return buffer
 
 
-def values_of_distance(profile: Profile, found: Connections, what: str, apart: Apart) -> Floats:
-    """The value of each synapse."""
-    if found.layout == "grid":
+def values_of_distance(profile: Profile, connections: Connections, what: str, get_geometry: GetGeometry) -> Floats:
+    """Return the value of each synapse as a function of distance."""
+    if connections.layout == "grid":
         message = f"{what} of distance: a shared kernel has none: expected numbers or a distribution"
         raise ModelError(message, path=words_of(what))
-    space, values = apart(), np.empty(found.size)
+    space, values = get_geometry(), np.empty(connections.size)
     last = 0
-    for pre, post in found.pairs(len(space.target.places)):
+    for pre, post in connections.pairs(len(space.target.places)):
         first, last = last, last + len(pre)
         values[first:last] = profile.values(space.distance(pre, post))
     return values
@@ -58,49 +58,53 @@ def values_of_distance(profile: Profile, found: Connections, what: str, apart: A
 
 def drawn_delays(
     value: Distribution | of_distance,
-    found: Connections,
+    connections: Connections,
     clock: Clock,
     what: str,
     rng: np.random.Generator,
-    apart: Apart,
+    get_geometry: GetGeometry,
     small: bool,
 ) -> Steps:
-    """Delays in steps, rounded, to at least one step; arguments as of `delay_steps`."""
+    """Return delays in steps, rounded, at least one step; arguments as for `delay_steps`."""
     check_distribution(value, clock, what)
-    # A byte a synapse where delays are drawn and static: 300 M synapses save 0.9 GB. A draw above 255 steps widens
-    # all.
-    late: Steps = np.empty(found.size, dtype=np.uint8 if small else np.int32)
-    longest, done = 0.0, 0
-    for piece in _pieces(value, found, what, rng, apart):
-        check_values(value, piece, found, clock, what)
+    # One byte per synapse where delays are drawn and static saves 0.9 GB for 300 M synapses. A single delay above 255
+    # steps widens the array.
+    delays: Steps = np.empty(connections.size, dtype=np.uint8 if small else np.int32)
+    longest, n_done = 0.0, 0
+    for piece in _pieces(value, connections, what, rng, get_geometry):
+        check_values(value, piece, connections, clock, what)
         for begin, end in blocks(0, piece.size, BLOCK):
             whole = piece[begin:end] / clock.resolution
             np.rint(whole, out=whole)
             longest = max(longest, float(whole.max()))
-            if longest > np.iinfo(late.dtype).max:
-                late = late.astype(np.int32)
+            if longest > np.iinfo(delays.dtype).max:
+                delays = delays.astype(np.int32)
             if longest <= LONGEST_DELAY:
-                late[done + begin : done + end] = np.maximum(whole, 1.0, out=whole)
-        done += piece.size
+                delays[n_done + begin : n_done + end] = np.maximum(whole, 1.0, out=whole)
+        n_done += piece.size
     if longest > LONGEST_DELAY:
-        raise too_late(f"the longest {'drawn ' * isinstance(value, Distribution)}{what}", int(longest), clock)
-    return late
+        raise too_long_delay(f"the longest {'drawn ' * isinstance(value, Distribution)}{what}", int(longest), clock)
+    return delays
 
 
 def _pieces(
-    value: Distribution | of_distance, found: Connections, what: str, rng: np.random.Generator, apart: Apart
+    value: Distribution | of_distance,
+    connections: Connections,
+    what: str,
+    rng: np.random.Generator,
+    get_geometry: GetGeometry,
 ) -> Iterator[Floats]:
-    """The values of all synapses, some at a time."""
-    if isinstance(value, Distribution) and found.shared is None:
-        yield from value.pieces(rng, found.size)
+    """Yield the values of all synapses in pieces."""
+    if isinstance(value, Distribution) and connections.shared is None:
+        yield from value.pieces(rng, connections.size)
     elif isinstance(value, Distribution):
-        yield drawn_values(value, found, rng, None)
+        yield drawn_values(value, connections, rng, None)
     else:
-        yield values_of_distance(value.profile, found, what, apart) + 0.0
+        yield values_of_distance(value.profile, connections, what, get_geometry) + 0.0
 
 
-def too_late(what: str, step: int, clock: Clock) -> ModelError:
-    """The error for a delay that would need too much memory for what is under way."""
+def too_long_delay(what: str, step: int, clock: Clock) -> ModelError:
+    """Return the error for a delay whose spikes in flight would need too much memory."""
     longest = clock.ms(LONGEST_DELAY)
     return ModelError(
         f"{what} = {clock.ms(step):g} ms: expected at most {longest:g} ms, 2^16 steps", path=words_of(what)
@@ -108,17 +112,17 @@ def too_late(what: str, step: int, clock: Clock) -> ModelError:
 
 
 _SLACK = 1e-9
-"""Steps below 0 that a function of distance may be by rounding."""
+"""Tolerance in steps for values below 0 of a function of distance, because of rounding."""
 
 
 def check_distribution(value: Distribution | of_distance, clock: Clock, what: str) -> None:
-    """Refuse delays whose bounds show before they are drawn that they are too early for a spike.
+    """Refuse a distribution of delays that is clearly too small, before values are drawn.
 
-    Delays are rounded to steps, and what rounds to none is one step. That goes for tails and for neurons at one place;
-    where all are too early, or one lies before its spike, the description is mistaken.
+    Delays are rounded to steps, and at least one step. A tail below one step is fine, and so are neurons at the same
+    place. A distribution with most delays below one step, or with negative values, is a mistake.
 
     Raises:
-        ModelError: its values lie below 0, or its middle below one step.
+        ModelError: the bounds are below 0, or the middle is below one step.
     """
     match value:
         case uniform():
@@ -127,55 +131,55 @@ def check_distribution(value: Distribution | of_distance, clock: Clock, what: st
                 raise ModelError(
                     f"{what}: uniform.low = {value.low:g} ms: expected at least 0 ms", hint=hint, path=words_of(what)
                 )
-            if _none(value.high, clock):
+            if _rounds_to_zero(value.high, clock):
                 hint = "a finer resolution has shorter steps"
-                message = f"{what}: uniform.high = {value.high:g} ms: {_expected(clock)}"
+                message = f"{what}: uniform.high = {value.high:g} ms: {_expected_one_step(clock)}"
                 raise ModelError(message, hint=hint, path=words_of(what))
         case normal() | lognormal():
             centre = value.mean if isinstance(value, normal) else math.exp(min(value.mean, 700.0))
             middle = min(max(centre, value.low), value.high)
-            if _none(middle, clock):
-                hint = f"only its tail is cut; raise {value.name}.mean, or set {value.name}.low"
-                message = f"{what}: the middle of the {value.name} is {middle:.3g} ms: {_expected(clock)}"
+            if _rounds_to_zero(middle, clock):
+                hint = f"only a tail may be below; raise {value.name}.mean, or set {value.name}.low"
+                message = f"{what}: the middle of the {value.name} is {middle:.3g} ms: {_expected_one_step(clock)}"
                 raise ModelError(message, hint=hint, path=words_of(what))
 
 
 def check_values(
-    value: Distribution | of_distance, delays: Floats, found: Connections, clock: Clock, what: str
+    value: Distribution | of_distance, delays: Floats, connections: Connections, clock: Clock, what: str
 ) -> None:
-    """What the values tell, of those that have no tail.
+    """Check drawn or computed delays, except those of distributions with a tail.
 
     Args:
-        value: what they follow from.
-        delays: of each synapse, in ms.
-        found: the synapses.
-        clock: of the network.
-        what: their name in messages.
+        value: the distribution or function of distance.
+        delays: delay of each synapse, in ms.
+        connections: the synapses.
+        clock: clock of the network.
+        what: name of the value in messages.
 
     Raises:
-        ModelError: one lies below 0, or all below one step.
+        ModelError: a delay is below 0, or all are below one step.
     """
-    # Judged before they were drawn: a tail below one step is rounded up to it.
+    # Checked by `check_distribution`. A tail below one step is rounded up to one step.
     if isinstance(value, (uniform, normal, lognormal)) or not delays.size:
         return
     function = isinstance(value, of_distance)
     first = int(delays.argmin())
     if delays[first] < -_SLACK * clock.resolution:
         first = int((delays < -_SLACK * clock.resolution).argmax())
-        pre, post = found.ends(first)
+        pre, post = connections.ends(first)
         hint = "the function of distance is below 0 there: raise c" if function else "'sample' must give at least 0"
         message = f"{what} of synapse {pre} -> {post} = {delays[first]:.4g} ms: expected at least 0 ms"
         raise ModelError(message, hint=hint, path=words_of(what))
-    if _none(float(delays.max()), clock):
+    if _rounds_to_zero(float(delays.max()), clock):
         hint = "the function of distance is too small: raise c" if function else ""
         message = f"{what}: the largest of {delays.size} is {delays.max():.3g} ms"
-        raise ModelError(f"{message}: {_expected(clock)}", hint=hint, path=words_of(what))
+        raise ModelError(f"{message}: {_expected_one_step(clock)}", hint=hint, path=words_of(what))
 
 
-def _none(delay: float, clock: Clock) -> bool:
-    """Whether a delay rounds to no step."""
+def _rounds_to_zero(delay: float, clock: Clock) -> bool:
+    """Return whether a delay rounds to 0 steps."""
     return bool(np.rint(delay / clock.resolution) < 1)
 
 
-def _expected(clock: Clock) -> str:
+def _expected_one_step(clock: Clock) -> str:
     return f"expected at least one step, {clock.resolution:g} ms"

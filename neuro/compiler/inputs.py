@@ -1,4 +1,4 @@
-"""Inputs of a network: generators that change at listed times, trains of their own, and what stands for codes."""
+"""Inputs of a network: generators with listed values, individual spike trains, and generators for codes."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from neuro.program.program import Program, Schedule
 
 
 def schedule_of(model: Model, size: int, clock: Clock) -> Schedule | None:
-    """The steps at which a generator changes, and its values from each on; None if it does not.
+    """Return the steps at which a generator changes, and its values from each step on; None without changes.
 
     Args:
-        model: of a population.
-        size: how many neurons it has.
-        clock: of the network.
+        model: model of a population.
+        size: number of neurons.
+        clock: clock of the network.
 
     Raises:
-        ModelError: a time is not on the grid, or the rows are not one for each neuron.
+        ModelError: a time is not on the grid of steps, or the number of rows is not the number of neurons.
     """
     if not isinstance(model, Generator) or not model.schedule:
         return None
@@ -45,16 +45,16 @@ def schedule_of(model: Model, size: int, clock: Clock) -> Schedule | None:
     if model.role == "poisson" and values.size:
         check_rate(model, model.schedule[1], float(values.max()), clock)
     steps = clock.steps(times, f"{model.name}.{model.schedule[0]}")
-    # A row for each moment: whoever runs the network takes one row where it stops.
+    # A row for each change, since a backend reads one row at each.
     rows = np.ascontiguousarray(np.atleast_2d(values).T + 0.0)
     return Schedule(steps, rows)
 
 
 def check_trains(program: Program) -> None:
-    """No two targets share a train that must be individual.
+    """Refuse two targets that share a train which must be individual.
 
     Raises:
-        ModelError: two do; it names the projection by which there is more than one.
+        ModelError: two targets share a train; the message names the second projection.
     """
     used = {
         k: np.zeros(part.size, dtype=np.int64)
@@ -78,24 +78,24 @@ def check_trains(program: Program) -> None:
 
 
 def with_generators(net: Network, shapes: Mapping[str, Shape], clock: Clock, seed: int) -> Network:
-    """A network in which a `spike_generator` or a `poisson_generator` stands for each `encode` and `event_camera`.
+    """Return a network with a `spike_generator` or a `poisson_generator` in place of each `encode` and `event_camera`.
 
-    That of a camera lists nothing; its spikes are streamed.
+    The generator of a camera lists no spikes; the spikes are streamed.
 
     Args:
         net: the network; it is not changed.
-        shapes: of all populations.
-        clock: of the network.
-        seed: of the network.
+        shapes: shapes of all populations.
+        clock: clock of the network.
+        seed: seed of the network.
 
     Raises:
-        ModelError: a code gives the spikes of another number of neurons, or a time is too late or off the grid.
+        ModelError: a code has another number of neurons, or a time is too late or off the grid of steps.
     """
-    made = copy(net)
-    made.populations = {
+    net_with_generators = copy(net)
+    net_with_generators.populations = {
         name: replace(part, model=generator_of(part, part.model, shapes[name], clock, seed))
         if isinstance(part.model, encode | event_camera)
         else part
         for name, part in net.populations.items()
     }
-    return made
+    return net_with_generators

@@ -1,4 +1,4 @@
-"""What rules that are taught need of their network: signals, dopamine, states that they see."""
+"""Checks of the signals, the dopamine and the states that rules with teaching signals need."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from neuro.model.synapses import Modulated, MoveRule
 
 
 def _check_signal(net: Network, part: Projection, word: str, signal: str) -> None:
-    """A signal that a rule names is there, and goes to the target."""
+    """Check that a signal named by a rule exists and goes to the target."""
     name = part.synapse.name
     if signal not in net.signals:
         error = unknown("signal", signal, net.signals, path=(name, word))
@@ -28,9 +28,9 @@ def _check_signal(net: Network, part: Projection, word: str, signal: str) -> Non
 
 
 def check_moves(net: Network, part: Projection, synapse: MoveRule) -> None:
-    """A signal teaches, and the target has the state that the rule sees."""
+    """Check that a rule that learns by moves has a signal, and that the target has the state the rule reads."""
     if synapse.signal is None:
-        message = f"{synapse.name} without 'signal': its weights never change: expected the signal that teaches"
+        message = f"{synapse.name} without 'signal': its weights never change: expected a signal"
         refuse(part, message, f"name a signal to '{part.target}'; static has weights that stay", synapse.name)
     for word, signal in (("signal", synapse.signal), ("gate", synapse.gate)):
         if signal is not None:
@@ -47,11 +47,11 @@ def check_moves(net: Network, part: Projection, synapse: MoveRule) -> None:
 
 
 def check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: Mapping[str, Shape]) -> None:
-    """A modulated rule has a source of n that fits its target."""
+    """Check that a modulated rule has a source of n that fits its target."""
     if synapse.signal is not None:
         _check_signal(net, part, "signal", synapse.signal)
     if synapse.dopamine is None:
-        if synapse.signal is None and synapse.learns == "pairs" and _stays(synapse):
+        if synapse.signal is None and synapse.learns == "pairs" and _needs_dopamine(synapse):
             fades = "tau_n" in synapse.numbers()
             sources = "'signal' and 'dopamine'" if fades else "'signal'"
             message = f"{synapse.name} without {sources}: n stays 0, at which its weights never change"
@@ -73,11 +73,11 @@ def check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: M
         refuse(part, text, word=f"{synapse.name}.dopamine_rule")
 
 
-def _stays(rule: Modulated) -> bool:
-    """Whether neither spikes nor time change a weight while n is 0: its own arithmetic is tried.
+def _needs_dopamine(rule: Modulated) -> bool:
+    """Return whether weights never change while n is 0, found by running the rule's arithmetic.
 
-    The states are such as spikes of either order may leave, and the weight is within its bounds. A rule whose states
-    decide what is sent does something without n, too.
+    The test uses states that spikes of either order may leave, and a weight within the bounds. A rule whose states
+    determine the transmitted weight has an effect without n, too.
     """
     kernels: Any = rule.arithmetic
     if hasattr(kernels, "sent"):

@@ -1,8 +1,8 @@
-"""All mistakes of a file: its first, then the first of what is left without it, until nothing is wrong.
+"""Collect every error in a file: remove a part with an error and check the rest again, until no error is left.
 
-So each is reported as if it were alone. What is mistaken is left out, or something stands in for it where the rest
-cannot do without. All is done twice, with different stand-ins: only errors with the same text both times are reported,
-since others depend on a stand-in. Of what is left out some is known to decide more than itself (`follows`).
+Each error then reads like the only error in the file. A part that others need is replaced by a stand-in instead. The
+search runs twice, with different stand-ins, and only errors with the same text both times are reported, since other
+errors depend on a stand-in. Some removed parts also cause errors elsewhere; `may_follow` finds these errors.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from neuro.model.neurons import MODELS, Neuron, spike_generator
 from neuro.program.program import Program
 
 MOST = 1000
-"""Mistakes after which no more are looked for."""
+"""Number of errors after which the search ends."""
 _ENDS = (("from",), ("to",), ("of",), ("record",))
 _OF_SENSOR = ("file", "events", "stream", "sensor", "format", "polarity", "crop", "scale", "event_camera")
 _OF_ARRAY = {"file", "key"}
@@ -39,12 +39,12 @@ _NAMES = tuple(f"unknown {kind}" for kind in ("population", "parameter", "model"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Findings:
-    """What is wrong with a file.
+    """The errors of a file.
 
     Attributes:
-        mistakes: by place; the text of each is what `neuro.load` or `neuro.compile` says where it is the only one.
-        program: the network without what is wrong; None where too little is left of it.
-        unsure: the places of parts that are not judged as a whole.
+        mistakes: sorted by place. Each has the text of `neuro.load` or `neuro.compile` for a file with this error only.
+        program: the network without the parts with errors; None where too little is left.
+        unsure: the places of parts that cannot be judged as a whole.
     """
 
     mistakes: list[ModelError]
@@ -54,51 +54,51 @@ class Findings:
 
 @uncollected()
 def mistakes(path: str | Path, params: Mapping[str, Any] | None, seed: int, backend_draws: bool = False) -> Findings:
-    """Find all mistakes of a network in a YAML file.
+    """Find all errors of a network in a YAML file.
 
     Args:
         path: the file.
-        params: values for its `parameters`, as of `neuro.load`.
-        seed: as of `neuro.compile`.
-        backend_draws: as of `compile_network`.
+        params: values for its `parameters`, as for `neuro.load`.
+        seed: as for `neuro.compile`.
+        backend_draws: as for `compile_network`.
     """
-    file, said = file_path(path, "path"), {} if params is None else dict(params)
-    first = _Search(file, dict(said), seed, 0, backend_draws)
+    file, values = file_path(path, "path"), {} if params is None else dict(params)
+    first = _Search(file, dict(values), seed, 0, backend_draws)
     first.run()
-    found = {_identity(error): error for error in first.told}
-    if first.mended:
-        # Once more with other stand-ins: a mistake that only a stand-in caused is reported in other words, or not at
-        # all, and is dropped.
-        second = _Search(file, dict(said), seed, 1, backend_draws)
+    errors = {_identity(error): error for error in first.reported}
+    if first.changed:
+        # Once more with other stand-ins. An error that a stand-in caused has another text then, or is absent, and is
+        # dropped.
+        second = _Search(file, dict(values), seed, 1, backend_draws)
         second.run()
-        again = {_identity(error) for error in second.told}
-        found = {identity: error for identity, error in found.items() if identity in again}
-    return Findings(sorted(found.values(), key=first.order), first.program, first.unsure)
+        second_identities = {_identity(error) for error in second.reported}
+        errors = {identity: error for identity, error in errors.items() if identity in second_identities}
+    return Findings(sorted(errors.values(), key=first.sort_key), first.program, first.unsure)
 
 
 def _identity(error: ModelError) -> str:
-    """The text of an error; without the free memory of the moment, which two searches do not share."""
+    """Return the text of an error, without the amount of free memory, which differs between two searches."""
     return f"{error.where}: {NO_ROOM}" if error.kind == NO_ROOM else str(error)
 
 
 class _Search:
-    """What was reported, and what was replaced for it.
+    """A search for all errors: the errors reported so far, and the changes to the description.
 
     Attributes:
-        mended: the words that lead to what was left out or has a stand-in.
-        failed: names of parts that are no longer there, or no longer what they were.
-        touched: names of all parts in which something was mended.
-        lost: names in projections that may have been grids.
-        whole: the words of ends whose population is known, in place of neurons of it that are not there.
-        resolved: whether values stand in place of all `$names`.
-        partial: whether parts that are named may be in what could not be read.
+        changed: the paths that were removed or have a stand-in.
+        failed: names of parts that were removed, or whose kind changed.
+        touched: names of all parts with a change.
+        lost: names in removed projections that may have been grids.
+        whole: the paths of ends that had invalid neurons of a known population, and have the whole population now.
+        resolved: whether all `$names` are replaced by values.
+        partial: whether a section that may contain parts could not be read.
     """
 
     def __init__(self, file: Path, params: dict[str, Any], seed: int, turn: int, backend_draws: bool) -> None:
         self.file, self.params, self.seed, self.turn, self.backend_draws = file, params, seed, turn, backend_draws
-        self.told: list[ModelError] = []
+        self.reported: list[ModelError] = []
         self.files: dict[Path, Node] = {}
-        self.mended: list[Words] = []
+        self.changed: list[Words] = []
         self.failed: set[str] = set()
         self.touched: set[str] = set()
         self.lost: set[str] = set()
@@ -107,8 +107,8 @@ class _Search:
         self.program: Program | None = None
         self.unsure: set[Where] = set()
 
-    def order(self, error: ModelError) -> tuple[int, int, int]:
-        """By file as they are included, then by line."""
+    def sort_key(self, error: ModelError) -> tuple[int, int, int]:
+        """Return the key for sorting: files in the order in which they are included, then lines."""
         files = [str(file) for file in self.files]
         where = error.where or Where("")
         return (files.index(where.file) if where.file in files else -1, where.line, where.column)
@@ -117,12 +117,12 @@ class _Search:
         sections = self.sections()
         if sections is not None:
             self.resolved = True
-            self.failed -= {path[1] for path in self.mended if path[0] == "parameters" and len(path) == 2}
+            self.failed -= {path[1] for path in self.changed if path[0] == "parameters" and len(path) == 2}
             self.parts(sections)
 
     def sections(self) -> dict[str, Node] | None:
-        """The sections with values in place of `$names`; None where too little is left."""
-        while len(self.mended) < MOST:
+        """Return the sections with values in place of `$names`; None where too little is left."""
+        while len(self.changed) < MOST:
             try:
                 return resolve(gather(self.file, self.read), self.params, Where(str(self.file)))
             except ModelError as error:
@@ -130,35 +130,35 @@ class _Search:
                 file = error.where.file if error.where else ""
                 root = next((r for r in self.files.values() if r.where.file == file and has(r, path[:1])), None)
                 if root is None:
-                    self.tell(error)
+                    self.report(error)
                     return None
-                if not self.follows(root, path, error):
-                    self.tell(error)
-                self.leave_out(root, path, error)
+                if not self.may_follow(root, path, error):
+                    self.report(error)
+                self.remove(root, path, error)
         return None
 
     def read(self, path: Path) -> Node:
         if path not in self.files:
-            self.files[path] = read(path, twice=self.told)
+            self.files[path] = read(path, twice=self.reported)
         return self.files[path]
 
     def parts(self, sections: dict[str, Node]) -> None:
-        """Build and compile, without what is wrong."""
+        """Build and compile the network, without the parts that have errors."""
         here = Where(str(self.file))
         root = Node(sections, here, here)
         places: WordPlaces | None = None
-        while len(self.mended) < MOST:
+        while len(self.changed) < MOST:
             net = None
             try:
                 net = build(sections, together=True)
                 self.program = compile_network(net, self.seed, backend_draws=self.backend_draws)
-                doubted = self.failed | self.touched
+                uncertain = self.failed | self.touched
                 self.unsure = {
                     node.label
                     for parts in sections.values()
-                    if doubted and isinstance(parts.value, dict)
+                    if uncertain and isinstance(parts.value, dict)
                     for name, node in parts.value.items()
-                    if {name, *names(node)} & doubted
+                    if {name, *names(node)} & uncertain
                 }
                 return
             except ModelError as error:
@@ -167,152 +167,154 @@ class _Search:
                 if net is not None and path and has(root, path):
                     path = subject(root, path, error)
                 if not has(root, path[:1]):
-                    if not self.mended:
-                        self.tell(error)
+                    if not self.changed:
+                        self.report(error)
                     return
-                others = [(places.of(other), other) for other in error.others[: MOST - len(self.mended)]]
-                # A check that found several reports them together, in `others`; each is judged as if it were alone.
-                for where, one in [(path, error), *others]:  # before anything is left out for one of them
-                    if not self.follows(root, where, one, compiled=net is not None):
-                        self.tell(one)
-                self.leave_out(root, path, error)
-                for where, one in others:
-                    if has(root, where):
-                        self.leave_out(root, where, one)
+                other_errors = [(places.of(other), other) for other in error.others[: MOST - len(self.changed)]]
+                # A check can report several errors together, in `others`; each is judged as if it were alone.
+                for other_path, one in [(path, error), *other_errors]:  # before a part is removed
+                    if not self.may_follow(root, other_path, one, compiled=net is not None):
+                        self.report(one)
+                self.remove(root, path, error)
+                for other_path, one in other_errors:
+                    if has(root, other_path):
+                        self.remove(root, other_path, one)
 
-    def tell(self, error: ModelError) -> None:
-        self.told.append(error.but(others=()))
+    def report(self, error: ModelError) -> None:
+        self.reported.append(error.but(others=()))
 
-    def leave_out(self, root: Node, path: Words, error: ModelError) -> None:
-        """Leave out or replace what a mistake is about."""
+    def remove(self, root: Node, path: Words, error: ModelError) -> None:
+        """Remove or replace the part with an error."""
         population = chosen_from(root.value, path)
-        if population and path not in self.mended:
-            place = at(root, path[:3])
-            at(root, path[:2]).value[path[2]] = as_node(some_neurons(population, self.turn), place)
+        if population and path not in self.changed:
+            place = node_at(root, path[:3])
+            node_at(root, path[:2]).value[path[2]] = as_node(some_neurons(population, self.turn), place)
             self.whole.add(path)
-            self.note(root, path, None, replaced=True)
+            self.record_change(root, path, None, replaced=True)
             return
-        while len(path) > 1 and (self.mended.count(path) > (len(path) == 2) or not has(root, path[:-1])):
+        while len(path) > 1 and (self.changed.count(path) > (len(path) == 2) or not has(root, path[:-1])):
             path = path[:-1]
-        if len(path) > 2 and path[-1] in _OF_ARRAY and set(at(root, path[:-1]).value) == _OF_ARRAY:
-            path = path[:-1]  # the other word by itself would be read as the name of a distribution
-        within = at(root, path[:-1]).value
-        gone = within.pop(path[-1], None) if isinstance(within, dict) else None
-        instead = None
-        if path not in self.mended:
-            instead = stand_in(root.value, path, gone, error, self.turn)
+        if len(path) > 2 and path[-1] in _OF_ARRAY and set(node_at(root, path[:-1]).value) == _OF_ARRAY:
+            path = path[:-1]  # the other word alone would be read as the name of a distribution
+        within = node_at(root, path[:-1]).value
+        removed = within.pop(path[-1], None) if isinstance(within, dict) else None
+        replacement = None
+        if path not in self.changed:
+            replacement = stand_in(root.value, path, removed, error, self.turn)
         renamed = self.renamed(path, error)
-        if renamed and gone is not None and renamed not in within:
-            within[renamed] = gone
-        elif instead is not None and isinstance(within, dict):
-            within[path[-1]] = as_node(instead, gone or at(root, path[:-1]))
-        self.note(root, path, gone, bool(renamed) or instead is not None)
+        if renamed and removed is not None and renamed not in within:
+            within[renamed] = removed
+        elif replacement is not None and isinstance(within, dict):
+            within[path[-1]] = as_node(replacement, removed or node_at(root, path[:-1]))
+        self.record_change(root, path, removed, bool(renamed) or replacement is not None)
         if len(path) > 1 and error.kind in _WORDS and isinstance(within, dict):
-            self.rename((*path[:-1], error.suggestion), root, gone)
+            self.rename((*path[:-1], error.suggestion), root, removed)
 
     def renamed(self, path: Words, error: ModelError) -> str:
-        """The section or the group that is meant, if its words can be judged without knowing which."""
+        """Return the intended section or group, if its words can be judged without the exact name."""
         if len(path) == 1:
             return error.suggestion if error.suggestion in SECTIONS else ""
         return error.suggestion or "winner_take_all" if error.kind == "unknown group" else ""
 
-    def rename(self, path: Words, root: Node, gone: Node | None) -> None:
-        """Let something stand in for the word that an unknown one most likely is."""
-        within = at(root, path[:-1]).value
-        if not path[-1] or path[-1] in within or gone is None:
+    def rename(self, path: Words, root: Node, removed: Node | None) -> None:
+        """Add a stand-in for the word that is most likely meant by an unknown one."""
+        within = node_at(root, path[:-1]).value
+        if not path[-1] or path[-1] in within or removed is None:
             return
-        instead = stand_in(root.value, path, None, ModelError(""), self.turn)
-        if instead is not None:
-            within[path[-1]] = as_node(instead, gone)
-        self.note(root, path, None, instead is not None)
+        replacement = stand_in(root.value, path, None, ModelError(""), self.turn)
+        if replacement is not None:
+            within[path[-1]] = as_node(replacement, removed)
+        self.record_change(root, path, None, replacement is not None)
 
-    def note(self, root: Node, path: Words, gone: Node | None, replaced: bool) -> None:
-        """Remember what is no longer there."""
-        self.mended.append(path)
+    def record_change(self, root: Node, path: Words, removed: Node | None, replaced: bool) -> None:
+        """Record a change of the description."""
+        self.changed.append(path)
         if path[0] == "parameters":
             self.params.pop(path[-1], None)
         if len(path) == 1:
             self.partial |= path[0] in ("include", *GATHERED)
-            if not replaced and gone is not None and isinstance(gone.value, dict):
-                self.failed |= set(gone.value)
+            if not replaced and removed is not None and isinstance(removed.value, dict):
+                self.failed |= set(removed.value)
             return
         self.touched.add(path[1])
         if path[0] == "parameters" or (len(path) == 2 and not replaced) or path[2:] == ("synapse",):
             self.failed.add(path[1])
         if path[0] == "projections" and (len(path) == 2 or path[2] in ("from", "to", "rule")):
-            self.lost |= set(names(gone)) if gone is not None else set()
-            self.lost |= set(names(at(root, path[:2]))) if has(root, path[:2]) else set()
+            self.lost |= set(names(removed)) if removed is not None else set()
+            self.lost |= set(names(node_at(root, path[:2]))) if has(root, path[:2]) else set()
 
-    def follows(self, root: Node, path: Words, error: ModelError, compiled: bool = False) -> bool:
-        """Whether a mistake may only be there since something was mended."""
+    def may_follow(self, root: Node, path: Words, error: ModelError, compiled: bool = False) -> bool:
+        """Return whether an error may be a consequence of an earlier change."""
         # "unknown X of" is about a word inside a part, "unknown X" about a part itself.
         names_a_part = error.kind.startswith("unknown") and not error.kind.endswith(" of") and error.found == path[-1]
-        if path in self.mended or (not names_a_part and any(mended[: len(path)] == path for mended in self.mended)):
+        if path in self.changed or (
+            not names_a_part and any(path_changed[: len(path)] == path for path_changed in self.changed)
+        ):
             return True
         if self.partial and error.kind in _NAMES:
             return True
-        there = next(path[:n] for n in range(len(path), 0, -1) if has(root, path[:n]))
-        named = set(() if names_a_part else names(at(root, there))) | set(path[2:] if self.resolved else ())
-        if named & self.failed or self.depends(root, path, error):
+        longest = next(path[:n] for n in range(len(path), 0, -1) if has(root, path[:n]))
+        words = set(() if names_a_part else names(node_at(root, longest))) | set(path[2:] if self.resolved else ())
+        if words & self.failed or self.depends_on_kind(root, path, error):
             return True
         if path[0] == "parameters" and path[-1] in self.params:
-            return bool(self.mended)
-        if path[0] == "populations" and "auto" in named and path[1:] and path[1] in self.lost:
+            return bool(self.changed)
+        if path[0] == "populations" and "auto" in words and path[1:] and path[1] in self.lost:
             return True
-        return (compiled or path[0] == "models") and self.hangs(path, error)
+        return (compiled or path[0] == "models") and self.depends_on_compiled(path, error)
 
-    def depends(self, root: Node, path: Words, error: ModelError) -> bool:
-        """Whether a mistake only follows from a part of unknown kind."""
-        beside = self.beside(path)
-        ends = {words[0] for words in beside}
-        if error.missing and any(words[-1] == error.missing for words in beside):
+    def depends_on_kind(self, root: Node, path: Words, error: ModelError) -> bool:
+        """Return whether an error is a consequence of a part of unknown kind."""
+        changes = self.changes_in(path)
+        ends = {words[0] for words in changes}
+        if error.missing and any(words[-1] == error.missing for words in changes):
             return True
         if path[0] == "projections":
             return path[2:3] in (("weight",), ("synapse",)) and error.kind == "unit" and bool(ends & {"from", "to"})
         if path[0] == "populations":
-            return path[2:3] == ("shape",) and any(words[-1] in _OF_SENSOR for words in beside)
+            return path[2:3] == ("shape",) and any(words[-1] in _OF_SENSOR for words in changes)
         if path[0] != "probes":
             return False
         of = (*path[:2], "of")
         if (error.kind == "synapses" or error.kind in _HANGS_ON) and has(root, of):
-            return self.is_unsure(str(at(root, of).value), error.kind)
+            return self.is_unsure(str(node_at(root, of).value), error.kind)
         return error.kind == "no projection" and "of" in ends
 
     def is_unsure(self, projection: str, what: str) -> bool:
-        """Whether it is not known what its synapses are, how many, or whose neurons are at its ends."""
-        beside = self.beside(("projections", projection))
+        """Return whether the kind, the number or the end neurons of a projection's synapses are unknown."""
+        changes = self.changes_in(("projections", projection))
         if what in _HANGS_ON:
-            return any(words[0] in _HANGS_ON[what] for words in beside)
-        return projection in self.failed or any(words[0] == "synapse" and len(words) <= 2 for words in beside)
+            return any(words[0] in _HANGS_ON[what] for words in changes)
+        return projection in self.failed or any(words[0] == "synapse" and len(words) <= 2 for words in changes)
 
-    def beside(self, path: Words) -> list[Words]:
-        """The words within a part that lead to what was mended, but those that leave the population known."""
+    def changes_in(self, path: Words) -> list[Words]:
+        """Return the changed paths within a part, except those that leave the population known."""
         return [
-            words[2:] for words in self.mended if words[:2] == path[:2] and len(words) > 2 and words not in self.whole
+            words[2:] for words in self.changed if words[:2] == path[:2] and len(words) > 2 and words not in self.whole
         ]
 
-    def hangs(self, path: Words, error: ModelError) -> bool:
-        """Whether what the compiler tells of a part depends on what was mended in it, or on who decides."""
-        beside = self.beside(path)
-        if {words[-1] for words in beside if words not in _ENDS} & {*error.path, *error.about, error.found}:
+    def depends_on_compiled(self, path: Words, error: ModelError) -> bool:
+        """Return whether an error of the compiler depends on a change in its part, or on the deciding population."""
+        changes = self.changes_in(path)
+        if {words[-1] for words in changes if words not in _ENDS} & {*error.path, *error.about, error.found}:
             return True
         if path[0] == "trials":
-            return bool(self.mended) if len(path) == 1 else path[1] in _OF_DECISIONS and self.undecided()
+            return bool(self.changed) if len(path) == 1 else path[1] in _OF_DECISIONS and self.is_undecided()
         if path[0] == "projections":
-            if path[2:3] == ("weight",) and any(words == ("synapse",) or words[-1] == "Wmin" for words in beside):
+            if path[2:3] == ("weight",) and any(words == ("synapse",) or words[-1] == "Wmin" for words in changes):
                 return True
-            if error.kind == "trials" and (self.undecided() or ("trials",) in self.mended or self.partial):
+            if error.kind == "trials" and (self.is_undecided() or ("trials",) in self.changed or self.partial):
                 return True
         if path[2:3] == ("synapses",):
-            return ("of",) in beside
-        return error.kind != "resolution" and any(words[:1] in _ENDS for words in beside)
+            return ("of",) in changes
+        return error.kind != "resolution" and any(words[:1] in _ENDS for words in changes)
 
-    def undecided(self) -> bool:
-        """Whether it is not known which population decides a trial."""
+    def is_undecided(self) -> bool:
+        """Return whether the population that decides a trial is unknown."""
         return any(
-            (mended[0] == "groups" and (len(mended) < 4 or mended[-1] == "of"))
-            or (mended[:2] in (("trials", "labels"), ("trials", "dropout")) and mended[2:] in ((), ("of",)))
-            for mended in self.mended
+            (path_changed[0] == "groups" and (len(path_changed) < 4 or path_changed[-1] == "of"))
+            or (path_changed[:2] in (("trials", "labels"), ("trials", "dropout")) and path_changed[2:] in ((), ("of",)))
+            for path_changed in self.changed
         )
 
 
@@ -327,19 +329,19 @@ _REPLACED: Mapping[Words, tuple[Any, Any]] = {
     ("trials", "duration"): (10.0, 20.0),
 }
 _PARTS = {"from": (), "to": (Neuron,), "of": (), "input": (spike_generator,), "output": ()}
-"""Words that name a population, and of which model it is."""
+"""Words that name a population, with the models it may have."""
 _SETTINGS = ("trials", "readout")
-"""Sections that are no parts by name."""
+"""Sections without named parts."""
 
 
-def stand_in(sections: Mapping[str, Node], path: Words, gone: Node | None, error: ModelError, turn: int) -> Any:
-    """A plain value that stands in for what is mistaken; None if it is left out.
+def stand_in(sections: Mapping[str, Node], path: Words, removed: Node | None, error: ModelError, turn: int) -> Any:
+    """Return a plain value that replaces an erroneous one; None to remove it.
 
     Args:
-        sections: of the description.
-        path: the words that lead to it.
-        gone: what stood there, if anything did.
-        error: what was wrong with it.
+        sections: sections of the description.
+        path: the path of the value.
+        removed: the erroneous value, if any.
+        error: its error.
         turn: 0 or 1, the first or the second stand-in.
     """
     if path in (("parameters",), ("populations",)):
@@ -347,7 +349,7 @@ def stand_in(sections: Mapping[str, Node], path: Words, gone: Node | None, error
     if path[0] == "parameters":
         return turn + 1
     if path[0] == "populations" and path[2:] in ((), ("model",)):
-        model = "spike_generator" if _shown(sections) == path[1] else _MODEL[turn]
+        model = "spike_generator" if _trial_input(sections) == path[1] else _MODEL[turn]
         return model if path[2:] else {"model": model, "shape": _SHAPE[turn]}
     if path[0] == "probes" and path[2:] == ("record",):
         return error.suggestion or next((word for word in error.expected if word not in ALONE), None)
@@ -355,71 +357,71 @@ def stand_in(sections: Mapping[str, Node], path: Words, gone: Node | None, error
     if place in _REPLACED:
         return _REPLACED[place][turn]
     if path[-1] in _PARTS and (len(path) == 3 or path[0] in ("groups", *_SETTINGS)):
-        there = sections["populations"].value if "populations" in sections else {}
-        if not isinstance(there, dict):
+        populations = sections["populations"].value if "populations" in sections else {}
+        if not isinstance(populations, dict):
             return None
-        fitting = [name for name, node in there.items() if issubclass(_model(node), _PARTS[path[-1]] or object)]
-        return error.suggestion if error.suggestion in there else next(iter([*fitting, *there]), None)
-    return _needed(path[-2], path[-1], turn) if len(path) > 3 else None
+        fitting = [name for name, node in populations.items() if issubclass(_model(node), _PARTS[path[-1]] or object)]
+        return error.suggestion if error.suggestion in populations else next(iter([*fitting, *populations]), None)
+    return _valid_number(path[-2], path[-1], turn) if len(path) > 3 else None
 
 
 def chosen_from(sections: Mapping[str, Node], path: Words) -> str:
-    """The population of which a path leads to an index; "" if it leads elsewhere."""
+    """Return the population of a path to an index of neurons; "" for other paths."""
     populations = sections["populations"].value if "populations" in sections else {}
-    known = len(path) == 4 and path[2] in ("from", "to", "of", "pre", "post") and path[3] in populations
-    return path[3] if known else ""
+    is_index = len(path) == 4 and path[2] in ("from", "to", "of", "pre", "post") and path[3] in populations
+    return path[3] if is_index else ""
 
 
 def some_neurons(population: str, turn: int) -> Any:
-    """All neurons of a population, or one of it: what depends on how many are chosen differs."""
+    """Return all neurons of a population, or one, so that errors about their number differ."""
     return population if turn == 0 else {population: 0}
 
 
-def _shown(sections: Mapping[str, Node]) -> Any:
-    """The name of the population that trials show their input to."""
+def _trial_input(sections: Mapping[str, Node]) -> Any:
+    """Return the name of the population to which trials present their input."""
     trials = sections["trials"].value if "trials" in sections else None
     return trials["input"].value if isinstance(trials, dict) and "input" in trials else None
 
 
-def _needed(name: str, word: str, turn: int) -> Any:
-    """A number that a parameter can be which has no default."""
+def _valid_number(name: str, word: str, turn: int) -> Any:
+    """Return a valid number for a parameter without a default."""
     cls = next((table[name] for table in TABLES.values() if name in table), None)
     if cls is None or word not in cls.quantities() or word in cls.defaults():
         return None
-    q = cls.quantities()[word]
-    if q.kind == "shape":
+    quantity = cls.quantities()[word]
+    if quantity.kind == "shape":
         return [turn + 1, turn + 1]
-    low = next((bound for bound in (q.at_least, q.above) if bound is not None), 0.0)
-    high = next((bound for bound in (q.at_most, q.below) if bound is not None), low + 4.0)
+    low = next((bound for bound in (quantity.at_least, quantity.above) if bound is not None), 0.0)
+    high = next((bound for bound in (quantity.at_most, quantity.below) if bound is not None), low + 4.0)
     number = low + (high - low) * (turn + 1) / 4.0
-    return int(number) if q.kind == "integer" or q.whole else number
+    return int(number) if quantity.kind == "integer" or quantity.whole else number
 
 
 def _model(node: Node) -> type[Any]:
-    """The class of a population's model, as far as its node states it."""
-    said = node.value.get("model") if isinstance(node.value, dict) else None
-    name = said and (next(iter(said.value), "") if isinstance(said.value, dict) else said.value)
+    """Return the class of a population's model; `object` if unknown."""
+    model = node.value.get("model") if isinstance(node.value, dict) else None
+    name = model and (next(iter(model.value), "") if isinstance(model.value, dict) else model.value)
     return MODELS[name] if isinstance(name, str) and name in MODELS else object
 
 
-def as_node(value: Any, at: Node) -> Node:
-    """A plain value as if it stood at the place of another."""
+def as_node(value: Any, place: Node) -> Node:
+    """Convert a plain value to a node with the place of another node."""
     if isinstance(value, dict):
-        value = {word: as_node(inner, at) for word, inner in value.items()}
+        value = {word: as_node(inner, place) for word, inner in value.items()}
     elif isinstance(value, list):
-        value = [as_node(inner, at) for inner in value]
-    return Node(value, at.where, at.label)
+        value = [as_node(inner, place) for inner in value]
+    return Node(value, place.where, place.label)
 
 
 Words: TypeAlias = tuple[str, ...]
 
 _WORD = re.compile(r"[\w.-]+")
 _DEFAULTED = ("weight", "delay", "record")
-"""Words of parts that a mistake may be about where they are not said."""
+"""Words of parts that an error may be about even if the file does not have them."""
 
 
 class WordPlaces:
-    """Where each word of a tree stands, and each value."""
+    """The path of each word and of each value of a tree, by place."""
 
     def __init__(self, *trees: Node) -> None:
         self.words: dict[Where, Words] = {}
@@ -427,20 +429,20 @@ class WordPlaces:
         for tree in trees:
             self._walk(tree, ())
 
-    def _walk(self, node: Node, path: Words, listed: bool = False) -> None:
-        """Add what a path leads to; what is in a list has the path of the list."""
+    def _walk(self, node: Node, path: Words, in_list: bool = False) -> None:
+        """Add the paths below a node; items of a list have the path of the list."""
         self.values.setdefault(node.where, path)
         if isinstance(node.value, dict):
             for word, inner in node.value.items():
-                here = path if listed else (*path, word)
+                here = path if in_list else (*path, word)
                 self.words.setdefault(inner.label, here)
-                self._walk(inner, here, listed)
+                self._walk(inner, here, in_list)
         elif isinstance(node.value, list):
             for item in node.value:
-                self._walk(item, path, listed=True)
+                self._walk(item, path, in_list=True)
 
     def of(self, error: ModelError) -> Words:
-        """The words that lead to what a mistake is about; none if it is about no word."""
+        """Return the path of the word that an error is about; empty if it is about no word."""
         path = self._at(error)
         return (*path, error.missing) if path and error.missing else path
 
@@ -450,42 +452,43 @@ class WordPlaces:
         word, value = self.words.get(error.where, ()), self.values.get(error.where, ())
         if not (word or value):
             before = [
-                at
-                for at in self.values
-                if (at.file, at.line) == (error.where.file, error.where.line) and at.column < error.where.column
+                place
+                for place in self.values
+                if (place.file, place.line) == (error.where.file, error.where.line)
+                and place.column < error.where.column
             ]
-            value = self.values[max(before, key=lambda at: at.column)] if before else ()
+            value = self.values[max(before, key=lambda place: place.column)] if before else ()
         if not word or not value or len(value) < 2:
             return word or value
-        # A mapping that begins on a line of its own begins where its first word does.
+        # A mapping on a line of its own has the place of its first word.
         return word if error.found == word[-1] else value
 
 
 def subject(root: Node, part: Words, error: ModelError) -> Words:
-    """The words that an error of the compiler for a part is about, as far as they are said; else the whole part.
+    """Return the path of the word that a compiler error of a part is about, or of the whole part.
 
     Args:
-        root: what the words lead into.
-        part: the words that lead to the part.
-        error: its path begins with a word of the part, or with a choice somewhere in it, as a model.
+        root: the tree.
+        part: the path of the part.
+        error: its path begins with a word of the part, or with a choice in the part, such as a model.
     """
     if not error.path:
         return part
     first, *rest = error.path
-    head = next((path for name, path in _words_below(at(root, part), part) if name == first), None)
+    head = next((path for name, path in _words_below(node_at(root, part), part) if name == first), None)
     if head is None:
         return (*part, first) if first in _DEFAULTED else part
     for word in rest:
-        inner = at(root, head).value
+        inner = node_at(root, head).value
         if not isinstance(inner, dict):
             break
-        # What is not said has its default, and another word that it depends on is said.
+        # A missing word has its default; the error is then about another word that the file has.
         head = next(((*head, name) for name in (word, *error.about) if name in inner), head)
     return head
 
 
 def _words_below(node: Node, path: Words) -> Iterator[tuple[str, Words]]:
-    """All words below a node with the paths to them, and those that stand for a value, the nearest first."""
+    """Yield all words and textual values below a node with their paths, the nearest first."""
     level = [(node, path)]
     while level:
         below = []
@@ -499,22 +502,22 @@ def _words_below(node: Node, path: Words) -> Iterator[tuple[str, Words]]:
 
 
 def has(root: Node, path: Words) -> bool:
-    """Whether a tree has what a path leads to."""
+    """Return whether a tree has a path."""
     try:
-        return bool(path) and at(root, path) is not None
+        return bool(path) and node_at(root, path) is not None
     except (KeyError, TypeError):
         return False
 
 
-def at(root: Node, path: Words) -> Node:
-    """What a path leads to."""
+def node_at(root: Node, path: Words) -> Node:
+    """Return the node at a path."""
     for word in path:
         root = root.value[word]
     return root
 
 
 def names(node: Node) -> Iterator[str]:
-    """All words below a node, in whatever they stand."""
+    """Yield all words below a node, at any depth."""
     if isinstance(node.value, dict):
         for word, inner in node.value.items():
             yield from _WORD.findall(word)

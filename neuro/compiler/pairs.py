@@ -1,4 +1,4 @@
-"""Pairs of neurons drawn at random, and where neurons lie, as far as the draws depend on it."""
+"""Random pairs of neurons, and the positions of neurons where draws depend on distance."""
 
 from __future__ import annotations
 
@@ -19,64 +19,64 @@ from neuro.model.space import Profile
 from neuro.program.program import Floats, Ints
 
 BLOCK = 1 << 16
-"""Draws at a time: what they take stays small beside the synapses."""
+"""Number of draws in one batch, small compared with the memory of the synapses."""
 
 MANY = 1 << 20
-"""Synapses from which on those of a projection are put in order by compiled passes, those of a network by delay."""
+"""Number of synapses from which on compiled passes sort a projection, and a network is sorted by delay."""
 
 
 def total_number(
     n: int,
     n_pre: int,
     n_post: int,
-    but: Ints | None,
+    excluded: Ints | None,
     repeats: bool,
     key: int,
-    room: NDArray[np.int32] | None = None,
+    buffer: NDArray[np.int32] | None = None,
 ) -> tuple[Ints, NDArray[np.int32]]:
-    """Where the synapses of each source end, and the targets of n synapses; draw k is that of synapse k.
+    """Draw n synapses; return the row ends of the sources and the targets. Draw k belongs to synapse k.
 
     Args:
-        n: synapses.
+        n: number of synapses.
         n_pre: neurons of the source.
-        n_post: of the target.
-        but: of each source the target that it does not reach, -1: none; None: none of any.
+        n_post: neurons of the target.
+        excluded: the target that each source must not reach, -1 for none; None: none for any source.
         repeats: whether a pair may be drawn twice.
-        key: of the draws.
-        room: memory for the targets, which may be used.
+        key: key of the draws.
+        buffer: memory for the targets, which may be used.
 
     Raises:
-        ModelError: there are not so many pairs.
+        ModelError: there are fewer pairs than synapses.
     """
-    ends = np.concatenate(([0], np.cumsum(choices(n_pre, n_post, but))))
+    ends = np.concatenate(([0], np.cumsum(choices(n_pre, n_post, excluded))))
     pairs = int(ends[-1])
     check_number(n, pairs, repeats)
     if repeats and n >= MANY // 2:
         from neuro.compiler.rows import draw_rows
 
-        targets = np.empty(n, dtype=np.int32) if room is None else room
-        return draw_rows(key, ends, but, targets), targets
-    # A pair is one whole number, counted by source without the excluded ones: sorting it sorts by source, then target.
-    places = _below(pairs, 0, n, key) if repeats else _distinct(n, pairs, key)
+        targets = np.empty(n, dtype=np.int32) if buffer is None else buffer
+        return draw_rows(key, ends, excluded, targets), targets
+    # A pair is one whole number, counted by source without excluded pairs, so sorting it sorts by source, then target.
+    places = _integers_below(pairs, 0, n, key) if repeats else _distinct(n, pairs, key)
     places.sort()
     row_ends = np.searchsorted(places, ends)
     pre = np.repeat(np.arange(n_pre), np.diff(row_ends))
     post = places - ends[pre]
-    if but is not None:
-        post += (but[pre] >= 0) & (post >= but[pre])
+    if excluded is not None:
+        post += (excluded[pre] >= 0) & (post >= excluded[pre])
     return row_ends, post.astype(np.int32)
 
 
-def choices(n_pre: int, n_post: int, but: Ints | None) -> Ints:
-    """How many targets each source may reach."""
-    return np.full(n_pre, n_post) if but is None else n_post - (but >= 0)
+def choices(n_pre: int, n_post: int, excluded: Ints | None) -> Ints:
+    """Return the number of targets that each source may reach."""
+    return np.full(n_pre, n_post) if excluded is None else n_post - (excluded >= 0)
 
 
 def check_number(n: int, pairs: int, repeats: bool) -> None:
-    """Refuse more synapses than there are pairs.
+    """Refuse more synapses than pairs.
 
     Raises:
-        ModelError: there are not so many.
+        ModelError: there are fewer pairs than synapses.
     """
     if n and (pairs < 1 or (not repeats and n > pairs)):
         hint = "multapses: true allows a pair to be drawn twice" if pairs > 0 else ""
@@ -84,62 +84,64 @@ def check_number(n: int, pairs: int, repeats: bool) -> None:
         raise ModelError(message, hint=hint, path=("n",), about=("multapses",))
 
 
-def shares(n: int, pairs: Ints, repeats: bool, rng: np.random.Generator) -> Ints:
-    """How many of n synapses each block has, from the pairs of each: multinomial; without repeats hypergeometric."""
+def synapses_per_block(n: int, pairs: Ints, repeats: bool, rng: np.random.Generator) -> Ints:
+    """Draw how many of n synapses each block has, from the number of pairs in each block.
+
+    The distribution is multinomial; without repeats it is hypergeometric.
+    """
     total = int(pairs.sum())
     if repeats:
         return rng.multinomial(n, pairs / total)
-    # Each pair is taken with the probability n / total. Then pairs are drawn, one by one, of those that are left or of
-    # those that are taken, until there are n of them, so that every set of n pairs is as likely. NumPy's own numbers
-    # end at 10^9 pairs.
-    taken = rng.binomial(pairs, n / total)
-    while missing := n - int(taken.sum()):
-        pool = pairs - taken if missing > 0 else taken
-        taken[np.searchsorted(np.cumsum(pool), rng.integers(pool.sum()), side="right")] += np.sign(missing)
-    return taken
+    # Each pair is chosen with the probability n / total. Then single pairs are added or removed at random until n are
+    # chosen, so that every set of n pairs has the same probability. NumPy's hypergeometric draws end at 10^9 pairs.
+    chosen = rng.binomial(pairs, n / total)
+    while missing := n - int(chosen.sum()):
+        pool = pairs - chosen if missing > 0 else chosen
+        chosen[np.searchsorted(np.cumsum(pool), rng.integers(pool.sum()), side="right")] += np.sign(missing)
+    return chosen
 
 
-def _below(bound: int, first: int, last: int, key: int) -> Ints:
-    """Draws first, ..., last - 1 of a sequence of whole numbers below a bound."""
-    drawn = np.empty(last - first, dtype=np.int64)
+def _integers_below(bound: int, first: int, last: int, key: int) -> Ints:
+    """Return draws first, ..., last - 1 of a sequence of whole numbers below a bound."""
+    numbers = np.empty(last - first, dtype=np.int64)
     for begin, end in blocks(first, last, BLOCK):
-        drawn[begin - first : end - first] = uniform(key, 0, np.arange(begin, end)) * bound
-    return drawn
+        numbers[begin - first : end - first] = uniform(key, 0, np.arange(begin, end)) * bound
+    return numbers
 
 
 def _distinct(n: int, bound: int, key: int) -> Ints:
-    """The first n different numbers of that sequence; where they are most of all, those that remain."""
-    # Of nearly all pairs it is the few that are left out which are drawn: redrawing what is taken would not end soon.
+    """Return the first n different numbers of that sequence; for most of all numbers, those not drawn."""
+    # For nearly all pairs, draw the few that are left out, because redrawing repeated pairs would take long.
     if 2 * n > bound:
         remain = np.ones(bound, dtype=bool)
         remain[_distinct(bound - n, bound, key)] = False
         return np.flatnonzero(remain)
-    found, taken = _below(bound, 0, n, key), n
+    numbers, n_drawn = _integers_below(bound, 0, n, key), n
     while True:
-        # The first n different ones of one sequence: the result does not depend on how many were drawn at a time.
-        _, first = np.unique(found, return_index=True)
+        # The first n different numbers of one sequence, so that the result does not depend on the size of batches.
+        _, first = np.unique(numbers, return_index=True)
         if first.size == n:
-            return found
+            return numbers
         first.sort()
         missing = n - first.size
-        found = np.concatenate((found[first], _below(bound, taken, taken + missing, key)))
-        taken += missing
+        numbers = np.concatenate((numbers[first], _integers_below(bound, n_drawn, n_drawn + missing, key)))
+        n_drawn += missing
 
 
 def bernoulli_pairs(p: float, n: int, key: int) -> tuple[Ints, Ints]:
-    """The pairs (i, j), i != j, of n neurons of which each is drawn with probability p, in order."""
+    """Draw each pair (i, j), i != j, of n neurons with probability p; return the pairs in order."""
     drawn_pre, drawn_post = [], []
     for first, last in blocks(0, n, max(1, BLOCK // n)):
-        hit = uniform_table(key, np.arange(first, last), n) < p
-        hit[np.arange(last - first), np.arange(first, last)] = False
-        pre, post = np.nonzero(hit)
+        is_connected = uniform_table(key, np.arange(first, last), n) < p
+        is_connected[np.arange(last - first), np.arange(first, last)] = False
+        pre, post = np.nonzero(is_connected)
         drawn_pre.append(pre + first)
         drawn_post.append(post)
     return np.concatenate(drawn_pre), np.concatenate(drawn_post)
 
 
 def blocks(first: int, last: int, length: int) -> Iterator[tuple[int, int]]:
-    """The bounds of pieces of a range."""
+    """Yield the bounds of pieces of a range."""
     for begin in range(first, last, length):
         yield begin, min(begin + length, last)
 
@@ -147,18 +149,18 @@ def blocks(first: int, last: int, length: int) -> Iterator[tuple[int, int]]:
 MOST_AXES = 3
 
 _SAMPLE, _PAIRS = 256, 1 << 21
-"""Sources from which it is estimated how many pairs are connected, fewer where these have more pairs than that."""
+"""Number of sources in a sample that estimates the number of connected pairs, and the largest number of its pairs."""
 
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """The places of neurons.
+    """The positions of neurons.
 
     Attributes:
         places: coordinates, shape (neurons, axes).
         extent: length of each axis; None where it is unknown.
-        periodic: whether what leaves at one edge comes in at the other.
-        lattice: the shape from which places follow, where their unit is the spacing; else None.
+        periodic: whether opposite edges are joined.
+        lattice: the shape from which positions follow with the spacing as the unit; else None.
     """
 
     places: Floats
@@ -168,22 +170,22 @@ class Space:
 
     @property
     def periods(self) -> Floats:
-        """Length after which an axis begins anew, 0 for an axis with edges."""
+        """Period of each axis, 0 for an axis with edges."""
         if self.periodic and self.extent is not None:
             return np.asarray(self.extent)
         return np.zeros(self.places.shape[1])
 
 
 def space_of(part: Population, shape: tuple[int, ...]) -> Space:
-    """Where the neurons of a population lie.
+    """Return the positions of the neurons of a population.
 
     Raises:
-        ModelError: nothing gives their places, or what does not fit.
+        ModelError: the population has no positions, or they do not fit.
     """
     message = f"population '{part.name}'"
     extent: Floats | None = None if part.extent is None else plain(part.extent)
     if part.positions is not None:
-        return _given(part, np.asarray(plain(part.positions)), extent, math.prod(shape))
+        return _space_from_positions(part, np.asarray(plain(part.positions)), extent, math.prod(shape))
     if len(shape) > MOST_AXES:
         raise ModelError(
             f"{message} has no positions: its shape {list(shape)} has {len(shape)} axes: expected at most {MOST_AXES}",
@@ -203,7 +205,7 @@ def space_of(part: Population, shape: tuple[int, ...]) -> Space:
     return Space(places, length, part.periodic, shape if extent is None else None)
 
 
-def _given(part: Population, places: Floats, extent: Floats | None, n: int) -> Space:
+def _space_from_positions(part: Population, places: Floats, extent: Floats | None, n: int) -> Space:
     places = places[:, None] if places.ndim == 1 else places
     if places.ndim != 2 or places.shape[0] != n or not 1 <= places.shape[1] <= MOST_AXES:
         text = f"positions have the shape {list(places.shape)}: expected [{n}, 1 to {MOST_AXES}], a row for each neuron"
@@ -220,34 +222,34 @@ def _given(part: Population, places: Floats, extent: Floats | None, n: int) -> S
 
 
 @dataclass(frozen=True, eq=False)
-class Between:
-    """What lies between the neurons of two populations."""
+class Geometry:
+    """The positions of the neurons of two populations, and the distances between them."""
 
     source: Space
     target: Space
 
-    def among(self, pre: Ints | None, post: Ints | None) -> Between:
-        """What lies between some of the neurons, None: all."""
+    def subset(self, pre: Ints | None, post: Ints | None) -> Geometry:
+        """Return the geometry of some of the neurons, None: all."""
         ends = [(self.source, pre), (self.target, post)]
-        return Between(*(end if ids is None else replace(end, places=end.places[ids]) for end, ids in ends))
+        return Geometry(*(end if ids is None else replace(end, places=end.places[ids]) for end, ids in ends))
 
     def displacement(self, pre: Ints, post: NDArray[np.integer]) -> Floats:
-        """From each source to its target, the shortest way; shape (axes, pairs)."""
-        apart = np.empty((len(self.source.periods), len(pre)))
-        for way, begin, end, period in zip(
-            apart, self.source.places.T, self.target.places.T, self.source.periods, strict=True
+        """Return the shortest vector from each source to its target; shape (axes, pairs)."""
+        vectors = np.empty((len(self.source.periods), len(pre)))
+        for component, begin, end, period in zip(
+            vectors, self.source.places.T, self.target.places.T, self.source.periods, strict=True
         ):
-            np.subtract(end[post], begin[pre], out=way)
+            np.subtract(end[post], begin[pre], out=component)
             if period:
-                way -= period * np.rint(way / period)
-        return apart
+                component -= period * np.rint(component / period)
+        return vectors
 
     def distance(self, pre: Ints, post: NDArray[np.integer]) -> Floats:
-        """Of each pair."""
+        """Return the distance of each pair."""
         return length(self.displacement(pre, post))
 
-    def near(self, reach: float) -> Iterator[tuple[Ints, Ints]]:
-        """All pairs that are not farther apart, and perhaps some that are, a block of sources at a time, in order."""
+    def pairs_within(self, reach: float) -> Iterator[tuple[Ints, Ints]]:
+        """Yield all pairs up to a distance, and perhaps some more, in batches of sources, in order."""
         if not math.isfinite(reach):
             n_post = len(self.target.places)
             for first, last in blocks(0, len(self.source.places), max(1, BLOCK // n_post)):
@@ -264,81 +266,81 @@ class Between:
         while first < len(places):
             before = ends[first - 1] if first else 0
             last = max(first + 1, int(np.searchsorted(ends, before + BLOCK, side="right")))
-            found = tree.query_ball_point(places[first:last], radius, return_sorted=True)
-            post = np.fromiter(chain.from_iterable(found), np.int64, int(ends[last - 1] - before))
+            neighbours = tree.query_ball_point(places[first:last], radius, return_sorted=True)
+            post = np.fromiter(chain.from_iterable(neighbours), np.int64, int(ends[last - 1] - before))
             yield np.repeat(np.arange(first, last), counts[first:last]), post
             first = last
 
 
-def between(source: Population, target: Population, shapes: Mapping[str, tuple[int, ...]]) -> Between:
-    """What lies between two populations, if their places are of one space.
+def geometry_of(source: Population, target: Population, shapes: Mapping[str, tuple[int, ...]]) -> Geometry:
+    """Return the geometry of two populations, if their positions are in the same space.
 
     Raises:
-        ModelError: they are not.
+        ModelError: the positions are in different spaces.
     """
     message = f"'{source.name}' and '{target.name}'"
-    one, other = (space_of(part, shapes[part.name]) for part in (source, target))
-    axes = one.places.shape[1], other.places.shape[1]
+    first, second = (space_of(part, shapes[part.name]) for part in (source, target))
+    axes = first.places.shape[1], second.places.shape[1]
     if axes[0] != axes[1]:
         raise ModelError(f"positions of {message} have {axes[0]} and {axes[1]} coordinates: expected as many")
-    if one.lattice != other.lattice:
+    if first.lattice != second.lattice:
         raise ModelError(
             f"{message} have no common scale: neurons of one lie a unit apart by their shape: "
             "expected 'extent' of both",
             hint="populations of one shape need none",
         )
-    if not np.array_equal(one.periods, other.periods):
+    if not np.array_equal(first.periods, second.periods):
         raise ModelError(
-            f"{message} have periodic edges of {_edges(one)} and {_edges(other)}: expected the same of both",
+            f"{message} have periodic edges of {_edges(first)} and {_edges(second)}: expected the same of both",
         )
-    return Between(one, other)
+    return Geometry(first, second)
 
 
 def distant_pairs(
-    rule: distance_dependent, apart: Between, but: Ints | None, key: int, first: int = 0
+    rule: distance_dependent, geometry: Geometry, excluded: Ints | None, key: int, first: int = 0
 ) -> Iterator[tuple[Ints, NDArray[np.int32]]]:
-    """Pairs that are connected, a block of sources at a time, in order.
+    """Yield connected pairs, in batches of sources, in order.
 
     Args:
-        rule: says how likely each is.
-        apart: what lies between the neurons.
-        but: of each source the target that it does not reach, -1: none; None: none of any.
-        key: of the draws.
-        first: which target of the rule the first one is.
+        rule: the rule with the probability of a pair.
+        geometry: positions and distances of the neurons.
+        excluded: the target that each source must not reach, -1 for none; None: none for any source.
+        key: key of the draws.
+        first: index of the first target in the projection.
 
     Raises:
-        ModelError: a probability is none, or the mask does not fit the space.
+        ModelError: a probability is not from 0 to 1, or the mask does not fit the space.
     """
-    for pre, post, p in _candidates(rule, apart, but):
-        hit = uniform_pairs(key, pre, post + first) < p
-        yield pre[hit], post[hit].astype(np.int32)
+    for pre, post, p in _candidates(rule, geometry, excluded):
+        is_connected = uniform_pairs(key, pre, post + first) < p
+        yield pre[is_connected], post[is_connected].astype(np.int32)
 
 
-def expected_pairs(rule: distance_dependent, apart: Between) -> float:
-    """How many pairs are connected in the mean, from some of the sources."""
-    n = len(apart.source.places)
-    sample = min(_SAMPLE, max(16, _PAIRS // len(apart.target.places)))
+def expected_pairs(rule: distance_dependent, geometry: Geometry) -> float:
+    """Estimate the expected number of connected pairs, from a sample of the sources."""
+    n = len(geometry.source.places)
+    sample = min(_SAMPLE, max(16, _PAIRS // len(geometry.target.places)))
     some = np.unique(np.linspace(0, n - 1, sample).astype(np.int64))
-    found = _candidates(rule, apart.among(some, None), None)
-    return sum(float(np.sum(np.broadcast_to(p, pre.size))) for pre, _, p in found) * n / some.size
+    candidates = _candidates(rule, geometry.subset(some, None), None)
+    return sum(float(np.sum(np.broadcast_to(p, pre.size))) for pre, _, p in candidates) * n / some.size
 
 
 def _candidates(
-    rule: distance_dependent, apart: Between, but: Ints | None
+    rule: distance_dependent, geometry: Geometry, excluded: Ints | None
 ) -> Iterator[tuple[Ints, Ints, Floats | float]]:
-    """Pairs that may be connected, and how likely each is."""
+    """Yield pairs that may be connected, and their probabilities."""
     mask, profile = rule.mask, rule.p
-    if mask is not None and (problem := mask.misfit(apart.source.places.shape[1])):
+    if mask is not None and (problem := mask.misfit(geometry.source.places.shape[1])):
         raise ModelError(f"distance_dependent.mask: {problem}", path=("distance_dependent", "mask"))
     reach = min(
         mask.reach if mask is not None else math.inf, profile.reach if isinstance(profile, Profile) else math.inf
     )
-    for pre, post in apart.near(reach):
-        displacement = apart.displacement(pre, post)
-        kept = np.ones(len(pre), dtype=bool) if mask is None else mask.inside(displacement)
-        if but is not None:
-            kept &= but[pre] != post
-        pre, post, far = pre[kept], post[kept], length(displacement[:, kept])
+    for pre, post in geometry.pairs_within(reach):
+        displacement = geometry.displacement(pre, post)
+        is_candidate = np.ones(len(pre), dtype=bool) if mask is None else mask.inside(displacement)
+        if excluded is not None:
+            is_candidate &= excluded[pre] != post
+        pre, post, far = pre[is_candidate], post[is_candidate], length(displacement[:, is_candidate])
         yield pre, post, _probability(profile, far) if isinstance(profile, Profile) else profile
 
 
@@ -347,18 +349,18 @@ def _probability(profile: Profile, distance: Floats) -> Floats:
     bad = np.flatnonzero((p < 0.0) | (p > 1.0))
     if bad.size:
         message = f"distance_dependent.p is {p[bad[0]]:g} at the distance {distance[bad[0]]:g}: expected 0 to 1"
-        hint = "a mask keeps it to distances where it is a probability"
+        hint = "a mask excludes distances where p is not a probability"
         raise ModelError(message, hint=hint, path=("distance_dependent", "p"), about=("mask",))
     return p
 
 
 def length(displacement: Floats) -> Floats:
-    """Of each column."""
+    """Return the length of each column."""
     return np.asarray(np.sqrt((displacement**2).sum(axis=0)))
 
 
 def _wrapped(places: Floats, periods: Floats) -> Floats:
-    """Places of periodic axes in [0, period)."""
+    """Return positions with periodic axes wrapped to [0, period)."""
     places = places.copy()
     for axis in np.flatnonzero(periods):
         column = np.mod(places[:, axis], periods[axis])

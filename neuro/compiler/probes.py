@@ -1,4 +1,4 @@
-"""Probes of a network: checked, and resolved to those of a program."""
+"""Probes of a network: checks, and conversion to probes of a program."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ ALONE = ("spikes", "rate")
 
 
 def check_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> None:
-    """What can be said of the probes before connections are made.
+    """Check the probes as far as possible before connections are made.
 
     Raises:
-        ModelError: a probe asks for what there is not.
+        ModelError: a probe asks for something that does not exist.
     """
     names: dict[str, str] = {}
     for part in net.probes.values():
@@ -54,11 +54,11 @@ def check_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> Non
 
 def _check_neurons(part: Probe, population: Population) -> None:
     states = list(part.traces())
-    for word, given in (("at", part.at), ("synapses", part.synapses)):
-        if given is not None:
+    for word, value in (("at", part.at), ("synapses", part.synapses)):
+        if value is not None:
             refuse(part, f"{word} is for projections: '{part.of}' is a population", word=word, kind="no projection")
-    if len(states) > 1 and (alone := next((state for state in states if state in ALONE), "")):
-        refuse(part, f"'{alone}' is recorded alone", "give it a probe of its own", "record")
+    if len(states) > 1 and (single := next((state for state in states if state in ALONE), "")):
+        refuse(part, f"'{single}' is recorded alone", "give it a probe of its own", "record")
     if states[0] in ALONE:
         what = states[0]
         if isinstance(population.model, CurrentGenerator):
@@ -73,17 +73,17 @@ def _check_neurons(part: Probe, population: Population) -> None:
             way_out = "leave 'mean' out" if what == "rate" else "record: rate gives that of spikes"
             refuse(part, message, way_out, "mean", about=("record",))
         return
-    known = recordable(population)
+    states_of_model = recordable(population)
     for state in states:
-        if state not in known:
+        if state not in states_of_model:
             message = f"'{part.of}', {a(population.model.name)}, has no state '{state}'"
-            raise unknown("state", state, [*known, *ALONE], part.origin, ("record",)).but(
+            raise unknown("state", state, [*states_of_model, *ALONE], part.origin, ("record",)).but(
                 message=f"probe '{part.name}': {message}"
             )
 
 
 def resolve_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> tuple[resolved.Probe, ...]:
-    """The probes of populations, one for each state."""
+    """Return the probes of populations, one for each state."""
     names = list(net.populations)
     return tuple(
         resolved.Probe(
@@ -98,28 +98,28 @@ def resolve_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> t
 def resolve_synapse_probes(
     net: Network, program: resolved.Program, shapes: Mapping[str, Shape], clock: Clock
 ) -> tuple[resolved.SynapseProbe, ...]:
-    """The probes of projections, one for each state.
+    """Return the probes of projections, one for each state.
 
     Raises:
-        ModelError: a probe asks for what there is not.
+        ModelError: a probe asks for something that does not exist.
     """
-    names, found = list(net.projections), []
+    names, probes = list(net.projections), []
     for p in net.probes.values():
         if p.of in net.populations:
             continue
         index = names.index(p.of)
         _check_synapses(net, p, program.projections[index])
-        every, chosen = AT_PRE if p.at else _every(p, clock), _chosen(p, program, index, shapes)
+        every, chosen = AT_PRE if p.at else _every(p, clock), _recorded_synapses(p, program, index, shapes)
         for state, name in p.traces().items():
-            found.append(resolved.SynapseProbe(name, index, state, every, chosen, p.mean, p.origin))
-    return tuple(found)
+            probes.append(resolved.SynapseProbe(name, index, state, every, chosen, p.mean, p.origin))
+    return tuple(probes)
 
 
 def _check_synapses(net: Network, part: Probe, projection: Projection) -> None:
-    known = synapse_states(projection)
+    states = synapse_states(projection)
     for state in part.traces():
-        if state not in known:
-            error = unknown("state", state, known, part.origin, ("record",)).but(
+        if state not in states:
+            error = unknown("state", state, states, part.origin, ("record",)).but(
                 message=f"probe '{part.name}': the synapses of '{part.of}', {projection.synapse.name}, "
                 f"have no state '{state}'",
                 kind="synapses",
@@ -128,21 +128,23 @@ def _check_synapses(net: Network, part: Probe, projection: Projection) -> None:
     if part.at is None:
         return
     if part.mean:
-        refuse(part, "mean is for records every so many ms, not at pre spikes", "leave 'mean' out", "mean")
+        refuse(part, "mean is for records at intervals, not at pre spikes", "leave 'mean' out", "mean")
     if projection.carries == "current":
         refuse(part, f"at = {part.at}: '{part.of}' carries a current, and no spikes", word="at")
     if projection.grid is not None:
-        refuse(part, f"at = {part.at}: the synapses of a grid share their weights", "every: 10.0 records these", "at")
+        refuse(part, f"at = {part.at}: the synapses of a grid share their weights", "every: 10.0 records weights", "at")
     if projection.synapse.learns == "chip" or net.trials_section is not None:
         what = projection.synapse.name if net.trials_section is None else "a network with trials"
-        refuse(part, f"at = {part.at}: not of {what}", "every: 10.0 records its synapses", "at")
+        refuse(part, f"at = {part.at}: not possible with {what}", "every: 10.0 records its synapses", "at")
     for state in part.traces():
         if state in ("K_plus", "n"):
-            refuse(part, f"at = {part.at}: '{state}' is of a neuron, not of a synapse", "every: 1.0 records it", "at")
+            refuse(
+                part, f"at = {part.at}: '{state}' belongs to a neuron, not to a synapse", "every: 1.0 records it", "at"
+            )
 
 
-def _chosen(part: Probe, program: resolved.Program, index: int, shapes: Mapping[str, Shape]) -> Ints | None:
-    """The places of the synapses that are recorded, None for all."""
+def _recorded_synapses(part: Probe, program: resolved.Program, index: int, shapes: Mapping[str, Shape]) -> Ints | None:
+    """Return the indices of the recorded synapses, None for all."""
     projection = program.projections[index]
     if part.pre is not None or part.post is not None:
         projection = program.projections[index]
@@ -150,19 +152,19 @@ def _chosen(part: Probe, program: resolved.Program, index: int, shapes: Mapping[
             refuse(part, "found both 'synapses' and the neurons at their ends: expected one of both")
         if projection.grid is not None:
             message = "pre and post: the synapses of a grid share their weights"
-            refuse(part, message, "synapses: [0, 1] records some of these", "pre")
-        kept = np.ones(projection.size, dtype=np.bool_)
+            refuse(part, message, "synapses: [0, 1] records some synapses", "pre")
+        is_recorded = np.ones(projection.size, dtype=np.bool_)
         views = {"pre": part.pre, "post": part.post}
         for (word, view), ids in zip(views.items(), program.connections(index), strict=True):
             if view is not None:
                 with naming_the_part(part, word, view.population.name):
-                    kept &= np.isin(ids, view.within(shapes[view.population.name])[0])
-        if not kept.any():
-            asked = " ".join(
+                    is_recorded &= np.isin(ids, view.within(shapes[view.population.name])[0])
+        if not is_recorded.any():
+            ends = " ".join(
                 f"{word} {view}" for word, view in (("from", part.pre), ("to", part.post)) if view is not None
             )
-            refuse(part, f"none of the {projection.size:,} synapses of '{part.of}' goes {asked}: expected at least one")
-        return np.flatnonzero(kept)
+            refuse(part, f"none of the {projection.size:,} synapses of '{part.of}' goes {ends}: expected at least one")
+        return np.flatnonzero(is_recorded)
     if part.synapses is None:
         return None
     chosen = np.asarray(part.synapses)

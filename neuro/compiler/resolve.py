@@ -1,4 +1,4 @@
-"""From a `Network` to a `Program`: check, then resolve each part to flat arrays, steps and indices."""
+"""The compiler from a `Network` to a `Program`: check, then resolve each part to flat arrays, steps and indices."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from neuro.compiler.cameras import cameras_of
 from neuro.compiler.check import check_conductance, check_network, check_values, receptor_of, receptor_of_current
 from neuro.compiler.connect import Blocks
 from neuro.compiler.connections import Connections
-from neuro.compiler.divided import Divided, together
+from neuro.compiler.divided import Divided, join_blocks
 from neuro.compiler.inputs import check_trains, schedule_of, with_generators
-from neuro.compiler.memory import SynapseRoom, check_memory, many_synapses, packed, rooms
-from neuro.compiler.pairs import MANY, Between, between
+from neuro.compiler.memory import SynapseBuffers, check_memory, many_synapses, packed, synapse_buffers
+from neuro.compiler.pairs import MANY, Geometry, geometry_of
 from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.shapes import Shape, end_of, grid_of, own_places, resolve_shapes, size
 from neuro.compiler.synapses import Drawing
 from neuro.compiler.trials import resolve_trials
 from neuro.compiler.undrawn import undrawn, wired
-from neuro.compiler.values import LONGEST_DELAY, Steps, one_delay, per_neuron, too_late
+from neuro.compiler.values import LONGEST_DELAY, Steps, one_delay, per_neuron, too_long_delay
 from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
@@ -59,69 +59,68 @@ NO_INTS: Ints = np.zeros(0, dtype=np.int64)
 def compile_network(
     net: Network, seed: int, threads: int = 1, share: Share = WHOLE, backend_draws: bool = False
 ) -> resolved.Program:
-    """Check a network and resolve it.
+    """Check and compile a network.
 
     Args:
         net: the network; it is not changed.
-        seed: of everything random, in the network and while it runs.
-        threads: how many draw connections; what they draw does not depend on it.
-        share: the synapses onto which neurons are drawn. What is no synapse is whole.
+        seed: seed of all random numbers, in the network and during a run.
+        threads: number of threads that draw connections; the draws do not depend on it.
+        share: the synapses to draw, by their target neurons. Everything except synapses is complete in each share.
         backend_draws: whether synapses whose rule has `draw: backend` are left to the backend.
 
     Raises:
-        ModelError: the network cannot be run by any backend.
+        ModelError: no backend can run the network.
     """
-    # From here on a name means the same: a part registered later under a name of this network would make its saved
-    # state another network's.
+    # The meaning of names is fixed from here on. A part registered later under a name of this network would make a
+    # saved state belong to another network.
     for registry in (MODELS, SYNAPSES, RULES, DISTRIBUTIONS, PROFILES, SOURCES, CODES, RATE_CODES):
         registry.close("a network was compiled")
     clock = Clock(net.resolution)
-    # Recordings first: a camera's sensor decides the shape of its population, and shapes of grids follow from it.
-    filmed = [part for part in net.populations.values() if isinstance(part.model, event_camera)]
-    cameras = cameras_of(net, filmed, clock) if filmed else {}
+    # Recordings come first: a camera's sensor determines the shape of its population, and grids follow from that.
+    camera_parts = [part for part in net.populations.values() if isinstance(part.model, event_camera)]
+    cameras = cameras_of(net, camera_parts, clock) if camera_parts else {}
     shapes = resolve_shapes(net, {name: camera.shape for name, camera in cameras.items()})
     check_network(net, shapes)
-    # Before anything is made: a network that does not fit is refused in microseconds, not when memory is full.
-    here = {name: part for name, part in net.projections.items() if not (backend_draws and _is_left(part))}
-    share.agree(lambda: check_memory(net, shapes, share.number, here))
+    # Before any allocation, so that a network that does not fit is refused in microseconds, not when memory is full.
+    drawn_here = {name: part for name, part in net.projections.items() if not (backend_draws and _is_for_backend(part))}
+    share.agree(lambda: check_memory(net, shapes, share.number, drawn_here))
     if net.probes:
         check_probes(net, shapes, clock)
     declared = {name: part.model.name for name, part in net.populations.items()}
     sources = {p.of: net.projections[p.of].source for p in net.probes.values() if p.at and p.of in net.projections}
-    heard = {sources.get(p.of, p.of) for p in net.probes.values() if p.of in sources or p.record == "spikes"}
+    recorded = {sources.get(p.of, p.of) for p in net.probes.values() if p.of in sources or p.record == "spikes"}
     signals: tuple[resolved.Signal, ...] = ()
     if any(part.values is not None for part in net.signals.values()):
-        from neuro.compiler.signals import heard_by_signals, resolve_signals
+        from neuro.compiler.signals import populations_read, resolve_signals
 
         signals = resolve_signals(net, shapes, clock, seed)
-        heard |= heard_by_signals(net, signals)
-    # Codes become spikes here, so no later step and no backend knows of them; `declared` keeps the name that people
-    # wrote.
+        recorded |= populations_read(net, signals)
+    # Codes become spikes here, so that no later step and no backend needs them; `declared` has the original names.
     net = with_generators(net, shapes, clock, seed)
     section = net.trials_section
     trials = None if section is None else resolve_trials(net, section, shapes, clock)
     resolver = _Resolver(net, shapes, clock, seed)
     populations = tuple(
-        resolver.population(part, cameras.get(name), declared[name], name in heard)
+        resolver.population(part, cameras.get(name), declared[name], name in recorded)
         for name, part in net.populations.items()
     )
-    many = many_synapses(here.values(), shapes, MANY)
-    # Drawn into one array where sizes are known: to touch memory for the first time may cost more than the draws, and a
-    # copy would need twice as much.
-    made = rooms(here, shapes) if many and share.number == 1 else None
-    # Projections are drawn side by side; few large ones one after the other, their blocks side by side.
+    many = many_synapses(drawn_here.values(), shapes, MANY)
+    # Synapses are drawn into one array where sizes are known. The first access to memory can take longer than the
+    # draws, and a copy would need twice the memory.
+    buffers = synapse_buffers(drawn_here, shapes) if many and share.number == 1 else None
+    # Projections are drawn in parallel. With fewer projections than threads, the blocks of a projection are, too.
     threads_of_each = max(1, threads // max(1, len(net.projections)))
 
     def projection(part: Projection) -> resolved.Projection:
-        room = None if made is None else made.get(part.name)
+        own = None if buffers is None else buffers.get(part.name)
         with naming_the_part(part):
-            return resolver.projection(part, many, room, share, threads_of_each, backend_draws and _is_left(part))
+            return resolver.projection(part, many, own, share, threads_of_each, backend_draws and _is_for_backend(part))
 
-    drawn = mapped(projection, list(net.projections.values()), threads)
+    resolved_projections = mapped(projection, list(net.projections.values()), threads)
     if share.number == 1:
-        projections = packed(drawn, made, many)
+        projections = packed(resolved_projections, buffers, many)
     else:
-        projections = _joined(share.agree(lambda: tuple(drawn)), share)
+        projections = _with_totals(share.agree(lambda: tuple(resolved_projections)), share)
     names = resolver.names
     program = resolved.Program(
         name=net.name,
@@ -146,23 +145,25 @@ def compile_network(
     return program
 
 
-def _is_left(part: Projection) -> bool:
-    """Whether the description leaves its synapses to backends with rules of their own."""
+def _is_for_backend(part: Projection) -> bool:
+    """Return whether the description leaves the synapses to backends with connection rules."""
     return isinstance(part.rule, NamedRule) and part.rule.draw == BACKEND
 
 
-def _joined(projections: Sequence[resolved.Projection], share: Share) -> tuple[resolved.Projection, ...]:
-    """The same projections, with the sizes and the spans of delays of all shares."""
-    own = np.array([(part.size, *part.delay_span) for part in projections], dtype=np.int64).reshape(-1, 3)
-    every = share.gather(own[None])
+def _with_totals(projections: Sequence[resolved.Projection], share: Share) -> tuple[resolved.Projection, ...]:
+    """Return the same projections, with the sizes and the spans of delays over all shares."""
+    own_totals = np.array([(part.size, *part.delay_span) for part in projections], dtype=np.int64).reshape(-1, 3)
+    all_totals = share.gather(own_totals[None])
 
     def whole(part: resolved.Projection, each: Ints) -> resolved.Projection:
         if part.share.number == 1 or not each[:, 0].any():
             return part
-        there = each[each[:, 0] > 0]
-        return replace(part, size=int(there[:, 0].sum()), span=(int(there[:, 1].min()), int(there[:, 2].max())))
+        non_empty = each[each[:, 0] > 0]
+        return replace(
+            part, size=int(non_empty[:, 0].sum()), span=(int(non_empty[:, 1].min()), int(non_empty[:, 2].max()))
+        )
 
-    return tuple(whole(part, every[:, k]) for k, part in enumerate(projections))
+    return tuple(whole(part, all_totals[:, k]) for k, part in enumerate(projections))
 
 
 def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:
@@ -176,44 +177,45 @@ class _Resolver:
     """Resolves the populations and projections of a checked network.
 
     Args:
-        net: the network, in which generators stand for codes and cameras.
-        shapes: of its populations.
-        clock: of the network.
-        seed: of everything random.
+        net: the network, with generators in place of codes and cameras.
+        shapes: shapes of its populations.
+        clock: clock of the network.
+        seed: seed of all random numbers.
 
     Attributes:
         names, signals: the index of each population and of each signal by its name.
+        alike: values of populations without draws, by model and shape.
     """
 
     def __init__(self, net: Network, shapes: Mapping[str, Shape], clock: Clock, seed: int) -> None:
         self.net, self.shapes, self.clock, self.seed = net, shapes, clock, seed
         self.names = {name: index for index, name in enumerate(net.populations)}
         self.signals: dict[str | None, int] = {None: -1, **{name: index for index, name in enumerate(net.signals)}}
-        self.alike: dict[tuple[int, Shape], dict[str, Any]] = {}
+        self.shared_values: dict[tuple[int, Shape], dict[str, Any]] = {}
 
-    def population(self, part: Population, stream: Stream | None, declared: str, heard: bool) -> resolved.Population:
-        """Resolve a population; those of one model and shape that draw nothing are worked out once, as `alike`."""
+    def population(self, part: Population, stream: Stream | None, declared: str, is_read: bool) -> resolved.Population:
+        """Resolve a population. Populations of one model and shape without draws share `shared_values`."""
         model, shape = part.model, self.shapes[part.name]
-        # Files of 200,000 small populations share a few models: to work each out anew took seconds.
-        values = None if part.initial else self.alike.get((id(model), shape))
+        # A file of 200,000 small populations has a few models; to resolve each population alone takes seconds.
+        values = None if part.initial else self.shared_values.get((id(model), shape))
         if values is None:
             with naming_the_part(part):
-                values = self._worked_out(part, shape)
-            drawn = any(isinstance(value, Distribution) for value in model.parameters().values())
-            if not part.initial and values["schedule"] is None and not drawn:
-                self.alike[id(model), shape] = values
-        heard = heard or not (isinstance(model, poisson_generator) or stream is not None)
+                values = self._values(part, shape)
+            is_random = any(isinstance(value, Distribution) for value in model.parameters().values())
+            if not part.initial and values["schedule"] is None and not is_random:
+                self.shared_values[id(model), shape] = values
+        is_read = is_read or not (isinstance(model, poisson_generator) or stream is not None)
         return resolved.Population(
             **values | {"parameters": {**values["parameters"]}, "initial": {**values["initial"]}},
             name=part.name,
-            records=heard and not isinstance(model, CurrentGenerator),
+            records=is_read and not isinstance(model, CurrentGenerator),
             origin=part.origin,
             stream=stream,
             declared="" if declared == model.name else declared,
         )
 
-    def _worked_out(self, part: Population, shape: Shape) -> dict[str, Any]:
-        """Return what follows from model, shape, initial states and draws."""
+    def _values(self, part: Population, shape: Shape) -> dict[str, Any]:
+        """Return the values that follow from model, shape, initial states and draws."""
         model, clock = part.model, self.clock
         parameters: dict[str, Floats] = {}
         start, stop = 0, NEVER
@@ -231,7 +233,7 @@ class _Resolver:
         initial: dict[str, Floats] = {state.name: np.zeros(1) for state in model.states}
         if isinstance(model, (Neuron, Generator)):
             for name, value in model.initial(parameters).items():
-                # + 0.0 turns -0.0 into 0.0: backends read the sign bit as "nothing arrived".
+                # + 0.0 turns -0.0 into 0.0, because backends use the sign bit for "nothing arrived".
                 initial[name] = np.asarray(value, dtype=np.float64).reshape(-1) + 0.0
         for name, value in part.initial.items():
             if any(state.follows for state in model.states if state.name == name):
@@ -258,20 +260,26 @@ class _Resolver:
         }
 
     def projection(
-        self, part: Projection, many: bool, room: SynapseRoom | None, share: Share, threads: int, left: bool
+        self,
+        part: Projection,
+        many: bool,
+        buffers: SynapseBuffers | None,
+        share: Share,
+        threads: int,
+        is_for_backend: bool,
     ) -> resolved.Projection:
         """Resolve a projection.
 
         Args:
             part: the projection.
             many: whether the network has many synapses.
-            room: memory for those of this projection, which may be used.
-            share: the part of the synapses that is drawn.
-            threads: how many draw.
-            left: whether the backend draws the synapses.
+            buffers: memory for the synapses of this projection, which may be used.
+            share: the share of the synapses to draw.
+            threads: number of threads that draw.
+            is_for_backend: whether the backend draws the synapses.
 
         Raises:
-            ModelError: its synapses cannot be made.
+            ModelError: the synapses cannot be made.
         """
         clock = self.clock
         pre, post = self.net.populations[part.source], self.net.populations[part.target]
@@ -283,34 +291,38 @@ class _Resolver:
         target = end_of(part.target_view, self.shapes[part.target])
         own = own_places(source, target) if part.source == part.target else None
 
-        # Only rules and values of distance ask; for others no place is worked out.
+        # Called only by rules and values that depend on distance; other projections need no positions.
         @cache
-        def apart() -> Between:
-            return between(pre, post, self.shapes)
+        def get_geometry() -> Geometry:
+            return geometry_of(pre, post, self.shapes)
 
-        # Currents come from few synapses, and kernels have few weights: each part has all of them.
-        if left or sizes is not None or current:
+        # Currents use few synapses, and kernels have few weights, so each share has all of them.
+        if is_for_backend or sizes is not None or current:
             share = WHOLE
         onto = None if share.number == 1 else share.of(target.size)
         described = None
-        if left:
-            described, drawn = undrawn(part, source.size, target.size, clock)
+        if is_for_backend:
+            described, synapses = undrawn(part, source.size, target.size, clock)
         else:
-            seen = cache(lambda: apart().among(source.ids, target.ids))
-            blocks = Blocks(part.rule, source.shape, target.shape, own, sizes, (self.seed, "connect", part.name), seen)
+            geometry_of_views = cache(lambda: get_geometry().subset(source.ids, target.ids))
+            blocks = Blocks(
+                part.rule, source.shape, target.shape, own, sizes, (self.seed, "connect", part.name), geometry_of_views
+            )
             ends, ordered = (source, target), many and not part.synapse.learns
-            listed = partial(wired, part, part.rule, (pre, post), ends) if isinstance(part.rule, from_file) else None
-            drawing = Divided if listed is None and len(blocks.all) > 1 else Drawing
-            drawn = drawing(part, blocks, listed, ends, clock, self.seed, apart, ordered, onto, threads).synapses(room)
-        found, delay, weight, rule = drawn.found, drawn.delay, drawn.weight, drawn.rule
-        # A shared kernel learns weight by weight, so it has an entry for each from the start.
+            read_file = partial(wired, part, part.rule, (pre, post), ends) if isinstance(part.rule, from_file) else None
+            drawing = Divided if read_file is None and len(blocks.all) > 1 else Drawing
+            synapses = drawing(
+                part, blocks, read_file, ends, clock, self.seed, get_geometry, ordered, onto, threads
+            ).synapses(buffers)
+        connections, delay, weight, rule = synapses.connections, synapses.delay, synapses.weight, synapses.rule
+        # The weights of a shared kernel can learn, so the array has an entry for each from the start.
         if sizes is not None and weight.size == 1:
-            weight = np.repeat(weight, found.size)
-        _check_weights(rule, weight, found if share.number > 1 else None)
+            weight = np.repeat(weight, connections.size)
+        _check_weights(rule, weight, connections if share.number > 1 else None)
         _check_delays(rule, delay, clock)
         receptor = receptor_of_current(part.synapse, post, pre.name) if current else receptor_of(part.synapse, post)
-        check_conductance(receptor, *drawn.weights)
-        signal, gate, dopamine, one_to_one, later = -1, -1, -1, False, 1
+        check_conductance(receptor, *synapses.weights)
+        signal, gate, dopamine, one_to_one, dopamine_delay = -1, -1, -1, False, 1
         if isinstance(rule, MoveRule):
             signal, gate = self.signals[rule.signal], self.signals[rule.gate]
         if isinstance(rule, Modulated):
@@ -318,41 +330,41 @@ class _Resolver:
             dopamine = -1 if rule.dopamine is None else self.names[rule.dopamine]
             one_to_one = rule.dopamine_rule == "one_to_one"
             if rule.dopamine_delay is not None:
-                later = int(one_delay(rule.dopamine_delay, clock, f"{rule.name}.dopamine_delay")[0])
+                dopamine_delay = int(one_delay(rule.dopamine_delay, clock, f"{rule.name}.dopamine_delay")[0])
         kind = resolved.Projection if share.number == 1 else SharedProjection
-        made = kind(
+        projection = kind(
             name=part.name,
             source=self.names[part.source],
             target=self.names[part.target],
             carries=carries,
-            layout=found.layout,
-            row_ends=found.row_ends,
-            targets=found.targets,
+            layout=connections.layout,
+            row_ends=connections.row_ends,
+            targets=connections.targets,
             weight=weight,
             delay=delay,
-            size=found.size,
+            size=connections.size,
             grid=sizes,
             synapse=rule,
             receptor=receptor,
             signal=signal,
             dopamine=dopamine,
             dopamine_one_to_one=one_to_one,
-            dopamine_delay=later,
+            dopamine_delay=dopamine_delay,
             origin=part.origin,
-            span=drawn.span,
+            span=synapses.span,
             gate=gate,
-            by_delay=drawn.by_delay,
-            whole_layout=drawn.whole_layout,
+            by_delay=synapses.by_delay,
+            whole_layout=synapses.whole_layout,
             share=share,
             undrawn=described,
         )
-        if not drawn.blocks:
-            return made
-        return CompactProjection.of_blocks(made, drawn.blocks, partial(together, weight.size == 0))
+        if not synapses.blocks:
+            return projection
+        return CompactProjection.of_blocks(projection, synapses.blocks, partial(join_blocks, weight.size == 0))
 
 
 def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints, Ints]:
-    """The spikes that a generator lists, by step, then neuron, and their payloads, none where it is not graded."""
+    """Return the spikes that a generator lists, by step, then neuron, and payloads if it is graded."""
     if isinstance(model, spike_train | graded_spike_train):
         rows = np.asarray(model.spikes, dtype=np.float64).reshape(-1, 3 if model.graded else 2)
         times, ids, payloads = rows[:, 0], rows[:, 1], rows[:, 2:].ravel()
@@ -371,18 +383,21 @@ def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints
         return NO_INTS, NO_INTS, NO_INTS
     trains = [clock.steps(t, f"spike_generator.spike_times[{i}]") for i, t in enumerate(model.spike_times)]
     sources = np.repeat(np.arange(len(trains), dtype=np.int64), [len(train) for train in trains])
-    together = np.concatenate(trains)
-    # By step, then neuron: the order in which every backend emits, and so that of all sums.
-    order = np.lexsort((sources, together))
-    return together[order], sources[order], NO_INTS
+    all_steps = np.concatenate(trains)
+    # By step, then neuron: the order in which every backend emits, and so the order of all sums.
+    order = np.lexsort((sources, all_steps))
+    return all_steps[order], sources[order], NO_INTS
 
 
-def _check_weights(rule: Synapse, weight: Floats, of: Connections | None) -> None:
-    """Refuse weights beyond the bounds of a rule; places in a share (`of`) say nothing."""
+def _check_weights(rule: Synapse, weight: Floats, connections: Connections | None) -> None:
+    """Refuse weights out of the bounds of a rule.
+
+    For a share the message has the neurons of the synapse, from `of`, instead of its index.
+    """
     bad = rule.outside(weight)
     if bad is not None:
         raised = f", or raise {rule.name}.Wmax" if "Wmax" in rule.parameters() else ""
-        which = f"[{bad}]" if of is None else " of synapse {} -> {}".format(*of.ends(bad))
+        which = f"[{bad}]" if connections is None else " of synapse {} -> {}".format(*connections.ends(bad))
         value = weight[bad if weight.size > 1 else 0]
         hint = "give the distribution 'low' and 'high'" + raised
         message = f"weight{which} = {value:g}: expected {rule.expected_weight(bad)}"
@@ -390,7 +405,7 @@ def _check_weights(rule: Synapse, weight: Floats, of: Connections | None) -> Non
 
 
 def _check_delays(rule: Synapse, delay: Steps, clock: Clock) -> None:
-    """Refuse delays beyond the bounds of a rule for delays, and others than one step where a rule learns by moves."""
+    """Refuse delays out of the bounds of a rule for delays, and delays above one step for learning by moves."""
     if isinstance(rule, MoveRule) and np.any(delay != 1):
         one = f"{clock.resolution:g} ms, one step, with {rule.name}"
         message = f"delay = {clock.ms(int(delay.max())):g} ms: expected {one}"
@@ -399,12 +414,12 @@ def _check_delays(rule: Synapse, delay: Steps, clock: Clock) -> None:
         return
     _, most = rule.delay_range(clock.resolution)
     if most > LONGEST_DELAY:
-        raise too_late(f"{rule.name}.d_max", most, clock)
-    late = clock.array_ms(delay.astype(np.int64))
-    bad = np.flatnonzero((late < rule.d_min) | (late > rule.d_max))
+        raise too_long_delay(f"{rule.name}.d_max", most, clock)
+    delays_ms = clock.array_ms(delay.astype(np.int64))
+    bad = np.flatnonzero((delays_ms < rule.d_min) | (delays_ms > rule.d_max))
     if bad.size:
         message = (
-            f"delay[{bad[0]}] = {late[bad[0]]:g} ms: expected {rule.d_min:g} to {rule.d_max:g} ms, "
+            f"delay[{bad[0]}] = {delays_ms[bad[0]]:g} ms: expected {rule.d_min:g} to {rule.d_max:g} ms, "
             f"the bounds of {rule.name}"
         )
         hint = f"set {rule.name}.d_min and d_max"

@@ -1,4 +1,4 @@
-"""Very many synapses, put in order by counting: a few ns each, where sorting takes tens."""
+"""Sorting of very many synapses by counting, in a few ns each instead of tens."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
@@ -15,52 +15,54 @@ from neuro.kernels.jit import kernel, subkernel
 from neuro.program.program import Ints
 
 _HEAP = 15
-"""Power of two: numbers that are sorted at a time, so that they stay in the cache."""
+"""Binary logarithm of the numbers in a heap, which is sorted within the cache."""
 
 _MOST_BITS = 31
-"""Of a number within its heap: it lies where the target will."""
+"""Largest number of bits within a heap, because the number is stored in the place of the target."""
 
 _DIGIT = 11
-"""Bits that a pass may sort by."""
+"""Largest number of bits of a digit in a pass of the radix sort."""
 
 _NO_TARGET = 1 << 31
-"""Beyond all targets."""
+"""A number above all targets."""
 
 _CHUNK = 1024
-"""Draws that are made at a time, by lanes."""
+"""Number of draws in one vectorised batch."""
 
 _NONE: Ints = np.zeros(0, dtype=np.int64)
 _NEURON, _S11, _UNIT = np.uint64(NEURON_STRIDE), np.uint64(11), 2.0**-53
 
 
-def draw_rows(key: int, ends: Ints, but: Ints | None, targets: NDArray[np.int32]) -> Ints:
-    """Fill in the targets of synapses, and tell where those of each source end.
+def draw_rows(key: int, ends: Ints, excluded: Ints | None, targets: NDArray[np.int32]) -> Ints:
+    """Draw the targets of synapses into an array; return the row ends of the sources.
 
-    Pairs are whole numbers, counted by source. Drawn are the first of a key's numbers `keyed_random.uniform` x pairs,
-    which are dealt into heaps and sorted where the targets lie, without other memory.
+    Pairs are whole numbers, counted by source. The draws are the first numbers `keyed_random.uniform` x pairs of a key.
+    They are distributed to heaps and sorted within the array of targets, without other memory.
 
     Args:
-        key: of the draws.
-        ends: at which pair those of each source begin, and the end.
-        but: of each source the target that it does not reach, -1: none; None: none of any.
-        targets: of all synapses, to be filled.
+        key: key of the draws.
+        ends: index of the first pair of each source, and the end.
+        excluded: the target that each source must not reach, -1 for none; None: none for any source.
+        targets: targets of all synapses, to be filled.
     """
     n, pairs = targets.size, int(ends[-1])
-    # So many heaps that each has about 2^15 numbers: dealing touches few lines of memory at a time, and each heap is
+    # Each heap has about 2^15 numbers, so that distributing touches few lines of memory at a time, and each heap is
     # sorted within the cache.
     bits = max(1, (pairs - 1).bit_length() - max(0, n.bit_length() - _HEAP))
     bits = min(bits, _MOST_BITS)
     passes = 2 if bits <= 2 * _DIGIT else 4
     heaps = np.zeros(((pairs - 1) >> bits) + 2, dtype=np.int64)
     word, chunk = np.uint64(key), np.empty(_CHUNK, dtype=np.int64)
-    # All draws are made twice, to count and to deal: a draw is a hash of its number and needs no memory.
+    # All draws are made twice, to count and to distribute. A draw is a hash of its number and needs no memory.
     _count(word, n, pairs, bits, heaps, chunk)
     scratch = np.empty(int(heaps.max()), dtype=np.int32)
     np.cumsum(heaps, out=heaps)
     _deal(word, n, pairs, bits, heaps, chunk, targets)
     digit, row_ends = -(-bits // passes), np.zeros(ends.size, dtype=np.int64)
     places = np.empty(1 << digit, dtype=np.int32)
-    _sort_heaps(bits, passes, digit, heaps, scratch, places, ends, _NONE if but is None else but, row_ends, targets)
+    _sort_heaps(
+        bits, passes, digit, heaps, scratch, places, ends, _NONE if excluded is None else excluded, row_ends, targets
+    )
     return row_ends
 
 
@@ -72,31 +74,31 @@ def by_delay(
     targets: NDArray[np.int32],
     others: Sequence[NDArray[Any]],
 ) -> None:
-    """Put the synapses of every source in the order of their delays, in place; those with one delay stay in order.
+    """Sort the synapses of every source by delay, in place; synapses with equal delays stay in order.
 
     Args:
-        row_ends: where the synapses of each source end.
-        delays: of each synapse.
-        shortest: the least of them.
-        longest: the largest.
-        targets: of each synapse.
-        others: what else each has.
+        row_ends: row ends of the sources.
+        delays: delay of each synapse.
+        shortest: the smallest delay.
+        longest: the largest delay.
+        targets: target of each synapse.
+        others: other values of each synapse.
     """
-    room = int(np.diff(row_ends).max())
+    longest_row = int(np.diff(row_ends).max())
     counts = np.empty(longest - shortest + 2, dtype=np.int64)
     for values in others:
-        _sort_others(row_ends, delays, values, shortest, counts, np.empty(room, dtype=values.dtype))
-    _sort_rows(row_ends, delays, targets, shortest, counts, np.empty(room, dtype=np.int32))
+        _sort_others(row_ends, delays, values, shortest, counts, np.empty(longest_row, dtype=values.dtype))
+    _sort_rows(row_ends, delays, targets, shortest, counts, np.empty(longest_row, dtype=np.int32))
 
 
 def put_rows(ends: Ints, values: NDArray[Any], starts: Ints, to: NDArray[Any]) -> None:
-    """Move the values of each source, which end at `ends`, to where they start among others."""
+    """Copy the values of each source, which end at `ends`, to its start in `to`."""
     _put_rows(ends, values, starts, to)
 
 
 @subkernel
 def _draw(base, first, bound, chunk):
-    """The whole numbers below a bound that begin with that of draw `first`."""
+    """Write whole numbers below a bound, from draw `first` on, into a chunk."""
     z = base + np.uint64(first) * _NEURON
     for k in range(chunk.size):
         chunk[k] = np.int64(np.float64(mix(z + np.uint64(k) * _NEURON) >> _S11) * _UNIT * bound)
@@ -113,31 +115,30 @@ def _count(key, n, bound, bits, heaps, chunk):
 
 
 @kernel
-def _deal(key, n, bound, bits, heaps, chunk, found):
-    """Put the lower bits of each draw into its heap, whose beginning becomes its end."""
+def _deal(key, n, bound, bits, heaps, chunk, targets):
+    """Put the lower bits of each draw into its heap; `heaps` has the beginnings before and the ends after the call."""
     base, low = step_word(key, 0), (1 << bits) - 1
     for first in range(0, n, chunk.size):
         some = chunk[: min(chunk.size, n - first)]
         _draw(base, first, bound, some)
         for k in range(some.size):
             heap = np.uint64(some[k] >> bits)
-            found[np.uint64(heaps[heap])] = np.int32(some[k] & low)
+            targets[np.uint64(heaps[heap])] = np.int32(some[k] & low)
             heaps[heap] += 1
 
 
 @subkernel
-def _sort(found, scratch, places, passes, digit):
-    """Sort numbers by their digits, lowest first; an even number of passes ends where it began."""
-    # A radix sort.
+def _sort(numbers, scratch, places, passes, digit):
+    """Sort numbers by a radix sort. The number of passes is even, so the result is in the original array."""
     for p in range(0, passes, 2):
-        _deal_by(found, scratch, places, np.uint32(p * digit))
-        _deal_by(scratch[: found.size], found, places, np.uint32((p + 1) * digit))
+        _deal_by(numbers, scratch, places, np.uint32(p * digit))
+        _deal_by(scratch[: numbers.size], numbers, places, np.uint32((p + 1) * digit))
 
 
 @subkernel
 def _deal_by(numbers, to, places, shift):
-    """Put numbers in the order of a digit; those with one stay in order."""
-    # Unsigned places take half the time: of others numba asks whether they count from the end.
+    """Put numbers in the order of a digit; numbers with the same digit stay in order."""
+    # Unsigned indices take half the time, because numba need not check for negative ones.
     mask = np.uint32(places.size - 1)
     places[:] = 0
     for k in range(numbers.size):
@@ -154,8 +155,8 @@ def _deal_by(numbers, to, places, shift):
 
 
 @kernel
-def _sort_heaps(bits, passes, digit, heaps, scratch, places, ends, but, row_ends, targets):
-    """Sort each heap, and make targets of its pairs."""
+def _sort_heaps(bits, passes, digit, heaps, scratch, places, ends, excluded, row_ends, targets):
+    """Sort each heap, and convert its pairs to targets."""
     source = first = 0
     for heap in range(heaps.size - 1):
         last = heaps[heap]
@@ -166,9 +167,9 @@ def _sort_heaps(bits, passes, digit, heaps, scratch, places, ends, but, row_ends
                 source += 1
                 row_ends[source] = k
             begin, end = ends[source] - base, ends[source + 1] - base
-            # Targets from the excluded one on move up by one, as in `connect._draw`, so that both ways draw the same
-            # network.
-            left_out = but[source] if but.size > 0 and but[source] >= 0 else _NO_TARGET
+            # Targets from the excluded one on are shifted up by one, as in `pairs.total_number`, so that both ways draw
+            # the same network.
+            left_out = excluded[source] if excluded.size > 0 and excluded[source] >= 0 else _NO_TARGET
             while k < last and targets[k] < end:
                 target = targets[k] - begin
                 targets[k] = target + (target >= left_out)
@@ -179,7 +180,7 @@ def _sort_heaps(bits, passes, digit, heaps, scratch, places, ends, but, row_ends
 
 @subkernel
 def _places(delays, shortest, counts):
-    """Where those of each delay begin."""
+    """Write the index at which the synapses of each delay begin into `counts`."""
     counts[:] = 0
     for e in range(delays.size):
         counts[np.int64(delays[e]) - shortest + 1] += 1
@@ -220,7 +221,7 @@ def _sort_rows(row_ends, delays, targets, shortest, counts, scratch):
             counts[d] += 1
         for e in range(first, last):
             targets[e] = scratch[e - first]
-        # The delays follow from the counts: written once more in order instead of being moved along.
+        # The sorted delays follow from the counts and need not be moved.
         begin = first
         for d in range(counts.size - 1):
             delays[begin : first + counts[d]] = shortest + d

@@ -1,4 +1,4 @@
-"""Shapes of populations, where `auto` follows from grids, and the neurons at the ends of projections."""
+"""Shapes of populations, with `auto` resolved from grids, and the neurons at the ends of projections."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ Shape = tuple[int, ...]
 
 
 def resolve_shapes(net: Network, known: Mapping[str, Shape]) -> dict[str, Shape]:
-    """The shape of every population, with `auto` resolved along chains of grids.
+    """Return the shape of every population, with `auto` resolved along chains of grids.
 
     Args:
         net: the network.
-        known: shapes that follow from something else, by population.
+        known: shapes that are known already, by population.
 
     Raises:
-        ModelError: an `auto` has no grid projection that decides it.
+        ModelError: an `auto` has no grid projection that determines it.
     """
     shapes: dict[str, Shape] = dict(known)
     for name in net.populations:
@@ -34,18 +34,18 @@ def resolve_shapes(net: Network, known: Mapping[str, Shape]) -> dict[str, Shape]
 
 
 def size(shape: Shape) -> int:
-    """The number of neurons."""
+    """Return the number of neurons of a shape."""
     return math.prod(shape)
 
 
 def grid_of(part: Projection, shapes: Mapping[str, Shape]) -> Grid:
-    """The sizes of a grid projection.
+    """Return the sizes of a grid projection.
 
     Raises:
-        ModelError: the kernel does not fit, or the target's shape is not what the grid gives.
+        ModelError: the kernel does not fit, or the target's shape does not match the grid.
     """
-    channels, height, width = _sheet(part, shapes[part.source])
-    rows, columns = _outcome(part, height, width)
+    channels, height, width = _source_shape(part, shapes[part.source])
+    rows, columns = _output_size(part, height, width)
     target = shapes[part.target]
     rule = part.rule
     assert isinstance(rule, grid)
@@ -65,29 +65,29 @@ def grid_of(part: Projection, shapes: Mapping[str, Shape]) -> Grid:
         kernel_height=rule.kernel[0],
         kernel_width=rule.kernel[1],
         stride=rule.stride,
-        top=_before(rule, 0, height),
-        left=_before(rule, 1, width),
+        top=_padding_before(rule, 0, height),
+        left=_padding_before(rule, 1, width),
         depthwise=rule.depthwise,
         mean=rule.changes == "mean",
     )
 
 
-def _before(rule: grid, axis: int, length: int) -> int:
-    """Lines of the border before the source."""
+def _padding_before(rule: grid, axis: int, length: int) -> int:
+    """Return the lines of padding before the source."""
     if rule.border is not None:
         return rule.border[axis]
     return max(0, (math.ceil(length / rule.stride) - 1) * rule.stride + rule.kernel[axis] - length) // 2
 
 
-def _shape(net: Network, name: str, known: dict[str, Shape], under_way: tuple[str, ...]) -> Shape:
-    if name in known:
-        return known[name]
+def _shape(net: Network, name: str, shapes: dict[str, Shape], pending: tuple[str, ...]) -> Shape:
+    if name in shapes:
+        return shapes[name]
     part = net.populations[name]
     if AUTO not in part.shape:
-        known[name] = tuple(int(s) for s in part.shape)
-        return known[name]
+        shapes[name] = tuple(int(s) for s in part.shape)
+        return shapes[name]
     what = f"shape {list(part.shape)}"
-    if name in under_way:
+    if name in pending:
         refuse(part, f"{what}: its grids form a circle: expected numbers in one shape of it", word="shape")
     # The first grid decides; `grid_of` then refuses others that give another size.
     deciding = [p for p in net.projections.values() if p.target == name and isinstance(p.rule, grid)]
@@ -95,15 +95,15 @@ def _shape(net: Network, name: str, known: dict[str, Shape], under_way: tuple[st
         refuse(part, f"{what}: 'auto' needs a grid projection onto it, found none", "write the numbers", "shape")
     if len(part.shape) != 3 or part.shape[0] == AUTO:
         refuse(part, f"{what}: expected [maps, auto, auto] with a number of maps", word="shape")
-    source = _shape(net, deciding[0].source, known, (*under_way, name))
-    _, height, width = _sheet(deciding[0], source)
-    sizes = _outcome(deciding[0], height, width)
-    written = part.shape[1:]
-    known[name] = (int(part.shape[0]), *(n if w == AUTO else int(w) for n, w in zip(sizes, written, strict=True)))
-    return known[name]
+    source = _shape(net, deciding[0].source, shapes, (*pending, name))
+    _, height, width = _source_shape(deciding[0], source)
+    sizes = _output_size(deciding[0], height, width)
+    declared = part.shape[1:]
+    shapes[name] = (int(part.shape[0]), *(n if w == AUTO else int(w) for n, w in zip(sizes, declared, strict=True)))
+    return shapes[name]
 
 
-def _sheet(part: Projection, source: Shape) -> Shape:
+def _source_shape(part: Projection, source: Shape) -> Shape:
     if len(source) == 2:
         return (1, *source)
     if len(source) != 3:
@@ -112,7 +112,7 @@ def _sheet(part: Projection, source: Shape) -> Shape:
     return source
 
 
-def _outcome(part: Projection, height: int, width: int) -> tuple[int, int]:
+def _output_size(part: Projection, height: int, width: int) -> tuple[int, int]:
     rule = part.rule
     assert isinstance(rule, grid)
     if rule.border is None:
@@ -127,12 +127,12 @@ def _outcome(part: Projection, height: int, width: int) -> tuple[int, int]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class End:
-    """Neurons of a population, as a rule sees them.
+    """Neurons of a population at one end of a projection.
 
     Attributes:
         shape: sizes of the axes.
         ids: the neurons in the population, None for all of them in order.
-        size: of the population.
+        size: size of the population.
     """
 
     shape: Shape
@@ -141,17 +141,17 @@ class End:
 
     @property
     def neurons(self) -> Ints:
-        """The ids of the neurons, also where these are all."""
+        """The ids of the neurons, also where the end is the whole population."""
         return np.arange(self.size) if self.ids is None else self.ids
 
     @property
     def ascends(self) -> bool:
-        """Whether the neurons are in the order of the population."""
+        """True if the neurons are in the order of the population."""
         return self.ids is None or bool(np.all(self.ids[1:] > self.ids[:-1]))
 
 
 def end_of(view: View | None, shape: Shape) -> End:
-    """The neurons of a view, or of a whole population of a shape.
+    """Return the neurons of a view, or of a whole population of a shape.
 
     Raises:
         ModelError: the view reaches beyond the shape.
@@ -160,12 +160,12 @@ def end_of(view: View | None, shape: Shape) -> End:
     if view is None:
         return End(shape, None, n)
     ids, sizes = view.within(shape)
-    whole = ids.size == n and bool(np.array_equal(ids, np.arange(n)))
-    return End(sizes, None if whole else ids, n)
+    is_whole = ids.size == n and bool(np.array_equal(ids, np.arange(n)))
+    return End(sizes, None if is_whole else ids, n)
 
 
 def own_places(source: End, target: End) -> Ints:
-    """Of each neuron of the source its place in the target, -1 where it is not there; ends of one population."""
+    """Return the index of each source neuron in the target, -1 for others; both ends have the same population."""
     places = np.full(source.size, -1, dtype=np.int64)
     places[target.neurons] = np.arange(size(target.shape))
     own: Ints = places[source.neurons]

@@ -1,4 +1,4 @@
-"""A compiled network as tables for people, and as text that is the same for the same program."""
+"""A compiled network as tables for people, and as text that is equal for equal programs."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _LISTED = 8
 
 
 def tables(net: Network, program: Program) -> list[Table]:
-    """What a network consists of: populations, projections, what else there is, and memory.
+    """Return tables of populations, projections, other parts and memory.
 
     Args:
-        net: says the rules of connection.
-        program: its resolved form.
+        net: the network with the connection rules.
+        program: its compiled form.
     """
     clock = Clock(program.resolution)
-    found = [
+    first_tables = [
         Table("populations", ("name", "model", "shape", ">neurons"), tuple(map(_population_row, program.populations))),
         Table(
             "projections",
@@ -34,20 +34,20 @@ def tables(net: Network, program: Program) -> list[Table]:
     ]
     rest = tuple(_rest(program, clock))
     if rest:
-        found.append(Table("more", ("kind", "name", "of", "what"), rest))
+        first_tables.append(Table("more", ("kind", "name", "of", "what"), rest))
     neurons = sum(_bytes(*p.parameters.values(), *p.initial.values()) for p in program.populations)
     synapses = sum(_projection_bytes(p) for p in program.projections)
     total = (("neurons", _grouped(neurons)), ("synapses", _grouped(synapses)))
-    return [*found, Table("memory", ("what", ">bytes"), total)]
+    return [*first_tables, Table("memory", ("what", ">bytes"), total)]
 
 
 def program_text(program: Program) -> str:
-    """The resolved form of a network, line by line; equal programs give equal text."""
+    """Return a compiled network as text, line by line; equal programs give equal text."""
     return "\n".join(_lines(program)) + "\n"
 
 
 def summary(values: NDArray[Any]) -> str:
-    """An array in a few words: all of a short one, else its range and mean."""
+    """Return an array as short text: all values of a short one, else range and mean."""
     flat = values.ravel()
     if flat.size == 1:
         return f"{flat[0]:g}"
@@ -138,8 +138,8 @@ def _lines(program: Program) -> Iterator[str]:
 
 
 def _population_lines(number: int, part: Population) -> Iterator[str]:
-    kept = "spikes kept" if part.records else "spikes not kept"
-    yield f"population {number} {part.name}: {part.said}, shape {list(part.shape)}, {part.size} neurons, {kept}"
+    recorded = "spikes kept" if part.records else "spikes not kept"
+    yield f"population {number} {part.name}: {part.said}, shape {list(part.shape)}, {part.size} neurons, {recorded}"
     for word, values in part.parameters.items():
         yield f"  {word} = {summary(values)}"
     for word, values in part.initial.items():
@@ -156,11 +156,11 @@ def _projection_lines(number: int, part: Projection) -> Iterator[str]:
         yield f"  synapses of a source = {summary(np.diff(part.row_ends))}"
         yield f"  targets = {summary(part.targets)}"
     if part.grid is not None:
-        g = part.grid
-        yield f"  from {g.channels} x {g.height} x {g.width} to {g.maps} x {g.rows} x {g.columns}"
-        border = f"{g.top}" if g.top == g.left else f"{g.top} x {g.left}"
-        kind = ", depthwise" if g.depthwise else ""
-        yield f"  kernel {g.kernel_height} x {g.kernel_width}, stride {g.stride}, padding {border}{kind}"
+        grid = part.grid
+        yield f"  from {grid.channels} x {grid.height} x {grid.width} to {grid.maps} x {grid.rows} x {grid.columns}"
+        border = f"{grid.top}" if grid.top == grid.left else f"{grid.top} x {grid.left}"
+        kind = ", depthwise" if grid.depthwise else ""
+        yield f"  kernel {grid.kernel_height} x {grid.kernel_width}, stride {grid.stride}, padding {border}{kind}"
     yield f"  weight = {summary(part.weight)}"
     yield f"  delay = {summary(part.delay)} steps"
     if part.receptor is not None:

@@ -1,4 +1,4 @@
-"""Signals whose values are described: lists become steps, expressions operations on spikes."""
+"""Signals with described values: lists become schedules in steps, expressions become operations on spikes."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from neuro.program.program import Computed, Floats, Ints, Operation, Schedule
 
 _OF_SPIKES = {"count": (1, 1), "rate": (1, 1), "mean": (1, 2), "trace": (2, 2), "after": (2, 3)}
 _TAKES = {**{name: (count, count) for name, count in ARGUMENTS.items()}, **_OF_SPIKES}
-"""By function the least and the most values it takes."""
+"""The smallest and the largest number of arguments of each function."""
 
 
 def resolve_signals(net: Network, shapes: Mapping[str, Shape], clock: Clock, seed: int) -> tuple[resolved.Signal, ...]:
-    """The signals of a network, some of which are described.
+    """Resolve the signals of a network, of which some have values.
 
     Raises:
-        ModelError: one cannot be as described; the path leads to the word.
+        ModelError: a description is invalid; the path leads to the word.
     """
     resolver = _Resolver(net, shapes, clock, seed)
     names = {name: index for index, name in enumerate(net.populations)}
@@ -48,11 +48,11 @@ def resolve_signals(net: Network, shapes: Mapping[str, Shape], clock: Clock, see
     return tuple(signals)
 
 
-def heard_by_signals(net: Network, signals: tuple[resolved.Signal, ...]) -> set[str]:
-    """The populations whose spikes must be kept, since some are told by their times."""
+def populations_read(net: Network, signals: tuple[resolved.Signal, ...]) -> set[str]:
+    """Return the populations whose spikes must be recorded, because an expression needs their times."""
     names, plans = list(net.populations), [part.values for part in signals]
-    operations = [one for plan in plans if isinstance(plan, Computed) for one in plan.operations]
-    return {names[index] for one in operations if one.name == "after" for index, _ in one.reads}
+    operations = [operation for plan in plans if isinstance(plan, Computed) for operation in plan.operations]
+    return {names[index] for operation in operations if operation.name == "after" for index, _ in operation.reads}
 
 
 class _Resolver:
@@ -61,7 +61,7 @@ class _Resolver:
         self.plans: dict[str, Schedule | Computed | None] = {}
 
     def of(self, part: Signal, followers: tuple[str, ...]) -> tuple[Schedule | Computed | None, Floats]:
-        """The source of a signal and the factor on it; `followers` are the signals that are like it."""
+        """Return the source of a signal and the factor on it; `followers` are the signals that are like it."""
         source = part.values
         while isinstance(source, Source) and not isinstance(source, (schedule, computed, like)):
             with naming_the_part(part, "values", source.name):
@@ -82,15 +82,15 @@ class _Resolver:
         plan, factor = self.of(other, (*followers, part.name))
         if plan is None:
             refuse(part, f"like '{other.name}', which has no values: expected one that has", word=where)
-        each = max(factor.size, plan.values.shape[1] if isinstance(plan, Schedule) else 1)
-        mine, theirs = size(self.shapes[part.to]), size(self.shapes[other.to])
-        if each > 1 and mine != theirs:
-            text = f"like '{other.name}', which has a value for each of {theirs} neurons"
-            refuse(part, f"{text}: expected one to as many, found {mine}", word=where)
+        width = max(factor.size, plan.values.shape[1] if isinstance(plan, Schedule) else 1)
+        own_size, other_size = size(self.shapes[part.to]), size(self.shapes[other.to])
+        if width > 1 and own_size != other_size:
+            text = f"like '{other.name}', which has a value for each of {other_size} neurons"
+            refuse(part, f"{text}: expected one to as many, found {own_size}", word=where)
         return plan, factor * self.numbers(part, source.scale, "scale")
 
     def numbers(self, part: Signal, value: Any, what: str) -> Floats:
-        """A number for all neurons of the target, or for each."""
+        """Return a number for all neurons of the target, or for each."""
         path = ("values",) if what == "values" else ("values", part.values.name)
         with naming_the_part(part, *path[what == "values" :]):
             return per_neuron(value, self.shapes[part.to], what, (self.seed, "signal", part.name))
@@ -100,7 +100,7 @@ class _Resolver:
             return Schedule(np.zeros(1, dtype=np.int64), self.numbers(part, source, "values")[None])
         with naming_the_part(part, "values", part.values.name):
             if isinstance(source, schedule):
-                return self.listed(part, source)
+                return self.schedule_of(part, source)
             assert isinstance(source, computed)
             every = self.clock.step(source.every, "every")
             return Computed(
@@ -112,7 +112,7 @@ class _Resolver:
                 largest=source.largest,
             )
 
-    def listed(self, part: Signal, source: schedule) -> Schedule:
+    def schedule_of(self, part: Signal, source: schedule) -> Schedule:
         times, values = source.listed()
         rows, n = np.asarray(values, dtype=np.float64).reshape(len(times), -1), size(self.shapes[part.to])
         if rows.shape[1] not in (1, n):
@@ -129,10 +129,10 @@ class _Resolver:
 
 
 class _Reader:
-    """Reads an expression.
+    """Converts an expression to operations.
 
     Attributes:
-        operations: each after those that it takes.
+        operations: the operations, each after its operands.
     """
 
     def __init__(self, net: Network, shapes: Mapping[str, Shape], clock: Clock, source: computed, every: int) -> None:
@@ -150,7 +150,7 @@ class _Reader:
         return len(self.operations) - 1
 
     def read(self, tree: Tree) -> int:
-        """Add what a tree says; its place among the operations."""
+        """Add the operations of a tree; return the index of the last one."""
         if isinstance(tree, Number):
             if tree.unit:
                 raise self.expression.mistake(tree.at, f"found the unit {tree.unit}: expected a number without one")
@@ -191,7 +191,7 @@ class _Reader:
         return self.add(tree.name, *(self.read(each) for each in tree.arguments))
 
     def ms(self, tree: Tree) -> float:
-        """A time that is written as a number, with or without its unit."""
+        """Return a time in ms that is a number, with or without a unit."""
         if not isinstance(tree, Number) or not tree.value > 0.0:
             raise self.expression.mistake(tree.at, "expected a time > 0 ms, as a number")
         factor, dimension = unit(tree.unit or "ms")
@@ -200,7 +200,7 @@ class _Reader:
         return tree.value * factor
 
     def neurons(self, tree: Tree) -> tuple[int, Ints | None]:
-        """The index of a population, and the ids if some of its neurons are meant."""
+        """Return the index of a population, and the ids if the tree names some of its neurons."""
         if not isinstance(tree, Name):
             raise self.expression.mistake(tree.at, "expected a population, or some of its neurons, as exc[:100]")
         try:

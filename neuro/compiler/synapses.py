@@ -1,4 +1,4 @@
-"""The synapses of a projection as a program has them: drawn, in order, those of one part."""
+"""The synapses of a projection as stored in a program: drawn, sorted, and restricted to a share."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.connect import Apart, Block, Blocks
+from neuro.compiler.connect import Block, Blocks, GetGeometry
 from neuro.compiler.connections import Connections, listed_one_by_one
-from neuro.compiler.memory import SynapseRoom, weight_room
+from neuro.compiler.memory import SynapseBuffers, weight_buffer
 from neuro.compiler.shapes import End, size
-from neuro.compiler.values import Room, Steps, delay_steps, per_synapse
+from neuro.compiler.values import Buffer, Steps, delay_steps, per_synapse
 from neuro.core.checks import check
 from neuro.core.clock import Clock
 from neuro.core.keyed_random import generator
@@ -27,19 +27,19 @@ from neuro.program.program import Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class Synapses:
-    """The synapses of a projection, and what each has.
+    """The synapses of a projection, and their values.
 
     Attributes:
-        found: the connections; of their attributes those of a program are valid.
+        found: the connections. Only the attributes that a program has are valid.
         delay: in steps, shape (1,) where shared.
         weight: shape (1,) where shared.
-        rule: the synapse model, with a number for each where it has no single one.
-        by_delay: whether those of each source are sorted by delay.
-        whole_layout: the layout of those of all parts together.
-        blocks: where synapses stay in blocks, these; arrays with a value for each are empty then.
+        rule: the synapse model, with arrays for parameters that have a value per synapse.
+        by_delay: whether the synapses of each source are sorted by delay.
+        whole_layout: the layout of the synapses of all shares together.
+        blocks: the blocks where synapses stay in blocks; arrays with a value per synapse are empty then.
     """
 
-    found: Connections
+    connections: Connections
     delay: Steps
     weight: Floats
     rule: Synapse
@@ -49,32 +49,32 @@ class Synapses:
 
     @property
     def span(self) -> tuple[int, int]:
-        """The fewest and the most steps in a delay; of no synapses 1."""
+        """The smallest and the largest delay in steps; (1, 1) without synapses."""
         delays = [block.delay for block in self.blocks] or [self.delay]
         spans = [(int(delay.min()), int(delay.max())) for delay in delays if delay.size]
         return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (1, 1)
 
     @property
     def weights(self) -> tuple[NDArray[np.floating[Any]], ...]:
-        """The weights of all, in one or several arrays."""
+        """The weights of all synapses, in one or several arrays."""
         return tuple(block.weight for block in self.blocks) or (self.weight,)
 
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """Draws the synapses of a projection at once; `Divided` those of several blocks.
+    """Draws the synapses of a projection at once; `Divided` draws them in blocks.
 
     Args:
         part: the projection.
-        blocks: its rule's.
-        wired: gives the synapses of a file; None for other rules.
+        blocks: the blocks of its rule.
+        wired: returns the synapses of a file; None for other rules.
         ends: the neurons at both ends.
-        clock: of the network.
-        seed: of the draws.
-        apart: gives what lies between the neurons of the populations.
+        clock: clock of the network.
+        seed: seed of the draws.
+        get_geometry: returns the positions and distances of the neurons of the populations.
         ordered: whether drawn synapses are sorted by delay.
-        among: the first neuron of the target whose synapses are kept, and the end; None: those of all.
-        threads: how many draw.
+        among: the first target neuron whose synapses are stored, and the end; None: all.
+        threads: number of threads that draw.
     """
 
     part: Projection
@@ -83,71 +83,73 @@ class Drawing:
     ends: tuple[End, End]
     clock: Clock
     seed: int
-    apart: Apart
+    get_geometry: GetGeometry
     ordered: bool
-    among: tuple[int, int] | None
+    target_range: tuple[int, int] | None
     threads: int
 
-    def synapses(self, room: SynapseRoom | None) -> Synapses:
-        """The synapses in order; `room` is memory that may be used for those of all targets."""
+    def synapses(self, buffer: SynapseBuffers | None) -> Synapses:
+        """Return the synapses in order; `buffer` is memory that may be used for the targets of all."""
         only = Block(0, 0, 0)
         if self.wired is not None:
-            found = self.wired()
+            connections = self.wired()
         else:
-            found = placed(self.blocks.whole(None if room is None else room.targets), *self.ends)
-        # Delays before weights, each with a key of its own: adding a distribution to one changes nothing of the other.
-        delay, by_delay = self._delay(found, only), False
+            connections = in_populations(self.blocks.whole(None if buffer is None else buffer.targets), *self.ends)
+        # Delays and weights have keys of their own, so that a distribution of one does not change the other.
+        delay, by_delay = self._delay(connections, only), False
         if self.ordered:
-            found, delay, by_delay = _by_delay(self.part, found, delay)
-        whole_layout = found.layout
-        columns = self._columns(found, only, self._room_of_weights(found.size, room))
+            connections, delay, by_delay = _by_delay(self.part, connections, delay)
+        whole_layout = connections.layout
+        columns = self._columns(connections, only, self._weight_buffer(connections.size, buffer))
         weight = columns.pop("weight")
-        if self.among is None:
-            return Synapses(found, delay, weight, with_numbers(self.part.synapse, columns), by_delay, whole_layout)
-        found = listed_one_by_one(found, self.ends[0].size, self.ends[1].size)
-        piece = Piece(only, found, self._kept(found), delay)
+        if self.target_range is None:
+            return Synapses(
+                connections, delay, weight, with_numbers(self.part.synapse, columns), by_delay, whole_layout
+            )
+        connections = listed_one_by_one(connections, self.ends[0].size, self.ends[1].size)
+        piece = Piece(only, connections, self._mask(connections), delay)
 
-        def some(values: NDArray[Any]) -> NDArray[Any]:
-            return piece.some(values) if values.size == found.size else values
+        def select(values: NDArray[Any]) -> NDArray[Any]:
+            return piece.select(values) if values.size == connections.size else values
 
-        rule = with_numbers(self.part.synapse, {name: some(values) for name, values in columns.items()})
-        targets = piece.some(found.targets)
-        kept = Connections("csr", targets.size, piece.row_ends, targets)
-        return Synapses(kept, some(delay), some(weight), rule, by_delay, whole_layout)
+        rule = with_numbers(self.part.synapse, {name: select(values) for name, values in columns.items()})
+        targets = piece.select(connections.targets)
+        selected = Connections("csr", targets.size, piece.row_ends, targets)
+        return Synapses(selected, select(delay), select(weight), rule, by_delay, whole_layout)
 
-    def _room_of_weights(self, synapses: int, room: SynapseRoom | None) -> Room | None:
-        """Memory for so many weights, if there is some that suits them."""
-        if room is None:
-            return weight_room(self.part, synapses) if self.ordered else None
-        return room.weight
+    def _weight_buffer(self, synapses: int, buffer: SynapseBuffers | None) -> Buffer | None:
+        """Return memory for the weights, if some is available in the right type."""
+        if buffer is None:
+            return weight_buffer(self.part, synapses) if self.ordered else None
+        return buffer.weight
 
-    def _kept(self, found: Connections) -> NDArray[np.bool_] | None:
-        """Which synapses are onto the neurons of the part; None: all."""
-        if self.among is None:
+    def _mask(self, connections: Connections) -> NDArray[np.bool_] | None:
+        """Return a mask of the synapses onto the neurons of the share; None: all."""
+        if self.target_range is None:
             return None
-        first, end = self.among
-        kept: NDArray[np.bool_] = (found.targets >= first) & (found.targets < end)
-        return None if kept.all() else kept
+        first, end = self.target_range
+        mask: NDArray[np.bool_] = (connections.targets >= first) & (connections.targets < end)
+        return None if mask.all() else mask
 
-    def _delay(self, found: Connections, block: Block) -> Steps:
-        drawn = generator(*block.key((self.seed, "delay", self.part.name)))
-        return delay_steps(self.part.delay, found, self.clock, "delay", drawn, self.apart, self.ordered)
+    def _delay(self, connections: Connections, block: Block) -> Steps:
+        rng = generator(*block.key((self.seed, "delay", self.part.name)))
+        return delay_steps(self.part.delay, connections, self.clock, "delay", rng, self.get_geometry, self.ordered)
 
-    def _columns(self, found: Connections, block: Block, room: Room | None) -> dict[str, Floats]:
-        """The weights, and those parameters of the synapse model that are no single number, by field."""
+    def _columns(self, connections: Connections, block: Block, buffer: Buffer | None) -> dict[str, Floats]:
+        """Return the weights, and the parameters of the synapse model with a value per synapse, by field."""
         part, rule = self.part, self.part.synapse
-        drawn = generator(*block.key((self.seed, "weight", part.name)))
-        columns = {"weight": per_synapse(part.weight, found, "weight", drawn, self.apart, room)}
+        rng = generator(*block.key((self.seed, "weight", part.name)))
+        columns = {"weight": per_synapse(part.weight, connections, "weight", rng, self.get_geometry, buffer)}
         for name, word in self._parameters.items():
-            drawn = generator(*block.key((self.seed, "synapse_parameter", f"{part.name}.{word}")))
+            rng = generator(*block.key((self.seed, "synapse_parameter", f"{part.name}.{word}")))
             what = f"{rule.name}.{word}"
-            each = per_synapse(rule.parameters()[word], found, what, drawn, self.apart)
-            columns[name] = check(rule.quantities()[word], each, what)  # what was drawn may be out of bounds
+            each = per_synapse(rule.parameters()[word], connections, what, rng, self.get_geometry)
+            columns[name] = check(rule.quantities()[word], each, what)  # drawn values may be out of bounds
         return columns
 
     @cached_property
     def _parameters(self) -> dict[str, str]:
-        """The parameters of the synapse model that have a number for each synapse."""
+        """The parameters of the synapse model with a value per synapse."""
         return self.part.synapse.fields_of_each()
 
 
@@ -158,75 +160,81 @@ class Piece:
     Attributes:
         block: the block.
         found: the connections.
-        kept: which of them are of the part; None: all.
-        delay: as of `Synapses`.
+        kept: a mask of the synapses of the share; None: all.
+        delay: as in `Synapses`.
     """
 
     block: Block
-    found: Connections
-    kept: NDArray[np.bool_] | None
+    connections: Connections
+    mask: NDArray[np.bool_] | None
     delay: Steps
 
-    def some(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Of the values of all synapses those of the part."""
-        return values if self.kept is None else values[self.kept]
+    def select(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return the values of the synapses of the share, from the values of all."""
+        return values if self.mask is None else values[self.mask]
 
     @property
     def row_ends(self) -> Ints:
-        """Where those of the part end, source by source."""
+        """Row ends of the synapses of the share."""
         return (
-            self.found.row_ends
-            if self.kept is None
-            else np.concatenate(([0], np.cumsum(self.kept)))[self.found.row_ends]
+            self.connections.row_ends
+            if self.mask is None
+            else np.concatenate(([0], np.cumsum(self.mask)))[self.connections.row_ends]
         )
 
 
-def placed(found: Connections, source: End, target: End) -> Connections:
-    """The same synapses between the neurons of the populations, sorted by source, then target."""
+def in_populations(connections: Connections, source: End, target: End) -> Connections:
+    """Return the same synapses between the neurons of the populations, sorted by source, then target."""
     if source.ids is None and target.ids is None:
-        return found
-    found = listed_one_by_one(found, size(source.shape), size(target.shape))
-    sources, degrees, order, shared = source.neurons, np.diff(found.row_ends), found.order, found.shared
-    targets = target.neurons.astype(np.int32)[found.targets]
+        return connections
+    connections = listed_one_by_one(connections, size(source.shape), size(target.shape))
+    sources, degrees, order, shared = (
+        source.neurons,
+        np.diff(connections.row_ends),
+        connections.order,
+        connections.shared,
+    )
+    targets = target.neurons.astype(np.int32)[connections.targets]
     if not (source.ascends and target.ascends):
-        moved = np.lexsort((targets, np.repeat(sources, degrees)))
-        targets, order = targets[moved], moved if order is None else order[moved]
-        shared = None if shared is None else shared[moved]
+        permutation = np.lexsort((targets, np.repeat(sources, degrees)))
+        targets, order = targets[permutation], permutation if order is None else order[permutation]
+        shared = None if shared is None else shared[permutation]
     out = np.zeros(source.size + 1, dtype=np.int64)
     out[sources + 1] = degrees
-    return replace(found, row_ends=np.cumsum(out), targets=targets, order=order, shared=shared)
+    return replace(connections, row_ends=np.cumsum(out), targets=targets, order=order, shared=shared)
 
 
 def with_numbers(rule: Synapse, numbers: Mapping[str, Floats]) -> Synapse:
-    """The synapse model with numbers of each synapse; of no synapses it has any."""
+    """Return the synapse model with arrays of values per synapse; without synapses, with the defaults."""
     defaults = {entry.name: entry.default for entry in fields(rule)}
     each = {name: values if values.size else defaults[name] for name, values in numbers.items()}
     return replace(rule, **each) if each else rule
 
 
 def by_delay_in_place(row_ends: Ints, delay: Steps, targets: NDArray[Any], others: Sequence[NDArray[Any]]) -> None:
-    """Put the synapses of each source in the order of their delays, in place."""
+    """Sort the synapses of each source by delay, in place."""
     from neuro.compiler.rows import by_delay
 
     if delay.size:
         by_delay(row_ends, delay, int(delay.min()), int(delay.max()), targets, others)
 
 
-def _by_delay(part: Projection, found: Connections, delay: Steps) -> tuple[Connections, Steps, bool]:
-    """The synapses of each source by delay, where all is drawn or they are listed so; whether they are.
+def _by_delay(part: Projection, connections: Connections, delay: Steps) -> tuple[Connections, Steps, bool]:
+    """Sort each source's synapses by delay, unless a list fixed their order.
 
-    A backend that delivers them in this order would else need a second copy.
+    Return connections, delays and whether they are sorted. A backend that delivers spikes in the order of delays would
+    otherwise need a second copy.
     """
-    if found.layout == "csr" and delay.size > 1:
-        if isinstance(part.delay, Distribution) and not found.listed:
-            shared = [] if found.shared is None else [found.shared]
-            by_delay_in_place(found.row_ends, delay, found.targets, shared)
-            return found, delay, True
-        if found.order is not None and found.listed == ((found.size,),):
-            as_listed = np.argsort(found.order)
-            pre = np.repeat(np.arange(found.row_ends.size - 1), np.diff(found.row_ends))[as_listed]
-            post, late = found.targets[as_listed], delay[as_listed]
-            if np.array_equal(np.lexsort((post, late, pre)), np.arange(found.size)):
-                factors = {word: values[as_listed] for word, values in found.factors.items()}
-                return replace(found, targets=post, order=None, factors=factors), late, True
-    return found, delay, False
+    if connections.layout == "csr" and delay.size > 1:
+        if isinstance(part.delay, Distribution) and not connections.weight_shapes:
+            shared = [] if connections.shared is None else [connections.shared]
+            by_delay_in_place(connections.row_ends, delay, connections.targets, shared)
+            return connections, delay, True
+        if connections.order is not None and connections.weight_shapes == ((connections.size,),):
+            as_listed = np.argsort(connections.order)
+            pre = np.repeat(np.arange(connections.row_ends.size - 1), np.diff(connections.row_ends))[as_listed]
+            post, delays = connections.targets[as_listed], delay[as_listed]
+            if np.array_equal(np.lexsort((post, delays, pre)), np.arange(connections.size)):
+                factors = {word: values[as_listed] for word, values in connections.factors.items()}
+                return replace(connections, targets=post, order=None, factors=factors), delays, True
+    return connections, delay, False

@@ -1,4 +1,4 @@
-"""Trials of a network: checked, and resolved to those of a program."""
+"""Trials of a network: checks, and conversion to trials of a program."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from neuro.program import program as resolved
 
 
 def resolve_trials(net: Network, section: Trials, shapes: Mapping[str, Shape], clock: Clock) -> resolved.Trials:
-    """The trials of a network in ticks and indices.
+    """Return the trials of a network in ticks and indices.
 
     Raises:
-        ModelError: a part they need is missing or does not fit.
+        ModelError: a part that trials need is missing or does not fit.
     """
     names = list(net.populations)
     output = _output(net, section)
@@ -32,13 +32,13 @@ def resolve_trials(net: Network, section: Trials, shapes: Mapping[str, Shape], c
         _refuse(net, "labels.maps_per_label", message)
     reward: Reward = section.reward or Reward()
     if reward.silent != 0.0:
-        message = f"reward.silent = {reward.silent:g}: expected 0, as no neuron decided that could be rewarded"
-        _refuse(net, "reward.silent", message, "r_stdp.epsilon and r_stdp.rescue say what silence teaches")
+        message = f"reward.silent = {reward.silent:g}: expected 0, since no neuron decided"
+        _refuse(net, "reward.silent", message, "r_stdp.epsilon and r_stdp.rescue set what silence teaches")
     dropout: Dropout | None = section.dropout
-    known = recordable(net.populations[output])
+    states = recordable(net.populations[output])
     for state in section.reset:
-        if state not in known:
-            _refuse(net, "reset", f"reset: '{output}' has no state '{state}'", nearest(state, known))
+        if state not in states:
+            _refuse(net, "reset", f"reset: '{output}' has no state '{state}'", nearest(state, states))
     _check_learners(net, output, labels, list(net.groups.values())[group])
     return resolved.Trials(
         input=names.index(_input(net, section)),
@@ -65,14 +65,14 @@ def _refuse(net: Network, word: str, message: str, hint: str = "", missing: str 
     raise ModelError(text, where=net.trials_origin, hint=hint, path=words_of(word), missing=missing)
 
 
-def _known(net: Network, name: str, word: str) -> str:
+def _check_population(net: Network, name: str, word: str) -> str:
     if name not in net.populations:
         raise unknown("population", name, net.populations, path=words_of(word)).at(net.trials_origin, f"trials: {word}")
     return name
 
 
 def _input(net: Network, section: Trials) -> str:
-    name = _known(net, section.input, "input")
+    name = _check_population(net, section.input, "input")
     model = net.populations[name].model
     if not isinstance(model, spike_generator):
         _refuse(net, "input", f"input '{name}' is {a(model.name)}: expected a spike_generator")
@@ -82,16 +82,18 @@ def _input(net: Network, section: Trials) -> str:
 
 
 def _output(net: Network, section: Trials) -> str:
-    """The population that decides: the one with labels, else with dropout, else the one with a group."""
-    said = {word: part.of for word, part in (("labels", section.labels), ("dropout", section.dropout)) if part}
-    for word, name in said.items():
-        _known(net, name, f"{word}.of")
-    if len(set(said.values())) > 1:
+    """Return the population that decides: the one with labels, else with dropout, else the one with a group."""
+    declared = {word: part.of for word, part in (("labels", section.labels), ("dropout", section.dropout)) if part}
+    for word, name in declared.items():
+        _check_population(net, name, f"{word}.of")
+    if len(set(declared.values())) > 1:
         _refuse(
-            net, "labels", f"labels of '{said['labels']}' but dropout of '{said['dropout']}': expected one population"
+            net,
+            "labels",
+            f"labels of '{declared['labels']}' but dropout of '{declared['dropout']}': expected one population",
         )
-    if said:
-        return str(next(iter(said.values())))
+    if declared:
+        return str(next(iter(declared.values())))
     members = [group.choice.of for group in net.groups.values() if group.choice.decides]
     if len(members) != 1:
         _refuse(net, "", f"{len(members)} groups and no labels: expected labels that name the output")
@@ -115,7 +117,7 @@ def _ticks(net: Network, clock: Clock, value: float, word: str) -> int:
 
 
 def _after(net: Network, section: Trials, clock: Clock) -> int:
-    """The ticks in which dopamine acts: none where no reward sets any."""
+    """Return the ticks in which dopamine acts after a trial, 0 where no reward sets a signal."""
     ticks = _ticks(net, clock, section.after, "after")
     learners = [part for part in net.projections.values() if part.synapse.learns == "pairs"]
     for part in learners:

@@ -1,4 +1,4 @@
-"""Synapses that are not drawn here: those that a file lists, and those that a backend draws by its own rules."""
+"""Synapses that the compiler does not draw: listed in a file, or drawn by a backend with its own rules."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from neuro.compiler.connect import Blocks, expected_synapses
 from neuro.compiler.connections import Connections
-from neuro.compiler.drawn_values import LONGEST_DELAY, check_distribution, too_late
-from neuro.compiler.draws import check_degree, listed
+from neuro.compiler.drawn_values import LONGEST_DELAY, check_distribution, too_long_delay
+from neuro.compiler.draws import check_degree, connections_of_pairs
 from neuro.compiler.pairs import check_number
 from neuro.compiler.shapes import End
 from neuro.compiler.synapses import Synapses
@@ -35,17 +35,17 @@ from neuro.model.wiring.edges import Counted, Edges, End as Named, read_edges, s
 from neuro.program.program import Floats, Undrawn
 
 _FAR = 9.0
-"""Standard deviations from the mean beyond which no normal number made of 53 random bits lies."""
+"""Largest distance from the mean, in standard deviations, of a normal number made of 53 random bits."""
 
 _WAY_OUT = "draw: neuro, or leave it out"
 
 
 def undrawn(part: Projection, n_pre: int, n_post: int, clock: Clock) -> tuple[Undrawn, Synapses]:
-    """A projection as described, and in place of its synapses their number and the bounds of weights and delays.
+    """Return the description of a projection for the backend, and the number and bounds in place of its synapses.
 
     Raises:
-        ModelError: the rules of simulators do not have it: a view, a synapse that is not static, a value for each
-            synapse.
+        ModelError: simulators have no such rule: the projection has a view, a synapse that is not static, or a value
+            for each synapse.
     """
     if part.source_view is not None or part.target_view is not None:
         _refuse(part, "a view", "whole populations")
@@ -57,30 +57,30 @@ def undrawn(part: Projection, n_pre: int, n_post: int, clock: Clock) -> tuple[Un
         steps = np.maximum(np.rint(np.array(bounds(delay)) / clock.resolution), 1.0)
         if steps.max() > LONGEST_DELAY:
             hint = f"{delay.name}.high bounds it: backends must know it before they draw"
-            raise too_late("the longest delay that may be drawn", int(steps.max()), clock).but(hint=hint)
-        late = steps.astype(np.int32)
+            raise too_long_delay("the longest delay that may be drawn", int(steps.max()), clock).but(hint=hint)
+        delays = steps.astype(np.int32)
     else:
-        late = one_delay(delay, clock, "delay").astype(np.int32)
+        delays = one_delay(delay, clock, "delay").astype(np.int32)
     assert isinstance(part.rule, NamedRule)
-    own = int((part.source == part.target) and not getattr(part.rule, "autapses", True))
+    excluded = int((part.source == part.target) and not getattr(part.rule, "autapses", True))
     match part.rule:
         case one_to_one():
             Blocks(part.rule, (n_pre,), (n_post,), None, None, (0, "", ""), _no_distance).whole()
         case fixed_indegree():
-            check_degree(part.rule.n, n_pre - own, part.rule.multapses, "sources")
+            check_degree(part.rule.n, n_pre - excluded, part.rule.multapses, "sources")
         case fixed_outdegree():
-            check_degree(part.rule.n, n_post - own, part.rule.multapses, "targets")
+            check_degree(part.rule.n, n_post - excluded, part.rule.multapses, "targets")
         case fixed_total_number():
-            check_number(part.rule.n, n_pre * n_post - own * n_pre, part.rule.multapses)
+            check_number(part.rule.n, n_pre * n_post - excluded * n_pre, part.rule.multapses)
     number = part.rule.synapses(n_pre, n_post, part.source == part.target)
-    found = Connections(
+    connections = Connections(
         "undrawn",
         expected_synapses(part.rule, n_pre, n_post) if number is None else number,
         np.zeros(n_pre + 1, dtype=np.int64),
     )
     extremes = np.array(bounds(weight)) if isinstance(weight, Distribution) else np.array([weight])
     described = Undrawn(part.rule, weight, delay)
-    return described, Synapses(found, late, extremes, part.synapse, False, found.layout)
+    return described, Synapses(connections, delays, extremes, part.synapse, False, connections.layout)
 
 
 def _no_distance() -> NoReturn:
@@ -88,7 +88,7 @@ def _no_distance() -> NoReturn:
 
 
 def bounds(value: Distribution) -> tuple[float, float]:
-    """The least and the largest value that may be drawn."""
+    """Return the smallest and the largest value that can be drawn."""
     match value:
         case uniform():
             return value.low, value.high
@@ -102,58 +102,58 @@ def bounds(value: Distribution) -> tuple[float, float]:
 
 
 def _described(part: Projection, word: str) -> float | Distribution:
-    """The weight or the delay: a number or a distribution of this language."""
+    """Return the weight or the delay: a number or a built-in distribution."""
     value: Any = plain(getattr(part, word))
     if type(value) in (uniform, normal, lognormal):
-        value.drawn(np.random.default_rng(0), 1)  # refuses bounds between which hardly any value lies
+        value.drawn(np.random.default_rng(0), 1)  # raises an error for bounds that hardly any value meets
         return value  # type: ignore[no-any-return]
     if isinstance(value, Distribution) or not np.isscalar(value):
-        found = f"the distribution {value.name}" if isinstance(value, Distribution) else f"a {word} for each synapse"
-        _refuse(part, found, f"as {word} a number, uniform, normal or lognormal")
+        actual = f"the distribution {value.name}" if isinstance(value, Distribution) else f"a {word} for each synapse"
+        _refuse(part, actual, f"as {word} a number, uniform, normal or lognormal")
     return float(value)
 
 
-def _refuse(part: Projection, found: str, expected: str) -> None:
-    refuse(part, f"draw = {BACKEND}: found {found}: expected {expected}", _WAY_OUT, "draw")
+def _refuse(part: Projection, actual: str, expected: str) -> None:
+    refuse(part, f"draw = {BACKEND}: found {actual}: expected {expected}", _WAY_OUT, "draw")
 
 
 def wired(
     part: Projection, rule: from_file, ends: tuple[Population, Population], views: tuple[End, End]
 ) -> Connections:
-    """The synapses that a file lists.
+    """Return the synapses that a file lists.
 
     Args:
         part: the projection.
         rule: its rule.
         ends: the populations.
-        views: which of their neurons.
+        views: the neurons of the populations.
 
     Raises:
-        ModelError: the file, or the table of neurons, cannot be read or does not fit; it names the cell.
+        ModelError: the file, or the table of neurons, cannot be read or does not fit; the message names the cell.
     """
-    named = [_named(population, view.size) for population, view in zip(ends, views, strict=True)]
-    edges = read_edges(rule, *named)
+    tables = [_neuron_table(population, view.size) for population, view in zip(ends, views, strict=True)]
+    edges = read_edges(rule, *tables)
     if rule.shuffle is not None:
         rng = generator(rule.shuffle_seed, f"shuffle {rule.shuffle}", part.name)
         edges = shuffle_edges(edges, rule.shuffle, rng, part.source == part.target)
     edges = _within(edges, *views)
     factors = {"weight": edges.weight, "delay": edges.delay}
-    return listed(
+    return connections_of_pairs(
         edges.pre, edges.post, views[0].size, views[1].size, {k: v for k, v in factors.items() if v is not None}
     )
 
 
-def _named(population: Population, n: int) -> Named:
+def _neuron_table(population: Population, n: int) -> Named:
     if population.neurons is None:
         return Counted(n, population.name)
     return population.neurons.neurons
 
 
 def _within(edges: Edges, source: End, target: End) -> Edges:
-    """The edges between the neurons of two views."""
+    """Return the edges between the neurons of two views."""
     if source.ids is None and target.ids is None:
         return edges
-    inside = _among(source)[edges.pre] & _among(target)[edges.post]
+    inside = _mask(source)[edges.pre] & _mask(target)[edges.post]
 
     def some(values: Floats | None) -> Floats | None:
         return None if values is None else values[inside]
@@ -161,7 +161,7 @@ def _within(edges: Edges, source: End, target: End) -> Edges:
     return Edges(edges.pre[inside], edges.post[inside], some(edges.weight), some(edges.delay), edges.sign)
 
 
-def _among(end: End) -> NDArray[Any]:
+def _mask(end: End) -> NDArray[Any]:
     among = np.zeros(end.size, dtype=bool)
     among[slice(None) if end.ids is None else end.ids] = True
     return among

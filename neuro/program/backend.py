@@ -83,13 +83,7 @@ class Sent:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """One presentation.
-
-    Attributes:
-        ticks, ids: input spikes, sorted by tick, then id. An input fires at most once if a rule learns.
-        silenced: maps of the output that must not fire, shape (maps,), bool.
-        peaks: whether the outcome must have the largest V_m of each output neuron.
-    """
+    """One presentation of an input."""
 
     ticks: Ints
     ids: Ints
@@ -242,8 +236,8 @@ class Backend(Protocol):
     `unsupported: dict[str, str]`. A backend that cannot read some states of neurons names them in an attribute
     `unreadable: frozenset[str]`, which its engine has, too.
 
-    Optional protocols: `Distributed` (several processes run one network under mpirun), `Family` (one backend runs many
-    targets), `Draws` (the backend draws synapses).
+    Optional protocols are `Distributed` (several processes run a network under mpirun), `Family` (many targets, such as
+    chips) and `Draws` (the backend draws synapses).
     """
 
     name: str
@@ -278,7 +272,10 @@ class Draws(Protocol):
 
 @runtime_checkable
 class Family(Protocol):
-    """A backend that runs many targets, such as all chips of one arithmetic. Its own name is one of the targets."""
+    """A backend with many targets, such as all chips of one arithmetic.
+
+    The name of the backend is a target, too.
+    """
 
     def of(self, target: str) -> Backend | None:
         """Return the backend of a target by name or by the file that describes it; None if another family may run it.
@@ -479,5 +476,5 @@ def find_backend(name: str | PathLike[str]) -> Backend:
     for family in families:
         if (member := family.of(text)) is not None:
             return member
-    known = dict.fromkeys((*BACKENDS, *(target for family in families for target in family.targets())))
-    raise unknown("backend", text, known)
+    names = dict.fromkeys((*BACKENDS, *(target for family in families for target in family.targets())))
+    raise unknown("backend", text, names)

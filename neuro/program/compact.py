@@ -89,14 +89,14 @@ class CompactProjection(Projection):
         cls,
         part: Projection,
         blocks: Sequence[SynapseBlock],
-        together: Callable[[Sequence[SynapseBlock]], StoredSynapses],
+        join: Callable[[Sequence[SynapseBlock]], StoredSynapses],
     ) -> CompactProjection:
         """Return a projection whose synapses stay in blocks until the first read in order.
 
         Args:
             part: the other properties. Its targets and delays are empty, and its weights unless shared.
             blocks: the synapses, in the order of their targets.
-            together: function that joins blocks and puts the synapses in order.
+            join: function that joins blocks and puts the synapses in order.
         """
         kinds = {
             name: np.result_type(*(getattr(block, name) for block in blocks))
@@ -109,13 +109,13 @@ class CompactProjection(Projection):
         )
         projection = cls.of(part)
         object.__setattr__(projection, "kinds", kinds)
-        projection.release(partial(together, uniform))
+        projection.release(partial(join, uniform))
         object.__setattr__(projection, "_blocks", uniform)
         return projection
 
     @property
     def has_arrays(self) -> bool:
-        """Whether the projection stores the synapses itself and no backend supplies them."""
+        """True if the projection stores the synapses itself, and no backend supplies them."""
         return self._supply is None or bool(self._blocks)
 
     @property

@@ -169,9 +169,11 @@ class Currents:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return the parameters and weights with the steps after which they hold."""
-        named = {_name(k, word): history for k, words in self._parameters.items() for word, history in words.items()}
-        named |= {f"current_weights.{q}": history for q, history in self._weights.items()}
-        return {name: np.array([[float(since), *v] for since, v in history]) for name, history in named.items()}
+        histories = {
+            _name(k, word): history for k, words in self._parameters.items() for word, history in words.items()
+        }
+        histories |= {f"current_weights.{q}": history for q, history in self._weights.items()}
+        return {name: np.array([[float(since), *v] for since, v in history]) for name, history in histories.items()}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Replace all values by those of a snapshot."""
@@ -189,8 +191,8 @@ def _first(population: Population) -> dict[str, History]:
         words = population.parameters if generator_of(population).varies else ("amplitude",)
         whole = {w: np.broadcast_to(population.parameters[w], population.size).astype(np.float64) for w in words}
         return {word: [(0, values.copy())] for word, values in whole.items()}
-    listed = zip((population.schedule.steps - 1).tolist(), population.schedule.values, strict=True)
-    steps = [(since, np.broadcast_to(values, population.size)) for since, values in listed]
+    changes = zip((population.schedule.steps - 1).tolist(), population.schedule.values, strict=True)
+    steps = [(since, np.broadcast_to(values, population.size)) for since, values in changes]
     return {"amplitude": [(0, np.zeros(population.size)), *steps]}
 
 
@@ -262,8 +264,8 @@ class Emission:
 
     def moments(self, steps: Ints) -> Ints:
         """Return the step in which the current of each step was drawn. Generators can hold values."""
-        held = self._model.held(self._h)
-        return self.first + (steps - self.first) // held * held
+        hold_steps = self._model.held(self._h)
+        return self.first + (steps - self.first) // hold_steps * hold_steps
 
     def on(self, steps: Ints) -> Ints:
         """Return the steps in which the generator is on."""
@@ -347,12 +349,12 @@ class Rates:
 
     def at(self, step: int) -> list[tuple[int, Floats]]:
         """Return the populations and their rates in Hz in a step, shape (1,) or (size,)."""
-        return [(k, listed.at(step)) for k, listed in self._listed]
+        return [(k, schedule.at(step)) for k, schedule in self._listed]
 
     def new(self, step: int) -> list[tuple[int, Floats]]:
         """Return the populations whose rate changes from step to step + 1, and the new rates."""
-        return [(k, listed.at(step + 1)) for k, listed in self._listed if (listed.steps == step + 1).any()]
+        return [(k, schedule.at(step + 1)) for k, schedule in self._listed if (schedule.steps == step + 1).any()]
 
     def next_change(self, step: int) -> int:
         """Return the last step before the next change after step + 1, or `NEVER`."""
-        return min((listed.next_change(step) for _, listed in self._listed), default=NEVER)
+        return min((schedule.next_change(step) for _, schedule in self._listed), default=NEVER)

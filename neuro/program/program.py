@@ -692,7 +692,7 @@ class Stream(Protocol):
 
     @property
     def again(self) -> bool:
-        """Whether the stream can be read from the beginning several times."""
+        """True if the stream can be read from the beginning several times."""
 
     @property
     def identity(self) -> str:

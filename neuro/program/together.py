@@ -58,7 +58,7 @@ class Joins(Protocol):
         """Return all `engines`, which include this one, as one."""
 
 
-def together(program: Program, engines: Sequence[Engine]) -> Engines:
+def join_engines(program: Program, engines: Sequence[Engine]) -> Engines:
     """Return engines of a network as one: joined by their backend, or called one after the other."""
     first = engines[0]
     return first.joined(engines) if isinstance(first, Joins) else OneByOne(program, engines)

@@ -350,15 +350,15 @@ class ResultsWriter:
             steps, values = series.take()
             self._append(f"traces/{name}", {"times_ms": clock.array_ms(steps), "values": values})
         for name, recorded in self._recorder.pre_spikes.items():
-            sent, (pre, post) = recorded.take(), self._ends[recorded.probe.projection]
-            ends = {"pre": pre[sent.synapses], "post": post[sent.synapses]}
-            sent_at: dict[str, NDArray[Any]] = {"times_ms": clock.array_ms(sent.steps), "values": sent.values}
+            records, (pre, post) = recorded.take(), self._ends[recorded.probe.projection]
+            ends = {"pre": pre[records.synapses], "post": post[records.synapses]}
+            sent_at: dict[str, NDArray[Any]] = {"times_ms": clock.array_ms(records.steps), "values": records.values}
             self._append(f"traces/{name}", sent_at | ends)
-        for name, fed in self._fed.items():
-            if fed:
-                columns = (np.concatenate(column) for column in zip(*fed, strict=True))
+        for name, batches in self._fed.items():
+            if batches:
+                columns = (np.concatenate(column) for column in zip(*batches, strict=True))
                 self._append(f"fed/{name}", dict(zip(("steps", "sizes", "ids"), columns, strict=True)))
-                fed.clear()
+                batches.clear()
 
     def _append(self, place: str, arrays: Mapping[str, NDArray[Any]]) -> None:
         if any(len(array) for array in arrays.values()):

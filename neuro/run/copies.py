@@ -19,8 +19,8 @@ from neuro.run.stepper import Joined, Stepper
 class Copies:
     """Copies of a network with different seeds, made by `neuro.compile(net, copies=n, seed=s)`.
 
-    Copy k gives the same bits as a simulation with seed s + k. `copies[k]` reads and sets one copy. The methods of this
-    class act on all copies in one call, and the first axis of their arrays has an entry for each copy.
+    Copy k gives the same bits as a simulation with seed s + k. `copies[k]` reads and sets one copy. A method of this
+    class acts on all copies in one call, and the first axis of an array has an entry for each copy.
     """
 
     def __init__(self, sims: Sequence[Simulation]) -> None:

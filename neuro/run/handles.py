@@ -179,16 +179,16 @@ class Handles:
         return ends
 
     def _find(
-        self, word: str, kind: type[Part], of: object, known: Mapping[str, int], parts: Mapping[str, Laid | Part]
+        self, word: str, kind: type[Part], of: object, indices: Mapping[str, int], parts: Mapping[str, Laid | Part]
     ) -> int:
-        if isinstance(of, str) and of in known:
-            return known[of]
+        if isinstance(of, str) and of in indices:
+            return indices[of]
         if not isinstance(of, kind):
-            raise _wrong_part(word, of, known)
+            raise _wrong_part(word, of, indices)
         if parts.get(of.name) is not of:
             message = f"{word} '{of.name}' is a part of another network: expected one of '{self._net.name}'"
-            raise ModelError(message, hint=f"'{of.name}' names the one here" if of.name in known else "")
-        return known[of.name]
+            raise ModelError(message, hint=f"'{of.name}' names the one here" if of.name in indices else "")
+        return indices[of.name]
 
 
 class Run:
@@ -223,12 +223,12 @@ class Run:
         return steps
 
 
-def _wrong_part(word: str, found: object, known: Iterable[str]) -> ModelError:
+def _wrong_part(word: str, value: object, names: Iterable[str]) -> ModelError:
     """Return the error for an object that is not the expected kind of part."""
-    if isinstance(found, Part):
-        return ModelError(f"found the {found.word} '{found.name}': expected a {word} or its name")
-    if isinstance(found, View):
-        return ModelError(f"found the view {found}: expected a {word} or its name")
-    if isinstance(found, (list, tuple)) and any(isinstance(each, (Part, View)) for each in found):
+    if isinstance(value, Part):
+        return ModelError(f"found the {value.word} '{value.name}': expected a {word} or its name")
+    if isinstance(value, View):
+        return ModelError(f"found the view {value}: expected a {word} or its name")
+    if isinstance(value, (list, tuple)) and any(isinstance(each, (Part, View)) for each in value):
         return ModelError(f"found several parts: expected a {word} or its name", hint="one call for each")
-    return unknown(word, found, known)
+    return unknown(word, value, names)

@@ -43,8 +43,8 @@ class InputFeeder:
             raise ModelError(f"inject: '{part.name}' is {a(part.said)}: expected {expected}")
         steps, emit, carried = settable.new_spikes(self._clock, times, ids, neurons, payloads)
         if steps.size and steps.min() <= self._engine.step:
-            early, now = (self._clock.ms(step) for step in (int(steps.min()), self._engine.step))
-            raise ModelError(f"inject: a spike at {early:g} ms: expected times after {now:g} ms, the present")
+            time, now = (self._clock.ms(step) for step in (int(steps.min()), self._engine.step))
+            raise ModelError(f"inject: a spike at {time:g} ms: expected times after {now:g} ms, the present")
         if carried is None:
             self._engine.inject(neurons.index, steps, emit)
         else:
@@ -66,8 +66,8 @@ class InputFeeder:
         except ModelError as error:
             raise error.at(None, f"feed: '{part.name}'") from None
         if steps.size and (first := int(steps.min())) <= self._engine.step:
-            late, now = (self._clock.ms(step) for step in (first, self._engine.step))
-            message = f"feed: an event of '{part.name}' in the step that ends at {late:g} ms"
+            time, now = (self._clock.ms(step) for step in (first, self._engine.step))
+            message = f"feed: an event of '{part.name}' in the step that ends at {time:g} ms"
             raise ModelError(f"{message}: expected later than {now:g} ms, the present")
         self._engine.inject(neurons.index, steps, ids)
         return steps, ids

@@ -127,7 +127,7 @@ class Port:
     def _accept(self, engine: Engine, values: Floats) -> None:
         """Set values of one engine that are within the bounds."""
 
-    def _accept_all(self, together: Engines, values: Floats) -> None:
+    def _accept_all(self, engines: Engines, values: Floats) -> None:
         """Set values of all engines that are within the bounds, (copies, n)."""
         for engine, each in zip(self._engines, values, strict=True):
             self._accept(engine, each)
@@ -173,12 +173,12 @@ class _NeuronPort(Port):
     def __init__(self, ports: Ports, of: Any, neurons: Neurons, word: str) -> None:
         part, self._run, self._of, self._word = neurons.part, ports.run, of, word
         self._index, self._ids = neurons.index, neurons.ids
-        drawn = part.kind == "poisson" and word == "rate"
-        self._rates = drawn and self._ids is None
-        self._partners = not (drawn or word in settable.states(part))
+        is_rate = part.kind == "poisson" and word == "rate"
+        self._rates = is_rate and self._ids is None
+        self._partners = not (is_rate or word in settable.states(part))
         q = settable.quantity_of(part, word)
         low, high = _closed(q) if q is not None and q.kind == "number" else (math.inf, -math.inf)
-        if drawn:
+        if is_rate:
             high = min(high, LARGEST_MEAN * 1000.0 / self._run.clock.resolution)
         size = part.size if self._ids is None else self._ids.size
         super().__init__(ports, f"{word} of {neurons.text}", size, low, high)
@@ -188,16 +188,16 @@ class _NeuronPort(Port):
             full = engine.get(self._index, self._word)
             full[self._ids] = values
             values = full
-        named = {self._word: values}
+        by_name = {self._word: values}
         if self._partners:
-            settable.check_together(self._run.program, self._index, named, engine, self._run.clock)
-        engine.set(self._index, named)
+            settable.check_together(self._run.program, self._index, by_name, engine, self._run.clock)
+        engine.set(self._index, by_name)
 
-    def _accept_all(self, together: Engines, values: Floats) -> None:
+    def _accept_all(self, engines: Engines, values: Floats) -> None:
         if self._rates:
-            together.set_rate(self._index, values)
+            engines.set_rate(self._index, values)
         else:
-            super()._accept_all(together, values)
+            super()._accept_all(engines, values)
 
     def _set_one(self, sim: Any, values: ArrayLike) -> None:
         sim.set(self._of, **{self._word: values})
@@ -239,8 +239,8 @@ class _SignalPort(Port):
     def _accept(self, engine: Engine, values: Floats) -> None:
         engine.signal(self._index, np.add(values, 0.0))
 
-    def _accept_all(self, together: Engines, values: Floats) -> None:
-        together.signal(self._index, np.add(values, 0.0))
+    def _accept_all(self, engines: Engines, values: Floats) -> None:
+        engines.signal(self._index, np.add(values, 0.0))
 
     def _set_one(self, sim: Any, values: ArrayLike) -> None:
         sim.signal(self._of, values)
@@ -299,8 +299,8 @@ class Ports:
         together: the engines of copies as one; None for a single simulation, whose arrays have no axis of copies.
     """
 
-    def __init__(self, sims: Sequence[Any], turn: Turn, together: Engines | None = None) -> None:
-        self.sims, self.turn, self.together = sims, turn, together
+    def __init__(self, sims: Sequence[Any], turn: Turn, engines_of_copies: Engines | None = None) -> None:
+        self.sims, self.turn, self.together = sims, turn, engines_of_copies
         self.run: Run = sims[0]._run
         self.engines: list[Engine] = [sim._engine for sim in sims]
 

@@ -124,8 +124,8 @@ class Recorder:
         """Forget all records."""
         for series in self.series.values():
             series.put(np.zeros(0, dtype=np.int64), np.zeros(0))
-        for sent in self.pre_spikes.values():
-            sent.clear()
+        for records in self.pre_spikes.values():
+            records.clear()
         self._last_rate = dict.fromkeys(self._last_rate, (0, 0))
 
     def run(self, steps: int) -> None:
@@ -144,8 +144,8 @@ class Recorder:
         if self._samples is not None:
             for name, number in self._sampled.items():
                 self.series[name].extend(*self._samples.sampled(number))
-        for sent in self.pre_spikes.values():
-            sent.update(engine)
+        for records in self.pre_spikes.values():
+            records.update(engine)
 
     def _values(self, probe: Probe | SynapseProbe) -> Floats:
         if isinstance(probe, SynapseProbe):
@@ -167,8 +167,8 @@ class Recorder:
         """Drop the records up to a step."""
         for series in self.series.values():
             series.forget(before)
-        for sent in self.pre_spikes.values():
-            sent.forget(before)
+        for records in self.pre_spikes.values():
+            records.forget(before)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return all records."""
@@ -177,8 +177,8 @@ class Recorder:
             arrays[f"{name}/steps"], arrays[f"{name}/values"] = series.read()
         for name, last in self._last_rate.items():
             arrays[f"{name}/counted"] = np.array(last)
-        for name, sent in self.pre_spikes.items():
-            arrays |= {f"{name}/{word}": array for word, array in sent.snapshot().items()}
+        for name, records in self.pre_spikes.items():
+            arrays |= {f"{name}/{word}": array for word, array in records.snapshot().items()}
         return arrays
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -188,9 +188,9 @@ class Recorder:
         for name in self._last_rate:
             spikes, step = arrays[f"{name}/counted"].tolist()
             self._last_rate[name] = spikes, step
-        for name, sent in self.pre_spikes.items():
+        for name, records in self.pre_spikes.items():
             words = [key.removeprefix(f"{name}/") for key in arrays if key.startswith(f"{name}/")]
-            sent.restore({word: arrays[f"{name}/{word}"] for word in words})
+            records.restore({word: arrays[f"{name}/{word}"] for word in words})
 
 
 def is_single(probe: Probe | SynapseProbe) -> bool:

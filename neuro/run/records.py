@@ -20,7 +20,7 @@ from neuro.model.parts import Probe
 from neuro.program.program import Floats, Ints
 from neuro.program.spikes import one_by_one
 from neuro.run.handles import Neurons, Run
-from neuro.run.turn import Turn, held
+from neuro.run.turn import Turn, hold
 
 if TYPE_CHECKING:
     from neuro.files.results import Results
@@ -90,18 +90,18 @@ class Records:
         """Write records to a file of results within the block, instead of storing them in memory."""
         from neuro.run.collect import ResultsWriter
 
-        with held(turn, "record_to"):
+        with hold(turn, "record_to"):
             self.refuse_while_recording("record_to")
             parts = (sim, self._net, self._engine, self.recorder)
             recording = ResultsWriter(*parts, path, threads=threads, record=record, all_weights=all_weights, live=live)
             self.recording = recording
         try:
             yield recording
-            with held(turn, "record_to", wait=True):
+            with hold(turn, "record_to", wait=True):
                 recording.finish()
                 self._finished_file = self._engine.step, recording.path
         finally:
-            with held(turn, "record_to", wait=True):
+            with hold(turn, "record_to", wait=True):
                 self.recording = None
                 recording.close()
                 self.held = self._engine.step
@@ -217,9 +217,9 @@ class Records:
             return self._clock.array_ms(steps), values
         if name in at_pre:
             recorded = at_pre[name]
-            sent, (pre, post) = recorded.read(), self._handles.ends(recorded.probe.projection)
-            ends = {"pre": pre[sent.synapses], "post": post[sent.synapses]}
-            return self._clock.array_ms(sent.steps), {**ends, recorded.probe.record: sent.values}
+            recorded_values, (pre, post) = recorded.read(), self._handles.ends(recorded.probe.projection)
+            ends = {"pre": pre[recorded_values.synapses], "post": post[recorded_values.synapses]}
+            return self._clock.array_ms(recorded_values.steps), {**ends, recorded.probe.record: recorded_values.values}
         return self.spikes(self._handles.recorded(self._handles.recording(name)), None, None)
 
     @property

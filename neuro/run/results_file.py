@@ -80,8 +80,8 @@ class ResultsFile:
     def update(self, attributes: Mapping[str, Mapping[str, Any]], arrays: Mapping[str, Arrays]) -> None:
         """Overwrite attributes and whole arrays of parts."""
         with self._reporting():
-            for place, named in attributes.items():
-                self._file.require_group(place).attrs.update(named)
+            for place, by_name in attributes.items():
+                self._file.require_group(place).attrs.update(by_name)
             for place, each in arrays.items():
                 for word, array in each.items():
                     self._file[place][word][...] = array

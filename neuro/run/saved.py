@@ -78,8 +78,8 @@ def _projection(part: parts.Projection, run: Run, index: int) -> parts.Projectio
     weight = run.engine.get_synapses(index, "weight")
     if resolved.synapse.delays:  # the delays of the next spikes
         fewest, most = resolved.delay_range(program.resolution)
-        learnt = run.engine.get_synapses(index, "delay")
-        steps = np.array([steps_of(each, program.resolution, fewest, most) for each in learnt], dtype=np.int64)
+        learnt_delays = run.engine.get_synapses(index, "delay")
+        steps = np.array([steps_of(each, program.resolution, fewest, most) for each in learnt_delays], dtype=np.int64)
     else:
         steps = program.delays(index).astype(np.int64)
     delay = run.clock.array_ms(steps)
@@ -210,8 +210,8 @@ def _present_population(k: int, part: Population, engine: Engine) -> Population:
             return part
         if emitted.payloads is not None:
             return _with_payloads(part, emitted)
-        listed, several = np.unique(part.spike_steps * part.size + part.spike_ids, return_counts=True)
-        keys = np.concatenate([listed, emitted.steps * part.size + emitted.ids])
+        listed_keys, several = np.unique(part.spike_steps * part.size + part.spike_ids, return_counts=True)
+        keys = np.concatenate([listed_keys, emitted.steps * part.size + emitted.ids])
         spikes, places = np.unique(keys, return_inverse=True)
         most = np.zeros(
             spikes.size, dtype=np.int64
@@ -229,8 +229,8 @@ def _with_payloads(part: Population, emitted: Spikes) -> Population:
     """Return a graded population that lists the spikes it has emitted and those it still lists for later."""
     later = part.spike_steps > emitted.steps[-1]
     steps, ids = (
-        np.concatenate([past, listed[later]])
-        for past, listed in ((emitted.steps, part.spike_steps), (emitted.ids, part.spike_ids))
+        np.concatenate([past, later_values[later]])
+        for past, later_values in ((emitted.steps, part.spike_steps), (emitted.ids, part.spike_ids))
     )
     payloads = np.concatenate([emitted.payloads, part.spike_payloads[later]]).astype(np.int64)
     return replace(part, spike_steps=steps, spike_ids=ids, spike_payloads=payloads)

@@ -90,12 +90,12 @@ def _settable_quantity(part: Population, word: str) -> Quantity:
             raise ModelError(f"{part.model.name}.{word} of '{part.name}' follows from its other states: set those")
         quantity = _states(model)[word]
     else:
-        known = [*(name for name in part.parameters if name not in part.model.fixed), *states(part)]
+        names = [*(name for name in part.parameters if name not in part.model.fixed), *states(part)]
         if word in _quantities(model):
             raise ModelError(
                 f"{part.model.name}.{word} of '{part.name}' is fixed: change the network and compile again"
             )
-        raise unknown("parameter or state", word, known).at(None, f"population '{part.name}'")
+        raise unknown("parameter or state", word, names).at(None, f"population '{part.name}'")
     return quantity
 
 
@@ -144,12 +144,12 @@ def check_together(program: Program, index: int, new: Mapping[str, Floats], engi
     if "tau_minus" in new and any(p.target == index and p.synapse.learns == "pairs" for p in program.projections):
         message = f"{part.name}.tau_minus: plastic synapses read this trace, so it is fixed once compiled"
         raise ModelError(message, hint="change the network and compile again")
-    together = {word: array for word, array in new.items() if word in part.parameters}
+    combined = {word: array for word, array in new.items() if word in part.parameters}
     for word, partner in _PARTNERS:
-        if word in together and partner in part.parameters and partner not in together:
-            together[partner] = engine.get(index, partner)
+        if word in combined and partner in part.parameters and partner not in combined:
+            combined[partner] = engine.get(index, partner)
     try:
-        check_values(part.model, together, clock)
+        check_values(part.model, combined, clock)
     except ModelError as error:
         raise error.at(None, f"population '{part.name}'") from None
 
@@ -217,7 +217,7 @@ def _count(chosen: Chosen) -> int:
     return int(np.count_nonzero(chosen)) if chosen.dtype == np.bool_ else chosen.size
 
 
-def _no_parameter(part: Projection, rule: Synapse, word: str, known: list[str]) -> ModelError:
+def _no_parameter(part: Projection, rule: Synapse, word: str, names: list[str]) -> ModelError:
     """Return the error for a word that is not a settable parameter of a rule."""
     subject = f"{rule.name}.{word} of '{part.name}' is"
     if word in synapse_states(part):
@@ -225,7 +225,7 @@ def _no_parameter(part: Projection, rule: Synapse, word: str, known: list[str]) 
         return ModelError(message, hint=f"sim.get('{part.name}', '{word}') reads it")
     if word == "delay":
         return ModelError(f"{subject} fixed: change the network and compile again")
-    return unknown(f"parameter of {rule.name}", word, known).at(None, f"projection '{part.name}'")
+    return unknown(f"parameter of {rule.name}", word, names).at(None, f"projection '{part.name}'")
 
 
 def rule_of(rule: Synapse, vector: Floats) -> Synapse:

@@ -263,8 +263,8 @@ class _Expression(_Player):
         return {"numbers": numbers, "memory": self._memory.copy(), "coming": coming}
 
     def put(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        due, following, self._level, since, last = arrays["numbers"].tolist()
-        self.due, self._next, self._since, self._read_up_to = int(due), int(following), int(since), int(last)
+        next_due, following, self._level, since, last = arrays["numbers"].tolist()
+        self.due, self._next, self._since, self._read_up_to = int(next_due), int(following), int(since), int(last)
         self._memory[:] = arrays["memory"]
         self._delayed = [(int(step), value) for step, value in arrays["coming"].tolist()]
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from neuro.core.errors import ModelError, a
 from neuro.program.backend import Engine
 from neuro.program.program import Ints
-from neuro.program.together import together
+from neuro.program.together import join_engines
 from neuro.run.handles import Run
 from neuro.run.ports import within
 from neuro.run.watch import Watch
@@ -38,7 +38,7 @@ class Joined:
     def __init__(self, run: Run, engines: Sequence[Engine], watches: Sequence[Watch]) -> None:
         self.run, program = run, run.program
         self._each, self._watches, self._due = list(engines), list(watches), 0
-        self.engines = together(program, engines)
+        self.engines = join_engines(program, engines)
         streams = any(part.stream is not None for part in program.populations)
         streams = streams or any(part.values is not None for part in program.signals)
         self.plain = not (program.probes or program.synapse_probes or streams)

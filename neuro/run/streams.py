@@ -37,7 +37,7 @@ class StreamFeeder:
 
     @property
     def plays(self) -> bool:
-        """Whether there are streams."""
+        """True if there are streams."""
         return bool(self._streams)
 
     def play(self, index: int, stream: Stream) -> None:
@@ -52,8 +52,8 @@ class StreamFeeder:
             return
         end = self._engine.step + steps
         while self._engine.step < end:
-            ready = min(self._fill(index) for index in self._streams)
-            yield min(ready, end) - self._engine.step
+            complete_up_to = min(self._fill(index) for index in self._streams)
+            yield min(complete_up_to, end) - self._engine.step
 
     def _fill(self, index: int) -> int:
         """Inject spikes until the next step is complete; return the last complete step."""

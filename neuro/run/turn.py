@@ -1,4 +1,4 @@
-"""One call of a simulation at a time.
+"""A lock that allows one call of a simulation at a time.
 
 The calls of a simulation share all data, so a second call during a call is refused. Public methods acquire a lock (the
 "turn") and then work on an inner object with the same parts, whose methods acquire none. The turn is a dictionary with
@@ -56,7 +56,7 @@ def alone(method: F) -> F:
 
 
 @contextmanager
-def held(turn: Turn | None, name: str, wait: bool = False) -> Iterator[None]:
+def hold(turn: Turn | None, name: str, wait: bool = False) -> Iterator[None]:
     """Hold the turn during a block; do nothing on the inner object.
 
     Args:

@@ -58,8 +58,8 @@ class NeuronValues:
         """
         part, word = neurons.part, word_of(what) if isinstance(what, str) else ""
         if word not in part.parameters and word not in settable.states(part):
-            known = [*settable.states(part), *part.parameters]
-            raise unknown("parameter or state", what, known).at(None, f"population '{part.name}'")
+            names = [*settable.states(part), *part.parameters]
+            raise unknown("parameter or state", what, names).at(None, f"population '{part.name}'")
         return self._engine.get(neurons.index, word, neurons.ids)
 
     def states(self, neurons: Neurons) -> list[str]:
@@ -150,17 +150,17 @@ class SynapseValues:
             ModelError: the synapses have no such state.
         """
         part = self._program.projections[index]
-        known = synapse_states(part)
+        names = synapse_states(part)
         if what == "weight":
             return self.weights(index)
         if what == "delay" and not part.synapse.delays:
             delay = self._clock.array_ms(self._program.delays(index).astype(np.int64))
             return np.broadcast_to(delay, part.size).copy()
         rule, word = self._rules[index], word_of(what) if isinstance(what, str) else ""
-        if word in rule.numbers() and word not in known:
+        if word in rule.numbers() and word not in names:
             return np.full(part.size, rule.parameters()[word], dtype=np.float64)
-        if not isinstance(what, str) or what not in known:
-            raise unknown("state of synapses", what, [*known, "delay"]).at(None, f"projection '{part.name}'")
+        if not isinstance(what, str) or what not in names:
+            raise unknown("state of synapses", what, [*names, "delay"]).at(None, f"projection '{part.name}'")
         return self._engine.get_synapses(index, what)
 
     def set(self, index: int, values: Mapping[str, Any], chosen: Chosen | None) -> None:
@@ -208,8 +208,8 @@ class SynapseValues:
         new = {word: check(units[word], value, f"{part.synapse.name}.{word}") for word, value in values.items()}
         for word, value in new.items():
             if np.ndim(value) and np.shape(value) != (size,):
-                found = f"shape {list(np.shape(value))}"
-                raise ModelError(f"{word} of '{part.name}': {found}: expected {size} values, or one")
+                actual = f"shape {list(np.shape(value))}"
+                raise ModelError(f"{word} of '{part.name}': {actual}: expected {size} values, or one")
         for word, value in new.items():
             all_values = np.broadcast_to(value, part.size) if chosen is None else engine.get_synapses(index, word)
             if chosen is not None:

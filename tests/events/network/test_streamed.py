@@ -49,7 +49,7 @@ def test_a_stream_does_what_its_recording_does(walk, sent):
         sim.run(70.0)
     thread.join()
     same_run(*sims)
-    assert refusal(sims[0].reset).startswith("reset: 'camera' has played events of an iterator or a stream")
+    assert refusal(sims[0].reset).startswith("reset: 'camera' has played events that can be read only once")
 
 
 def text_of(port):
