@@ -5,7 +5,9 @@ A misprint that the code corrects has both numbers here. docs/reference/thesis.y
 
 import math
 import re
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -72,10 +74,30 @@ def test_eq_128_growth(backend):
     assert silent[1] == pytest.approx([0.204] * 4, abs=1e-14)
 
 
-def test_eq_125_first_to_fire():
-    """Grid 1 has the earliest spike of all neurons; without a spike nothing is decided."""
-    assert neuro.coding.first_to_fire([9.0, 4.0, math.nan]).tolist() == [1]
-    assert neuro.coding.first_to_fire([math.nan, math.nan]).tolist() == []
+def decided_by(backend, weights, times, ids):
+    """The label that ReMuS decides for, -1 for none, and when; two grids a label, one weight in each grid."""
+    from neuro_recognise.methods.framewise import Inputs, to_text
+    from neuro_recognise.recogniser import method_of
+
+    method = method_of("remus", "thesis")
+    net = method.layer.network(Inputs((4, 12, 12), 64.0, 1.0), len(weights) // 2)
+    kernels = np.broadcast_to(np.reshape(weights, (-1, 1, 1, 1)), (len(weights), 4, 11, 11))
+    sim = method.simulation({"network": to_text(net), "c1_s2": kernels, "seed": np.array(1)}, backend)
+    results = sim.trials(times, ids, [0, len(ids)])
+    return results.label.item(), results.step.item()
+
+
+@BACKENDS
+def test_eq_125_first_to_fire(backend):
+    """Preset `thesis`, threshold 30, a spike every ms: the 38th reaches it by 38 x 0.8, the 43rd by 43 x 0.7.
+
+    Without 43 spikes of 0.7 nothing is decided.
+    """
+    times, ids = np.arange(60.0), np.arange(60) + np.arange(60) // 11
+    assert decided_by(backend, [0.7, 0.1, 0.1, 0.8], times, ids) == (1, 38)
+    assert decided_by(backend, [0.1, 0.8, 0.7, 0.7], times, ids) == (0, 38)
+    assert decided_by(backend, [0.7, 0.1, 0.1, 0.1], times, ids) == (0, 43)
+    assert decided_by(backend, [0.7, 0.1, 0.1, 0.1], times[:42], ids[:42]) == (-1, -1)
 
 
 def test_eq_129_action():
@@ -272,3 +294,35 @@ def test_a_number_that_left_its_range_fails(capsys):
     printed = capsys.readouterr().out
     assert "2 left their range: out, broken" in printed
     assert "1 skipped" in printed
+
+
+@pytest.mark.parametrize(
+    ("name", "package", "module", "old", "new"),
+    [
+        (
+            "reward", "neuro", "model/synapses/trials.py",
+            "c[AR_PLUS] if since >= 0.0 else c[AR_MINUS]", "c[AR_MINUS] if since >= 0.0 else c[AR_PLUS]",
+        ),
+        (
+            "table-3", "apps/neuro_recognise", "methods/frame_networks.py",
+            '"theta": 30.0, "epsilon"', '"theta": 31.0, "epsilon"',
+        ),
+    ],
+    ids=["rule", "preset"],
+)  # fmt: skip
+def test_a_planted_change_leaves_the_range(name, package, module, old, new, tmp_path, monkeypatch, capsys):
+    """The comparison is green with a copy of the package, and red with a rule or a preset of the copy changed."""
+    row = next(row for row in THESIS.rows() if row["name"] == name)
+    row |= {"test": f"{row['test']}[reference]"} if "test" in row else {}
+    copy = tmp_path / Path(package).name
+    shutil.copytree(THESIS.ROOT / package, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    # Without the safe path the folder of the project, in which commands run, would come before the copy.
+    for word, value in (("PYTHONPATH", str(tmp_path)), ("PYTHONSAFEPATH", "1"), ("PYTHONDONTWRITEBYTECODE", "1")):
+        monkeypatch.setenv(word, value)
+    text = (copy / module).read_text("utf-8")
+    assert text.count(old) == 1
+    for change, left in ((old, "all are in their range"), (new, f"1 left their range: {name}")):
+        (copy / module).write_text(text.replace(old, change), "utf-8")
+        THESIS.ran.cache_clear()
+        assert THESIS.compare([row]) == (change == new)
+        assert left in capsys.readouterr().out
