@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[1]
 LEDGER = ROOT / "docs" / "reference" / "thesis.yaml"
 PAGE = LEDGER.with_suffix(".md")
 DATA = ROOT.parent / "shared" / "data"
-VERDICTS = ("as printed", "corrected", "better", "deviates", "not built yet", "not built", "background")
+VERDICTS = ("as printed", "corrected", "better", "deviates", "not built", "background")
 NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 PYTEST = "python -m pytest -q -rs -p no:benchmark -p no:xdist -p no:cacheprovider -m 'slow or not slow'"
 HEADS = ("row", "thesis", "ours", "range", "verdict")
@@ -127,7 +127,7 @@ def cells_of(row: Row) -> str:
     """A row as a line of the page."""
     verdict = f"**{row['verdict']}**" + (f": {row['why']}" if "why" in row else "")
     checked = [row["test"]] if "test" in row else commands(row)
-    checks = "; ".join(f"`{' '.join(one.split())}`" for one in checked)
+    checks = "; ".join("code" if one.startswith("python -c") else f"`{' '.join(one.split())}`" for one in checked)
     spans = f" in {row['range'][0]} to {row['range'][1]}" if "range" in row else ""
     needs = f" (needs {', '.join(row['needs'])})" if "needs" in row else ""
     cells = (row["lines"], f"{row['name']}: {row['says']}", row.get("thesis", ""), row.get("ours", ""), verdict)
