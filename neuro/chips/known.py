@@ -14,7 +14,7 @@ from neuro.chips.loihi2 import LOIHI2
 from neuro.chips.spinnaker import SPINNAKER
 from neuro.core.errors import ModelError, unknown
 from neuro.core.registry import Registry
-from neuro.model.language.reader import Node, found, mistake, read, words
+from neuro.model.language.reader import Node, found_text, mistake, read, words
 
 ARITHMETICS = {arithmetic.name: arithmetic for arithmetic in (LOIHI, LOIHI2, SPINNAKER)}
 """The families of chips whose arithmetic is emulated, by name."""
@@ -90,7 +90,7 @@ def _limits(table: Mapping[str, Node]) -> dict[str, Figure]:
 def _figure(node: Node, name: str, unit: str) -> Figure:
     """A number with its source; `unit` is what a message asks for where there is no number."""
     if not isinstance(node.value, dict):
-        raise mistake(node, f"{name}: {found(node)}: expected a figure", "write {value: ..., source: ...}")
+        raise mistake(node, f"{name}: {found_text(node)}: expected a figure", "write {value: ..., source: ...}")
     parts = words(node, FIGURE, f"figure '{name}'", needs=("value", "source"))
     value = _quantity(parts["value"], f"{name}: value", name, unit)
     low, high = (_quantity(parts[end], f"{name}: {end}", name, unit) if end in parts else None for end in ENDS)
@@ -120,7 +120,7 @@ def _quantity(node: Node, what: str, name: str, unit: str) -> float:
     value = node.value
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         hint = f"23.6 p{unit} is written 23.6e-12" if unit else ""
-        raise mistake(node, f"{what}: {found(node)}: expected {_number(unit)}", hint)
+        raise mistake(node, f"{what}: {found_text(node)}: expected {_number(unit)}", hint)
     if not 0 <= value < math.inf:
         raise mistake(node, f"{what} = {value:g}: expected {_number(unit)}")
     return float(value)
@@ -131,7 +131,7 @@ def _range(node: Node, what: str) -> Range:
     ends = [part.value for part in node.value] if isinstance(node.value, list) else []
     numbers = [n for n in ends if isinstance(n, (int, float)) and not isinstance(n, bool) and n >= 0]
     if len(ends) != 2 or len(numbers) != 2 or numbers[0] > numbers[1]:
-        raise mistake(node, f"{what}: {found(node)}: expected two numbers >= 0, the smaller first")
+        raise mistake(node, f"{what}: {found_text(node)}: expected two numbers >= 0, the smaller first")
     return float(numbers[0]), float(numbers[1])
 
 
@@ -146,7 +146,7 @@ def _value(node: Node) -> Node:
 
 def _text(node: Node, name: str) -> str:
     if not isinstance(node.value, str) or not node.value.strip():
-        raise mistake(node, f"{name}: {found(node)}: expected text", "text that looks like a number needs quotes")
+        raise mistake(node, f"{name}: {found_text(node)}: expected text", "text that looks like a number needs quotes")
     return node.value
 
 
@@ -154,7 +154,7 @@ def _arithmetic(node: Node) -> str:
     names = ("", *ARITHMETICS)
     if node.value not in names:
         known = ", ".join(f"'{name}'" for name in names)
-        raise mistake(node, f"arithmetic: {found(node)}: expected one of {known}", "'' has limits and costs only")
+        raise mistake(node, f"arithmetic: {found_text(node)}: expected one of {known}", "'' has limits and costs only")
     return str(node.value)
 
 
@@ -164,7 +164,7 @@ def _mesh(node: Node) -> Mesh:
     for name in TILES:
         size = parts[name].value
         if type(size) is not int or size < 1:
-            raise mistake(parts[name], f"mesh: {name}: {found(parts[name])}: expected a whole number >= 1")
+            raise mistake(parts[name], f"mesh: {name}: {found_text(parts[name])}: expected a whole number >= 1")
     return Mesh(*(parts[name].value for name in TILES))
 
 

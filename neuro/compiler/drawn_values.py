@@ -29,7 +29,7 @@ def drawn_values(value: Distribution, connections: Connections, rng: np.random.G
     """Return the drawn value of each synapse."""
     if connections.shared is not None:
         # Both directions of a symmetric pair share a draw.
-        return value.drawn(rng, int(connections.shared.max(initial=-1)) + 1)[connections.shared]
+        return value.checked_sample(rng, int(connections.shared.max(initial=-1)) + 1)[connections.shared]
     last = 0
     # In pieces, because a second array of all values would double the peak memory of a large network.
     for piece in value.pieces(rng, connections.size):

@@ -105,7 +105,7 @@ def _rest(program: Program, clock: Clock) -> Iterator[tuple[str, str, str, str]]
 
 
 def _group_text(group: Group) -> str:
-    return f"{group.choice.name}: {group.choice.told()}"
+    return f"{group.choice.name}: {group.choice.summary()}"
 
 
 def _trials_text(trials: Trials, name: list[str], clock: Clock) -> str:

@@ -105,7 +105,7 @@ def _described(part: Projection, word: str) -> float | Distribution:
     """Return the weight or the delay: a number or a built-in distribution."""
     value: Any = plain(getattr(part, word))
     if type(value) in (uniform, normal, lognormal):
-        value.drawn(np.random.default_rng(0), 1)  # raises an error for bounds that hardly any value meets
+        value.checked_sample(np.random.default_rng(0), 1)  # raises an error for bounds that hardly any value meets
         return value  # type: ignore[no-any-return]
     if isinstance(value, Distribution) or not np.isscalar(value):
         actual = f"the distribution {value.name}" if isinstance(value, Distribution) else f"a {word} for each synapse"

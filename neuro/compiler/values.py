@@ -40,7 +40,7 @@ def per_neuron(value: Any, shape: tuple[int, ...], what: str, key: tuple[int, st
     size = int(np.prod(shape))
     value = plain(value)
     if isinstance(value, Distribution):
-        return value.drawn(generator(*key), size)
+        return value.checked_sample(generator(*key), size)
     array = np.asarray(value, dtype=np.float64)
     if array.ndim == 0:
         return array.reshape(1) + 0.0

@@ -1,1 +1,1 @@
-"""What a description is: networks, models of neurons and synapses, rules, distributions, and their YAML."""
+"""Descriptions of networks: models of neurons and synapses, connection rules, distributions, and the YAML language."""

@@ -1,4 +1,4 @@
-"""Random values for weights, delays and initial states."""
+"""Distributions of random weights, delays and initial states."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from neuro.core.quantities import quantity
 from neuro.core.registry import Registry
 
 _BLOCK = 1 << 16
-"""Values that are drawn at a time: they stay in the cache while they are compared with the bounds."""
+"""Number of values drawn at a time. A block fits in the cache while it is compared with the bounds."""
 
 _MANY = 1 << 20
-"""Values from which on those of `normal` are drawn by a compiled pass."""
+"""Number of values from which `normal` draws with compiled code."""
 
 _FAR = 40.0
-"""Standard deviations beyond which no normal number lies."""
+"""Distance from the mean, in standard deviations, that a drawn normal number never reaches."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,29 +34,29 @@ class Distribution(Choice):
     kind: ClassVar[str] = "distribution"
 
     single: bool = quantity(
-        False, "", "whether each value is rounded to the nearest number of 32 bits within the bounds", kind="boolean"
+        False, "", "whether values are rounded to the nearest 32-bit float within the bounds", kind="boolean"
     )
 
     def sample(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
         """Draw n values."""
         raise NotImplementedError
 
-    def drawn(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
-        """N checked values of `sample`.
+    def checked_sample(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+        """Draw n values with `sample` and check them.
 
         Raises:
-            ModelError: they are not so many finite numbers.
+            ModelError: `sample` returned another number of values, or values that are not finite.
         """
         DISTRIBUTIONS.check(type(self))
         values = check_returned(self.sample(rng, n), (n,), f"{self!r} drew")
         if not np.isfinite(values).all():
             raise ModelError(f"{self!r} drew {values[~np.isfinite(values)][0]}: expected finite numbers")
-        copied: NDArray[np.float64] = np.add(values, 0.0, dtype=np.float64)  # in which no 0 is negative
+        copied: NDArray[np.float64] = np.add(values, 0.0, dtype=np.float64)  # adding 0 turns -0.0 into 0.0
         self._round(copied)
         return copied
 
     def _round(self, values: NDArray[np.float64]) -> None:
-        """Round values in place if these are to be single."""
+        """Round values in place to 32-bit floats if `single` is set."""
         if self.single:
             low, high = (_within(getattr(self, word, end), -end) for word, end in (("low", -np.inf), ("high", np.inf)))
             rounded = values.astype(np.float32)
@@ -64,27 +64,27 @@ class Distribution(Choice):
             np.add(rounded, 0.0, out=values)
 
     def pieces(self, rng: np.random.Generator, n: int) -> Iterator[NDArray[np.float64]]:
-        """The n values of `drawn`, some at a time; each piece is gone when the next is asked for.
+        """Yield the n values of `checked_sample` in pieces. A piece is overwritten when the next one is requested.
 
         Raises:
-            ModelError: they are not so many finite numbers.
+            ModelError: `sample` returned another number of values, or values that are not finite.
         """
-        yield self.drawn(rng, n)
+        yield self.checked_sample(rng, n)
 
 
-def _within(bound: float, inwards: float) -> np.float32:
-    """The number of 32 bits that lies next to a bound, on its inner side."""
+def _within(bound: float, inner_direction: float) -> np.float32:
+    """Return the 32-bit float nearest to a bound, on the bound's inner side."""
     nearest = np.float32(bound)
-    outside = nearest > bound if inwards < 0.0 else nearest < bound
-    return np.nextafter(nearest, np.float32(inwards)) if outside else nearest
+    outside = nearest > bound if inner_direction < 0.0 else nearest < bound
+    return np.nextafter(nearest, np.float32(inner_direction)) if outside else nearest
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class uniform(Distribution):
-    """Evenly between `low` and `high`."""
+    """Uniform distribution between `low` and `high`."""
 
     low: float = quantity(0.0, "", "smallest value", of_value=True)
-    high: float = quantity(1.0, "", "values stay below it", of_value=True)
+    high: float = quantity(1.0, "", "upper bound, not included", of_value=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -98,7 +98,7 @@ class uniform(Distribution):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Clipped(Distribution):
-    """A distribution with bounds; values outside are drawn again."""
+    """A distribution truncated to bounds. Values outside are drawn again."""
 
     low: float = quantity(-math.inf, "", "values below are drawn again", infinite=True, of_value=True)
     high: float = quantity(math.inf, "", "values above are drawn again", infinite=True, of_value=True)
@@ -112,10 +112,10 @@ class _Clipped(Distribution):
         raise NotImplementedError
 
     def sample(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
-        """Draw n values; those outside [low, high] again.
+        """Draw n values. Values outside [low, high] are drawn again.
 
         Raises:
-            ModelError: fewer than one value in a thousand falls between the bounds.
+            ModelError: fewer than one value in a thousand is within the bounds.
         """
         values = np.empty(n)
         for first in range(0, n, _BLOCK):
@@ -129,27 +129,27 @@ class _Clipped(Distribution):
             if outside.size == 0:
                 return
             values[outside] = self._draw(rng, outside.size)
-        raise self._hardly_any()
+        raise self._too_few_within()
 
-    def _hardly_any(self) -> ModelError:
-        return ModelError(f"{self!r}: hardly any value lies between low and high")
+    def _too_few_within(self) -> ModelError:
+        return ModelError(f"{self!r}: fewer than 1 in 1000 values is between low and high: expected wider bounds")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class normal(_Clipped):
-    """Gaussian; with `low` and `high` truncated."""
+    """Normal distribution, truncated to [low, high]."""
 
-    mean: float = quantity(0.0, "", "mean before clipping", of_value=True)
-    std: float = quantity(1.0, "", "standard deviation before clipping", at_least=0, of_value=True)
+    mean: float = quantity(0.0, "", "mean before truncation", of_value=True)
+    std: float = quantity(1.0, "", "standard deviation before truncation", at_least=0, of_value=True)
 
     def _draw(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
         return rng.normal(self.mean, self.std, n)
 
     def pieces(self, rng: np.random.Generator, n: int) -> Iterator[NDArray[np.float64]]:
-        """The n values of `drawn`, some at a time; each piece is gone when the next is asked for.
+        """Yield the n values of `checked_sample` in pieces. A piece is overwritten when the next one is requested.
 
         Raises:
-            ModelError: fewer than one value in a thousand falls between the bounds.
+            ModelError: fewer than one value in a thousand is within the bounds.
         """
         large = not math.isfinite(abs(self.mean) + _FAR * self.std)
         if n < _MANY or large or type(self) is not normal:
@@ -157,21 +157,21 @@ class normal(_Clipped):
             return
         try:
             from neuro.kernels.normals import Normals
-        except ImportError:  # a numba that keeps NumPy's tables elsewhere
+        except ImportError:  # this version of numba keeps NumPy's tables in another module
             yield from super().pieces(rng, n)
             return
-        normals, room = Normals(rng), np.empty(_BLOCK)
+        normals, buffer = Normals(rng), np.empty(_BLOCK)
         for first in range(0, n, _BLOCK):
-            piece = room[: n - first]
+            piece = buffer[: n - first]
             if not normals.fill(piece, self.mean, self.std, self.low, self.high):
-                raise self._hardly_any()
+                raise self._too_few_within()
             self._round(piece)
             yield piece
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class lognormal(_Clipped):
-    """The logarithm is Gaussian; with `low` and `high` truncated."""
+    """Log-normal distribution, truncated to [low, high]. Its logarithm is normally distributed."""
 
     mean: float = quantity(0.0, "", "mean of the logarithm")
     std: float = quantity(1.0, "", "standard deviation of the logarithm", at_least=0)

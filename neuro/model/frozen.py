@@ -1,4 +1,4 @@
-"""A network that has learnt, without what learns."""
+"""Copies of trained networks without learning."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ D = TypeVar("D", bound=Description)
 def frozen(net: D) -> D:
     """Return the network with its weights, without learning rules and signals.
 
-    Probes of synapses that learnt go, too. Plasticity that passes by itself (tsodyks2) stays.
+    Probes of learning synapses are removed. Short-term plasticity (tsodyks2) stays.
     """
-    learns = {
+    learning = {
         name for name, part in net.projections.items() if part.synapse.learns and not isinstance(part.synapse, tsodyks2)
     }
-    other = copy.copy(net)
-    other.projections = {n: _static(part, net) if n in learns else part for n, part in net.projections.items()}
-    other.probes = {name: part for name, part in net.probes.items() if part.of not in learns}
-    other.signals = {}
+    copied = copy.copy(net)
+    copied.projections = {n: _static(part, net) if n in learning else part for n, part in net.projections.items()}
+    copied.probes = {name: part for name, part in net.probes.items() if part.of not in learning}
+    copied.signals = {}
     if net.world_section is not None:
-        other.world_section = replace(net.world_section, reward=None)
-    return other
+        copied.world_section = replace(net.world_section, reward=None)
+    return copied
 
 
 def _static(part: Projection, net: Description) -> Projection:

@@ -1,4 +1,4 @@
-"""How the neurons of a group may act together."""
+"""Groups, the ways in which neurons of a population compete."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from neuro.core.quantities import quantity
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Competition(Choice):
-    """How neurons of a population act together; base of what a group may be.
+    """Base of the ways in which neurons of a population compete.
 
     Class attributes:
-        noun: what a chip or a simulator that cannot do it lacks.
+        noun: name of the feature in the error of a chip or a simulator that lacks it.
         decides: whether the winner decides a trial.
-        several: whether several may win in one trial.
+        several: whether several neurons may win in one trial.
     """
 
     kind: ClassVar[str] = "group"
@@ -26,83 +26,84 @@ class Competition(Choice):
     of: str = quantity(doc="the population", kind="name")
 
     def misfit(self, shape: tuple[int, ...]) -> str:
-        """Why neurons of this shape cannot compete so, as the text of an error; "" if they can."""
+        """Return the error message for a shape in which neurons cannot compete this way, or ""."""
         return ""
 
-    def told(self) -> str:
-        """Which neurons fire, in a few words."""
+    def summary(self) -> str:
+        """Return in a few words which neurons fire."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class winner_take_all(Competition):
-    """One neuron of a population decides.
+    """One neuron of a population wins.
 
-    With `first_to_fire` the first spike silences all others until the next trial or reset; without, only
-    the best of each step fires and the others that reached the threshold are reset. The largest V_m - V_th
-    wins; a tie is drawn.
+    With `first_to_fire`, the first spike silences all other neurons until the next trial or reset. Without it, the
+    neuron with the largest V_m - V_th fires in each step, and the others that reached the threshold are reset. Ties are
+    broken at random.
     """
 
     noun: ClassVar[str] = "winner-take-all"
     first_to_fire: bool = quantity(True, "", "decide once instead of at each step", kind="boolean")
 
-    def told(self) -> str:
-        """Which neurons fire, in a few words."""
+    def summary(self) -> str:
+        """Return in a few words which neurons fire."""
         return "the first to fire" if self.first_to_fire else "the best of each step"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class local_winners(Competition):
-    """Several neurons of a population of shape (maps, rows, columns) decide, each for what is near it.
+    """Several neurons of a population of shape (maps, rows, columns) win, each within its neighbourhood.
 
-    Who fires wins, and silences until the next trial or reset all neurons of all maps whose row and column are both at
-    most `radius` from its own, itself with them, and its whole map once that has won `per_map` times. Of those that
-    reach the threshold in one step the largest V_m - V_th wins first; a tie is drawn. Who is silenced goes on to add
-    up its input.
+    A neuron that fires wins. Until the next trial or reset, the winner silences all neurons, itself included, in all
+    maps whose row and column are both at most `radius` away. After `per_map` wins, the whole map of the winner is
+    silent. If several neurons reach the threshold in one step, the largest V_m - V_th wins first, and ties are broken
+    at random. Silenced neurons still integrate their input.
 
-    Source: Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007, with `per_map` 1. Any number finds several objects,
-    each by a neuron in whose field it is (Mosca, MSc thesis, 2020, section 6.2.7).
+    Source: Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007, with `per_map` 1. Without `per_map`, several objects
+    are detected, each by a neuron whose receptive field contains the object (Mosca, MSc thesis, 2020, section 6.2.7).
     """
 
     noun: ClassVar[str] = "competition"
     several: ClassVar[bool] = True
-    radius: int = quantity(doc="rows and columns around a winner that are silenced", kind="integer", at_least=0)
-    per_map: int | None = quantity(None, "", "wins of each map; any number if not given", kind="integer", at_least=1)
+    radius: int = quantity(doc="silenced rows and columns on each side of a winner", kind="integer", at_least=0)
+    per_map: int | None = quantity(None, "", "most wins per map; no limit if not given", kind="integer", at_least=1)
 
     def misfit(self, shape: tuple[int, ...]) -> str:
-        """Why neurons of this shape cannot compete so."""
+        """Return the error message unless the shape has three axes."""
         if len(shape) == 3:
             return ""
         return f"{self.name} of '{self.of}' of shape {list(shape)}: expected (maps, rows, columns)"
 
-    def told(self) -> str:
-        """Which neurons fire, in a few words."""
-        return f"radius {self.radius}" + (f", {self.per_map} a map" if self.per_map else "")
+    def summary(self) -> str:
+        """Return the radius and the limit per map as text."""
+        return f"radius {self.radius}" + (f", {self.per_map} per map" if self.per_map else "")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class lateral_reset(Competition):
-    """A spike resets all neurons along an axis: the first of them to fire silences the others for its time.
+    """A spike resets all neurons along an axis, so that the first neuron to fire delays the others.
 
-    Neurons that differ in no coordinate but the one of `axis` are rivals. When some of them reach the threshold in a
-    step, the one with the largest V_m - V_th fires (a tie is drawn) and all others, wherever they stand, are reset as
-    if they had fired: to V_reset, refractory for their t_ref. They emit nothing.
+    Neurons whose coordinates differ only along `axis` are rivals. If several rivals reach the threshold in a step, the
+    one with the largest V_m - V_th fires, and ties are broken at random. All its rivals, whatever their potential, are
+    reset as if they had fired: their V_m is set to V_reset and they are refractory for their t_ref, but they emit no
+    spike.
     Source: temporal winner-take-all of HFirst, Orchard et al., IEEE TPAMI 37:2028, 2015
     """
 
     noun: ClassVar[str] = "lateral reset"
     decides: ClassVar[bool] = False
-    axis: int = quantity(0, "", "axis of its shape along which neurons are rivals", kind="integer", at_least=0)
+    axis: int = quantity(0, "", "axis of the shape along which neurons compete", kind="integer", at_least=0)
 
     def misfit(self, shape: tuple[int, ...]) -> str:
-        """Why neurons of this shape cannot compete so."""
+        """Return the error message if the shape lacks the axis."""
         if self.axis < len(shape):
             return ""
         message = f"{self.name}.axis = {self.axis} of '{self.of}', whose shape is {list(shape)}"
         return f"{message}: expected at most {len(shape) - 1}"
 
-    def told(self) -> str:
-        """Which neurons fire, in a few words."""
+    def summary(self) -> str:
+        """Return the axis as text."""
         return f"a spike resets all along axis {self.axis}"
 
 
@@ -111,4 +112,4 @@ GROUPS: dict[str, type[Competition]] = {
     "local_winners": local_winners,
     "lateral_reset": lateral_reset,
 }
-"""How the neurons of a group may compete, by name."""
+"""Kinds of groups by name."""

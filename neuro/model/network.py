@@ -1,4 +1,4 @@
-"""A network under construction: it gathers parts, and knows no backend, no array layout and no steps."""
+"""The class `Network`, which collects parts. It knows no backend, no array layout and no steps."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ class Network(Description):
     """A network under construction.
 
     Args:
-        name: its name, used in messages and files.
+        name: the name in messages and files.
         resolution: length of a step in ms.
 
     Attributes:
-        place: where the next part comes from; None means the caller's line.
-        inputs: the files that it was read from; none of one that was made in Python.
+        place: the origin (file and line) of the next part. None: the line of the caller.
+        inputs: the files that the network was read from. Empty for a network built in Python.
         latest: the part that was added last.
-        verdicts: what became of each node of a network that came from another tool; None of any other.
+        verdicts: for a network imported from another tool, the result of the conversion of each node, else None.
     """
 
     inputs: tuple[str, ...] = ()
@@ -90,20 +90,20 @@ class Network(Description):
         periodic: bool = False,
         neurons: neuron_table | None = None,
     ) -> Population:
-        """Add neurons of one model.
+        """Add a population of neurons of one model.
 
         Args:
             name: a new name.
             shape: number of neurons, or sizes of the axes (`"auto"` where a grid decides).
             model: e.g. `neuro.iaf_psc_exp(tau_m=10.0)`.
-            initial: states at time 0: a number, an array or a distribution by the state's name.
-            positions: where neurons lie: coordinates, shape (n, 1 to 3); by the shape if not given, centred at 0.
-            extent: length of each axis, in the unit of positions; without it neighbours are one unit apart.
-            periodic: whether what leaves at one edge comes in at the other.
-            neurons: the table that lists its neurons; its rows are the shape if that is `"auto"`.
+            initial: states at time 0, by name: a number, an array or a distribution.
+            positions: coordinates, shape (n, 1 to 3). Without them, positions follow from the shape, centred at 0.
+            extent: length of each axis, in the unit of positions. Without it, neighbours are one unit apart.
+            periodic: whether opposite edges touch (periodic boundary conditions).
+            neurons: the table that lists the neurons. With the shape `"auto"` there is one neuron per row.
 
         Returns:
-            The part, to be passed to `connect` and others.
+            The population, an argument of `connect`, `signal` and `probe`.
         """
         what = f"population '{name}'"
         if neurons is not None:
@@ -115,16 +115,16 @@ class Network(Description):
         self._expect(model, Model, what, "a model such as neuro.iaf_psc_exp()")
         self._expect({} if initial is None else initial, Mapping, what, "states by name such as {'V_m': -60.0}")
         states = {s.name: s.quantity() for s in model.states if not s.hidden} if initial else {}
-        start = {}
+        initial_values = {}
         for state, value in (initial or {}).items():
             path = ("initial", str(state))
             with self._in_place(what):
                 if state not in states:
                     raise unknown(f"state of {model.name}", state, states, path=path)
-                start[state] = check(states[state], value, f"{what}: initial.{state}", path)
-        places = {"positions": positions, "extent": extent, "periodic": periodic}
-        checked = {word: self._checked(Population, word, value, what) for word, value in places.items()}
-        part = Population(name, sizes, model, start, self._where(), **checked, neurons=neurons)
+                initial_values[state] = check(states[state], value, f"{what}: initial.{state}", path)
+        words = {"positions": positions, "extent": extent, "periodic": periodic}
+        checked = {word: self._checked(Population, word, value, what) for word, value in words.items()}
+        part = Population(name, sizes, model, initial_values, self._where(), **checked, neurons=neurons)
         return self._add(self.populations, part)
 
     @naming_words
@@ -143,26 +143,26 @@ class Network(Description):
 
         Args:
             source: a population of this network, its name, or a view of it such as `exc[:100]`.
-            target: likewise.
-            rule: e.g. `neuro.all_to_all()`; of views it sees their shapes, and counts their neurons from 0.
-            synapse: e.g. `neuro.stdp(Wmax=3.0)`; static if not given.
+            target: a population of this network, its name, or a view of it.
+            rule: e.g. `neuro.all_to_all()`. Between views, the rule uses their shapes and counts neurons from 0.
+            synapse: e.g. `neuro.stdp(Wmax=3.0)`. The default is static.
             weight: a number, an array (one per synapse, see docs), a distribution, or `neuro.of_distance(...)`.
-            delay: the same, in ms.
-            name: a new name; `source_target` if not given.
+            delay: in ms, of the same kinds as `weight`.
+            name: a new name. The default is `source_target`.
         """
-        source, target = self._written(source, "connect: from"), self._written(target, "connect: to")
-        label = name if name is not None else f"{_called(source)}_{_called(target)}"
+        source, target = self._view_or_name(source, "connect: from"), self._view_or_name(target, "connect: to")
+        label = name if name is not None else f"{_population_name(source)}_{_population_name(target)}"
         what = f"projection '{label}'"
         (pre, source_view), (post, target_view) = self._neurons(source, what, "from"), self._neurons(target, what, "to")
         self._expect(rule, Rule, what, "a rule such as neuro.all_to_all()")
-        chosen = static() if synapse is None else synapse
-        self._expect(chosen, Synapse, what, "a synapse such as neuro.static()")
-        # A current has no unit of weight; else a number with a unit is taken in that of the target's model.
-        current = self.populations[pre].model.role == "current"
-        unit = "" if current else getattr(self.populations[post].model, "weight_unit", "")
+        model = static() if synapse is None else synapse
+        self._expect(model, Synapse, what, "a synapse such as neuro.static()")
+        # The weight of a current has no unit. Other weights are converted to the unit of the target's model.
+        is_current = self.populations[pre].model.role == "current"
+        unit = "" if is_current else getattr(self.populations[post].model, "weight_unit", "")
         weights = replace(WEIGHT, taken_in=unit)
         try:
-            chosen = chosen.in_unit(weights, what)
+            model = model.in_unit(weights, what)
         except ModelError as error:
             raise error.but(where=error.where or self._where(), path=("synapse", *error.path)) from None
         part = Projection(
@@ -170,7 +170,7 @@ class Network(Description):
             pre,
             post,
             rule,
-            chosen,
+            model,
             self._checked(Projection, "weight", weight, what, weights),
             self._checked(Projection, "delay", delay, what),
             self._where(),
@@ -196,39 +196,39 @@ class Network(Description):
         """Add the neurons of a wiring diagram as one population, and its edges as a projection onto itself.
 
         Args:
-            name: of the population; the projection is called `name_name`.
+            name: name of the population. The projection is called `name_name`.
             neurons: the table of neurons, or its file.
             edges: the list of edges, or its file.
-            model: of all neurons.
-            synapse: of all edges; static if not given.
-            weight: of one synapse: the factor on the weights of the file, see `neuro.from_file`.
-            delay: in ms, likewise.
+            model: the model of all neurons.
+            synapse: the synapse model of all edges. The default is static.
+            weight: factor on the weights in the file, see `neuro.from_file`.
+            delay: factor on the delays in the file, in ms.
             initial: states at time 0.
-            drive: the weight of a spike of `sim.activate`: adds the population `name_drive`, a `poisson_generator` of
-                rate 0 for each neuron.
+            drive: weight of the spikes that `sim.activate` sends. Adds the population `name_drive`, which has one
+                `poisson_generator` of rate 0 per neuron.
 
         Returns:
-            The population; `where` chooses its neurons by columns of the table.
+            The population. Its method `where` chooses neurons by columns of the table.
         """
         table = neuron_table(neurons) if isinstance(neurons, (str, Path)) else neurons
         rule = from_file(edges) if isinstance(edges, (str, Path)) else edges
         self._expect(rule, from_file, f"wiring '{name}': edges", "edges such as neuro.from_file('edges.csv')")
-        brain = self.population(name, AUTO, model, initial=initial, neurons=table)
-        self.connect(brain, brain, rule, synapse, weight=weight, delay=delay)
+        population = self.population(name, AUTO, model, initial=initial, neurons=table)
+        self.connect(population, population, rule, synapse, weight=weight, delay=delay)
         if drive is not None:
-            source = self.population(f"{name}_drive", brain.shape, poisson_generator(rate=0.0))
-            self.connect(source, brain, one_to_one(), weight=drive, delay=self.resolution)
-        return brain
+            source = self.population(f"{name}_drive", population.shape, poisson_generator(rate=0.0))
+            self.connect(source, population, one_to_one(), weight=drive, delay=self.resolution)
+        return population
 
     @naming_words
     def signal(self, name: str, *, to: Population | str, values: Any = None) -> Signal:
-        """Add a signal: one value per neuron of `to`.
+        """Add a signal, which has one value per neuron of `to`.
 
         Args:
             name: a new name.
-            to: the population.
-            values: a number, one for each neuron, or what gives them, as `neuro.computed("count(left)", every=50.0)`;
-                if not given, a program sets them by `sim.signal`.
+            to: the population that receives the signal.
+            values: a number, an array with a number per neuron, or a source such as
+                `neuro.computed("count(left)", every=50.0)`. Without it, a program sets the signal by `sim.signal`.
         """
         what = f"signal '{check_name(name, 'signal', self._where())}'"
         target = self._name_of(to, what, "to")
@@ -259,15 +259,16 @@ class Network(Description):
 
         Args:
             name: a new name.
-            of: a population of this network, a view of one, a projection, or its name.
-            record: of a population "spikes", "rate" (spikes of a neuron in a second, the mean of a bin), or one or
-                several of its states; of a projection "weight" or other states of its synapses.
-            every: interval in ms, each step if not given; of a rate the length of its bins.
-            at: "pre_spikes" records the synapses of a neuron that fires, as its spike leaves and is sent with.
-            mean: whether to record the mean over neurons or synapses instead of each.
-            synapses: of a projection, which ones, in the order of its weights; all if not given.
-            pre: of a projection only the synapses from these neurons: a population, a view of it, or ids.
-            post: likewise those onto these neurons.
+            of: a population or projection of this network, its name, or a view of a population.
+            record: for a population "spikes", "rate" (mean rate per neuron and bin, in Hz), or one or several of its
+                states; for a projection "weight" or other states of its synapses.
+            every: sampling interval in ms, or the length of the bins of a rate. The default is each step.
+            at: "pre_spikes" records the synapses of a neuron that fires, with the values that its spike carries.
+            mean: whether to record the mean over neurons or synapses instead of each value.
+            synapses: for a projection, indices of the recorded synapses, in the order of its weights. The default is
+                all.
+            pre: for a projection, record only synapses from these neurons: a population, a view of it, or ids.
+            post: for a projection, record only synapses onto these neurons.
         """
         what = f"probe '{check_name(name, 'probe', self._where())}'"
         states = self._checked(Probe, "record", record, what)
@@ -291,18 +292,18 @@ class Network(Description):
         return self._add(self.probes, part)
 
     def trials(self, **words: Any) -> Trials:
-        """Say how trials go; the words are those of `neuro.Trials`."""
+        """Define the trials. The keywords are the fields of `neuro.Trials`."""
         if self.trials_section is not None:
-            raise ModelError("trials: said twice", where=self._where())
+            raise ModelError("trials: defined twice: expected one definition", where=self._where())
         with self._in_place("trials"):
             self.trials_section = self.latest = section = Trials.from_words(words)
         self.trials_origin = self._where()
         return section
 
     def readout(self, **words: Any) -> Readout:
-        """Say how the network is asked about recordings, in place of what was said; the words are those of `Readout`.
+        """Define how recordings are shown and classified, in place of an earlier definition.
 
-        Backends do not see it: `neuro.predict` does.
+        The keywords are the fields of `Readout`. `neuro.predict` uses the section; backends ignore it.
         """
         with self._in_place("readout"):
             section = Readout.from_words(words)
@@ -313,9 +314,9 @@ class Network(Description):
         return section
 
     def world(self, **words: Any) -> World:
-        """Say which world it acts in, in place of what was said; the words are those of `neuro.World`.
+        """Define the environment of the network, in place of an earlier definition.
 
-        Backends do not see it: `neuro.closed_loop` does.
+        The keywords are the fields of `neuro.World`. `neuro.closed_loop` uses the section; backends ignore it.
         """
         with self._in_place("world"):
             section = World.from_words(words)
@@ -323,13 +324,13 @@ class Network(Description):
         return section
 
     def save(self, path: str | Path) -> None:
-        """Write YAML that loads to an equal network; large arrays go to an HDF5 file beside it."""
+        """Write the network as YAML that loads to an equal network. Large arrays go to an HDF5 file beside it."""
         from neuro.model.language.writer import save
 
         save(self, path)
 
     def frozen(self) -> Network:
-        """The same network with the weights that it has, static synapses and no signals: nothing learns."""
+        """Return the same network with its weights, static synapses and no signals, so that nothing learns."""
         from neuro.model.frozen import frozen
 
         return frozen(self)
@@ -373,21 +374,21 @@ class Network(Description):
 
     @contextmanager
     def _in_place(self, context: str = "") -> Iterator[None]:
-        """Give an error raised inside the place of the next part, and begin its message with `context`."""
+        """Add the origin of the next part to errors that are raised inside, and begin their messages with `context`."""
         try:
             yield
         except ModelError as error:
             raise error.at(self._where(), context) from None
 
-    def _checked(self, part: type[Part], word: str, value: Any, what: str, q: Quantity | None = None) -> Any:
-        """Check the value of a word of a part; `q` stands for what the word may be where that is known better."""
-        try:  # a context manager would take a second for 200,000 parts
-            return check(q or part.words[word], value, f"{what}: {word}", (word,))
+    def _checked(self, part: type[Part], word: str, value: Any, what: str, quantity: Quantity | None = None) -> Any:
+        """Check the value of a word of a part. `quantity` replaces the part's own quantity for that word."""
+        try:  # a context manager here would cost a second for 200,000 parts
+            return check(quantity or part.words[word], value, f"{what}: {word}", (word,))
         except ModelError as error:
             raise error.at(self._where()) from None
 
-    def _written(self, of: Any, what: str) -> Any:
-        """Return the view that a text or a mapping means; a name of a population stays a name."""
+    def _view_or_name(self, of: Any, what: str) -> Any:
+        """Return the view that a text such as `exc[:100]` or a mapping describes. Names and parts are unchanged."""
         if not isinstance(of, Mapping) and not (isinstance(of, str) and "[" in of):
             return of
         with self._in_place(what):
@@ -397,8 +398,8 @@ class Network(Description):
         return neurons
 
     def _neurons(self, of: Population | View | str, what: str, role: str) -> tuple[str, View | None]:
-        """The name of a population, and the view if only some of its neurons are meant."""
-        of = self._written(of, f"{what}: {role}")
+        """Return the name of a population, and the view if only some of its neurons are chosen."""
+        of = self._view_or_name(of, f"{what}: {role}")
         if isinstance(of, View):
             return self._name_of(of.population, what, role), of
         return self._name_of(of, what, role), None
@@ -415,7 +416,7 @@ class Network(Description):
         return name
 
     def _recorded(self, of: Population | View | Projection | str, what: str) -> tuple[str, View | None]:
-        """The name of a population or a projection, and the view if only some of its neurons are meant."""
+        """Return the name of a population or projection, and the view if only some neurons are chosen."""
         if isinstance(of, Projection) and self.projections.get(of.name) is not of:
             message = f"{what}: of: projection '{of.name}' is a part of another network: expected one of '{self.name}'"
             raise ModelError(message, where=self._where(), path=("of",))
@@ -423,28 +424,28 @@ class Network(Description):
         if isinstance(name, str) and name in self.projections and name not in self.populations:
             return name, None
         assert not isinstance(of, Projection)
-        written = self._written(of, f"{what}: of")
-        if isinstance(written, str) and written not in self.populations:
-            known = [*self.populations, *self.projections]
-            raise unknown("population", written, known, path=("of",)).at(self._where(), what)
-        return self._neurons(written, what, "of")
+        neurons = self._view_or_name(of, f"{what}: of")
+        if isinstance(neurons, str) and neurons not in self.populations:
+            names = [*self.populations, *self.projections]
+            raise unknown("population", neurons, names, path=("of",)).at(self._where(), what)
+        return self._neurons(neurons, what, "of")
 
-    def _side(self, given: Side, of: str, what: str, word: str) -> View | None:
-        """The neurons at one end of a projection, None for all."""
-        if given is None:
+    def _side(self, side: Side, of: str, what: str, word: str) -> View | None:
+        """Return the view of the neurons at one end of a projection, or None for all."""
+        if side is None:
             return None
         if of in self.populations:
             message = f"{what}: {word} is for projections: '{of}' is a population"
             raise ModelError(message, where=self._where(), path=(word,), kind="no projection")
         end = getattr(self.projections[of], {"pre": "source", "post": "target"}[word])
-        if isinstance(given, (Population, View, str, Mapping)):
-            population, chosen = self._neurons(given, what, word)
+        if isinstance(side, (Population, View, str, Mapping)):
+            population, neurons = self._neurons(side, what, word)
             if population != end:
-                found = repr(given) if chosen is not None else f"'{population}'"
-                message = f"{what}: {word} = {found}: expected neurons of '{end}', as '{of}' has there"
+                value = repr(side) if neurons is not None else f"'{population}'"
+                message = f"{what}: {word} = {value}: expected neurons of '{end}', as '{of}' has there"
                 raise ModelError(message, where=self._where(), path=(word,), kind="neurons at an end")
-            return chosen
-        ids = [given] if is_number(given) else given
+            return neurons
+        ids = [side] if is_number(side) else side
         with self._in_place(f"{what}: {word}"):
             return view(self.populations[end], ids if isinstance(ids, list) else np.asarray(ids))
 
@@ -458,13 +459,17 @@ class Network(Description):
         raise ModelError(f"{what}: {message}: expected {expected}", where=self._where(), hint=hint)
 
 
-def _called(end: Any) -> str:
+def _population_name(end: Any) -> str:
     population = end.population if isinstance(end, View) else end
     return population.name if isinstance(population, Population) else str(population)
 
 
 def check_name(name: Any, what: str, where: Where | None) -> str:
-    """Return the name of a network or a part if it can be one."""
+    """Return the name of a network or a part if it is valid.
+
+    Raises:
+        ModelError: the name is empty or contains other characters than letters, digits, '_', '-' and '.'.
+    """
     if not isinstance(name, str) or not name or not (name.isalnum() or all(c.isalnum() or c in "_-." for c in name)):
         raise ModelError(f"{what} name {shown(name)}: expected letters, digits, '_', '-' or '.'", where=where)
     return name

@@ -1,4 +1,4 @@
-"""The parts of a network as its author says them, frozen, and what they make together."""
+"""Parts of a network description (populations, projections, signals, groups, probes), all immutable."""
 
 from __future__ import annotations
 
@@ -46,14 +46,16 @@ RESOLUTION = Quantity(unit="ms", doc="length of a step", above=0)
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Base of the named parts. Two parts are equal when what was said of them is.
+    """Base of the named parts. Two parts are equal if all their attributes are equal; their origins are not compared.
 
     Class attributes:
-        word: its name in messages; the section of the language is its plural.
-        words: its words in the language, by what each may be, in the order in which messages list them.
-        needs: the words that must be there.
-        defaults: values of words that are not said, where the attribute has no default of its own.
-        ends: by word, the attributes for a population or projection and for a view of some of its neurons.
+        word: the name of the kind of part in messages. The plural is the name of its section in YAML.
+        words: by name, the quantity that each word of the section may hold, in the order in which messages list the
+            words.
+        needs: the required words.
+        defaults: default values of the words whose attribute has no default of its own.
+        ends: for each word that names neurons: the attribute with the name of the population or projection, and the
+            attribute with the view, for some of the neurons only.
     """
 
     word: ClassVar[str] = "part"
@@ -64,10 +66,10 @@ class Part:
     name: str
 
     def value(self, word: str) -> Any:
-        """Return what a word of the language says, of neurons the view if only some are meant."""
-        name, view = self.ends.get(word, (word, ""))
-        some = getattr(self, view) if view else None
-        return getattr(self, name) if some is None else some
+        """Return the value of a word of the language. For neurons the value is the view, if there is one."""
+        name_attribute, view_attribute = self.ends.get(word, (word, ""))
+        view = getattr(self, view_attribute) if view_attribute else None
+        return getattr(self, name_attribute) if view is None else view
 
     def __init_subclass__(cls) -> None:
         cls.__repr__ = Part.__repr__  # type: ignore[method-assign]  # or @dataclass would make its own
@@ -100,14 +102,14 @@ class Part:
 def refuse(
     part: AnyPart, message: str, hint: str = "", word: str = "", kind: str = "", about: tuple[str, ...] = ()
 ) -> NoReturn:
-    """Raise the error for a part that cannot be as it is, or for one of its words, as "weight" or "stdp.signal"."""
+    """Raise the error for a part that is not valid, or for one of its words, such as "weight" or "stdp.signal"."""
     text = f"{part.word} '{part.name}': {message}"
     raise ModelError(text, where=part.origin, hint=hint, path=words_of(word), kind=kind, about=about)
 
 
 @contextmanager
 def naming_the_part(part: AnyPart, *path: str) -> Iterator[None]:
-    """Give errors that are raised inside the part's name and place, and `path` in front of their own path."""
+    """Add the part's name and origin to errors that are raised inside, and put `path` in front of their path."""
     try:
         yield
     except ModelError as error:
@@ -119,17 +121,17 @@ def naming_the_part(part: AnyPart, *path: str) -> Iterator[None]:
 class Population(Part):
     """Neurons of one model, laid out in a shape.
 
-    An index chooses some of them, see `View`: `exc[:100]`, `exc[::2]`, `exc[mask]`, `grid[2:4, :]`. `len` and iteration
-    count neurons, and each is a view of one.
+    An index chooses some of the neurons: `exc[:100]`, `exc[::2]`, `exc[mask]`, `grid[2:4, :]` (see `View`). `len`
+    counts the neurons. Iteration yields a view of each neuron.
 
     Attributes:
-        shape: sizes of the axes; `"auto"` where a grid projection or a recording decides.
-        model: what each neuron is.
-        initial: states at time 0 that differ from the model's own, by name.
-        positions: coordinates, one row for each neuron; None where they follow from the shape.
-        extent: length of each axis; None where neighbours are one unit apart, or where edges are open.
-        periodic: whether what leaves at one edge comes in at the other.
-        neurons: the table that lists its neurons, or None.
+        shape: sizes of the axes. `"auto"` is an axis that a grid projection or a recording decides.
+        model: the neuron model.
+        initial: states at time 0 that differ from the model's defaults, by name.
+        positions: coordinates, one row per neuron. None: positions follow from the shape.
+        extent: length of each axis. None: neighbours are one unit apart, or the edges are open.
+        periodic: whether the space is periodic, so that opposite edges touch.
+        neurons: the table that lists the neurons, or None.
     """
 
     word: ClassVar[str] = "population"
@@ -148,7 +150,7 @@ class Population(Part):
         "extent": Quantity(
             doc="length of each axis, in the unit of positions", kind="array", above=0, arrays=True, optional=True
         ),
-        "periodic": Quantity(doc="whether what leaves at one edge comes in at the other", kind="boolean"),
+        "periodic": Quantity(doc="whether opposite edges touch (periodic boundary conditions)", kind="boolean"),
         "neurons": Quantity(kind="part", part=neuron_table),
     }
     needs: ClassVar[tuple[str, ...]] = ("model", "shape")
@@ -165,20 +167,20 @@ class Population(Part):
 
     @property
     def sizes(self) -> tuple[int | str, ...]:
-        """Its shape, where a recording decides it as far as that is there."""
+        """The shape, with axes that a recording decides filled in once the recording is available."""
         return self.model.sizes(self.shape)
 
     def __getitem__(self, index: Any) -> View:
         return view(self, index)
 
     def where(self, **only: Any) -> View:
-        """The neurons whose columns in the table of neurons have these values.
+        """Return the neurons whose columns in the table of neurons have the given values.
 
         Args:
-            only: by column a value, or a list of values of which one fits.
+            only: for each column a value, or a list of accepted values.
 
         Raises:
-            ModelError: the population has no table, or there is no such column, value or neuron.
+            ModelError: the population has no table, or the column, the value or a matching neuron does not exist.
         """
         if self.neurons is None:
             message = f"population '{self.name}' has no table of neurons: expected one to choose by {', '.join(only)}"
@@ -192,7 +194,7 @@ class Population(Part):
         return iter(view(self, ...))
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        """The ids."""
+        """Return the ids of the neurons."""
         return np.array(self.ids, dtype=dtype)
 
     def __getattr__(self, word: str) -> Any:
@@ -200,16 +202,16 @@ class Population(Part):
 
     @property
     def ids(self) -> NDArray[np.int64]:
-        """All its neurons, counted from 0.
+        """Ids of all neurons, counted from 0.
 
         Raises:
-            ModelError: its shape follows when it is compiled.
+            ModelError: the shape is not known before the network is compiled.
         """
         return view(self, ...).ids
 
 
 def _no_attribute(part: Population, word: str, way: str) -> str:
-    """What is said of an attribute that a population does not have, and the way to a number of its model."""
+    """Return the message for an attribute that a population lacks. `way` names the method of a simulation to use."""
     model = vars(part).get("model")
     known = () if model is None else (*model.quantities(), *(state.name for state in model.states))
     if word_of(word) not in known:
@@ -230,9 +232,9 @@ class Projection(Part):
     """Connections from one population to another, by one rule and with one synapse model.
 
     Attributes:
-        source, target: the populations.
-        source_view, target_view: the neurons of each that the rule sees; None: all.
-        between: the populations themselves, for telling; None where they are not known.
+        source, target: names of the two populations.
+        source_view, target_view: the neurons that the rule connects at each end. None: all.
+        between: the two populations, used for printing only. None: unknown.
     """
 
     word: ClassVar[str] = "projection"
@@ -268,17 +270,21 @@ Side = Population | View | str | int | Sequence[int] | NDArray[Any] | None
 
 @dataclass(frozen=True, eq=False)
 class Signal(Part):
-    """Values, one per neuron of a population: the dopamine of synapses onto it.
+    """A value per neuron of a population, such as the dopamine concentration at the synapses onto the neuron.
 
     Attributes:
-        values: what sets them while the network runs; None: a program, from outside.
+        values: the source of the values while the network runs. None: a program sets them from outside.
     """
 
     word: ClassVar[str] = "signal"
     words: ClassVar[Mapping[str, Quantity]] = {
-        "to": Quantity(doc="the population it acts on", kind="name"),
+        "to": Quantity(doc="the population that receives the signal", kind="name"),
         "values": Quantity(
-            doc="what sets it; a program does if not given", kind="choice", choice=Source, arrays=True, optional=True
+            doc="values or their source; a program sets the signal if not given",
+            kind="choice",
+            choice=Source,
+            arrays=True,
+            optional=True,
         ),
     }
     needs: ClassVar[tuple[str, ...]] = ("to",)
@@ -298,35 +304,35 @@ class Group(Part):
 
 @dataclass(frozen=True, eq=False)
 class Probe(Part):
-    """What to record of a population or a projection: spikes, or states at intervals of `every` ms (None: each step).
+    """A recording of spikes, or of states at intervals of `every` ms (None: each step).
 
     Attributes:
         of: the name of the population or projection.
         record: "spikes", "rate", a state, or several states.
-        at: "pre_spikes" records synapses as each pre spike leaves them.
-        mean: whether the mean over neurons or synapses is recorded instead of each.
-        synapses: which ones of a projection, in the order of its weights; None: all.
-        view: the neurons of a population that are recorded; None: all.
-        pre, post: of a projection only the synapses from and onto these neurons; None: all.
+        at: "pre_spikes" records the state of synapses just after each presynaptic spike.
+        mean: whether the mean over neurons or synapses is recorded instead of each value.
+        synapses: indices of the recorded synapses of a projection, in the order of its weights. None: all.
+        view: the recorded neurons of a population. None: all.
+        pre, post: for a projection, only synapses from and onto these neurons are recorded. None: all.
     """
 
     word: ClassVar[str] = "probe"
     words: ClassVar[Mapping[str, Quantity]] = {
         "of": Quantity(doc="the population, some of its neurons, or the projection", kind="neurons"),
         "record": Quantity(
-            doc="spikes, rate, or one or several states: of a population's neurons, or of a projection's synapses",
+            doc="spikes, rate, or one or several states of a population's neurons or a projection's synapses",
             kind="names",
         ),
-        "every": Quantity(
-            unit="ms", doc="interval between two records; each step if not given", above=0, optional=True
+        "every": Quantity(unit="ms", doc="sampling interval; each step if not given", above=0, optional=True),
+        "at": Quantity(
+            doc="event to record at, instead of a fixed interval", kind="word", words=("pre_spikes",), optional=True
         ),
-        "at": Quantity(doc="when to record, if not every so often", kind="word", words=("pre_spikes",), optional=True),
-        "mean": Quantity(doc="whether to record the mean instead of each", kind="boolean"),
+        "mean": Quantity(doc="whether to record the mean instead of each value", kind="boolean"),
         "synapses": Quantity(
             doc="synapses of a projection, in the order of its weights; all if not given", kind="ids", optional=True
         ),
-        "pre": Quantity(doc="of a projection only the synapses from these neurons", kind="neurons", arrays=True),
-        "post": Quantity(doc="of a projection only the synapses onto these neurons", kind="neurons", arrays=True),
+        "pre": Quantity(doc="for a projection: record only synapses from these neurons", kind="neurons", arrays=True),
+        "post": Quantity(doc="for a projection: record only synapses onto these neurons", kind="neurons", arrays=True),
     }
     needs: ClassVar[tuple[str, ...]] = ("of",)
     defaults: ClassVar[Mapping[str, Any]] = {"record": "spikes", "mean": False}
@@ -343,7 +349,7 @@ class Probe(Part):
     post: View | None = None
 
     def traces(self) -> dict[str, str]:
-        """The name of the trace of each state; one of several states has a name of its own."""
+        """Return the name of the trace of each recorded state. With several states the name is `probe.state`."""
         if isinstance(self.record, str):
             return {self.record: self.name}
         return {state: f"{self.name}.{state}" for state in self.record}
@@ -353,15 +359,15 @@ AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
 
 
 class Description:
-    """What a network consists of.
+    """A network as parts and sections, without the methods that build it.
 
     Attributes:
-        name: used in messages and files.
+        name: the name in messages and files.
         resolution: length of a step in ms.
         populations, projections, signals, groups, probes: the parts by name, in the order of definition.
         trials_section: the trials, or None.
-        readout_section: how it is asked about recordings, or None.
-        world_section: the world that it is joined with, or None.
+        readout_section: how recordings are shown and classified, or None.
+        world_section: the environment and its coupling to the network, or None.
     """
 
     name: str

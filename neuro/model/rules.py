@@ -1,4 +1,4 @@
-"""Connection rules: which neuron of one population reaches which of another."""
+"""Connection rules, which decide the connected pairs of neurons of two populations."""
 
 from __future__ import annotations
 
@@ -16,29 +16,28 @@ from neuro.core.registry import Registry
 from neuro.model.space import Mask, Profile
 
 HERE, BACKEND = "neuro", "backend"
-"""Who may draw the synapses of a rule."""
+"""Values of `draw`: the synapses of a rule are drawn by neuro or by the backend."""
 
 SAME = "same"
-"""The padding that keeps the size of a sheet."""
+"""Padding with which rows and columns of the target are those of the source divided by the stride."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rule(Choice):
-    """Base of the connection rules. A rule of one's own says its pairs in `connect`."""
+    """Base of the connection rules. A user-defined rule implements `connect`."""
 
     kind: ClassVar[str] = "rule"
 
     def connect(
         self, source: tuple[int, ...], target: tuple[int, ...], same: bool, rng: np.random.Generator
     ) -> tuple[ArrayLike, ArrayLike]:
-        """The pairs of neurons that are connected, in any order; a pair may come twice.
+        """Return the connected pairs of neurons, in any order. A pair may occur more than once.
 
         Args:
-            source: sizes of the axes of the source, of a view those of the view; its neurons are counted from 0 in C
-                order.
-            target: of the target.
-            same: whether both are the same neurons.
-            rng: draws the same numbers in each run of a network, others with another seed.
+            source: sizes of the axes of the source population or view. Neurons are counted from 0 in C order.
+            target: sizes of the axes of the target population or view.
+            same: whether source and target are the same neurons.
+            rng: random numbers that depend on the seed of the network only.
 
         Returns:
             Source and target of every synapse, whole numbers. An array of weights or delays has the same order.
@@ -49,25 +48,25 @@ class Rule(Choice):
         raise NotImplementedError
 
     def synapses(self, source: int, target: int, same: bool) -> int | None:
-        """How many there are, where it follows from the sizes of source and target; None where it is drawn.
+        """Return the number of synapses, or None if the number is random.
 
         Args:
-            source: neurons of the source.
-            target: neurons of the target.
-            same: whether both are one population.
+            source: number of source neurons.
+            target: number of target neurons.
+            same: whether source and target are one population.
         """
         return None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NamedRule(Rule):
-    """A rule that simulators have by name: the backend may make its synapses in place of this language."""
+    """A rule that simulators know by name, so that a backend may draw the synapses instead of neuro."""
 
     draw: str = quantity(
         HERE,
         "",
-        "who draws the synapses: neuro, the same for every backend, or backend: by its own rules, if it has some, the "
-        "same in distribution",
+        "neuro draws the same synapses for every backend; backend draws by the rule of the same name in the backend, "
+        "if there is one, with the same distribution",
         kind="word",
         words=(HERE, BACKEND),
     )
@@ -75,21 +74,21 @@ class NamedRule(Rule):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class one_to_one(NamedRule):
-    """Neuron i reaches neuron i; both populations have the same size."""
+    """Neuron i is connected to neuron i. Both populations have the same size."""
 
     def synapses(self, source: int, target: int, same: bool) -> int | None:
-        """How many there are."""
+        """Return the number of synapses."""
         return source
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class all_to_all(NamedRule):
-    """Every neuron reaches every neuron, itself only with `autapses`."""
+    """Every neuron is connected to every neuron, and to itself only with `autapses`."""
 
     autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
 
     def synapses(self, source: int, target: int, same: bool) -> int | None:
-        """How many there are."""
+        """Return the number of synapses."""
         return source * target - (source if same and not self.autapses else 0)
 
 
@@ -102,7 +101,7 @@ class fixed_indegree(NamedRule):
     multapses: bool = quantity(True, "", "whether a pair may be drawn twice", kind="boolean")
 
     def synapses(self, source: int, target: int, same: bool) -> int | None:
-        """How many there are."""
+        """Return the number of synapses."""
         return self.n * target
 
 
@@ -115,7 +114,7 @@ class fixed_outdegree(NamedRule):
     multapses: bool = quantity(True, "", "whether a pair may be drawn twice", kind="boolean")
 
     def synapses(self, source: int, target: int, same: bool) -> int | None:
-        """How many there are."""
+        """Return the number of synapses."""
         return source * self.n
 
 
@@ -129,9 +128,9 @@ class pairwise_bernoulli(NamedRule):
 
 @dataclass(frozen=True, eq=False)
 class fixed_total_number(NamedRule):
-    """So many synapses in all, each between a source and a target drawn at random. NEST calls n N."""
+    """n synapses in total, each between a source and a target drawn at random. In NEST the parameter n is called N."""
 
-    n: int = quantity(doc="synapses", kind="integer", at_least=0)
+    n: int = quantity(doc="number of synapses", kind="integer", at_least=0)
     autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
     multapses: bool = quantity(True, "", "whether a pair may be drawn twice", kind="boolean")
 
@@ -140,8 +139,9 @@ class fixed_total_number(NamedRule):
 class symmetric_pairwise_bernoulli(Rule):
     """Neurons of one population are connected in both directions.
 
-    Each neuron draws each other one with probability p, and both reach each other; two that draw each other are
-    connected twice. So a neuron of n has 2 p (n - 1) sources in the mean. Both directions take one drawn weight.
+    Each neuron draws each other neuron with probability p, and each draw connects the pair in both directions. Two
+    neurons that draw each other are connected twice. In a population of n neurons, a neuron has 2 p (n - 1) sources on
+    average. Both directions have the same weight, which is drawn once.
     Source: NEST, symmetric_pairwise_bernoulli with make_symmetric
     """
 
@@ -150,24 +150,24 @@ class symmetric_pairwise_bernoulli(Rule):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class distance_dependent(Rule):
-    """Every pair is connected with a probability that follows from the distance between the two.
+    """Every pair is connected with a probability that depends on the distance between the two neurons.
 
-    The mask lies around the source; a target outside of it is not reached.
+    Targets outside the mask around the source are not connected.
     """
 
     p: Any = quantity(
-        1.0, "", "probability, a function of the distance", kind="choice", choice=Profile, at_least=0, at_most=1
+        1.0, "", "probability, or a function of the distance", kind="choice", choice=Profile, at_least=0, at_most=1
     )
-    mask: Any = quantity(None, "", "where targets may lie; anywhere if not given", kind="choice", choice=Mask)
+    mask: Any = quantity(None, "", "region of possible targets; unlimited if not given", kind="choice", choice=Mask)
     autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
 
 
 @dataclass(frozen=True, eq=False)
 class pairs(Rule):
-    """The listed pairs: source pre[k] reaches target post[k]; a pair may be listed twice."""
+    """Listed pairs: source pre[k] is connected to target post[k]. A pair may be listed more than once."""
 
-    pre: Any = quantity(doc="sources", kind="ids")
-    post: Any = quantity(doc="targets", kind="ids")
+    pre: Any = quantity(doc="ids of the sources", kind="ids")
+    post: Any = quantity(doc="ids of the targets", kind="ids")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -176,42 +176,46 @@ class pairs(Rule):
             raise ModelError(message, path=("post",))
 
     def synapses(self, source: int, target: int, same: bool) -> int | None:
-        """How many there are."""
+        """Return the number of synapses."""
         return len(self.pre)
 
 
 @dataclass(frozen=True, eq=False)
 class from_file(Rule):
-    """The edges that a file lists: CSV with a header, parquet, edges of SONATA, npz with a column each, or a matrix.
+    """Edges listed in a file: CSV with a header, Parquet, SONATA edges, NPZ with an array per column, or a matrix.
 
     The file is read when the network is compiled. `pre` and `post` are ids of the tables of neurons of the two
-    populations, or neurons counted from 0 where a population has none. Edges from or onto neurons of a table that are
-    not in the population, or not in the view, are left out; an id that is in no table is an error. The weight of an
-    edge is the projection's weight x the column `weight` x the sign of its transmitter; its delay is the projection's
-    delay x the column `delay`, rounded to steps, at least one. Edges that connect the same pair stay apart, and their
-    weights add up where they arrive.
+    populations, or neurons counted from 0 for a population without a table. Edges from or onto neurons of a table that
+    are not in the population or view are left out. An id that is in no table is an error. The weight of an edge is the
+    projection's weight x the column `weight` x the sign of its transmitter. Its delay is the projection's delay x the
+    column `delay`, rounded to steps, at least one. Several edges between the same pair remain separate synapses.
     """
 
-    file: Any = quantity(None, "", "the edges", kind="file")
-    pre: str | None = quantity(None, "", "column of the sources; pre, of SONATA source_node_id", kind="name")
-    post: str | None = quantity(None, "", "column of the targets; post, of SONATA target_node_id", kind="name")
-    weight: str | None = quantity(None, "", "column of the weight or number of synapses; 1 if not given", kind="name")
-    delay: str | None = quantity(None, "", "column of the delay; 1 if not given", kind="name")
-    transmitter: str | None = quantity(None, "", "column of the transmitter", kind="name")
-    signs: Any = quantity(None, "", "transmitter: 1, -1, or 0, which leaves its edges out", kind="words")
+    file: Any = quantity(None, "", "file of the edges", kind="file")
+    pre: str | None = quantity(None, "", "column of the source ids; default pre, in SONATA source_node_id", kind="name")
+    post: str | None = quantity(
+        None, "", "column of the target ids; default post, in SONATA target_node_id", kind="name"
+    )
+    weight: str | None = quantity(None, "", "column of the weights or numbers of synapses; 1 if not given", kind="name")
+    delay: str | None = quantity(None, "", "column of the delays; 1 if not given", kind="name")
+    transmitter: str | None = quantity(None, "", "column of the transmitters", kind="name")
+    signs: Any = quantity(None, "", "sign of each transmitter: 1, -1, or 0 to leave out its edges", kind="words")
     dale: bool = quantity(
-        False, "", "whether the transmitter is one of the source neuron, a column of its table", kind="boolean"
+        False,
+        "",
+        "whether the transmitter is a column of the source neurons' table instead of the edges",
+        kind="boolean",
     )
-    where: Any = quantity((), "", 'the rows that are taken: comparisons such as "synapses >= 5"', kind="names")
+    where: Any = quantity((), "", 'conditions on the rows to read, such as "synapses >= 5"', kind="names")
     layout: str = quantity(
-        "edges", "", "what a CSV is: a row for each edge, or a matrix", kind="word", words=("edges", "matrix")
+        "edges", "", "content of a CSV file: a row per edge, or a matrix", kind="word", words=("edges", "matrix")
     )
-    key: str | None = quantity(None, "", "of HDF5: the population of edges", kind="name")
-    types: Any = quantity(None, "", "of SONATA: the CSV with the attributes of edge types", kind="file")
+    key: str | None = quantity(None, "", "population of edges in an HDF5 file", kind="name")
+    types: Any = quantity(None, "", "CSV file with the attributes of SONATA edge types", kind="file")
     shuffle: str | None = quantity(
-        None, "", "what is drawn anew, as a control", kind="word", words=("edges", "signs", "weights")
+        None, "", "property that is shuffled, as a control", kind="word", words=("edges", "signs", "weights")
     )
-    shuffle_seed: int = quantity(0, "", "of those draws", kind="integer", at_least=0)
+    shuffle_seed: int = quantity(0, "", "seed of the shuffle", kind="integer", at_least=0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -221,9 +225,10 @@ class from_file(Rule):
             for text in self.where:
                 Condition(text)
         if (self.transmitter is None) != (self.signs is None):
-            found, lacks = ("signs", "transmitter") if self.transmitter is None else ("transmitter", "signs")
+            set_word, missing = ("signs", "transmitter") if self.transmitter is None else ("transmitter", "signs")
             hint = "transmitter: nt, signs: {GABA: -1, acetylcholine: 1}"
-            raise ModelError(f"from_file: found '{found}' without '{lacks}': expected both", hint=hint, path=(found,))
+            message = f"from_file: found '{set_word}' without '{missing}': expected both"
+            raise ModelError(message, hint=hint, path=(set_word,))
         if self.dale and self.transmitter is None:
             raise ModelError("from_file: found 'dale' without 'transmitter': expected both", path=("dale",))
         for word, sign in (self.signs or {}).items():
@@ -232,37 +237,40 @@ class from_file(Rule):
 
 
 LEARNING_KERNELS = ("stdp", "stdp_dopa")
-"""Rules of spike pairs that can teach a shared kernel."""
+"""Plasticity rules of spike pairs that can train a shared kernel."""
 
 LEARNING_IN_TRIALS = ("stdp_dopa", "mstdpet")
-"""Rules of spike pairs that can learn in trials: all that a synapse has learnt is its weight of now."""
+"""Plasticity rules of spike pairs that can learn in trials, because a synapse stores only its current weight between
+trials."""
 
 
 @dataclass(frozen=True, eq=False)
 class grid(Rule):
-    """A sheet of neurons with one kernel per map, as a convolution.
+    """A convolution of a sheet of neurons, with one kernel per map.
 
-    The source has the shape (channels, height, width) or (height, width), the target (maps, rows, columns).
-    Target (m, r, c) is reached from channel k, row r stride + i - padding, column c stride + j - padding (or, there,
-    `column_padding`) with the weight kernel[m, k, i, j]; its rows and columns may be `auto`. With padding `same` they
-    are those of the source divided by the stride, rounded up, and the border is spread evenly, an odd line of it at the
-    end. With `depthwise` each map is reached from one channel only, as many maps from each in order, with
-    kernel[m, 0, i, j].
+    The source has the shape (channels, height, width) or (height, width), the target (maps, rows, columns). Target
+    (m, r, c) receives from channel k, row r stride + i - padding, column c stride + j - padding with the weight
+    kernel[m, k, i, j]. For columns, `column_padding` replaces `padding` if set. Rows and columns of the target may be
+    `auto`. With padding `same`, rows and columns of the target are those of the source divided by the stride, rounded
+    up. The border is then split evenly, with the extra line of an odd border at the end. With `depthwise`, each map
+    receives from one channel only, with kernel[m, 0, i, j], and each channel has the same number of consecutive maps.
 
-    `stdp` and `stdp_dopa` teach it: in a step the changes at all places of a weight are formed from the weight at the
-    beginning of the step, added up (or averaged over the places that changed) and clipped once. They hold from the
-    next step on.
+    `stdp` and `stdp_dopa` train the kernel. In a step, the changes at all places that share a weight are computed from
+    the weight at the beginning of the step, added up (or averaged over the places that changed) and clipped once. The
+    new weight applies from the next step on.
     """
 
-    kernel: tuple[int, ...] = quantity(doc="height and width, or a number for both", kind="shape", at_least=1)
-    stride: int = quantity(1, "", "step of the kernel", kind="integer", at_least=1)
-    padding: int | str = quantity(0, "", "silent border round the source", kind="integer", at_least=0, words=(SAME,))
-    column_padding: int | None = quantity(
-        None, "", "border left and right, if other than above and below", kind="integer", at_least=0
+    kernel: tuple[int, ...] = quantity(
+        doc="height and width of the kernel, or a number for both", kind="shape", at_least=1
     )
-    depthwise: bool = quantity(False, "", "whether a map is reached from one channel only", kind="boolean")
+    stride: int = quantity(1, "", "step of the kernel", kind="integer", at_least=1)
+    padding: int | str = quantity(0, "", "silent border around the source", kind="integer", at_least=0, words=(SAME,))
+    column_padding: int | None = quantity(
+        None, "", "border left and right, if different from above and below", kind="integer", at_least=0
+    )
+    depthwise: bool = quantity(False, "", "whether a map receives from one channel only", kind="boolean")
     changes: str = quantity(
-        "sum", "", "what a weight that learns takes of the changes at its places", kind="word", words=("sum", "mean")
+        "sum", "", "sum or mean of the changes at all places of a weight", kind="word", words=("sum", "mean")
     )
 
     def __post_init__(self) -> None:
@@ -279,7 +287,7 @@ class grid(Rule):
 
     @property
     def border(self) -> tuple[int, int] | None:
-        """Lines of the border above and below, and left and right; None where the sheet keeps its size."""
+        """Width of the border above and below, and left and right, or None for the padding `same`."""
         if not isinstance(self.padding, int):
             return None
         return self.padding, self.padding if self.column_padding is None else self.column_padding
@@ -302,7 +310,7 @@ RULES: Registry[type[Rule]] = Registry(
     ),
     takes=lambda part: isinstance(part, type) and issubclass(part, Rule),
     group="neuro.rules",
-    complete=lambda part: check_method(part, Rule, "connect", "says its pairs"),
+    complete=lambda part: check_method(part, Rule, "connect", "returns the connected pairs"),
 )
 """All connection rules by name."""
 
@@ -312,7 +320,15 @@ Two = tuple[int, int]
 
 
 def out_size(size: Two, kernel: Two, stride: Two, padding: Two, dilation: Two) -> Two:
-    """Rows and columns of a convolution of a sheet of some rows and columns."""
+    """Return the rows and columns of the result of a convolution.
+
+    Args:
+        size: rows and columns of the input.
+        kernel: height and width of the kernel.
+        stride: of the kernel, down and across.
+        padding: silent lines above and below, and left and right.
+        dilation: distance between entries of the kernel, down and across.
+    """
     rows, columns = (
         (n + 2 * p - d * (k - 1) - 1) // s + 1
         for n, k, s, p, d in zip(size, kernel, stride, padding, dilation, strict=True)
@@ -323,18 +339,18 @@ def out_size(size: Two, kernel: Two, stride: Two, padding: Two, dilation: Two) -
 def synapses_of(
     shape: tuple[int, int, int], kernel: NDArray[np.float64], stride: Two, padding: Two, dilation: Two, groups: int
 ) -> tuple[Ints, Ints, NDArray[np.float64]]:
-    """Source, target and weight of each synapse, where the kernel is laid on the source as it is (a correlation).
+    """Return source, target and weight of each synapse of a convolution, without flipping the kernel (a correlation).
 
     Args:
         shape: channels, rows and columns of the source.
-        kernel: (maps, channels / groups, height, width).
-        stride: of the kernel, down and across.
+        kernel: weights, shape (maps, channels / groups, height, width).
+        stride: step of the kernel, down and across.
         padding: silent lines above and below, and left and right.
-        dilation: steps from one entry of the kernel to the next, down and across.
-        groups: into which channels and maps are divided in order.
+        dilation: distance between entries of the kernel, down and across.
+        groups: number of groups into which channels and maps are divided in order.
 
     Returns:
-        ids count channels, then rows, then columns; weights of 0 are left out.
+        Ids of sources and targets in C order of (channels, rows, columns), and weights. Weights of 0 are left out.
     """
     _, height, width = shape
     maps, depth, *size = kernel.shape

@@ -1,4 +1,4 @@
-"""The sources that may set a signal while a network runs."""
+"""Base and registry of the sources of signals."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from neuro.core.registry import Registry
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Source(Choice):
-    """Base of what sets a signal while a network runs."""
+    """Base of the sources that set a signal while a network runs."""
 
     kind: ClassVar[str] = "source"
 
     def stands_for(self) -> Value | Source:
-        """The source in its parts: a number, an array, or one of the sources of this package."""
+        """Return what the source is composed of: a number, an array, or a source of this package."""
         raise NotImplementedError
 
 

@@ -1,4 +1,4 @@
-"""Sources of signals: lists, expressions of spikes, other signals."""
+"""Sources of signals: schedules, expressions of spikes, traces of populations, and copies of other signals."""
 
 from __future__ import annotations
 
@@ -16,25 +16,27 @@ from neuro.model.signals import Source
 _CHOICE = "write where(a > b, value, other)"
 _HINTS = Hints(
     {
-        "=": "a comparison is < <= > or >=; of all values only that of after has a name: after(a, b, within=20)",
+        "=": "compare with < <= > or >=; the only argument with a name is that of after: after(a, b, within=20)",
         "?": _CHOICE,
         "if": _CHOICE,
         "and": "write min(a > b, c > d)",
         "or": "write max(a > b, c > d)",
     },
-    "let a population relay what is meant",
+    "add a population that computes this by spikes",
     {"after": ("within", 2)},
 )
 
 
 @dataclass(frozen=True, eq=False)
 class schedule(Source):
-    """Values that hold from listed times on; before the first the signal is 0."""
+    """Values that each hold from a listed time on. Before the first time the signal is 0."""
 
     file_of: ClassVar[str] = "values"
 
-    times: Any = quantity(unit="ms", doc="when the value changes, ascending", kind="array", arrays=True, at_least=0)
-    values: Any = quantity(doc="a number for each time, or a row of one for each neuron", kind="array", arrays=True)
+    times: Any = quantity(
+        unit="ms", doc="times at which the value changes, ascending", kind="array", arrays=True, at_least=0
+    )
+    values: Any = quantity(doc="for each time a number, or a row with a number per neuron", kind="array", arrays=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -47,27 +49,35 @@ class schedule(Source):
             raise ModelError(f"{message}, or as many rows", where=here(), path=("values",))
 
     def listed(self) -> tuple[Any, Any]:
-        """Times in ms and values, also of a file."""
+        """Return times in ms and values as arrays, read from the file if there is one."""
         return plain(self.times), plain(self.values)
 
 
 @dataclass(frozen=True, eq=False)
 class computed(Source):
-    """The value of an expression of spikes, computed every so many ms and set after a delay.
+    """The value of an expression of spikes, computed at a fixed interval and applied after a delay.
 
-    Numbers, + - * / ^, comparisons and the functions of equations, as `where(a > b, 1, -1)`. `p` is a population or
-    some of its neurons, as `motors[0]`: `count(p)` are its spikes since the last time, `rate(p)` the same in Hz of a
-    neuron, `after(p, q, within=20)` the spikes of q within so many ms after one of p (20 if not given). `mean(x)` is
-    the mean of all x so far, `mean(x, tau)` one that forgets with tau ms, `trace(x, tau)` a sum that decays with tau.
-    With `tau` each value other than 0 is a dose: the signal is set to the sum of all doses, which decays with tau.
+    An expression consists of numbers, + - * / ^, comparisons and the functions of equations, e.g.
+    `where(a > b, 1, -1)`. In the following, `p` and `q` are populations or some of their neurons, such as `motors[0]`:
+
+    - `count(p)` is the number of spikes of p since the last evaluation, and `rate(p)` the mean rate per neuron in Hz.
+    - `after(p, q, within=20)` is the number of spikes of q at most 20 ms after a spike of p (20 is the default).
+    - `mean(x)` is the mean of all values of x so far. `mean(x, tau)` is an exponential moving average.
+    - `trace(x, tau)` is a sum of the values of x that decays with the time constant tau in ms.
+
+    With the parameter `tau`, each value other than 0 is a dose. The signal is the sum of all doses and decays with tau.
     """
 
-    expression: str = quantity(doc="what is computed", kind="expression")
-    every: float = quantity(50.0, "ms", "between two values", above=0)
-    delay: Value = quantity(0.0, "ms", "from a value to its effect, also drawn for each", at_least=0, arrays=True)
-    tau: Any = quantity(None, "ms", "with which a sum of doses decays; a value holds if not given", above=0)
-    scale: Value = quantity(1.0, "", "factor, one for all neurons or for each", arrays=True)
-    largest: Any = quantity(None, "", "largest absolute value before the factor, which Loihi must know", above=0)
+    expression: str = quantity(doc="expression of spikes", kind="expression")
+    every: float = quantity(50.0, "ms", "interval between two evaluations", above=0)
+    delay: Value = quantity(
+        0.0, "ms", "time from an evaluation to its effect; a distribution is drawn each time", at_least=0, arrays=True
+    )
+    tau: Any = quantity(
+        None, "ms", "time constant of the sum of doses; without it a value holds until the next one", above=0
+    )
+    scale: Value = quantity(1.0, "", "factor, for all neurons or per neuron", arrays=True)
+    largest: Any = quantity(None, "", "largest absolute value before the factor, required for Loihi", above=0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -78,23 +88,26 @@ class computed(Source):
             raise error.but(message=message, where=here(), path=("expression",)) from None
 
     def parsed(self) -> Expression:
-        """The tree of the expression."""
+        """Return the syntax tree of the expression."""
         return parse(self.expression, _HINTS, views=True)
 
 
 @dataclass(frozen=True, eq=False)
 class population(Source):
-    """A trace of spikes, as of dopaminergic neurons: each adds 1 over their number, and the sum decays with tau."""
+    """A trace of a population's spikes, e.g. of dopaminergic neurons.
 
-    population: str = quantity(doc="whose spikes", kind="name")
-    tau: float = quantity(50.0, "ms", "with which the trace decays", above=0)
-    baseline: float = quantity(0.0, "", "taken from the trace, in spikes a neuron")
-    scale: Value = quantity(1.0, "", "factor, one for all neurons or for each", arrays=True)
-    every: float = quantity(10.0, "ms", "between two values", above=0)
-    largest: Any = quantity(None, "", "largest absolute value before the factor, which Loihi must know", above=0)
+    Each spike adds 1 divided by the number of neurons, and the trace decays with tau.
+    """
+
+    population: str = quantity(doc="the population whose spikes are traced", kind="name")
+    tau: float = quantity(50.0, "ms", "time constant of the trace", above=0)
+    baseline: float = quantity(0.0, "", "value subtracted from the trace, in spikes per neuron")
+    scale: Value = quantity(1.0, "", "factor, for all neurons or per neuron", arrays=True)
+    every: float = quantity(10.0, "ms", "interval between two updates of the signal", above=0)
+    largest: Any = quantity(None, "", "largest absolute value before the factor, required for Loihi", above=0)
 
     def stands_for(self) -> Source:
-        """The expression."""
+        """Return the equivalent expression."""
         spikes = f'rate("{self.population}") * {self.every / 1000.0!r}'
         text = f"trace({spikes}, {self.tau!r}) - ({self.baseline!r})"
         return computed(expression=text, every=self.every, scale=self.scale, largest=self.largest)
@@ -105,4 +118,4 @@ class like(Source):
     """The value of another signal times a factor, at the same time."""
 
     signal: str = quantity(doc="the other signal", kind="name")
-    scale: Value = quantity(1.0, "", "factor, one for all neurons or for each", arrays=True)
+    scale: Value = quantity(1.0, "", "factor, for all neurons or per neuron", arrays=True)

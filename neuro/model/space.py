@@ -1,4 +1,4 @@
-"""Functions of the distance between two neurons, and masks: which pairs are connected, how strongly and how late."""
+"""Functions of the distance between neurons, for probabilities, weights and delays, and masks of possible targets."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ from neuro.core.values import shown
 
 Floats = NDArray[np.float64]
 SLACK = 1e-9
-"""Distances on a lattice are rounded: one beyond a radius by less than this share of it counts as the radius."""
+"""Relative tolerance of a radius. Distances on a lattice have rounding errors, and a distance that exceeds the radius
+by less than this share counts as the radius."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Profile(Choice):
-    """Base of the functions of distance. One of one's own says its values in `at`.
+    """Base of the functions of distance. A user-defined profile implements `at`.
 
     Distances are in the unit of positions.
     """
@@ -33,82 +34,82 @@ class Profile(Choice):
 
     @property
     def reach(self) -> float:
-        """The distance beyond which it is 0."""
+        """Distance beyond which the function is 0."""
         return math.inf
 
     def at(self, distance: Floats) -> Floats:
-        """Its values at distances >= 0, an array of the same shape."""
+        """Return the values at distances >= 0, an array of the same shape."""
         raise NotImplementedError
 
     def values(self, distance: Floats) -> Floats:
-        """The checked values of `at`.
+        """Return the values of `at`, checked.
 
         Raises:
-            ModelError: they are not so many finite numbers.
+            ModelError: `at` returned an array of another shape, or values that are not finite.
         """
         PROFILES.check(type(self))
         values = check_returned(self.at(distance), distance.shape, f"{self!r} has")
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
-            found = f"{values[bad[0]]} at the distance {distance[bad[0]]:g}"
-            raise ModelError(f"{self!r} is {found}: expected finite numbers")
+            value = f"{values[bad[0]]} at the distance {distance[bad[0]]:g}"
+            raise ModelError(f"{self!r} is {value}: expected finite numbers")
         return values.astype(np.float64)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class linear(Profile):
-    """c + a d at the distance d."""
+    """Linear function c + a d of the distance d."""
 
     c: float = quantity(0.0, "", "value at distance 0", of_value=True)
     a: float = quantity(1.0, "", "growth with each unit of distance", of_value=True)
 
     def at(self, distance: Floats) -> Floats:
-        """Its values."""
+        """Return the values at distances >= 0."""
         return self.c + self.a * distance
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class exponential(Profile):
-    """c + a exp(-d / beta) at the distance d."""
+    """Exponential function c + a exp(-d / beta) of the distance d."""
 
-    beta: float = quantity(1.0, "", "distance over which it falls to 1/e", above=0)
+    beta: float = quantity(1.0, "", "length constant, over which the function falls to 1/e", above=0)
     a: float = quantity(1.0, "", "height above c at distance 0", of_value=True)
-    c: float = quantity(0.0, "", "value far away", of_value=True)
+    c: float = quantity(0.0, "", "value at large distances", of_value=True)
 
     def at(self, distance: Floats) -> Floats:
-        """Its values."""
+        """Return the values at distances >= 0."""
         return self.c + self.a * np.exp(-distance / self.beta)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class gaussian(Profile):
-    """c + a exp(-(d - mean)^2 / (2 std^2)) at the distance d."""
+    """Gaussian function c + a exp(-(d - mean)^2 / (2 std^2)) of the distance d."""
 
     std: float = quantity(1.0, "", "width", above=0)
     mean: float = quantity(0.0, "", "distance of the peak")
     a: float = quantity(1.0, "", "height of the peak above c", of_value=True)
-    c: float = quantity(0.0, "", "value far away", of_value=True)
+    c: float = quantity(0.0, "", "value at large distances", of_value=True)
 
     def at(self, distance: Floats) -> Floats:
-        """Its values."""
+        """Return the values at distances >= 0."""
         return self.c + self.a * np.exp(-0.5 * ((distance - self.mean) / self.std) ** 2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class box(Profile):
-    """`a` up to a radius, c beyond it."""
+    """Step function: `a` up to a radius, `c` beyond it."""
 
-    radius: float = quantity(1.0, "", "distance up to which it is a", at_least=0)
+    radius: float = quantity(1.0, "", "distance up to which the value is a", at_least=0)
     a: float = quantity(1.0, "", "value up to the radius", of_value=True)
-    c: float = quantity(0.0, "", "value beyond it", of_value=True)
+    c: float = quantity(0.0, "", "value beyond the radius", of_value=True)
 
     @property
     def reach(self) -> float:
-        """The distance beyond which it is 0."""
+        """Distance beyond which the function is 0."""
         return self.radius * (1.0 + SLACK) if self.c == 0.0 else math.inf
 
     def at(self, distance: Floats) -> Floats:
-        """Its values."""
+        """Return the values at distances >= 0."""
         return np.where(distance <= self.radius * (1.0 + SLACK), self.a, self.c)
 
 
@@ -117,41 +118,41 @@ PROFILES: Registry[type[Profile]] = Registry(
     (linear, exponential, gaussian, box),
     takes=lambda part: isinstance(part, type) and issubclass(part, Profile),
     group="neuro.profiles",
-    complete=lambda part: check_method(part, Profile, "at", "says its values"),
+    complete=lambda part: check_method(part, Profile, "at", "returns its values"),
 )
 """All functions of distance by name."""
 
 
 @dataclass(frozen=True, eq=False)
 class of_distance(Choice):
-    """A weight or a delay that follows from the distance between source and target."""
+    """A weight or delay that is a function of the distance between source and target."""
 
     kind: ClassVar[str] = "of_distance"
-    profile: Any = quantity(doc="the function", kind="choice", choice=Profile)
+    profile: Any = quantity(doc="function of the distance", kind="choice", choice=Profile)
 
     def in_unit(self, q: Quantity, what: str) -> of_distance:
-        """The same with numbers in place of parameters that were said with a unit."""
+        """Return a copy whose parameters with a unit are converted to the unit of the described weight or delay."""
         profile = self.profile.in_unit(q, what)
         return self if profile is self.profile else of_distance(profile)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mask(Choice):
-    """Base of the masks: where a target may lie, seen from its source."""
+    """Base of the masks, which limit where targets may be relative to their source."""
 
     kind: ClassVar[str] = "mask"
 
     @property
     def reach(self) -> float:
-        """The distance beyond which nothing lies inside."""
+        """Distance beyond which every target is outside the mask."""
         raise NotImplementedError
 
     def inside(self, displacement: Floats) -> NDArray[np.bool_]:
-        """Whether targets lie inside; `displacement` is from source to target, shape (axes, n)."""
+        """Return which targets are inside the mask. `displacement` is from source to target, shape (axes, n)."""
         raise NotImplementedError
 
     def misfit(self, axes: int) -> str:
-        """Why it cannot be used in a space of so many axes; "" if it can."""
+        """Return an error message if the mask cannot be used in a space with this number of axes, or ""."""
         return ""
 
 
@@ -163,17 +164,17 @@ class circular(Mask):
 
     @property
     def reach(self) -> float:
-        """The distance beyond which nothing lies inside."""
+        """Distance beyond which every target is outside the mask."""
         return self.radius * (1.0 + SLACK)
 
     def inside(self, displacement: Floats) -> NDArray[np.bool_]:
-        """Whether targets lie inside."""
+        """Return which targets are inside the mask. `displacement` has the shape (axes, n)."""
         return np.asarray((displacement**2).sum(axis=0) <= self.reach**2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class rectangular(Mask):
-    """A box, given by two corners seen from the source; the coordinates have the order of the shape's axes."""
+    """A box given by two corners relative to the source. Coordinates are in the order of the shape's axes."""
 
     lower_left: Any = quantity(doc="smallest coordinates", arrays=True)
     upper_right: Any = quantity(doc="largest coordinates", arrays=True)
@@ -181,13 +182,13 @@ class rectangular(Mask):
     def __post_init__(self) -> None:
         super().__post_init__()
         for word in ("lower_left", "upper_right"):
-            found = getattr(self, word)
-            if not isinstance(found, np.ndarray) or found.ndim != 1:
-                message = f"rectangular.{word} = {shown(found)}"
+            corner = getattr(self, word)
+            if not isinstance(corner, np.ndarray) or corner.ndim != 1:
+                message = f"rectangular.{word} = {shown(corner)}"
                 raise ModelError(f"{message}: expected a list, a number for each axis", path=(word,))
         if self.lower_left.shape != self.upper_right.shape or not np.all(self.lower_left < self.upper_right):
-            found = f"{self.lower_left.tolist()} and {self.upper_right.tolist()}"
-            text = f"rectangular: found the corners {found}: expected the first below the second on every axis"
+            corners = f"{self.lower_left.tolist()} and {self.upper_right.tolist()}"
+            text = f"rectangular: found the corners {corners}: expected the first below the second on every axis"
             raise ModelError(text, path=("upper_right",))
 
     @property
@@ -196,19 +197,21 @@ class rectangular(Mask):
 
     @property
     def reach(self) -> float:
-        """The distance beyond which nothing lies inside."""
+        """Distance beyond which every target is outside the mask."""
         farthest = np.maximum(np.abs(self.lower_left), np.abs(self.upper_right)) + self._slack
         return float(np.sqrt((farthest**2).sum()))
 
     def inside(self, displacement: Floats) -> NDArray[np.bool_]:
-        """Whether targets lie inside."""
+        """Return which targets are inside the mask. `displacement` has the shape (axes, n)."""
         low, high = (corner[:, None] for corner in (self.lower_left - self._slack, self.upper_right + self._slack))
         return np.asarray(np.all((displacement >= low) & (displacement <= high), axis=0))
 
     def misfit(self, axes: int) -> str:
-        """Why it cannot be used in a space of so many axes."""
-        found = len(self.lower_left)
-        return "" if found == axes else f"rectangular has corners of {found} coordinates: expected {axes}"
+        """Return the error message unless the corners have a coordinate per axis."""
+        n_coordinates = len(self.lower_left)
+        return (
+            "" if n_coordinates == axes else f"rectangular has corners of {n_coordinates} coordinates: expected {axes}"
+        )
 
 
 MASKS: dict[str, type[Mask]] = {"circular": circular, "rectangular": rectangular}

@@ -1,4 +1,7 @@
-"""Views: neurons of one population, chosen by an index: `exc[:100]`, `grid[2:4, :]`, `exc[[3, 7]]`, also as text."""
+"""Views of some neurons of a population, chosen by an index such as `exc[:100]`, `grid[2:4, :]` or `exc[[3, 7]]`.
+
+`on_a_line` and `named` read the same indices as text.
+"""
 
 from __future__ import annotations
 
@@ -18,24 +21,24 @@ from neuro.core.values import shown
 
 Ids = NDArray[np.int64]
 Axis = int | slice
-_LISTED = 6
+_MOST_LISTED = 6
 
 
 class Laid(Protocol):
-    """What has neurons laid out in a shape: a population."""
+    """Protocol of an object with a name and a shape of neurons, such as a population."""
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the population."""
 
     @property
     def shape(self) -> tuple[int | str, ...]:
-        """Sizes of the axes, of which some may follow when a network is compiled."""
+        """Sizes of the axes. An axis as text, such as "auto", is not known before the network is compiled."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shaped:
-    """A name and a shape, of which there may be views: a population of a run that is over."""
+    """Name and shape of a population of a finished run, from which views can be made."""
 
     name: str
     shape: tuple[int | str, ...]
@@ -43,19 +46,19 @@ class Shaped:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class View:
-    """Neurons of one population, each once, in the order in which an index chose them.
+    """Some neurons of one population, without repetition, in the order of the index.
 
     An index is made as in NumPy: a number or a slice for each axis of the population's shape (`exc[:100]`, `exc[7]`,
-    `grid[2:4, :]`, counted from the end where negative), or a mask of that shape. A list of numbers is a list of neuron
-    ids, whatever the shape. A bound beyond the shape is refused, where Python would cut it. `len` and iteration count
-    neurons, and each is a view of one.
+    `grid[2:4, :]`; negative numbers count from the end), or a mask of that shape. A list of numbers is a list of neuron
+    ids, whatever the shape. A bound beyond the shape is an error, whereas Python would cut it. `len` counts neurons.
+    Iteration yields a view of each neuron.
 
     Attributes:
         population: the population.
         index: a number or a slice for each axis, or the ids.
 
     Raises:
-        ModelError: of what is asked for a view of a population whose shape follows when it is compiled.
+        ModelError: by properties that need the shape, if the shape is not known before the network is compiled.
     """
 
     are_neurons: ClassVar[bool] = True
@@ -64,23 +67,23 @@ class View:
 
     @cached_property
     def _chosen(self) -> tuple[Ids, tuple[int, ...]]:
-        return self._resolved(_known(self.population, repr(self)))
+        return self._resolved(_known_shape(self.population, repr(self)))
 
     @property
     def ids(self) -> Ids:
-        """The neurons, counted from 0 in C order of their population's shape."""
+        """Ids of the neurons, counted from 0 in C order of the population's shape."""
         return self._chosen[0]
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Sizes of the axes; one that is chosen by a number is left out, and of one neuron the shape is (1,)."""
+        """Sizes of the axes, without axes chosen by a number. The shape of one neuron is (1,)."""
         return self._chosen[1]
 
     def within(self, shape: tuple[int, ...]) -> tuple[Ids, tuple[int, ...]]:
-        """The ids and the shape of the view in a population of a shape.
+        """Return ids and shape of the view if the population has this shape.
 
         Raises:
-            ModelError: it reaches beyond the shape.
+            ModelError: the view reaches beyond the shape.
         """
         return self._chosen if shape == self.population.shape else self._resolved(shape)
 
@@ -96,7 +99,7 @@ class View:
         return ids, tuple(sizes) or (1,)
 
     def written(self) -> str | Ids:
-        """The index as a description has it: "0:100", "2:4, :", or ids."""
+        """Return the index as in YAML, "0:100" or "2:4, :", or the ids."""
         if not isinstance(self.index, tuple):
             return self.index
         return ", ".join(_text(item, n) for item, n in zip(self.index, _sizes(self.population), strict=True))
@@ -105,21 +108,21 @@ class View:
         return len(self.ids)
 
     def __iter__(self) -> Iterator[View]:
-        shape = _known(self.population, repr(self))
+        shape = _known_shape(self.population, repr(self))
         return (View(self.population, tuple(map(int, np.unravel_index(neuron, shape)))) for neuron in self.ids)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        """The ids."""
+        """Return the ids of the neurons."""
         return np.array(self.ids, dtype=dtype)
 
     def __getitem__(self, index: Any) -> View:
         inner = view(Shaped(repr(self), self.shape), index)
         if not (isinstance(self.index, tuple) and isinstance(inner.index, tuple)):
-            return View(self.population, _kept(self.ids[inner.ids]))
+            return View(self.population, _read_only(self.ids[inner.ids]))
         items, axes = iter(inner.index), []
-        for item, n in zip(self.index, _known(self.population, repr(self)), strict=True):
-            taken = range(n)[item][next(items)] if isinstance(item, slice) else item
-            axes.append(_tight(taken) if isinstance(taken, range) else taken)
+        for item, n in zip(self.index, _known_shape(self.population, repr(self)), strict=True):
+            numbers = range(n)[item][next(items)] if isinstance(item, slice) else item
+            axes.append(_minimal_slice(numbers) if isinstance(numbers, range) else numbers)
         return View(self.population, tuple(axes))
 
     def __eq__(self, other: object) -> bool:
@@ -134,35 +137,35 @@ class View:
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        written = self.written()
-        return f"{self.population.name}[{written if isinstance(written, str) else _listed(written)}]"
+        index = self.written()
+        return f"{self.population.name}[{index if isinstance(index, str) else _short_list(index)}]"
 
 
 def view(population: Laid, index: Any) -> View:
-    """The neurons of a population that an index chooses; `View` says what it may be.
+    """Return the view of a population that an index describes, see `View`.
 
     Raises:
-        ModelError: it is no index, reaches beyond the population, or chooses no neuron, or one twice.
+        ModelError: the index is not valid, reaches beyond the population, or chooses no neuron or a neuron twice.
     """
     if isinstance(index, (list, range, np.ndarray)):
-        return View(population, _kept(_ids(population, _array(index))))
+        return View(population, _read_only(_ids(population, _array(index))))
     items = index if isinstance(index, tuple) else (index,)
     what = f"{population.name}[{', '.join(_text(item) for item in items)}]"
     sizes = _sizes(population)
-    return View(population, _axes(_full(items, len(sizes), what), sizes, what))
+    return View(population, _axes(_fill_axes(items, len(sizes), what), sizes, what))
 
 
 def count(population: Laid) -> int:
-    """How many neurons a population has.
+    """Return the number of neurons of a population.
 
     Raises:
-        ModelError: its shape follows when it is compiled.
+        ModelError: the shape is not known before the network is compiled.
     """
-    return math.prod(_known(population, f"'{population.name}'"))
+    return math.prod(_known_shape(population, f"'{population.name}'"))
 
 
 def _sizes(population: Laid) -> tuple[int | str, ...]:
-    """Its shape, as far as it is known."""
+    """Return the shape, in which axes that are not known yet are text."""
     sizes: tuple[int | str, ...] = getattr(population, "sizes", population.shape)
     return sizes
 
@@ -171,25 +174,25 @@ def _is_known(population: Laid) -> bool:
     return not any(isinstance(n, str) for n in _sizes(population))
 
 
-def _known(population: Laid, what: str) -> tuple[int, ...]:
+def _known_shape(population: Laid, what: str) -> tuple[int, ...]:
     sizes = _sizes(population)
     if any(isinstance(n, str) for n in sizes):
         raise ModelError(
-            f"{what}: the shape {shown(population.shape)} of '{population.name}' follows when it is compiled: "
+            f"{what}: the shape {shown(population.shape)} of '{population.name}' is unknown before compilation: "
             "expected numbers",
             hint="write the numbers, or index the population itself with a number or a slice for each axis",
         )
     return tuple(int(n) for n in sizes)
 
 
-def _full(items: Sequence[Any], n_axes: int, what: str) -> tuple[Any, ...]:
-    """An item for each axis: `...` and the axes that are left out stand for whole ones."""
+def _fill_axes(items: Sequence[Any], n_axes: int, what: str) -> tuple[Any, ...]:
+    """Return an item for each axis. `...` and omitted axes stand for whole axes."""
     places = [k for k, item in enumerate(items) if item is Ellipsis]
     if len(places) > 1 or len(items) - len(places) > n_axes:
         raise ModelError(f"{what}: found {len(items)} indices: expected at most {n_axes}, one for each axis")
-    at = places[0] if places else len(items)
+    ellipsis_at = places[0] if places else len(items)
     rest = (slice(None),) * (n_axes - len(items) + len(places))
-    return (*items[:at], *rest, *items[at + 1 :])
+    return (*items[:ellipsis_at], *rest, *items[ellipsis_at + 1 :])
 
 
 def _axes(items: Sequence[Any], shape: Sequence[int | str], what: str) -> tuple[Axis, ...]:
@@ -200,10 +203,10 @@ def _axes(items: Sequence[Any], shape: Sequence[int | str], what: str) -> tuple[
 
 
 def _axis(item: Any, n: int | str, what: str) -> Axis:
-    """The item of one axis, counted from its beginning if its size is known."""
+    """Return the item of one axis. Negative numbers are counted from the beginning if the size is known."""
     if not isinstance(item, slice):
         number = _number(item, what)
-        return _inside(number, n, n - 1, what) % n if isinstance(n, int) else number
+        return _check_range(number, n, n - 1, what) % n if isinstance(n, int) else number
     start, stop, step = (None if part is None else _number(part, what) for part in (item.start, item.stop, item.step))
     if step == 0:
         raise ModelError(f"{what}: found a step of 0: expected another number")
@@ -211,11 +214,11 @@ def _axis(item: Any, n: int | str, what: str) -> Axis:
         return slice(start, stop, step)
     for bound in (start, stop):
         if bound is not None:
-            _inside(bound, n, n, what)
-    taken = range(n)[slice(start, stop, step)]
-    if not taken:
+            _check_range(bound, n, n, what)
+    numbers = range(n)[slice(start, stop, step)]
+    if not numbers:
         raise ModelError(f"{what} chooses no neuron: expected at least one")
-    return _tight(taken)
+    return _minimal_slice(numbers)
 
 
 def _number(item: Any, what: str) -> int:
@@ -224,19 +227,19 @@ def _number(item: Any, what: str) -> int:
     try:
         return operator.index(item)
     except TypeError:
-        hint = "a list of ids or a mask of the population's shape stands alone" if np.ndim(item) else ""
+        hint = "use a list of ids or a mask of the population's shape as the only index" if np.ndim(item) else ""
         raise ModelError(f"{what}: found {shown(item)}: expected a number or a slice", hint=hint) from None
 
 
-def _inside(number: int, n: int, most: int, what: str) -> int:
+def _check_range(number: int, n: int, most: int, what: str) -> int:
     if not -n <= number <= most:
         raise ModelError(f"{what}: found {number}: expected {-n} to {most}")
     return number
 
 
-def _tight(taken: range) -> slice:
-    """A slice for the numbers of a range, the same however they were asked for."""
-    first, last, step = taken[0], taken[-1], taken.step if len(taken) > 1 else 1
+def _minimal_slice(numbers: range) -> slice:
+    """Return the same slice for equal ranges, e.g. `slice(0, 9, 4)` for both `range(0, 9, 4)` and `range(0, 12, 4)`."""
+    first, last, step = numbers[0], numbers[-1], numbers.step if len(numbers) > 1 else 1
     stop = last + (1 if step > 0 else -1)
     return slice(first, None if stop < 0 else stop, step)
 
@@ -249,22 +252,22 @@ def _array(index: Any) -> NDArray[Any]:
 
 
 def _ids(population: Laid, array: NDArray[Any]) -> Ids:
-    """The neurons that a mask or a list of ids chooses."""
+    """Return the ids that a mask or a list of ids chooses, counted from 0."""
     name = population.name
     if array.dtype == bool:
-        shape = _known(population, f"{name}[mask]")
+        shape = _known_shape(population, f"{name}[mask]")
         if array.shape not in (shape, (math.prod(shape),)):
             raise ModelError(f"{name}[mask]: a mask of shape {list(array.shape)}: expected {list(shape)}")
         ids = np.flatnonzero(array)
     elif array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
-        found = f"{array.dtype} of shape {list(array.shape)}"
-        raise ModelError(f"{name}[...]: found an array of {found}: expected a list of whole numbers, or a mask")
+        kind = f"{array.dtype} of shape {list(array.shape)}"
+        raise ModelError(f"{name}[...]: found an array of {kind}: expected a list of whole numbers, or a mask")
     else:
         ids = array.astype(np.int64)
-    what = f"{name}[{_listed(ids)}]"
+    what = f"{name}[{_short_list(ids)}]"
     if ids.size == 0:
         raise ModelError(f"{what} chooses no neuron: expected at least one")
-    size = math.prod(_known(population, what))
+    size = math.prod(_known_shape(population, what))
     outside = np.flatnonzero((ids < -size) | (ids >= size))
     if outside.size:
         raise ModelError(f"{what}: found {ids[outside[0]]}: expected {-size} to {size - 1}")
@@ -275,13 +278,13 @@ def _ids(population: Laid, array: NDArray[Any]) -> Ids:
     return ids
 
 
-def _kept(ids: Ids) -> Ids:
+def _read_only(ids: Ids) -> Ids:
     ids.flags.writeable = False
     return ids
 
 
 def _text(item: Any, n: int | str | None = None) -> str:
-    """One axis of an index as the language writes it; without the bounds that are those of an axis of n."""
+    """Return one axis of an index as text. Bounds that are the ends of an axis of n neurons are left out."""
     if item is Ellipsis:
         return "..."
     if not isinstance(item, slice):
@@ -295,11 +298,11 @@ def _text(item: Any, n: int | str | None = None) -> str:
     return bounds if step in (None, 1) else f"{bounds}:{shown(step)}"
 
 
-def _listed(ids: Ids) -> str:
-    numbers = [str(neuron) for neuron in ids[: _LISTED - 1]]
-    if len(ids) > _LISTED:
+def _short_list(ids: Ids) -> str:
+    numbers = [str(neuron) for neuron in ids[: _MOST_LISTED - 1]]
+    if len(ids) > _MOST_LISTED:
         numbers.append("...")
-    return f"[{', '.join(numbers + [str(neuron) for neuron in ids[_LISTED - 1 :][-1:]])}]"
+    return f"[{', '.join(numbers + [str(neuron) for neuron in ids[_MOST_LISTED - 1 :][-1:]])}]"
 
 
 AXIS = r"-?\d+|-?\d*:-?\d*(:-?\d+)?"
@@ -309,10 +312,10 @@ _LIST = re.compile(r"\[\s*-?\d+\s*(,\s*-?\d+\s*)*\]")
 
 
 def named(of: Any, populations: Mapping[str, Laid]) -> Any:
-    """A view that is written as on a command line or in YAML; all else, a name or a part, as it is.
+    """Return the view that a text or a mapping from YAML describes. Names of whole populations and parts are unchanged.
 
     Raises:
-        ModelError: there is no such population, or what is written is no index of it.
+        ModelError: the population does not exist, or the index is not valid.
     """
     if isinstance(of, str):
         return on_a_line(of, populations) if "[" in of else of
@@ -330,25 +333,25 @@ def named(of: Any, populations: Mapping[str, Laid]) -> Any:
 
 
 def _by_columns(population: Laid, only: Mapping[str, Any]) -> View:
-    """The neurons with these values in their table."""
+    """Return the neurons that have these values in the table of neurons."""
     where = getattr(type(population), "where", None)
     if where is None:
         raise ModelError(f"'{population.name}' has no table of neurons: expected an index, or ids")
-    found: View = where(population, **only)
-    return found
+    neurons: View = where(population, **only)
+    return neurons
 
 
 def on_a_line(text: str, populations: Mapping[str, Laid]) -> Laid | View:
-    """A population, or a view of it, as a command line says it: `exc`, `exc[:100]`, `grid[2:4, :]`, `exc[[3, 7]]`.
+    """Return the population or view that a text of a command line names.
 
-    By columns of a table of neurons: `brain[type=KC, side=left]`.
+    Examples: `exc`, `exc[:100]`, `grid[2:4, :]`, `exc[[3, 7]]`, and by columns of a table `brain[type=KC, side=left]`.
 
     Args:
-        text: what is said.
-        populations: those that there are, by name.
+        text: the name, with an index in brackets or without.
+        populations: the existing populations, by name.
 
     Raises:
-        ModelError: there is no such population, or what stands in the brackets is no index of it.
+        ModelError: the population does not exist, or the index in brackets is not valid.
     """
     name, bracket, rest = text.strip().partition("[")
     name = name.strip()
@@ -370,16 +373,16 @@ def on_a_line(text: str, populations: Mapping[str, Laid]) -> Laid | View:
 
 
 def indices(text: str, name: str) -> tuple[int | slice, ...]:
-    """An index for each axis."""
+    """Parse an index as text into a number or a slice for each axis."""
     items = [item.strip() for item in text.split(",")]
     for item in items:
         if not _AXIS.fullmatch(item):
             message = f"{name}: found '{item}': expected a number or begin:end:step for each axis"
             raise ModelError(message, hint='write "0:100" or "2:4, :"')
-    return tuple(_written_axis(item) for item in items)
+    return tuple(_parse_axis(item) for item in items)
 
 
-def _written_axis(text: str) -> int | slice:
+def _parse_axis(text: str) -> int | slice:
     if ":" not in text:
         return int(text)
     return slice(*(int(part) if part else None for part in text.split(":")))

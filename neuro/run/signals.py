@@ -189,7 +189,7 @@ class _Expression(_Player):
         delay = self._plan.delay
         if not isinstance(delay, Distribution):
             return delay
-        draws = delay.drawn(generator(self._seed, "signal", f"{self._plan.name}/{now}"), 1)
+        draws = delay.checked_sample(generator(self._seed, "signal", f"{self._plan.name}/{now}"), 1)
         return max(0, round(float(draws[0]) / self._clock.resolution))
 
     def _value(self, now: int) -> float:

@@ -40,7 +40,7 @@ def test_two_models_of_one_name_cannot_be_saved(tmp_path):
         words = {"equations": {"V_m": text}, "parameters": {"E_L": "0 mV", "tau": "10 ms"}}
         net.population(f"p{k}", 1, neuro.equations("one", **words)())
     error = error_of(net.save, tmp_path / "net.yaml")
-    assert error.message == "population 'p1': another model of the network is called 'one', too"
+    assert error.message == "population 'p1': another model of the network is also called 'one'"
 
 
 def test_the_schema_takes_them():

@@ -50,7 +50,7 @@ def test_what_is_drawn_is_the_same_either_way(seed: int, n: int, mean: float, st
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(distributions, "_MANY", 1)
         found = by_piece(value, seed, n)
-    expected = value.drawn(generator(seed, "weight", "x"), n)
+    expected = value.checked_sample(generator(seed, "weight", "x"), n)
     assert np.array_equal(found.view(np.int64), expected.view(np.int64))
 
 
@@ -67,13 +67,15 @@ def test_without_the_tables_numpy_draws_the_same(monkeypatch: pytest.MonkeyPatch
 def test_few_are_drawn_at_once():
     value = neuro.normal(mean=1.0, std=0.5)
     (piece,) = value.pieces(generator(1, "weight", "x"), 200_000)
-    assert np.array_equal(piece, value.drawn(generator(1, "weight", "x"), 200_000))
+    assert np.array_equal(piece, value.checked_sample(generator(1, "weight", "x"), 200_000))
 
 
 def test_bounds_that_hardly_any_value_keeps_are_told(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(distributions, "_MANY", 1)
     value = neuro.normal(mean=0.0, std=1.0, low=30.0)
-    with pytest.raises(neuro.ModelError, match="hardly any value lies between low and high"):
+    with pytest.raises(
+        neuro.ModelError, match="fewer than 1 in 1000 values is between low and high: expected wider bounds"
+    ):
         by_piece(value, 1, 100)
 
 

@@ -64,7 +64,7 @@ def test_limits(message):
     deep = message(NET.replace("WEIGHT", f"$({'(' * 50}1{')' * 50})"))
     assert "found more than 40 levels: expected fewer" in deep
     long = message(NET.replace("WEIGHT", f"$({'+1' * 300})"))
-    assert long.endswith("expected fewer\n  hint: give parts of it a name in 'parameters'")
+    assert long.endswith("expected fewer\n  hint: split the expression into several parameters")
 
 
 def test_a_name_is_set_before_it_is_used(message, messages):

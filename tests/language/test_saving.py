@@ -45,7 +45,7 @@ def numbers(q):
     high = next((b for b in (q.below, q.at_most) if b is not None), None)
     ends = {"exclude_min": q.above is not None, "exclude_max": q.below is not None}
     finite = st.floats(low, high, **ends, allow_nan=False, allow_infinity=False)
-    infinities = [x for x in (math.inf, -math.inf) if low is None or x > low]
+    infinities = [x for x in (math.inf, -math.inf) if (low is None or x > low) and (high is None or x < high)]
     finite = finite.filter(bool) if q.nonzero else finite
     return finite | st.sampled_from(infinities) if q.infinite else finite
 

@@ -95,19 +95,19 @@ def test_billion_laughs(message):
 
 
 def test_parameters_that_multiply(message, monkeypatch):
-    monkeypatch.setattr("neuro.model.language.parameters.MAX_PLACED", 10_000)
+    monkeypatch.setattr("neuro.model.language.parameters.MAX_SUBSTITUTED", 10_000)
     names = ["a0: [x, x, x, x, x, x, x, x, x]"]
     names += [f"a{n}: [{', '.join([f'$a{n - 1}'] * 9)}]" for n in range(1, 10)]
     begin = time.process_time()
     text = message(f"neuro: 1\nname: $a9\nparameters: {{{', '.join(names)}}}")
-    assert "parameters stand for more than 10000 values: expected fewer" in text
+    assert "parameters expand to more than 10000 values: expected fewer" in text
     assert time.process_time() - begin < 20
 
 
 def test_parameters_that_nest(message):
     names = ["a0: x", *(f"a{n}: [$a{n - 1}]" for n in range(1, 3000))]
     text = message(f"neuro: 1\nname: $a2999\nparameters: {{{', '.join(names)}}}")
-    assert "parameters stand for more than 32 levels: expected fewer" in text
+    assert "parameters expand to more than 32 levels: expected fewer" in text
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from neuro.model.equations.rule import WORDS as RULE_WORDS, EquationSynapse, is_
 from neuro.model.neurons import MODELS
 from neuro.model.synapses import SYNAPSES
 
-__all__ = ["EquationNeuron", "EquationSynapse", "equations", "made"]
+__all__ = ["EquationNeuron", "EquationSynapse", "equations", "model_from_words"]
 
 _CLASSES: dict[str, type[EquationNeuron] | type[EquationSynapse]] = {}
 """Each model by its words: the same words give the same class."""
@@ -37,12 +37,12 @@ def equations(name: str, **words: Any) -> Any:
         ModelError: the first mistake, with its column where it is in an expression; of names and units all mistakes.
     """
     try:
-        return made(name, {word: said for word, said in words.items() if said is not None})
+        return model_from_words(name, {word: value for word, value in words.items() if value is not None})
     except ModelError as error:
         raise error.at(here(), f"model '{name}'") from None
 
 
-def made(name: str, words: Mapping[str, Any]) -> type[EquationNeuron] | type[EquationSynapse]:
+def model_from_words(name: str, words: Mapping[str, Any]) -> type[EquationNeuron] | type[EquationSynapse]:
     """The class of a model, by the words that define it.
 
     Raises:

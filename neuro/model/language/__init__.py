@@ -1,7 +1,7 @@
-"""Networks as YAML: reading, writing, and the schema for editors.
+"""Networks as YAML: reading, writing, and the JSON Schema for editors.
 
-Apps read their own files in the same grammar: `read` gives nodes that know their place, `words` the known words of a
-mapping, `plain` a value, and `mistake` and `about` put errors where they belong.
+Apps read their own files in the same grammar. `read` returns nodes with their positions in the file, `words` the
+accepted words of a mapping, and `plain` the value of a node. `mistake` and `about` add positions to errors.
 """
 
 from typing import TYPE_CHECKING

@@ -1,6 +1,6 @@
-"""Files of a description: those it includes, and arrays and spikes beside it.
+"""Files named in a description: included files, arrays, spikes and recordings.
 
-Files outside the folder of the description are not read, and nothing in a file is run.
+Only files in the folder of the description or below are read, and no code in them is run.
 """
 
 from __future__ import annotations
@@ -32,10 +32,11 @@ _ELSEWHERE: ContextVar[Callable[[str | None], Path | None] | None] = ContextVar(
 
 @contextmanager
 def elsewhere(find: Callable[[str | None], Path | None]) -> Iterator[None]:
-    """Load descriptions whose recordings lie elsewhere, as those that results hold.
+    """Find recordings outside the folder of the description, e.g. for descriptions stored in files of results.
 
     Args:
-        find: the path of a recording by the name that a description has for it; None stands for events of a program.
+        find: returns the path of a recording from its name in the description. None is the name of events that a
+            program passed.
     """
     token = _ELSEWHERE.set(find)
     try:
@@ -45,16 +46,16 @@ def elsewhere(find: Callable[[str | None], Path | None]) -> Iterator[None]:
 
 
 def recording(node: Node, name: str) -> Path | None:
-    """The path of a recording that a description names."""
+    """Return the path of a recording that a description names."""
     find = _ELSEWHERE.get()
     return inside(node, name) if find is None else find(name)
 
 
 def of_program(node: Node, what: str) -> None:
-    """Nothing, in the place of events of a program, where recordings may be elsewhere.
+    """Return None for events that a program passed, if `elsewhere` is in use.
 
     Raises:
-        ModelError: they may not.
+        ModelError: `elsewhere` is not in use.
     """
     if (find := _ELSEWHERE.get()) is None:
         raise mistake(node, f"{what}: events of a program: expected a file", "write file: NAME")
@@ -62,11 +63,11 @@ def of_program(node: Node, what: str) -> None:
 
 
 def inside(node: Node, name: str) -> Path:
-    """The path of a file named in a description, which must lie in the folder of the description or below.
+    """Return the path of a file named in a description. The file must be in the folder of the description or below.
 
     Args:
-        node: where it is named.
-        name: relative to the folder of the file that `node` stands in.
+        node: the node with the name, for errors.
+        name: the path relative to the folder of the description's file.
     """
     folder = Path(node.where.file).parent
     parts = PurePosixPath(name).parts
@@ -75,14 +76,14 @@ def inside(node: Node, name: str) -> Path:
     path = folder / name
     try:
         real = path.resolve()
-        leads_out = not real.is_relative_to(folder.resolve())
-        there = real.is_file()
+        is_outside = not real.is_relative_to(folder.resolve())
+        exists = real.is_file()
     except (OSError, ValueError, RuntimeError):
         raise mistake(node, f"file {shown(name)}: expected the name of a file") from None
-    if leads_out:
+    if is_outside:
         message = f"file {shown(name)} is a link out of the folder of the description: expected a file inside it"
         raise mistake(node, message)
-    if not there:
+    if not exists:
         files = [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
         hint = near(path.name, [other for other in files if other != Path(node.where.file).name])
         raise mistake(node, f"no file {shown(name)} beside the description", hint)
@@ -91,57 +92,58 @@ def inside(node: Node, name: str) -> Path:
 
 
 def array(node: Node) -> FromFile:
-    """The values that `{file: w.h5, key: name}` stands for."""
-    path, said = named(node, ENDINGS)
-    values = hdf5(path, said["file"], said["key"]) if "key" in said else npy(path, said["file"])
-    return held(said, values)
+    """Read the array that `{file: w.h5, key: name}` names."""
+    path, file_words = file_and_words(node, ENDINGS)
+    has_key = "key" in file_words
+    values = hdf5(path, file_words["file"], file_words["key"]) if has_key else npy(path, file_words["file"])
+    return with_origin(file_words, values)
 
 
-def named(node: Node, endings: tuple[str, ...]) -> tuple[Path, dict[str, Node]]:
-    """The file that `{file: ..., key: ...}` names, and its words; only HDF5 has a key.
+def file_and_words(node: Node, endings: tuple[str, ...]) -> tuple[Path, dict[str, Node]]:
+    """Return the path and the words of `{file: ..., key: ...}`. Only HDF5 files have a key.
 
     Args:
-        node: the words.
-        endings: those that a name may have.
+        node: the mapping.
+        endings: the accepted endings of the name.
     """
-    said = words(node, ("file", "key"), "a file", needs=("file",))
-    for word in said:
-        if not isinstance(said[word].value, str):
-            raise mistake(said[word], f"{word} = {said[word].value!r}: expected a name")
-    name = said["file"].value
-    check_named(said["file"], PurePosixPath(name).suffix, endings, node, said.get("key"))
-    return inside(said["file"], name), said
+    file_words = words(node, ("file", "key"), "a file", needs=("file",))
+    for word in file_words:
+        if not isinstance(file_words[word].value, str):
+            raise mistake(file_words[word], f"{word} = {file_words[word].value!r}: expected a name")
+    name = file_words["file"].value
+    check_name_and_key(file_words["file"], PurePosixPath(name).suffix, endings, node, file_words.get("key"))
+    return inside(file_words["file"], name), file_words
 
 
-def check_named(file: Node, ending: str, endings: tuple[str, ...], whole: Node, key: Node | None) -> None:
-    """Refuse the name of a file that cannot be read, or one without a key that needs one.
+def check_name_and_key(file: Node, ending: str, endings: tuple[str, ...], whole: Node, key: Node | None) -> None:
+    """Raise an error for a file name with another ending, a missing key, or a key without use.
 
     Args:
-        file: the name.
-        ending: its ending.
-        endings: those that it may have.
-        whole: where a missing key is reported.
-        key: of the data set.
+        file: the node with the name.
+        ending: the ending of the name.
+        endings: the accepted endings.
+        whole: the node to which a missing key is reported.
+        key: the node with the key of the data set, or None.
     """
     name = file.value
     if ending not in endings:
         raise mistake(file, f"file {shown(name)}: expected a name ending in {', '.join(endings)}")
-    keyed = ending in HDF5
-    if not keyed and key is not None:
-        holds = "an NPY file holds one array" if ending == ".npy" else "a CSV file holds one table"
-        raise mistake(key, f"a key for '{name}': expected none, {holds}")
-    if keyed and key is None:
+    needs_key = ending in HDF5
+    if not needs_key and key is not None:
+        content = "an NPY file holds one array" if ending == ".npy" else "a CSV file holds one table"
+        raise mistake(key, f"a key for '{name}': expected none, {content}")
+    if needs_key and key is None:
         raise mistake(whole, f"file {shown(name)} needs 'key', the data set in it")
 
 
-def held(said: Mapping[str, Node], values: NDArray[np.float64]) -> FromFile:
-    """Values with the words by which they were named."""
+def with_origin(file_words: Mapping[str, Node], values: NDArray[np.float64]) -> FromFile:
+    """Return values with the file and key from which they were read."""
     values.flags.writeable = False
-    return FromFile(said["file"].value, said["key"].value if "key" in said else "", values)
+    return FromFile(file_words["file"].value, file_words["key"].value if "key" in file_words else "", values)
 
 
 def npy(path: Path, node: Node) -> NDArray[np.float64]:
-    """The array of an NPY file."""
+    """Read the array of an NPY file."""
     try:
         values = np.load(path, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError, EOFError, MemoryError, SyntaxError):
@@ -151,27 +153,27 @@ def npy(path: Path, node: Node) -> NDArray[np.float64]:
 
 
 def hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
-    """A data set of an HDF5 file."""
+    """Read a data set of an HDF5 file. Links and data stored in other files are errors."""
     import h5py
 
     what = f"'{key.value}' in '{file.value}'"
     check(path, file)
     try:
-        with h5py.File(path, "r") as opened:
-            data = opened
+        with h5py.File(path, "r") as hdf5_root:
+            node = hdf5_root
             for part in [p for p in key.value.split("/") if p]:
-                link = data.get(part, getlink=True) if isinstance(data, h5py.Group) else None
+                link = node.get(part, getlink=True) if isinstance(node, h5py.Group) else None
                 if link is None:
-                    raise mistake(key, f"no data set {what}", nearest(key.value, _names(opened)))
+                    raise mistake(key, f"no data set {what}", nearest(key.value, _names(hdf5_root)))
                 if not isinstance(link, h5py.HardLink):
                     raise mistake(key, f"{what} is a link: expected a data set of the file itself")
-                data = data[part]
-            if not isinstance(data, h5py.Dataset):
-                raise mistake(key, f"{what} is a group: expected a data set", nearest("", _names(data)))
-            if data.is_virtual or data.external:
-                raise mistake(key, f"{what} is kept in other files: expected a data set of the file itself")
-            check_numbers(data, key, what)
-            return np.asarray(data[()], dtype=np.float64)
+                node = node[part]
+            if not isinstance(node, h5py.Dataset):
+                raise mistake(key, f"{what} is a group: expected a data set", nearest("", _names(node)))
+            if node.is_virtual or node.external:
+                raise mistake(key, f"{what} is stored in other files: expected a data set of the file itself")
+            check_numbers(node, key, what)
+            return np.asarray(node[()], dtype=np.float64)
     except ModelError:
         raise
     except (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError):
@@ -179,11 +181,12 @@ def hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
 
 
 def check(path: Path, node: Node) -> None:
-    """Refuse a file of ours that is not what was written; of one that lies still it is seen once."""
+    """Verify the digest of a file that neuro wrote. A file older than 2 s is verified once and remembered."""
     try:
         status = path.stat()
-        still = time.time_ns() - status.st_mtime_ns > 2 * 10**9  # two changes at once have the same time
-        (_checked if still else _checked.__wrapped__)(path, (status.st_ino, status.st_size, status.st_mtime_ns))
+        # Two changes in quick succession may have the same time stamp, so a recent file is verified each time.
+        is_old = time.time_ns() - status.st_mtime_ns > 2 * 10**9
+        (_verify if is_old else _verify.__wrapped__)(path, (status.st_ino, status.st_size, status.st_mtime_ns))
     except ModelError as error:
         raise put_at(node, error) from None
     except OSError as error:
@@ -191,20 +194,20 @@ def check(path: Path, node: Node) -> None:
 
 
 @lru_cache(maxsize=64)
-def _checked(path: Path, status: tuple[int, ...]) -> str:
+def _verify(path: Path, status: tuple[int, ...]) -> str:
     return hdf5_file.check(path)
 
 
 def _names(group: Any) -> list[str]:
-    """Names of what lies in a group, for hints."""
+    """Return at most 100 names of members of a group, for hints."""
     return [str(name) for name in group][:100]
 
 
 def check_numbers(data: Any, node: Node, what: str) -> None:
-    """Refuse what is no array of numbers, or too large for memory whatever its file says."""
+    """Raise an error unless the data are an array of numbers of at most `MAX_ELEMENTS` elements."""
     if data.dtype is None or data.dtype.kind not in "iuf" or not data.shape:
-        found = "one number" if not data.shape else f"elements of type {data.dtype}"
-        raise mistake(node, f"{what} holds {found}: expected an array of numbers")
+        content = "one number" if not data.shape else f"elements of type {data.dtype}"
+        raise mistake(node, f"{what} holds {content}: expected an array of numbers")
     if data.size > MAX_ELEMENTS:
         raise mistake(node, f"{what} holds {data.size} numbers: expected at most {MAX_ELEMENTS}")
 
@@ -212,30 +215,30 @@ def check_numbers(data: Any, node: Node, what: str) -> None:
 CSV = ".csv"
 COLUMNS = ("times", "ids")
 _STEPS = ("steps", "ids", "multiplicity")
-"""Of a population in a file of results."""
+"""Data sets with the spikes of a population in a file of results."""
 
 
 def train(node: Node) -> FromFile:
-    """The spikes that `{file: ..., key: ...}` stands for, a row of time and neuron for each."""
-    path, said = named(node, (*ENDINGS, CSV))
-    return held(said, _rows(path, said["file"], said.get("key")))
+    """Read the spikes that `{file: ..., key: ...}` names, a row of time and neuron per spike."""
+    path, file_words = file_and_words(node, (*ENDINGS, CSV))
+    return with_origin(file_words, _rows(path, file_words["file"], file_words.get("key")))
 
 
 def train_of(path: Path, key: str | None, where: Where) -> NDArray[np.float64]:
-    """The spikes of any file, as a program names it.
+    """Read the spikes of a file in any folder, for a program.
 
     Args:
-        path: of the file.
-        key: what in it has them; only HDF5 has one.
-        where: the file is named.
+        path: path of the file.
+        key: for HDF5 files, the data set or group with the spikes, else None.
+        where: the caller's line, for errors.
 
     Raises:
-        ModelError: there is no such file, or it holds no spikes.
+        ModelError: the file does not exist, or holds no spikes.
     """
     file = Node(str(path), where, where)
-    check_named(file, path.suffix, (*ENDINGS, CSV), file, None if key is None else file)
+    check_name_and_key(file, path.suffix, (*ENDINGS, CSV), file, None if key is None else file)
     if not path.is_file():
-        raise mistake(file, f"{path}: there is no such file")
+        raise mistake(file, f"{path}: no such file")
     record_input(path)
     return _rows(path, file, None if key is None else Node(key, where, where))
 
@@ -247,28 +250,28 @@ def _rows(path: Path, file: Node, key: Node | None) -> NDArray[np.float64]:
 
 
 def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
-    """A group with a data set for each column, as results have for each population, or a data set of two columns."""
+    """Read spikes from a group with a data set per column, as in results, or from a data set of two columns."""
     check(path, file)
     what, group = f"'{key.value}' in '{file.value}'", _group(path, key.value)
     if group is None:
         return _two_columns(hdf5(path, file, key), key, what)
     names, clock = group
-    times, ids, *more = (
+    times, ids, *multiplicity = (
         Node(f"{key.value}/{name}", key.where, key.label, key.source) for name in (COLUMNS if clock is None else _STEPS)
     )
     columns = [hdf5(path, file, times), hdf5(path, file, ids)]
     if clock is not None:
         columns[0] = clock.array_ms(columns[0].astype(np.int64))
-    rows = _joined(columns, key, what)
-    if more and "multiplicity" in names:
-        rows = np.repeat(rows, hdf5(path, file, more[0]).astype(np.int64), axis=0)
+    rows = _stack_columns(columns, key, what)
+    if multiplicity and "multiplicity" in names:
+        rows = np.repeat(rows, hdf5(path, file, multiplicity[0]).astype(np.int64), axis=0)
     return rows
 
 
 def _group(path: Path, key: str) -> tuple[list[str], Clock | None] | None:
-    """The names in a group, and the clock of its steps where it has steps, as results do.
+    """Return the names in a group, and the clock of its steps if it has steps, as in files of results.
 
-    None where there is no group, or where it cannot be read: the reader of its data reports that.
+    The result is None if there is no such group, or if the file cannot be read: reading the data reports the error.
     """
     import h5py
 
@@ -284,57 +287,57 @@ def _group(path: Path, key: str) -> tuple[list[str], Clock | None] | None:
 
 
 def _npy(path: Path, file: Node) -> NDArray[np.float64]:
-    """An array with two columns, or with a field for each."""
+    """Read spikes from an array with two columns or with the fields `times` and `ids`."""
     what = f"file '{file.value}'"
     try:
         fields = np.load(path, mmap_mode="r", allow_pickle=False).dtype.names
     except (OSError, ValueError, EOFError, MemoryError, SyntaxError):
-        fields = None  # whoever reads it tells
+        fields = None  # reading the values below reports the error
     if fields is None:
         return _two_columns(npy(path, file), file, what)
-    _check_named(list(fields), file, what)
+    _check_columns(list(fields), file, what)
     values = np.load(path, allow_pickle=False)
-    return _joined([values[name].astype(np.float64) for name in COLUMNS], file, what)
+    return _stack_columns([values[name].astype(np.float64) for name in COLUMNS], file, what)
 
 
 def _csv(path: Path, file: Node) -> NDArray[np.float64]:
-    """A table whose first line names its columns; what it has beside times and ids is not read."""
+    """Read spikes from a table whose first line names the columns. Columns other than times and ids are ignored."""
     what = f"file '{file.value}'"
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, ValueError):
         raise mistake(file, f"{what}: expected a CSV file that can be read") from None
     names = [name.strip() for name in lines[0].split(",")] if lines else []
-    _check_named(names, file, what)
+    _check_columns(names, file, what)
     if 2 * len(lines) > MAX_ELEMENTS:
         raise mistake(file, f"{what} holds {len(lines) - 1} spikes: expected at most {MAX_ELEMENTS // 2}")
-    wanted, rows = [names.index(name) for name in COLUMNS], np.empty((len(lines) - 1, 2))
+    column_indices, rows = [names.index(name) for name in COLUMNS], np.empty((len(lines) - 1, 2))
     for k, line in enumerate(lines[1:]):
         cells = line.split(",")
         try:
-            rows[k] = [float(cells[column]) for column in wanted]
+            rows[k] = [float(cells[column]) for column in column_indices]
         except (ValueError, IndexError):
             raise mistake(file, f"{what}, line {k + 2}: found {line!r}: expected a time and a neuron") from None
     return rows
 
 
-def _check_named(names: list[str], node: Node, what: str) -> None:
+def _check_columns(names: list[str], node: Node, what: str) -> None:
     missing = [name for name in COLUMNS if name not in names]
     if missing:
-        found = ", ".join(repr(name) for name in names) or "nothing"
-        raise mistake(node, f"{what} has no column '{missing[0]}': found {found}: expected 'times' and 'ids'")
+        columns = ", ".join(repr(name) for name in names) or "nothing"
+        raise mistake(node, f"{what} has no column '{missing[0]}': found {columns}: expected 'times' and 'ids'")
 
 
 def _two_columns(values: NDArray[np.float64], node: Node, what: str) -> NDArray[np.float64]:
     if values.ndim != 2 or values.shape[1] != 2:
-        found = f"an array of shape {list(values.shape)}"
-        raise mistake(node, f"{what} holds {found}: expected two columns, times and ids")
+        content = f"an array of shape {list(values.shape)}"
+        raise mistake(node, f"{what} holds {content}: expected two columns, times and ids")
     return values
 
 
-def _joined(columns: list[NDArray[np.float64]], node: Node, what: str) -> NDArray[np.float64]:
+def _stack_columns(columns: list[NDArray[np.float64]], node: Node, what: str) -> NDArray[np.float64]:
     times, ids = columns
     if times.shape != ids.shape or times.ndim != 1:
         message = f"{what} holds {times.size} times and {ids.size} ids"
-        raise mistake(node, f"{message}: expected as many of each, in lists")
+        raise mistake(node, f"{message}: expected two lists of the same length")
     return np.stack(columns, axis=1)

@@ -1,4 +1,4 @@
-"""The file of a description with the files that it includes: the parts of all, by section."""
+"""Reading a description together with the files that it includes, merged by section."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from neuro.core.errors import ModelError, Where
 from neuro.core.values import shown
 from neuro.model.language.files import inside
-from neuro.model.language.reader import MAX_DEPTH, Node, found, mistake, plain, read, within, words
+from neuro.model.language.reader import MAX_DEPTH, Node, found_text, mistake, plain, read, within, words
 
 OWN = ("neuro", "name", "include")
 GATHERED = ("parameters", "models", "populations", "projections", "signals", "groups", "probes")
@@ -18,17 +18,17 @@ VERSION = 1
 
 
 def published() -> dict[str, Path]:
-    """Their files; none where they are not installed."""
-    found = find_spec("neuro_models")
-    folders = (found and found.submodule_search_locations) or ()
+    """Return the files of the published networks by name. Without the package `neuro_models` there are none."""
+    spec = find_spec("neuro_models")
+    folders = (spec and spec.submodule_search_locations) or ()
     return {file.stem: file for folder in folders for file in sorted(Path(folder).glob("*.yaml"))}
 
 
 def refuse_name(path: Path) -> None:
-    """Refuse a name of one where a file is expected, and there is none of that name.
+    """Raise an error if the name of a published network was given instead of a file.
 
     Raises:
-        ModelError: it says how the published network is read.
+        ModelError: the hint is the call that loads the published network.
     """
     if path == Path(path.name) and path.suffix in ("", ".yaml") and path.stem in published() and not path.exists():
         hint = f"the published network is neuro.load(neuro_models.path('{path.stem}'))"
@@ -40,10 +40,10 @@ def gather(path: Path, reading: Callable[[Path], Node] = read) -> dict[str, Node
 
     Args:
         path: the file.
-        reading: gives the content of a file.
+        reading: returns the content of a file.
 
     Returns:
-        The sections by name; the parts of included files come before the file's own.
+        The sections by name. Parts of included files come before the parts of the file.
 
     Raises:
         ModelError: a file cannot be read, a word is unknown, or two files define the same part.
@@ -51,39 +51,39 @@ def gather(path: Path, reading: Callable[[Path], Node] = read) -> dict[str, Node
     return _sections(reading(path), [path.resolve()], set(), reading)
 
 
-def _sections(root: Node, chain: list[Path], seen: set[Path], reading: Callable[[Path], Node]) -> dict[str, Node]:
-    own = words(root, SECTIONS, "a network")
-    version = own.get("neuro")
+def _sections(root: Node, chain: list[Path], included: set[Path], reading: Callable[[Path], Node]) -> dict[str, Node]:
+    file_sections = words(root, SECTIONS, "a network")
+    version = file_sections.get("neuro")
     if version is not None and (type(version.value) is not int or version.value != VERSION):
         raise mistake(version, f"neuro = {shown(plain(version))}: expected {VERSION}, the version of the language")
     merged: dict[str, Node] = {}
-    for node in _included(own):
-        for section, part in _included_sections(node, chain, seen, reading).items():
-            _merge(merged, section, part)
-    for section, part in own.items():
-        if section in GATHERED and not isinstance(part.value, dict):
-            hint = "write 'name: {...}' for each, without '-'" if isinstance(part.value, list) else ""
-            raise mistake(part, f"{section}: {found(part)}: expected a mapping from names to parts", hint)
-        _merge(merged, section, part)
+    for node in _include_nodes(file_sections):
+        for section, parts in _included_sections(node, chain, included, reading).items():
+            _merge(merged, section, parts)
+    for section, parts in file_sections.items():
+        if section in GATHERED and not isinstance(parts.value, dict):
+            hint = "write 'name: {...}' for each, without '-'" if isinstance(parts.value, list) else ""
+            raise mistake(parts, f"{section}: {found_text(parts)}: expected a mapping from names to parts", hint)
+        _merge(merged, section, parts)
     return merged
 
 
-def _included(own: dict[str, Node]) -> list[Node]:
-    if "include" not in own:
+def _include_nodes(sections: dict[str, Node]) -> list[Node]:
+    if "include" not in sections:
         return []
-    node = own["include"]
+    node = sections["include"]
     if isinstance(node.value, str):
         raise mistake(node, f"include = '{node.value}': expected a list of files", f"write [{node.value}]")
     if not isinstance(node.value, list):
-        raise mistake(node, f"include: {found(node)}: expected a list of files")
+        raise mistake(node, f"include: {found_text(node)}: expected a list of files")
     for item in node.value:
         if not isinstance(item.value, str):
-            raise mistake(item, f"include: {found(item)}: expected the name of a file")
+            raise mistake(item, f"include: {found_text(item)}: expected the name of a file")
     return node.value
 
 
 def _included_sections(
-    node: Node, chain: list[Path], seen: set[Path], reading: Callable[[Path], Node]
+    node: Node, chain: list[Path], included: set[Path], reading: Callable[[Path], Node]
 ) -> dict[str, Node]:
     with within("include"):
         path = inside(node, node.value)
@@ -91,26 +91,26 @@ def _included_sections(
         if real in chain:
             names = " -> ".join(p.name for p in [*chain[chain.index(real) :], real])
             raise mistake(node, f"'{node.value}' includes itself: {names}")
-        if real in seen:
-            raise mistake(node, f"'{node.value}' is included twice", "include it once; its parts are seen everywhere")
+        if real in included:
+            raise mistake(node, f"'{node.value}' is included twice", "include it once; every file can use its parts")
         if len(chain) > MAX_DEPTH:
             raise mistake(
                 node, f"'{node.value}' is included at level {len(chain)}: expected at most {MAX_DEPTH} levels"
             )
-    seen.add(real)
-    inner = _sections(reading(path), [*chain, real], seen, reading)
+    included.add(real)
+    inner = _sections(reading(path), [*chain, real], included, reading)
     return {section: part for section, part in inner.items() if section not in OWN}
 
 
-def _merge(merged: dict[str, Node], section: str, part: Node) -> None:
+def _merge(merged: dict[str, Node], section: str, parts: Node) -> None:
     if section not in merged:
-        merged[section] = part
+        merged[section] = parts
         return
     first = merged[section]
     if section not in GATHERED:
-        raise ModelError(f"'{section}' is said twice", where=part.label, hint=f"first at {first.label}")
-    for name, node in part.value.items():
+        raise ModelError(f"'{section}' is defined twice", where=parts.label, hint=f"first at {first.label}")
+    for name, node in parts.value.items():
         if name in first.value:
             earlier = first.value[name].label
             raise ModelError(f"{section}: '{name}' is defined twice", where=node.label, hint=f"first at {earlier}")
-    merged[section] = Node({**first.value, **part.value}, first.where, first.label)
+    merged[section] = Node({**first.value, **parts.value}, first.where, first.label)

@@ -1,4 +1,4 @@
-"""A JSON Schema of the language, made from the definitions that the loader uses, for editors."""
+"""JSON Schema of the language for editors, generated from the definitions that the loader uses."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _PARAMETER: Schema = {"$ref": "#/$defs/parameter"}
 
 
 def schema() -> Schema:
-    """The JSON Schema (draft 2020-12) of a network in YAML."""
+    """Return the JSON Schema (draft 2020-12) of a network in YAML."""
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "neuro network",
@@ -58,13 +58,13 @@ def schema() -> Schema:
                 "resolution": _quantity(RESOLUTION, Network().resolution),
                 "parameters": {
                     "type": "object",
-                    "description": "values that $name stands for; neuro.load(path, params={...}) overrides them",
+                    "description": "values of $names; neuro.load(path, params={...}) overrides them",
                     "propertyNames": {"pattern": r"^[^\W\d]\w*$"},
                 },
                 "include": {
                     "type": "array",
                     "items": {"type": "string"},
-                    "description": "files in this folder whose sections are read before those of this file",
+                    "description": "files in this folder to read before the sections of this file",
                 },
                 "models": _models(),
                 "populations": {"type": "object", "description": _summary(Population)},
@@ -84,7 +84,7 @@ def schema() -> Schema:
             "parameter": {
                 "type": "string",
                 "pattern": r"^\$([^\W\d]\w*|\(.*\))$",
-                "description": "the value of a parameter, or of arithmetic with numbers and parameters",
+                "description": "a parameter, or arithmetic with numbers and parameters",
             },
             "numbers": {
                 "type": "array",
@@ -101,7 +101,7 @@ def schema() -> Schema:
 
 
 def _models() -> Schema:
-    """Models in equations: their words; what is in the expressions is checked by the loader."""
+    """Return the schema of models in equations. The loader checks the expressions themselves."""
     texts = {"type": "object", "additionalProperties": {"type": ["string", "number"]}}
     words: Schema = {word: {} for word in WORDS}
     words |= {"equations": texts, "let": texts, "reset": texts, "initial": texts, "threshold": {"type": "string"}}
@@ -114,12 +114,15 @@ def _models() -> Schema:
 
 
 def _networks(own: bool) -> Schema:
-    """What depends on the models; `own`: networks may have their own, of which a schema knows the names only."""
+    """Return the schemas of populations and projections.
+
+    With `own` the network may have models of its own, so that unknown names of models are accepted.
+    """
     return {"properties": {f"{cls.word}s": _named(_part(cls, own), cls) for cls in (Population, Projection)}}
 
 
 def _part(cls: type[Part], own: bool = False) -> Schema:
-    """The words of a part; a population with a table of neurons needs no shape."""
+    """Return the schema of a part. A population with a table of neurons needs no shape."""
     words = {word: _quantity(q, cls.defaults.get(word, MISSING), own) for word, q in cls.words.items()}
     if cls is not Population:
         return _closed(words, cls.needs)
@@ -127,20 +130,20 @@ def _part(cls: type[Part], own: bool = False) -> Schema:
 
 
 def _by_name() -> Schema:
-    """Values, or lists of them, by name."""
+    """Return the schema of a mapping from names to values or lists of values."""
     one: Schema = {"type": ["string", "number"]}
     values: Schema = {"anyOf": [one, {"type": "array", "items": one}]}
     return {"type": "object", "minProperties": 1, "additionalProperties": values}
 
 
 def _closed(properties: Schema, required: Iterable[str] = ()) -> Schema:
-    """A mapping with these words and no others."""
+    """Return the schema of a mapping that accepts no other words."""
     needs = {"required": list(required)} if required else {}
     return {"type": "object", "properties": properties, **needs, "additionalProperties": False}
 
 
 def _named(part: Schema, cls: type) -> Schema:
-    """A mapping from names to parts."""
+    """Return the schema of a mapping from names to parts."""
     return {
         "type": "object",
         "description": _summary(cls),
@@ -150,27 +153,32 @@ def _named(part: Schema, cls: type) -> Schema:
 
 
 def _choice(table: Mapping[str, type[Choice]]) -> Schema:
-    """A name, or `{name: {parameters}}`; the name alone where no parameter is required."""
+    """Return the schema of a choice: `{name: {parameters}}`, or the name alone if no parameter is required."""
     kind = next(iter(table.values())).kind
-    alone = [{"const": name, "description": _summary(cls)} for name, cls in table.items() if not _required(cls)]
+    names_only = [{"const": name, "description": _summary(cls)} for name, cls in table.items() if not _required(cls)]
     words = {name: {"$ref": f"#/$defs/{kind}.{name}"} for name in table}
-    return {"anyOf": [*alone, {**_closed(words), "minProperties": 1, "maxProperties": 1}, _PARAMETER]}
+    return {"anyOf": [*names_only, {**_closed(words), "minProperties": 1, "maxProperties": 1}, _PARAMETER]}
 
 
 def _words(cls: type[Choice]) -> Schema:
-    """The parameters of one choice."""
+    """Return the schema of the parameters of a choice."""
     defaults = cls.defaults()
-    said = {word: q for word, q in cls.quantities().items() if q.kind != "events"}
-    words = {word: _quantity(q, defaults.get(word, MISSING)) for word, q in said.items()}
-    made = {"title": cls.called(), "description": _summary(cls), **_closed(words, _required(cls))}
-    return _with_file(made, cls.file_of) if cls.file_of else made
+    quantities = {word: q for word, q in cls.quantities().items() if q.kind != "events"}
+    words = {word: _quantity(q, defaults.get(word, MISSING)) for word, q in quantities.items()}
+    schema_of_words = {"title": cls.called(), "description": _summary(cls), **_closed(words, _required(cls))}
+    return _with_file(schema_of_words, cls.file_of) if cls.file_of else schema_of_words
 
 
-def _with_file(made: Schema, word: str) -> Schema:
-    """A mapping in which `file` and `key` may stand for one of its words."""
-    properties = {**made["properties"], "file": {"type": "string"}, "key": {"type": "string"}}
+def _with_file(mapping: Schema, word: str) -> Schema:
+    """Return the schema of a mapping in which `file` and `key` may replace a word."""
+    properties = {**mapping["properties"], "file": {"type": "string"}, "key": {"type": "string"}}
     either = [{"required": [word]}, {"required": ["file"]}]
-    return {**made, "properties": properties, "required": [w for w in made["required"] if w != word], "oneOf": either}
+    return {
+        **mapping,
+        "properties": properties,
+        "required": [w for w in mapping["required"] if w != word],
+        "oneOf": either,
+    }
 
 
 def _required(cls: type[Choice]) -> list[str]:
@@ -183,7 +191,7 @@ def _summary(cls: type) -> str:
 
 
 def _quantity(q: Quantity, default: Any = MISSING, own: bool = False) -> Schema:
-    """What a parameter may be; `own` as of `_networks`."""
+    """Return the schema of the values of a parameter. `own` is explained in `_networks`."""
     accepted = _accepted(q, own)
     out: Schema = {"anyOf": accepted} if len(accepted) > 1 else dict(accepted[0])
     if q.doc:
@@ -196,21 +204,24 @@ def _quantity(q: Quantity, default: Any = MISSING, own: bool = False) -> Schema:
 
 
 def _units(q: Quantity) -> list[Schema]:
-    """The number with its unit, where the quantity has one or takes that of what it stands for."""
+    """Return the schema of numbers with a unit, for quantities with a unit or with the unit of the described value."""
     if q.of_value or q is WEIGHT or q is INITIAL:
         return [_measured(*UNITS)]
     try:
         dimension = dimension_of(q.unit) if q.unit else None
     except ModelError:
         return []
-    alike = [name for name, (_, of) in UNITS.items() if of == dimension]
-    return [_measured(*alike, *([] if q.unit in alike else [q.unit]))] if q.unit else []
+    same_dimension = [name for name, (_, of) in UNITS.items() if of == dimension]
+    return [_measured(*same_dimension, *([] if q.unit in same_dimension else [q.unit]))] if q.unit else []
 
 
 def _measured(*units: str) -> Schema:
-    """A number with one of these units, or, in editors all the same, with another written by * / ^."""
-    known = "|".join(map(re.escape, units))
-    return {"type": "string", "pattern": rf"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)? *({known}|[^ ]*[*/^].*)$"}
+    """Return the schema of a number with one of these units.
+
+    The pattern also accepts every unit composed by * / ^, because a pattern cannot check dimensions.
+    """
+    unit_pattern = "|".join(map(re.escape, units))
+    return {"type": "string", "pattern": rf"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)? *({unit_pattern}|[^ ]*[*/^].*)$"}
 
 
 def _accepted(q: Quantity, own: bool) -> list[Schema]:
@@ -220,25 +231,25 @@ def _accepted(q: Quantity, own: bool) -> list[Schema]:
         bounds["not"] = {"const": 0}
     file, numbers = {"$ref": "#/$defs/file"}, {"$ref": "#/$defs/numbers"}
     integer = {"type": "integer", **bounds}
-    far = [_closed({"of_distance": {"$ref": "#/$defs/profile"}}, ["of_distance"])] if q.of_distance else []
+    of_distance = [_closed({"of_distance": {"$ref": "#/$defs/profile"}}, ["of_distance"])] if q.of_distance else []
     match q.kind:
         case "number":
             more = [numbers, file, {"$ref": "#/$defs/distribution"}] if q.arrays else []
-            return [{"type": "number", **bounds}, *_units(q), *more, *far, _PARAMETER]
+            return [{"type": "number", **bounds}, *_units(q), *more, *of_distance, _PARAMETER]
         case "choice":
             assert q.choice is not None
             number: list[Schema] = [{"type": "number", **bounds}] if bounds else []
             number += [{"type": "number"}, numbers, file] if q.arrays else []
-            chosen: list[Schema] = [*number, {"$ref": f"#/$defs/{q.choice.kind}"}]
+            choices: list[Schema] = [*number, {"$ref": f"#/$defs/{q.choice.kind}"}]
             if not own or q.choice.kind not in ("model", "synapse"):
-                return chosen
+                return choices
             name = {"not": {"enum": list(TABLES[q.choice.kind])}}
             parameters = {"type": "object", "propertyNames": name, "minProperties": 1, "maxProperties": 1}
-            return [*chosen, {"type": "string", **name}, parameters]
+            return [*choices, {"type": "string", **name}, parameters]
         case "choices":
             assert q.choice is not None
-            one_each: Schema = {"$ref": f"#/$defs/{q.choice.kind}"}
-            return [{"type": "object", "additionalProperties": one_each, "minProperties": 1}]
+            choice_reference: Schema = {"$ref": f"#/$defs/{q.choice.kind}"}
+            return [{"type": "object", "additionalProperties": choice_reference, "minProperties": 1}]
         case "neurons":
             index: list[Schema] = [
                 {"type": "string", "pattern": rf"^\s*({AXIS})\s*(,\s*({AXIS})\s*)*$"},
@@ -248,14 +259,14 @@ def _accepted(q: Quantity, own: bool) -> list[Schema]:
                 {**_by_name(), "not": {"required": ["file"]}},
                 _PARAMETER,
             ]
-            one: Schema = {
+            index_by_name: Schema = {
                 "type": "object",
                 "propertyNames": {"pattern": _NAME},
                 "additionalProperties": {"anyOf": index},
                 "minProperties": 1,
                 "maxProperties": 1,
             }
-            return [{"type": "string"}, one, *(index[1:3] if q.arrays else [])]
+            return [{"type": "string"}, index_by_name, *(index[1:3] if q.arrays else [])]
         case "states":
             states = sorted({state.name for model in MODELS.values() for state in model.states if not state.hidden})
             any_state = {"type": "object", "additionalProperties": _quantity(INITIAL)}

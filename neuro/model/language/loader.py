@@ -1,8 +1,9 @@
-"""A description in YAML to a `Network`.
+"""Loading of a description in YAML as a `Network`.
 
-Neurons of a population are its name, `{exc: "0:100"}`, `{grid: "2:4, :"}`, ids in a list or a file, or, by columns of
-its table of neurons, `{brain: {type: KC, side: left}}`. On a command line the same index stands behind the name:
-`exc[0:100]`, `grid[2:4, :]`, ids as `exc[[3, 7]]`, columns as `brain[type=KC, side=left]`.
+Neurons of a population are given by the population's name, by an index such as `{exc: "0:100"}` or `{grid: "2:4, :"}`,
+by ids in a list or a file, or by columns of the table of neurons such as `{brain: {type: KC, side: left}}`. On a
+command line the index follows the name: `exc[0:100]`, `grid[2:4, :]`, ids `exc[[3, 7]]`, columns `brain[type=KC,
+side=left]`.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.language.files import array, of_program, recording, train
 from neuro.model.language.including import gather, refuse_name
 from neuro.model.language.parameters import resolve
-from neuro.model.language.reader import Node, about, follow, found, mistake, plain, put_at, within, words
+from neuro.model.language.reader import Node, about, follow, found_text, mistake, plain, put_at, within, words
 from neuro.model.network import Network, check_name
 from neuro.model.neurons import MODELS, Model
 from neuro.model.parts import AUTO, GROUPS, Part, Population, Probe, Projection, Readout, Signal, Trials, World
@@ -52,64 +53,64 @@ TABLES: dict[str, Mapping[str, type[Choice]]] = {
     "source": SOURCES,
 }
 FILE = ("file", "key")
-"""The words of an array in a file."""
+"""Words of an array in a file."""
 C = TypeVar("C", bound=Choice)
 _CALL = re.compile(r"(\w+)\s*\((.*)\)")
 
 
 def choice(node: Node, kind: str, own: Mapping[str, type[Choice]] | None = None) -> Any:
-    """What a name, or `{name: {parameters}}`, stands for.
+    """Return the object that a name, or `{name: {parameters}}`, describes.
 
     Args:
         node: the name or the mapping.
-        kind: what is chosen, a key of `TABLES`.
-        own: those of the network itself, by name.
+        kind: the kind of object, a key of `TABLES`.
+        own: classes that the network itself defines, by name.
     """
     own = own or {}
     if isinstance(node.value, Choice):
         return node.value
     if isinstance(node.value, str):
-        cls = _named(node.value, node, kind, own)
+        cls = _class_named(node.value, node, kind, own)
         return with_parameters(cls, Node({}, node.where, node.where, node.source))
     if not isinstance(node.value, dict) or len(node.value) != 1:
         raise mistake(
-            node, f"{kind}: {found(node)}: expected a name, or {{name: {{parameters}}}}", _regroup(node, kind)
+            node, f"{kind}: {found_text(node)}: expected a name, or {{name: {{parameters}}}}", _regroup(node, kind)
         )
     [(name, inner)] = node.value.items()
-    cls = _named(name, Node(name, inner.label, inner.label, node.source), kind, own)
+    cls = _class_named(name, Node(name, inner.label, inner.label, node.source), kind, own)
     if inner.value is None:
-        raise mistake(inner, f"{name} has no parameters here", f"write '{name}' alone")
+        raise mistake(inner, f"{name} has no parameters here", f"write only '{name}'")
     return with_parameters(cls, inner)
 
 
 def with_parameters(cls: type[C], node: Node) -> C:
-    """Make a choice from the mapping of its parameters."""
+    """Create an object of a class from the mapping of its parameters."""
     if isinstance(node.value, cls):
         return node.value
-    name, known = cls.called(), cls.quantities()
-    if not known and node.value != {}:
-        raise mistake(node, f"{name} has no parameters", f"write '{name}' alone")
+    name, quantities = cls.called(), cls.quantities()
+    if not quantities and node.value != {}:
+        raise mistake(node, f"{name} has no parameters", f"write only '{name}'")
     if not isinstance(node.value, dict):
-        needed = [word for word in known if word not in cls.defaults()]
-        hint = f"write {{{name}: {{{needed[0]}: {plain(node)}}}}}" if len(needed) == 1 else ""
-        raise mistake(node, f"{name}: {found(node)}: expected its parameters, {{word: value}}", hint)
+        required = [word for word in quantities if word not in cls.defaults()]
+        hint = f"write {{{name}: {{{required[0]}: {plain(node)}}}}}" if len(required) == 1 else ""
+        raise mistake(node, f"{name}: {found_text(node)}: expected its parameters, {{word: value}}", hint)
     if cls.file_of:
         node = _with_array(cls, node)
     for word in cls.strays.keys() & node.value.keys():
         raise mistake(node.value[word], f"unknown parameter of {name} '{word}'", cls.strays[word])
-    said = words(node, known, name, kind=f"parameter of {name}")
-    values = {word: value(known[word], inner, f"{name}.{word}") for word, inner in said.items()}
+    parameters = words(node, quantities, name, kind=f"parameter of {name}")
+    values = {word: value(quantities[word], inner, f"{name}.{word}") for word, inner in parameters.items()}
     with about(node):
         return cls.from_words(values)
 
 
 def value(q: Quantity, node: Node, what: str) -> Any:
-    """The value of one parameter; whether it is accepted is checked where it is used.
+    """Return the value of a parameter. The bounds are checked later, by the class that has the parameter.
 
     Args:
-        q: the parameter.
-        node: what is said of it.
-        what: its full name, for messages.
+        q: the parameter's quantity.
+        node: the node with the value.
+        what: the full name of the parameter, for messages.
     """
     if q.part is not None:
         return with_parameters(q.part, node)
@@ -128,8 +129,8 @@ def value(q: Quantity, node: Node, what: str) -> Any:
     if q.choice is not None and (q.at_least is None or isinstance(node.value, (str, dict))):
         return choice(node, q.choice.kind)
     if q.of_distance and isinstance(node.value, dict) and of_distance.called() in node.value:
-        said = words(node, (of_distance.called(),), what)
-        return of_distance(choice(said[of_distance.called()], "profile"))
+        distance_words = words(node, (of_distance.called(),), what)
+        return of_distance(choice(distance_words[of_distance.called()], "profile"))
     if isinstance(node.value, dict) and "file" in node.value and (q.arrays or KINDS[q.kind].listed):
         return array(node)
     if q.arrays and isinstance(node.value, dict):
@@ -141,56 +142,59 @@ def value(q: Quantity, node: Node, what: str) -> Any:
 
 
 def codes(node: Node) -> tuple[Any, ...]:
-    """A code, or each of a list."""
+    """Return the codes that a node lists. A single code gives a tuple of one."""
     items = node.value if isinstance(node.value, list) else [node]
     return tuple(choice(item, "code") for item in items)
 
 
 def _with_array(cls: type[Choice], node: Node) -> Node:
-    """The mapping with `{file, key}` as the array that these words among its own stand for."""
-    said = words(node, [*cls.quantities(), *FILE], cls.called(), kind=f"parameter of {cls.called()}")
-    inner = {word: said[word] for word in FILE if word in said}
-    if not inner:
+    """Return the mapping with `file` and `key` moved into the array that the two words describe."""
+    parameters = words(node, [*cls.quantities(), *FILE], cls.called(), kind=f"parameter of {cls.called()}")
+    file_words = {word: parameters[word] for word in FILE if word in parameters}
+    if not file_words:
         return node
-    first = next(iter(inner.values()))
-    if cls.file_of in said:
-        message = f"{cls.called()}: found both '{cls.file_of}' and '{next(iter(inner))}': expected one of them"
+    first = next(iter(file_words.values()))
+    if cls.file_of in parameters:
+        message = f"{cls.called()}: found both '{cls.file_of}' and '{next(iter(file_words))}': expected one of them"
         raise mistake(first, message)
-    if "file" not in said:
+    if "file" not in parameters:
         raise mistake(first, f"{cls.called()}: found 'key' without 'file': expected both")
-    rest = {word: value for word, value in said.items() if word not in inner}
-    array = Node(inner, first.where, first.label, first.source)
+    rest = {word: value for word, value in parameters.items() if word not in file_words}
+    array = Node(file_words, first.where, first.label, first.source)
     return Node({cls.file_of: array, **rest}, node.where, node.label, node.source)
 
 
-def part(node: Node, known: Iterable[str], what: str, needs: Iterable[str]) -> dict[str, Node]:
-    """The words of a part, see `words`; a parameter that strayed out of its choice is sent back there."""
-    names = list(known)
+def part(node: Node, accepted: Iterable[str], what: str, needs: Iterable[str]) -> dict[str, Node]:
+    """Return the words of a part, see `words`.
+
+    If a parameter of the part's model is written one level too high, the error shows the right place.
+    """
+    names = list(accepted)
     for word, inner in node.value.items() if isinstance(node.value, dict) else ():
-        if word not in names and (home := _home(node, word)):
-            raise unknown(f"word of {what}", word, names, inner.label).but(hint=f"write {home}", suggestion="")
+        if word not in names and (correction := _correct_place(node, word)):
+            raise unknown(f"word of {what}", word, names, inner.label).but(hint=f"write {correction}", suggestion="")
     return words(node, names, what, needs)
 
 
-def _home(node: Node, word: str) -> str:
-    """The choice in a part that has a parameter of this name, as it should be written."""
+def _correct_place(node: Node, word: str) -> str:
+    """Return the text that puts a misplaced parameter into the choice that has the parameter, or ""."""
     for kind, table in TABLES.items():
-        chosen = node.value.get(kind)
-        name = chosen if chosen is None else chosen.value
+        choice_node = node.value.get(kind)
+        name = choice_node if choice_node is None else choice_node.value
         if isinstance(name, dict):
             name = next(iter(name), None)
-        if isinstance(name, str) and name in table and (ours := _ours(word, table[name])):
-            return f"{kind}: {{{name}: {{{ours}: {shown(plain(node.value[word]))}}}}}"
+        if isinstance(name, str) and name in table and (parameter := _own_parameter(word, table[name])):
+            return f"{kind}: {{{name}: {{{parameter}: {shown(plain(node.value[word]))}}}}}"
     return ""
 
 
-def _ours(word: str, cls: type[Choice]) -> str:
-    """The parameter of a choice that a word, of ours or of another tool, stands for; "" if there is none."""
-    known = cls.quantities()
-    return next((one for one in (word, *ELSEWHERE.get(word.lower(), ())) if one in known), "")
+def _own_parameter(word: str, cls: type[Choice]) -> str:
+    """Return the parameter of a class that a word means, also a word of another tool, or ""."""
+    parameters = cls.quantities()
+    return next((name for name in (word, *ELSEWHERE.get(word.lower(), ())) if name in parameters), "")
 
 
-def _named(name: str, node: Node, kind: str, own: Mapping[str, type[Choice]]) -> type[Choice]:
+def _class_named(name: str, node: Node, kind: str, own: Mapping[str, type[Choice]]) -> type[Choice]:
     if name in own:
         return own[name]
     table = TABLES[kind]
@@ -198,24 +202,24 @@ def _named(name: str, node: Node, kind: str, own: Mapping[str, type[Choice]]) ->
         return table[name]
     error = unknown(kind, name, [*own, *table])
     words = (name,) if error.suggestion else (name, *ELSEWHERE.get(name.lower(), ()))
-    others = [f"'{w}' is a {other}, not a {kind}" for w in words for other, names in TABLES.items() if w in names]
-    hint = others[0] if others else error.hint
+    kinds = [f"'{w}' is a {other}, not a {kind}" for w in words for other, names in TABLES.items() if w in names]
+    hint = kinds[0] if kinds else error.hint
     if hint.endswith(", ..."):
-        hint = "'neuro models' lists those there are"
+        hint = "'neuro models' lists all models"
     if kind == "distribution" and name in PROFILES:
         hint = f"'{name}' is a profile, write {{of_distance: {{{name}: ...}}}}"
     call = _CALL.fullmatch(name)
     if call and call[1] in table:
         hint = f"write {{{call[1]}: {{{call[2].replace('=', ': ')}}}}}"
         if not call[2].strip():
-            hint = f"write '{call[1]}' alone"
+            hint = f"write only '{call[1]}'"
         elif "=" not in call[2]:
             hint = f"write {{{call[1]}: {{word: value}}}} with the words " + ", ".join(table[call[1]].quantities())
     raise put_at(node, error.but(hint=hint, suggestion=error.suggestion if hint == error.hint else ""))
 
 
 def _regroup(node: Node, kind: str) -> str:
-    """How `{name, parameter: value}` or `{type: name, parameter: value}` is meant."""
+    """Return a hint that rewrites `{type: name, parameter: value}` and the like as `{name: {parameter: value}}`."""
     if not isinstance(node.value, dict):
         return ""
     table = TABLES[kind]
@@ -224,20 +228,24 @@ def _regroup(node: Node, kind: str) -> str:
     if len(names) != 1:
         return ""
     rest = {
-        _ours(w, table[names[0]]) or w: plain(n) for w, n in node.value.items() if w != names[0] and n.value != names[0]
+        _own_parameter(w, table[names[0]]) or w: plain(n)
+        for w, n in node.value.items()
+        if w != names[0] and n.value != names[0]
     }
     return f"write {shown({names[0]: rest})}"
 
 
 def _refuse_bare_parameters(node: Node, what: str) -> None:
-    """Refuse `{mean: 1, std: 2}`, which lacks the name of the distribution."""
+    """Raise an error for `{mean: 1, std: 2}`, which lacks the name of the distribution."""
     if any(word in DISTRIBUTIONS for word in node.value):
         return
-    fitting = [name for name, cls in DISTRIBUTIONS.items() if set(node.value) <= set(cls.quantities())]
-    if fitting and node.value:
-        found_ = shown(plain(node))
+    candidates = [name for name, cls in DISTRIBUTIONS.items() if set(node.value) <= set(cls.quantities())]
+    if candidates and node.value:
+        values_text = shown(plain(node))
         raise mistake(
-            node, f"{what} = {found_}: expected the name of a distribution", f"write {{{fitting[0]}: {found_}}}"
+            node,
+            f"{what} = {values_text}: expected the name of a distribution",
+            f"write {{{candidates[0]}: {values_text}}}",
         )
 
 
@@ -245,43 +253,43 @@ def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
     """Read a network from a YAML file.
 
     Args:
-        path: the file; files that it names are looked for in its folder only.
-        params: values for the file's `parameters`, in place of those it gives.
+        path: the file. Other files that the description names must be in its folder or below.
+        params: values that replace values in the file's section `parameters`.
 
     Returns:
-        The network, with values in place of all `$names`.
+        The network, in which all `$names` are replaced by values.
 
     Raises:
-        ModelError: with the file, line and column of the first mistake, and what was expected.
+        ModelError: the description has a mistake. The error has the file, line and column, and the expected value.
     """
     file = file_path(path, "path")
     refuse_name(file)
-    with gathering() as read:
+    with gathering() as inputs:
         net = build(resolve(gather(file), {} if params is None else params, Where(str(file))))
-    net.inputs = tuple(read)
+    net.inputs = tuple(inputs)
     return net
 
 
 @uncollected()
 def build(sections: Mapping[str, Node], together: bool = False) -> Network:
-    """The network that sections without `$names` describe; the same errors as of `load`.
+    """Build the network that sections without `$names` describe. Errors are the same as those of `load`.
 
     Args:
-        sections: of the description.
-        together: whether the first mistake is raised with those of other parts in its section.
+        sections: sections of the description.
+        together: whether the error has the mistakes of the other parts in the same section as `others`.
     """
     return _Builder(sections, together).network()
 
 
 class _Builder:
-    """Adds the parts of each section to a network, in the order in which they refer to each other."""
+    """Builder of a network, which adds the sections in the order in which they refer to each other."""
 
     def __init__(self, sections: Mapping[str, Node], together: bool) -> None:
         self.sections, self.together = sections, together
         self.net = Network()
         self.models: dict[str, type[Choice]] = {}
         self.synapses: dict[str, type[Choice]] = {}
-        self.named: dict[str, Model] = {}
+        self.shared_models: dict[str, Model] = {}
 
     def network(self) -> Network:
         for word in ("name", "resolution"):
@@ -309,44 +317,44 @@ class _Builder:
         if section not in self.sections:
             return
         word = section.removesuffix("s")
-        wrong: list[ModelError] = []
+        errors: list[ModelError] = []
         for name, node in self.sections[section].value.items():
             self.net.place = node.label
             check_name(name, word, node.label)
             try:
                 add(name, node)
             except ModelError as error:
-                named = error.at(None, f"{word} '{name}'")
+                named_error = error.at(None, f"{word} '{name}'")
                 if not self.together:
-                    raise named from None
-                wrong += [named, *named.others]
-        if wrong:
-            wrong[0].others = tuple(wrong[1:])
-            raise wrong[0]
+                    raise named_error from None
+                errors += [named_error, *named_error.others]
+        if errors:
+            errors[0].others = tuple(errors[1:])
+            raise errors[0]
 
     def model(self, name: str, node: Node) -> None:
-        from neuro.model.equations import made
+        from neuro.model.equations import model_from_words
 
         with about(node):
-            model = made(name, plain(node))
-            of = self.models if issubclass(model, Model) else self.synapses
-            of[name] = model
+            model = model_from_words(name, plain(node))
+            table = self.models if issubclass(model, Model) else self.synapses
+            table[name] = model
 
     def part(self, cls: type[Part], name: str, node: Node) -> None:
-        """Add a part to the network by the values of its words; neurons last, as errors in the others come first."""
-        listed = isinstance(node.value, dict) and "neurons" in node.value
-        needs = [word for word in cls.needs if not (word == "shape" and listed)]
-        said = part(node, cls.words, f"a {cls.word}", needs)
-        values: dict[str, Any] = {"shape": AUTO} if listed else {}
+        """Add a part to the network. Words that name neurons are read last, so that other errors are reported first."""
+        has_table = isinstance(node.value, dict) and "neurons" in node.value
+        required = [word for word in cls.needs if not (word == "shape" and has_table)]
+        part_words = part(node, cls.words, f"a {cls.word}", required)
+        values: dict[str, Any] = {"shape": AUTO} if has_table else {}
         for word, q in sorted(cls.words.items(), key=lambda item: item[1].kind == "neurons"):
-            if word in said:
-                values[cls.ends.get(word, (word,))[0]] = self.value(q, word, said[word], values)
+            if word in part_words:
+                values[cls.ends.get(word, (word,))[0]] = self.value(q, word, part_words[word], values)
         add = self.net.connect if cls is Projection else getattr(self.net, cls.word)
         with about(node):
             add(name=name, **values)
 
     def value(self, q: Quantity, word: str, node: Node, others: Mapping[str, Any]) -> Any:
-        """Return the value of a word of a part, given those of the words before it."""
+        """Return the value of a word of a part. `others` has the values of the words before it."""
         if q.kind == "neurons":
             return neurons(node, self.net.populations, word)
         if q.kind == "states":
@@ -359,11 +367,11 @@ class _Builder:
         return choice(node, word, self.synapses) if word == "synapse" else value(q, node, word)
 
     def by_name(self, node: Node) -> Model:
-        """The model of a population; one that is said by its name alone is made once."""
+        """Return the model of a population. Populations that give the same name without parameters share one object."""
         name = node.value if isinstance(node.value, str) else ""
-        model: Model = self.named[name] if name in self.named else choice(node, "model", self.models)
+        model: Model = self.shared_models[name] if name in self.shared_models else choice(node, "model", self.models)
         if name:
-            self.named[name] = model
+            self.shared_models[name] = model
         return model
 
     def group(self, name: str, node: Node) -> None:
@@ -378,7 +386,7 @@ class _Builder:
             return with_parameters(cls, self.sections[cls.word])
 
     def references(self) -> None:
-        """Check the names that choices hold; those of the parts are checked as the parts are added."""
+        """Check names of populations and signals in parameters. Names in parts are checked when the parts are added."""
         for name, group in self.net.groups.items():
             node = follow(self.sections["groups"], (name, group.choice.name))
             self.names(group.choice, node, f"group '{name}'")
@@ -401,18 +409,20 @@ class _Builder:
         if world is None:
             return
         critics = {name: each.critic for name, each in (world.reward or {}).items() if hasattr(each, "critic")}
-        said: list[tuple[tuple[str, ...], str, str]]
-        said = [(("observe", name), "population", name) for name in world.observe]
-        said += [(("act", world.act.name, "of"), "population", name) for name in world.act.of]
-        said += [(("reward", name), "signal", name) for name in world.reward or {}]
-        said += [(("reward", name, world.reward[name].name), "population", each) for name, each in critics.items()]
-        for path, kind, name in said:
-            known: Mapping[str, Part] = net.signals if kind == "signal" else net.populations
+        references: list[tuple[tuple[str, ...], str, str]]
+        references = [(("observe", name), "population", name) for name in world.observe]
+        references += [(("act", world.act.name, "of"), "population", name) for name in world.act.of]
+        references += [(("reward", name), "signal", name) for name in world.reward or {}]
+        references += [
+            (("reward", name, world.reward[name].name), "population", each) for name, each in critics.items()
+        ]
+        for path, kind, name in references:
+            parts: Mapping[str, Part] = net.signals if kind == "signal" else net.populations
             where = follow(self.sections["world"], path).label
-            if name not in known:
-                raise unknown(kind, name, known, where).at(None, "world")
+            if name not in parts:
+                raise unknown(kind, name, parts, where).at(None, "world")
             if kind == "signal" and net.signals[name].values is not None:
-                message = f"world: signal '{name}' has values of its own: expected one that the world alone sets"
+                message = f"world: signal '{name}' has values of its own: expected one that only the world sets"
                 raise ModelError(message, where=where)
 
     def names(self, choice: Choice, node: Node, context: str) -> None:
@@ -422,10 +432,10 @@ class _Builder:
                 self.names(name, follow(node, (word,)), f"{context}: {word}")
             elif q.kind == "name" and name is not None:
                 kind = "signal" if word in ("signal", "gate") else "population"
-                known = self.net.signals if kind == "signal" else self.net.populations
-                if name not in known:
-                    error = unknown(kind, name, known, path=(word,))
-                    error.hint = error.hint if known else f"add it to the section '{kind}s'"
+                parts = self.net.signals if kind == "signal" else self.net.populations
+                if name not in parts:
+                    error = unknown(kind, name, parts, path=(word,))
+                    error.hint = error.hint if parts else f"add it to the section '{kind}s'"
                     with about(node, context):
                         raise error
 
@@ -434,29 +444,29 @@ IDS = Quantity(doc="ids of neurons", kind="ids")
 
 
 def neurons(node: Node, populations: Mapping[str, Population], role: str) -> Any:
-    """What `of`, `from` or `to` stands for: what is said if it is the name of a population, or a view of it.
+    """Return the name of a population, or a view, for the value of `of`, `from` or `to`.
 
     Args:
-        node: what is said.
-        populations: those of the network.
-        role: the word before it, for messages.
+        node: the node with the value.
+        populations: the populations of the network.
+        role: the word that has the value, for messages.
     """
     if not isinstance(node.value, dict):
         return plain(node)
     if len(node.value) != 1:
-        raise mistake(node, f"{role}: {found(node)}: expected a name, or {{name: index}}")
+        raise mistake(node, f"{role}: {found_text(node)}: expected a name, or {{name: index}}")
     [(name, index)] = node.value.items()
     if name not in populations:
         error = unknown("population", name, populations)
         raise error.at(index.label, role)
-    written = index.value
+    index_value = index.value
     with within(role):
-        if isinstance(written, bool) or not isinstance(written, (str, int, list, dict)):
+        if isinstance(index_value, bool) or not isinstance(index_value, (str, int, list, dict)):
             expected = 'expected an index such as "0:100", or a list of ids'
-            raise mistake(index, f"{name}: {found(index)}: {expected}")
-        chosen = array(index) if isinstance(written, dict) and "file" in written else plain(index)
+            raise mistake(index, f"{name}: {found_text(index)}: {expected}")
+        selection = array(index) if isinstance(index_value, dict) and "file" in index_value else plain(index)
         with about(index):
-            if isinstance(chosen, dict):
-                return populations[name].where(**chosen)
-            ids = check(IDS, chosen, name) if isinstance(chosen, (list, FromFile)) else chosen
+            if isinstance(selection, dict):
+                return populations[name].where(**selection)
+            ids = check(IDS, selection, name) if isinstance(selection, (list, FromFile)) else selection
             return view(populations[name], indices(ids, name) if isinstance(ids, str) else ids)

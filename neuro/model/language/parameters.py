@@ -1,4 +1,4 @@
-"""The `$names` of a description, resolved before anything else is checked."""
+"""Substitution of the `$names` of a description, before anything else is checked."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from typing import TYPE_CHECKING, Any
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, Where, unknown
 from neuro.core.values import shown
-from neuro.model.language.reader import MAX_DEPTH, Node, found, mistake, put_at
+from neuro.model.language.reader import MAX_DEPTH, Node, found_text, mistake, put_at
 
 if TYPE_CHECKING:
     from neuro.core.grammar import Expression, Name
     from neuro.model.language.computing import Measure
 
-MAX_PLACED = 1_000_000
+MAX_SUBSTITUTED = 1_000_000
 
 _NAME = re.compile(r"[^\W\d]\w*")
 _USE = re.compile(r"\$([^\W\d]\w*)")
 
 
 def resolve(sections: Mapping[str, Node], overrides: Mapping[str, Any], where: Where) -> dict[str, Node]:
-    """Put the values of parameters in place of their `$names`.
+    """Replace all `$names` by the values of the parameters.
 
     Args:
-        sections: of the description; `parameters` among them is left out of the result.
-        overrides: values by name that take the place of the description's.
+        sections: sections of the description. The result lacks the section `parameters`.
+        overrides: values by name that replace the values in the description.
         where: the file, for errors about overrides.
 
     Raises:
@@ -34,15 +34,15 @@ def resolve(sections: Mapping[str, Node], overrides: Mapping[str, Any], where: W
     """
     if not isinstance(overrides, Mapping):
         raise ModelError(f"params = {shown(overrides)}: expected a mapping from names to values", where=where)
-    given = sections["parameters"].value if "parameters" in sections else {}
+    parameters = sections["parameters"].value if "parameters" in sections else {}
     for name in overrides:
-        if name not in given:
-            raise unknown("parameter", name, given, where)
-    names = _Names(given)
-    for name, node in given.items():
+        if name not in parameters:
+            raise unknown("parameter", name, parameters, where)
+    names = _Names(parameters)
+    for name, node in parameters.items():
         if not _NAME.fullmatch(name):
             message = f"parameter name {shown(name)}: expected letters, digits and '_', not a digit first"
-            hint = f"write {name[1:]}; the $ stands where it is used" if name[:1] == "$" else ""
+            hint = f"define it as {name[1:]} and use it as {name}" if name[:1] == "$" else ""
             raise ModelError(message, where=node.label, hint=hint)
         if node.value is None and name not in overrides:
             raise mistake(node, f"parameter '{name}' has no value")
@@ -55,19 +55,19 @@ def resolve(sections: Mapping[str, Node], overrides: Mapping[str, Any], where: W
     for name in overrides:
         if name not in names.used:
             message = f"the override of '{name}' has no effect: nothing uses ${name}"
-            raise ModelError(message, where=given[name].label)
+            raise ModelError(message, where=parameters[name].label)
     return out
 
 
 class _Names:
-    def __init__(self, given: Mapping[str, Node]) -> None:
-        self.given = given
+    def __init__(self, nodes: Mapping[str, Node]) -> None:
+        self.nodes = nodes
         self.values: dict[str, tuple[Node, str]] = {}
         self.used: set[str] = set()
-        self.placed = 0
+        self.n_substituted = 0
 
     def put(self, node: Node) -> Node:
-        """The node with values in place of names."""
+        """Return a copy of the node in which names are replaced by values."""
         value = node.value
         if isinstance(value, str) and "$" in value:
             return self._value(node)
@@ -83,24 +83,24 @@ class _Names:
         use = _USE.fullmatch(node.value)
         if use is None:
             hint = f"write $({node.value.replace('$', '')})" if _USE.search(node.value) else ""
-            raise mistake(node, f"found '{node.value}': expected a $name that stands alone, or $(...)", hint)
+            raise mistake(node, f"found '{node.value}': expected only a $name, or $(...)", hint)
         name = use[1]
         self._check(name, f"${name}", node)
         self.used.add(name)
         value, source = self.values[name]
-        return self._moved(value, Node(None, node.where, node.label, source), 0)
+        return self._value_at(value, Node(None, node.where, node.label, source), 0)
 
     def _computed(self, node: Node) -> Node:
-        """What stands between the brackets of `$(...)`, computed."""
+        """Return a node with the value of `$(...)`."""
         from neuro.core.grammar import Misread
-        from neuro.model.language.computing import computed
+        from neuro.model.language.computing import evaluate
 
         text = node.value
         if not text.endswith(")"):
-            hint = "a text with ',' needs quotes" if text.count("(") > text.count(")") + 1 else ""
-            raise mistake(node, f"found '{text}': expected '$(' and ')' around all of it", hint)
+            hint = "put an expression with ',' in quotes" if text.count("(") > text.count(")") + 1 else ""
+            raise mistake(node, f"found '{text}': expected '$(' and ')' around the whole expression", hint)
         try:
-            value = computed(text[2:-1], lambda whole, name: self._measure(whole, name, node), self.given)
+            value = evaluate(text[2:-1], lambda expression, name: self._measure(expression, name, node), self.nodes)
         except Misread as error:
             if node.text is None:
                 raise put_at(node, error) from None
@@ -108,15 +108,15 @@ class _Names:
             raise error.but(message=f"{shown(text)}: {error.bare}", where=where) from None
         return Node(value, node.where, node.label, f"{text} is {value}")
 
-    def _measure(self, whole: Expression, name: Name, node: Node) -> Measure:
-        """The number that a name stands for."""
+    def _measure(self, expression: Expression, name: Name, node: Node) -> Measure:
+        """Return the number and dimension of a parameter."""
         from neuro.core.units import in_base, is_measure
         from neuro.model.language.computing import Measure
 
         try:
             self._check(name.name, name.name, node)
         except ModelError as error:
-            wrong = whole.mistake(name.at, error.message, error.hint)
+            wrong = expression.mistake(name.at, error.message, error.hint)
             wrong.kind = error.kind
             raise wrong from None
         self.used.add(name.name)
@@ -125,38 +125,38 @@ class _Names:
             try:
                 return Measure(*in_base(value))
             except ModelError as error:
-                raise whole.mistake(name.at, f"'{name.name}' = {value}: {error.message}", error.hint) from None
+                raise expression.mistake(name.at, f"'{name.name}' = {value}: {error.message}", error.hint) from None
         if not is_number(value):
-            text = found(self.values[name.name][0])
-            raise whole.mistake(name.at, f"'{name.name}': {text}: expected a number, with its unit or without")
+            text = found_text(self.values[name.name][0])
+            raise expression.mistake(name.at, f"'{name.name}': {text}: expected a number, with its unit or without")
         return Measure(float(value))
 
     def _check(self, name: str, label: str, node: Node) -> None:
-        """Refuse a name that stands for nothing yet."""
+        """Raise an error if a name has no value yet."""
         if name in self.values:
             return
-        if name in self.given:
-            raise mistake(node, f"{label} is used before it is set", f"set it above, see {self.given[name].label}")
+        if name in self.nodes:
+            raise mistake(node, f"{label} is used before it is set", f"set it above, see {self.nodes[name].label}")
         sign = label.removesuffix(name)
-        error = unknown("parameter", label, (f"{sign}{known}" for known in self.given))
-        raise put_at(node, error if self.given else error.but(hint=f"add parameters: {{{name}: ...}}"))
+        error = unknown("parameter", label, (f"{sign}{defined}" for defined in self.nodes))
+        raise put_at(node, error if self.nodes else error.but(hint=f"add parameters: {{{name}: ...}}"))
 
-    def _moved(self, value: Node, to: Node, depth: int) -> Node:
-        """The value as if it stood where it is used."""
-        self.placed += 1
-        if self.placed > MAX_PLACED or depth > MAX_DEPTH:
-            limit = f"{MAX_DEPTH} levels" if depth > MAX_DEPTH else f"{MAX_PLACED} values"
-            raise ModelError(f"parameters stand for more than {limit}: expected fewer", where=to.where, hint=to.source)
+    def _value_at(self, value: Node, to: Node, depth: int) -> Node:
+        """Return a copy of a value with the position of the node that uses the value."""
+        self.n_substituted += 1
+        if self.n_substituted > MAX_SUBSTITUTED or depth > MAX_DEPTH:
+            limit = f"{MAX_DEPTH} levels" if depth > MAX_DEPTH else f"{MAX_SUBSTITUTED} values"
+            raise ModelError(f"parameters expand to more than {limit}: expected fewer", where=to.where, hint=to.source)
         inner = value.value
         if isinstance(inner, list):
-            inner = [self._moved(item, to, depth + 1) for item in inner]
+            inner = [self._value_at(item, to, depth + 1) for item in inner]
         elif isinstance(inner, dict):
-            inner = {word: self._moved(item, to, depth + 1) for word, item in inner.items()}
+            inner = {word: self._value_at(item, to, depth + 1) for word, item in inner.items()}
         return Node(inner, to.where, to.label, to.source)
 
 
 def _as_node(value: Any, at: Node) -> Node:
-    """A Python value as if it stood in the file."""
+    """Return a Python value as a node at the position of another node."""
     if isinstance(value, (list, tuple)):
         value = [_as_node(item, at) for item in value]
     elif isinstance(value, Mapping):

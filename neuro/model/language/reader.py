@@ -1,4 +1,4 @@
-"""YAML text to nodes that know their place. Only words, numbers, lists and mappings are constructed."""
+"""Parsing of YAML into nodes with positions. Only words, numbers, lists and mappings are constructed."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ class Node:
 
     Attributes:
         value: None, a boolean, number or word, a list of nodes, or a mapping from words to nodes.
-        where: where it stands.
-        label: where the word before it stands, if it has one.
-        text: where the first letter of a word stands; None if the others do not follow it as they are in the value.
-        source: what else decides on it: "$w is set at net.yaml:4:3" for a value put in place of a parameter.
+        where: position of the value.
+        label: position of the word before the value, or of the value if there is none.
+        text: position of the first letter of a word, or None if escapes shift the positions of its letters.
+        source: origin of a value that replaced a parameter, such as "$w is set at net.yaml:4:3".
     """
 
     value: Any
@@ -60,16 +60,17 @@ class Node:
 def read(
     path: Path, expected: str = "a network", begin: str = "neuro: 1", twice: list[ModelError] | None = None
 ) -> Node:
-    """Read a file.
+    """Read a YAML file.
 
     Args:
         path: the file.
-        expected: what it describes, for messages.
-        begin: how such a description may begin.
-        twice: takes the mistakes of words that are said twice, the first of which then counts; else they are raised.
+        expected: the expected content, for messages.
+        begin: an example of the first line, for messages.
+        twice: list to which errors about repeated words are appended; the first value then counts. None: they are
+            raised.
 
     Raises:
-        ModelError: it cannot be read, is empty, or is not plain YAML.
+        ModelError: the file cannot be read, is empty, or uses YAML features beyond plain data.
     """
     text = _text(path)
     return _Reader(text, str(path), twice).document(expected, begin)
@@ -85,8 +86,10 @@ def _bytes(path: Path) -> bytes:
                 record_input(path)
                 return file.read(MAX_BYTES + 1)
     except FileNotFoundError:
-        beside = [p.name for p in path.parent.glob("*.y*ml")] if path.parent.is_dir() else []
-        raise ModelError("no such file", where=where, hint=nearest(path.name, beside) if beside else "") from None
+        yaml_names = [p.name for p in path.parent.glob("*.y*ml")] if path.parent.is_dir() else []
+        raise ModelError(
+            "no such file", where=where, hint=nearest(path.name, yaml_names) if yaml_names else ""
+        ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ModelError(f"cannot be read: {reason}", where=where) from None
@@ -103,9 +106,9 @@ def _text(path: Path) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         place = _place(data[: error.start].decode("utf-8", "replace"), str(path))
-        results = "an HDF5 file, as results are: neuro report FILE tells what these hold, and their bill"
+        results_hint = "an HDF5 file such as results: neuro report FILE shows their content and bill"
         message = f"found the byte 0x{data[error.start]:02x}: expected UTF-8 text"
-        raise ModelError(message, where=place, hint=results if is_hdf5(data) else "") from None
+        raise ModelError(message, where=place, hint=results_hint if is_hdf5(data) else "") from None
     if odd := _UNPRINTABLE.search(text):
         place = _place(text[: odd.start()], str(path))
         raise ModelError(f"found the character U+{ord(odd[0]):04X}: expected text", where=place)
@@ -113,12 +116,12 @@ def _text(path: Path) -> str:
 
 
 def _place(before: str, file: str) -> Where:
-    """The place after the text `before`."""
+    """Return the position after the text `before`."""
     return Where(file, before.count("\n") + 1, len(before) - before.rfind("\n"))
 
 
 class _Reader:
-    """Turns the parser's events into nodes, and refuses what is no plain data on the way."""
+    """Converter of the parser's events to nodes, with errors for YAML features beyond plain data."""
 
     def __init__(self, text: str, file: str, twice: list[ModelError] | None) -> None:
         self.lines, self.file, self.twice = text.splitlines(), file, twice
@@ -162,7 +165,7 @@ class _Reader:
             raise ModelError(f"found more than {MAX_DEPTH} levels: expected fewer", where=where)
         if kind is yaml.ScalarEvent:
             value: Any = scalar(event.value, where) if event.implicit[0] else event.value
-            return Node(value, where, label or where, "", _letters(event, where))
+            return Node(value, where, label or where, "", _text_position(event, where))
         if kind is yaml.SequenceStartEvent:
             value = []
             while type(item := self.next()) is not yaml.SequenceEndEvent:
@@ -181,11 +184,11 @@ class _Reader:
             if type(key) is not yaml.ScalarEvent or not key.value:
                 raise ModelError("expected a word before ':'", where=where)
             if key.value == "<<" and key.implicit[0]:
-                raise ModelError("'<<' merges mappings, which the language has not: write the words out", where=where)
+                raise ModelError("found '<<': the language does not merge mappings: write the words out", where=where)
             node = self.node(self.next(), depth + 1, where)
             if key.value in words:
                 first = words[key.value].label
-                error = ModelError(f"'{key.value}' is said twice", where=where, hint=f"first at {first}")
+                error = ModelError(f"'{key.value}' is defined twice", where=where, hint=f"first at {first}")
                 if self.twice is None:
                     raise error
                 self.twice.append(error)
@@ -194,28 +197,31 @@ class _Reader:
         return words
 
     def refuse(self, event: Any, where: Where) -> NoReturn:
-        """Refuse an anchor, an alias or a tag."""
+        """Raise the error for an anchor, an alias or a tag."""
         if isinstance(event, yaml.AliasEvent):
-            found, hint = f"the alias '*{event.anchor}': expected a value", "use parameters and $names"
+            found_text, hint = f"the alias '*{event.anchor}': expected a value", "use parameters and $names"
         elif event.anchor is not None:
-            found, hint = f"the anchor '&{event.anchor}': expected a value", "use parameters and $names"
+            found_text, hint = f"the anchor '&{event.anchor}': expected a value", "use parameters and $names"
         else:
-            found, hint = f"the tag '{event.tag.replace('tag:yaml.org,2002:', '!!')}': expected a value without one", ""
-        raise ModelError(f"found {found}", where=where, hint=hint)
+            found_text, hint = (
+                f"the tag '{event.tag.replace('tag:yaml.org,2002:', '!!')}': expected a value without one",
+                "",
+            )
+        raise ModelError(f"found {found_text}", where=where, hint=hint)
 
 
-def _letters(event: Any, where: Where) -> Where | None:
-    """Where the letters of a word begin, if they stand in the file as they are in its value."""
+def _text_position(event: Any, where: Where) -> Where | None:
+    """Return the position of the first letter of a word, or None if the word is not in the file letter by letter."""
     quotes = 1 if event.style else 0
     begin, end = event.start_mark, event.end_mark
-    as_it_is = begin.line == end.line and end.column - begin.column == len(event.value) + 2 * quotes
-    if not as_it_is:
+    is_literal = begin.line == end.line and end.column - begin.column == len(event.value) + 2 * quotes
+    if not is_literal:
         return None
     return Where(where.file, where.line, where.column + quotes) if quotes else where
 
 
 def scalar(text: str, where: Where) -> bool | int | float | str | None:
-    """What a word without quotes means: yes, no, on and off are words, only true and false are booleans."""
+    """Return the value of a word without quotes. Only true and false are booleans; yes, no, on and off are words."""
     if text in _CONSTANTS:
         return _CONSTANTS[text]
     if text[0] not in "+-.0123456789":
@@ -232,7 +238,7 @@ def scalar(text: str, where: Where) -> bool | int | float | str | None:
 
 
 def plain(node: Node) -> Any:
-    """The value without its places."""
+    """Return the value without positions."""
     if isinstance(node.value, list):
         return [plain(item) for item in node.value]
     if isinstance(node.value, dict):
@@ -241,41 +247,43 @@ def plain(node: Node) -> Any:
 
 
 def mistake(node: Node, message: str, hint: str = "") -> ModelError:
-    """The error for a node."""
-    return ModelError(message, where=place(node), hint=_joined(hint, node.source))
+    """Return an error at the position of a node."""
+    return ModelError(message, where=place(node), hint=_join_hints(hint, node.source))
 
 
 def put_at(node: Node, error: ModelError) -> ModelError:
-    """An error as one for a node."""
-    return error.but(where=place(node), hint=_joined(error.hint, node.source))
+    """Return an error with the position of a node."""
+    return error.but(where=place(node), hint=_join_hints(error.hint, node.source))
 
 
 def place(node: Node) -> Where:
-    """Where the value stands, or the word before it where there is none."""
+    """Return the position of the value, or of the word before it if there is no value."""
     return node.label if node.value is None else node.where
 
 
-def found(node: Node) -> str:
-    """What stands there, for messages."""
+def found_text(node: Node) -> str:
+    """Return the text "found VALUE" for messages."""
     if node.value is None:
         return "found nothing"
     return f"found {shown(plain(node))}"
 
 
 def words(node: Node, known: Iterable[str], what: str, needs: Iterable[str] = (), kind: str = "") -> dict[str, Node]:
-    """The words of a mapping, of which only `known` ones are accepted.
+    """Return the words of a mapping.
 
     Args:
         node: the mapping.
-        known: all words that have a meaning here.
+        known: the accepted words.
         what: what the mapping describes, for messages.
-        needs: the words that must be there.
-        kind: what a word is, for messages; "word of ..." if not given.
+        needs: the required words.
+        kind: the kind of the words, for messages. The default is "word of WHAT".
+
+    Raises:
+        ModelError: the node is not a mapping, or a word is unknown, has no value or is missing.
     """
     names = list(known)
     if not isinstance(node.value, dict):
-        listed = ", ".join(names)
-        raise mistake(node, f"{found(node)}: expected the words of {what}: {listed}")
+        raise mistake(node, f"{found_text(node)}: expected the words of {what}: {', '.join(names)}")
     for word, value in node.value.items():
         if word not in names:
             raise _unknown_word(word, value, names, kind or f"word of {what}")
@@ -293,27 +301,27 @@ def _unknown_word(word: str, value: Node, names: list[str], kind: str) -> ModelE
     if colon and before in names and value.value is None:
         return error.but(hint=f"write '{before}: {after}', with a space after ':'", suggestion="")
     if word.endswith(")"):
-        return error.but(hint="',' ends a value; a choice is no call: write {name: {word: value}}", suggestion="")
+        return error.but(hint="write parameters as {name: {word: value}}, without a call", suggestion="")
     return error
 
 
 @contextmanager
 def about(node: Node, context: str = "") -> Iterator[None]:
-    """Give an error raised inside the place of the value of `node` that its path leads to."""
+    """Add positions to errors raised inside: the position of the value to which the error's path leads."""
 
-    def told(error: ModelError) -> ModelError:
+    def with_position(error: ModelError) -> ModelError:
         at = follow(node, error.path)
-        return put_at(at, error.at(None, context)).but(path=(), others=tuple(map(told, error.others)))
+        return put_at(at, error.at(None, context)).but(path=(), others=tuple(map(with_position, error.others)))
 
     try:
         yield
     except ModelError as error:
-        raise told(error) from None
+        raise with_position(error) from None
 
 
 @contextmanager
 def within(context: str) -> Iterator[None]:
-    """Begin the message of an error raised inside with `context`."""
+    """Begin the messages of errors raised inside with `context`."""
     try:
         yield
     except ModelError as error:
@@ -321,7 +329,7 @@ def within(context: str) -> Iterator[None]:
 
 
 def follow(node: Node, path: Iterable[str]) -> Node:
-    """The node that a path of words and positions leads to, as far as it goes."""
+    """Return the node to which a path of words and indices leads, or the last node that exists on the path."""
     for step in path:
         inner: Node | None = None
         if isinstance(node.value, dict):
@@ -334,5 +342,5 @@ def follow(node: Node, path: Iterable[str]) -> Node:
     return node
 
 
-def _joined(*hints: str) -> str:
+def _join_hints(*hints: str) -> str:
     return "; ".join(hint for hint in hints if hint)

@@ -1,4 +1,4 @@
-"""Errors of YAML's parser in plainer words."""
+"""Messages for syntax errors of YAML, in the terms of a description."""
 
 from __future__ import annotations
 
@@ -12,20 +12,22 @@ from neuro.core.errors import ModelError, Where
 
 
 def syntax_error(error: yaml.MarkedYAMLError, lines: Sequence[str], file: str) -> ModelError:
-    """The parser's error in plainer words."""
+    """Translate an error of the YAML parser."""
     mark = error.problem_mark or error.context_mark
     if mark is None:
         return ModelError(f"not YAML: {error.problem}", where=Where(file))
     where = _place(mark, file)
     line = lines[mark.line] if mark.line < len(lines) else ""
-    found = (re.match(r"\w+|.?", line[mark.column :]) or "")[0]
+    text = (re.match(r"\w+|.?", line[mark.column :]) or "")[0]
     problem = str(error.problem)
-    if found == "\t" or "tab character" in problem:
+    if text == "\t" or "tab character" in problem:
         return ModelError("found a tab: expected spaces", where=where, hint="YAML is indented by spaces only")
     if "cannot start any token" in problem:
-        return ModelError(f"found '{found}': expected a value", where=where, hint="text with it needs quotes")
+        return ModelError(
+            f"found '{text}': expected a value", where=where, hint="put text with this character in quotes"
+        )
     if "mapping values are not allowed" in problem:
-        message = "found ':' where no word can stand before it"
+        message = "found ':' without a word before it"
         hint = "is a ':' missing on the line above, or the indentation different?"
         return ModelError(message, where=where, hint=hint)
     if "could not find expected ':'" in problem:
@@ -33,10 +35,10 @@ def syntax_error(error: yaml.MarkedYAMLError, lines: Sequence[str], file: str) -
     if "expected ',' or" in problem:
         closing = "]" if "']'" in problem else "}"
         start = _place(error.context_mark, file) if error.context_mark else where
-        return ModelError(f"expected ',' or '{closing}' in what begins at {start}", where=where)
+        return ModelError(f"expected ',' or '{closing}' in the list or mapping that begins at {start}", where=where)
     if "expected key" in problem or "<block end>" in problem or "'-' indicator" in problem:
         return ModelError(
-            f"found '{found}' where a word or the end of the part should be" if found else "unfinished",
+            f"found '{text}': expected a word or the end of the part" if text else "unfinished",
             where=where,
             hint="do the words of a part begin in the same column, and do brackets match?",
         )

@@ -1,4 +1,4 @@
-"""Plain data as YAML that people like to read, and large arrays as HDF5. Equal networks give equal bytes."""
+"""Writing of networks as readable YAML, with large arrays as HDF5. Equal networks give equal bytes."""
 
 from __future__ import annotations
 
@@ -33,39 +33,39 @@ MARK = "# saved by neuro"
 NETWORK = sealed("a network that was saved", MARK, ", digest {}")
 _ARRAYS = "neuro arrays 1"
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
-_ELSEWHERE_BOOLEANS = ("yes", "no", "on", "off", "y", "n", "true", "false", "null")
+_YAML_1_1_WORDS = ("yes", "no", "on", "off", "y", "n", "true", "false", "null")
 
 
 def save(net: Description, path: str | Path, anywhere: bool = False) -> None:
-    """Write a network as YAML, with an HDF5 file of the same stem beside it if it has large arrays.
+    """Write a network as YAML, with an HDF5 file of the same stem beside it if there are large arrays.
 
     Args:
         net: the network.
-        path: ends in `.yaml` or `.yml`.
-        anywhere: whether recordings that the network plays may lie elsewhere or in memory; the file tells them then,
-            but stands for the network only where they are.
+        path: a name ending in `.yaml` or `.yml`.
+        anywhere: whether the network may play recordings that are in other folders or in memory. The file then loads
+            only where these recordings are found.
 
     Raises:
-        ModelError: the file cannot be written, or an HDF5 file of that name holds something else.
+        ModelError: the file cannot be written, or the HDF5 file exists and holds something else.
     """
     file = check_network_file(path)
-    beside = file.with_name(re.sub(r"[^\w .-]", "_", file.stem) + ".h5")
-    arrays = Arrays(beside.name, None if anywhere else file.parent)
+    arrays_path = file.with_name(re.sub(r"[^\w .-]", "_", file.stem) + ".h5")
+    arrays = Arrays(arrays_path.name, None if anywhere else file.parent)
     text = to_text(describe(net, arrays))
     with ExitStack() as files:
         files.enter_context(output(file, NETWORK)).write_text(NETWORK.seal(f"{MARK}\n{text}"), encoding="utf-8")
-        if arrays.kept:
-            with new_file(files.enter_context(_claimed(beside)), _ARRAYS) as beside_file:
-                beside_file.attrs["format"] = _ARRAYS
-                for key, array in arrays.kept.items():
-                    beside_file.create_dataset(key, data=array, track_times=False)
+        if arrays.by_key:
+            with new_file(files.enter_context(_claimed(arrays_path)), _ARRAYS) as arrays_file:
+                arrays_file.attrs["format"] = _ARRAYS
+                for key, array in arrays.by_key.items():
+                    arrays_file.create_dataset(key, data=array, track_times=False)
 
 
 def check_network_file(path: str | Path) -> Path:
-    """Return the name of a file of a network, if it may be written.
+    """Return the path of a network's file if it may be written.
 
     Raises:
-        ModelError: it ends otherwise, or is taken by what is no network that was saved.
+        ModelError: the name has another ending, or the file exists and is not a saved network.
     """
     file = file_path(path, "path")
     if file.suffix not in ENDINGS:
@@ -76,7 +76,7 @@ def check_network_file(path: str | Path) -> Path:
 
 
 def to_text(sections: dict[str, Any]) -> str:
-    """YAML of a description: one part a line where it fits."""
+    """Return a description as YAML, with one part per line if it fits."""
     lines = []
     for word, section in sections.items():
         if isinstance(section, dict):
@@ -97,17 +97,17 @@ def _lines(word: str, value: Any, indent: str) -> list[str]:
     return _filled(f"{indent}{_word(word)}: [", [_flow(item) for item in value], indent + "  ")
 
 
-def _filled(line: str, items: list[str], indent: str) -> list[str]:
-    """A list over several lines."""
+def _filled(current: str, items: list[str], indent: str) -> list[str]:
+    """Return a list broken into several lines."""
     lines = []
     for k, item in enumerate(items):
         text = item + ("]" if k == len(items) - 1 else ",")
-        if k and len(line) + len(text) + 1 > WIDTH:
-            lines.append(line)
-            line = indent + text
+        if k and len(current) + len(text) + 1 > WIDTH:
+            lines.append(current)
+            current = indent + text
         else:
-            line += (" " if k else "") + text
-    return [*lines, line]
+            current += (" " if k else "") + text
+    return [*lines, current]
 
 
 def _flow(value: Any) -> str:
@@ -125,20 +125,24 @@ def _flow(value: Any) -> str:
 
 
 def _word(text: str) -> str:
-    """Text that is read back as itself, in quotes where it needs them here or in other readers of YAML."""
-    plain = _PLAIN.fullmatch(text) and text.lower() not in _ELSEWHERE_BOOLEANS and scalar(text, Where("")) == text
+    """Return text in quotes if it needs them here or in other readers of YAML."""
+    plain = _PLAIN.fullmatch(text) and text.lower() not in _YAML_1_1_WORDS and scalar(text, Where("")) == text
     return text if plain else json.dumps(text, ensure_ascii=False)
 
 
 @contextmanager
 def _claimed(path: Path) -> Iterator[Path]:
-    """Where the arrays may be written."""
+    """Yield the path at which the arrays may be written.
+
+    Raises:
+        Unwritable: the file exists and holds something else.
+    """
     try:
         kind = Kind("the arrays of a network that was saved", lambda path: has_format(path, _ARRAYS))
         with output(path, kind) as part:
             yield part
     except Unwritable as error:
-        hint = "choose another name for the network's file, whose arrays go to an HDF5 file of the same stem"
+        hint = "choose another name for the network; its arrays go to an HDF5 file of the same stem"
         raise error.but(hint=hint) from None
 
 
@@ -146,32 +150,32 @@ LARGEST_INLINE = 64
 NAMED = (
     *("distribution", "code", "profile", "mask", "model", "rule", "synapse", "source", "encoder", "decoder", "teacher"),
 )
-"""Kinds of choices that are values, said by their name."""
+"""Kinds of choices that are written with their name. Others, such as `labels`, are written by parameters only."""
 
 
 class Arrays:
-    """What a text cannot hold: arrays that are too large, each replaced by `{file, key}`, and recordings.
+    """Arrays that are too large for the text, each replaced by `{file, key}`, and names of recordings.
 
     Args:
-        file: the name of the file that takes the arrays.
-        folder: the folder of the text, in or below which recordings must lie; None: the text names them as they were
-            named, and stands for the network only where it was.
+        file: the name of the HDF5 file of the arrays.
+        folder: the folder of the text, in or below which recordings must be. None: recordings keep the names that the
+            network has for them.
     """
 
     def __init__(self, file: str, folder: Path | None = None) -> None:
         self.file, self._folder = file, folder
-        self.kept: dict[str, NDArray[Any]] = {}
+        self.by_key: dict[str, NDArray[Any]] = {}
 
     def keep(self, key: str, array: NDArray[Any]) -> dict[str, str]:
-        """Put an array aside."""
-        self.kept[key] = array
+        """Store an array and return its file and key."""
+        self.by_key[key] = array
         return {"file": self.file, "key": key}
 
     def recording(self, path: Path, key: str) -> str:
-        """The name of a recording in the text.
+        """Return the name of a recording in the text.
 
         Raises:
-            ModelError: it lies elsewhere than in the folder of the text.
+            ModelError: the recording is not in the folder of the text or below.
         """
         if self._folder is None:
             return path.as_posix()
@@ -182,10 +186,10 @@ class Arrays:
         return path.resolve().relative_to(folder).as_posix()
 
     def events(self, key: str) -> None:
-        """What stands for events of a program: nothing, where the text need not stand for the network.
+        """Return None for events that a program passed, if the text need not be complete.
 
         Raises:
-            ModelError: it must.
+            ModelError: the text must be complete, which events of a program cannot be.
         """
         if self._folder is not None:
             raise ModelError(
@@ -194,11 +198,11 @@ class Arrays:
 
 
 def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
-    """All sections of a network; a parameter that has its default is left out.
+    """Return all sections of a network, without parameters that have their default.
 
     Args:
         net: the network.
-        arrays: takes the large ones.
+        arrays: collects the large arrays.
     """
     sections: dict[str, Any] = {"neuro": VERSION, "name": net.name, "resolution": net.resolution}
     sections["models"] = _models(net)
@@ -215,34 +219,37 @@ def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
 
 
 def _part(part: Part, arrays: Arrays) -> Any:
-    """The words of a part that differ from what they are by default; a group is its choice."""
+    """Return the words of a part that differ from their defaults. A group is written as its choice."""
     if isinstance(part, Group):
         return _choice(part.choice, arrays, part.name)
-    said = {word: part.value(word) for word in part.words}
+    values = {word: part.value(word) for word in part.words}
     empty = {
-        word for word, value in said.items() if value is None or value is False or (word == "initial" and not value)
+        word for word, value in values.items() if value is None or value is False or (word == "initial" and not value)
     }
-    return _values({word: value for word, value in said.items() if word not in empty}, arrays, part.name)
+    return _values({word: value for word, value in values.items() if word not in empty}, arrays, part.name)
 
 
 def _models(net: Description) -> dict[str, Any]:
-    """The models in equations that the network has.
+    """Return the definitions of the models in equations that the network uses.
 
     Raises:
-        ModelError: two of them have one name.
+        ModelError: two different models have the same name.
     """
-    found: dict[str, Any] = {}
+    models: dict[str, Any] = {}
     parts: list[tuple[Population | Projection, type[Choice]]] = [(p, type(p.model)) for p in net.populations.values()]
     parts += [(p, type(p.synapse)) for p in net.projections.values()]
     for part, model in parts:
-        if issubclass(model, EquationNeuron | EquationSynapse) and found.setdefault(model.called(), model) is not model:
-            text = f"another model of the network is called '{model.called()}', too"
-            refuse(part, text, "give one of them another name")
-    return {name: plain_words(model.definition) for name, model in found.items()}
+        if (
+            issubclass(model, EquationNeuron | EquationSynapse)
+            and models.setdefault(model.called(), model) is not model
+        ):
+            text = f"another model of the network is also called '{model.called()}'"
+            refuse(part, text, "rename one of the two models")
+    return {name: plain_words(model.definition) for name, model in models.items()}
 
 
 def plain_words(words: Any) -> Any:
-    """Mappings and lists as those of a text."""
+    """Return mappings and lists as plain dicts and lists."""
     if isinstance(words, Mapping):
         return {str(word): plain_words(value) for word, value in words.items()}
     return [plain_words(value) for value in words] if isinstance(words, list | tuple) else words
@@ -290,7 +297,7 @@ def _value(value: Any, arrays: Arrays, key: str) -> Any:
 
 
 def _table(rows: tuple[NDArray[Any], ...]) -> NDArray[np.float64]:
-    """Rows of different lengths as one array; the shorter ones end in NaN."""
+    """Return rows of different lengths as one array, with NaN after shorter rows."""
     table = np.full((len(rows), max(row.size for row in rows)), np.nan)
     for n, row in enumerate(rows):
         table[n, : row.size] = row
