@@ -245,7 +245,7 @@ def test_what_a_rule_of_ones_own_must_have():
         )
 
     for model, told in (
-        (no_range, "expected a subclass of DelayRule, which says how far a delay may go"),
+        (no_range, "expected a subclass of DelayRule, which has bounds of delays"),
         (
             no_delay,
             "changes delays: expected learns 'pairs' or 'trials', no dopamine, first state 'delay'",

@@ -107,7 +107,7 @@ def test_the_refractory_period_bounds_the_rate():
     np.testing.assert_allclose(np.diff(times), 3.1)
 
 
-WARNED = "I_e drives V_m beyond V_th + eta_0 and t_ref is 0: it fires in every step; set t_ref or eta_sum"
+WARNED = "I_e drives V_m beyond V_th + eta_0 and t_ref is 0, so it fires in every step: set t_ref or eta_sum"
 
 
 def test_it_warns_where_it_would_fire_in_every_step():

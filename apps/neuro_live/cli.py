@@ -261,7 +261,7 @@ def streamed(net: Network, stack: ExitStack) -> dict[str, Source]:
         if isinstance(model, event_camera) and model.stream is not None:
             found = stack.enter_context(_listen(model.stream, format=model.format, sensor=model.sensor))
             made[name] = found
-            shape = model.seen(found.sensor_size) if AUTO in part.shape else part.shape
+            shape = model.visible_shape(found.sensor_size) if AUTO in part.shape else part.shape
             model = replace(model, stream=None, format=None, sensor=None)
             net.populations[name] = replace(part, model=model, shape=shape)
     return made

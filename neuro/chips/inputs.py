@@ -314,7 +314,7 @@ def no_rule(program: Program, index: int) -> Problem | None:
         way = "learn at the next projection"
     elif synapse.chip not in ("", "spinnaker") and not target.chip and not isinstance(target, parrot_neuron):
         why, way = f"its weights are mantissas, but {target.name} has mV and pA", "use static or stdp, or a loihi_lif"
-    elif words := synapse.of_each():
+    elif words := synapse.per_synapse():
         why = f"{', '.join(words)} of each synapse: a rule of the chip is one for the whole projection"
         way = "give all synapses one number, split the projection, or run on event"
     elif synapse.learns == "pairs" and target.chip:

@@ -115,7 +115,7 @@ class CameraInput:
                 message = f"shape {list(numbers)}: expected {expected} with polarity: {self.model.polarity}"
                 raise ModelError(message, path=("shape",), about=("polarity",))
             return numbers
-        shape = self.model.seen(self._sensor)
+        shape = self.model.visible_shape(self._sensor)
         fits = len(declared) == len(shape) and all(word in (AUTO, n) for word, n in zip(declared, shape, strict=True))
         if not fits and declared != (AUTO,):
             width, height = self._sensor

@@ -244,7 +244,7 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
     if isinstance(part.rule, grid) and synapse.learns in ("pairs", "moves") and synapse.name not in LEARNING_KERNELS:
         text = f"{synapse.name} on a shared kernel: expected static, {', '.join(LEARNING_KERNELS)} or a rule for trials"
         refuse(part, text, "all_to_all gives each pair a weight", synapse.name)
-    if isinstance(part.rule, grid) and synapse.learns == "pairs" and (words := synapse.of_each()):
+    if isinstance(part.rule, grid) and synapse.learns == "pairs" and (words := synapse.per_synapse()):
         text = f"{synapse.name}.{words[0]} of each synapse on a shared kernel: expected a number"
         refuse(part, text, "all_to_all gives each pair a rule of its own", synapse.name)
     if isinstance(part.rule, grid) and synapse.delays:
@@ -271,7 +271,7 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
 def _check_weight(part: Projection) -> None:
     """Check that a weight given as a number is within the numeric bounds of its rule."""
     weight = plain(part.weight)
-    if isinstance(weight, (Distribution, of_distance)) or np.ndim(weight) or part.synapse.of_each():
+    if isinstance(weight, (Distribution, of_distance)) or np.ndim(weight) or part.synapse.per_synapse():
         return
     low, high = part.synapse.bounds()
     if not low <= weight <= high:

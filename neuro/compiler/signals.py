@@ -137,7 +137,7 @@ class _Reader:
 
     def __init__(self, net: Network, shapes: Mapping[str, Shape], clock: Clock, source: computed, every: int) -> None:
         self.net, self.shapes, self.clock, self.every = net, shapes, clock, every
-        self.expression = source.parsed()
+        self.expression = source.syntax_tree()
         self.names = {name: index for index, name in enumerate(net.populations)}
         self.operations: tuple[Operation, ...] = ()
         try:

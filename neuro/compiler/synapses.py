@@ -150,7 +150,7 @@ class Drawing:
     @cached_property
     def _parameters(self) -> dict[str, str]:
         """The parameters of the synapse model with a value per synapse."""
-        return self.part.synapse.fields_of_each()
+        return self.part.synapse.per_synapse_fields()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -155,7 +155,7 @@ def _whole(part: Projection) -> Projection:
 
     delay_dtype = part.delay.dtype if part.delay_span[1] <= np.iinfo(part.delay.dtype).max else np.int32
     numbers = part.synapse.parameters()
-    each = {name: rows.joined(numbers[word]) for name, word in part.synapse.fields_of_each().items()}
+    each = {name: rows.joined(numbers[word]) for name, word in part.synapse.per_synapse_fields().items()}
     words: dict[str, Any] = {"weight": joined(part.weight, np.float64), "delay": joined(part.delay, delay_dtype)}
     if part.whole_layout == "csr":
         words["row_ends"] = np.concatenate(([0], np.cumsum(rows.fan_out())))

@@ -82,12 +82,12 @@ class computed(Source):
     def __post_init__(self) -> None:
         super().__post_init__()
         try:
-            self.parsed()
+            self.syntax_tree()
         except ModelError as error:
             message = f"{self.name}.expression: {error.message}"
             raise error.but(message=message, where=here(), path=("expression",)) from None
 
-    def parsed(self) -> Expression:
+    def syntax_tree(self) -> Expression:
         """Return the syntax tree of the expression."""
         return parse(self.expression, _HINTS, views=True)
 

@@ -197,7 +197,7 @@ class Engine(Protocol):
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change all parameters of a synapse model, in the order of `Synapse.vector`.
 
-        Shape (parameters,), or (synapses, parameters) for a rule with a value per synapse, see `Synapse.of_each`.
+        Shape (parameters,), or (synapses, parameters) for a rule with a value per synapse, see `Synapse.per_synapse`.
         """
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:

@@ -64,7 +64,7 @@ class Currents:
             if p.source in self._parameters
         }
         self.longest = 1 + max([1, *(int(program.projections[q].delay.max(initial=1)) for q in self._weights)])
-        hold_steps = [generator_of(program.populations[k]).held(program.resolution) for k in self._parameters]
+        hold_steps = [generator_of(program.populations[k]).steps_per_value(program.resolution) for k in self._parameters]
         self._past = self.longest + max(hold_steps, default=1)
         computed_targets = driven(program)
         self.targets = sorted({program.projections[q].target for q in self._weights} - set(computed_targets))
@@ -264,7 +264,7 @@ class Emission:
 
     def moments(self, steps: Ints) -> Ints:
         """Return the step in which the current of each step was drawn. Generators can hold values."""
-        hold_steps = self._model.held(self._h)
+        hold_steps = self._model.steps_per_value(self._h)
         return self.first + (steps - self.first) // hold_steps * hold_steps
 
     def on(self, steps: Ints) -> Ints:

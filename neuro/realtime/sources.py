@@ -68,8 +68,12 @@ class Inlet:
             raise ModelError(f"inputs: '{name}' plays a recording: expected an event_camera without one")
         if model.start:
             raise ModelError(f"inputs: '{name}' starts at {model.start:g} ms: expected 0")
-        if (size := getattr(source, "sensor_size", None)) is not None and model.seen(tuple(size)) != neurons.part.shape:
-            shapes = f"{list(model.seen(tuple(size)))}, that of its source: expected {list(neurons.part.shape)}"
+        if (size := getattr(source, "sensor_size", None)) is not None and model.visible_shape(
+            tuple(size)
+        ) != neurons.part.shape:
+            shapes = (
+                f"{list(model.visible_shape(tuple(size)))}, that of its source: expected {list(neurons.part.shape)}"
+            )
             raise ModelError(f"inputs: '{name}' would have the shape {shapes}")
         self.name, self._sim, self._source, self._camera = name, sim, source, camera
         self._events = app("neuro_events._events", "the type of events")

@@ -27,7 +27,7 @@ class Given(ThreeFactors):
 
 def engine(case, weights):
     """A projection that learns by the rule of a case; nothing but the test changes what its targets send."""
-    dw, dt = (loihi2_learning.parsed(case[word], word) for word in ("dw", "dt"))
+    dw, dt = (loihi2_learning.parse_products(case[word], word) for word in ("dw", "dt"))
     rule = LearningRule(dw, dt, dict.fromkeys((*PRE, *POST), HELD), case["t_epoch"], outgoing=Outgoing(0, 0))
     own = {"graded": GRADED[case["graded"]], "sign_mode": case["sign_mode"].lower()}
     n_post, n_pre = weights.shape

@@ -1,4 +1,4 @@
-"""Population models, a file for each family, and the registry of all."""
+"""Models of populations, a module per family, and the registry of all models."""
 
 from __future__ import annotations
 

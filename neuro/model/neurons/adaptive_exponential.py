@@ -1,6 +1,6 @@
-"""The adaptive exponential neurons, in which V may be reset on the way through a step.
+"""Adaptive exponential neurons, whose V_m may be reset within a step.
 
-A model has the rows V_m, w, two of its synapses, which only decay, and the hidden ones below.
+The states of a model are V_m, w, two synaptic states that decay exponentially, and the hidden states below.
 
 Source: NEST 3.10, `aeif_cond_exp` and `aeif_psc_exp`.
 """
@@ -27,7 +27,7 @@ from neuro.model.neurons.integrators import (
 
 SHOWN = (State("V_m", "mV", "membrane potential"), State("w", "pA", "adaptation current"))
 HIDDEN = (
-    State("refractory", "steps", "steps left to hold V_m", hidden=True),
+    State("refractory", "steps", "remaining refractory steps", hidden=True),
     State("size", "ms", "adaptive step, 0 for a whole step of the grid", hidden=True),
 )
 V_M, W, G_EX, G_IN, REFRACTORY, SIZE = range(6)
@@ -38,11 +38,11 @@ RATE_EX, RATE_IN, I_E, E_EX, E_IN = range(15, 20)
 rkf45, rkf45_by_slope = fehlberg(4, 2), fehlberg(4, 2, by_slope=True)
 rk4, (take, put) = runge_kutta(4, 2), rows(4)
 MOST = 255
-"""Spikes of a neuron in a step of the grid."""
+"""Largest number of spikes of a neuron in a step of the grid."""
 
 
 def set_constants(p, h, c):
-    """Set the constants for a step of h ms; `p` begins with tau_minus and the parameters of `AdaptiveExponential`."""
+    """Set the constants for a step of h ms. `p` begins with tau_minus and the parameters of `AdaptiveExponential`."""
     c[BY_C], c[G_L], c[R], c[E_L], c[V_RESET], c[V_TH] = 1.0 / p[1], p[2], round(p[3] / h), p[4], p[5], p[6]
     c[V_FIRE], c[V_PEAK] = p[7] if p[8] > 0.0 else p[6], p[7]
     c[DELTA_T], c[A], c[B], c[BY_TAU_W], c[H] = p[8], p[9], p[10], 1.0 / p[11], h
@@ -50,20 +50,20 @@ def set_constants(p, h, c):
     c[I_E], c[TOLERANCE], c[SUBSTEPS] = p[14], p[15], p[16]
 
 
-def flowing(v, w, c_of_membrane, current):
-    """Derivatives of V_m and w without refractoriness."""
-    by_c, g_l, e_l, v_th, delta_t, a, by_tau_w = c_of_membrane
+def membrane_derivatives(v, w, constants, current):
+    """Return the derivatives of V_m and w outside refractoriness."""
+    by_c, g_l, e_l, v_th, delta_t, a, by_tau_w = constants
     upswing = 0.0 if delta_t == 0.0 else g_l * delta_t * finite_exp((v - v_th) / delta_t)
     return (current + upswing - g_l * (v - e_l) - w) * by_c, (a * (v - e_l) - w) * by_tau_w
 
 
-def of_membrane(c):
-    """What `flowing` needs."""
+def membrane_constants(c):
+    """Return the argument `constants` of `membrane_derivatives`."""
     return c[BY_C], c[G_L], c[E_L], c[V_TH], c[DELTA_T], c[A], c[BY_TAU_W]
 
 
 def step_and_reset(rates, system, s, c, i_0, lo, hi, fired):
-    """A step of the grid with a spike test after each step of the integrator, as in NEST."""
+    """Advance a step of the grid, with a spike test after each step of the integrator, as in NEST."""
     if c[SUBSTEPS] == 0.0:
         step_adaptively(rates, system, s, c, i_0, lo, hi, fired)
     else:
@@ -73,19 +73,23 @@ def step_and_reset(rates, system, s, c, i_0, lo, hi, fired):
 
 
 def step_adaptively(rates, system, s, c, i_0, lo, hi, fired):
-    """By RKF45. A step that errs by less than the tolerance is accepted whatever the slope, so one is tried first."""
+    """Advance a step by RKF45, trying a whole step first.
+
+    A step whose error is below the tolerance is accepted whatever the slope, so a whole step is enough for most
+    neurons.
+    """
     h, tolerance = c[H], c[TOLERANCE]
     step_whole(rkf45, take, put, rates, system, s, c, i_0, lo, hi, h, SIZE, tolerance, fired)
     for i in range(lo, hi):
         if not fired[i]:
             fired[i] = reset(s, c, i)
             continue
-        t, size, spikes, taken = 0.0, s[SIZE, i], 0, 0
+        t, size, spikes, n_steps = 0.0, s[SIZE, i], 0, 0
         while t < h:
             y, p = take(s, i), system(s, c, i_0, i)
             y, t, size = advance(rkf45_by_slope, rates, y, p, t, h, size, tolerance)
-            taken += 1
-            if taken == MOST_STEPS:
+            n_steps += 1
+            if n_steps == MOST_STEPS:
                 y, t, size = rkf45_by_slope(rates, y, p, math.nan)[0], h, 0.0
             put(s, i, y)
             spikes += reset(s, c, i)
@@ -94,7 +98,7 @@ def step_adaptively(rates, system, s, c, i_0, lo, hi, fired):
 
 
 def step_evenly(rates, system, s, c, i_0, lo, hi, fired):
-    """By RK4."""
+    """Advance a step by a fixed number of RK4 steps."""
     h = c[H] / c[SUBSTEPS]
     for i in range(lo, hi):
         fired[i] = 0
@@ -106,27 +110,27 @@ def step_evenly(rates, system, s, c, i_0, lo, hi, fired):
 
 
 def reset(s, c, i):
-    """Hold V while it is refractory, reset it at V_peak; return whether it was there."""
-    v, w, left = s[V_M, i], s[W, i], s[REFRACTORY, i]
+    """Hold V_m during refractoriness, and reset it at V_peak. Return whether the neuron spiked."""
+    v, w, refractory_left = s[V_M, i], s[W, i], s[REFRACTORY, i]
     v_reset, b, r = c[V_RESET], c[B], c[R]
-    held = left != 0.0
-    spiked = v >= c[V_FIRE] and not held
-    s[V_M, i] = v_reset if held or spiked else v
+    is_refractory = refractory_left != 0.0
+    spiked = v >= c[V_FIRE] and not is_refractory
+    s[V_M, i] = v_reset if is_refractory or spiked else v
     s[W, i] = w + b if spiked else w
-    # One is taken off when this step of the grid ends.
-    s[REFRACTORY, i] = (0.0 if r == 0.0 else r + 1.0) if spiked else left
+    # The counter decreases by 1 at the end of this step of the grid.
+    s[REFRACTORY, i] = (0.0 if r == 0.0 else r + 1.0) if spiked else refractory_left
     return int(spiked)
 
 
 def is_quiet(rates, system, s, c, i_0, lo, hi):
-    """At rest: a step without input leaves every bit where it is."""
+    """Return whether the neurons are at rest, so that a step without input changes no state."""
     h, substeps = c[H], c[SUBSTEPS]
     return are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps, REFRACTORY, SIZE, c[V_FIRE])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AdaptiveExponential(Resting):
-    """The first parameters of the adaptive exponential neurons."""
+    """Base of the adaptive exponential neurons, with their common parameters."""
 
     receptors: ClassVar[int] = 2
     resets_in_step: ClassVar[bool] = True
@@ -136,51 +140,65 @@ class AdaptiveExponential(Resting):
     t_ref: Value = quantity(0.0, "ms", "refractory period", at_least=0, arrays=True)
     E_L: Value = quantity(-70.6, "mV", "leak reversal potential", arrays=True)
     V_reset: Value = quantity(-60.0, "mV", "potential after a spike", arrays=True)
-    V_th: Value = quantity(-50.4, "mV", "potential where the upswing begins", arrays=True)
-    V_peak: Value = quantity(0.0, "mV", "threshold", arrays=True)
-    Delta_T: Value = quantity(2.0, "mV", "width of the upswing", at_least=0, arrays=True)
-    a: Value = quantity(4.0, "nS", "adaptation to V_m", arrays=True)
-    b: Value = quantity(80.5, "pA", "adaptation to a spike", arrays=True)
+    V_th: Value = quantity(-50.4, "mV", "potential at which the upstroke of a spike begins", arrays=True)
+    V_peak: Value = quantity(0.0, "mV", "potential at which a spike is detected", arrays=True)
+    Delta_T: Value = quantity(2.0, "mV", "slope factor of the upstroke", at_least=0, arrays=True)
+    a: Value = quantity(4.0, "nS", "subthreshold adaptation", arrays=True)
+    b: Value = quantity(80.5, "pA", "spike-triggered adaptation", arrays=True)
     tau_w: Value = quantity(144.0, "ms", "time constant of adaptation", above=0, arrays=True)
-    tau_syn_ex: Value = quantity(0.2, "ms", "decay of the effect of an excitatory spike", above=0, arrays=True)
-    tau_syn_in: Value = quantity(2.0, "ms", "decay of the effect of an inhibitory spike", above=0, arrays=True)
+    tau_syn_ex: Value = quantity(0.2, "ms", "time constant of excitatory input", above=0, arrays=True)
+    tau_syn_in: Value = quantity(2.0, "ms", "time constant of inhibitory input", above=0, arrays=True)
     I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
     gsl_error_tol: Value = quantity(
-        1e-6, "", "error of a step of RKF45, absolute and relative to slope", above=0, arrays=True
+        1e-6, "", "tolerance of RKF45, absolute and relative to the slope", above=0, arrays=True
     )
-    rk4_substeps: int = quantity(0, "", "steps of RK4 in a step of the grid, 0: RKF45", kind="integer", at_least=0)
+    rk4_substeps: int = quantity(0, "", "RK4 steps per step of the grid; 0: RKF45", kind="integer", at_least=0)
 
     def constants(p, h, c):
-        """Fill `c` for a step of h ms; `p` is tau_minus, then the parameters above in order."""
+        """Fill `c` for a step of h ms. `p` is tau_minus, followed by the parameters above in order."""
         set_constants(p, h, c)
 
     def fire(s, c, i):
-        """Nothing is left to reset: `step` has done it."""
+        """Do nothing, because `step` resets the neuron."""
 
 
 def rates_of_conductances(y, p):
-    """Derivatives of V_m, w, g_ex and g_in; V_m counts as V_peak where it is above, as V_reset while it is held."""
+    """Return the derivatives of V_m, w, g_ex and g_in.
+
+    V_m is limited to V_peak, and replaced by V_reset during refractoriness.
+    """
     v, w, g_ex, g_in = y
-    fixed, v_peak, v_reset, e_ex, e_in, rate_ex, rate_in, current, held = p
-    v = v_reset if held else (v if v < v_peak else v_peak)
-    v_slope, w_slope = flowing(v, w, fixed, current - g_ex * (v - e_ex) - g_in * (v - e_in))
-    return 0.0 if held else v_slope, w_slope, rate_ex * g_ex, rate_in * g_in
+    constants, v_peak, v_reset, e_ex, e_in, rate_ex, rate_in, current, is_refractory = p
+    v = v_reset if is_refractory else (v if v < v_peak else v_peak)
+    v_slope, w_slope = membrane_derivatives(v, w, constants, current - g_ex * (v - e_ex) - g_in * (v - e_in))
+    return 0.0 if is_refractory else v_slope, w_slope, rate_ex * g_ex, rate_in * g_in
 
 
 def system_of_conductances(s, c, i_0, i):
-    """What `rates_of_conductances` needs."""
-    current, held = c[I_E] + i_0[i], s[REFRACTORY, i] != 0.0
-    return of_membrane(c), c[V_PEAK], c[V_RESET], c[E_EX], c[E_IN], c[RATE_EX], c[RATE_IN], current, held
+    """Return the argument `p` of `rates_of_conductances`."""
+    current, is_refractory = c[I_E] + i_0[i], s[REFRACTORY, i] != 0.0
+    return (
+        membrane_constants(c),
+        c[V_PEAK],
+        c[V_RESET],
+        c[E_EX],
+        c[E_IN],
+        c[RATE_EX],
+        c[RATE_IN],
+        current,
+        is_refractory,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class aeif_cond_exp(AdaptiveExponential):
-    """Adaptive exponential neuron; a spike adds its weight in nS to a conductance that decays exponentially.
+    """Adaptive exponential neuron. A spike adds its weight in nS to a conductance that decays exponentially.
 
-    Positive weights open the excitatory conductance, negative ones the inhibitory, by their absolute value. Integrated
-    by NEST's adaptive RKF45, of which no step errs by more than `gsl_error_tol` (1 + |h y'|); with `rk4_substeps` by so
-    many steps of RK4 in each step of the grid. V_m is tested and reset after each step of the integrator, so several
-    spikes, at most 255, may leave in a step of the grid. With `Delta_T` 0 there is no upswing, and it spikes at V_th.
+    Positive weights open the excitatory conductance, negative ones the inhibitory, by their absolute value. The
+    integrator is NEST's adaptive RKF45 with an error of at most `gsl_error_tol` (1 + |h y'|) per step. With
+    `rk4_substeps` it is RK4 with this number of steps per step of the grid. V_m is tested and reset after each step of
+    the integrator, so a neuron may emit several spikes, at most 255, in a step of the grid. With `Delta_T` 0 there is
+    no exponential term, and the neuron spikes at V_th.
 
     Source: NEST 3.10, `aeif_cond_exp`; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005.
     """
@@ -204,45 +222,49 @@ class aeif_cond_exp(AdaptiveExponential):
     E_in: Value = quantity(-85.0, "mV", "inhibitory reversal potential", arrays=True)
 
     def constants(p, h, c):
-        """Fill `c` for a step of h ms; `p` is tau_minus, then the parameters above in order."""
+        """Fill `c` for a step of h ms. `p` is tau_minus, followed by the parameters above in order."""
         set_constants(p, h, c)
         c[E_EX], c[E_IN] = p[17], p[18]
 
     def step(s, c, x, i_0, lo, hi, fired):
-        """One step, with the resets in it, then the input."""
+        """Advance one step, including resets, then add the input."""
         step_and_reset(rates_of_conductances, system_of_conductances, s, c, i_0, lo, hi, fired)
         for i in range(lo, hi):
             s[G_EX, i] += x[0, i]
             s[G_IN, i] -= x[1, i]
 
     def quiet(s, c, i_0, lo, hi):
-        """At rest."""
+        """Return whether the neurons are at rest."""
         return is_quiet(rates_of_conductances, system_of_conductances, s, c, i_0, lo, hi)
 
 
 def rates_of_currents(y, p):
-    """Derivatives of V_m, w and the currents; V_m counts as V_peak where it is above, as V_reset while it is held."""
+    """Return the derivatives of V_m, w and the currents.
+
+    V_m is limited to V_peak, and replaced by V_reset during refractoriness.
+    """
     v, w, i_ex, i_in = y
-    fixed, v_peak, v_reset, rate_ex, rate_in, current, held = p
-    v = v_reset if held else (v if v < v_peak else v_peak)
-    v_slope, w_slope = flowing(v, w, fixed, current + i_ex + i_in)
-    return 0.0 if held else v_slope, w_slope, rate_ex * i_ex, rate_in * i_in
+    constants, v_peak, v_reset, rate_ex, rate_in, current, is_refractory = p
+    v = v_reset if is_refractory else (v if v < v_peak else v_peak)
+    v_slope, w_slope = membrane_derivatives(v, w, constants, current + i_ex + i_in)
+    return 0.0 if is_refractory else v_slope, w_slope, rate_ex * i_ex, rate_in * i_in
 
 
 def system_of_currents(s, c, i_0, i):
-    """What `rates_of_currents` needs."""
-    current, held = c[I_E] + i_0[i], s[REFRACTORY, i] != 0.0
-    return of_membrane(c), c[V_PEAK], c[V_RESET], c[RATE_EX], c[RATE_IN], current, held
+    """Return the argument `p` of `rates_of_currents`."""
+    current, is_refractory = c[I_E] + i_0[i], s[REFRACTORY, i] != 0.0
+    return membrane_constants(c), c[V_PEAK], c[V_RESET], c[RATE_EX], c[RATE_IN], current, is_refractory
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class aeif_psc_exp(AdaptiveExponential):
-    """Adaptive exponential neuron; a spike adds its weight in pA to a current that decays exponentially.
+    """Adaptive exponential neuron. A spike adds its weight in pA to a current that decays exponentially.
 
-    Positive weights go to the excitatory current, negative ones to the inhibitory. Integrated by NEST's adaptive RKF45,
-    of which no step errs by more than `gsl_error_tol` (1 + |h y'|); with `rk4_substeps` by so many steps of RK4 in each
-    step of the grid. V_m is tested and reset after each step of the integrator, so several spikes, at most 255, may
-    leave in a step of the grid. With `Delta_T` 0 there is no upswing, and it spikes at V_th.
+    Positive weights go to the excitatory current, negative ones to the inhibitory. The integrator is NEST's adaptive
+    RKF45 with an error of at most `gsl_error_tol` (1 + |h y'|) per step. With `rk4_substeps` it is RK4 with this number
+    of steps per step of the grid. V_m is tested and reset after each step of the integrator, so a neuron may emit
+    several spikes, at most 255, in a step of the grid. With `Delta_T` 0 there is no exponential term, and the neuron
+    spikes at V_th.
 
     Source: NEST 3.10, `aeif_psc_exp`; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005.
     """
@@ -262,12 +284,12 @@ class aeif_psc_exp(AdaptiveExponential):
     )
 
     def step(s, c, x, i_0, lo, hi, fired):
-        """One step, with the resets in it, then the input."""
+        """Advance one step, including resets, then add the input."""
         step_and_reset(rates_of_currents, system_of_currents, s, c, i_0, lo, hi, fired)
         for i in range(lo, hi):
             s[I_EX, i] += x[0, i]
             s[I_IN, i] += x[1, i]
 
     def quiet(s, c, i_0, lo, hi):
-        """At rest."""
+        """Return whether the neurons are at rest."""
         return is_quiet(rates_of_currents, system_of_currents, s, c, i_0, lo, hi)

@@ -1,29 +1,31 @@
-"""What a neuron model is: parameters, state rows and four plain functions.
+"""Base classes of population models: parameters, states and the functions of their arithmetic.
 
-A model's arithmetic is written once, as functions over arrays that run as they stand in the reference backend and
-compiled in the event backend. They stand in the body of the class, without `self`, or in its module. All neurons of a
-network lie side by side; `lo` and `hi` bound the neurons of one call, which share one vector of constants `c`.
+The arithmetic of a model is written once, as functions over arrays. The reference backend runs them as Python, and the
+event backend compiles them. The functions are in the body of the class, without `self`, or in its module. The arrays
+hold all neurons of a network. The neurons of one call are `lo` to `hi - 1`, and they share one vector of constants `c`.
 
     constants(p, h, c)                    fill `c` from the parameters `p` (in order of definition) for a step of h ms
-    step(s, c, x, i_0, lo, hi, fired)     advance one step: `s` states, `x` arrived input, `i_0` current in pA;
-                                          `fired[i]` becomes 1 where the threshold is reached,
-                                          0 elsewhere; more where it `resets_in_step` and is reached again
-    fire(s, c, i)                         what a spike does to neuron i
-    quiet(s, c, i_0, lo, hi)              whether none of them can fire before its next input
+    step(s, c, x, i_0, lo, hi, fired)     advance one step: `s` states, `x` input of the step, `i_0` current in pA;
+                                          set `fired[i]` to 1 if the threshold is reached, else to 0; with
+                                          `resets_in_step` to the number of times that it is reached
+    fire(s, c, i)                         apply the effects of a spike to neuron i
+    quiet(s, c, i_0, lo, hi)              return whether no neuron can fire before its next input
 
-A model that says `linear`, and for which n steps without input are not one step of n h, has a fifth function:
+For a model with `linear`, n steps without input are equal to one step of n h, or to a fifth function:
 
-    catch_up(s, p, c, i_0, lo, hi, h, n)  advance n steps of h ms without input, in which none fires; `c` is room for
-                                          constants
+    catch_up(s, p, c, i_0, lo, hi, h, n)  advance n steps of h ms without input, in which no neuron fires; `c` is a
+    buffer
+                                          for constants
 
-A neuron that fires at random says `draws`; then it is `step(s, c, x, i_0, lo, hi, fired, u)`, where `u[i]` is a number
-in [0, 1) that is drawn anew for each neuron and step, and `quiet` is false wherever a draw can make a neuron fire.
+A neuron that fires at random sets `draws`. Its step is `step(s, c, x, i_0, lo, hi, fired, u)`, where `u[i]` is a
+uniform random number in [0, 1) per neuron and step, and its `quiet` is false if a draw can make a neuron fire.
 
 A generator has, beside `constants`,
 
-    emit(s, c, u, step, lo, hi, out)      `out[i]`, 0 before, is how many spikes neuron i emits in a step (an integer,
-                                          from 1 on, which covers the last h ms up to step x h); `u[i]` is a number in
-                                          [0, 1) that is drawn anew for each neuron and step
+    emit(s, c, u, step, lo, hi, out)      set `out[i]`, initially 0, to the number of spikes of neuron i in a step;
+    `step`
+                                          is an integer from 1 on, and the step covers the last h ms up to step x h;
+                                          `u[i]` is a uniform random number in [0, 1) per neuron and step
 """
 
 from __future__ import annotations
@@ -39,14 +41,15 @@ from neuro.core.quantities import Quantity, Value, quantity
 from neuro.core.registry import OfModule
 
 PAYLOAD = "payload"
-"""The state of a graded neuron that its spikes carry."""
+"""Name of the state of a graded neuron whose value its spikes carry."""
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A state variable: its name, unit and meaning, and the bounds of what it may be set to.
+    """A state variable: name, unit, meaning, and the bounds of values that a user may set.
 
-    `hidden`: an internal counter, not recorded. `follows`: computed from other states; recorded, not settable.
+    A `hidden` state is an internal counter and is not recorded. A state that `follows` is computed from other states;
+    it can be recorded but not set.
     """
 
     name: str
@@ -58,24 +61,24 @@ class State:
     at_most: float | None = None
 
     def quantity(self) -> Quantity:
-        """What it may be set to."""
+        """Return the quantity of values that a user may set."""
         return Quantity(self.unit, self.doc, at_least=self.at_least, at_most=self.at_most, arrays=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Model(Choice):
-    """Base of every population model.
+    """Base of all population models.
 
     Class attributes:
-        equation: the dynamics, one line for people.
-        source: paper or simulator that defines it.
-        chip: the chip whose registers the parameters are, "" for a model of all backends.
-        role: what backends do with it: "neuron" (stepped), "poisson", "listed" and "current" (the generators of this
-            package), "generator" (any other).
-        width: the most numbers among its parameters, `tau_minus` among them, and the most constants.
-        fixed: parameters that cannot be set while it runs.
-        graded: whether a spike carries a whole number, its payload, in place of a multiplicity; of a neuron that of its
-            state `payload`, which `step` sets where it sets `fired`.
+        equation: the dynamics in one line, for people.
+        source: the paper or simulator that defines the model.
+        chip: the chip whose registers the parameters are, or "" for a model of all backends.
+        role: the way in which backends run the model: "neuron" (stepped), "poisson", "listed" and "current" (generators
+            of this package), or "generator" (any other).
+        width: the largest number of parameters, including `tau_minus`, and of constants.
+        fixed: parameters that cannot be set while the network runs.
+        graded: whether a spike carries a whole number, its payload, instead of a multiplicity. The payload of a neuron
+            is its state `payload`, which `step` sets together with `fired`.
     """
 
     kind: ClassVar[str] = "model"
@@ -88,25 +91,25 @@ class Model(Choice):
     fixed: ClassVar[tuple[str, ...]] = ()
     graded: ClassVar[bool] = False
 
-    def sizes(self, said: tuple[int | str, ...]) -> tuple[int | str, ...]:
-        """The shape of a population of it, as far as the model knows it where `auto` is said."""
-        return said
+    def sizes(self, shape: tuple[int | str, ...]) -> tuple[int | str, ...]:
+        """Return the shape of a population, with `auto` replaced if the model knows the size."""
+        return shape
 
     @classmethod
     def identity(cls) -> str:
-        """The names of a third-party model's states: an edit may swap two, and all arrays still fit."""
+        """Return the names of a third-party model's states, because an edit may swap two states of the same shape."""
         return "" if cls.__module__.startswith("neuro.") else repr([state.name for state in cls.states])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Generator(Model):
-    """A population without input: each of its neurons emits one spike train, or a current.
+    """Base of the populations without input, whose neurons each emit a spike train or a current.
 
     Class attributes:
-        timed: whether it has the words `start` and `stop`, and emits nothing before and after; backends see to it, so
-            `constants` is not given them.
-        schedule: the words of the times at which it changes, and of the values from each on; () if it has none.
-        arithmetic: what has `constants` and `emit`, see above: the class or its module, see `OfModule`.
+        timed: whether the model has the parameters `start` and `stop`. Backends apply both, so `constants` does not get
+            them.
+        schedule: names of the parameters with the times of changes and with the values from each time on, or ().
+        arithmetic: the class or module with `constants` and `emit`, see above and `OfModule`.
     """
 
     role: ClassVar[str] = "generator"
@@ -128,47 +131,49 @@ class Generator(Model):
 
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """The state at time 0, by name; a state that is not named starts at 0."""
+        """Return the states at time 0 by name. Missing states start at 0."""
         return {}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Timed(Generator):
-    """Base of the generators that emit within some time alone."""
+    """Base of the generators that emit only between two times."""
 
     timed: ClassVar[bool] = True
 
-    start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
-    stop: float = quantity(math.inf, "ms", "and up to this one", at_least=0, infinite=True)
+    start: float = quantity(0.0, "ms", "time after which the generator emits", at_least=0)
+    stop: float = quantity(math.inf, "ms", "time up to which the generator emits", at_least=0, infinite=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Neuron(Model):
-    """A population that is stepped.
+    """Base of the populations with a step.
 
     Class attributes:
-        receptors: the number of inputs that it distinguishes; `x[k]` is that of receptor k. 1: all input is summed. 2:
-            weights >= 0 go to the first, negative ones to the second. 3 or more: a synapse must name its receptor, else
-            the network is refused.
-        receptor_names: their names, for synapses that name one; "ex" and "in" if two have none.
-        conductances: names of the receptors that are conductances. Weights to a named one must be >= 0. Of two
-            receptors the second receives -w, as it does when routed by sign.
-        filters: receptors that accept a current, by name: the state that filters it, and the parameter that is its time
-            constant.
+        receptors: number of separate inputs; `x[k]` is the input of receptor k. With 1, all input is summed. With 2,
+            weights >= 0 go to the first receptor and negative weights to the second. With 3 or more, a synapse must
+            name its receptor.
+        receptor_names: names of the receptors, for synapses that name one. Two receptors are called "ex" and "in" by
+            default.
+        conductances: names of the receptors that are conductances. Weights of synapses that name one must be >= 0. The
+            second of two receptors receives -w, as if the weight had been routed by sign.
+        filters: receptors that accept a current, by name: the state that filters the current, and the parameter with
+            the time constant of the filter.
         collects: two adjacent states, one for each of two receptors, to which `step` adds its input, unscaled and as
             its last operation, and which `fire` does not change. The event loop may then add the input itself. ()
             otherwise.
-        weight_unit: of the weights onto it, "" where they have none.
-        relay: whether a spike carries the multiplicity that arrived, whatever the weight.
-        linear: whether n steps of h without input can be done at once: by `catch_up`, or by one step of length n h.
-        resets_in_step: whether `step` itself resets a neuron that spikes, and `fire` does nothing; a winner-take-all
-            group, which chooses between the two, cannot have such neurons.
-        takes_current: whether currents of generators act on it.
-        draws: whether `step` takes a random number for each neuron, see above.
-        signed: whether weights are routed by sign to two receptors, if a synapse names none; else it must name one.
-        most: the largest population, whose neurons `step` sees together; 0: it sees neurons one by one.
-        arithmetic: what has `constants`, `step`, `fire` and `quiet`, see above: the class or its module, see
-            `OfModule`. The first constant is the threshold and the first state V_m, where the model has them.
+        weight_unit: unit of the weights of incoming synapses, or "".
+        relay: whether a spike carries the multiplicity of the incoming spikes, whatever the weight.
+        linear: whether n steps of h without input can be computed at once, by `catch_up` or by one step of length n h.
+        resets_in_step: whether `step` itself resets a neuron that spikes, and `fire` does nothing. A winner-take-all
+            group, which chooses between step and reset, cannot have such neurons.
+        takes_current: whether the neurons accept currents of generators.
+        draws: whether `step` gets a random number per neuron, see above.
+        signed: whether weights are routed to two receptors by sign if a synapse names none. If not, a synapse must name
+            a receptor.
+        most: the largest size of a population whose neurons `step` treats together. 0: neurons are independent.
+        arithmetic: the class or module with `constants`, `step`, `fire` and `quiet`, see above and `OfModule`. The
+            first constant is the threshold and the first state is V_m, if the model has them.
     """
 
     role: ClassVar[str] = "neuron"
@@ -190,44 +195,44 @@ class Neuron(Model):
     tau_minus: Value = quantity(
         20.0,
         "ms",
-        "time constant of the post trace that plastic synapses onto this neuron read",
+        "time constant of the postsynaptic trace that plastic synapses read",
         above=0,
         arrays=True,
     )
 
     @classmethod
     def named_receptors(cls) -> tuple[str, ...]:
-        """The names by which synapses may name its receptors; none where all input is summed and has no name."""
+        """Return the names of receptors that synapses may use. If all input is summed there are none."""
         return cls.receptor_names or (("ex", "in") if cls.receptors == 2 else ())
 
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """The state at time 0, by name; a state that is not named starts at 0."""
+        """Return the states at time 0 by name. Missing states start at 0."""
         return {}
 
     @staticmethod
     def caution(parameters: Mapping[str, Any], resolution: float) -> str:
-        """What is likely a mistake in resolved parameters, for steps of `resolution` ms; "" if nothing is."""
+        """Return a warning about parameters that are probably a mistake with steps of `resolution` ms, or ""."""
         return ""
 
     @staticmethod
     def check_steps(parameters: Mapping[str, Any], resolution: float) -> None:
-        """Refuse resolved parameters with which it cannot run in steps of `resolution` ms.
+        """Raise an error for parameters with which the model cannot run in steps of `resolution` ms.
 
         Args:
-            parameters: by word; where some are changed, those alone.
-            resolution: the length of a step.
+            parameters: parameters by name. After a change, the changed ones only.
+            resolution: length of a step in ms.
 
         Raises:
-            ModelError: it cannot; its path is `(name of the model, parameter)`.
+            ModelError: the model cannot run. The path of the error is `(name of the model, parameter)`.
         """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Resting(Neuron):
-    """Base of the neurons whose V_m starts at their parameter E_L."""
+    """Base of the neurons whose V_m starts at the parameter E_L."""
 
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """V_m starts at E_L."""
+        """Return V_m = E_L."""
         return {"V_m": parameters["E_L"]}

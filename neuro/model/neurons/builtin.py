@@ -1,6 +1,6 @@
-"""The built-in models of populations: one line registers a model and makes it a name of `neuro`.
+"""Built-in models of populations. Each import line registers a model and makes its name available in `neuro`.
 
-The registry reads these lines and imports the file of a model when the model is asked for. Lists for users have the
+The registry reads these lines, and imports the module of a model when the model is first used. Lists for users have the
 order of the lines: generators, neurons, neurons in the registers of a chip.
 """
 

@@ -1,4 +1,4 @@
-"""Neurons in the registers of a chip; a chip's backend has their arithmetic, in integers."""
+"""Neurons whose parameters are registers of a chip. Their integer arithmetic is in the backend of the chip."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ FRACTION = 2**32 - 1
 
 
 def register(default: int, doc: str, low: int = -LARGEST, high: int = LARGEST) -> Any:
-    """Return a parameter that is a register: a whole number within the bounds, for all neurons or for each."""
+    """Return a parameter that is a register, a whole number within the bounds, for all neurons or per neuron."""
     return quantity(default, "", doc, whole=True, at_least=low, at_most=high, arrays=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi_lif(Neuron):
-    """A compartment of Loihi 1; every parameter is a register.
+    """Compartment of Loihi 1. Every parameter is a register.
 
-    Each step, in this order, all in integers and truncated towards 0:
-    x <- sum of the arriving weights, 22-bit two's complement;
+    Each step computes, in this order, in integers and truncated towards 0:
+    x <- sum of the incoming weights, 22-bit two's complement;
     u <- u (4096 - (du + 1)) / 4096 + x, 24-bit two's complement;
-    v <- v (4096 - dv) / 4096 + (u + bias_mant 2^bias_exp, 24-bit two's complement), clipped to +-(2^23 - 1);
-    a spike where v > 64 vth, then v is 0 and stays so for refractory - 1 steps while u goes on.
-    A spike emitted in step k over a delay of D steps changes u in step k + D: the delay register holds D - 1.
+    v <- v (4096 - dv) / 4096 + (u + bias_mant 2^bias_exp, 24-bit two's complement), clipped to +-(2^23 - 1).
+    At v > 64 vth the neuron spikes. Then v is 0 for refractory - 1 steps, in which u still changes.
+    A spike emitted in step k with a delay of D steps changes u in step k + D: the delay register holds D - 1.
 
     Source: Davies et al., IEEE Micro 38(1):82, 2018; Michaelis et al., Front. Neuroinform. 16:1015624, 2022.
     """
@@ -53,11 +53,11 @@ class loihi_lif(Neuron):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loihi2Neuron(Neuron):
-    """The current and the voltage of Loihi 2's neurons in registers; every parameter is one.
+    """Base of the neurons of Loihi 2 with a current and a voltage. Every parameter is a register.
 
-    Each step, in this order, all in integers, with t(y) = y / 4096 truncated towards 0:
-    u = v = 0 where `reset_interval` divides k - reset_offset, k the step from 1, if it is not 0;
-    u <- t(u (4095 - du)) + 64 a, with a what arrives, 24 bits: -2^23 is 2^23;
+    Each step computes, in this order, in integers, with t(y) = y / 4096 truncated towards 0:
+    u = v = 0 in steps k, counted from 1, for which `reset_interval` is not 0 and divides k - reset_offset;
+    u <- t(u (4095 - du)) + 64 a, where a is the input, with 24 bits: -2^23 is 2^23;
     v <- t(v (4096 - dv)) + u + bias_mant 2^bias_exp, clipped to +-(2^23 - 1).
     """
 
@@ -72,16 +72,16 @@ class Loihi2Neuron(Neuron):
     dv: Value = register(409, "decay of the voltage", 0, 4096)
     bias_mant: Value = register(0, "bias mantissa", -4096, 4095)
     bias_exp: Value = register(0, "bias exponent", 0, 7)
-    reset_interval: int = quantity(0, "", "steps between resets; 0: none", kind="integer", at_least=0)
-    reset_offset: int = quantity(0, "", "the first step with a reset", kind="integer", at_least=0)
+    reset_interval: int = quantity(0, "", "steps between resets; 0: no resets", kind="integer", at_least=0)
+    reset_offset: int = quantity(0, "", "first step with a reset", kind="integer", at_least=0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi2_lif(Loihi2Neuron):
-    """A leaky integrate-and-fire neuron of Loihi 2; lava: LIF, and with `reset_interval` LIFReset.
+    """Leaky integrate-and-fire neuron of Loihi 2. In lava: LIF, and with `reset_interval` LIFReset.
 
-    A spike where v > 64 vth, then v is 0. `loihi2_static` says what arrives. A spike emitted in step k over a delay
-    of D steps changes u in step k + D: the delay register holds D - 1.
+    At v > 64 vth the neuron spikes and v is set to 0. The input is explained in `loihi2_static`. A spike emitted in
+    step k with a delay of D steps changes u in step k + D: the delay register holds D - 1.
     """
 
     equation: ClassVar[str] = (
@@ -93,9 +93,9 @@ class loihi2_lif(Loihi2Neuron):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi2_ternary_lif(Loihi2Neuron):
-    """The same with two thresholds: a spike of payload 1 where v > 64 vth_hi, of -1 where v < 64 vth_lo; then v is 0.
+    """Leaky integrate-and-fire neuron of Loihi 2 with two thresholds. In lava: TernaryLIF.
 
-    lava: TernaryLIF.
+    The neuron sends the payload 1 at v > 64 vth_hi and -1 at v < 64 vth_lo. Then v is set to 0.
     """
 
     equation: ClassVar[str] = (
@@ -112,14 +112,16 @@ class loihi2_ternary_lif(Loihi2Neuron):
         low, high = self.vth_lo, self.vth_hi
         if isinstance(low, (int, float)) and isinstance(high, (int, float)) and low > high:
             message = f"{self.name}: vth_lo = {low:g} above vth_hi = {high:g}"
-            raise ModelError(message, hint="lower it", path=("vth_lo",), where=here())
+            raise ModelError(f"{message}: expected at most vth_hi", path=("vth_lo",), where=here())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loihi2Resonator(Neuron):
-    """The state of a resonator of Loihi 2, a complex number that turns and decays, in registers.
+    """Base of the resonators of Loihi 2, whose state is a complex number that rotates and decays.
 
-    Each step, in integers, with t(y) = y / 4096 truncated towards 0 and a what arrives at either receptor:
+    Every parameter is a register.
+
+    Each step computes in integers, with t(y) = y / 4096 truncated towards 0 and the input a of either receptor:
     real <- t(cos_decay real) - t(sin_decay imag) + a_real 2^state_exp, and
     imag <- t(sin_decay real) + t(cos_decay imag) + a_imag 2^state_exp, both clipped to +-(2^23 - 1).
     """
@@ -139,9 +141,9 @@ class Loihi2Resonator(Neuron):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi2_rf(Loihi2Resonator):
-    """A resonator that fires when its phase passes 0 at a real part of at least vth; it is not reset. lava: RF.
+    """Resonator that fires when its phase passes 0 with a real part of at least vth. It is not reset. In lava: RF.
 
-    `static` names the receptor, real or imag.
+    Synapses (`static`) name the receptor, real or imag.
     """
 
     equation: ClassVar[str] = "z' = decay e^(i phase) z + 2^state_exp a; spike at real' >= vth, imag' >= 0 > imag"
@@ -150,9 +152,9 @@ class loihi2_rf(Loihi2Resonator):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi2_rf_iz(Loihi2Resonator):
-    """A resonator that fires at imag >= vth; then real is 0 and imag one below the threshold. lava: RF_IZ.
+    """Resonator that fires at imag >= vth. Then real is 0 and imag is 1 below the threshold. In lava: RF_IZ.
 
-    `static` names the receptor, real or imag.
+    Synapses (`static`) name the receptor, real or imag.
     """
 
     equation: ClassVar[str] = "z' = decay e^(i phase) z + 2^state_exp a; spike at imag' >= vth, then z = i (vth - 1)"
@@ -161,13 +163,14 @@ class loihi2_rf_iz(Loihi2Resonator):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class spinnaker_lif(Neuron):
-    """A neuron of SpiNNaker in s16.15 (value x 32768) and unsigned 0.32 decays; every parameter is a register.
+    """Leaky integrate-and-fire neuron of SpiNNaker. Every parameter is a register.
 
-    Each tick: g <- g decay + (slot << shift) init for either receptor, slots saturating at 65535;
-    alpha = (g_exc - g_inh + i_offset) r_m + v_rest; outside refractoriness v <- alpha - exp_tc (alpha - v);
-    a spike where v >= v_thresh, then v is v_reset for t_refract ticks.
-    Weights are the 16-bit words of the ring buffer, negative ones for the inhibitory receptor. A spike emitted in
-    tick t over a delay of d ticks lands in the slot of tick t + d.
+    Values are s16.15 (value x 32768), decays are unsigned 0.32. Each tick computes:
+    g <- g decay + (slot << shift) init for each receptor, with slots saturating at 65535;
+    alpha = (g_exc - g_inh + i_offset) r_m + v_rest, and outside refractoriness v <- alpha - exp_tc (alpha - v).
+    At v >= v_thresh the neuron spikes, and v is v_reset for t_refract ticks.
+    Weights are the 16-bit words of the ring buffer, negative ones for the inhibitory receptor. A spike emitted in tick
+    t with a delay of d ticks is added to the slot of tick t + d.
 
     Source: the sources of sPyNNaker and spinn_common (Rhodes et al., Front. Neurosci. 12:816, 2018).
     """
@@ -183,21 +186,21 @@ class spinnaker_lif(Neuron):
     chip: ClassVar[str] = "spinnaker"
 
     v_rest: Value = register(-2129920, "resting potential")
-    v_reset: Value = register(-2129920, "after a spike")
+    v_reset: Value = register(-2129920, "potential after a spike")
     v_thresh: Value = register(-1638400, "threshold")
     v_init: Value = register(-2129920, "v at tick 0")
     i_offset: Value = register(0, "constant current")
     r_m: Value = register(655360, "membrane resistance", 0, LARGEST)
-    exp_tc: Value = register(31170, "decay of v in a tick", 0, 32768)
+    exp_tc: Value = register(31170, "decay of v per tick", 0, 32768)
     t_refract: Value = register(2, "refractory ticks", 0, LARGEST)
-    exc_decay: Value = register(3516421808, "decay of g_exc", 0, FRACTION)
-    exc_init: Value = register(3892727436, "share of a slot that counts", 0, FRACTION)
-    inh_decay: Value = register(3516421808, "decay of g_inh", 0, FRACTION)
-    inh_init: Value = register(3892727436, "share of a slot that counts", 0, FRACTION)
+    exc_decay: Value = register(3516421808, "decay of g_exc per tick", 0, FRACTION)
+    exc_init: Value = register(3892727436, "factor on excitatory input", 0, FRACTION)
+    inh_decay: Value = register(3516421808, "decay of g_inh per tick", 0, FRACTION)
+    inh_init: Value = register(3892727436, "factor on inhibitory input", 0, FRACTION)
     exc_shift: int = quantity(3, "", "left shift of excitatory slots", kind="integer", at_least=0, at_most=15)
     inh_shift: int = quantity(3, "", "left shift of inhibitory slots", kind="integer", at_least=0, at_most=15)
 
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """V starts at v_init."""
+        """Return v = v_init."""
         return {"v": parameters["v_init"]}

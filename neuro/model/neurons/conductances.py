@@ -1,4 +1,4 @@
-"""Leaky integrate-and-fire neurons whose input opens conductances."""
+"""Leaky integrate-and-fire neurons with conductance-based synapses."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call", check-untyped-defs=False
 from __future__ import annotations
@@ -13,7 +13,7 @@ from neuro.model.neurons.integrators import are_at_rest, fehlberg, rows, runge_k
 
 V_M, G_EX, G_IN, REFRACTORY, SIZE = range(5)
 D_EX, D_IN, REFRACTORY_5, SIZE_5 = range(3, 7)
-"""Rows of the states. What ends in 5 is of `iaf_cond_alpha`, which has five variables in place of three."""
+"""Rows of the states. Names that end in 5 belong to `iaf_cond_alpha`, which has five variables instead of three."""
 
 V_TH, V_RESET, G_L, E_L, E_EX, E_IN, RATE_EX, RATE_IN, I_E, BY_C, R, H, SUBSTEPS, JUMP_EX, JUMP_IN = range(15)
 TOLERANCE = 1e-3
@@ -22,7 +22,7 @@ rkf_5, rk_5, (take_5, put_5) = fehlberg(5), runge_kutta(5), rows(5)
 
 
 def rates(y, p):
-    """Derivatives of V_m, g_ex and g_in; V_m counts as V_th where it is above."""
+    """Return the derivatives of V_m, g_ex and g_in, with V_m limited to V_th."""
     v, g_ex, g_in = y
     g_l, e_l, e_ex, e_in, v_th, by_c, rate_ex, rate_in, current = p
     v = v if v < v_th else v_th
@@ -31,12 +31,12 @@ def rates(y, p):
 
 
 def system(s, c, i_0, i):
-    """The arguments `p` of `rates`."""
+    """Return the argument `p` of `rates`."""
     return system_of_membrane(c, i_0, i, s[REFRACTORY, i] != 0.0)
 
 
 def rates_5(y, p):
-    """Derivatives of V_m, the conductances and their slopes; V_m counts as V_th where it is above."""
+    """Return the derivatives of V_m, the conductances and their slopes, with V_m limited to V_th."""
     v, g_ex, g_in, d_ex, d_in = y
     slope, fade_ex, fade_in = rates((v, g_ex, g_in), p)
     rate_ex, rate_in = p[6], p[7]
@@ -44,35 +44,38 @@ def rates_5(y, p):
 
 
 def system_5(s, c, i_0, i):
-    """The arguments `p` of `rates_5`."""
+    """Return the argument `p` of `rates_5`."""
     return system_of_membrane(c, i_0, i, s[REFRACTORY_5, i] != 0.0)
 
 
-def system_of_membrane(c, i_0, i, held):
-    """What the derivatives follow from beside the variables; nothing moves V_m while it is held."""
+def system_of_membrane(c, i_0, i, is_refractory):
+    """Return the constants of the derivatives. During refractoriness the derivative of V_m is 0."""
     by_c = c[BY_C]
-    by_c = 0.0 if held else by_c
+    by_c = 0.0 if is_refractory else by_c
     return c[G_L], c[E_L], c[E_EX], c[E_IN], c[V_TH], by_c, c[RATE_EX], c[RATE_IN], c[I_E] + i_0[i]
 
 
 def hold_or_fire(s, c, lo, hi, refractory, fired):
-    """Keep V at V_reset where a neuron is refractory, by the row that counts it, and test the threshold elsewhere."""
+    """Keep V_m at V_reset for refractory neurons, and test the threshold of the others.
+
+    `refractory` is the row of the states that counts the remaining refractory steps.
+    """
     v_th, v_reset = c[V_TH], c[V_RESET]
     for i in range(lo, hi):
-        v, left = s[V_M, i], s[refractory, i]
-        held = left != 0.0
-        s[V_M, i] = v_reset if held else v
-        s[refractory, i] = left - 1.0 if held else 0.0
-        fired[i] = v >= v_th and not held
+        v, steps_left = s[V_M, i], s[refractory, i]
+        is_refractory = steps_left != 0.0
+        s[V_M, i] = v_reset if is_refractory else v
+        s[refractory, i] = steps_left - 1.0 if is_refractory else 0.0
+        fired[i] = v >= v_th and not is_refractory
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class iaf_cond_exp(Resting):
-    """Leaky integrate-and-fire neuron; a spike adds its weight in nS to a conductance that decays exponentially.
+    """Leaky integrate-and-fire neuron. A spike adds its weight in nS to a conductance that decays exponentially.
 
-    Positive weights open the excitatory conductance, negative ones the inhibitory, by their absolute value. Integrated
-    by NEST's adaptive RKF45, of which no step errs by more than 1e-3; with `rk4_substeps` by so many steps of RK4 in
-    each step of the grid, which is faster.
+    Positive weights open the excitatory conductance, negative ones the inhibitory, by their absolute value. The
+    integrator is NEST's adaptive RKF45 with an error of at most 1e-3 per step. With `rk4_substeps` it is RK4 with this
+    number of steps per step of the grid, which is faster.
 
     Source: NEST 3.10, `iaf_cond_exp`; Meffin et al., J. Comput. Neurosci. 16:159, 2004.
     """
@@ -87,7 +90,7 @@ class iaf_cond_exp(Resting):
         State("V_m", "mV", "membrane potential"),
         State("g_ex", "nS", "excitatory conductance", at_least=0.0),
         State("g_in", "nS", "inhibitory conductance", at_least=0.0),
-        State("refractory", "steps", "steps left to hold V_m", hidden=True),
+        State("refractory", "steps", "remaining refractory steps", hidden=True),
         State("size", "ms", "adaptive step, 0 for a whole step of the grid", hidden=True),
     )
     receptors: ClassVar[int] = 2
@@ -101,13 +104,13 @@ class iaf_cond_exp(Resting):
     E_in: Value = quantity(-85.0, "mV", "inhibitory reversal potential", arrays=True)
     V_reset: Value = quantity(-60.0, "mV", "potential after a spike", arrays=True)
     V_th: Value = quantity(-55.0, "mV", "threshold", arrays=True)
-    tau_syn_ex: Value = quantity(0.2, "ms", "decay of the excitatory conductance", above=0, arrays=True)
-    tau_syn_in: Value = quantity(2.0, "ms", "decay of the inhibitory conductance", above=0, arrays=True)
+    tau_syn_ex: Value = quantity(0.2, "ms", "time constant of the excitatory conductance", above=0, arrays=True)
+    tau_syn_in: Value = quantity(2.0, "ms", "time constant of the inhibitory conductance", above=0, arrays=True)
     I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
-    rk4_substeps: int = quantity(0, "", "steps of RK4 in a step of the grid, 0: RKF45", kind="integer", at_least=0)
+    rk4_substeps: int = quantity(0, "", "RK4 steps per step of the grid; 0: RKF45", kind="integer", at_least=0)
 
     def constants(p, h, c):
-        """Fill `c` for a step of h ms; `p` is tau_minus, then the parameters above in order."""
+        """Fill `c` for a step of h ms. `p` is tau_minus, followed by the parameters above in order."""
         c[BY_C], c[G_L], c[R] = 1.0 / p[1], p[2], round(p[3] / h)
         c[E_L], c[E_EX], c[E_IN], c[V_RESET], c[V_TH] = p[4], p[5], p[6], p[7], p[8]
         c[RATE_EX], c[RATE_IN], c[I_E] = -1.0 / p[9], -1.0 / p[10], p[11]
@@ -115,7 +118,7 @@ class iaf_cond_exp(Resting):
         c[JUMP_EX], c[JUMP_IN] = math.e / p[9], math.e / p[10]
 
     def step(s, c, x, i_0, lo, hi, fired):
-        """One step: V and the conductances, then the input, then the threshold."""
+        """Advance V_m and the conductances, add the input, then test the threshold."""
         if c[SUBSTEPS] == 0.0:
             step_adaptively(rkf45, take, put, rates, system, s, c, i_0, lo, hi, c[H], SIZE, TOLERANCE, fired)
         else:
@@ -126,23 +129,23 @@ class iaf_cond_exp(Resting):
         hold_or_fire(s, c, lo, hi, REFRACTORY, fired)
 
     def fire(s, c, i):
-        """Reset V and hold it; the conductances go on."""
+        """Reset V_m and begin refractoriness. The conductances are not reset."""
         s[V_M, i] = c[V_RESET]
         s[REFRACTORY, i] = c[R]
 
     def quiet(s, c, i_0, lo, hi):
-        """At rest."""
+        """Return whether the neurons are at rest."""
         h, substeps = c[H], c[SUBSTEPS]
         return are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps, REFRACTORY, SIZE, c[V_TH])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class iaf_cond_alpha(iaf_cond_exp):
-    """Leaky integrate-and-fire neuron; a spike opens an alpha-shaped conductance that peaks at its weight in nS.
+    """Leaky integrate-and-fire neuron. A spike opens an alpha-shaped conductance whose peak is its weight in nS.
 
-    Positive weights open the excitatory conductance, negative ones the inhibitory, by their absolute value. Integrated
-    by NEST's adaptive RKF45, of which no step errs by more than 1e-3; with `rk4_substeps` by so many steps of RK4 in
-    each step of the grid, which is faster.
+    Positive weights open the excitatory conductance, negative ones the inhibitory, by their absolute value. The
+    integrator is NEST's adaptive RKF45 with an error of at most 1e-3 per step. With `rk4_substeps` it is RK4 with this
+    number of steps per step of the grid, which is faster.
 
     Source: NEST 3.10, `iaf_cond_alpha`; Meffin et al., J. Comput. Neurosci. 16:159, 2004.
     """
@@ -160,7 +163,7 @@ class iaf_cond_alpha(iaf_cond_exp):
     )
 
     def step(s, c, x, i_0, lo, hi, fired):
-        """One step: V and the conductances, then the input, then the threshold."""
+        """Advance V_m and the conductances, add the input, then test the threshold."""
         if c[SUBSTEPS] == 0.0:
             step_adaptively(rkf_5, take_5, put_5, rates_5, system_5, s, c, i_0, lo, hi, c[H], SIZE_5, TOLERANCE, fired)
         else:
@@ -172,11 +175,11 @@ class iaf_cond_alpha(iaf_cond_exp):
         hold_or_fire(s, c, lo, hi, REFRACTORY_5, fired)
 
     def fire(s, c, i):
-        """Reset V and hold it; the conductances go on."""
+        """Reset V_m and begin refractoriness. The conductances are not reset."""
         s[V_M, i] = c[V_RESET]
         s[REFRACTORY_5, i] = c[R]
 
     def quiet(s, c, i_0, lo, hi):
-        """At rest."""
+        """Return whether the neurons are at rest."""
         h, n, top = c[H], c[SUBSTEPS], c[V_TH]
         return are_at_rest(rkf_5, rk_5, take_5, rates_5, system_5, s, c, i_0, lo, hi, h, n, REFRACTORY_5, SIZE_5, top)

@@ -1,7 +1,8 @@
-"""Generators of currents. What one emits in a step arrives after the delay, and acts from the next step on.
+"""Generators of currents. The current of a step arrives after the delay and acts from the next step on.
 
-A current is a function `values(p, t, z)` of arrays: parameters by word, shape (1,) or (columns,), the times of some
-steps, shape (steps, 1), and standard normal numbers, shape (steps, columns), of a generator that `draws`.
+A current is a function `values(p, t, z)` of arrays: `p` has the parameters by name, shape (1,) or (columns,), `t` the
+times of some steps, shape (steps, 1), and `z` standard normal numbers for a generator with `draws`, shape
+(steps, columns).
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurrentGenerator(Timed):
-    """A population whose neurons emit a current instead of spikes.
+    """Base of the populations whose neurons emit a current instead of spikes.
 
     Class attributes:
-        varies: whether the current may differ from step to step; else it changes at a few known steps.
-        draws: whether `values` takes normal numbers.
+        varies: whether the current may differ from step to step. If not, it changes at a few known steps.
+        draws: whether `values` uses normal numbers.
     """
 
     role: ClassVar[str] = "current"
@@ -35,22 +36,22 @@ class CurrentGenerator(Timed):
 
     @property
     def individual(self) -> bool:
-        """Whether each synapse has a current of its own, so that columns are synapses and not neurons."""
+        """Whether each synapse has a current of its own, so that columns are synapses instead of neurons."""
         return False
 
-    def held(self, resolution: float) -> int:
-        """For how many steps a value is sent."""
+    def steps_per_value(self, resolution: float) -> int:
+        """Return the number of steps for which a value is sent."""
         return 1
 
     @staticmethod
     def values(p: Mapping[str, Floats], t: Floats, z: Floats) -> Floats:
-        """The current in pA at some times, shape (steps, columns); unless it varies the amplitude that is set."""
+        """Return the current in pA at times t, shape (steps, columns). The default is the parameter `amplitude`."""
         return np.broadcast_to(p["amplitude"], (t.size, p["amplitude"].size))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class dc_generator(CurrentGenerator):
-    """Sends a constant current; a projection scales it by its weight and delays it. Source: NEST 3.10."""
+    """Constant current, scaled and delayed by each projection. Source: NEST 3.10."""
 
     equation: ClassVar[str] = "I = amplitude for start <= t < stop"
     source: ClassVar[str] = "NEST 3.10 dc_generator"
@@ -61,9 +62,9 @@ class dc_generator(CurrentGenerator):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class step_current_generator(CurrentGenerator):
-    """Sends a current that steps to another value at listed times, and is 0 before the first. Source: NEST 3.10.
+    """Piecewise constant current that changes at listed times and is 0 before the first. Source: NEST 3.10.
 
-    One list of values is for all neurons; an array of shape [neurons, times] has a row for each.
+    A list of values applies to all neurons. An array of shape [neurons, times] has a row per neuron.
     """
 
     equation: ClassVar[str] = "I = amplitude_values[k] for amplitude_times[k] <= t < amplitude_times[k + 1]"
@@ -71,36 +72,37 @@ class step_current_generator(CurrentGenerator):
     varies: ClassVar[bool] = False
     schedule: ClassVar[tuple[str, ...]] = ("amplitude_times", "amplitude_values")
 
-    amplitude_times: Any = quantity(unit="ms", doc="when the current changes", kind="moments")
-    amplitude_values: Any = quantity(unit="pA", doc="the current from each of these times on", kind="series")
+    amplitude_times: Any = quantity(unit="ms", doc="times at which the current changes", kind="moments")
+    amplitude_values: Any = quantity(unit="pA", doc="current from each of these times on", kind="series")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ac_generator(CurrentGenerator):
-    """Sends a current that follows a sine. Source: NEST 3.10."""
+    """Sinusoidal current with an offset. Source: NEST 3.10."""
 
     equation: ClassVar[str] = (
         "I = offset + amplitude sin(2 pi frequency t / 1000 + pi phase / 180) for start <= t < stop"
     )
     source: ClassVar[str] = "NEST 3.10 ac_generator"
 
-    amplitude: Value = quantity(0.0, "pA", "how far the current rises and falls", arrays=True)
-    offset: Value = quantity(0.0, "pA", "constant part", arrays=True)
-    phase: Value = quantity(0.0, "deg", "of the sine at t = 0", arrays=True)
-    frequency: Value = quantity(0.0, "Hz", "of the sine", at_least=0, arrays=True)
+    amplitude: Value = quantity(0.0, "pA", "amplitude of the sine", arrays=True)
+    offset: Value = quantity(0.0, "pA", "constant part of the current", arrays=True)
+    phase: Value = quantity(0.0, "deg", "phase of the sine at t = 0", arrays=True)
+    frequency: Value = quantity(0.0, "Hz", "frequency of the sine", at_least=0, arrays=True)
 
     @staticmethod
     def values(p: Mapping[str, Floats], t: Floats, z: Floats) -> Floats:
-        """The sine."""
+        """Return the sinusoidal current."""
         return p["offset"] + p["amplitude"] * sine(p, t)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class noise_generator(CurrentGenerator):
-    """Sends a Gaussian current that is drawn anew every `dt` and held in between. Source: NEST 3.10.
+    """Gaussian white noise current, drawn every `dt` and constant in between. Source: NEST 3.10.
 
-    As in NEST each connection has noise of its own, also those of one neuron to many. With `individual_noise: false`
-    each neuron has one noise, which all its targets share. What is set acts at the next draw.
+    As in NEST, each connection has its own noise, including the connections of one neuron to many. With
+    `individual_noise: false`, each neuron has one noise current, which all its targets share. A changed parameter takes
+    effect at the next draw.
     """
 
     equation: ClassVar[str] = (
@@ -113,24 +115,26 @@ class noise_generator(CurrentGenerator):
 
     mean: Value = quantity(0.0, "pA", "mean current", arrays=True)
     std: Value = quantity(0.0, "pA", "standard deviation", at_least=0, arrays=True)
-    dt: float = quantity(1.0, "ms", "how long a value is held", above=0)
-    std_mod: Value = quantity(0.0, "pA", "how far the variance is modulated, at most std", at_least=0, arrays=True)
-    phase: Value = quantity(0.0, "deg", "of the modulation at t = 0", arrays=True)
-    frequency: Value = quantity(0.0, "Hz", "of the modulation", at_least=0, arrays=True)
+    dt: float = quantity(1.0, "ms", "interval between two draws", above=0)
+    std_mod: Value = quantity(
+        0.0, "pA", "square root of the amplitude of the variance's modulation, at most std", at_least=0, arrays=True
+    )
+    phase: Value = quantity(0.0, "deg", "phase of the modulation at t = 0", arrays=True)
+    frequency: Value = quantity(0.0, "Hz", "frequency of the modulation", at_least=0, arrays=True)
     individual_noise: bool = quantity(True, "", "whether each connection has its own noise", kind="boolean")
 
     @property
     def individual(self) -> bool:
-        """As NEST's, unless another is given."""
+        """The parameter `individual_noise`."""
         return self.individual_noise
 
-    def held(self, resolution: float) -> int:
-        """Steps of `dt`."""
+    def steps_per_value(self, resolution: float) -> int:
+        """Return the number of steps in `dt`."""
         return round(self.dt / resolution)
 
     @staticmethod
     def values(p: Mapping[str, Floats], t: Floats, z: Floats) -> Floats:
-        """The draws."""
+        """Return the noise current."""
         variance = p["std"] ** 2
         if np.any(p["std_mod"]):
             variance = variance + p["std_mod"] ** 2 * sine(p, t)
@@ -138,5 +142,5 @@ class noise_generator(CurrentGenerator):
 
 
 def sine(p: Mapping[str, Floats], t: Floats) -> Floats:
-    """Of the words `frequency` (Hz) and `phase` (degrees), at times in ms."""
+    """Return the sine with the parameters `frequency` (Hz) and `phase` (degrees) at times in ms."""
     return np.sin(2.0 * math.pi / 1000.0 * p["frequency"] * t + math.pi / 180.0 * p["phase"])

@@ -1,4 +1,4 @@
-"""Leaky neurons whose input goes into synaptic currents, integrated exactly."""
+"""Leaky integrate-and-fire neurons with synaptic currents, integrated exactly."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call", check-untyped-defs=False
 from __future__ import annotations
@@ -27,25 +27,26 @@ from neuro.model.neurons.propagators import (
 
 V_M, I_EX, I_IN, REFRACTORY = range(4)
 D_EX, D_IN = 4, 5
-"""Rows of the states; those after the first four belong to one model."""
+"""Rows of the states. The rows after the first four are used by one model only."""
 
-# In a step: P33, what is left of V; P11, of a current; P32, mV per pA of a current; P30, of a constant one. These are
-# NEST's names. CHARGE: mV that 1 pA can still add.
+# Propagators of a step, by NEST's names: P33 and P11 are the decay factors of V_m and of a synaptic current, P32 and
+# P30 the mV per pA of a synaptic and of a constant current. CHARGE: mV that 1 pA adds until the current has decayed.
 V_TH, V_RESET, E_L, P33, P30, I_E, R, GAIN, P32_EX, P32_IN, P11_EX, P11_IN, CHARGE_EX, CHARGE_IN = range(14)
 FALL, MOST = 14, 15
 V_MIN, H, P31_EX, P31_IN, C_M, TAU_EX, TAU_IN = *range(14, 19), CHARGE_EX, CHARGE_IN
-"""Constants; those after the first fourteen belong to one model, and `iaf_psc_alpha` has no charges."""
+"""Indices of the constants. Those after the first fourteen are used by one model only, and `iaf_psc_alpha` has no
+charges."""
 
 STATES = (
     State("V_m", "mV", "membrane potential"),
     State("I_syn_ex", "pA", "excitatory synaptic current"),
     State("I_syn_in", "pA", "inhibitory synaptic current"),
-    State("refractory", "steps", "steps left to hold", hidden=True),
+    State("refractory", "steps", "remaining refractory steps", hidden=True),
 )
 
 
 def set_decays(c, h, tau_m, c_m, tau_ex, tau_in):
-    """Set the constants by which V and the currents change in a step of h ms."""
+    """Set the propagators of V_m and the currents for a step of h ms."""
     c[P33], c[P30], c[GAIN] = leak(tau_m, h), from_constant(tau_m, c_m, h), tau_m / c_m
     c[P32_EX], c[P32_IN] = from_exponential(tau_m, tau_ex, c_m, h), from_exponential(tau_m, tau_in, c_m, h)
     c[P11_EX], c[P11_IN] = math.exp(-h / tau_ex), math.exp(-h / tau_in)
@@ -59,14 +60,14 @@ def set_leaky(p, h, c):
 
 
 def highest_with_currents(s, c, i_0, i):
-    """A bound of V_m while no input arrives: its relaxation, and all the charge that positive currents still carry."""
+    """Return an upper bound of V_m without input: its relaxation plus the remaining charge of the positive currents."""
     top = highest(s[V_M, i], c[E_L], c[GAIN], c[I_E] + i_0[i])
     return top + (max(s[I_EX, i], 0.0) * c[CHARGE_EX] + max(s[I_IN, i], 0.0) * c[CHARGE_IN])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class iaf_psc_exp(LeakyWithCurrents):
-    """Leaky integrate-and-fire neuron; a spike adds its weight in pA to a current that decays exponentially.
+    """Leaky integrate-and-fire neuron. A spike adds its weight in pA to a current that decays exponentially.
 
     Positive weights go to the excitatory current, negative ones to the inhibitory.
     Source: NEST 3.10, `iaf_psc_exp`; Tsodyks, Uziel & Markram, J. Neurosci. 20:RC50, 2000.
@@ -87,15 +88,16 @@ class iaf_psc_exp(LeakyWithCurrents):
     reset_by_subtraction: bool = quantity(False, "", FALLS, kind="boolean")
 
     def constants(p, h, c):
-        """Fill `c` for a step of h ms; `p` is tau_minus, then the parameters above in order."""
+        """Fill `c` for a step of h ms. `p` is tau_minus, followed by the parameters above in order."""
         set_leaky(p, h, c)
         c[FALL] = fall_of(p[10], p[6], p[5])
 
     def step(s, c, x, i_0, lo, hi, fired):
-        """One step: V with the old currents, then the currents and the input, then the threshold."""
+        """Advance V_m with the currents before the step, then the currents and their input, then test the threshold."""
         v_th, e_l, p33, p30, i_e = c[V_TH], c[E_L], c[P33], c[P30], c[I_E]
         p32_ex, p32_in, p11_ex, p11_in = c[P32_EX], c[P32_IN], c[P11_EX], c[P11_IN]
-        if c[FALL] != 0.0:  # as below, but what is left of V may be at the threshold, and is none while it is held
+        # After a reset by subtraction V_m may still be above the threshold, so refractory neurons must not fire.
+        if c[FALL] != 0.0:
             for i in range(lo, hi):
                 refractory_left, i_ex, i_in = s[REFRACTORY, i], s[I_EX, i], s[I_IN, i]
                 v = e_l + p33 * (s[V_M, i] - e_l) + p32_ex * i_ex + p32_in * i_in + p30 * (i_e + i_0[i])
@@ -119,12 +121,12 @@ class iaf_psc_exp(LeakyWithCurrents):
             fired[i] = v >= v_th
 
     def fire(s, c, i):
-        """Reset V and hold it; the currents go on."""
+        """Reset V_m and begin refractoriness. The currents are not reset."""
         s[V_M, i] = after_spike(s[V_M, i], c[V_TH], c[V_RESET], c[FALL], 1.0)
         s[REFRACTORY, i] = c[R]
 
     def quiet(s, c, i_0, lo, hi):
-        """V cannot reach V_th."""
+        """Return whether V_m cannot reach V_th."""
         for i in range(lo, hi):
             if s[REFRACTORY, i] != 0.0 or not highest_with_currents(s, c, i_0, i) < c[V_TH]:
                 return False
@@ -133,10 +135,10 @@ class iaf_psc_exp(LeakyWithCurrents):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class cuba_lif(iaf_psc_exp):
-    """As `iaf_psc_exp`, but input moves V_m in the step in which it arrives, not from the next step on.
+    """Like `iaf_psc_exp`, but input changes V_m in the step in which it arrives instead of one step later.
 
-    The current comes first, then V_m with it, as in Norse's, snnTorch's and spikingjelly's neurons of NIR's type
-    CubaLIF, and in Loihi's compartments. So a recurrent synapse takes one step here as there.
+    The currents are updated before V_m, as in the neurons of Norse, snnTorch and spikingjelly for NIR's type CubaLIF
+    and in Loihi's compartments. A recurrent synapse thus has a delay of one step in all of them.
     Source: Pedersen et al., Nat. Commun. 15:8122, 2024; Davies et al., IEEE Micro 38:82, 2018.
     """
 
@@ -146,21 +148,26 @@ class cuba_lif(iaf_psc_exp):
     fixed: ClassVar[tuple[str, ...]] = ("reset_by_subtraction", "max_spikes")
 
     max_spikes: int = quantity(
-        1, "", "most spikes of a step, if V_m falls and stays at V_th", kind="integer", at_least=1, at_most=255
+        1,
+        "",
+        "most spikes per step, while V_m after the reset by subtraction is at V_th or above",
+        kind="integer",
+        at_least=1,
+        at_most=255,
     )
 
     @staticmethod
     def check_steps(parameters: Mapping[str, Any], resolution: float) -> None:
-        """Refuse several spikes in a step without a fall."""
+        """Raise an error for several spikes per step without a reset by subtraction."""
         check_fall("cuba_lif", parameters)
 
     def constants(p, h, c):
-        """Fill `c` for a step of h ms: those of `iaf_psc_exp`, and the most spikes of a step."""
+        """Fill `c` for a step of h ms, with the constants of `iaf_psc_exp` and the most spikes per step."""
         set_leaky(p, h, c)
         c[FALL], c[MOST] = fall_of(p[10], p[6], p[5]), p[11]
 
     def step(s, c, x, i_0, lo, hi, fired):
-        """One step: the currents with the input, then V with them, then the threshold."""
+        """Advance the currents and add their input, then V_m with these currents, then test the threshold."""
         v_th, e_l, p33, p30, i_e, fall, most = c[V_TH], c[E_L], c[P33], c[P30], c[I_E], c[FALL], c[MOST]
         p32_ex, p32_in, p11_ex, p11_in = c[P32_EX], c[P32_IN], c[P11_EX], c[P11_IN]
         for i in range(lo, hi):
@@ -177,15 +184,16 @@ class cuba_lif(iaf_psc_exp):
                 fired[i] = 0
 
     def fire(s, c, i):
-        """Reset V and hold it; the currents go on."""
+        """Reset V_m and begin refractoriness. The currents are not reset."""
         s[V_M, i] = after_spike(s[V_M, i], c[V_TH], c[V_RESET], c[FALL], c[MOST])
         s[REFRACTORY, i] = c[R]
 
     def catch_up(s, p, c, i_0, lo, hi, h, n):
-        """Advance n steps at once; `p` is as in `constants`.
+        """Advance n steps at once. `p` is the same as in `constants`.
 
-        In `iaf_psc_exp` a step moves V by the currents before the step, so n steps of h equal one step of n h. Here
-        each step moves V by the currents after it, which are smaller by the factor exp(-h/tau_syn).
+        In `iaf_psc_exp` a step changes V_m by the currents before the step, so n steps of h equal one step of n h. In
+        this model each step changes V_m by the currents after the step, which are smaller by the factor
+        exp(-h/tau_syn).
         """
         set_leaky(p, n * h, c)
         e_l, p33, p30, i_e, p11_ex, p11_in = c[E_L], c[P33], c[P30], c[I_E], c[P11_EX], c[P11_IN]
@@ -199,7 +207,7 @@ class cuba_lif(iaf_psc_exp):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class iaf_psc_alpha(Leaky):
-    """Leaky integrate-and-fire neuron; a spike starts an alpha-shaped current that peaks at its weight in pA.
+    """Leaky integrate-and-fire neuron. A spike starts an alpha-shaped current whose peak is its weight in pA.
 
     Positive weights go to the excitatory current, negative ones to the inhibitory.
     Source: NEST 3.10, `iaf_psc_alpha`; Rotter & Diesmann, Biol. Cybern. 81:381, 1999.
@@ -225,7 +233,7 @@ class iaf_psc_alpha(Leaky):
     tau_syn_in: Value = quantity(2.0, "ms", "time constant of the inhibitory current", above=0, arrays=True)
 
     def constants(p, h, c):
-        """Fill `c` for a step of h ms; `p` is tau_minus, then the parameters above in order."""
+        """Fill `c` for a step of h ms. `p` is tau_minus, followed by the parameters above in order."""
         tau_m, c_m, tau_ex, tau_in = p[1], p[2], p[9], p[10]
         c[V_TH], c[V_RESET], c[E_L], c[V_MIN], c[I_E], c[R] = p[6], p[5], p[4], p[7], p[8], round(p[3] / h)
         set_decays(c, h, tau_m, c_m, tau_ex, tau_in)
@@ -233,33 +241,36 @@ class iaf_psc_alpha(Leaky):
         c[H], c[TAU_EX], c[TAU_IN], c[C_M] = h, tau_ex, tau_in, c_m
 
     def step(s, c, x, i_0, lo, hi, fired):
-        """One step: V with the old currents, then the currents and the input, then the threshold."""
+        """Advance V_m with the currents before the step, then the currents and their input, then test the threshold."""
         v_th, e_l, v_min, p33, p30, i_e, h = c[V_TH], c[E_L], c[V_MIN], c[P33], c[P30], c[I_E], c[H]
         p31_ex, p31_in, p32_ex, p32_in = c[P31_EX], c[P31_IN], c[P32_EX], c[P32_IN]
         p11_ex, p11_in = c[P11_EX], c[P11_IN]
         rise_ex, rise_in = math.e / c[TAU_EX], math.e / c[TAU_IN]
         for i in range(lo, hi):
-            held = s[REFRACTORY, i]
+            refractory_left = s[REFRACTORY, i]
             i_ex, i_in, d_ex, d_in = s[I_EX, i], s[I_IN, i], s[D_EX, i], s[D_IN, i]
             v = e_l + p33 * (s[V_M, i] - e_l) + p30 * (i_e + i_0[i])
             v += p31_ex * d_ex + p32_ex * i_ex + p31_in * d_in + p32_in * i_in
             v = v_min if v < v_min else v
-            v = v if held == 0.0 else s[V_M, i]
+            v = v if refractory_left == 0.0 else s[V_M, i]
             s[V_M, i] = v
             s[I_EX, i] = h * p11_ex * d_ex + p11_ex * i_ex
             s[I_IN, i] = h * p11_in * d_in + p11_in * i_in
             s[D_EX, i] = p11_ex * d_ex + rise_ex * x[0, i]
             s[D_IN, i] = p11_in * d_in + rise_in * x[1, i]
-            s[REFRACTORY, i] = 0.0 if held == 0.0 else held - 1.0
+            s[REFRACTORY, i] = 0.0 if refractory_left == 0.0 else refractory_left - 1.0
             fired[i] = v >= v_th
 
     def fire(s, c, i):
-        """Reset V and hold it; the currents go on."""
+        """Reset V_m and begin refractoriness. The currents are not reset."""
         s[V_M, i] = c[V_RESET]
         s[REFRACTORY, i] = c[R]
 
     def quiet(s, c, i_0, lo, hi):
-        """V stays below its relaxation plus the charge that the positive currents carry, and V_min is not met."""
+        """Return whether V_m can neither reach V_th nor V_min.
+
+        The bounds of V_m are its relaxation plus the remaining charge of the positive or of the negative currents.
+        """
         for i in range(lo, hi):
             drive = c[I_E] + i_0[i]
             top = highest(s[V_M, i], c[E_L], c[GAIN], drive)

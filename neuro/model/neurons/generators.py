@@ -1,4 +1,4 @@
-"""Sources of spikes whose moments are listed, or follow from a rate or from values, and the numbers that they draw."""
+"""Generators of spikes from lists, rates or codes, and the random numbers that they need."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call", check-untyped-defs=False
 from __future__ import annotations
@@ -20,15 +20,15 @@ from neuro.core.quantities import Value, quantity
 from neuro.core.values import FromFile, shown
 from neuro.model.neurons.base import Generator, State, Timed
 
-_OF_FILE = ("file", "key")
+_FILE_WORDS = ("file", "key")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class poisson_generator(Timed):
-    """Emits a Poisson number of spikes each step, independently for each neuron of the population.
+    """Emits a Poisson number of spikes per step, independently for each neuron of the population.
 
-    All targets of one of its neurons see the same train. Source: NEST 3.10, `poisson_generator` behind
-    one parrot per neuron.
+    All targets of a neuron receive the same spike train. Source: NEST 3.10, `poisson_generator` with a parrot per
+    neuron.
     """
 
     equation: ClassVar[str] = "number of spikes in a step ~ Poisson(rate h / 1000)"
@@ -40,43 +40,45 @@ class poisson_generator(Timed):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class spike_generator(Generator):
-    """Emits listed spikes; more can be injected while running. Two at one time make a spike of multiplicity 2."""
+    """Emits listed spikes.
+
+    More spikes can be injected while running. Two spikes at one time make a spike of multiplicity 2.
+    """
 
     equation: ClassVar[str] = "emits at the listed times"
     source: ClassVar[str] = "NEST 3.10 spike_generator"
     role: ClassVar[str] = "listed"
 
-    spike_times: Any = quantity((), "ms", "one ascending list of times for each neuron", kind="times")
+    spike_times: Any = quantity((), "ms", "an ascending list of times per neuron", kind="times")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
 class spike_train(Generator):
-    """Emits the spikes of a recording; more can be injected while running. Two at one time make one of multiplicity 2.
+    """Emits the spikes of a recording. More spikes can be injected while running.
 
-    `file` (and `key`) may stand for `spikes`, in YAML also as `spikes: {file: ..., key: ...}`: a group of an HDF5 file
-    with data sets `times` and `ids`, as `neuro run --out` writes them, or a data set with two columns; an NPY file with
-    these columns or fields; a CSV file whose first line names the columns.
+    Two spikes of a neuron at one time make a spike of multiplicity 2. `file` (and `key`) may replace `spikes`, in YAML
+    also as `spikes: {file: ..., key: ...}`. The file is a group of an HDF5 file with the data sets `times` and `ids`,
+    as written by `neuro run --out`, a data set with two columns, an NPY file with these columns or fields, or a CSV
+    file whose first line names the columns.
     """
 
     equation: ClassVar[str] = "emits at the recorded times"
-    source: ClassVar[str] = "NEST 3.10 spike_generator, of which one is listed for each neuron"
+    source: ClassVar[str] = "NEST 3.10 spike_generator, one per neuron"
     role: ClassVar[str] = "listed"
     file_of: ClassVar[str] = "spikes"
 
-    spikes: Any = quantity(
-        unit="ms", doc="a row for each spike, in ascending time: when, and which neuron", kind="train"
-    )
+    spikes: Any = quantity(unit="ms", doc="a row per spike, in ascending time: time and neuron", kind="train")
 
     def __new__(cls, *args: Any, **words: Any) -> Self:
-        """Refuse an unknown parameter by its nearest right name."""
-        return super().__new__(cls, *args, **{word: value for word, value in words.items() if word not in _OF_FILE})
+        """Raise an error for an unknown parameter, with the nearest parameter as hint."""
+        return super().__new__(cls, *args, **{word: value for word, value in words.items() if word not in _FILE_WORDS})
 
     def __init__(self, *, spikes: Any = None, file: str | PathLike[str] | None = None, key: str | None = None) -> None:
         if file is None and key is not None:
             raise ModelError("spike_train: found 'key' without 'file': expected both", where=here())
         if (spikes is None) == (file is None):
-            found = "neither 'spikes' nor 'file'" if file is None else "both 'spikes' and 'file'"
-            raise ModelError(f"spike_train: found {found}: expected one of them", where=here())
+            words = "neither 'spikes' nor 'file'" if file is None else "both 'spikes' and 'file'"
+            raise ModelError(f"spike_train: found {words}: expected one of them", where=here())
         object.__setattr__(self, "spikes", spikes if file is None else self._read(file, key))
         self.__post_init__()
 
@@ -91,7 +93,10 @@ class spike_train(Generator):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class graded_spike_train(Generator):
-    """Emits listed spikes that carry payloads; more can be injected while running. Two at one time make their sum."""
+    """Emits listed spikes with payloads. More spikes can be injected while running.
+
+    The payloads of two spikes of a neuron at one time are added.
+    """
 
     equation: ClassVar[str] = "emits payloads at the listed times"
     source: ClassVar[str] = "NEST 3.10 spike_generator with spike_weights; lava 0.10 RingBuffer"
@@ -101,17 +106,17 @@ class graded_spike_train(Generator):
     spikes: Any = quantity(
         (),
         unit="ms",
-        doc="a row for each spike, in ascending time: when, which neuron, and its payload",
+        doc="a row per spike, in ascending time: time, neuron and payload",
         kind="graded_train",
     )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class inhomogeneous_poisson_generator(Timed):
-    """Emits a Poisson number of spikes each step, at a rate that changes at listed times and is 0 before the first.
+    """Emits a Poisson number of spikes per step, at a rate that changes at listed times and is 0 before the first.
 
-    One list of rates is for all neurons; an array of shape [neurons, times] has a row for each. All targets of
-    one of its neurons see the same train.
+    A list of rates applies to all neurons. An array of shape [neurons, times] has a row per neuron. All targets of a
+    neuron receive the same spike train.
     """
 
     equation: ClassVar[str] = (
@@ -122,12 +127,12 @@ class inhomogeneous_poisson_generator(Timed):
     role: ClassVar[str] = "poisson"
     schedule: ClassVar[tuple[str, ...]] = ("rate_times", "rate_values")
 
-    rate_times: Any = quantity(unit="ms", doc="when the rate changes", kind="moments")
-    rate_values: Any = quantity(unit="Hz", doc="the rate from each of these times on", kind="series", at_least=0)
+    rate_times: Any = quantity(unit="ms", doc="times at which the rate changes", kind="moments")
+    rate_values: Any = quantity(unit="Hz", doc="rate from each of these times on", kind="series", at_least=0)
 
 
 def poisson(u, mean, nothing):
-    """The Poisson number of a uniform number; `nothing` is exp(-mean), and `mean` not above 500."""
+    """Return a Poisson number from a uniform number `u`. `nothing` is exp(-mean), and `mean` is at most 500."""
     number, term, total = 0, nothing, nothing
     while u >= total:
         number += 1
@@ -139,7 +144,10 @@ def poisson(u, mean, nothing):
 
 
 def binomial(u, trials, chance):
-    """How many of some trials succeed, and a uniform number independent of it: where `u` lay in its interval."""
+    """Return a binomial number from a uniform number `u`, and a new uniform number.
+
+    The new number is the position of `u` in the interval of the drawn number, and is independent of the drawn number.
+    """
     if trials == 0 or chance == 0.0:
         return 0, u
     if chance >= 1.0:
@@ -155,11 +163,13 @@ def binomial(u, trials, chance):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class encode(Generator):
-    """Emits what a code makes of values; while running it is a `spike_generator`, or a `poisson_generator` of rates.
+    """Emits the spikes of a code of values.
 
-    A spike that the code puts at t is emitted in the step of `start` + t: with t = 0 in the first one after `start`.
-    What a code draws follows from the network's seed and the population's name. In YAML `{file: ..., key: ...}` may
-    stand for `values`.
+    While running it is a `spike_generator`, or a `poisson_generator` for rates.
+
+    A spike at time t of the code is emitted in the step of `start` + t, and a spike at t = 0 in the first step after
+    `start`. Random codes depend on the network's seed and the population's name. In YAML `{file: ..., key: ...}` may
+    replace `values`.
     """
 
     equation: ClassVar[str] = "spikes = code(values)"
@@ -167,12 +177,12 @@ class encode(Generator):
     role: ClassVar[str] = "encoded"
     file_of: ClassVar[str] = "values"
 
-    values: Value = quantity(doc="what is encoded", arrays=True)
+    values: Value = quantity(doc="values to encode", arrays=True)
     code: Any = quantity(
-        doc="a code of `neuro.coding`, or a list of which each takes what the one before gives", kind="codes"
+        doc="a code of `neuro.coding`, or a chain of codes, each applied to the output of the one before", kind="codes"
     )
-    start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
-    stop: float = quantity(math.inf, "ms", "and up to this one", at_least=0, infinite=True)
+    start: float = quantity(0.0, "ms", "time after which the population emits", at_least=0)
+    stop: float = quantity(math.inf, "ms", "time up to which the population emits", at_least=0, infinite=True)
 
     def __post_init__(self) -> None:
         try:
@@ -190,32 +200,32 @@ class encode(Generator):
 
     @property
     def gives_rates(self) -> bool:
-        """Whether the spikes are Poisson, at the rates of the last code."""
+        """Whether the last code returns rates, so that the spikes are Poisson."""
         return bool(self.code[-1].rates)
 
     def spikes(self, seed: int) -> Floats:
-        """What the codes give.
+        """Return the spikes or rates of the codes.
 
         Args:
-            seed: of codes that draw.
+            seed: seed of random codes.
 
         Returns:
-            Times in ms after `start`, an axis of spikes last, NaN where there is none; or rates in Hz.
+            Times in ms after `start`, with spikes on the last axis and NaN for missing ones, or rates in Hz.
 
         Raises:
-            ModelError: a code refuses the values or its parameters; the path leads to what it refuses.
+            ModelError: a code refuses the values or its parameters. The path of the error leads to the wrong value.
         """
-        found = np.atleast_1d(self.values.values if isinstance(self.values, FromFile) else np.asarray(self.values))
+        encoded = np.atleast_1d(self.values.values if isinstance(self.values, FromFile) else np.asarray(self.values))
         for k, code in enumerate(self.code):
             place = ("code", *((str(k),) if len(self.code) > 1 else ()), code.name)
             if k + 1 < len(self.code) and not code.rates:
                 raise ModelError(f"{self.name}.code: {code.name} gives spike times: expected it last", path=place)
             try:
-                found = code(found, seed)
+                encoded = code(encoded, seed)
             except ModelError as error:
                 path = ("values",) if k == 0 and error.path == (code.values,) else (*place, *error.path)
                 raise error.but(message=f"{code.name}: {error.message}", path=path) from None
-        return found
+        return encoded
 
 
 MEAN, AMPLITUDE, PER_STEP, PHASE = range(4)
@@ -223,10 +233,10 @@ MEAN, AMPLITUDE, PER_STEP, PHASE = range(4)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class sinusoidal_poisson_generator(Timed):
-    """Emits a Poisson number of spikes each step, at a rate that follows a sine; below 0 it counts as 0.
+    """Emits a Poisson number of spikes per step, at a sinusoidal rate. Negative rates count as 0.
 
-    In NEST one generator sends each target a train of its own, unless `individual_spike_trains` is false. Here each
-    neuron has one train; so while it is true, a neuron may have one target only.
+    In NEST one generator sends each target a spike train of its own unless `individual_spike_trains` is false. In neuro
+    a neuron has one spike train, so a neuron may have only one target while the parameter is true.
     """
 
     equation: ClassVar[str] = (
@@ -237,18 +247,21 @@ class sinusoidal_poisson_generator(Timed):
     fixed: ClassVar[tuple[str, ...]] = ("individual_spike_trains",)
 
     rate: Value = quantity(0.0, "Hz", "mean rate", at_least=0, arrays=True)
-    amplitude: Value = quantity(0.0, "Hz", "how far the rate rises and falls", arrays=True)
-    frequency: Value = quantity(0.0, "Hz", "of the sine", at_least=0, arrays=True)
-    phase: Value = quantity(0.0, "deg", "of the sine at t = 0", arrays=True)
-    individual_spike_trains: bool = quantity(True, "", "whether targets must not share a train", kind="boolean")
+    amplitude: Value = quantity(0.0, "Hz", "amplitude of the sine", arrays=True)
+    frequency: Value = quantity(0.0, "Hz", "frequency of the sine", at_least=0, arrays=True)
+    phase: Value = quantity(0.0, "deg", "phase of the sine at t = 0", arrays=True)
+    individual_spike_trains: bool = quantity(True, "", "whether targets must not share a spike train", kind="boolean")
 
     def constants(p, h, c):
-        """Spikes a step, and the sine's angle a step; `p` are the parameters above in order but start and stop."""
+        """Fill `c` with spikes per step and the sine's angle per step.
+
+        `p` has the parameters above without start and stop.
+        """
         c[MEAN], c[AMPLITUDE] = p[0] * h / 1000.0, p[1] * h / 1000.0
         c[PER_STEP], c[PHASE] = 2.0 * math.pi / 1000.0 * p[2] * h, math.pi / 180.0 * p[3]
 
     def emit(s, c, u, step, lo, hi, out):
-        """Poisson numbers of one mean."""
+        """Draw Poisson numbers, all with the mean of the step."""
         mean = c[MEAN] + c[AMPLITUDE] * math.sin(c[PER_STEP] * step + c[PHASE])
         if mean > 0.0:
             nothing = math.exp(-mean)
@@ -261,42 +274,44 @@ LARGEST_SHAPE = 10
 CHANCE, STAGES = range(2)
 _STAGES: list[State] = []
 for _k in range(LARGEST_SHAPE):
-    _STAGES.append(State(f"in_stage_{_k}", "", "processes in a stage", hidden=True))
+    _STAGES.append(State(f"in_stage_{_k}", "", "number of processes in a stage", hidden=True))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class gamma_sup_generator(Timed):
-    """Emits the spikes of many independent gamma processes together, as the input from a population of neurons.
+    """Emits the superposition of many independent gamma processes, as the input from a population of neurons.
 
-    A process goes through `gamma_shape` stages and spikes when it leaves the last; in a step it leaves its stage with
-    the probability rate gamma_shape h / 1000. All targets of one of its neurons see the same train.
+    A process passes through `gamma_shape` stages and spikes when it leaves the last one. In a step it leaves its stage
+    with the probability rate gamma_shape h / 1000. All targets of a neuron receive the same spike train.
     """
 
     equation: ClassVar[str] = (
-        "in a step each of n_proc processes goes on to its next stage of gamma_shape with the probability "
-        "rate gamma_shape h / 1000; from the last one it spikes"
+        "in a step each of n_proc processes enters its next stage of gamma_shape with the probability "
+        "rate gamma_shape h / 1000, and spikes when it leaves the last one"
     )
     source: ClassVar[str] = "NEST 3.10 gamma_sup_generator; Deger, Helias, Boucsein & Rotter 2012"
     fixed: ClassVar[tuple[str, ...]] = ("gamma_shape", "n_proc")
     states: ClassVar[tuple[State, ...]] = tuple(_STAGES)
 
     rate: Value = quantity(0.0, "Hz", "mean rate of each process", at_least=0, arrays=True)
-    gamma_shape: int = quantity(1, "", "stages of a process", kind="integer", at_least=1, at_most=LARGEST_SHAPE)
+    gamma_shape: int = quantity(
+        1, "", "number of stages of a process", kind="integer", at_least=1, at_most=LARGEST_SHAPE
+    )
     n_proc: int = quantity(1, "", "number of processes", kind="integer", at_least=1)
 
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """The processes are spread evenly over the stages, as in NEST; the first stages have what is left over."""
+        """Return the processes spread evenly over the stages, as in NEST. The first stages get the remainder."""
         stages, processes = int(parameters["gamma_shape"][0]), int(parameters["n_proc"][0])
         each, over = divmod(processes, stages)
         return {f"in_stage_{k}": np.array([float(each + (k < over))]) for k in range(stages)}
 
     def constants(p, h, c):
-        """The chance to leave a stage in a step; `p` are rate, gamma_shape and n_proc."""
+        """Fill `c` with the probability to leave a stage in a step. `p` is rate, gamma_shape and n_proc."""
         c[CHANCE], c[STAGES] = p[0] * p[1] * h / 1000.0, p[1]
 
     def emit(s, c, u, step, lo, hi, out):
-        """Binomial numbers leave each stage for the next; the stages share one uniform number."""
+        """Move binomial numbers of processes to the next stage. All stages use the same uniform number."""
         stages = int(c[STAGES])
         for i in range(lo, hi):
             rest, came = u[i], 0

@@ -1,4 +1,4 @@
-"""The Hodgkin-Huxley neuron with alpha-shaped synaptic currents."""
+"""Hodgkin-Huxley neuron with alpha-shaped synaptic currents."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call", check-untyped-defs=False
 from __future__ import annotations
@@ -26,12 +26,12 @@ BY_C, G_NA, G_K, G_L, E_NA, E_K, E_L, RATE_EX, RATE_IN, JUMP_EX, JUMP_IN, I_E, R
 TOLERANCE = 1e-3
 RESTING = -65.0
 LONGEST, ROUNDING = 0.05, 1e-9
-"""The longest step of RK4 in ms that does not run away, and what a quotient of two times may err by."""
+"""The longest stable step of RK4 in ms, and the rounding error of a quotient of two times."""
 rkf45, rk4, (take, put) = fehlberg(8), runge_kutta(8), rows(8)
 
 
 def opening_rates(v):
-    """Rates of opening and closing in 1/ms: alpha and beta of m, h and n."""
+    """Return the opening and closing rates alpha and beta of m, h and n in 1/ms."""
     return (
         linear_over_exponential(v + 40.0),
         4.0 * finite_exp(-(v + 65.0) / 18.0),
@@ -43,13 +43,13 @@ def opening_rates(v):
 
 
 def linear_over_exponential(u):
-    """0.1 u / (1 - exp(-u / 10)), 1 at 0."""
+    """Return 0.1 u / (1 - exp(-u / 10)), with the limit 1 at 0."""
     e = finite_exp(-0.1 * u)
     return 1.0 if e == 1.0 else 0.1 * u / (1.0 - e)
 
 
 def rates(y, p):
-    """Derivatives of V_m, m, h, n, the currents and their slopes."""
+    """Return the derivatives of V_m, m, h, n, the currents and their slopes."""
     v, m, h, n, i_ex, i_in, d_ex, d_in = y
     by_c, g_na, g_k, g_l, e_na, e_k, e_l, rate_ex, rate_in, current = p
     alpha_m, beta_m, alpha_h, beta_h, alpha_n, beta_n = opening_rates(v)
@@ -68,18 +68,18 @@ def rates(y, p):
 
 
 def system(s, c, i_0, i):
-    """What `rates` needs."""
+    """Return the argument `p` of `rates`."""
     potentials = c[E_NA], c[E_K], c[E_L]
     return c[BY_C], c[G_NA], c[G_K], c[G_L], *potentials, c[RATE_EX], c[RATE_IN], c[I_E] + i_0[i]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class hh_psc_alpha(Neuron):
-    """Hodgkin-Huxley neuron of the squid's axon; a spike starts an alpha-shaped current that peaks at its weight in pA.
+    """Hodgkin-Huxley neuron of the squid axon. A spike starts an alpha-shaped current whose peak is its weight in pA.
 
-    It spikes where V_m has passed its maximum above 0 mV, at most once in `t_ref`; nothing is reset. Integrated by
-    NEST's adaptive RKF45, of which no step errs by more than 1e-3; with `rk4_substeps` by so many steps of RK4 in each
-    step of the grid: steps of 0.025 ms are right, steps above 0.05 ms, which run away, are refused.
+    The neuron spikes when V_m has passed a maximum above 0 mV, at most once in `t_ref`. Nothing is reset. The
+    integrator is NEST's adaptive RKF45 with an error of at most 1e-3 per step. With `rk4_substeps` it is RK4 with this
+    number of steps per step of the grid. Steps of 0.025 ms are accurate. Steps above 0.05 ms are unstable and refused.
 
     Source: NEST 3.10, `hh_psc_alpha`; Hodgkin & Huxley, J. Physiol. 117:500, 1952.
     """
@@ -99,7 +99,7 @@ class hh_psc_alpha(Neuron):
         State("I_syn_in", "pA", "inhibitory synaptic current"),
         State("dI_syn_ex", "pA/ms", "slope of the excitatory current"),
         State("dI_syn_in", "pA/ms", "slope of the inhibitory current"),
-        State("refractory", "steps", "steps left without another spike", hidden=True),
+        State("refractory", "steps", "remaining refractory steps", hidden=True),
         State("size", "ms", "adaptive step, 0 for a whole step of the grid", hidden=True),
         State("V_before", "mV", "membrane potential before the step", hidden=True),
     )
@@ -112,34 +112,34 @@ class hh_psc_alpha(Neuron):
     E_Na: Value = quantity(50.0, "mV", "reversal potential of sodium", arrays=True)
     E_K: Value = quantity(-77.0, "mV", "reversal potential of potassium", arrays=True)
     E_L: Value = quantity(-54.402, "mV", "leak reversal potential", arrays=True)
-    t_ref: Value = quantity(2.0, "ms", "shortest time between two spikes", at_least=0, arrays=True)
+    t_ref: Value = quantity(2.0, "ms", "shortest interval between two spikes", at_least=0, arrays=True)
     tau_syn_ex: Value = quantity(0.2, "ms", "time constant of the excitatory current", above=0, arrays=True)
     tau_syn_in: Value = quantity(2.0, "ms", "time constant of the inhibitory current", above=0, arrays=True)
     I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
-    rk4_substeps: int = quantity(0, "", "steps of RK4 in a step of the grid, 0: RKF45", kind="integer", at_least=0)
+    rk4_substeps: int = quantity(0, "", "RK4 steps per step of the grid; 0: RKF45", kind="integer", at_least=0)
 
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """V_m starts at -65 mV, m, h and n where they rest at it, as in NEST."""
+        """Return V_m = -65 mV, and m, h and n at their steady state, as in NEST."""
         opening = opening_rates(RESTING)
         values = [alpha / (alpha + beta) for alpha, beta in zip(opening[::2], opening[1::2], strict=True)]
         return {"V_m": RESTING, **dict(zip(("Act_m", "Inact_h", "Act_n"), values, strict=True))}
 
     @staticmethod
     def check_steps(parameters: Mapping[str, Any], resolution: float) -> None:
-        """RK4 runs away in steps that are longer than 0.05 ms."""
+        """Raise an error for RK4 steps above 0.05 ms, which are unstable."""
         substeps = int(parameters["rk4_substeps"][0]) if "rk4_substeps" in parameters else 0
         fewest = math.ceil(resolution / LONGEST - ROUNDING)
         if 0 < substeps < fewest:
             raise ModelError(
-                f"hh_psc_alpha.rk4_substeps = {substeps}: steps of {resolution / substeps:g} ms run away: "
+                f"hh_psc_alpha.rk4_substeps = {substeps}: steps of {resolution / substeps:g} ms are unstable: "
                 f"expected at most {LONGEST:g} ms",
                 hint=f"write rk4_substeps={fewest}, or 0 for RKF45",
                 path=("hh_psc_alpha", "rk4_substeps"),
             )
 
     def constants(p, h, c):
-        """Fill `c` for a step of h ms; `p` is tau_minus, then the parameters above in order."""
+        """Fill `c` for a step of h ms. `p` is tau_minus, followed by the parameters above in order."""
         c[BY_C], c[G_NA], c[G_K], c[G_L] = 1.0 / p[1], p[2], p[3], p[4]
         c[E_NA], c[E_K], c[E_L], c[R] = p[5], p[6], p[7], round(p[8] / h)
         c[RATE_EX], c[RATE_IN] = -1.0 / p[9], -1.0 / p[10]
@@ -147,7 +147,7 @@ class hh_psc_alpha(Neuron):
         c[I_E], c[SUBSTEPS], c[H] = p[11], p[12], h
 
     def step(s, c, x, i_0, lo, hi, fired):
-        """One step: all that flows, then the input, then whether V has passed its maximum."""
+        """Advance all variables, add the input, then test whether V_m has passed its maximum."""
         for i in range(lo, hi):
             s[V_BEFORE, i] = s[V_M, i]
         if c[SUBSTEPS] == 0.0:
@@ -163,10 +163,10 @@ class hh_psc_alpha(Neuron):
             fired[i] = free and s[V_M, i] >= 0.0 and s[V_BEFORE, i] > s[V_M, i]
 
     def fire(s, c, i):
-        """No other spike for t_ref; nothing is reset."""
+        """Begin refractoriness. Nothing is reset."""
         s[REFRACTORY, i] = c[R]
 
     def quiet(s, c, i_0, lo, hi):
-        """At rest."""
+        """Return whether the neurons are at rest."""
         h, substeps = c[H], c[SUBSTEPS]
         return are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps, REFRACTORY, SIZE, 0.0)

@@ -1,8 +1,9 @@
-"""Runge-Kutta integrators for models whose equations have no exact solution: NEST's adaptive RKF45 and plain RK4.
+"""Runge-Kutta integrators for models without an exact solution: NEST's adaptive RKF45 and classical RK4.
 
-A system is two plain functions of a model's module. `rates(y, p)` returns the derivatives of the variables `y`, both
-tuples of floats; `system(s, c, i_0, i)` returns `p`, what `rates` needs for neuron i, in a tuple. The variables are the
-first rows of the states `s`. A module makes what it needs for its number of variables, and hands all on in `step`:
+A system consists of two functions of a model's module. `rates(y, p)` returns the derivatives of the variables `y`, both
+as tuples of floats. `system(s, c, i_0, i)` returns the argument `p` of `rates` for neuron i as a tuple. The variables
+are the first rows of the states `s`. A module creates the functions for its number of variables and passes them on in
+`step`:
 
     rkf45, rk4, (take, put) = fehlberg(3), runge_kutta(3), rows(3)
 
@@ -10,12 +11,13 @@ first rows of the states `s`. A module makes what it needs for its number of var
     step_evenly(rk4, take, put, rates, system, s, c, i_0, lo, hi, h, substeps)
     is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, h, substeps)     # for `quiet`
 
-The size of the adaptive steps is a hidden state of the neuron, row SIZE, kept from one step of the grid to the next as
-in NEST. It is 0 for a whole step of the grid, where it starts and mostly stays. So a whole step is tried for all
-neurons in a loop without branches, which is vectorised, and the few that need shorter ones are integrated after it.
+The size of the adaptive step is a hidden state of the neuron, row SIZE, and is kept from one step of the grid to the
+next as in NEST. The size 0 stands for a whole step of the grid, which is the initial and the most frequent value. A
+whole step is therefore tried for all neurons in a vectorised loop without branches, and the few neurons that need
+shorter steps are integrated afterwards.
 
-Source: Fehlberg, NASA TR R-315, 1969, table III; step control of GSL 2.7, `cstd.c` and `evolve.c`, as NEST 3.10 uses
-it: an absolute tolerance, and for some neurons one relative to the slope.
+Source: Fehlberg, NASA TR R-315, 1969, table III; step control of GSL 2.7, `cstd.c` and `evolve.c`, as used by NEST 3.10
+with an absolute tolerance, and for some neurons one relative to the slope.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -30,14 +32,14 @@ from functools import cache
 from types import FunctionType
 
 ACCEPTED = 1.1
-"""A step is accepted with an error up to so many times the tolerance."""
+"""Largest accepted error of a step, in units of the tolerance."""
 
 MOST_STEPS = 1_000_000
-"""Adaptive steps within one of the grid after which a neuron is given up: its variables become NaN, which is
-reported as a numerical instability. A conductance that has run away would take for ever."""
+"""Largest number of adaptive steps within a step of the grid. Beyond it the variables of the neuron become NaN, which
+is reported as a numerical instability. A diverging conductance would otherwise need ever shorter steps."""
 
 TINY = 1e-300
-"""What an error of 0 counts as."""
+"""Smallest error, which replaces an error of 0 in divisions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +47,9 @@ class Tableau:
     """An explicit Runge-Kutta method.
 
     Attributes:
-        stages: weights of the earlier stages' rates in the point of each stage; the first has none.
+        stages: for each stage, the weights of the rates of earlier stages. The first stage has none.
         result: weights of all stages in the result.
-        error: weights of all stages in the estimated error, none if the method estimates none.
+        error: weights of all stages in the estimated error, or () for a method without an error estimate.
     """
 
     stages: tuple[tuple[float, ...], ...]
@@ -67,7 +69,7 @@ FEHLBERG = Tableau(
     result=(902880 / 7618050, 0.0, 3953664 / 7618050, 3855735 / 7618050, -1371249 / 7618050, 277020 / 7618050),
     error=(1 / 360, 0.0, -128 / 4275, -2197 / 75240, 1 / 50, 2 / 55),
 )
-"""Order 5 with an error of order 4."""
+"""Fehlberg's method of order 5 with an error estimate of order 4."""
 
 RK4 = Tableau(stages=((), (1 / 2,), (0.0, 1 / 2), (0.0, 0.0, 1.0)), result=(1 / 6, 1 / 3, 1 / 3, 1 / 6))
 """The classical method of order 4."""
@@ -75,81 +77,86 @@ RK4 = Tableau(stages=((), (1 / 2,), (0.0, 1 / 2), (0.0, 0.0, 1.0)), result=(1 / 
 
 @cache
 def fehlberg(variables: int, decaying: int = 0, *, by_slope: bool = False) -> FunctionType:
-    """A step of RKF45 for so many variables: `rkf45(rates, y, p, h)` returns the new `y` and its largest error.
+    """Return a step of RKF45 for a number of variables.
 
-    The last `decaying` of the variables do nothing but decay, each with a rate of its own: `y' = rate y`. With
-    `by_slope` the error of each is divided by 1 + |h y'| at the new point before they are compared, so that a
-    tolerance is absolute and relative to the slope at once, as in GSL's `gsl_odeiv_control_yp_new(tol, tol)`.
+    The step `rkf45(rates, y, p, h)` returns the new `y` and the largest error of a variable. The last `decaying`
+    variables decay exponentially, each with its own rate: `y' = rate y`. With `by_slope` the error of each variable is
+    divided by 1 + |h y'| at the new point before the largest is chosen. The tolerance is then both absolute and
+    relative to the slope, as in GSL's `gsl_odeiv_control_yp_new(tol, tol)`.
     """
-    return _written(FEHLBERG, variables, decaying, by_slope)
+    return _generate_step(FEHLBERG, variables, decaying, by_slope)
 
 
 @cache
 def runge_kutta(variables: int, decaying: int = 0) -> FunctionType:
-    """A step of RK4 for so many variables: `rk4(rates, y, p, h)` returns the new `y`; `decaying` as above."""
-    return _written(RK4, variables, decaying, by_slope=False)
+    """Return a step of RK4 for a number of variables: `rk4(rates, y, p, h)` returns the new `y`.
+
+    `decaying` is explained in `fehlberg`.
+    """
+    return _generate_step(RK4, variables, decaying, by_slope=False)
 
 
 @cache
 def rows(variables: int) -> tuple[FunctionType, FunctionType]:
-    """For so many variables `take(s, i)`, which returns the `y` of neuron i, and `put(s, i, y)`, which writes it."""
-    taken = "(" + "".join(f"s[{v}, i], " for v in range(variables)) + ")"
-    written = [f"s[{v}, i] = y[{v}]" for v in range(variables)]
-    return _function("take(s, i)", [f"return {taken}"]), _function("put(s, i, y)", written)
+    """Return `take(s, i)`, which reads the variables of neuron i as a tuple, and `put(s, i, y)`, which writes them."""
+    values = "(" + "".join(f"s[{v}, i], " for v in range(variables)) + ")"
+    assignments = [f"s[{v}, i] = y[{v}]" for v in range(variables)]
+    return _function("take(s, i)", [f"return {values}"]), _function("put(s, i, y)", assignments)
 
 
-def step_adaptively(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, left):
-    """A step of the grid by adaptive steps.
+def step_adaptively(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, unfinished):
+    """Advance a step of the grid by adaptive steps.
 
-    `attempt` is a step of a method with an error, as from `fehlberg`; `take` and `put` are from `rows`; `rates` and
-    `system` the equations, see above; `s, c, i_0, lo, hi` as of a model's `step`. `h` is the step of the grid in ms,
-    `size` the row of `s` with the size of the next adaptive step, `tolerance` the largest error of a variable in a
-    step. What it leaves in `left` is of no use: it is the `fired` of a model's `step`, before that is set.
+    `attempt` is a step of a method with an error, see `fehlberg`. `take` and `put` come from `rows`. `rates` and
+    `system` are the equations, see the module. `s, c, i_0, lo, hi` are those of a model's `step`. `h` is the step of
+    the grid in ms, `size` the row of `s` with the size of the next adaptive step, and `tolerance` the largest error of
+    a variable per step. `unfinished` is a buffer, e.g. the array `fired` of a model's `step` before it is set.
     """
-    step_whole(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, left)
+    step_whole(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, unfinished)
     for i in range(lo, hi):
-        if left[i]:
-            y, p, t, next_size, taken = take(s, i), system(s, c, i_0, i), 0.0, s[size, i], 0
+        if unfinished[i]:
+            y, p, t, next_size, n_steps = take(s, i), system(s, c, i_0, i), 0.0, s[size, i], 0
             while t < h:
                 y, t, next_size = advance(attempt, rates, y, p, t, h, next_size, tolerance)
-                taken += 1
-                if taken == MOST_STEPS:
+                n_steps += 1
+                if n_steps == MOST_STEPS:
                     y, t, next_size = attempt(rates, y, p, math.nan)[0], h, 0.0
             put(s, i, y)
             s[size, i] = next_size
 
 
-def step_whole(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, left):
-    """Take a whole step of the grid wherever it is small enough; set `left` where it is not, and nothing is done.
+def step_whole(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, unfinished):
+    """Take a whole step of the grid for each neuron whose error is small enough, and set `unfinished` for the others.
 
-    The arguments are those of `step_adaptively`.
+    Neurons that are unfinished do not change. The arguments are those of `step_adaptively`.
     """
     for i in range(lo, hi):
         y = take(s, i)
         new, error = attempt(rates, y, system(s, c, i_0, i), h)
         short = s[size, i] != 0.0 or error > ACCEPTED * tolerance
         put(s, i, y if short else new)
-        left[i] = short
+        unfinished[i] = short
 
 
 def step_evenly(rk4, take, put, rates, system, s, c, i_0, lo, hi, h, substeps):
-    """A step of the grid by so many steps of a method without an error, as from `runge_kutta`."""
+    """Advance a step of the grid by `substeps` steps of a method without an error, see `runge_kutta`."""
     for _ in range(int(substeps)):
         for i in range(lo, hi):
             put(s, i, rk4(rates, take(s, i), system(s, c, i_0, i), h / substeps))
 
 
 def is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, h, substeps):
-    """Whether a step without input leaves every bit of neuron i where it is; with 0 `substeps` one of RKF45."""
+    """Return whether a step without input leaves neuron i unchanged. With 0 `substeps` the step is one of RKF45."""
     y, p = take(s, i), system(s, c, i_0, i)
     new = rkf45(rates, y, p, h)[0] if substeps == 0.0 else rk4(rates, y, p, h / substeps)
     return new == y
 
 
 def are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps, refractory, size, v_top):
-    """Whether neurons stay as they are in a step without input; `refractory` and `size` are rows of hidden states.
+    """Return whether all neurons stay unchanged in a step without input.
 
-    None may be refractory, amid a step of the grid, or have its first variable, V_m, at `v_top` or above.
+    `refractory` and `size` are rows of hidden states. A neuron that is refractory, in the middle of a step of the grid,
+    or has its first variable, V_m, at `v_top` or above is not at rest.
     """
     for i in range(lo, hi):
         if s[refractory, i] != 0.0 or s[size, i] != 0.0 or s[0, i] >= v_top:
@@ -160,12 +167,13 @@ def are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps,
 
 
 def advance(attempt, rates, y, p, t, h, size, tolerance):
-    """One accepted step on the way from 0 to h; return the new `y`, the time and the size of the next step.
+    """Take one accepted step between 0 and h. Return the new `y`, the time, and the size of the next step.
 
-    `t` is the time in ms since the last step of the grid, `h` that step, `size` that of the adaptive step, 0 for h.
+    `t` is the time in ms since the last step of the grid, `h` the length of that step, and `size` the size of the
+    adaptive step, where 0 stands for h.
     """
-    left = h - t
-    step = left if size == 0.0 or size > left else size
+    remaining = h - t
+    step = remaining if size == 0.0 or size > remaining else size
     while True:
         new, error = attempt(rates, y, p, step)
         if not error > ACCEPTED * tolerance:
@@ -174,52 +182,52 @@ def advance(attempt, rates, y, p, t, h, size, tolerance):
         if not (shorter < step and t + shorter != t):
             break
         step = shorter
-    t = h if step == left else t + step
+    t = h if step == remaining else t + step
     if error < 0.5 * tolerance and step < h:
         step *= min(max(0.9 * (max(error, TINY) / tolerance) ** (-1.0 / 6.0), 1.0), 5.0)
     return new, t, 0.0 if step >= h else step
 
 
 def finite_exp(x):
-    """e^x, at most e^709: beyond it Python raises an error where machine code goes on with infinity."""
+    """Return e^x, at most e^709, because Python raises an error for larger values and compiled code does not."""
     return math.exp(709.0 if x > 709.0 else x)
 
 
-def _written(tableau: Tableau, variables: int, decaying: int, by_slope: bool) -> FunctionType:
-    """A step of a method as straight code, every number in a variable of its own: no array is made in it.
+def _generate_step(tableau: Tableau, variables: int, decaying: int, by_slope: bool) -> FunctionType:
+    """Generate a step of a method as straight-line code without arrays, with a variable for every number.
 
-    What decays is, at each stage and in the end, what it was times a number that follows from the rate and h alone, so
-    it is the same for all neurons and worked out once. The rate is the derivative of 1.
+    Decaying variables are multiplied, at each stage and in the result, by a number that depends on their rate and h
+    only. The number is the same for all neurons and is computed once. The rate of a variable is its derivative at 1.
     """
-    each, free = range(variables), variables - decaying
+    variables_range, n_free = range(variables), variables - decaying
 
     def listed(names: Sequence[str]) -> str:
         return "(" + "".join(f"{name}, " for name in names) + ")"
 
     def numbered(name: str) -> str:
-        return listed([f"{name}_{v}" for v in each])
+        return listed([f"{name}_{v}" for v in variables_range])
 
     def mean(weights: Sequence[float], v: int) -> str:
         return " + ".join(f"h * {weight!r} * k{stage}_{v}" for stage, weight in enumerate(weights) if weight)
 
     def point(weights: Sequence[float]) -> str:
-        moved = [f"y_{v} + ({mean(weights, v)})" for v in each[:free]]
-        return listed(moved + [f"y_{v} * (1.0 + ({mean(weights, v)}))" for v in each[free:]])
+        moved = [f"y_{v} + ({mean(weights, v)})" for v in variables_range[:n_free]]
+        return listed(moved + [f"y_{v} * (1.0 + ({mean(weights, v)}))" for v in variables_range[n_free:]])
 
     lines = [f"{numbered('y')} = y"]
     if decaying:
         lines.append(f"{numbered('rate')} = rates({listed(['1.0'] * variables)}, p)")
     for stage, weights in enumerate(tableau.stages):
         lines.append(f"{numbered(f'k{stage}')} = rates({point(weights) if weights else 'y'}, p)")
-        for v in each[free:]:
+        for v in variables_range[n_free:]:
             lines.append(f"k{stage}_{v} = rate_{v}" + (f" * (1.0 + ({mean(weights, v)}))" if weights else ""))
     lines.append(f"{numbered('new')} = {point(tableau.result)}")
     if by_slope:
         lines.append(f"{numbered('slope')} = rates({numbered('new')}, p)")
     if tableau.error:
         lines.append("error = 0.0")
-        for v in each:
-            lines.append(f"of_one = abs({f'y_{v} * ' if v >= free else ''}({mean(tableau.error, v)}))")
+        for v in variables_range:
+            lines.append(f"of_one = abs({f'y_{v} * ' if v >= n_free else ''}({mean(tableau.error, v)}))")
             if by_slope:
                 lines.append(f"of_one /= 1.0 + abs(h * slope_{v})")
             lines.append("error = of_one if of_one > error else error")
@@ -228,7 +236,7 @@ def _written(tableau: Tableau, variables: int, decaying: int, by_slope: bool) ->
 
 
 def _function(head: str, lines: list[str]) -> FunctionType:
-    """A function of generated lines, whose source `inspect` finds as that of any other."""
+    """Compile generated lines to a function whose source `inspect` can read."""
     text, scope = "\n    ".join([f"def {head}:", *lines]), dict[str, FunctionType]()
     file = f"<neuro {hashlib.sha256(text.encode()).hexdigest()[:16]}>"
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)

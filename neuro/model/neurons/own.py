@@ -1,4 +1,4 @@
-"""Neurons and generators of third parties: refused unless they have all that backends rely on."""
+"""Checks of neurons and generators of third parties."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from neuro.core.own_parts import check_functions, fill
 from neuro.model.neurons.base import PAYLOAD, Generator, Model, Neuron
 
 FUNCTIONS = {"constants": 3, "step": 7, "fire": 3, "quiet": 5}
-"""The functions of a neuron model's arithmetic and how many arguments each takes."""
+"""Functions of a neuron model's arithmetic, and their numbers of arguments."""
 
 DRAWING = FUNCTIONS | {"step": 8}
-"""Those of a neuron that draws."""
+"""Functions of a neuron model with `draws`, and their numbers of arguments."""
 
 EMITTING = {"constants": 3, "emit": 7}
-"""Those of a generator's."""
+"""Functions of a generator's arithmetic, and their numbers of arguments."""
 
 SILENCE = 16
-"""Steps of a silence: the shortest after which the event backend lets neurons sleep."""
+"""Number of steps without input in `check_sleep`: the shortest period that the event backend passes at once."""
 
 DEVIATIONS = np.repeat([0.0, 1.0, 30.0, 1000.0], 2)
-"""How far states are moved from those at step 0, one number for each neuron that is tried."""
+"""Standard deviations by which states are moved from their initial values, one per tested neuron."""
 
 LIMIT = 1e-9
-"""The largest relative error of a silence that is passed at once."""
+"""Largest relative error of steps that are passed at once."""
 
 
 def complete(model: type[Model]) -> type[Model]:
-    """Return a model if it has all that backends rely on.
+    """Return a model if it has everything that backends need.
 
     Raises:
-        TypeError: something is missing or too large; it says what.
+        TypeError: something is missing, or there are too many parameters. The message names it.
     """
     if not issubclass(model, (Neuron, Generator)):
         raise TypeError(f"model '{model.__name__}': expected a subclass of Neuron or Generator")
@@ -73,11 +73,13 @@ def complete(model: type[Model]) -> type[Model]:
 
 
 def _complete_numbers(prefix: str, model: type[Model]) -> NDArray[np.float64] | None:
-    """The constants for the defaults, None if a parameter has none."""
-    timed = ("start", "stop") if getattr(model, "timed", False) else ()
-    kinds = {word: q.kind for word, q in model.quantities().items() if word not in timed}
-    if other := [word for word, kind in kinds.items() if kind not in ("number", "integer", "boolean")]:
-        raise TypeError(f"{prefix}: parameter '{other[0]}' is a {kinds[other[0]]}: expected a number or a boolean")
+    """Return the constants for the default parameters, or None if a parameter has no default."""
+    time_words = ("start", "stop") if getattr(model, "timed", False) else ()
+    kinds = {word: q.kind for word, q in model.quantities().items() if word not in time_words}
+    if wrong_words := [word for word, kind in kinds.items() if kind not in ("number", "integer", "boolean")]:
+        raise TypeError(
+            f"{prefix}: parameter '{wrong_words[0]}' is a {kinds[wrong_words[0]]}: expected a number or a boolean"
+        )
     if len(kinds) > model.width:
         raise TypeError(
             f"{prefix} has {len(kinds)} parameters with tau_minus: expected at most {model.width}, its width"
@@ -91,57 +93,57 @@ def _complete_numbers(prefix: str, model: type[Model]) -> NDArray[np.float64] | 
 
 
 def check_sleep(model: type[Any], parameters: Mapping[str, float], h: float = 0.1) -> None:
-    """Refuse a neuron model for which a silence passed at once differs from the same silence step by step.
+    """Raise an error for a neuron model whose steps without input differ when they are passed at once.
 
-    Neurons at random states are tried. Of those that `quiet` lets sleep none may fire within `SILENCE` steps. Passing
-    these steps at once must leave the same state: by `catch_up` or one long step where the model is `linear`, else by
-    doing nothing.
+    Neurons in random states are tested. A neuron for which `quiet` is true must not fire within `SILENCE` steps.
+    Passing these steps at once must lead to the same state: by `catch_up` or one long step if the model is `linear`,
+    and otherwise by doing nothing.
 
     Args:
         model: the class.
-        parameters: numbers by word, in order of definition.
+        parameters: numbers by parameter, in order of definition.
         h: length of a step in ms.
 
     Raises:
-        TypeError: it names the state that differs.
+        TypeError: the states differ. The message names the state.
     """
     arithmetic, label, n = model.arithmetic, f"neuron model '{model.__name__}'", DEVIATIONS.size
     p, c = np.array([float(value) for value in parameters.values()]), np.zeros(model.width)
-    x, i_0, fired, drawn = np.zeros((max(2, model.receptors), n)), np.zeros(n), np.zeros(n, np.uint8), np.zeros(n)
-    words = (drawn,) if model.draws else ()
-    # States that differ from those at step 0; hidden counters stay.
+    x, i_0, fired, uniform = np.zeros((max(2, model.receptors), n)), np.zeros(n), np.zeros(n, np.uint8), np.zeros(n)
+    extra_arguments = (uniform,) if model.draws else ()
+    # Random states around the initial ones. Hidden counters keep their initial value.
     rng, start = np.random.default_rng(0), np.zeros((len(model.states), n))
     initial: Mapping[str, Any] = model.initial({word: np.array([value]) for word, value in parameters.items()})
     for k, state in enumerate(model.states):
         start[k] = initial.get(state.name, 0.0)
         if not state.hidden:
             start[k] = np.clip(start[k] + DEVIATIONS * rng.standard_normal(n), state.at_least, state.at_most)
-    with np.errstate(all="ignore"):  # states may be far out
+    with np.errstate(all="ignore"):  # extreme states may overflow
         arithmetic.constants(p, h, c)
         for i in range(n):
             if not arithmetic.quiet(start, c, i_0, i, i + 1):
                 continue
-            stepped, passed = start.copy(), start.copy()
+            stepped, at_once = start.copy(), start.copy()
             for _ in range(SILENCE):
-                arithmetic.step(stepped, c, x, i_0, i, i + 1, fired, *words)
+                arithmetic.step(stepped, c, x, i_0, i, i + 1, fired, *extra_arguments)
                 if fired[i]:
                     raise TypeError(f"{label} fires without input where `quiet` is true: expected it to be false there")
-            way, again = "none of them", np.zeros(model.width)
+            method, buffer = "none of them", np.zeros(model.width)
             if model.linear and hasattr(arithmetic, "catch_up"):
-                way = "catch_up"
-                arithmetic.catch_up(passed, p, again, i_0, i, i + 1, h, SILENCE)
+                method = "catch_up"
+                arithmetic.catch_up(at_once, p, buffer, i_0, i, i + 1, h, SILENCE)
             elif model.linear:
-                way = "one step of their length"
-                arithmetic.constants(p, SILENCE * h, again)
-                arithmetic.step(passed, again, x, i_0, i, i + 1, fired, *words)
+                method = "one step of their length"
+                arithmetic.constants(p, SILENCE * h, buffer)
+                arithmetic.step(at_once, buffer, x, i_0, i, i + 1, fired, *extra_arguments)
             limit = LIMIT * np.abs(start[:, i]).max(initial=1.0) if model.linear else 0.0
-            wrong = ~(np.abs(passed[:, i] - stepped[:, i]) <= limit) & ~(
-                np.isnan(passed[:, i]) & np.isnan(stepped[:, i])
+            differs = ~(np.abs(at_once[:, i] - stepped[:, i]) <= limit) & ~(
+                np.isnan(at_once[:, i]) & np.isnan(stepped[:, i])
             )
-            if wrong.any():
-                k = int(np.argmax(wrong))
-                end, reached = stepped[k, i], passed[k, i]
+            if differs.any():
+                k = int(np.argmax(differs))
+                end, reached = stepped[k, i], at_once[k, i]
                 raise TypeError(
-                    f"{label}: {SILENCE} steps without input bring {model.states[k].name} to {end:.9g}, {way} to "
+                    f"{label}: {SILENCE} steps without input bring {model.states[k].name} to {end:.9g}, {method} to "
                     f"{reached:.9g}: expected the same, as {'it is linear and ' if model.linear else ''}`quiet` is true"
                 )

@@ -1,12 +1,12 @@
-"""Exact integration of a leaky membrane driven by exponential and alpha currents.
+"""Exact integration of a leaky membrane driven by exponential and alpha-shaped currents.
 
 Source: Rotter & Diesmann, Biol. Cybern. 81:381, 1999; NEST 3.10, `libnestutil/iaf_propagator.h`.
 An infinite `tau_m` means no leak.
 
-Over h the membrane decays by e^-a, the current by e^-b. What the current leaves on the membrane is the slower of the
-two decays times a mean over s in 0..1 of e^(z s) with z = -|a - b|. Nothing overflows in it, however long h is, and it
-is exact also where the two are nearly equal and the closed form is a difference of nearly equal numbers. Nothing
-divides 0 by 0, not even on a way that is not taken: where tensors are neurons, gradients come from both.
+Over h the membrane decays by e^-a and the current by e^-b. The contribution of the current to the membrane potential is
+the slower of the two decays times a mean over s in 0..1 of e^(z s) with z = -|a - b|. This form does not overflow for
+large h, and is exact when a and b are nearly equal, where the closed form is a difference of nearly equal numbers. No
+branch divides 0 by 0, not even one that is not selected, because gradients of tensors flow through both branches.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -23,15 +23,15 @@ from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import Resting
 
 NEARLY_0 = 1e-100
-"""So small that e^z - 1 is z in a double."""
+"""Smallest |z| in use. e^z - 1 equals z in double precision for numbers this small."""
 
 SERIES_TERMS = 15
-"""Enough for the last term to vanish in a double where |z| is at most 1/2."""
+"""Number of terms of the series. For |z| up to 1/2 the last term is below the precision of a double."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Leaky(Resting):
-    """The first parameters of neurons with a leaky membrane, which is reset and held after a spike."""
+    """Base of the neurons with a leaky membrane that is reset and refractory after a spike."""
 
     tau_m: Value = quantity(10.0, "ms", "membrane time constant", above=0, infinite=True, arrays=True)
     C_m: Value = quantity(250.0, "pF", "membrane capacity", above=0, arrays=True)
@@ -43,39 +43,40 @@ class Leaky(Resting):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeakyWithCurrents(Leaky):
-    """The parameters of those whose input goes into two currents that decay exponentially."""
+    """Base of the leaky neurons with two synaptic currents that decay exponentially."""
 
     weight_unit: ClassVar[str] = "pA"
     receptors: ClassVar[int] = 2
     linear: ClassVar[bool] = True
 
     I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
-    tau_syn_ex: Value = quantity(2.0, "ms", "decay of the excitatory current", above=0, arrays=True)
-    tau_syn_in: Value = quantity(2.0, "ms", "decay of the inhibitory current", above=0, arrays=True)
+    tau_syn_ex: Value = quantity(2.0, "ms", "time constant of the excitatory current", above=0, arrays=True)
+    tau_syn_in: Value = quantity(2.0, "ms", "time constant of the inhibitory current", above=0, arrays=True)
 
 
-FALL = "V_m falls by V_th - V_reset at a spike, instead of to V_reset"
-"""What the parameter `reset_by_subtraction` means."""
+FALL = "whether a spike reduces V_m by V_th - V_reset instead of setting it to V_reset"
+"""Description of the parameter `reset_by_subtraction`."""
 
 
 def check_fall(model, parameters):
-    """Refuse several spikes in a step of neurons that are reset to a value."""
+    """Raise an error for parameters that need a reset by subtraction."""
     falls = np.any(parameters.get("reset_by_subtraction", 0.0) != 0.0)
     several = np.any(parameters.get("max_spikes", 1.0) != 1.0)
     if several and not falls:
         raise ModelError("max_spikes above 1: expected reset_by_subtraction: true", path=(model, "max_spikes"))
+
     if np.any(parameters.get("threshold_rises", 0.0) != 0.0) and (several or not falls):
         message = "threshold_rises: expected reset_by_subtraction: true, and max_spikes: 1"
         raise ModelError(message, path=(model, "threshold_rises"))
 
 
 def fall_of(falls, v_th, v_reset):
-    """How far V falls at a spike; 0: it goes to V_reset."""
+    """Return the reduction of V_m by a spike, or 0 for a reset to V_reset."""
     return v_th - v_reset if falls != 0.0 else 0.0
 
 
 def spikes_in(v, v_th, fall, most):
-    """How often V reaches the threshold in a step if it falls each time."""
+    """Return how often V_m reaches the threshold in a step if each spike reduces V_m by `fall`."""
     count = 0
     while v >= v_th and count < most:
         v -= fall
@@ -84,30 +85,30 @@ def spikes_in(v, v_th, fall, most):
 
 
 def after_spike(v, v_th, v_reset, fall, most):
-    """V after the spikes of a step."""
+    """Return V_m after the spikes of a step."""
     return v_reset if fall == 0.0 else v - fall * spikes_in(v, v_th, fall, most)
 
 
 def leak(tau_m, h):
-    """Share of V - E_L left after h ms."""
+    """Return the share of V - E_L that is left after h ms."""
     return 0.0 if tau_m == 0.0 else math.exp(-h / tau_m)
 
 
 def from_constant(tau_m, c_m, h):
-    """Potential in mV after h ms for a constant current of 1 pA."""
+    """Return the potential in mV after h ms for a constant current of 1 pA."""
     if math.isinf(tau_m):
         return h / c_m
     return -tau_m / c_m * math.expm1(-h / tau_m)
 
 
 def from_exponential(tau_m, tau_syn, c_m, h):
-    """Potential in mV after h ms for a current of 1 pA that decays with tau_syn."""
+    """Return the potential in mV after h ms for a current of 1 pA that decays with tau_syn."""
     a, b = h / tau_m, h / tau_syn
     return h / c_m * math.exp(-min(a, b)) * mean_decay(-abs(a - b))
 
 
 def from_alpha(tau_m, tau_syn, c_m, h):
-    """Potential in mV after h ms for the current t exp(-t / tau_syn) pA, t from 0 ms."""
+    """Return the potential in mV after h ms for the current t exp(-t / tau_syn) pA, t from 0 ms."""
     a, b = h / tau_m, h / tau_syn
     z = -abs(a - b)
     mean = mean_decay_weighted_late(z) if a < b else mean_decay_weighted_early(z)
@@ -115,13 +116,13 @@ def from_alpha(tau_m, tau_syn, c_m, h):
 
 
 def mean_decay(z):
-    """Mean of e^(z s) over s in 0..1, z <= 0."""
+    """Return the mean of e^(z s) over s in 0..1, z <= 0."""
     z = min(z, -NEARLY_0)
     return math.expm1(z) / z
 
 
 def mean_decay_weighted_late(z):
-    """Mean of s e^(z s) over s in 0..1, z <= 0."""
+    """Return the mean of s e^(z s) over s in 0..1, z <= 0."""
     if z < -0.5:
         far = min(z, -0.5)
         return (1.0 - (1.0 - far) * math.exp(far)) / (far * far)
@@ -129,7 +130,7 @@ def mean_decay_weighted_late(z):
 
 
 def mean_decay_weighted_early(z):
-    """Mean of (1 - s) e^(z s) over s in 0..1, z <= 0."""
+    """Return the mean of (1 - s) e^(z s) over s in 0..1, z <= 0."""
     if z < -0.5:
         far = min(z, -0.5)
         return (math.expm1(far) - far) / (far * far)
@@ -141,9 +142,9 @@ def mean_decay_weighted_early(z):
 
 
 def highest(v, e_l, gain, drive):
-    """A bound of V_m in mV while no input arrives: from `v` it goes towards e_l + gain drive, and not beyond.
+    """Return an upper bound of V_m in mV without input. V_m relaxes from `v` to e_l + gain drive without overshoot.
 
-    `gain` is tau_m / C_m in mV/pA, infinite without a leak, `drive` a constant current in pA.
+    `gain` is tau_m / C_m in mV/pA, infinite without a leak. `drive` is a constant current in pA.
     """
     if math.isinf(gain):
         return v if drive <= 0.0 else math.inf

@@ -1,4 +1,4 @@
-"""Synapse models, a file for each family, and the registry of all."""
+"""Synapse models, a module per family, and the registry of all models."""
 
 from __future__ import annotations
 

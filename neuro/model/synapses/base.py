@@ -1,31 +1,37 @@
-"""What a synapse model is: parameters and, where it learns, a few plain functions.
+"""Base classes of synapse models: parameters and, for plastic synapses, the functions of the learning rule.
 
-A pairwise rule reads traces that the backend keeps, as the rule lists them: of the spikes of its source (`pre`) and of
-its target (`post`). A post spike reaches the synapse after the synapse's delay. At one instant dopamine comes first,
-then post, then pre. Synapse `e` has the states `y[:, e]`; the first is the weight; `c` holds the rule's constants.
+A pairwise rule reads traces of the spikes of its source (`pre`) and of its target (`post`). The rule lists the traces,
+and the backend updates them. A post spike reaches the synapse after the synapse's delay. Events at the same time are
+handled in the order dopamine, post, pre. Synapse `e` has the states `y[:, e]`, of which the first is the weight. `c`
+holds the constants of the rule.
 
     constants(p, h, c)                        fill `c` from the parameters `p` (numbers only, in order of definition);
-                                              once, or for each synapse where parameters have a value for each
-    on_post(y, e, c, pre, post)               a post spike arrives; the traces there, of strictly earlier spikes
-    on_pre(y, e, c, pre, post)                a pre spike; likewise. With `draws` also `u`, a random number in [0, 1)
-    sent(y, e, c)                             what the pre spike sends then; without this function the weight
-    advance(y, e, c, begin, end, n, grid)     what happens between events (steps), for subclasses of `Modulated`:
-                                              n is the modulator's concentration at `begin`, `grid` the delivery grid
+                                              called once, or per synapse if a parameter has a value per synapse
+    on_post(y, e, c, pre, post)               handle a post spike, with the traces of strictly earlier spikes
+    on_pre(y, e, c, pre, post)                handle a pre spike, with the traces of strictly earlier spikes; with
+                                              `draws` there is a sixth argument `u`, a random number in [0, 1)
+    sent(y, e, c)                             return the value that the pre spike sends; without this function the
+    weight advance(y, e, c, begin, end, n, grid)     integrate between events, from step `begin` to `end`, for
+    subclasses of
+                                              `Modulated`: n is the modulator's concentration at `begin`, `grid` the
+                                              delivery grid
 
-A rule that changes delays (`delays`) has the delay in ms as its first state, `y[1]`. It counts from where spikes set
-out: `pre` knows the emissions, which arrive `y[1]` later, and post spikes reach the synapse at once.
+A rule that changes delays (`delays`) has the delay in ms as its first state, `y[1]`. It uses emission times: `pre` has
+the emissions, which arrive `y[1]` later, and post spikes reach the synapse without delay.
 
-A rule for trials says in its method `lessons` whom the end of a trial teaches (`Lesson`), and has
+A rule for trials returns from its method `lessons` which neurons the end of a trial teaches (`Lesson`), and has
 `constants` and
 
-    teach(w, since, lesson, c)                new weight of one input of a neuron that is taught: `since` is the time in
+    teach(w, since, lesson, c)                return the new weight of an input of a taught neuron: `since` is the time
+    in
                                               ms from the arrival of the input's first spike (with `spikes: each` of
-                                              each in turn) to the moment of the lesson, negative after it, -inf
-                                              without a spike; of a rule with `delays` not the weight but the delay in
-                                              ms, now and new
-    settle(w, since, total, c)                new weight after all inputs of the neuron were taught and have the sum
-                                              `total`; only where the rule has it
-    encourage(w, c)                           new weight of an input of maps that grow; only where lessons name some
+                                              each spike in turn) to the time of the lesson, negative for later spikes
+                                              and -inf without a spike; rules with `delays` get and return the delay in
+                                              ms instead of the weight
+    settle(w, since, total, c)                return the new weight after all inputs of the neuron were taught and their
+                                              sum is `total`; optional
+    encourage(w, c)                           return the new weight of an input of maps that grow; required only if
+                                              lessons contain `Growth`
 """
 
 from __future__ import annotations
@@ -49,28 +55,29 @@ from neuro.model.synapses.lessons import Growth as Growth, Lesson as Lesson, Tri
 Floats = NDArray[np.float64]
 
 FUNCTIONS = {"constants": 3, "on_post": 5, "on_pre": 5}
-"""The functions of a pairwise rule and how many arguments each takes."""
+"""Functions of a pairwise rule, and their numbers of arguments."""
 TEACHING = {"constants": 3, "teach": 4}
-"""Those of a rule for trials."""
+"""Required functions of a rule for trials, and their numbers of arguments."""
 MORE_TEACHING = {"settle": 4, "encourage": 2}
-"""Those that it may have beside."""
+"""Optional functions of a rule for trials, and their numbers of arguments."""
 
 
 def weight(y: Any, e: int, c: Any) -> Any:
-    """What a synapse sends whose rule does not say."""
+    """Return the weight, which synapses without a function `sent` send."""
     return y[0, e]
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """What a rule knows of the spikes of one side: `pre[k]` or `post[k]` for the k-th that it lists.
+    """A trace of the spikes of one side. `pre[k]` or `post[k]` is the value of the k-th trace that a rule lists.
 
     Attributes:
-        tau: the parameter that is its time constant; "tau_minus" may be the target's. "" for a time: the ms since the
-            last spike, infinite before the first.
-        nearest: whether a spike puts it to `adds`, so that only the last one counts; else each spike adds `adds`.
-        adds: what a spike adds.
-        starts: the parameter that is its value at step 0, of a pre trace; 0 if not said.
+        tau: name of the parameter with the time constant. "tau_minus" may be a parameter of the target. "": the trace
+            is the time in ms since the last spike, infinite before the first.
+        nearest: whether a spike sets the trace to `adds`, so that only the last spike counts. If not, each spike adds
+            `adds`.
+        adds: the amount that a spike adds.
+        starts: name of the parameter with the value of a pre trace at step 0. "": the value is 0.
     """
 
     tau: str
@@ -80,30 +87,31 @@ class Trace:
 
 
 OF_EACH: Mapping[str, Any] = {"arrays": True, "of_distance": True}
-"""What a parameter accepts that may have a value for each synapse: what weights do."""
+"""Options of a parameter that may have a value per synapse, the same as those of weights."""
 
 K_PLUS, K_MINUS = Trace("tau_plus"), Trace("tau_minus")
-"""The traces of spike pairs, all to all, of NEST's models."""
+"""Traces of NEST's all-to-all pair rules."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Synapse(Choice):
-    """Base of every synapse model.
+    """Base of all synapse models.
 
     Class attributes:
-        learns: "" (static), "pairs" (spike pairs), "trials" (at the end of a trial) or "chip" (by a chip's own engine).
-        chip: the chip whose registers the parameters are, "" for a model of all backends.
-        takes_graded: whether one that learns takes spikes with payloads.
+        learns: "" (static), "pairs" (spike pairs), "trials" (at the end of a trial), "moves" (at the end of an agent's
+            move) or "chip" (by a chip's own engine).
+        chip: the chip whose registers the parameters are, or "" for a model of all backends.
+        takes_graded: whether a plastic synapse accepts spikes with payloads.
         pre, post: the traces that a pairwise rule reads.
-        modulated: whether a dopamine concentration acts on it.
-        draws: whether `on_pre` takes a random number, another for each synapse and pre spike.
-        delays: whether it changes delays, see `neuro.model.synapses.base`.
+        modulated: whether a dopamine concentration modulates the rule.
+        draws: whether `on_pre` gets a random number per synapse and pre spike.
+        delays: whether the rule changes delays, see `neuro.model.synapses.base`.
         supervised: whether a rule for trials needs labels.
-        peaks: whether a rule for trials asks for the largest V_m of each neuron up to the decision.
-        states: the states of a synapse beside its weight.
-        width: how many constants `constants` fills; tables of decays may be among them.
-        ordered: pairs of parameters of which the first is less than the second.
-        arithmetic: what has the functions above: the class or its module, see `OfModule`.
+        peaks: whether a rule for trials needs the largest V_m of each neuron up to the decision.
+        states: the states of a synapse other than its weight.
+        width: the number of constants, including tables of decays.
+        ordered: pairs of parameters of which the first must be less than the second.
+        arithmetic: the class or module with the functions above, see `OfModule`.
     """
 
     kind: ClassVar[str] = "synapse"
@@ -132,63 +140,67 @@ class Synapse(Choice):
             if word in {trace.tau for trace in (*self.pre, *self.post)} and not isinstance(
                 getattr(self, word), (str, int, float)
             ):
-                error.hint = error.hint or "a trace belongs to a neuron, so all its synapses have one time constant"
+                error.hint = error.hint or "all synapses of a neuron share its trace, so they share the time constant"
             raise
         for low, high in self.ordered:
             self._check_below(low, high)
 
     def _check_below(self, low: str, high: str) -> None:
-        """Refuse a rule of which one parameter is not less than another of the same unit, once it is known."""
+        """Raise an error unless one parameter is less than another one of the same unit, if both are numbers."""
         small, large, unit = getattr(self, low), getattr(self, high), self.quantities()[low].unit
         if not (isinstance(small, str) or isinstance(large, str) or small < large):
-            of_unit = f" {unit}" if unit else ""
+            unit_text = f" {unit}" if unit else ""
             raise ModelError(
-                f"{self.name}.{low} = {small:g}{of_unit}: expected less than {high} = {large:g}{of_unit}", path=(low,)
+                f"{self.name}.{low} = {small:g}{unit_text}: expected less than {high} = {large:g}{unit_text}",
+                path=(low,),
             )
 
     @classmethod
     def identity(cls) -> str:
-        """The names of a third-party model's states: an edit may swap two, and all arrays still fit."""
+        """Return the names of a third-party model's states, because an edit may swap two states of the same shape."""
         return "" if cls.__module__.startswith("neuro.") else repr([state.name for state in cls.states])
 
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Where its states start, by name, as a number or one for each synapse; those not named start at 0."""
+        """Return the initial states by name, each a number or an array with a number per synapse.
+
+        Missing states start at 0.
+        """
         return {}
 
     @classmethod
     def numbers(cls) -> tuple[str, ...]:
-        """Words of the numeric parameters, in the order in which `constants` reads them."""
+        """Return the names of the numeric parameters in the order in which `constants` reads them."""
         return tuple(w for w, q in cls.quantities().items() if q.kind in ("number", "integer", "boolean"))
 
     @classmethod
     def sends(cls) -> Callable[..., Any]:
-        """The function that says what a pre spike sends."""
-        found: Callable[..., Any] = getattr(cls.arithmetic, "sent", weight)
-        return found
+        """Return the function that computes the value that a pre spike sends."""
+        function: Callable[..., Any] = getattr(cls.arithmetic, "sent", weight)
+        return function
 
-    def of_each(self) -> list[str]:
-        """Words of the parameters that are no single number: one for each synapse, or what says these."""
+    def per_synapse(self) -> list[str]:
+        """Return the names of the parameters with a value per synapse: arrays, distributions and functions."""
         values = self.parameters()
         return [word for word in self.numbers() if not isinstance(values[word], bool) and not is_number(values[word])]
 
-    def fields_of_each(self) -> dict[str, str]:
-        """Fields of the parameters that are no single number, and their words."""
-        each, names = self.of_each(), [entry.name for entry in fields(self)]
+    def per_synapse_fields(self) -> dict[str, str]:
+        """Return the fields of the parameters with a value per synapse, and their names."""
+        each, names = self.per_synapse(), [entry.name for entry in fields(self)]
         return {name: word_of(name) for name in names if word_of(name) in each}
 
     def first_states(self) -> Floats:
-        """The states at step 0, without the weight, shape (states, 1) or (states, synapses)."""
-        given = self.initial(self.parameters())
-        return _columns([given.get(state.name, 0.0) for state in self.states])
+        """Return the states at step 0 without the weight, shape (states, 1) or (states, synapses)."""
+        initial = self.initial(self.parameters())
+        return _columns([initial.get(state.name, 0.0) for state in self.states])
 
     def first_traces(self) -> Floats:
-        """The pre traces at step 0."""
-        given = self.parameters()
-        return np.array([given.get(trace.starts, 0.0) for trace in self.pre], dtype=np.float64)
+        """Return the pre traces at step 0."""
+        parameters = self.parameters()
+        return np.array([parameters.get(trace.starts, 0.0) for trace in self.pre], dtype=np.float64)
 
     def bounds(self) -> tuple[Any, Any]:
-        """The smallest and the largest weight, of all or of each synapse; Wmax below 0 is the smallest."""
+        """Return the smallest and the largest weight, as numbers or arrays. A Wmax below 0 is the smallest weight."""
         limits = self.parameters()
         if "Wmax" not in limits:
             return -math.inf, math.inf
@@ -196,9 +208,10 @@ class Synapse(Choice):
         return np.minimum(*ends), np.maximum(*ends)
 
     def outside(self, weight: Floats) -> int | None:
-        """The first synapse whose weight is not within the bounds, for rules that learn by pairs or by moves.
+        """Return the index of the first weight beyond the bounds, or None.
 
-        None for other rules, whose weights may begin anywhere. Weights of all synapses or one.
+        Only rules that learn by pairs, by moves or on a chip have bounds. `weight` has the weights of all synapses, or
+        one.
         """
         if self.learns not in ("pairs", "moves", "chip"):
             return None
@@ -207,37 +220,37 @@ class Synapse(Choice):
         return int(bad[0]) if bad.size else None
 
     def expected_weight(self, synapse: int = 0) -> str:
-        """Which weights a synapse takes, for messages."""
+        """Return the accepted weights of a synapse as text for messages."""
         low, high = (end[synapse] if np.ndim(end) else end for end in self.bounds())
         if math.isinf(high):
-            return f"a weight >= {low:g}, as {self.name} takes no other"
+            return f"a weight >= {low:g}, the bound of {self.name}"
         return f"{low:g} to {high:g}, the bounds of {self.name}"
 
     def vector(self) -> Floats:
-        """The numeric parameters as one vector; a row for each synapse where some have a value for each."""
+        """Return the numeric parameters as a vector, or a row per synapse if a parameter has a value per synapse."""
         values = self.parameters()
         columns = _columns([values[word] for word in self.numbers()])
-        return np.ascontiguousarray(columns.T) if self.of_each() else columns[:, 0]
+        return np.ascontiguousarray(columns.T) if self.per_synapse() else columns[:, 0]
 
     def constants_of(self, vector: Floats, h: float) -> Floats:
-        """The constants for parameters in the form of `vector`, shape (width,) or (synapses, width)."""
+        """Return the constants for parameters in the form of `vector`, shape (width,) or (synapses, width)."""
         c = np.zeros((*vector.shape[:-1], self.width))
         for synapse in np.ndindex(vector.shape[:-1]):
             self.arithmetic.constants(vector[synapse], h, c[synapse])
         return c
 
     def lessons(self, end: TrialEnd) -> Iterable[Lesson | Growth]:
-        """Whom the end of a trial teaches, for rules for trials, in this order: here the neuron that decided."""
+        """Return which neurons the end of a trial teaches, in order. By default the neuron that decided."""
         return (Lesson(end.winner, end.tick, end.reward),) if end.reward else ()
 
 
 def common(vector: Floats) -> Floats:
-    """What all synapses share in parameters in the form of `Synapse.vector`; of others the first synapse's."""
+    """Return parameters in the form of `Synapse.vector` as one vector, with per-synapse values of the first synapse."""
     return vector if vector.ndim == 1 else vector[0]
 
 
 def _columns(values: Sequence[Any]) -> Floats:
-    """A row for each value, as long as the longest of them."""
+    """Return a row per value. Single numbers are repeated to the length of the longest row."""
     table = np.zeros((len(values), max((np.size(value) for value in values), default=1)))
     for row, value in zip(table, values, strict=True):
         row[:] = value
@@ -246,11 +259,13 @@ def _columns(values: Sequence[Any]) -> Floats:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Modulated(Synapse):
-    """Base of rules of spike pairs that are modulated by n of their post neuron: dopamine, reward, an error.
+    """Base of the rules of spike pairs that are modulated by a concentration n: dopamine, reward or an error.
 
-    n is 0 until a signal sets it (`signal`), or the spikes of a population raise it (`dopamine`; each adds 1/tau_n to n
-    of every post neuron, or of its own with `dopamine_rule` one_to_one). With a parameter `tau_n` n decays; without it
-    n stays as it was set, so only a signal can say it.
+    Each post neuron has its own n.
+
+    n is 0 until a signal sets it (`signal`) or the spikes of a population increase it (`dopamine`). With `dopamine`, a
+    spike adds 1/tau_n to n of every post neuron, or of the neuron with the same index with `dopamine_rule` one_to_one.
+    n decays with the parameter `tau_n`. In a rule without `tau_n`, n keeps the value that a signal sets.
     """
 
     learns: ClassVar[str] = "pairs"
@@ -258,14 +273,15 @@ class Modulated(Synapse):
 
     signal: str | None = quantity(None, "", "the signal that sets n", kind="name")
     dopamine: str | None = quantity(None, "", "the population whose spikes release dopamine", kind="name")
+
     dopamine_rule: str = quantity(
         "all_to_all",
         "",
-        "which post neurons a spike reaches",
+        "post neurons that a dopamine spike reaches",
         kind="word",
         words=("all_to_all", "one_to_one"),
     )
-    dopamine_delay: float | None = quantity(None, "ms", "delay of dopamine; the resolution if not given", kind="delay")
+    dopamine_delay: float | None = quantity(None, "ms", "delay of dopamine; one step if not given", kind="delay")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -278,22 +294,23 @@ class Modulated(Synapse):
 
 
 DELAY = 1
-"""The row of `y` that is the delay."""
+"""Row of `y` with the delay."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DelayRule(Synapse):
     """Base of the rules that change delays within [d_min, d_max].
 
-    A delay is a number of ms, which begins at the delay of the projection. A spike reads it when it sets out, takes as
-    many steps as are nearest, at least one, and keeps them whatever becomes of the delay.
+    A delay in ms starts at the delay of the projection. A spike reads the delay at emission, rounds it to the nearest
+    number of steps, at least one, and keeps this number of steps even if the delay changes while the spike is in
+    transit.
     """
 
     delays: ClassVar[bool] = True
-    states: ClassVar[tuple[State, ...]] = (State("delay", "ms", "how long a spike takes that sets out now"),)
+    states: ClassVar[tuple[State, ...]] = (State("delay", "ms", "delay of a spike emitted now"),)
 
     d_min: float = quantity(0.1, "ms", "shortest delay", above=0)
-    d_max: float = quantity(50.0, "ms", "longest delay; fixed, as it says how much may be under way", above=0)
+    d_max: float = quantity(50.0, "ms", "longest delay, which fixes the size of the spike buffers", above=0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -303,12 +320,12 @@ class DelayRule(Synapse):
             )
 
     def delay_range(self, h: float) -> tuple[int, int]:
-        """The fewest and the most steps of `h` ms that a spike may take."""
+        """Return the smallest and the largest number of steps of `h` ms in a delay."""
         return max(1, math.floor(self.d_min / h + 0.5)), max(1, math.floor(self.d_max / h + 0.5))
 
 
 def steps_of(delay: float, h: float, fewest: int, most: int) -> int:
-    """How many steps a spike takes that sets out now."""
+    """Return the delay of a spike emitted now, in steps."""
     return math.floor(max(fewest, min(most, delay / h)) + 0.5)
 
 
@@ -316,8 +333,8 @@ def steps_of(delay: float, h: float, fewest: int, most: int) -> int:
 class static(Synapse):
     """Sends its weight after its delay. Source: NEST 3.10, `static_synapse`.
 
-    With `receptor` all spikes go to the receptor of that name, whatever the sign of their weight: a current takes the
-    weight as it is, a conductance grows by it, so it is not negative.
+    With `receptor` all spikes go to the receptor of that name, whatever the sign of their weight. A current accepts
+    weights of both signs. A conductance increases by the weight, which must not be negative.
     """
 
     equation: ClassVar[str] = "sends w"
@@ -326,6 +343,6 @@ class static(Synapse):
     receptor: str | None = quantity(
         None,
         "",
-        "the receptor of the target; if omitted, the sign of the weight chooses (of two receptors)",
+        "receptor of the target; by default the sign of the weight chooses one of two receptors",
         kind="receptor",
     )

@@ -1,4 +1,4 @@
-"""The built-in models of synapses: one line registers a model and makes it a name of `neuro`."""
+"""Built-in models of synapses. Each import line registers a model and makes its name available in `neuro`."""
 
 from neuro.model.synapses.base import static as static
 from neuro.model.synapses.loihi_registers import (

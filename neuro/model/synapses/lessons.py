@@ -1,4 +1,4 @@
-"""How a trial ended, and what a rule for trials makes of it."""
+"""The end of a trial, and the lessons that a rule for trials derives from it."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Bools = NDArray[np.bool_]
 
 
 class Lesson(NamedTuple):
-    """Teach the inputs of one neuron by the rule's `teach`.
+    """Change the weights of the inputs of one neuron by the rule's `teach`.
 
     Attributes:
-        neuron: its id.
-        tick: the moment from which arrivals are counted, ticks of the trial.
-        lesson: the argument of `teach`, > 0 a reward and < 0 a punishment.
+        neuron: id of the neuron.
+        tick: time of the lesson in ticks of the trial, to which arrival times are relative.
+        lesson: the argument of `teach`, > 0 for a reward and < 0 for a punishment.
     """
 
     neuron: int
@@ -31,7 +31,7 @@ class Growth(NamedTuple):
     """Change every weight onto some maps by the rule's `encourage`.
 
     Attributes:
-        maps: the maps of the output.
+        maps: indices of the maps of the output.
     """
 
     maps: Ints
@@ -39,23 +39,24 @@ class Growth(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class TrialEnd:
-    """How a trial that is learnt from ended. Where several neurons won, a rule sees one after the other.
+    """End of a trial in which the network learns. If several neurons won, a rule gets one `TrialEnd` per winner.
 
     Attributes:
         winner: the neuron that decided, or -1.
-        tick: the tick of the decision, from 0, or -1.
-        ticks: ticks that were run.
-        label: the right label, or -1 where none is known.
-        hit: whether the neuron that decided is of the right label.
-        reward: what the section `trials` gives for this outcome; 0 in silence and where no label is known.
+        tick: tick of the decision, counted from 0, or -1.
+        ticks: number of ticks that were run.
+        label: the right label, or -1 if unknown.
+        hit: whether the neuron that decided has the right label.
+        reward: reward of the outcome in the section `trials`, 0 without a decision or a label.
         maps: the maps of the right label.
-        silenced: the maps that dropout silenced, shape (maps,).
-        potential: largest V_m of each map at the decision, of several at its own first (before the reset), or at the
-            end, shape (maps,).
-        best: the neuron of each map that has it, shape (maps,).
-        peak: for rules with `peaks`, the largest V_m of each neuron of the output up to the decision, shape (neurons,);
-            infinite for the neuron that decided.
-        peak_tick: the first tick at which it had it; for the neuron that decided its decision.
+        silenced: whether dropout silenced each map, shape (maps,).
+        potential: largest V_m of each map at the decision (before the reset) or at the end, shape (maps,). With several
+            winners, V_m of a map is that at its own first decision.
+        best: the neuron with this V_m in each map, shape (maps,).
+        peak: for rules with `peaks`, the largest V_m of each neuron of the output up to the decision, shape (neurons,).
+            Infinite for the neuron that decided.
+        peak_tick: for rules with `peaks`, the first tick with the largest V_m. For the neuron that decided, the tick of
+            its decision.
     """
 
     winner: int
@@ -72,18 +73,24 @@ class TrialEnd:
     peak_tick: Ints | None
 
     def best_excited(self) -> int:
-        """The neuron of the right label with the largest V_m at the decision or the end, or -1 if all are silenced."""
-        awake = self.maps[~self.silenced[self.maps]]
-        return int(self.best[awake[self.potential[awake].argmax()]]) if len(awake) else -1
+        """Return the neuron of the right label with the largest V_m at the decision or the end.
+
+        The result is -1 if all maps of the label are silenced.
+        """
+        active_maps = self.maps[~self.silenced[self.maps]]
+        return int(self.best[active_maps[self.potential[active_maps].argmax()]]) if len(active_maps) else -1
 
     def highest(self) -> tuple[int, int]:
-        """The neuron of the right label with the largest `peak`, and its tick; (-1, -1) if all are silenced."""
+        """Return the neuron of the right label with the largest `peak`, and its tick.
+
+        The result is (-1, -1) if all maps of the label are silenced.
+        """
         assert self.peak is not None, "for rules with peaks = True"
         assert self.peak_tick is not None
-        awake = self.maps[~self.silenced[self.maps]]
-        if not len(awake):
+        active_maps = self.maps[~self.silenced[self.maps]]
+        if not len(active_maps):
             return -1, -1
         per_map = len(self.peak) // len(self.silenced)
-        cells = (awake[:, None] * per_map + np.arange(per_map)).ravel()
+        cells = (active_maps[:, None] * per_map + np.arange(per_map)).ravel()
         neuron = int(cells[self.peak[cells].argmax()])
         return neuron, int(self.peak_tick[neuron])

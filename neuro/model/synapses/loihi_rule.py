@@ -1,13 +1,13 @@
-"""Loihi's learning rules: what the weight w and the tag t of a synapse change by, as sums of products.
+"""Loihi's learning rules: changes of the weight w and the tag t of a synapse as sums of products.
 
     dw = sum_i S_i prod_j (factor_ij + C_ij)        S = m 2^e, m = -8..7, e.g. "2^-2*x1*y0 - 2^-2*x0*y1"
 
-A product is gated by its dependency: x0 (a pre spike in this epoch), y0 (a post spike) or u_k (1 in every 2^k-th
-epoch, u0 always). The rule is applied at the end of every epoch of 1 to 63 steps.
+A product is gated by its dependency: x0 (a pre spike in this epoch), y0 (a post spike) or u_k (1 in every 2^k-th epoch,
+u0 in every epoch). The rule is applied at the end of every epoch of 1 to 63 steps.
 
 Sources: Davies et al., IEEE Micro 38(1):82, 2018 (widths, sums of products, epochs); Michaelis et al., Front.
 Neuroinform. 16:1015624, 2022 (Brian2Loihi: exponents, traces); lava-nc 0.10 (4-bit scale mantissas, 8-bit constants,
-16-bit accumulator, 9-bit tags). Where they disagree: `backends/neuro_chip/learning.py`.
+16-bit accumulator, 9-bit tags). For contradictions between the sources see `backends/neuro_chip/learning.py`.
 """
 
 from __future__ import annotations
@@ -19,35 +19,35 @@ from dataclasses import dataclass, field
 from neuro.core.errors import ModelError
 
 TRACE_MAX = 127
-"""Traces are 7-bit unsigned."""
+"""Largest trace, an unsigned number of 7 bits."""
 FRACTION_BITS = 7
-"""The 16-bit accumulator holds a 9-bit variable and 7 bits below it: smaller changes are lost."""
+"""Fractional bits of the 16-bit accumulator, which holds a 9-bit variable. Smaller changes are lost."""
 PRODUCT_BITS = 15
-"""Bits of a product, beside its sign, that fit the accumulator."""
+"""Bits of a product without its sign that fit the accumulator."""
 MANTISSA_BITS = 4
-"""Bits of a scale's mantissa: -8..7."""
+"""Bits of a scale's mantissa, which is -8..7."""
 LARGEST_MANTISSA = 7
 LEVEL = 8
-"""Step between two values that a target sends: times a mantissa of 4 it is 2^5, which a product loses on Loihi 2."""
+"""Step between two values that a target sends. With a mantissa of 4 the product is 2^5, the bits that Loihi 2 drops."""
 LARGEST_EXPONENT = 9
 LARGEST_CONSTANT = 255
 LONGEST_EPOCH = 63
 LARGEST_U = 9
 MOST_FACTORS = 4
-"""Factors of a product beside its dependency, so that every product fits 64 bits; this library's."""
+"""Most factors of a product without its dependency, so that products fit 64 bits. A limit of neuro, not of the chip."""
 KEEP = 1 << 20
-"""Denominator of an exponential decay; this library's, so that 10,000 steps are within 1 %."""
+"""Denominator of an exponential decay, chosen so that the error after 10,000 steps is below 1 %."""
 
 PRE, POST, MODULATORY = ("x1", "x2"), ("y1", "y2", "y3"), ("r1", "r2")
 TRACES = (*PRE, *POST, *MODULATORY)
 FACTORS = ("x0", *PRE, "y0", *POST, *MODULATORY, "w", "t")
 WIDTHS = {"x0": 0, "y0": 0, **dict.fromkeys(TRACES, 7), "w": 9, "t": 9}
-"""Bits of each factor in a product; a spike is a gate."""
+"""Bits of each factor in a product. Spikes (x0, y0) are gates without bits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """One factor of a product: `name + add`."""
+    """A factor of a product, `name + add`."""
 
     name: str
     add: int = 0
@@ -58,16 +58,16 @@ class Factor:
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """One product.
+    """A product of a learning rule.
 
     Attributes:
-        mantissa, exponent: the scale, mantissa 2^exponent; the mantissa is odd, except of Loihi 2.
-        gate: its dependency, "x0", "y0" or "u": when it acts, and the spike at whose step traces are read.
-        every: k of u_k, 0 where it acts in every epoch.
-        factors: the others.
+        mantissa, exponent: the scale, mantissa 2^exponent. The mantissa is odd except on Loihi 2.
+        gate: the dependency "x0", "y0" or "u". The product acts at such a spike, and traces are read at its step.
+        every: k of u_k, 0 for a product that acts in every epoch.
+        factors: the remaining factors.
 
     Raises:
-        ModelError: it does not fit the chip's bits.
+        ModelError: the product does not fit the chip's bits.
     """
 
     mantissa: int
@@ -79,7 +79,7 @@ class Term:
     def __post_init__(self) -> None:
         if not -8 <= self.mantissa <= LARGEST_MANTISSA:
             message = f"'{self}': scale {self.mantissa} x 2^{self.exponent}: expected -8 to 7 times a power of 2"
-            raise ModelError(message, hint="write it as two products")
+            raise ModelError(message, hint="split it into two products")
         lowest = -FRACTION_BITS - max(0, self.bits - PRODUCT_BITS)
         if not lowest <= self.exponent <= LARGEST_EXPONENT:
             raise ModelError(
@@ -87,11 +87,13 @@ class Term:
                 f"{self.bits} bits"
             )
         if len(self.factors) > MOST_FACTORS:
-            raise ModelError(f"'{self}': {len(self.factors)} factors beside the dependency: expected {MOST_FACTORS}")
+            raise ModelError(
+                f"'{self}': {len(self.factors)} factors and a dependency: expected at most {MOST_FACTORS} factors"
+            )
 
     @property
     def bits(self) -> int:
-        """Bits of the product: those of its factors and of the scale's mantissa."""
+        """Sum of the bits of the factors and of the scale's mantissa."""
         return sum(WIDTHS[f.name] for f in self.factors) + MANTISSA_BITS
 
     def __str__(self) -> str:
@@ -105,7 +107,10 @@ class Term:
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """A 7-bit trace: per step it keeps numerator / denominator (stochastically rounded), a spike adds `impulse`."""
+    """A 7-bit trace.
+
+    A spike adds `impulse`, and each step multiplies by numerator / denominator with stochastic rounding.
+    """
 
     impulse: int
     numerator: int
@@ -119,30 +124,30 @@ class Trace:
 
     @classmethod
     def first_order(cls, impulse: int, tau: int) -> Trace:
-        """Keeps 1 - 1/tau (tau in steps, >= 1), as Brian2Loihi."""
+        """Return a trace that is multiplied by 1 - 1/tau per step (tau in steps, >= 1), as in Brian2Loihi."""
         return cls(impulse, tau - 1, tau)
 
     @classmethod
     def exponential(cls, impulse: int, tau: float) -> Trace:
-        """Keeps exp(-1/tau) (tau in steps) to 20 bits, as lava."""
+        """Return a trace that is multiplied by exp(-1/tau) per step (tau in steps), with 20 bits, as in lava."""
         return cls(impulse, round(KEEP * math.exp(-1.0 / tau)), KEEP)
 
     @property
     def tau(self) -> float:
-        """Time constant in steps of the mean of the trace."""
+        """Time constant of the mean of the trace in steps."""
         keep = self.numerator / self.denominator
         return math.inf if keep == 1 else 0.0 if keep == 0 else -1.0 / math.log(keep)
 
 
 @dataclass(frozen=True, slots=True)
 class Outgoing:
-    """The program by which a target sends n - baseline: as y2 where n is above the baseline, as y3 where n is below.
+    """Program by which a target sends n - baseline, as y2 for n above the baseline and as y3 for n below.
 
-    The difference in units of n is divided by 2^shift and rounded by a draw, to at most 15, then multiplied by `LEVEL`.
+    The difference in units of n is divided by 2^shift, rounded stochastically to at most 15, and multiplied by `LEVEL`.
 
     Attributes:
-        baseline: in 2^-7 units of n.
-        shift: bits that are rounded away.
+        baseline: in units of 2^-7 of the unit of n.
+        shift: number of bits that are rounded away.
     """
 
     baseline: int
@@ -151,18 +156,19 @@ class Outgoing:
 
 @dataclass(frozen=True, slots=True)
 class LearningRule:
-    """What a plastic projection does on Loihi.
+    """Learning rule of a plastic projection on Loihi.
 
     Attributes:
-        dw, dt: products that change weight and tag; either may be empty.
-        traces: by name; all that the products read.
-        epoch: steps between two applications of the rule.
-        rounding: "stochastic": what is below the resolution of a weight decides by a draw; "away": to whole mantissas
-            away from 0, then to the resolution towards 0, as Brian2Loihi does for products of spikes.
-        outgoing: of Loihi 2 with three factors, where the target sends y1, y2 and y3: how it makes y2 and y3 of n.
+        dw, dt: products that change the weight and the tag. Either may be empty.
+        traces: all traces that the products read, by name.
+        epoch: number of steps between two applications of the rule.
+        rounding: "stochastic": the part below the resolution of a weight is rounded randomly. "away": to whole
+            mantissas away from 0, then to the resolution towards 0, as Brian2Loihi does for products of spikes.
+        outgoing: for three factors on Loihi 2, where the target sends y1, y2 and y3: the program that computes y2 and
+            y3 from n.
 
     Raises:
-        ModelError: a trace that is read never rises, or the epoch is out of bounds.
+        ModelError: the rule reads a trace that never rises, or the epoch is out of bounds.
     """
 
     dw: tuple[Term, ...]
@@ -190,6 +196,6 @@ class LearningRule:
 
 
 def text(terms: tuple[Term, ...]) -> str:
-    """The sum as its users write it; `rule_text.parse` reads it back."""
+    """Return a sum of products as text, which `loihi_registers.parse` parses to the same products."""
     parts = [str(term) for term in terms]
     return "".join(parts[:1] + [f" - {p[1:]}" if p.startswith("-") else f" + {p}" for p in parts[1:]])

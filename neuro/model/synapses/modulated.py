@@ -1,4 +1,4 @@
-"""Rules of spikes whose traces dopamine or reward teaches."""
+"""Rules of spike pairs or of transmitter release whose eligibility traces are modulated by dopamine or reward."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call", check-untyped-defs=False
 from __future__ import annotations
@@ -14,23 +14,31 @@ from neuro.model.synapses.base import Modulated, Trace
 from neuro.model.synapses.pairs import within
 
 TABLE = 1024
-"""Steps over which the decays of c and n are kept in a table; beyond it they are computed."""
+"""Number of steps for which the decays of c and n are tabulated. Decays over more steps are computed."""
 TAU_PLUS, A_PLUS, A_MINUS, TAU_C, TAU_N, B, W_MIN, W_MAX, H, TAU, C_MIN = range(11)
 GAMMA, TAU_Z, SOFT = 3, 4, 10
 Q_0, ETA, DELTA_Z, TAU_R = 1, 2, 6, 7
-"""Constants; the first are those of `stdp_dopa`."""
+"""Indices of the constants.
+
+The first line belongs to `stdp_dopa`, the second to `mstdpet`, the third to `hedonistic`.
+"""
 
 DECAYS = 11
 
 
 def decays(c, steps):
-    """What is left of c and of n after some steps, and what is lost of c and of c n: exact however small."""
-    at = -steps * c[H]
-    return math.exp(at / c[TAU_C]), math.exp(at / c[TAU_N]), -math.expm1(at / c[TAU_C]), -math.expm1(at / c[TAU])
+    """Return the shares of c and n left after some steps, and the shares of c and of c n lost, accurate if small."""
+    minus_time = -steps * c[H]
+    return (
+        math.exp(minus_time / c[TAU_C]),
+        math.exp(minus_time / c[TAU_N]),
+        -math.expm1(minus_time / c[TAU_C]),
+        -math.expm1(minus_time / c[TAU]),
+    )
 
 
 def drift(y, e, c, steps, n):
-    """Integrate over some steps in which n - b keeps its sign; return n at their end."""
+    """Integrate over some steps in which the sign of n - b does not change. Return n at the end."""
     if steps < TABLE:
         at = DECAYS + 4 * steps
         left_c, left_n, lost_c, lost_both = c[at], c[at + 1], c[at + 2], c[at + 3]
@@ -45,16 +53,16 @@ def drift(y, e, c, steps, n):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class stdp_dopa(Modulated):
-    """Spike pairs leave an eligibility c; the weight moves while dopamine n differs from its baseline b.
+    """STDP with an eligibility trace c. The weight changes while dopamine n differs from its baseline b.
 
-    Dopamine comes either from the spikes of a population (`dopamine`; each adds 1/tau_n to n of every
-    post neuron, or of its own with `dopamine_rule` one_to_one) or from a signal (`signal`; sets n).
-    Clipping to [Wmin, Wmax] happens at events and on the grid of `deliver_interval` x the smallest delay
-    of the network. With c_min = 0 the eligibility has one sign, as on SpiNNaker.
-    Either sign of c moves the weight, as in eqs 107 to 109 of Mosca, MSc thesis, 2020. The text of the thesis has c > 0
-    only; c_min = 0 is nearest to the text.
-    Source: NEST 3.10, `stdp_dopamine_synapse`; Izhikevich, Cereb. Cortex 17:2443, 2007;
-    Potjans, Morrison & Diesmann, Front. Comput. Neurosci. 4:141, 2010.
+    Dopamine comes either from the spikes of a population (`dopamine`) or from a signal that sets n (`signal`). With
+    `dopamine` each spike adds 1/tau_n to n of every post neuron, or of the neuron with the same index with
+    `dopamine_rule` one_to_one. Weights are clipped to [Wmin, Wmax] at events and on the grid of `deliver_interval` x
+    the smallest delay of the network. With c_min = 0 the eligibility has one sign, as on SpiNNaker. Both signs of c
+    change the weight, as in eqs 107 to 109 of Mosca, MSc thesis, 2020. The text of the thesis has c > 0 only, to which
+    c_min = 0 is closest.
+    Source: NEST 3.10, `stdp_dopamine_synapse`; Izhikevich, Cereb. Cortex 17:2443, 2007; Potjans, Morrison & Diesmann,
+    Front. Comput. Neurosci. 4:141, 2010.
     """
 
     equation: ClassVar[str] = "w' = c (n - b); c' = -c/tau_c + A_plus K+ (post) - A_minus K- (pre); n' = -n/tau_n"
@@ -63,15 +71,17 @@ class stdp_dopa(Modulated):
     width: ClassVar[int] = DECAYS + 4 * TABLE
 
     tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
-    A_plus: float = quantity(1.0, "", "eligibility of a pre-post pair")
-    A_minus: float = quantity(1.5, "", "eligibility lost by a post-pre pair")
+    A_plus: float = quantity(1.0, "", "increase of the eligibility by a pre-post pair")
+    A_minus: float = quantity(1.5, "", "decrease of the eligibility by a post-pre pair")
     tau_c: float = quantity(1000.0, "ms", "time constant of the eligibility", above=0)
     tau_n: float = quantity(200.0, "ms", "time constant of dopamine", above=0)
     b: float = quantity(0.0, "1/ms", "dopamine baseline")
     Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
     Wmax: float = quantity(200.0, "", "largest weight, in the unit of the weight", of_value=True)
-    deliver_interval: int = quantity(1, "", "delivery grid in smallest delays", kind="integer", at_least=1)
-    c_min: float = quantity(-math.inf, "", "smallest eligibility, at which a pair stops", at_most=0, infinite=True)
+    deliver_interval: int = quantity(
+        1, "", "interval of the delivery grid, in smallest delays", kind="integer", at_least=1
+    )
+    c_min: float = quantity(-math.inf, "", "lower bound of the eligibility", at_most=0, infinite=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -79,7 +89,10 @@ class stdp_dopa(Modulated):
             raise ModelError(f"stdp_dopa.Wmin = {self.Wmin:g}: expected at most Wmax = {self.Wmax:g}", path=("Wmin",))
 
     def constants(p, h, c):
-        """The parameters, the step, T = tau_c tau_n / (tau_c + tau_n), and the decays over 0, 1, ... steps."""
+        """Fill `c` with the parameters, the step, T = tau_c tau_n / (tau_c + tau_n), and the decays over 0, 1, ...
+
+        steps.
+        """
         c[:8] = p[:8]
         c[H], c[C_MIN] = h, p[9]
         c[TAU] = p[TAU_C] * p[TAU_N] / (p[TAU_C] + p[TAU_N])
@@ -88,18 +101,18 @@ class stdp_dopa(Modulated):
             c[at], c[at + 1], c[at + 2], c[at + 3] = decays(c, k)
 
     def on_post(y, e, c, pre, post):
-        """A pre-post pair raises the eligibility."""
+        """Increase the eligibility by a pre-post pair."""
         y[1, e] = max(y[1, e] + c[A_PLUS] * pre[0], c[C_MIN])
 
     def on_pre(y, e, c, pre, post):
-        """A post-pre pair lowers the eligibility, down to c_min."""
+        """Decrease the eligibility by a post-pre pair, down to c_min."""
         y[1, e] = max(y[1, e] - c[A_MINUS] * post[0], c[C_MIN])
 
     def advance(y, e, c, begin, end, n, grid):
-        """Integrate w and c exactly from step `begin` to `end`; clip where w turns and at the end.
+        """Integrate w and c exactly from step `begin` to `end`, with clipping at the turning point of w and at the end.
 
-        w turns where n crosses b. NEST clips at delivery points only, so the cell of the grid that holds the
-        crossing is added as a whole.
+        w turns when n crosses b. NEST clips at delivery points only, so the cell of the grid that contains the crossing
+        is integrated as a whole.
         """
         at = begin
         b = c[B]
@@ -114,33 +127,36 @@ class stdp_dopa(Modulated):
         drift(y, e, c, int(end - at), n)
 
 
-def grown(w, change, w_max):
-    """A weight after a change that is slowed down by s (1 - s), s = w / w_max, all the way: logit(s) is what moves."""
-    s, way = w / w_max, change / w_max
+def softly_changed(w, change, w_max):
+    """Return a weight after a change that is continuously scaled by s (1 - s), s = w / w_max.
+
+    The change is applied to logit(s).
+    """
+    s, total = w / w_max, change / w_max
     if s <= 0.0 or s >= 1.0:
         return within(w, w_max)
-    left = math.exp(-abs(way))
-    return w_max * s / (s + (1.0 - s) * left) if way > 0.0 else w_max * s * left / (1.0 - s + s * left)
+    decay = math.exp(-abs(total))
+    return w_max * s / (s + (1.0 - s) * decay) if total > 0.0 else w_max * s * decay / (1.0 - s + s * decay)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class mstdpet(Modulated):
-    """Spike pairs leave an eligibility z; the weight moves while the reward n differs from its baseline b.
+    """STDP with an eligibility trace z. The weight changes while the reward n differs from its baseline b.
 
-    A signal sets n, which stays until it is set again: to b after a moment of reward. If it stays long, a pair moves
-    the weight by gamma (n - b) A_plus K+ or -gamma (n - b) A_minus K- in all. Integration is exact; the weight is
-    within 0 and Wmax at all times. With `soft` gamma is multiplied by s (1 - s), s = w / Wmax, so that a weight slows
-    down towards both bounds and stays at either.
+    A signal sets n, which is constant until it is set again, e.g. to b after a momentary reward. If n is constant for
+    long, a pair changes the weight in total by gamma (n - b) A_plus K+ or -gamma (n - b) A_minus K-. Integration is
+    exact, and the weight is always within 0 and Wmax. With `soft` gamma is multiplied by s (1 - s), s = w / Wmax, so
+    that changes become smaller towards both bounds, and a weight at a bound does not change.
 
-    n = R in one step and b in all others is the rule alpha(w) (R - b) delta(t - t_f) e of Vasilaki et al.: alpha is
-    gamma times the step, with `soft` a function of the weight.
+    With n = R in one step and b in all others, the rule is alpha(w) (R - b) delta(t - t_f) e of Vasilaki et al., where
+    alpha is gamma times the step, with `soft` a function of the weight.
 
     Source: Florian, Neural Comput. 19:1468, 2007 (MSTDPET); Vasilaki et al., PLoS Comput. Biol. 5:e1000586, 2009, as in
-    Mosca, MSc thesis, 2020, eq. 116, which leaves alpha open: s (1 - s) is that of eq. 126.
+    Mosca, MSc thesis, 2020, eq. 116, which does not specify alpha: s (1 - s) is that of eq. 126.
     """
 
     equation: ClassVar[str] = (
-        "w' = gamma (n - b) z (times s (1 - s), s = w/Wmax, if slowed); "
+        "w' = gamma (n - b) z (times s (1 - s), s = w/Wmax, with soft); "
         "tau_z z' = -z + A_plus K+ (post) - A_minus K- (pre)"
     )
     source: ClassVar[str] = (
@@ -149,35 +165,38 @@ class mstdpet(Modulated):
     states: ClassVar[tuple[State, ...]] = (State("z", "1/ms", "eligibility trace"),)
 
     tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
-    A_plus: float = quantity(1.0, "", "eligibility of a pre-post pair")
-    A_minus: float = quantity(1.0, "", "eligibility lost by a post-pre pair")
+    A_plus: float = quantity(1.0, "", "increase of the eligibility by a pre-post pair")
+    A_minus: float = quantity(1.0, "", "decrease of the eligibility by a post-pre pair")
     tau_z: float = quantity(25.0, "ms", "time constant of the eligibility", above=0)
     gamma: float = quantity(0.1, "", "learning rate, in the unit of the weight", of_value=True)
     b: float = quantity(0.0, "", "baseline of the reward")
     Wmax: float = quantity(
-        100.0, "", "largest weight, in the unit of the weight; below 0 it inhibits", nonzero=True, of_value=True
+        100.0, "", "largest weight, in the unit of the weight; negative if inhibitory", nonzero=True, of_value=True
     )
-    soft: bool = quantity(False, "", "learn more slowly near 0 and Wmax", kind="boolean")
+    soft: bool = quantity(False, "", "whether learning slows down near 0 and Wmax", kind="boolean")
 
     def constants(p, h, c):
-        """The parameters and the step."""
+        """Fill `c` with the parameters and the step."""
         c[A_PLUS], c[A_MINUS], c[TAU_Z], c[GAMMA], c[B], c[W_MAX], c[H] = p[1], p[2], p[3], p[4], p[5], p[6], h
         c[SOFT] = p[7]
 
     def on_post(y, e, c, pre, post):
-        """A pre-post pair raises the eligibility."""
+        """Increase the eligibility by a pre-post pair."""
         y[1, e] += c[A_PLUS] * pre[0] / c[TAU_Z]
 
     def on_pre(y, e, c, pre, post):
-        """A post-pre pair lowers it."""
+        """Decrease the eligibility by a post-pre pair."""
         y[1, e] -= c[A_MINUS] * post[0] / c[TAU_Z]
 
     def advance(y, e, c, begin, end, n, grid):
-        """Integrate from step `begin` to `end`; n is held, so the weight moves one way and is clipped at the end."""
-        z, passed = y[1, e], (end - begin) * c[H] / c[TAU_Z]
-        change = -c[GAMMA] * (n - c[B]) * z * c[TAU_Z] * math.expm1(-passed)
-        y[0, e] = grown(y[0, e], change, c[W_MAX]) if c[SOFT] != 0.0 else within(y[0, e] + change, c[W_MAX])
-        y[1, e] = z * math.exp(-passed)
+        """Integrate from step `begin` to `end`.
+
+        n is constant, so the weight changes in one direction and is clipped at the end.
+        """
+        z, elapsed = y[1, e], (end - begin) * c[H] / c[TAU_Z]
+        change = -c[GAMMA] * (n - c[B]) * z * c[TAU_Z] * math.expm1(-elapsed)
+        y[0, e] = softly_changed(y[0, e], change, c[W_MAX]) if c[SOFT] != 0.0 else within(y[0, e] + change, c[W_MAX])
+        y[1, e] = z * math.exp(-elapsed)
 
 
 WEIGHT, Q, C, Z, RELEASED, REFRACTORY = range(6)
@@ -185,12 +204,13 @@ WEIGHT, Q, C, Z, RELEASED, REFRACTORY = range(6)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class hedonistic(Modulated):
-    """A pre spike releases transmitter with probability p = 1 / (1 + exp(-q_0 - q - z)); then the weight is sent.
+    """Releases transmitter at a pre spike with probability p = 1 / (1 + exp(-q_0 - q - z)), and then sends its weight.
 
     An available synapse that releases gains 1 - p of eligibility c and is refractory until it recovers, at the rate
-    1/tau_r; one that fails loses p. Each pre spike then adds Delta_z to the calcium z. The reward n that a signal sets,
-    less its baseline b, moves q along c; the weight stays. So `sim.save` keeps what is learnt, `sim.network` does not.
-    A parrot_neuron hears failures, too, as it hears all spikes whatever their weight.
+    1/tau_r. A synapse that fails loses p. Each pre spike then adds Delta_z to the calcium z. The reward n that a signal
+    sets, minus its baseline b, changes q along c. The weight does not change, so `sim.save` stores what the synapse
+    learns and `sim.network` does not. A parrot_neuron also repeats failures, because it repeats all spikes whatever
+    their weight.
     Source: Seung, Neuron 40:1063, 2003.
     """
 
@@ -202,31 +222,31 @@ class hedonistic(Modulated):
     post: ClassVar[tuple[Trace, ...]] = ()
     draws: ClassVar[bool] = True
     states: ClassVar[tuple[State, ...]] = (
-        State("q", "", "release parameter, as far as it is learnt"),
+        State("q", "", "learnt part of the release parameter"),
         State("c", "", "eligibility trace"),
         State("z", "", "calcium"),
         State("released", "", "1 if the last pre spike released, else 0"),
-        State("refractory", "", "1 from a release until it recovers", hidden=True),
+        State("refractory", "", "1 from a release until recovery", hidden=True),
     )
 
     q_0: float = quantity(0.0, "", "release parameter without learning")
     eta: float = quantity(0.01, "1/ms", "learning rate")
     b: float = quantity(0.0, "", "baseline of the reward")
     tau_c: float = quantity(20.0, "ms", "time constant of the eligibility", above=0)
-    Delta_z: float = quantity(0.0, "", "calcium of a pre spike")
+    Delta_z: float = quantity(0.0, "", "increase of the calcium per pre spike")
     tau_z: float = quantity(50.0, "ms", "time constant of the calcium", above=0)
-    tau_r: float = quantity(10.0, "ms", "mean time to recover from a release", above=0)
+    tau_r: float = quantity(10.0, "ms", "mean recovery time after a release", above=0)
 
     def constants(p, h, c):
-        """The parameters and the step."""
+        """Fill `c` with the parameters and the step."""
         c[Q_0], c[ETA], c[B], c[TAU_C], c[DELTA_Z], c[TAU_Z], c[TAU_R] = p[:7]
         c[H] = h
 
     def on_post(y, e, c, pre, post):
-        """A post spike does nothing."""
+        """Do nothing."""
 
     def on_pre(y, e, c, pre, post, u):
-        """Recover, release or fail by one random number; recovery follows from the time since the last spike alone."""
+        """Recover, release or fail by one random number. Recovery depends on the time since the last pre spike only."""
         p = 0.5 * (1.0 + math.tanh(0.5 * (c[Q_0] + y[Q, e] + y[Z, e])))
         y[Z, e] += c[DELTA_Z]
         y[RELEASED, e] = 0.0
@@ -234,7 +254,7 @@ class hedonistic(Modulated):
             recovers = -math.expm1(-pre[0] / c[TAU_R])
             if u >= recovers:
                 return
-            u /= recovers  # uniform again
+            u /= recovers  # given u < recovers, the quotient is uniform in [0, 1)
         if u < p:
             y[C, e] += 1.0 - p
             y[RELEASED, e] = y[REFRACTORY, e] = 1.0
@@ -243,12 +263,12 @@ class hedonistic(Modulated):
             y[REFRACTORY, e] = 0.0
 
     def sent(y, e, c):
-        """The weight, if there was a release."""
+        """Return the weight after a release, else 0."""
         return y[WEIGHT, e] * y[RELEASED, e]
 
     def advance(y, e, c, begin, end, n, grid):
-        """Integrate exactly from step `begin` to `end`, in which n is held."""
-        passed = (end - begin) * c[H]
-        y[Q, e] -= c[ETA] * (n - c[B]) * y[C, e] * c[TAU_C] * math.expm1(-passed / c[TAU_C])
-        y[C, e] *= math.exp(-passed / c[TAU_C])
-        y[Z, e] *= math.exp(-passed / c[TAU_Z])
+        """Integrate exactly from step `begin` to `end`, with constant n."""
+        elapsed = (end - begin) * c[H]
+        y[Q, e] -= c[ETA] * (n - c[B]) * y[C, e] * c[TAU_C] * math.expm1(-elapsed / c[TAU_C])
+        y[C, e] *= math.exp(-elapsed / c[TAU_C])
+        y[Z, e] *= math.exp(-elapsed / c[TAU_Z])

@@ -1,4 +1,4 @@
-"""The synapse that learns by a released program of SpiNNaker, with the program's own numbers."""
+"""Synapse that learns by one of SpiNNaker's released programs, with the parameters of the program."""
 
 from __future__ import annotations
 
@@ -17,40 +17,41 @@ _COUNT: dict[str, Any] = {"kind": "integer", "at_least": -32768, "at_most": 3276
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class spinnaker_learning(Modulated):
-    """Learns by one of the ten released programs of SpiNNaker, in the program's integers; only that chip runs it.
+    """Learns by one of the ten released programs of SpiNNaker, in the program's integers. It runs on spinnaker only.
 
     `timing` and `dependence` name the program. With `dopamine` or `signal` the program is a neuromodulated one: the
-    rule then moves an eligibility between `c_min` and `c_max`, and dopamine moves the weight between `Wmin` and `Wmax`.
-    Steps are shares of the largest weight, with dopamine of c_max; multiplicative ones are shares of the distance to
-    a bound. A negative Wmax inhibits: the machine keeps magnitudes. A spike of `dopamine` adds `concentration` to n of
-    a neuron; a negative concentration punishes. The weight may be onto `iaf_psc_exp`, `iaf_psc_delta` or
-    `spinnaker_lif`, whose weights are words. Only "recurrent" reads the accumulators and windows.
+    rule changes an eligibility between `c_min` and `c_max`, and dopamine changes the weight between `Wmin` and `Wmax`.
+    Additive steps are shares of the largest weight, or with dopamine of c_max. Multiplicative steps are shares of the
+    distance to a bound. A negative Wmax makes the synapse inhibitory; the chip stores magnitudes. A spike of `dopamine`
+    adds `concentration` to n of a neuron, and a negative concentration punishes. Targets are `iaf_psc_exp`,
+    `iaf_psc_delta` or `spinnaker_lif`, whose weights are words. Only the timing "recurrent" uses the accumulators and
+    windows.
     Source: sPyNNaker 7.4.1 (released machine code).
     """
 
     equation: ClassVar[str] = "each packet of the source applies the program to the post spikes since the last packet"
-    source: ClassVar[str] = "sPyNNaker 7.4.1, its plastic synapses"
+    source: ClassVar[str] = "sPyNNaker 7.4.1, plastic synapses"
     learns: ClassVar[str] = "chip"
     chip: ClassVar[str] = "spinnaker"
     pre: ClassVar[tuple[Trace, ...]] = ()
     post: ClassVar[tuple[Trace, ...]] = ()
     states: ClassVar[tuple[State, ...]] = (State("c", "", "eligibility, or the accumulator of the recurrent rule"),)
 
-    timing: str = quantity("pair", "", "which pairs of spikes count", kind="word", words=TIMINGS)
+    timing: str = quantity("pair", "", "rule that selects pairs of spikes", kind="word", words=TIMINGS)
     dependence: str = quantity(
-        ADDITIVE, "", "how a step depends on the weight", kind="word", words=(ADDITIVE, MULTIPLICATIVE)
+        ADDITIVE, "", "dependence of a step on the weight", kind="word", words=(ADDITIVE, MULTIPLICATIVE)
     )
-    A_plus: float = quantity(0.01, "", "step of a post spike; of vogels of either spike")
-    A_minus: float = quantity(0.01, "", "step of a pre spike")
-    A3_plus: float = quantity(0.01, "", "step of a triplet, post spike")
-    A3_minus: float = quantity(0.01, "", "step of a triplet, pre spike")
-    tau_plus: float = quantity(20.0, "ms", "time constant of the pre trace; of vogels of either trace", above=0)
+    A_plus: float = quantity(0.01, "", "step at a post spike; with vogels at either spike")
+    A_minus: float = quantity(0.01, "", "step at a pre spike")
+    A3_plus: float = quantity(0.01, "", "triplet step at a post spike")
+    A3_minus: float = quantity(0.01, "", "triplet step at a pre spike")
+    tau_plus: float = quantity(20.0, "ms", "time constant of the pre trace; with vogels of both traces", above=0)
     tau_minus: float = quantity(20.0, "ms", "time constant of the post trace", above=0)
     tau_x: float = quantity(101.0, "ms", "time constant of the slow pre trace of triplets", above=0)
     tau_y: float = quantity(114.0, "ms", "time constant of the slow post trace of triplets", above=0)
-    alpha: float = quantity(0.12, "", "depression by a pre spike of vogels", at_least=0, below=16)
-    accumulator_depression: int = quantity(-6, "", "the count at which a pre spike depresses", **_COUNT)
-    accumulator_potentiation: int = quantity(3, "", "the count at which a post spike potentiates", **_COUNT)
+    alpha: float = quantity(0.12, "", "with vogels: depression by a pre spike", at_least=0, below=16)
+    accumulator_depression: int = quantity(-6, "", "count at which a pre spike depresses", **_COUNT)
+    accumulator_potentiation: int = quantity(3, "", "count at which a post spike potentiates", **_COUNT)
     mean_pre_window: float = quantity(35.0, "ms", "mean window after a pre spike", above=0)
     mean_post_window: float = quantity(35.0, "ms", "mean window after a post spike", above=0)
     Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
@@ -59,7 +60,7 @@ class spinnaker_learning(Modulated):
     c_max: float = quantity(100.0, "", "largest eligibility, in the unit of the weight", above=0)
     tau_c: float = quantity(1000.0, "ms", "time constant of the eligibility", above=0)
     tau_n: float = quantity(200.0, "ms", "time constant of dopamine", above=0)
-    concentration: float = quantity(0.005, "1/ms", "dopamine of a spike", nonzero=True)
+    concentration: float = quantity(0.005, "1/ms", "increase of n per dopamine spike", nonzero=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,5 +70,5 @@ class spinnaker_learning(Modulated):
 
     @property
     def taught(self) -> bool:
-        """Whether the program is a neuromodulated one."""
+        """Whether the program is neuromodulated."""
         return self.dopamine is not None or self.signal is not None

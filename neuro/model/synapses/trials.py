@@ -1,4 +1,4 @@
-"""Rules that learn at the end of a trial."""
+"""Learning rules that are applied at the end of a trial."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call", check-untyped-defs=False
 from __future__ import annotations
@@ -18,20 +18,20 @@ MISSES, HITS = 6, 7
 A_PLUS, A_MINUS, TOTAL = range(2, 5)
 STEP, TAU_M, TAU_S = range(2, 5)
 D_MIN, D_MAX = range(2)
-"""Constants, which are the parameters of a rule; those of the later lines belong to some rules."""
+"""Indices of the constants, which are the parameters of a rule. The later lines belong to some rules only."""
 
 INF = math.inf
 
 
 def softly(w, rate, w_min, w_max):
-    """A weight after a change by rate w (1 - w), relative to its bounds."""
+    """Return a weight after a change by rate w (1 - w), with w relative to the bounds."""
     span = w_max - w_min
     share = (w - w_min) / span
     return min(w_max, max(w_min, w + span * rate * share * (1.0 - share)))
 
 
 def rate_of(since, lesson, c):
-    """Rate of an input of a rewarded or punished neuron; at the decision counts as before it."""
+    """Return the rate of an input of a rewarded or punished neuron. An arrival at the decision counts as before it."""
     if lesson > 0.0:
         return c[AR_PLUS] if since >= 0.0 else c[AR_MINUS]
     return c[AP_MINUS] if since >= 0.0 else c[AP_PLUS]
@@ -39,7 +39,7 @@ def rate_of(since, lesson, c):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrialRule(Synapse):
-    """Base of rules for trials that change weights; their constants are their parameters."""
+    """Base of rules for trials that change weights. The constants are the parameters."""
 
     learns: ClassVar[str] = "trials"
     ordered: ClassVar[tuple[tuple[str, str], ...]] = (("Wmin", "Wmax"),)
@@ -48,25 +48,26 @@ class TrialRule(Synapse):
     Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight", of_value=True)
 
     def constants(p, h, c):
-        """The constants are the parameters."""
+        """Fill `c` with the parameters."""
         c[: len(p)] = p
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class r_stdp(TrialRule):
-    """At the end of a trial the inputs of the neuron that decided change by A w (1 - w).
+    """R-STDP: the inputs of the neuron that decided change by A w (1 - w) at the end of a trial.
 
-    Reward: A is Ar_plus where the input arrived before the decision and Ar_minus elsewhere. Punishment:
-    Ap_minus before, Ap_plus elsewhere. On punishment and on silence every weight of the right label's maps
-    grows by epsilon; with `rescue` their best-excited neuron is rewarded instead, as if it had decided.
-    An input that arrives in the tick of the decision took part in it and counts as before. Eq. 126 as printed
-    takes Ar_minus for this input on reward: `ties_after`. An input that never spikes counts as "elsewhere", also on
-    punishment, where the text of the thesis asks for a spike after the decision. Weights are taken relative to
-    [Wmin, Wmax].
+    On reward, A is Ar_plus for inputs that arrived before the decision and Ar_minus for others. On punishment, A is
+    Ap_minus for inputs before the decision and Ap_plus for others. On punishment and without a decision, every weight
+    of the right label's maps grows by epsilon. With `rescue`, the best-excited neuron of these maps is rewarded
+    instead, as if it had decided. An input that arrives in the tick of the decision contributed to it and counts as
+    before the decision. With `ties_after`, such an input has the rate Ar_minus on reward, as in eq. 126. An input that
+    never spikes counts as other, also on punishment, where the text of the thesis requires a spike after the decision.
+    Weights are relative to [Wmin, Wmax].
 
-    Source: Mosca, MSc thesis, 2020, eqs 126-128, in which t^f(j) is read as the time of the input and t_i as that
-    of the decision, as the text around the equations needs. `rescue` is this project's. The rule extends Mozafari
-    et al., IEEE Trans. Neural Netw. Learn. Syst. 29:6178, 2018, where ties count as before.
+    Source: Mosca, MSc thesis, 2020, eqs 126-128, with t^f(j) as the time of the input and t_i as the time of the
+        decision,
+    as the text around the equations requires. `rescue` is an extension of this project. The rule extends Mozafari et
+    al., IEEE Trans. Neural Netw. Learn. Syst. 29:6178, 2018, where ties count as before.
     """
 
     equation: ClassVar[str] = "dw = A w (1 - w), A by outcome and by whether the input came before the decision"
@@ -76,14 +77,21 @@ class r_stdp(TrialRule):
     Ar_minus: float = quantity(-0.025, "", "rate on reward, other inputs")
     Ap_plus: float = quantity(0.005, "", "rate on punishment, other inputs")
     Ap_minus: float = quantity(-0.04, "", "rate on punishment, input before the decision")
-    epsilon: float = quantity(0.0002, "", "growth of the right label's weights on punishment and silence", at_least=0)
-    rescue: bool = quantity(False, "", "reward the right label's best-excited neuron instead", kind="boolean")
+    epsilon: float = quantity(
+        0.0002, "", "growth of the right label's weights on punishment and without a decision", at_least=0
+    )
+    rescue: bool = quantity(
+        False, "", "whether the right label's best-excited neuron is rewarded instead", kind="boolean"
+    )
     ties_after: bool = quantity(
-        False, "", "on reward an input in the tick of the decision counts as after the decision", kind="boolean"
+        False,
+        "",
+        "whether, on reward, an input in the tick of the decision counts as after the decision",
+        kind="boolean",
     )
 
     def lessons(self, end: TrialEnd) -> list[Lesson | Growth]:
-        """The neuron that decided; after a mistake or silence also the right label's maps."""
+        """Return the neuron that decided and, after a wrong or missing decision, also the right label's maps."""
         lessons: list[Lesson | Growth] = []
         if end.reward:
             lessons.append(Lesson(end.winner, end.tick, end.reward))
@@ -98,26 +106,28 @@ class r_stdp(TrialRule):
         return lessons
 
     def teach(w, since, lesson, c):
-        """New weight of one input of a rewarded or punished neuron."""
-        late = since == 0.0 and lesson > 0.0 and c[TIES_AFTER] > 0.0
-        return softly(w, c[AR_MINUS] if late else rate_of(since, lesson, c), c[W_MIN], c[W_MAX])
+        """Return the new weight of an input of a rewarded or punished neuron."""
+        counts_as_after = since == 0.0 and lesson > 0.0 and c[TIES_AFTER] > 0.0
+        return softly(w, c[AR_MINUS] if counts_as_after else rate_of(since, lesson, c), c[W_MIN], c[W_MAX])
 
     def encourage(w, c):
-        """New weight of one input of a map of the right label after a wrong or silent trial (eq. 128)."""
+        """Return the new weight of an input of a map of the right label after a wrong or missing decision (eq. 128)."""
         return min(c[W_MAX], max(c[W_MIN], w + (c[W_MAX] - c[W_MIN]) * c[EPSILON]))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class mozafari(TrialRule):
-    """At the end of a trial the inputs of the neuron that decided change by s A w (1 - w).
+    """R-STDP of Mozafari et al.: the inputs of the neuron that decided change by s A w (1 - w) at the end of a trial.
 
-    Reward: A is Ar_plus where the input arrived before the decision or with it and Ar_minus elsewhere, and s is
-    `misses`. Punishment: Ap_minus before, Ap_plus elsewhere, and s is `hits`. Silence teaches nothing. The two shares
-    are those of the last batch of trials, set between batches by `sim.set`: a network that is mostly right hardly
-    learns from rewards, one that is mostly wrong hardly from punishments. Weights are taken relative to [Wmin, Wmax].
+    On reward, A is Ar_plus for inputs that arrived before or at the decision and Ar_minus for others, and s is
+    `misses`. On punishment, A is Ap_minus for inputs before the decision and Ap_plus for others, and s is `hits`.
+    Without a decision nothing changes. `misses` and `hits` are the shares in the last batch of trials, set between
+    batches by `sim.set`. A network with few errors thus hardly learns from rewards, and one with many errors hardly
+    from punishments. Weights are relative to [Wmin, Wmax].
 
     Source: Mozafari et al., IEEE Trans. Neural Netw. Learn. Syst. 29:6178, 2018; Mosca, MSc thesis, 2020, eqs 120 and
-    121, read as eqs 126 and 127 of `r_stdp`. Eq. 120 takes Ar_minus for what arrived with the decision.
+        121,
+    read as eqs 126 and 127 of `r_stdp`. Eq. 120 has Ar_minus for inputs that arrive at the decision.
     """
 
     equation: ClassVar[str] = "dw = s A w (1 - w), s = N_miss/N on reward, N_hit/N on punishment"
@@ -131,17 +141,17 @@ class mozafari(TrialRule):
     hits: float = quantity(1.0, "", "share of right decisions in the last batch", at_least=0, at_most=1)
 
     def teach(w, since, lesson, c):
-        """New weight of one input of the neuron that decided."""
+        """Return the new weight of an input of the neuron that decided."""
         share = c[MISSES] if lesson > 0.0 else c[HITS]
         return softly(w, share * rate_of(since, lesson, c), c[W_MIN], c[W_MAX])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class first_spike_stdp(TrialRule):
-    """At the end of a trial the inputs of the neuron that decided change by A w (1 - w), whatever the label.
+    """Unsupervised STDP: the inputs of the neuron that decided change by A w (1 - w) at the end of a trial.
 
-    A is A_plus where the input arrived before the decision or with it, A_minus elsewhere. Weights are taken relative to
-    [Wmin, Wmax]. It needs no labels: `neuro.assign_labels` finds afterwards for what each neuron stands.
+    A is A_plus for inputs that arrived before or at the decision, and A_minus for others. Weights are relative to
+    [Wmin, Wmax]. The rule needs no labels: `neuro.assign_labels` assigns a label to each neuron after learning.
 
     Source: Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007; the rates are those of Kheradpisheh et al., Neural
     Networks 99:56, 2018.
@@ -151,29 +161,30 @@ class first_spike_stdp(TrialRule):
     source: ClassVar[str] = "Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007"
     supervised: ClassVar[bool] = False
 
-    A_plus: float = quantity(0.004, "", "rate where the input came before the decision")
-    A_minus: float = quantity(-0.003, "", "rate elsewhere")
+    A_plus: float = quantity(0.004, "", "rate, input before the decision")
+    A_minus: float = quantity(-0.003, "", "rate, other inputs")
 
     def lessons(self, end: TrialEnd) -> tuple[Lesson, ...]:
-        """The neuron that decided."""
+        """Return the neuron that decided."""
         return (Lesson(end.winner, end.tick, 1.0),) if end.winner >= 0 else ()
 
     def teach(w, since, lesson, c):
-        """New weight of one input of the neuron that decided."""
+        """Return the new weight of an input of the neuron that decided."""
         return softly(w, c[A_PLUS] if since >= 0.0 else c[A_MINUS], c[W_MIN], c[W_MAX])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class normalised_stdp(first_spike_stdp):
-    """At the end of a trial the inputs of the neuron that decided change, and then its weights are scaled to a sum.
+    """Unsupervised STDP with normalisation of the weights of the neuron that decided, at the end of a trial.
 
-    A weight grows by A_plus (1 - w) where the input arrived before the decision or with it and changes by A_minus w
-    elsewhere, taken relative to [Wmin, Wmax]; then all weights of the neuron are multiplied by one factor, so that
-    their sum is `total`, and cut at the bounds. It needs no labels: `neuro.assign_labels` finds afterwards for what
-    each neuron stands.
+    A weight changes by A_plus (1 - w) if the input arrived before or at the decision, and by A_minus w otherwise,
+    relative to [Wmin, Wmax]. Then all weights of the neuron are multiplied by one factor, so that their sum is `total`,
+    and clipped. The rule needs no labels: `neuro.assign_labels` assigns a label to each neuron after learning.
 
-    Source: the bounds, of which each slows down what moves towards it, Rubin et al., Phys. Rev. Lett. 86:364, 2001; the
-    sum, which is theirs for 784 inputs, Diehl & Cook, Front. Comput. Neurosci. 9:99, 2015. The rates are ours.
+    Source: Rubin et al., Phys. Rev. Lett. 86:364, 2001, for the bounds, which slow down changes towards them; Diehl &
+        Cook,
+    Front. Comput. Neurosci. 9:99, 2015, for the sum, which is theirs for 784 inputs. The rates are those of this
+    project.
     """
 
     equation: ClassVar[str] = "dw = A_plus (1 - w) or A_minus w by whether the input came; w *= total / sum w"
@@ -181,39 +192,43 @@ class normalised_stdp(first_spike_stdp):
         "Rubin et al., Phys. Rev. Lett. 86:364, 2001; Diehl & Cook, Front. Comput. Neurosci. 9:99, 2015"
     )
 
-    A_plus: float = quantity(0.05, "", "rate where the input came before the decision", at_least=0, at_most=1)
-    A_minus: float = quantity(-0.01, "", "rate elsewhere", at_least=-1, at_most=0)
+    A_plus: float = quantity(0.05, "", "rate, input before the decision", at_least=0, at_most=1)
+    A_minus: float = quantity(-0.01, "", "rate, other inputs", at_least=-1, at_most=0)
     total: float = quantity(
         78.0, "", "sum of the weights of a neuron, in the unit of the weight", above=0, of_value=True
     )
     Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", at_least=0, of_value=True)
 
     def teach(w, since, lesson, c):
-        """New weight of one input of the neuron that decided."""
+        """Return the new weight of an input of the neuron that decided."""
         return w + c[A_PLUS] * (c[W_MAX] - w) if since >= 0.0 else w + c[A_MINUS] * (w - c[W_MIN])
 
     def settle(w, since, total, c):
-        """The same weight after those of all inputs, which have the sum `total`, are scaled; all 0 stay so."""
+        """Return the weight scaled so that the sum of all inputs, now `total`, has its set value.
+
+        A sum of 0 stays 0.
+        """
         return min(c[W_MAX], max(c[W_MIN], w * c[TOTAL] / total)) if total > 0.0 else w
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class tempotron(TrialRule):
-    """After a mistake, inputs change by how much each added to the potential at its largest.
+    """Tempotron: after an error, inputs change by their contribution to the largest potential.
 
-    dw = +lambda K(t_max - t_i) for the neuron that should have fired, dw = -lambda K(t_max - t_i) for the one that
-    should not, over the inputs that arrived up to t_max. K(t) = V0 (exp(-t/tau_m) - exp(-t/tau_s)) is the course of a
-    postsynaptic potential, V0 such that its largest value is 1: `tau_m` and `tau_s` are best those of the neuron
-    (tau_m and tau_syn_ex of `iaf_psc_exp`; tau_m and 0 for `iaf_psc_delta`). A neuron that decided wrongly has its
-    t_max at its spike. The one that should have fired is, in a wrong or silent trial, the neuron of the right label
-    with the largest V_m up to the decision; t_max is the tick of it.
+    dw = +lambda K(t_max - t_i) for the neuron that should have fired, and dw = -lambda K(t_max - t_i) for the neuron
+    that should not, for inputs that arrived up to t_max. K(t) = V0 (exp(-t/tau_m) - exp(-t/tau_s)) is a postsynaptic
+    potential, with V0 so that its peak is 1. `tau_m` and `tau_s` are preferably those of the neuron (tau_m and
+    tau_syn_ex of `iaf_psc_exp`, tau_m and 0 for `iaf_psc_delta`). For a neuron that decided wrongly t_max is the time
+    of its spike. In a trial with a wrong or missing decision, the neuron that should have fired is the one of the right
+    label with the largest V_m up to the decision, and t_max is the tick of this V_m.
 
-    With `alone`, each neuron is taught by itself, as in the paper: in a trial in which no neuron decides (V_th is set
-    out of reach while learning), all neurons of the right label should have reached `alone`, and no others; t_max is
-    the tick of a neuron's largest V_m. Where one decides, it is as without.
+    With `alone`, each neuron is taught independently, as in the paper, in trials in which no neuron decides (V_th is
+    set out of reach while learning). All neurons of the right label should have reached `alone`, and no others should
+    have. t_max is the tick of a neuron's largest V_m. Trials with a decision are treated as without `alone`.
 
-    Source: Guetig & Sompolinsky, Nat. Neurosci. 9:420, 2006. Without `alone`, one neuron of a group fires at most, so
-    that of the others none erred by firing.
+    Source: Guetig & Sompolinsky, Nat. Neurosci. 9:420, 2006. Without `alone`, at most one neuron of a group fires, so
+        no
+    other neuron can err by firing.
     """
 
     equation: ClassVar[str] = "dw = +-lambda K(t_max - t_i) after a mistake, K(t) = V0 (exp(-t/tau_m) - exp(-t/tau_s))"
@@ -226,19 +241,21 @@ class tempotron(TrialRule):
     tau_s: float = quantity(3.75, "ms", "time constant of the synaptic current", at_least=0)
     Wmin: float = quantity(-INF, "", "smallest weight, in the unit of the weight", infinite=True, of_value=True)
     Wmax: float = quantity(INF, "", "largest weight, in the unit of the weight", infinite=True, of_value=True)
-    alone: float = quantity(INF, "mV", "V_m that each neuron is taught by itself to reach, or not", infinite=True)
+    alone: float = quantity(
+        INF, "mV", "V_m that each neuron independently learns to reach or not; .inf: one decides", infinite=True
+    )
 
     def lessons(self, end: TrialEnd) -> list[Lesson]:
-        """After a mistake the neuron that decided, and the one that should have."""
+        """Return, after an error, the neuron that decided and the neuron that should have decided."""
         if end.winner < 0 and self.alone < INF:
-            # Each neuron that did not reach what it should have, or did what it should not.
+            # All neurons that should have reached `alone` and did not, or the other way round.
             assert end.peak is not None
             assert end.peak_tick is not None
             per_map = len(end.peak) // len(end.silenced)
-            wanted = np.repeat(np.isin(np.arange(len(end.silenced)), end.maps), per_map)
-            erred = np.flatnonzero(np.repeat(~end.silenced, per_map) & ((end.peak >= self.alone) != wanted))
-            signs = np.where(wanted[erred], 1.0, -1.0)
-            return list(map(Lesson, erred.tolist(), end.peak_tick[erred].tolist(), signs.tolist()))
+            should_reach = np.repeat(np.isin(np.arange(len(end.silenced)), end.maps), per_map)
+            errors = np.flatnonzero(np.repeat(~end.silenced, per_map) & ((end.peak >= self.alone) != should_reach))
+            signs = np.where(should_reach[errors], 1.0, -1.0)
+            return list(map(Lesson, errors.tolist(), end.peak_tick[errors].tolist(), signs.tolist()))
         if end.hit:
             return []
         lessons = [Lesson(end.winner, end.tick, -1.0)] if end.winner >= 0 else []
@@ -248,14 +265,14 @@ class tempotron(TrialRule):
         return lessons
 
     def constants(p, h, c):
-        """The parameters, but the step with V0."""
+        """Fill `c` with the parameters, with the step size multiplied by V0."""
         c[: len(p)] = p
         if p[TAU_S] > 0.0 and p[TAU_M] < math.inf:
             ratio = p[TAU_M] / p[TAU_S]
             c[STEP] = p[STEP] * ratio ** (ratio / (ratio - 1.0)) / (ratio - 1.0)
 
     def teach(w, since, lesson, c):
-        """New weight of one input, by what it added to the potential at the moment of the lesson."""
+        """Return the new weight of an input, by its contribution to the potential at the time of the lesson."""
         if since < 0.0:
             return w
         rise = math.exp(-since / c[TAU_S]) if c[TAU_S] > 0.0 else 0.0
@@ -265,32 +282,33 @@ class tempotron(TrialRule):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class r_stddp(DelayRule):
-    """At the end of a trial the delays of the inputs of the neuron that decided change by A d; weights stay.
+    """Reward-modulated delay plasticity: at the end of a trial, delays onto the neuron that decided change by A d.
 
-    Reward: A is Ar_plus where the input arrived before the decision or with it and Ar_minus elsewhere. Punishment:
-    Ap_minus before, Ap_plus elsewhere. After silence nothing changes. What contributed to a right decision comes
-    earlier from then on, so Ar_plus < 0 < Ar_minus, and the other way round after a wrong one: with the signs of rates
-    of weights the rule unlearns.
+    On reward, A is Ar_plus for inputs that arrived before or at the decision and Ar_minus for others. On punishment, A
+    is Ap_minus for inputs before the decision and Ap_plus for others. Without a decision nothing changes. Inputs that
+    contributed to a right decision should arrive earlier, so Ar_plus < 0 < Ar_minus, and after a wrong decision the
+    other way round. With the signs of the rates for weights, the rule unlearns. Weights do not change.
 
-    Source: Mosca, MSc thesis, 2020, eq. 131, which takes Ar_minus for what arrived with the decision; the signs, and
-    that arrivals count and not emissions, are choices measured to learn.
+    Source: Mosca, MSc thesis, 2020, eq. 131, which has Ar_minus for inputs that arrive at the decision. The signs, and
+        the
+    use of arrivals instead of emissions, were chosen by measuring which of them learn.
     """
 
     equation: ClassVar[str] = "dd = A d, A by outcome and by whether the input came before the decision"
     source: ClassVar[str] = "Mosca, MSc thesis, 2020, eq. 131"
     learns: ClassVar[str] = "trials"
 
-    d_min: float = quantity(1.0, "ms", "shortest delay; from near 0 none comes back soon", above=0)
-    d_max: float = quantity(20.0, "ms", "longest delay; fixed, as it says how much may be under way", above=0)
+    d_min: float = quantity(1.0, "ms", "shortest delay; changes are proportional, so near 0 they are slow", above=0)
+    d_max: float = quantity(20.0, "ms", "longest delay, which fixes the size of the spike buffers", above=0)
     Ar_plus: float = quantity(-0.05, "", "rate on reward, input before the decision")
     Ar_minus: float = quantity(0.05, "", "rate on reward, other inputs")
     Ap_plus: float = quantity(-0.02, "", "rate on punishment, other inputs")
     Ap_minus: float = quantity(0.1, "", "rate on punishment, input before the decision")
 
     def constants(p, h, c):
-        """The constants are the parameters."""
+        """Fill `c` with the parameters."""
         c[: len(p)] = p
 
     def teach(d, since, lesson, c):
-        """New delay of one input of a rewarded or punished neuron."""
+        """Return the new delay of an input of a rewarded or punished neuron."""
         return min(c[D_MAX], max(c[D_MIN], d + rate_of(since, lesson, c) * d))
